@@ -72,7 +72,7 @@ def inspect_log(path: Path | Signals, settings: Settings) -> Inspection:
         start=iso(start_ns) if log.absolute and log.channels else None,
         duration_s=(stop_ns - start_ns) / 1e9,
         time=source.time_reason,
-        stated={k: v for k, v in source.stated.items() if k != "time"},
+        stated={k: v for k, v in source.reasons.items() if k != "time"},
         channels=tuple(map(_inspect_channel, log.channels)),
         findings=tuple(map(summarise_finding, findings)),
     )

@@ -16,12 +16,17 @@ from .to_si import channel
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
 _NEEDED: dict[Meaning | None, str] = {
-    "wheel_speed": "speed", "pressure": "brake", "clamping_force": "brake",
-}  # fmt: skip
+    "wheel_speed": "speed",
+    "pressure": "brake",
+    "clamping_force": "brake",
+}
 _USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
-    "wheel_speed": "km/h", "pressure": "bar", "clamping_force": "kN", "truth": "kN",
+    "wheel_speed": "km/h",
+    "pressure": "bar",
+    "clamping_force": "kN",
+    "truth": "kN",
     "true_slip": "-",
-}  # fmt: skip
+}
 _OPTIONAL: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
 
 
@@ -68,8 +73,8 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
         return Channel(*place, column, len(column.t), label=m.field.label), []
 
     log = _log(source, list(meant), [], as_logged)
-    full = tuple(c for c in log.channels if c.data.valid.any())
-    if not full:
+    with_samples = tuple(c for c in log.channels if c.data.valid.any())
+    if not with_samples:
         hint = f"see the findings of `adhesion inspect {log.path}`"
         raise UserError(f"{log.path}: no channel holds a number", hint)
     empty = [
@@ -77,7 +82,7 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
         for c in log.channels
         if not c.data.valid.any()
     ]
-    return replace(log, channels=full, findings=(*log.findings, *empty))
+    return replace(log, channels=with_samples, findings=(*log.findings, *empty))
 
 
 def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
@@ -95,9 +100,11 @@ def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], li
         if not m.unit and (spare or m.meaning in _OPTIONAL):
             chosen.remove(m)
             names = {
-                "meaning": m.words, "reason": _lacks(m), "key": str(m.meaning),
+                "meaning": m.describe,
+                "reason": _lacks(m),
+                "key": str(m.meaning),
                 "unit": _USUAL.get(m.meaning, "m/s"),
-            }  # fmt: skip
+            }
             findings.append(Finding("unit-unknown", "warning", channel=m.title, names=names))
         else:
             _check_unit(m, chosen, source.path)
@@ -110,24 +117,24 @@ def without_empty(log: Log) -> Log:
     Raises:
         UserError: where nothing is left of something that is needed.
     """
-    full = [c for c in log.channels if len(c.data.t)]
-    there = {_NEEDED.get(c.meaning) for c in full}
+    with_samples = [c for c in log.channels if len(c.data.t)]
+    meanings = {_NEEDED.get(c.meaning) for c in with_samples}
     findings = []
     for c in log.channels:
         if len(c.data.t):
             continue
         kind = _NEEDED.get(c.meaning)
-        if kind and kind not in there:
+        if kind and kind not in meanings:
             raise UserError(
                 f"{log.path}: channel {c.title!r} has no usable sample ({c.rows} in the log)",
                 f"see the findings of `adhesion inspect {log.path}`",
             )
         covered = kind is None or any(
-            _NEEDED.get(f.meaning) == kind and f.axle == c.axle for f in full
+            _NEEDED.get(f.meaning) == kind and f.axle == c.axle for f in with_samples
         )
         severity: Severity = "info" if covered else "warning"
         findings.append(Finding("empty-channel", severity, channel=c.title))
-    return replace(log, channels=tuple(full), findings=(*log.findings, *findings))
+    return replace(log, channels=tuple(with_samples), findings=(*log.findings, *findings))
 
 
 def _refuse_two_units(chosen: Collection[Meant], path: Path) -> None:
@@ -155,7 +162,7 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
     assert m.meaning
     if not m.unit:
         raise UserError(
-            f"{path}: channel {m.title!r} looks like the {m.words}, but {_lacks(m)}",
+            f"{path}: channel {m.title!r} looks like the {m.describe}, but {_lacks(m)}",
             f"state it, as {_option(m, chosen)}; units: {', '.join(units.known_units(m.meaning))}",
         )
     unit = units.stated_unit(m.unit, m.meaning, m.title)
@@ -169,8 +176,8 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
 def _lacks(m: Meant) -> str:
     """What is wrong with the unit of a channel without one."""
     for text in (m.field.path, m.field.label, m.field.channel):
-        if wrong := units.unknown_in(text):
-            return f"its name states an unknown unit {wrong!r}"
+        if unknown_unit := units.unknown_in(text):
+            return f"its name states an unknown unit {unknown_unit!r}"
     return "its unit is not stated"
 
 
@@ -179,30 +186,32 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
 
     One line does for all of them where nothing is stated yet and they have the same unit.
     """
-    alike = [c for c in chosen if c.meaning == m.meaning]
+    same_meaning = [c for c in chosen if c.meaning == m.meaning]
     usual = _USUAL.get(m.meaning, "m/s")
     key = "speed" if m.meaning == "wheel_speed" else m.meaning
-    if len({c.unit for c in alike}) == 1 and "[channels]" not in m.reason:
+    if len({c.unit for c in same_meaning}) == 1 and "[channels]" not in m.reason:
         entry = toml.table({"unit": m.unit or usual, "teeth": teeth})
         return toml.option(f"channels.{key} = {entry}")
     entries = {}
-    for c in alike:
-        of = {"channel": c.field.channel, "field": c.field.path, "group": c.field.group}
-        entries[c.axle] = toml.table({**of, "unit": c.unit or usual, "teeth": teeth})
-    every = ", ".join(f'"axle {axle or 1}" = {entry}' for axle, entry in entries.items())
-    return toml.option(f"channels.{key} = {entries.get(None, f'{{{every}}}')}")
+    for c in same_meaning:
+        address = {"channel": c.field.channel, "field": c.field.path, "group": c.field.group}
+        entries[c.axle] = toml.table({**address, "unit": c.unit or usual, "teeth": teeth})
+    all_entries = ", ".join(f'"axle {axle or 1}" = {entry}' for axle, entry in entries.items())
+    return toml.option(f"channels.{key} = {entries.get(None, f'{{{all_entries}}}')}")
 
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
     """`understood`; mappings are for raw logs, a result of this program needs none."""
     fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # not measured
-    told = source.metadata.get("adhesion.provenance", {}).get("train_speed")
-    if told in (NOT_MEASURED, AS_INPUT):
+    train_speed_source = source.metadata.get("adhesion.provenance", {}).get("train_speed")
+    if train_speed_source in (NOT_MEASURED, AS_INPUT):
         trains = [f for f in fields if f.path == "train_speed"]
-        kept = trains[:1] if told == AS_INPUT else []  # what was made of the axles will be again
-        fields = [f for f in fields if f not in trains or f in kept]
+        trains_kept = (
+            trains[:1] if train_speed_source == AS_INPUT else []
+        )  # what was made of the axles will be again
+        fields = [f for f in fields if f not in trains or f in trains_kept]
     meant, findings = understood(fields, () if "adhesion.settings" in source.metadata else mappings)
-    if told == AS_INPUT:
+    if train_speed_source == AS_INPUT:
         meant = [replace(m, axle=None) if m.meaning == "train_speed" else m for m in meant]
     return meant, findings
 
@@ -211,7 +220,7 @@ def _log(
     source: Source,
     chosen: Sequence[Meant],
     findings: list[Finding],
-    made: Callable[[Meant, Column, int], tuple[Channel, list[Finding]]],
+    convert: Callable[[Meant, Column, int], tuple[Channel, list[Finding]]],
 ) -> Log:
     """The log of the chosen channels, each made of its samples and the log's start [ns]."""
     columns = source.columns([m.field for m in chosen])
@@ -220,19 +229,28 @@ def _log(
     times.clear()
     channels, provenance = [], source.metadata.get("adhesion.provenance", {})
     clocks = [id(c.t) for c in columns]
-    found: list[tuple[int, Finding]] = []
+    indexed_findings: list[tuple[int, Finding]] = []
     columns.reverse()
     for m, clock in zip(chosen, clocks, strict=True):
-        one, its_findings = made(m, columns.pop(), start)  # what was read is let go one by one
+        channel, its_findings = convert(
+            m, columns.pop(), start
+        )  # what was read is let go one by one
         if m.meaning == "wheel_speed" and (unit := provenance.get(f"wheel_speed_{m.axle}")):
-            one = replace(one, first_unit=unit)
-        channels.append(one)
-        found += ((clock, f) for f in its_findings)
-    findings += _joined(found)
+            channel = replace(channel, first_unit=unit)
+        channels.append(channel)
+        indexed_findings += ((clock, f) for f in its_findings)
+    findings += _joined(indexed_findings)
     return Log(
-        str(source.path), source.format, _sha256(source), source.absolute, source.rows,
-        tuple(channels), (*source.findings, *findings), source.rejects, source.account,
-    )  # fmt: skip
+        str(source.path),
+        source.format,
+        _sha256(source),
+        source.absolute,
+        source.rows,
+        tuple(channels),
+        (*source.findings, *findings),
+        source.rejects,
+        source.account,
+    )
 
 
 def _sha256(source: Source) -> str:
@@ -242,14 +260,14 @@ def _sha256(source: Source) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _joined(found: Sequence[tuple[int, Finding]]) -> list[Finding]:
+def _joined(findings: Sequence[tuple[int, Finding]]) -> list[Finding]:
     """The findings; those on time that channels of one clock share are one, which names them all.
 
     Args:
-        found: each with its channel's clock.
+        findings: each with its channel's clock.
     """
     channels: dict[tuple[int, Finding], list[str]] = {}
-    for clock, f in found:
+    for clock, f in findings:
         shared = catalogue()[f.code].section == "time"
         key = replace(f, channel="") if shared else f
         channels.setdefault((clock, key), []).append(f.channel)

@@ -12,7 +12,7 @@ from ..core.errors import UserError, unknown
 from ..core.finding import Finding
 from ..core.model import Meaning
 from ..formats.source import Field
-from .rules import GENERIC, axle_of, bogie_of, guess, has, words_of
+from .rules import GENERIC, axle_of, bogie_of, guess, word_of_kind, name_words
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Meant:
         return title(self.field)
 
     @property
-    def words(self) -> str:
+    def describe(self) -> str:
         """What it means, for people."""
         return (self.meaning or "").replace("_", " ")
 
@@ -76,25 +76,25 @@ def understood(
         if m := by_hand.get(field):
             meant.append(_as_stated(field, m))
             continue
-        own = replace(field, group="") if field.encoding else field  # see Field.group
-        meaning, axle, unit, reason = guess(own)
-        first = re.fullmatch(r"(.*) \(\d+\)", field.channel)
-        if first and first[1] in channels:  # the reader added "(2)"
-            axle = axle_of(replace(own, channel=first[1]))
+        ungrouped = replace(field, group="") if field.encoding else field  # see Field.group
+        meaning, axle, unit, reason = guess(ungrouped)
+        base = re.fullmatch(r"(.*) \(\d+\)", field.channel)
+        if base and base[1] in channels:  # the reader added "(2)"
+            axle = axle_of(replace(ungrouped, channel=base[1]))
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
         elif field.path.count("[") > 1:
             meaning, reason = None, "a list in a list: state its axle in [channels]"
         if meaning:
             guesses.append(len(meant))
-        too = _unit_too(field, meaning, unit) if meaning else ""
-        meant.append(Meant(field, meaning, axle, unit, reason, unit_too=too))
+        unit_conflict = _unit_too(field, meaning, unit) if meaning else ""
+        meant.append(Meant(field, meaning, axle, unit, reason, unit_too=unit_conflict))
     _own_stamps(meant, guesses)
     _prefer_the_qualified(meant, guesses)
     _speed_itself(meant, guesses)
     findings = _count_from_one(meant, guesses)
     findings += _bogies(meant, guesses)
-    findings += _one_each(meant, guesses)
+    findings += _refuse_repeated(meant, guesses)
     of_all = {m.meaning: m for m in mappings if not m.channel}
     for i in guesses:
         if m := of_all.get(meant[i].meaning or "time"):
@@ -111,11 +111,11 @@ def _in_unit(guessed: Meant, m: Mapping) -> Meant:
 def _as_stated(field: Field, m: Mapping) -> Meant:
     """A field with the meaning that the user states."""
     unit = m.unit or field.unit
-    why = "stated in [channels]" if m.unit else f"[channels]; unit {field.unit_from}"
+    reason = "stated in [channels]" if m.unit else f"[channels]; unit {field.unit_from}"
     if not unit:
-        unit, why = guess(field).unit, "stated in [channels]; unit in the name"
-    too = "" if m.unit else _unit_too(field, m.meaning, unit)
-    return Meant(field, m.meaning, m.axle, unit, why, m.teeth, m.wrap, too)
+        unit, reason = guess(field).unit, "stated in [channels]; unit in the name"
+    unit_conflict = "" if m.unit else _unit_too(field, m.meaning, unit)
+    return Meant(field, m.meaning, m.axle, unit, reason, m.teeth, m.wrap, unit_conflict)
 
 
 def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:
@@ -127,15 +127,15 @@ def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:
 
 def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
     """In a result, pressure and train speed as logged are preferred to those at wheel stamps."""
-    own = {
+    stamped = {
         (m.meaning, m.axle)
         for m in (meant[i] for i in guesses)
         if m.field.message_type == "adhesion.Scalar"
     }
     for i in guesses:
         m = meant[i]
-        same = own & {(m.meaning, m.axle), (m.meaning, None)}
-        if m.field.message_type == "adhesion.AxleInput" and same:
+        matching = stamped & {(m.meaning, m.axle), (m.meaning, None)}
+        if m.field.message_type == "adhesion.AxleInput" and matching:
             meant[i] = replace(m, meaning=None, reason="its own stamps are in the file as well")
 
 
@@ -144,24 +144,24 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
 
     def split(meaning: Meaning, kind: str) -> tuple[list[int], list[int]]:
         """The guesses of this meaning whose names have such a word, and the others."""
-        of = [i for i in guesses if meant[i].meaning == meaning]
-        fields = {i: meant[i].field for i in of}
-        words = {
-            i: words_of(f"{f.channel} {f.path} {f.label} {f.group}") for i, f in fields.items()
+        indices = [i for i in guesses if meant[i].meaning == meaning]
+        fields = {i: meant[i].field for i in indices}
+        name_words = {
+            i: name_words(f"{f.channel} {f.path} {f.label} {f.group}") for i, f in fields.items()
         }
-        named = [i for i in of if has(kind, words[i])]
-        return named, [i for i in of if i not in set(named)]
+        named = [i for i in indices if word_of_kind(kind, name_words[i])]
+        return named, [i for i in indices if i not in set(named)]
 
-    named, others = split("pressure", "cylinder")
-    for i in others if named else []:
+    named, unqualified = split("pressure", "cylinder")
+    for i in unqualified if named else []:
         meant[i] = replace(meant[i], meaning=None, reason="another one is the brake cylinder's")
-    named, others = split("wheel_speed", "wheel")
-    for i in others if named else []:
+    named, unqualified = split("wheel_speed", "wheel")
+    for i in unqualified if named else []:
         unit = units.unit(meant[i].unit)
         if unit is None or unit.dimension == "speed":
-            taken = any(m.meaning == "train_speed" for m in meant)
+            has_train = any(m.meaning == "train_speed" for m in meant)
             reason = "a speed, and another one is the wheel's"
-            meaning: Meaning | None = None if taken else "train_speed"
+            meaning: Meaning | None = None if has_train else "train_speed"
             meant[i] = replace(meant[i], meaning=meaning, axle=None, reason=reason)
 
 
@@ -182,23 +182,31 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     and 1 and pressures 1 and 2, the pressures count from 1. Indices in brackets and numbers in
     names are judged separately.
     """
-    moved: list[int] = []
+    shifted: list[int] = []
     for indexed in (False, True):
-        of: dict[Meaning | None, list[int]] = {}
+        by_meaning: dict[Meaning | None, list[int]] = {}
         for i in guesses:
             if meant[i].axle is not None and _is_indexed(meant[i].field) is indexed:
-                of.setdefault(meant[i].meaning, []).append(i)
-        numbers = {meaning: [meant[i].axle or 0 for i in own] for meaning, own in of.items()}
-        last = max((max(n) for n in numbers.values() if 0 in n), default=-1)
-        moved += [i for meaning, own in of.items() if max(numbers[meaning]) <= last for i in own]
-    for i in moved:
+                by_meaning.setdefault(meant[i].meaning, []).append(i)
+        numbers = {
+            meaning: [meant[i].axle or 0 for i in indices]
+            for meaning, indices in by_meaning.items()
+        }
+        highest = max((max(n) for n in numbers.values() if 0 in n), default=-1)
+        shifted += [
+            i
+            for meaning, indices in by_meaning.items()
+            if max(numbers[meaning]) <= highest
+            for i in indices
+        ]
+    for i in shifted:
         meant[i] = replace(meant[i], axle=(meant[i].axle or 0) + 1)
-    if not moved:
+    if not shifted:
         return []
-    names = [meant[i].title for i in sorted(moved)]
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    shown = {"channels": ", ".join(names[:3]) + more}
-    return [Finding("axles-from-zero", "info", count=len(moved), names=shown)]
+    names = [meant[i].title for i in sorted(shifted)]
+    suffix = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    values = {"channels": ", ".join(names[:3]) + suffix}
+    return [Finding("axles-from-zero", "info", count=len(shifted), names=values)]
 
 
 def _is_indexed(field: Field) -> bool:
@@ -223,30 +231,33 @@ def _bogies(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     return findings
 
 
-def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """Of several channels that would be the same thing the first is taken; that is reported."""
-    first: dict[tuple[str, int | None], Meant] = {}
-    others: dict[tuple[str, int | None], list[str]] = {}
+    first_of: dict[tuple[str, int | None], Meant] = {}
+    repeats: dict[tuple[str, int | None], list[str]] = {}
     for i in guesses:
         m = meant[i]
         if not m.meaning:
             continue
         key = (m.meaning, m.axle)
-        if (taken := first.setdefault(key, m)) is not m:
-            reason = f"{taken.title} is taken as the {m.meaning} already"
+        if (holder := first_of.setdefault(key, m)) is not m:
+            reason = f"{holder.title} is taken as the {m.meaning} already"
             meant[i] = replace(m, meaning=None, reason=reason)
-            others.setdefault(key, []).append(m.title)
+            repeats.setdefault(key, []).append(m.title)
     return [
         Finding(
-            "channel-ambiguous", "info" if meaning == "train_speed" else "warning",
-            channel=", ".join(titles[:_MOST_NAMED]), count=len(titles),
+            "channel-ambiguous",
+            "info" if meaning == "train_speed" else "warning",
+            channel=", ".join(titles[:_MOST_NAMED]),
+            count=len(titles),
             names={
-                "first": first[meaning, axle].title, "meaning": first[meaning, axle].words,
+                "first": first_of[meaning, axle].title,
+                "meaning": first_of[meaning, axle].describe,
                 "key": _key(meaning, axle),
             },
         )
-        for (meaning, axle), titles in others.items()
-    ]  # fmt: skip
+        for (meaning, axle), titles in repeats.items()
+    ]
 
 
 def name(field: Field) -> str:
@@ -268,32 +279,35 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
         lambda channel: channel.strip().casefold() in (folded, f"column {folded}"),
         lambda channel: units.in_name(channel)[0].casefold() == folded,
     )
-    named = ([f for f in fields if same(f.channel)] for same in spellings)
-    found = next((fields for fields in named if fields), [])
-    if not found:
+    named = ([f for f in fields if spelling(f.channel)] for spelling in spellings)
+    matching = next((fields for fields in named if fields), [])
+    if not matching:
         raise unknown("channel", m.channel, sorted({f.channel for f in fields}))
-    own = [f for f in found if not m.group or f.group == m.group]
-    elements = [(f, replace(m, axle=int(i) + 1)) for f in own if (i := _index(f, m.field))]
+    in_group = [f for f in matching if not m.group or f.group == m.group]
+    elements = [(f, replace(m, axle=int(i) + 1)) for f in in_group if (i := _index(f, m.field))]
     if m.field:
-        own = [f for f in own if m.field in (f.path, f.label)] or [f for f, _ in elements]
-    one_each = len({of.axle for _, of in elements}) == len(elements) > 0
-    if one_each and m.axle is None and m.meaning != "train_speed":
+        in_group = [f for f in in_group if m.field in (f.path, f.label)] or [f for f, _ in elements]
+    is_per_axle = len({element.axle for _, element in elements}) == len(elements) > 0
+    if is_per_axle and m.axle is None and m.meaning != "train_speed":
         return elements
-    if not m.field and (generic := [f for f in own if f.path in GENERIC]):
-        own = generic[:1]
-    if len(own) == 1:
-        return [(own[0], m)]
-    names = [title(f) for f in found]
-    if own:
+    if not m.field and (generic := [f for f in in_group if f.path in GENERIC]):
+        in_group = generic[:1]
+    if len(in_group) == 1:
+        return [(in_group[0], m)]
+    names = [title(f) for f in matching]
+    if in_group:
         key = _key(m.meaning, m.axle)
-        like = [f for f in own if (g := guess(f)).meaning == m.meaning and m.axle in (None, g.axle)]
-        one = (like or own)[0]
-        path = re.sub(r"\[\d+\]$", "", one.path) if m.axle is None else one.path
-        entry = {"channel": m.channel, "field": path, "group": one.group, "unit": m.unit}
+        similar = [
+            f for f in in_group if (g := guess(f)).meaning == m.meaning and m.axle in (None, g.axle)
+        ]
+        chosen = (similar or in_group)[0]
+        path = re.sub(r"\[\d+\]$", "", chosen.path) if m.axle is None else chosen.path
+        entry = {"channel": m.channel, "field": path, "group": chosen.group, "unit": m.unit}
         raise UserError(
             f"channel {m.channel!r} has several fields: {', '.join(names[:12])}",
-            f"name one, as {toml.option(f'channels.{key} = {toml.table(entry)}')}", code=2,
-        )  # fmt: skip
+            f"name one, as {toml.option(f'channels.{key} = {toml.table(entry)}')}",
+            code=2,
+        )
     raise unknown(f"field of {m.channel!r}", m.field or m.group, names)
 
 
@@ -304,5 +318,5 @@ def _key(meaning: str, axle: int | None) -> str:
 
 def _index(field: Field, named: str) -> str:
     """The index of a field in the list of this name; "" where it is none, or has a name."""
-    found = re.fullmatch(r"([^\[]*)\[(\d+)\]([^\[]*)", "" if field.label else field.path)
-    return found[2] if found and found[1] + found[3] == named else ""
+    indexed = re.fullmatch(r"([^\[]*)\[(\d+)\]([^\[]*)", "" if field.label else field.path)
+    return indexed[2] if indexed and indexed[1] + indexed[3] == named else ""

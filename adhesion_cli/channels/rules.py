@@ -30,7 +30,7 @@ class Rule(NamedTuple):
 
     Attributes:
         quantity: by its unit, or by a word where it states no unit; see `_Name.quantities`.
-        words: kinds of words of the vocabulary; all conditions must hold. "own" asks only the
+        pattern: kinds of words of the vocabulary; all conditions must hold. "own" asks only the
             words of the field itself, not of its topic. "|" separates alternatives. "!" asks that
             there are no such words. "?" finds words for the reason, and asks nothing.
         meaning: None for a field that is not an input of an analysis.
@@ -39,7 +39,7 @@ class Rule(NamedTuple):
     """
 
     quantity: str
-    words: str
+    pattern: str
     meaning: Meaning | None
     reason: str = ""
 
@@ -52,10 +52,15 @@ RULES = (
     Rule("force", "own K, ?own force, !adhesion force, !true force", "clamping_force"),
     Rule("force", "true, ?adhesion force, !estimated, !slip, !own other force", "truth"),
     Rule("force", "adhesion force, !estimated, !slip, !own other force", "truth"),
-    Rule("acceleration", "acceleration|a along x, other acceleration|other speed|estimated|slip",
-         None, "an acceleration, but {1!r} is not the train's along it"),
-    Rule("acceleration", "acceleration|a along x", "train_speed",
-         "an acceleration, to be integrated"),
+    Rule(
+        "acceleration",
+        "acceleration|a along x, other acceleration|other speed|estimated|slip",
+        None,
+        "an acceleration, but {1!r} is not the train's along it",
+    ),
+    Rule(
+        "acceleration", "acceleration|a along x", "train_speed", "an acceleration, to be integrated"
+    ),
     Rule("any", "acceleration", None, "{0!r} in the name, but no unit of it is stated"),
     Rule("pressure", "other pressure", None, "a pressure, but {0!r} is not the brake cylinder"),
     Rule("absolute pressure", "?own pressure, ?cylinder, absolute", "pressure"),
@@ -67,17 +72,23 @@ RULES = (
     Rule("speed", "true|actual, ?own speed, !wheel", "train_speed"),
     Rule("speed along the track", "train, ?own speed, !wheel", "train_speed"),
     Rule("speed", "?wheel, ?own speed", "wheel_speed"),
-)  # fmt: skip
+)
 
 _QUANTITY: dict[str, tuple[str, ...]] = {  # dimension of a stated unit: what it may be
-    "force": ("force",), "pressure": ("pressure",), "acceleration": ("acceleration",),
-    "ratio": ("ratio",), "speed": ("speed", "speed along the track"), "angular speed": ("speed",),
-    "pulse rate": ("speed", "turns"), "count": ("speed", "turns"), "angle": ("speed", "turns"),
-}  # fmt: skip
+    "force": ("force",),
+    "pressure": ("pressure",),
+    "acceleration": ("acceleration",),
+    "ratio": ("ratio",),
+    "speed": ("speed", "speed along the track"),
+    "angular speed": ("speed",),
+    "pulse rate": ("speed", "turns"),
+    "count": ("speed", "turns"),
+    "angle": ("speed", "turns"),
+}
 
 # What results of this program hold, by message type and field. Their topics begin with the name of
 # a log, which may say anything.
-_OURS: dict[tuple[str, str], tuple[Meaning, str]] = {
+_OWN_MESSAGES: dict[tuple[str, str], tuple[Meaning, str]] = {
     ("adhesion.AxleInput", "brake_cylinder_pressure"): ("pressure", "Pa"),
     ("adhesion.AxleInput", "clamping_force"): ("clamping_force", "N"),
     ("adhesion.AxleInput", "wheel_speed"): ("wheel_speed", "rad/s"),
@@ -93,36 +104,37 @@ _VOCABULARY = tomllib.loads(Path(__file__).with_name("vocabulary.toml").read_tex
 _STEMS: list[str] = _VOCABULARY["stems"].split()
 GENERIC: list[str] = _VOCABULARY["generic"].split()
 _CONVENTIONS: list[tuple[str, str, str]] = _VOCABULARY["conventions"]
-_WORDS: dict[str, list[str]] = {  # of each kind, in the order of the file
+_WORDS_BY_KIND: dict[str, list[str]] = {  # of each kind, in the order of the file
     kind: " ".join(of_language.values()).split()
     for kind, of_language in _VOCABULARY["kinds"].items()
 }
 
 
 @lru_cache(1 << 10)  # many rules ask for the same field
-def words_of(text: str) -> tuple[str, ...]:
+def name_words(text: str) -> tuple[str, ...]:
     """Lower-case words of a name: camelCase, digits, punctuation and the script separate them."""
     text = unicodedata.normalize("NFKC", text)
     text = re.sub(r"(?i)\b(rad|achs|zug|fahrzeug|fahr)(?=geschw|drehz)", r"\1 ", text)
     text = re.sub(
         r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)|(?<=\d)(?=\D)"
         r"|(?<=[a-zA-Z])(?=[一-鿿])|(?<=[一-鿿])(?=[a-zA-Z])",
-        " ", text,
-    )  # fmt: skip
+        " ",
+        text,
+    )
     return tuple(re.findall(r"[^\W_]+", text.lower()))
 
 
-def has(kind: str, words: Sequence[str]) -> str:
+def word_of_kind(kind: str, name_parts: Sequence[str]) -> str:
     """The first of these words that is of this kind, "" for none."""
-    return next((found for word in words if (found := _kinds(word).get(kind))), "")
+    return next((match for word in name_parts if (match := _kinds(word).get(kind))), "")
 
 
-def _kinds_of(words: Sequence[str]) -> dict[str, str]:
+def _kinds_of(name_parts: Sequence[str]) -> dict[str, str]:
     """The kinds of these words, each with the first word of it."""
-    found: dict[str, str] = {}
-    for word in reversed(words):
-        found |= _kinds(word)
-    return found
+    kinds: dict[str, str] = {}
+    for word in reversed(name_parts):
+        kinds |= _kinds(word)
+    return kinds
 
 
 @lru_cache(1 << 14)  # logs have many names of few words
@@ -130,14 +142,16 @@ def _kinds(word: str) -> dict[str, str]:
     """The kinds of a word, each with the part of it that says so; none for a number."""
     if word.isdecimal():
         return {}
-    return {kind: found for kind in _WORDS if (found := _part_of_kind(kind, word))}
+    return {kind: match for kind in _WORDS_BY_KIND if (match := _part_of_kind(kind, word))}
 
 
 def _part_of_kind(kind: str, word: str) -> str:
-    known = _WORDS[kind]
-    if word in known or any(stem in known and stem in word for stem in _STEMS):
+    vocabulary = _WORDS_BY_KIND[kind]
+    if word in vocabulary or any(stem in vocabulary and stem in word for stem in _STEMS):
         return word
-    return next((e for e in known if not e.isascii() and len(e) <= len(word) and e in word), "")
+    return next(
+        (e for e in vocabulary if not e.isascii() and len(e) <= len(word) and e in word), ""
+    )
 
 
 class _Name:
@@ -147,9 +161,11 @@ class _Name:
         base, unit = units.in_name(field.channel if field.path else field.label or field.channel)
         path, path_unit = units.in_name(re.sub(r"\[\d+\]", "", field.path))
         label, label_unit = units.in_name(field.label)
-        bare = base if unit else units.without_other_units(base)
-        other = bare != base or not units.without_other_units(f"[{field.unit}]").strip()
-        base = bare
+        unitless = base if unit else units.without_other_units(base)
+        has_other_unit = (
+            unitless != base or not units.without_other_units(f"[{field.unit}]").strip()
+        )
+        base = unitless
         label = label if label_unit else units.without_other_units(label)
         self.unit, self.unit_from = field.unit, field.unit_from
         if not self.unit:
@@ -159,14 +175,14 @@ class _Name:
             self.unit_from = "in the name"
         if not self.unit:
             self.unit, self.unit_from = _by_convention(field)
-        if not path and (last := re.search(r"[/.]([^/.]{3,})$", base)):
-            path = last[1]  # a topic and field written as one column header
-        own = [w for w in words_of(path) if not w.isdecimal() and w not in GENERIC]
-        around = [*words_of(base), *words_of(label), *words_of(field.group)]
-        self.own = own or around
-        if other:  # a V in volts is no speed by its letter
-            self.own = [w for w in self.own if len(w) > 1 or not has("speed", [w])]
-        self.kinds = _kinds_of(own + around)
+        if not path and (last_part := re.search(r"[/.]([^/.]{3,})$", base)):
+            path = last_part[1]  # a topic and field written as one column header
+        own_words = [w for w in name_words(path) if not w.isdecimal() and w not in GENERIC]
+        around = [*name_words(base), *name_words(label), *name_words(field.group)]
+        self.own = own_words or around
+        if has_other_unit:  # a V in volts is no speed by its letter
+            self.own = [w for w in self.own if len(w) > 1 or not word_of_kind("speed", [w])]
+        self.kinds = _kinds_of(own_words + around)
         self.own_kinds = _kinds_of(self.own)
         self.rare_unit = self.unit or units.unknown_in(field.label or field.channel)
 
@@ -184,45 +200,45 @@ class _Name:
             self.rare_unit, "train_speed"
         ):
             may_be = _QUANTITY[rare.dimension]
-        found = {"any": self.unit} | dict.fromkeys(may_be, self.rare_unit)
+        unit_of = {"any": self.unit} | dict.fromkeys(may_be, self.rare_unit)
         if not measured:
             if "force" in self.own_kinds:
-                found["force"] = self.unit
+                unit_of["force"] = self.unit
             if {"pressure", "cylinder"} & self.own_kinds.keys():
-                found["pressure"] = self.unit
+                unit_of["pressure"] = self.unit
             if "speed" in self.own_kinds:
-                found |= dict.fromkeys(_QUANTITY["speed"], self.unit)
-                found["speed without unit"] = self.unit
-        elif "pressure" in found:
+                unit_of |= dict.fromkeys(_QUANTITY["speed"], self.unit)
+                unit_of["speed without unit"] = self.unit
+        elif "pressure" in unit_of:
             if not ("pressure" in self.own_kinds or "cylinder" in self.kinds):
-                del found["pressure"]
+                del unit_of["pressure"]
             elif units.unit(f"{self.unit} abs"):
-                found["absolute pressure"] = f"{self.unit} abs"
-        return found
+                unit_of["absolute pressure"] = f"{self.unit} abs"
+        return unit_of
 
     def find(self, kind: str) -> str:
         """The word of this kind, "" for none; "own" asks only the words of the field itself."""
         if special := _SPECIAL.get(kind):
             return special(self)
-        own = kind.startswith("own ")
-        return (self.own_kinds if own else self.kinds).get(kind.removeprefix("own "), "")
+        own_only = kind.startswith("own ")
+        return (self.own_kinds if own_only else self.kinds).get(kind.removeprefix("own "), "")
 
-    def matches(self, words: str) -> list[str] | None:
+    def matches(self, pattern: str) -> list[str] | None:
         """The words that fulfil a row's conditions, None where one of them is not fulfilled."""
-        seen = []
-        for sign, kinds in _conditions(words):
-            found = next((word for kind in kinds if (word := self.find(kind))), "")
-            if (sign == "!") == bool(found) and sign != "?":
+        matched = []
+        for sign, kinds in _conditions(pattern):
+            match = next((word for kind in kinds if (word := self.find(kind))), "")
+            if (sign == "!") == bool(match) and sign != "?":
                 return None
-            seen += [found] if found else []
-        return seen
+            matched += [match] if match else []
+        return matched
 
 
 @cache
-def _conditions(words: str) -> list[tuple[str, list[str]]]:
+def _conditions(pattern: str) -> list[tuple[str, list[str]]]:
     """A row's words as pairs: "!", "?" or neither, and the alternative kinds."""
-    parts = [condition.strip() for condition in words.split(",")]
-    return [(part[:1], part.lstrip("!?").split("|")) for part in parts]
+    conditions = [condition.strip() for condition in pattern.split(",")]
+    return [(phrase[:1], phrase.lstrip("!?").split("|")) for phrase in conditions]
 
 
 def _by_convention(field: Field) -> tuple[str, str]:
@@ -245,12 +261,16 @@ def _adhesion_force(name: _Name) -> str:
     It is next to the word for a force, or the only word but for an axle. A force for an adhesion
     test is no adhesion force.
     """
-    aside = [w for w in name.own if not (w.isdecimal() or {"true", "actual"} & _kinds(w).keys())]
-    for i, word in enumerate(aside):
-        if has("adhesion", [word]) and has("force", aside[max(0, i - 1) : i + 2]):
+    extra_words = [
+        w for w in name.own if not (w.isdecimal() or {"true", "actual"} & _kinds(w).keys())
+    ]
+    for i, word in enumerate(extra_words):
+        if word_of_kind("adhesion", [word]) and word_of_kind(
+            "force", extra_words[max(0, i - 1) : i + 2]
+        ):
             return word
-    bare = [w for w in aside if not {"wheel", "bogie"} & _kinds(w).keys()]
-    return has("adhesion", bare) if len(bare) == 1 else ""
+    unexplained = [w for w in extra_words if not {"wheel", "bogie"} & _kinds(w).keys()]
+    return word_of_kind("adhesion", unexplained) if len(unexplained) == 1 else ""
 
 
 # Kinds that no single word decides.
@@ -265,36 +285,38 @@ _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
 def guess(field: Field) -> Guess:
     """What a field means, by its name; by its type in a result of this program."""
     if field.message_type.startswith("adhesion.") and field.message_type != "adhesion.Scalar":
-        return _of_ours(field)  # a Scalar is any channel of a log that was converted or simulated
+        return _own_message(
+            field
+        )  # a Scalar is any channel of a log that was converted or simulated
     name, axle = _Name(field), axle_of(field)
     quantities = name.quantities()
     for rule in RULES:
         unit = quantities.get(rule.quantity)
-        seen = name.matches(rule.words) if unit is not None else None
-        if unit is None or seen is None:
+        matched = name.matches(rule.pattern) if unit is not None else None
+        if unit is None or matched is None:
             continue
         if not rule.meaning:
-            return Guess(None, axle, unit, rule.reason.format(*seen))
+            return Guess(None, axle, unit, rule.reason.format(*matched))
         # A number next to the train numbers channels, unless the name says axle.
         numbered = field.group or "wheel" in name.kinds
         if rule.quantity == "acceleration" or (rule.meaning == "train_speed" and not numbered):
             axle = None
-        names = " and ".join(repr(word) for word in dict.fromkeys(seen))
-        parts = (
+        names = " and ".join(repr(word) for word in dict.fromkeys(matched))
+        reasons = (
             f"name has {names}" if names else "",
             f"unit {unit}: {name.unit_from or 'in the name'}" if unit else "no unit stated",
             rule.reason,
         )
-        return Guess(rule.meaning, axle, unit, "; ".join(p for p in parts if p))
+        return Guess(rule.meaning, axle, unit, "; ".join(p for p in reasons if p))
     return Guess(None, axle, name.unit, "no name we know")
 
 
-def _of_ours(field: Field) -> Guess:
+def _own_message(field: Field) -> Guess:
     """What a field of a result of this program means."""
     place = re.search(r"/axle/(\d+)/", field.channel)
     axle = int(place[1]) if place else None
-    if known := _OURS.get((field.message_type, field.path)):
-        return Guess(known[0], axle, known[1], f"by definition of {field.message_type}")
+    if own_meaning := _OWN_MESSAGES.get((field.message_type, field.path)):
+        return Guess(own_meaning[0], axle, own_meaning[1], f"by definition of {field.message_type}")
     return Guess(None, axle, field.unit, f"{field.message_type}: no input of an analysis")
 
 
@@ -302,7 +324,7 @@ def axle_of(field: Field) -> int | None:
     """The axle's number as the names give it, None where they give none."""
     # A folder "CAN 1" is no axle; "axle 1" is one.
     group = field.group
-    if field.folder and not {"wheel", "cylinder", "bogie"} & _kinds_of(words_of(group)).keys():
+    if field.folder and not {"wheel", "cylinder", "bogie"} & _kinds_of(name_words(group)).keys():
         group = ""
     for text in (group, field.label, field.path, field.channel):
         if text and (number := _axle_in(text, text == field.path)) is not None:
@@ -312,19 +334,19 @@ def axle_of(field: Field) -> int | None:
 
 def _axle_in(text: str, is_path: bool) -> int | None:
     """The number next to a word for wheel or cylinder; else the last number, or a list index."""
-    words = words_of(units.in_name(text)[0])
-    for i, word in enumerate(words):
-        behind = "".join(words[i + 1 : i + 2])
-        if behind.isdecimal() and {"wheel", "cylinder"} & _kinds(word).keys():
-            return int(behind)
-        if has("bogie", [word]):
-            words = words[:i] + words[i + 2 :]  # its number counts bogies
+    name_parts = name_words(units.in_name(text)[0])
+    for i, word in enumerate(name_parts):
+        next_word = "".join(name_parts[i + 1 : i + 2])
+        if next_word.isdecimal() and {"wheel", "cylinder"} & _kinds(word).keys():
+            return int(next_word)
+        if word_of_kind("bogie", [word]):
+            name_parts = name_parts[:i] + name_parts[i + 2 :]  # its number counts bogies
             break
-        if any(c in word for c in "轴轮位") and i and words[i - 1].isdecimal():
-            return int(words[i - 1])
+        if any(c in word for c in "轴轮位") and i and name_parts[i - 1].isdecimal():
+            return int(name_parts[i - 1])
     if match := re.search(r"([一二三四五六七八])[轴轮位]|[轴轮]([一二三四五六七八])", text):
         return _CHINESE_NUMBERS[match[1] or match[2]]
-    digits = [w for w in words if w.isdecimal() and len(w) < 3]
+    digits = [w for w in name_parts if w.isdecimal() and len(w) < 3]
     if digits and not (is_path and text.endswith("]")):
         return int(digits[-1])
     match = re.search(r"\[(\d+)\](\.\w+)?$", text)
@@ -333,9 +355,9 @@ def _axle_in(text: str, is_path: bool) -> int | None:
 
 def bogie_of(name: str) -> int | None:
     """The number of the bogie in a name, None where it names none."""
-    words = words_of(name)
-    for i, word in enumerate(words):
-        if has("bogie", [word]):
-            beside = (*words[i + 1 : i + 2], *words[max(0, i - 1) : i])
-            return next((int(w) for w in beside if w.isdecimal()), None)
+    name_parts = name_words(name)
+    for i, word in enumerate(name_parts):
+        if word_of_kind("bogie", [word]):
+            neighbours = (*name_parts[i + 1 : i + 2], *name_parts[max(0, i - 1) : i])
+            return next((int(w) for w in neighbours if w.isdecimal()), None)
     return None

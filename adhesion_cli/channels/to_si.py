@@ -34,10 +34,10 @@ def channel(
     unit = units.unit_for(m.unit, m.meaning) if m.meaning else None
     factor = scale(m, unit, vehicle) if unit else 1.0
     if unit and is_total(unit):
-        turn = factor
-        step = (1.0 if unit.dimension == "count" else step) * turn
+        counter_range = factor
+        step = (1.0 if unit.dimension == "count" else step) * counter_range
         step /= max(axis.interval_ns / 1e9, 1e-9)
-        data, starts, wrapped, reset = _rate(axis, turn, m.wrap or _wrap(data.value, unit))
+        data, starts, wrapped, reset = _rate(axis, counter_range, m.wrap or _wrap(data.value, unit))
         findings += _of_counter("counter-wrapped", "info", m, axis, wrapped, start)
         findings += _of_counter("counter-reset", "warning", m, axis, reset, start)
     elif unit:
@@ -46,16 +46,32 @@ def channel(
         step *= factor
         if m.meaning == "pressure" and not unit.offset and _from_vacuum(data.value):
             names = {"unit": m.unit}
-            at = m.title
-            findings.append(Finding("pressure-absolute", "warning", channel=at, names=names))
+            title = m.title
+            findings.append(Finding("pressure-absolute", "warning", channel=title, names=names))
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
     place = m.field.channel if m.field.encoding else m.field.folder or m.field.signal
     row_of = (place, m.field.group)
     return Channel(
-        name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
-        starts, axis.gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
-        m.meaning == "train_speed" and units.is_acceleration(m.unit), m.field.label, tick,
-    ), findings  # fmt: skip
+        name(m.field),
+        m.field.path,
+        m.meaning,
+        m.axle,
+        m.unit,
+        m.reason,
+        data,
+        len(column.t),
+        starts,
+        axis.gap_ns,
+        step,
+        rate,
+        axis.gaps,
+        axis.duplicates,
+        axis.backward,
+        row_of,
+        m.meaning == "train_speed" and units.is_acceleration(m.unit),
+        m.field.label,
+        tick,
+    ), findings
 
 
 def is_total(unit: units.Unit) -> bool:
@@ -98,19 +114,21 @@ def _axis(m: Meant, column: Column, start: int, max_gap_ns: int) -> tuple[TimeAx
     axis = time_axis.clean(title, column, start, max_gap_ns)
     n = len(column.t)
     stamps = Column(column.t, np.zeros(n), np.ones(n, dtype=np.bool_))
-    whole = time_axis.clean(title, stamps, start, max_gap_ns)
-    return replace(axis, findings=whole.findings, gaps=whole.gaps), column
+    cleaned = time_axis.clean(title, stamps, start, max_gap_ns)
+    return replace(axis, findings=cleaned.findings, gaps=cleaned.gaps), column
 
 
 def _from_vacuum(pressure: Floats) -> bool:
     """Whether a pressure [Pa] seems to count from vacuum: 1 atmosphere at rest."""
     if not len(pressure):
         return False
-    low, top = (float(x) for x in np.quantile(pressure, [0.02, 1.0]))
-    return 0.85e5 < low < 1.1e5 and top > 2.0 * low
+    lowest, top = (float(x) for x in np.quantile(pressure, [0.02, 1.0]))
+    return 0.85e5 < lowest < 1.1e5 and top > 2.0 * lowest
 
 
-def _rate(axis: TimeAxis, turn: float, size: float) -> tuple[Column, tuple[int, ...], Bools, Bools]:
+def _rate(
+    axis: TimeAxis, counter_range: float, size: float
+) -> tuple[Column, tuple[int, ...], Bools, Bools]:
     """Speed [rad/s] of a cumulative counter: the mean over an interval, at its middle.
 
     At the end of the interval it would be delayed for the reference. An interval over a step of the
@@ -118,7 +136,7 @@ def _rate(axis: TimeAxis, turn: float, size: float) -> tuple[Column, tuple[int, 
 
     Args:
         axis: the counter's samples (n,).
-        turn: angle of one count [rad].
+        counter_range: angle of one count [rad].
         size: the counter starts anew there.
 
     Returns:
@@ -132,26 +150,28 @@ def _rate(axis: TimeAxis, turn: float, size: float) -> tuple[Column, tuple[int, 
     usual = float(np.median(step[inside])) if inside.any() else 0.0
     if usual < 0.0:
         step, usual = -step, -usual  # it counts down
-    most = 10.0 * max(usual, 1.0)  # a wheel does not do more than this in one interval
-    wrapped = inside & (step < 0.0) & (step + size >= 0.0) & (step + size <= most)
+    limit = 10.0 * max(usual, 1.0)  # a wheel does not do more than this in one interval
+    wrapped = inside & (step < 0.0) & (step + size >= 0.0) & (step + size <= limit)
     step = np.where(wrapped, step + size, step)
-    reset = inside & (step < -most)
-    kept = inside & ~reset
+    reset = inside & (step < -limit)
+    plausible = inside & ~reset
     middle = data.t[:-1] + dt // 2
-    speed = step * turn / (np.maximum(dt, 1) / 1e9)
-    new_starts = sorted({int(kept[:s].sum()) for s in starts if kept[s:].any()})
-    column = Column(middle[kept], speed[kept], np.ones(int(kept.sum()), dtype=np.bool_))
+    speed = step * counter_range / (np.maximum(dt, 1) / 1e9)
+    new_starts = sorted({int(plausible[:s].sum()) for s in starts if plausible[s:].any()})
+    column = Column(
+        middle[plausible], speed[plausible], np.ones(int(plausible.sum()), dtype=np.bool_)
+    )
     return column, tuple(new_starts), wrapped, reset
 
 
 def _of_counter(
-    code: str, severity: Severity, m: Meant, axis: TimeAxis, where: Bools, start: int
+    code: str, severity: Severity, m: Meant, axis: TimeAxis, affected: Bools, start: int
 ) -> list[Finding]:
     """A finding on the intervals of a counter, none where there is no such interval."""
-    count = int(where.sum())
+    count = int(affected.sum())
     if not count:
         return []
-    spans = time_axis.spans_of(axis.data.t[:-1][where], axis.data.t[1:][where], start)
+    spans = time_axis.spans_of(axis.data.t[:-1][affected], axis.data.t[1:][affected], start)
     return [Finding(code, severity, channel=m.title, count=count, spans=spans)]
 
 
@@ -196,15 +216,15 @@ def period_tick(speed: Floats, step: float) -> float:
         cosine: Floats = np.cos(2.0 * np.pi * periods / ticks[:, None]).mean(axis=1)
         return cosine
 
-    some = periods[:: max(1, len(periods) // 200)]
-    close = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
-    for parts in (1, 2, 3):
-        ticks = usual / parts * close
-        ticks = ticks[agree(ticks, some[::5]) > 0.5 * _ON_GRID]  # a few periods rule most out
+    sampled = periods[:: max(1, len(periods) // 200)]
+    candidates = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
+    for divisor in (1, 2, 3):
+        ticks = usual / divisor * candidates
+        ticks = ticks[agree(ticks, sampled[::5]) > 0.5 * _ON_GRID]  # a few periods rule most out
         if not len(ticks):
             continue
-        best = ticks[[np.argmax(agree(ticks, some))]]
+        best = ticks[[np.argmax(agree(ticks, sampled))]]
         if agree(best, periods)[0] > _ON_GRID:
-            whole = np.rint(periods / best)
-            return float(periods @ whole / (whole @ whole))
+            whole_ticks = np.rint(periods / best)
+            return float(periods @ whole_ticks / (whole_ticks @ whole_ticks))
     return 0.0

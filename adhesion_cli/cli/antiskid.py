@@ -163,7 +163,7 @@ def _on_own_rail(
     paths, tell = _paths(shared, case.name), terminal.progress(shared.quiet)
     check(shared, paths, source)
     made_with = parameters(registry(), algo, settings)
-    dry, stops = closed_loop.side_by_side(case, seed, algo, settings, tell)
+    dry, stops = closed_loop.compare_laws(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
     kept = [(law, *x) for law, (_, v) in stops.items() for x in closed_loop.against(case.limit, v)]
     document = antiskid_document(

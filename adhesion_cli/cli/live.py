@@ -94,9 +94,9 @@ def _opened(source: str, replay: Path | None, speed: float | None, settings: "Se
         from ..live.replay import Replay
 
         return Replay(replay, settings.read, 1.0 if speed is None else speed)
-    from ..live.open import opened
+    from ..live.open import open_feed
 
-    return opened(source, settings.read)
+    return open_feed(source, settings.read)
 
 
 class _Screens(NamedTuple):
@@ -232,7 +232,7 @@ class _Run:
 
     def _recordings(self, axles: list[int], names: list[str]) -> "Iterator[Sink]":
         """The files, and the viewer."""
-        from ..live.recording import Batches, Mcap, Shown
+        from ..live.recording import Batches, Mcap, LiveView
         from ..results import atomic_files
         from ..results.rrd.live import LiveRecording
 
@@ -251,5 +251,5 @@ class _Run:
             viewers.append((self._screens.viewer, _FRAME))
         for to, every in viewers:
             live = LiveRecording(name, settings.vehicle, axles, names, to)
-            shown = Shown(live, lambda error: self._say(f"the recording ends here: {error}"))
+            shown = LiveView(live, lambda error: self._say(f"the recording ends here: {error}"))
             yield Batches(shown, names, axles, every)

@@ -11,11 +11,35 @@ _GREEK = dict(
     )
 )
 _SIGNS = {
-    "²": "^2", "³": "^3", "₀": "0", "₁": "1", "₂": "2", "√": "sqrt ", "·": " ", "−": "-", "–": "-",
-    "≤": "<=", "≥": ">=", "∫": "integral ", "∑": "sum ", "Σ": "sum ", "Δ": "delta ", "×": "x",
-    "→": "->", "←": "<-", "°": "deg", "±": "+-", "ϑ": "theta", "…": "...", "’": "'", "∈": "in",
-    "Ω": "Omega", "Φ": "Phi", "\u0302": "_est", "\u0307": "_dot",
-}  # fmt: skip
+    "²": "^2",
+    "³": "^3",
+    "₀": "0",
+    "₁": "1",
+    "₂": "2",
+    "√": "sqrt ",
+    "·": " ",
+    "−": "-",
+    "–": "-",
+    "≤": "<=",
+    "≥": ">=",
+    "∫": "integral ",
+    "∑": "sum ",
+    "Σ": "sum ",
+    "Δ": "delta ",
+    "×": "x",
+    "→": "->",
+    "←": "<-",
+    "°": "deg",
+    "±": "+-",
+    "ϑ": "theta",
+    "…": "...",
+    "’": "'",
+    "∈": "in",
+    "Ω": "Omega",
+    "Φ": "Phi",
+    "\u0302": "_est",
+    "\u0307": "_dot",
+}
 _NAMES = _GREEK | _SIGNS
 
 
@@ -26,8 +50,8 @@ def ascii_text(text: str) -> str:
     'q h [rad^2/s^2], phiK >= 0'
     """
     letters = [x for x in unicodedata.normalize("NFD", text) if x in _NAMES or not _accent(x)]
-    plain = "".join(x if x.isascii() else _NAMES.get(x, "?") for x in letters)
-    return plain.replace("*/", "* /").replace("/*", "/ *")
+    ascii_letters = "".join(x if x.isascii() else _NAMES.get(x, "?") for x in letters)
+    return ascii_letters.replace("*/", "* /").replace("/*", "/ *")
 
 
 def _accent(x: str) -> bool:

@@ -95,51 +95,51 @@ class Types:
             return self.pair(tuple(self.kind(x) for x in get_args(hint)))
         raise UserError(f"{hint}: no type that C has", "use float, int, bool or a NamedTuple")
 
-    def named(self, of: Any, name: str = "", public: bool = False) -> Struct:
+    def named(self, source: Any, name: str = "", public: bool = False) -> Struct:
         """The struct of a NamedTuple; the structs inside come before it.
 
         Args:
-            of: the NamedTuple.
+            source: the NamedTuple.
             name: its name in C; its own name if empty.
             public: whether the header declares it, and what it holds.
         """
-        if of in self._of and (self._of[of].public or not public):
-            return self._of[of]
-        hints, notes = get_type_hints(of), _notes(of)
-        fields = tuple((c_name(x), self._inner(hints[x], public)) for x in of._fields)
-        name = name or of.__name__.lower()
-        if any(s.c == f"{self._prefix}_{name}" for s in self.structs if s != self._of.get(of)):
-            name = f"{stem(of)}_{name}"
-        text = ascii_text((inspect.getdoc(of) or "").splitlines()[0])
-        return self._add(of, Struct(f"{self._prefix}_{name}", fields, text, notes, public))
+        if source in self._of and (self._of[source].public or not public):
+            return self._of[source]
+        hints, notes = get_type_hints(source), _notes(source)
+        fields = tuple((c_name(x), self._inner(hints[x], public)) for x in source._fields)
+        name = name or source.__name__.lower()
+        if any(s.c == f"{self._prefix}_{name}" for s in self.structs if s != self._of.get(source)):
+            name = f"{stem(source)}_{name}"
+        text = ascii_text((inspect.getdoc(source) or "").splitlines()[0])
+        return self._add(source, Struct(f"{self._prefix}_{name}", fields, text, notes, public))
 
     def pair(self, kinds: tuple[Kind, ...]) -> Struct:
         """The struct of a tuple of these types."""
         if kinds in self._of:
             return self._of[kinds]
         fields = tuple((f"v{i}", kind) for i, kind in enumerate(kinds))
-        last = "_".join(k.c.removeprefix(f"{self._prefix}_") for k in kinds)
+        suffix = "_".join(k.c.removeprefix(f"{self._prefix}_") for k in kinds)
         notes = ("",) * len(kinds)
         return self._add(
-            kinds, Struct(f"{self._prefix}_{last}_pair", fields, "Two results.", notes, False)
+            kinds, Struct(f"{self._prefix}_{suffix}_pair", fields, "Two results.", notes, False)
         )
 
     def _inner(self, hint: Any, public: bool) -> Kind:
         return self.named(hint, public=public) if hasattr(hint, "_fields") else self.kind(hint)
 
-    def _add(self, key: Any, made: Struct) -> Struct:
+    def _add(self, key: Any, struct: Struct) -> Struct:
         if key in self._of:
             self.structs.remove(self._of[key])
-        self._of[key] = made
-        self.structs.append(made)
-        return made
+        self._of[key] = struct
+        self.structs.append(struct)
+        return struct
 
 
-def flat(of: Kind, path: str = "") -> list[tuple[str, Scalar]]:
+def flat(root: Kind, path: str = "") -> list[tuple[str, Scalar]]:
     """Every number inside a value, with its path in C."""
-    if isinstance(of, Scalar):
-        return [(path, of)]
-    return [x for name, kind in of.fields for x in flat(kind, f"{path}.{name}")]
+    if isinstance(root, Scalar):
+        return [(path, root)]
+    return [x for name, kind in root.fields for x in flat(kind, f"{path}.{name}")]
 
 
 def declaration(s: Struct, real: str = "real") -> list[str]:
@@ -151,9 +151,9 @@ def declaration(s: Struct, real: str = "real") -> list[str]:
     return [*lines, f"}} {s.c};", ""]
 
 
-def stem(of: Any) -> str:
+def stem(source: Any) -> str:
     """The file that defines a function or class, as the first part of a name in C."""
-    return str(of.__module__).rpartition(".")[2].strip("_")
+    return str(source.__module__).rpartition(".")[2].strip("_")
 
 
 def c_name(name: str) -> str:
@@ -170,23 +170,23 @@ def tree_of(module_file: str) -> tuple[ast.Module, list[str]]:
     return ast.parse(text), text.splitlines()
 
 
-def file_of(of: Any) -> str:
+def file_of(source: Any) -> str:
     """The source file of a function or a class."""
-    if isinstance(of, FunctionType):
-        return of.__code__.co_filename
-    return inspect.getfile(of)
+    if isinstance(source, FunctionType):
+        return source.__code__.co_filename
+    return inspect.getfile(source)
 
 
-def definition(of: Callable[..., Any] | type) -> Any:
+def definition(source: Callable[..., Any] | type) -> Any:
     """The syntax tree of a function or class at module level.
 
     Raises:
         UserError: it is none.
     """
-    for node in tree_of(file_of(of))[0].body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == of.__name__:
+    for node in tree_of(file_of(source))[0].body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == source.__name__:
             return node
-    raise UserError(f"{file_of(of)}: {of.__name__} is not defined at module level")
+    raise UserError(f"{file_of(source)}: {source.__name__} is not defined at module level")
 
 
 def comment_at(file: str, line: int) -> str:
@@ -200,16 +200,16 @@ def range_of(q: Quantity) -> str:
     return q.range.removesuffix(f" {q.unit}") + (", or NaN" if q.optional else "")
 
 
-def _notes(of: Any) -> tuple[str, ...]:
+def _notes(source: Any) -> tuple[str, ...]:
     """The comment beside each field, or what its `Quantity` says."""
-    known = quantities(of)
-    node = definition(of)
+    annotations = quantities(source)
+    node = definition(source)
     lines = {ast.unparse(n.target): n.lineno for n in node.body if isinstance(n, ast.AnnAssign)}
     return tuple(
-        ascii_text(f"{known[x].text} [{known[x].unit}]: {range_of(known[x])}")
-        if x in known
-        else comment_at(file_of(of), lines[x])
-        for x in of._fields
+        ascii_text(f"{annotations[x].text} [{annotations[x].unit}]: {range_of(annotations[x])}")
+        if x in annotations
+        else comment_at(file_of(source), lines[x])
+        for x in source._fields
     )
 
 

@@ -4,7 +4,7 @@ from .c_types import Number, Scalar
 from .interface import Interface
 from .vectors import LOG, Vectors
 
-NEAR = 1e-9  # error of another C library in double precision, over the largest value
+LIBRARY_ERROR = 1e-9  # error of another C library in double precision, over the largest value
 
 _PROGRAM = """\
 /* test_{method}.c: {name} on axle 1 of {log}, against the Python step.
@@ -59,53 +59,60 @@ def limits(vectors: Vectors, number: Number) -> list[float]:
     """
     answers = range(len(vectors.expected[0]))
     if number.double:
-        return [NEAR * vectors.largest(i) for i in answers]
+        return [LIBRARY_ERROR * vectors.largest(i) for i in answers]
     return [2.0 * max(vectors.single_errors(i)) for i in answers]
 
 
-def program(of: Interface, vectors: Vectors) -> str:
+def program(interface: Interface, vectors: Vectors) -> str:
     """The text of the program."""
-    n = of.name
-    fields = [f"{n}_real K;", f"{n}_real y;"] if of.estimator else [f"{n}_observed o;"]
-    words = {"init": "&s, &p, &samples[0].o", "step": "&s, at->h, &at->o", "begin": ""}
-    words |= {"bad": f"    {n}_observed o = samples[0].o;\n    o.slip = none;\n"}
-    words |= {"step_bad": "state, samples[1].h, &o", "init_bad": "state, &p, &samples[0].o"}
-    if of.estimator:
-        words = {
+    n = interface.name
+    fields = [f"{n}_real K;", f"{n}_real y;"] if interface.estimator else [f"{n}_observed o;"]
+    arguments = {"init": "&s, &p, &samples[0].o", "step": "&s, at->h, &at->o", "begin": ""}
+    arguments |= {"bad": f"    {n}_observed o = samples[0].o;\n    o.slip = none;\n"}
+    arguments |= {"step_bad": "state, samples[1].h, &o", "init_bad": "state, &p, &samples[0].o"}
+    if interface.estimator:
+        arguments = {
             "init": "&s, &p, &w, samples[0].K, samples[0].y",
             "step": "&s, at->h, at->K, at->y",
         }
-        words |= {"begin": f"    const {n}_wheelset w = {n}_default_wheelset();\n", "bad": ""}
-        words |= {"step_bad": "state, samples[1].h, none, samples[1].y"}
-        words |= {"init_bad": "state, &p, &state->w, samples[0].K, samples[0].y"}
+        arguments |= {"begin": f"    const {n}_wheelset w = {n}_default_wheelset();\n", "bad": ""}
+        arguments |= {"step_bad": "state, samples[1].h, none, samples[1].y"}
+        arguments |= {"init_bad": "state, &p, &state->w, samples[0].K, samples[0].y"}
     compared, worst, judged = [], [], []
-    kinds = dict(of.now.fields)
-    for x, limit in zip(of.answers(), limits(vectors, of.number), strict=True):
-        fields.append(f"{'double' if kinds[x] == of.real else 'int32_t'} {x}_expected;")
+    kinds = dict(interface.now.fields)
+    for x, limit in zip(interface.answers(), limits(vectors, interface.number), strict=True):
+        fields.append(f"{'double' if kinds[x] == interface.real else 'int32_t'} {x}_expected;")
         worst.append(f"double worst_{x} = 0.0;")
         error = f"fabs((double)s.now.{x} - (double)at->{x}_expected)"
         compared.append(f"    worst_{x} = fmax(worst_{x}, {error});")
         judged.append(f'printf("{x}: largest error %g, limit {limit:.2g}\\n", worst_{x});')
         judged.append(f"failed += (worst_{x} > {limit!r}) ? 1 : 0;")
     lines = {"fields": fields, "worst": worst, "compared": compared, "judged": judged}
-    words |= {k: "".join(f"    {x}\n" for x in v) for k, v in lines.items()}
+    arguments |= {k: "".join(f"    {x}\n" for x in v) for k, v in lines.items()}
     return _PROGRAM.format(
-        name=n, macro=of.macro, method=of.method.name, log=LOG, rows=_rows(of, vectors),
-        parameter=of.params.fields[0][0], **words,
-    )  # fmt: skip
+        name=n,
+        macro=interface.macro,
+        method=interface.method.name,
+        log=LOG,
+        rows=_rows(interface, vectors),
+        parameter=interface.params.fields[0][0],
+        **arguments,
+    )
 
 
-def _rows(of: Interface, vectors: Vectors) -> str:
-    double, kinds = Number(True), dict(of.now.fields)
-    whole = [isinstance(k, Scalar) and k != of.real for _, k in of.given.fields]
+def _rows(interface: Interface, vectors: Vectors) -> str:
+    double, kinds = Number(True), dict(interface.now.fields)
+    is_integer = [isinstance(k, Scalar) and k != interface.real for _, k in interface.given.fields]
     text = []
     for row, expected in zip(vectors.rows, vectors.expected, strict=True):
-        given = [of.number.literal(x) for x in row]
-        if not of.estimator:
-            inputs = zip(row[1:], whole, strict=True)
-            given = [str(int(x)) if i else of.number.literal(x) for x, i in inputs]
-            given = [of.number.literal(row[0]), f"{{{', '.join(given)}}}"]
-        for x, value in zip(of.answers(), expected, strict=True):
-            given.append(double.literal(value) if kinds[x] == of.real else str(int(value)))
-        text.append(f"    {{{', '.join(given)}}},\n")
+        literals = [interface.number.literal(x) for x in row]
+        if not interface.estimator:
+            inputs = zip(row[1:], is_integer, strict=True)
+            literals = [str(int(x)) if i else interface.number.literal(x) for x, i in inputs]
+            literals = [interface.number.literal(row[0]), f"{{{', '.join(literals)}}}"]
+        for x, value in zip(interface.answers(), expected, strict=True):
+            literals.append(
+                double.literal(value) if kinds[x] == interface.real else str(int(value))
+            )
+        text.append(f"    {{{', '.join(literals)}}},\n")
     return "".join(text)

@@ -17,16 +17,40 @@ Cost = Counter[str]
 
 # Functions of `math` that Python takes from the C library, which round as it does.
 LIBRARY = {
-    "fabs", "sqrt", "exp", "expm1", "log", "log1p", "pow", "copysign", "sin", "cos", "tan", "tanh",
-    "erf", "erfc", "floor", "ceil", "fmod", "atan", "atan2",
-}  # fmt: skip
+    "fabs",
+    "sqrt",
+    "exp",
+    "expm1",
+    "log",
+    "log1p",
+    "pow",
+    "copysign",
+    "sin",
+    "cos",
+    "tan",
+    "tanh",
+    "erf",
+    "erfc",
+    "floor",
+    "ceil",
+    "fmod",
+    "atan",
+    "atan2",
+}
 _OPERATORS: dict[type, tuple[str, str]] = {
-    ast.Add: ("+", "add, subtract"), ast.Sub: ("-", "add, subtract"),
-    ast.Mult: ("*", "multiply"), ast.Div: ("/", "divide"),
-}  # fmt: skip
+    ast.Add: ("+", "add, subtract"),
+    ast.Sub: ("-", "add, subtract"),
+    ast.Mult: ("*", "multiply"),
+    ast.Div: ("/", "divide"),
+}
 _COMPARED: dict[type, str] = {
-    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
-}  # fmt: skip
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
 
 
 class Expr(NamedTuple):
@@ -47,7 +71,7 @@ class Function(NamedTuple):
     """A function that C has now."""
 
     name: str
-    used: tuple[int, ...]  # which arguments it takes
+    used_arguments: tuple[int, ...]  # which arguments it takes
     kind: Kind
     cost: Cost
 
@@ -72,7 +96,7 @@ class Program(Protocol):
     def helper(self, name: str) -> str:
         """A function of the export's own."""
 
-    def reads(self, of: Struct, field: str) -> None:
+    def reads(self, struct: Struct, field: str) -> None:
         """Notes that a field is read."""
 
 
@@ -102,21 +126,21 @@ class Expressions:
         translate: Any = getattr(self, f"_{type(node).__name__}", None)
         if translate is None:
             self.refuse(node, f"{type(node).__name__} is not in the subset that C gets")
-        made: Expr = translate(node)
-        return made
+        expression: Expr = translate(node)
+        return expression
 
-    def refuse(self, node: ast.AST, why: str) -> NoReturn:
+    def refuse(self, node: ast.AST, reason: str) -> NoReturn:
         """Raises the error that names the place."""
         line = getattr(node, "lineno", "?")
         hint = "use arithmetic, math, conditions and NamedTuples, as estimators/leso.py does"
-        raise UserError(f"{file_of(self.f)}:{line}: {why}", hint)
+        raise UserError(f"{file_of(self.f)}:{line}: {reason}", hint)
 
     def condition(self, node: ast.expr) -> Expr:
         """An expression that is true or false."""
-        made = self(node)
-        if made.kind != BOOL:
+        expression = self(node)
+        if expression.kind != BOOL:
             self.refuse(node, "a condition must compare something")
-        return made
+        return expression
 
     # Each method below has the name of the node that it translates.
 
@@ -145,74 +169,76 @@ class Expressions:
     def _Attribute(self, node: ast.Attribute) -> Expr:
         if self._is_math(node):
             return Expr(self.program.literal(getattr(math, node.attr)), self.real, simple=True)
-        of = self(node.value)
-        if not isinstance(of.kind, Struct):
+        owner = self(node.value)
+        if not isinstance(owner.kind, Struct):
             self.refuse(node, f"{node.attr} of something without fields")
         name = c_name(node.attr)
-        self.program.reads(of.kind, name)
-        text = f"{of.bracketed()}.{name}"
-        if of.address and not of.address.startswith("&"):
-            text = f"{of.address}->{name}"
-        address = f"&{text}" if of.address else ""
-        return Expr(text, dict(of.kind.fields)[name], of.cost, True, address)
+        self.program.reads(owner.kind, name)
+        text = f"{owner.bracketed()}.{name}"
+        if owner.address and not owner.address.startswith("&"):
+            text = f"{owner.address}->{name}"
+        address = f"&{text}" if owner.address else ""
+        return Expr(text, dict(owner.kind.fields)[name], owner.cost, True, address)
 
     def _Subscript(self, node: ast.Subscript) -> Expr:
-        of = self(node.value)
+        sequence = self(node.value)
         i = node.slice.value if isinstance(node.slice, ast.Constant) else None
-        if not isinstance(of.kind, Struct) or not isinstance(i, int):
+        if not isinstance(sequence.kind, Struct) or not isinstance(i, int):
             self.refuse(node, "an index must be a number, of a tuple")
-        name, kind = of.kind.fields[i]
-        return Expr(f"{of.bracketed()}.{name}", kind, of.cost, True)
+        name, kind = sequence.kind.fields[i]
+        return Expr(f"{sequence.bracketed()}.{name}", kind, sequence.cost, True)
 
     def _UnaryOp(self, node: ast.UnaryOp) -> Expr:
         if isinstance(node.op, ast.Not):
-            of = self.condition(node.operand)
-            return Expr(f"!{of.bracketed()}", BOOL, of.cost)
-        of = self(node.operand)
-        if not isinstance(node.op, ast.USub) or of.kind == BOOL:
+            operand = self.condition(node.operand)
+            return Expr(f"!{operand.bracketed()}", BOOL, operand.cost)
+        operand = self(node.operand)
+        if not isinstance(node.op, ast.USub) or operand.kind == BOOL:
             self.refuse(node, "only -x and `not` have one operand")
-        return Expr(f"-{of.bracketed()}", of.kind, of.cost + Cost({"add, subtract": 1}))
+        return Expr(
+            f"-{operand.bracketed()}", operand.kind, operand.cost + Cost({"add, subtract": 1})
+        )
 
     def _BinOp(self, node: ast.BinOp) -> Expr:
         if type(node.op) not in _OPERATORS:
             self.refuse(node, f"{type(node.op).__name__}: only + - * / (for x ** 2: x * x)")
         a, b = self(node.left), self(node.right)
-        self._alike(node, a, b)
-        sign, what = _OPERATORS[type(node.op)]
+        self._require_same_kind(node, a, b)
+        sign, operation = _OPERATORS[type(node.op)]
         if a.kind != self.real and sign == "/":
             self.refuse(node, "a division of whole numbers")
-        cost = a.cost + b.cost + Cost({what: 1})
+        cost = a.cost + b.cost + Cost({operation: 1})
         return Expr(f"{a.bracketed()} {sign} {b.bracketed()}", a.kind, cost)
 
     def _Compare(self, node: ast.Compare) -> Expr:
-        parts = [self(x) for x in (node.left, *node.comparators)]
+        operands = [self(x) for x in (node.left, *node.comparators)]
         texts = []
-        for a, op, b in zip(parts, node.ops, parts[1:], strict=False):
-            self._alike(node, a, b)
+        for a, op, b in zip(operands, node.ops, operands[1:], strict=False):
+            self._require_same_kind(node, a, b)
             if type(op) not in _COMPARED:
                 self.refuse(node, f"comparison {type(op).__name__}")
             texts.append(f"{a.bracketed()} {_COMPARED[type(op)]} {b.bracketed()}")
-        cost = sum((x.cost for x in parts), Cost({"compare": len(texts)}))
+        cost = sum((x.cost for x in operands), Cost({"compare": len(texts)}))
         return Expr(" && ".join(f"({x})" for x in texts) if texts[1:] else texts[0], BOOL, cost)
 
     def _BoolOp(self, node: ast.BoolOp) -> Expr:
-        parts = [self.condition(x) for x in node.values]
+        operands = [self.condition(x) for x in node.values]
         self._nothing_ahead(node)
         sign = " && " if isinstance(node.op, ast.And) else " || "
-        cost = sum((x.cost for x in parts), Cost())
-        return Expr(sign.join(x.bracketed() for x in parts), BOOL, cost)
+        cost = sum((x.cost for x in operands), Cost())
+        return Expr(sign.join(x.bracketed() for x in operands), BOOL, cost)
 
     def _IfExp(self, node: ast.IfExp) -> Expr:
         test, a, b = self.condition(node.test), self(node.body), self(node.orelse)
-        self._alike(node, a, b)
+        self._require_same_kind(node, a, b)
         self._nothing_ahead(node)
         text = f"{test.bracketed()} ? {a.bracketed()} : {b.bracketed()}"
         return Expr(text, a.kind, test.cost + (a.cost | b.cost))
 
     def _Tuple(self, node: ast.Tuple) -> Expr:
-        parts = [self(x) for x in node.elts]
-        kind = self.program.types.pair(tuple(x.kind for x in parts))
-        return self._struct(kind, parts)
+        items = [self(x) for x in node.elts]
+        kind = self.program.types.pair(tuple(x.kind for x in items))
+        return self._struct(kind, items)
 
     def _Call(self, node: ast.Call) -> Expr:
         if isinstance(node.func, ast.Attribute) and self._is_math(node.func):
@@ -220,27 +246,29 @@ class Expressions:
         if not isinstance(node.func, ast.Name) or node.keywords:
             self.refuse(node, "only functions with a name, and arguments by place")
         name = node.func.id
-        called = self.f.__globals__.get(name)
-        if isinstance(called, FunctionType):
-            return self._function(node, called)
-        if hasattr(called, "_fields"):
-            kind = self.program.types.named(called)
-            parts = [self(x) for x in node.args]
-            if tuple(x.kind for x in parts) != tuple(k for _, k in kind.fields):
+        callee = self.f.__globals__.get(name)
+        if isinstance(callee, FunctionType):
+            return self._function(node, callee)
+        if hasattr(callee, "_fields"):
+            kind = self.program.types.named(callee)
+            arguments = [self(x) for x in node.args]
+            if tuple(x.kind for x in arguments) != tuple(k for _, k in kind.fields):
                 self.refuse(node, f"{name}: its fields have other types")
-            return self._struct(kind, parts)
-        if called is None and name in ("abs", "min", "max", "float"):
+            return self._struct(kind, arguments)
+        if callee is None and name in ("abs", "min", "max", "float"):
             return self._builtin(node, name)
         self.refuse(node, f"{name} is no function that C gets")
 
-    def _function(self, node: ast.Call, called: FunctionType) -> Expr:
-        parts = [self(x) for x in node.args]
-        to = self.program.function(called, tuple(x.kind for x in parts))
-        taken = [parts[i] for i in to.used]
-        cost = sum((x.cost for x in taken), to.cost)
-        return Expr(f"{to.name}({', '.join(map(self._given, taken))})", to.kind, cost, True)
+    def _function(self, node: ast.Call, callee: FunctionType) -> Expr:
+        arguments = [self(x) for x in node.args]
+        target = self.program.function(callee, tuple(x.kind for x in arguments))
+        passed = [arguments[i] for i in target.used_arguments]
+        cost = sum((x.cost for x in passed), target.cost)
+        return Expr(
+            f"{target.name}({', '.join(map(self._braced, passed))})", target.kind, cost, True
+        )
 
-    def _given(self, x: Expr) -> str:
+    def _braced(self, x: Expr) -> str:
         """An argument: a struct by its address. One that a function returns is kept for that."""
         if isinstance(x.kind, Scalar) or x.address:
             return x.address if isinstance(x.kind, Struct) else x.text
@@ -254,10 +282,10 @@ class Expressions:
             self.refuse(node, "a struct is made within a condition: give it a name before")
 
     def _library(self, node: ast.Call, name: str) -> Expr:
-        parts = [self(x) for x in node.args]
-        cost = sum((x.cost for x in parts), Cost())
-        arguments = ", ".join(x.text for x in parts)
-        if any(x.kind != self.real for x in parts):
+        operands = [self(x) for x in node.args]
+        cost = sum((x.cost for x in operands), Cost())
+        arguments = ", ".join(x.text for x in operands)
+        if any(x.kind != self.real for x in operands):
             self.refuse(node, f"math.{name} of something that is no float")
         if name in ("isfinite", "isnan"):
             helper = self.program.helper(name.removeprefix("is"))
@@ -267,39 +295,46 @@ class Expressions:
             return Expr(f"{self.program.helper('ceil')}({arguments})", self.real, spent, True)
         if name not in LIBRARY:
             self.refuse(node, f"math.{name}: the C library has none with the same bits")
-        what = {"fabs": "sign", "copysign": "sign"}.get(name, name)
+        operation = {"fabs": "sign", "copysign": "sign"}.get(name, name)
         return Expr(
-            f"{self.program.library(name)}({arguments})", self.real, cost + Cost({what: 1}), True
+            f"{self.program.library(name)}({arguments})",
+            self.real,
+            cost + Cost({operation: 1}),
+            True,
         )
 
     def _builtin(self, node: ast.Call, name: str) -> Expr:
         match name, node.args:
             case "float", [ast.Constant(value=str() as text)]:
                 return Expr(self.program.literal(float(text)), self.real, simple=True)
-        parts = [self(x) for x in node.args]
+        arguments = [self(x) for x in node.args]
         if name == "float":
-            of = parts[0]  # math.ceil and math.floor are whole numbers in a float already
-            text = of.text if of.kind == self.real else f"({self.real.c}){of.bracketed()}"
-            return Expr(text, self.real, of.cost, of.simple)
+            argument = arguments[0]  # math.ceil and math.floor are whole numbers in a float already
+            text = (
+                argument.text
+                if argument.kind == self.real
+                else f"({self.real.c}){argument.bracketed()}"
+            )
+            return Expr(text, self.real, argument.cost, argument.simple)
         if name == "abs":
-            if parts[0].kind != self.real:
+            if arguments[0].kind != self.real:
                 self.refuse(node, "abs of something that is no float")
-            text = f"{self.program.library('fabs')}({parts[0].text})"
-            return Expr(text, self.real, parts[0].cost + Cost({"sign": 1}), True)
-        found = parts[0]
-        for other in parts[1:]:
-            self._alike(node, found, other)
-            helper = self.program.helper(f"{name}_int" if found.kind == INT else name)
-            cost = found.cost + other.cost + Cost({"compare": 1})
-            found = Expr(f"{helper}({found.text}, {other.text})", found.kind, cost, True)
-        return found
+            text = f"{self.program.library('fabs')}({arguments[0].text})"
+            return Expr(text, self.real, arguments[0].cost + Cost({"sign": 1}), True)
+        extreme = arguments[0]
+        for operand in arguments[1:]:
+            self._require_same_kind(node, extreme, operand)
+            helper = self.program.helper(f"{name}_int" if extreme.kind == INT else name)
+            cost = extreme.cost + operand.cost + Cost({"compare": 1})
+            extreme = Expr(f"{helper}({extreme.text}, {operand.text})", extreme.kind, cost, True)
+        return extreme
 
-    def _struct(self, kind: Struct, parts: list[Expr]) -> Expr:
-        cost = sum((x.cost for x in parts), Cost())
-        text = f"({kind.c}){{{', '.join(x.text for x in parts)}}}"
+    def _struct(self, kind: Struct, members: list[Expr]) -> Expr:
+        cost = sum((x.cost for x in members), Cost())
+        text = f"({kind.c}){{{', '.join(x.text for x in members)}}}"
         return Expr(text, kind, cost, True, f"&{text}")
 
-    def _alike(self, node: ast.AST, a: Expr, b: Expr) -> None:
+    def _require_same_kind(self, node: ast.AST, a: Expr, b: Expr) -> None:
         if a.kind != b.kind or (isinstance(a.kind, Scalar) and a.kind == BOOL):
             self.refuse(node, "operands of two types: write 1.0 for a float, not 1")
 

@@ -12,7 +12,7 @@ from ..core.model import Vehicle
 from ..wsp.wsp_controller import Settings, bands
 from . import check_program, pages, vectors
 from .c_types import Number
-from .interface import STATED, Interface
+from .interface import WHEELSET_INPUTS, Interface
 
 
 class Exported(NamedTuple):
@@ -35,11 +35,11 @@ def names(algo: str) -> list[str]:
     Raises:
         UserError: for an unknown method.
     """
-    if algo not in (known := methods()):
+    if algo not in (supported := methods()):
         if algo in controller.registry():
             text = f"{algo!r} has no parameters and no state: there is nothing to export"
-            raise UserError(text, f"known: {', '.join(known)}", code=2)
-        raise unknown("algorithm", algo, list(known))
+            raise UserError(text, f"known: {', '.join(supported)}", code=2)
+        raise unknown("algorithm", algo, list(supported))
     return [f"adhesion_{algo}.h", f"adhesion_{algo}.c", f"test_{algo}.c", "Makefile", "README.md"]
 
 
@@ -49,7 +49,7 @@ def export(
     vehicle: Vehicle,
     axle: int = 1,
     double: bool = True,
-    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Exported:
     """The files of one method.
 
@@ -59,7 +59,7 @@ def export(
         vehicle: for the wheelset.
         axle: the one whose wheel radius counts.
         double: double precision, else single.
-        tell: receives a line at each step.
+        progress: receives a line at each step.
 
     Raises:
         UserError: an unknown name, a value out of range, parameters that are unstable on the log.
@@ -69,21 +69,28 @@ def export(
     p = validate(method, settings.get(algo, {}))
     vehicle = replace(vehicle, wheel_radius=(vehicle.radius(axle),))
     w = physics.wheelset(vehicle, 1)
-    stated = {name: getattr(w, name) for name in STATED}
-    of = Interface(method, p, tuple(stated.values()), Number(double), __version__)
-    code = of.code()
-    tell(f"running {algo} on {vectors.LOG}")
+    wheelset_values = {name: getattr(w, name) for name in WHEELSET_INPUTS}
+    interface = Interface(method, p, tuple(wheelset_values.values()), Number(double), __version__)
+    code = interface.code()
+    progress(f"running {algo} on {vectors.LOG}")
     if isinstance(method, estimator.Estimator):
-        found = vectors.of_estimator(method, p, w, vehicle)
+        test_vectors = vectors.of_estimator(method, p, w, vehicle)
     else:
         bands(settings)
-        found = vectors.of_controller(method, p, settings, vehicle)
-    if not double and found.lost:
-        text = f"{algo}: no finite answer in single precision at {found.lost} samples"
+        test_vectors = vectors.of_controller(method, p, settings, vehicle)
+    if not double and test_vectors.missing_count:
+        text = (
+            f"{algo}: no finite answer in single precision at {test_vectors.missing_count} samples"
+        )
         raise UserError(f"{text} of {vectors.LOG}", "leave out --float")
-    facts = pages.Facts(of, code, found, stated, vehicle)
-    texts = (code.header, code.source, check_program.program(of, found), pages.makefile(of),
-             pages.readme(facts))  # fmt: skip
-    answer = -1 if of.estimator else 0
-    error = max(found.single_errors(answer))
-    return Exported(dict(zip(names(algo), texts, strict=True)), len(found.rows), error)
+    facts = pages.Facts(interface, code, test_vectors, wheelset_values, vehicle)
+    texts = (
+        code.header,
+        code.source,
+        check_program.program(interface, test_vectors),
+        pages.makefile(interface),
+        pages.readme(facts),
+    )
+    answer = -1 if interface.estimator else 0
+    error = max(test_vectors.single_errors(answer))
+    return Exported(dict(zip(names(algo), texts, strict=True)), len(test_vectors.rows), error)

@@ -18,9 +18,12 @@ from .expressions import Cost
 from .translate import INLINE, Translation, folded
 
 # The fields of `Wheelset` that are vehicle parameters; the others follow from them.
-STATED = {
-    "radius": "wheel_radius", "phi": "friction", "inertia": "wheelset_inertia", "mass": "axle_mass",
-}  # fmt: skip
+WHEELSET_INPUTS = {
+    "radius": "wheel_radius",
+    "phi": "friction",
+    "inertia": "wheelset_inertia",
+    "mass": "axle_mass",
+}
 _STATUS = (
     ("OK", "the state is that of this sample"),
     ("BAD_POINTER", "an argument is NULL"),
@@ -78,9 +81,9 @@ class Interface:
         self.estimator = method if isinstance(method, Estimator) else None
         self.inputs = quantities(Sample if self.estimator else Observed)
         self.params = self.c.types.named(method.Params, "params", public=True)
-        taken = Wheelset if self.estimator else Observed
+        input_type = Wheelset if self.estimator else Observed
         self.given = self.c.types.named(
-            taken, "wheelset" if self.estimator else "observed", public=True
+            input_type, "wheelset" if self.estimator else "observed", public=True
         )
         self.now = self.c.types.named(method.State, "now", public=True)
         self.interval = quantities(Sample)["h"]
@@ -89,29 +92,31 @@ class Interface:
     def code(self) -> Code:
         """Header and source."""
         step, cost = self._step()
-        start, first = self._call(self.method.init, self._begins())
+        start, initial_call = self._call(self.method.init, self._begins())
         longest = getattr(self.estimator, "longest_step", None)
         self.limited = longest is not None and longest.__name__ == "longest_step"
         limit, judged = [], Cost()
         if self.limited:
             call, judged = self._call(longest, [("*p", self.params)])
             limit = [f"state->longest = {call};"]
-        made, of_wheelset = "", Cost()
+        wheelset_code, of_wheelset = "", Cost()
         if self.estimator:
             four = [(c_name(x), self.real) for x in ("R", "phi", "I", "m")]
-            made, of_wheelset = self._call(wheelset_of, four)
+            wheelset_code, of_wheelset = self._call(wheelset_of, four)
         read = frozenset(x for s, x in self.c.read if s == f"{self.name}_observed")
         checks = Cost({"compare": 2 * len(self.inputs) + 2})
-        parts = [
-            self._defaults(made), self._wheelset(made) if self.estimator else "",
-            self._ranges(read), self._init(start, limit, bool(self.estimator)),
+        sections = [
+            self._defaults(wheelset_code),
+            self._wheelset(wheelset_code) if self.estimator else "",
+            self._ranges(read),
+            self._init(start, limit, bool(self.estimator)),
             self._step_text(step),
-        ]  # fmt: skip
-        of_given = len(STATED) + len(self.given.fields) if self.estimator else 0
-        ranges = Cost({"compare": 2 * len(self.params.fields) + of_given})
-        costs = {"init": first + judged + of_wheelset + checks + ranges}
+        ]
+        input_count = len(WHEELSET_INPUTS) + len(self.given.fields) if self.estimator else 0
+        ranges = Cost({"compare": 2 * len(self.params.fields) + input_count})
+        costs = {"init": initial_call + judged + of_wheelset + checks + ranges}
         costs["step"] = cost + checks + Cost({"compare": 1 + self.limited})
-        body = "\n".join(x for x in parts if x)
+        body = "\n".join(x for x in sections if x)
         statuses = tuple(x for x in _STATUS if self._returned(x[0]))
         return Code(self._header(statuses), self._source(body), costs, statuses, read)
 
@@ -119,10 +124,10 @@ class Interface:
 
     def _call(self, f: Any, arguments: Sequence[tuple[str, Kind]]) -> tuple[str, Cost]:
         """A call of a translated function."""
-        made = self.c.function(cast(FunctionType, f), tuple(kind for _, kind in arguments))
-        taken = [arguments[i] for i in made.used]
-        texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in taken]
-        return f"{made.name}({', '.join(texts).replace('&*', '')})", made.cost
+        function = self.c.function(cast(FunctionType, f), tuple(kind for _, kind in arguments))
+        passed = [arguments[i] for i in function.used_arguments]
+        texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in passed]
+        return f"{function.name}({', '.join(texts).replace('&*', '')})", function.cost
 
     def _begins(self) -> list[tuple[str, Kind]]:
         p: tuple[str, Kind] = ("*p", self.params)
@@ -151,9 +156,9 @@ class Interface:
         n = self.name
         state, p = f"{n}_state *state", f"const {n}_params *p"
         if self.estimator:
-            before, sample = f"const {n}_wheelset *w, ", f"{r} K, {r} y"
+            parameters, sample = f"const {n}_wheelset *w, ", f"{r} K, {r} y"
         else:
-            before, sample = "", f"const {n}_observed *o"
+            parameters, sample = "", f"const {n}_observed *o"
         wheelset = {
             "wheelset": f"{n}_wheelset {n}_default_wheelset(void)",
             "wheelset_of": f"{n}_status {n}_wheelset_of({n}_wheelset *w, {r} radius, {r} phi, "
@@ -162,7 +167,7 @@ class Interface:
         return {
             "defaults": f"{n}_params {n}_defaults(void)",
             **(wheelset if self.estimator else {}),
-            "init": f"{n}_status {n}_init({state}, {p}, {before}{sample})",
+            "init": f"{n}_status {n}_init({state}, {p}, {parameters}{sample})",
             "step": f"{n}_status {n}_step({state}, {r} h, {sample})",
         }
 
@@ -170,18 +175,21 @@ class Interface:
         n, public = self.name, [s for s in self.c.types.structs if s.public]
         title = ascii_text(f"{self.method.title}. {self.method.source}.")
         lines = folded(
-            [f"/* {n}.h: {title}", f"   Made by adhesion {self.version}. Units are SI. "
-             "Ranges stand beside the values: README.md. */"]
-        )  # fmt: skip
+            [
+                f"/* {n}.h: {title}",
+                f"   Made by adhesion {self.version}. Units are SI. "
+                "Ranges stand beside the values: README.md. */",
+            ]
+        )
         lines += [f"#ifndef {self.macro}_H", f"#define {self.macro}_H", "", "#include <stdint.h>"]
         real = f"{n}_real"
         lines += ["", f"typedef {self.number.c} {real};", ""]
         lines += ["/* What a function returns; if it is not OK, the estimate is as before. */"]
         lines += ["typedef enum {"]
         marks = [f"    {self.macro}_{x} = {i}" for i, (x, _) in enumerate(statuses)]
-        last = len(marks) - 1
+        last_mark = len(marks) - 1
         for i, (mark, (_, text)) in enumerate(zip(marks, statuses, strict=True)):
-            lines.append(f"{mark}{',' if i < last else ''} /* {text} */")
+            lines.append(f"{mark}{',' if i < last_mark else ''} /* {text} */")
         lines += [f"}} {n}_status;", ""]
         for s in public:
             lines += folded(declaration(s, real))
@@ -192,16 +200,17 @@ class Interface:
 
     def state(self) -> Struct:
         """What the caller keeps for one axle."""
-        held: list[tuple[str, Kind | None, str]] = [
-            ("begun", INT, "whether init was OK"), ("p", self.params, "as given to init"),
-        ]  # fmt: skip
+        members: list[tuple[str, Kind | None, str]] = [
+            ("begun", INT, "whether init was OK"),
+            ("p", self.params, "as given to init"),
+        ]
         if self.estimator:
-            held.append(("w", self.given, "as given to init"))
+            members.append(("w", self.given, "as given to init"))
         if self.limited:
-            held.append(("longest", self.real, "the longest stable interval [s]"))
-        held.append(("now", self.now, f"the answer: {', '.join(self.answers())}"))
-        fields = tuple((x, kind) for x, kind, _ in held if kind is not None)
-        notes = tuple(text for *_, text in held)
+            members.append(("longest", self.real, "the longest stable interval [s]"))
+        members.append(("now", self.now, f"the answer: {', '.join(self.answers())}"))
+        fields = tuple((x, kind) for x, kind, _ in members if kind is not None)
+        notes = tuple(text for *_, text in members)
         return Struct(f"{self.name}_state", fields, "State of one axle.", notes, True)
 
     def answers(self) -> list[str]:
@@ -211,7 +220,7 @@ class Interface:
         return ["judged", "valve"]
 
     def _prototypes(self) -> list[str]:
-        what = {
+        descriptions = {
             "defaults": "The parameters that the export was made with.",
             "wheelset": "The wheelset that it was made with.",
             "wheelset_of": "Of radius [m], pad friction phi [-], inertia [kg m^2], mass [kg].",
@@ -219,10 +228,13 @@ class Interface:
             "step": "One sample later: h [s] since the last one, K [N], y [rad/s].",
         }
         if not self.estimator:
-            what |= {"init": "The first tick.", "step": "One tick later: h [s] since the last one."}
+            descriptions |= {
+                "init": "The first tick.",
+                "step": "One tick later: h [s] since the last one.",
+            }
         lines = []
         for key, signature in self._signatures(f"{self.name}_real").items():
-            lines += [f"/* {what[key]} */", *folded([f"{signature};"]), ""]
+            lines += [f"/* {descriptions[key]} */", *folded([f"{signature};"]), ""]
         return lines
 
     def _source(self, body: str) -> str:
@@ -238,92 +250,116 @@ class Interface:
             lines += folded(declaration(s))
         return "\n".join([*lines, *self.c.functions, body])
 
-    def _defaults(self, made: str) -> str:
+    def _defaults(self, wheelset_code: str) -> str:
         values = ", ".join(self.number.literal(x) for x in self.p)
         lines = [f"    return ({self.name}_params){{{values}}};"]
         text = self._function("defaults", lines)
-        if made:
-            name, _, _ = made.partition("(")
-            of = ", ".join(self.number.literal(x) for x in self.vehicle)
-            text += "\n" + self._function("wheelset", [f"    return {name}({of});"])
+        if wheelset_code:
+            name, _, _ = wheelset_code.partition("(")
+            literals = ", ".join(self.number.literal(x) for x in self.vehicle)
+            text += "\n" + self._function("wheelset", [f"    return {name}({literals});"])
         return text
 
-    def _wheelset(self, made: str) -> str:
-        name, _, _ = made.partition("(")
+    def _wheelset(self, wheelset_code: str) -> str:
+        name, _, _ = wheelset_code.partition("(")
         limits = quantities(Vehicle)
-        tests = [x for place, of in STATED.items() for x in self._within(place, limits[of])]
-        put = f"*w = {name}(radius, phi, inertia, mass);"
-        return self._function("wheelset_of", self._guarded([
-            ("w == NULL", "BAD_POINTER"), (_not(tests), "BAD_WHEELSET"),
-        ], [put]))  # fmt: skip
+        tests = [
+            x
+            for place, field in WHEELSET_INPUTS.items()
+            for x in self._range_tests(place, limits[field])
+        ]
+        assignment = f"*w = {name}(radius, phi, inertia, mass);"
+        return self._function(
+            "wheelset_of",
+            self._guarded(
+                [
+                    ("w == NULL", "BAD_POINTER"),
+                    (_negated(tests), "BAD_WHEELSET"),
+                ],
+                [assignment],
+            ),
+        )
 
     def _ranges(self, read: frozenset[str]) -> str:
-        known = quantities(self.method.Params)
-        tests = [x for n, q in known.items() for x in self._within(f"p->{c_name(n)}", q)]
+        annotations = quantities(self.method.Params)
+        tests = [x for n, q in annotations.items() for x in self._range_tests(f"p->{c_name(n)}", q)]
         text = self._test(f"params_ok(const {self.name}_params *p)", tests)
         if self.estimator:
             limits = quantities(Vehicle)
-            tests = [x for f, of in STATED.items() for x in self._within(f"w->{f}", limits[of])]
+            tests = [
+                x
+                for f, field in WHEELSET_INPUTS.items()
+                for x in self._range_tests(f"w->{f}", limits[field])
+            ]
             call = "physics_wheelset_of(w->radius, w->phi, w->inertia, w->mass)"
-            same = f"const {self.name}_wheelset same = {call};"
-            tests += [f"(w->{x} == same.{x})" for x, _ in self.given.fields if x not in (*STATED,)]
-            text += self._test(f"wheelset_ok(const {self.name}_wheelset *w)", tests, same)
-            tests = [x for n in ("K", "y") for x in self._within(n, self.inputs[n])]
+            declaration = f"const {self.name}_wheelset same = {call};"
+            tests += [
+                f"(w->{x} == same.{x})"
+                for x, _ in self.given.fields
+                if x not in (*WHEELSET_INPUTS,)
+            ]
+            text += self._test(f"wheelset_ok(const {self.name}_wheelset *w)", tests, declaration)
+            tests = [x for n in ("K", "y") for x in self._range_tests(n, self.inputs[n])]
             return text + self._test("input_ok(real K, real y)", tests)
         tests = [
-            x for n in self.inputs if n in read for x in self._within(f"o->{n}", self.inputs[n])
+            x
+            for n in self.inputs
+            if n in read
+            for x in self._range_tests(f"o->{n}", self.inputs[n])
         ]
         return text + self._test(f"input_ok(const {self.name}_observed *o)", tests)
 
-    def _within(self, value: str, q: Quantity) -> list[str]:
+    def _range_tests(self, value: str, q: Quantity) -> list[str]:
         """The comparisons that hold in the range of a quantity, and for no NaN."""
         kinds = dict(self.given.fields) if value.startswith("o->") else {}
         if isinstance(kinds.get(value[3:]), Scalar) and kinds[value[3:]] != self.real:
             return [f"({value} >= {int(q.minimum)})", f"({value} <= {int(q.maximum)})"]
-        low = self.number.literal(float(q.minimum))
-        high = (
+        lower = self.number.literal(float(q.minimum))
+        upper = (
             self.number.largest
             if q.maximum == float("inf")
             else self.number.literal(float(q.maximum))
         )
-        both = [f"({value} >= {low})", f"({value} <= {high})"]
+        range_tests = [f"({value} >= {lower})", f"({value} <= {upper})"]
         return (
-            [f"({self.c.helper('nan')}({value}) || ({' && '.join(both)}))"] if q.optional else both
+            [f"({self.c.helper('nan')}({value}) || ({' && '.join(range_tests)}))"]
+            if q.optional
+            else range_tests
         )
 
-    def _test(self, signature: str, tests: list[str], before: str = "") -> str:
-        lines = [f"{INLINE} bool {signature}", "{", *([f"    {before}"] if before else [])]
+    def _test(self, signature: str, tests: list[str], preamble: str = "") -> str:
+        lines = [f"{INLINE} bool {signature}", "{", *([f"    {preamble}"] if preamble else [])]
         lines += folded([f"    return {' && '.join(tests)};"])
         return "\n".join([*lines, "}", "", ""])
 
     def _init(self, start: str, prepared: list[str], with_wheelset: bool) -> str:
-        put = ["state->p = *p;", *(["state->w = *w;"] if with_wheelset else []), *prepared]
+        statements = ["state->p = *p;", *(["state->w = *w;"] if with_wheelset else []), *prepared]
         pointers = "(state == NULL) || (p == NULL) || " + (
             "(w == NULL)" if with_wheelset else "(o == NULL)"
         )
         guards = [(pointers, "BAD_POINTER"), ("!params_ok(p)", "BAD_PARAMETER")]
         guards += [("!wheelset_ok(w)", "BAD_WHEELSET")] if with_wheelset else []
         guards += [(f"!input_ok({'K, y' if with_wheelset else 'o'})", "BAD_INPUT")]
-        put += [f"state->now = {start};", "state->begun = BEGUN;"]
-        return self._function("init", self._guarded(guards, put))
+        statements += [f"state->now = {start};", "state->begun = BEGUN;"]
+        return self._function("init", self._guarded(guards, statements))
 
     def _step_text(self, step: list[str]) -> str:
-        tests = self._within("h", self.interval)
-        sample, pointers = ("K, y", "state == NULL") if self.estimator else (
-            "o", "(state == NULL) || (o == NULL)"
-        )  # fmt: skip
+        tests = self._range_tests("h", self.interval)
+        sample, pointers = (
+            ("K, y", "state == NULL") if self.estimator else ("o", "(state == NULL) || (o == NULL)")
+        )
         guards = [(pointers, "BAD_POINTER"), ("state->begun != BEGUN", "NOT_BEGUN")]
-        guards += [(f"{_not(tests)} || !input_ok({sample})", "BAD_INPUT")]
+        guards += [(f"{_negated(tests)} || !input_ok({sample})", "BAD_INPUT")]
         if self.limited:
             guards += [("h > state->longest", "TOO_LONG")]
         kinds = dict(self.now.fields)
         finite = self.c.helper("finite")
         sound = [f"{finite}(next.{x})" for x in self.answers() if kinds[x] == self.real]
-        put = [*step, f"if ({' && '.join(sound)}) {{", "    state->now = next;", "} else {"]
-        put += [f"    status = {self.macro}_NOT_FINITE;", "}"]
-        return self._function("step", self._guarded(guards, put))
+        statements = [*step, f"if ({' && '.join(sound)}) {{", "    state->now = next;", "} else {"]
+        statements += [f"    status = {self.macro}_NOT_FINITE;", "}"]
+        return self._function("step", self._guarded(guards, statements))
 
-    def _guarded(self, guards: list[tuple[str, str]], put: list[str]) -> list[str]:
+    def _guarded(self, guards: list[tuple[str, str]], statements: list[str]) -> list[str]:
         """Statements that run if no guard holds; else its status is returned."""
         lines = [f"    {self.name}_status status = {self.macro}_OK;"]
         word = "if"
@@ -333,7 +369,7 @@ class Interface:
             word = "} else if"
         lines += [
             "    } else {",
-            *folded(["        " + x for x in put]),
+            *folded(["        " + x for x in statements]),
             "    }",
             "    return status;",
         ]
@@ -343,5 +379,5 @@ class Interface:
         return "\n".join([*folded([self._signatures()[key]]), "{", *lines, "}", ""])
 
 
-def _not(tests: list[str]) -> str:
+def _negated(tests: list[str]) -> str:
     return f"!({' && '.join(tests)})"

@@ -9,7 +9,7 @@ from ..core.model import Vehicle, quantities
 from ..core.physics import LEAST_SHARE, force_line
 from .c_types import Number, flat, range_of
 from .check_program import limits
-from .interface import STATED, Code, Interface
+from .interface import WHEELSET_INPUTS, Code, Interface
 from .single_precision import ULPS
 from .vectors import LIBRARIES, LOG, Vectors
 
@@ -64,41 +64,50 @@ DEVIATIONS = {
 class Facts(NamedTuple):
     """What the README states about an export."""
 
-    of: Interface
+    interface: Interface
     code: Code
     vectors: Vectors
     wheelset: dict[str, float]  # the vehicle's values by the names of `STATED`
     vehicle: Vehicle  # K follows from its brake
 
 
-def makefile(of: Interface) -> str:
+def makefile(interface: Interface) -> str:
     """The Makefile."""
     suppressed = " ".join(f"--suppress={x}" for x in DEVIATIONS)
     return MAKEFILE.format(
-        name=of.name, method=of.method.name, version=of.version, suppressed=suppressed
+        name=interface.name,
+        method=interface.method.name,
+        version=interface.version,
+        suppressed=suppressed,
     )
 
 
 def readme(facts: Facts) -> str:
     """The README: use, units and ranges, operations, accuracy, deviations."""
-    of = facts.of
-    title = f"# {of.name}\n\n{of.method.title}. Source: {of.method.source}.\n"
-    kind = "the estimator" if of.estimator else "the control law"
-    parts = [
+    interface = facts.interface
+    title = f"# {interface.name}\n\n{interface.method.title}. Source: {interface.method.source}.\n"
+    kind = "the estimator" if interface.estimator else "the control law"
+    sections = [
         title,
-        f"Made by adhesion {of.version}: C99, `{of.number.c}`. The C is translated from the Python "
+        f"Made by adhesion {interface.version}: C99, `{interface.number.c}`. The C is translated from the Python "
         f"source of {kind}. The caller owns all memory. There is no allocation, no global variable "
         "and no unbounded loop.\n",
-        _files(of), _use(of), _statuses(facts), _parameters(of), _inputs(facts), _operations(facts),
-        _accuracy(facts), _misra(),
-    ]  # fmt: skip
-    return "\n".join(parts).rstrip() + "\n"
+        _files(interface),
+        _usage(interface),
+        _statuses(facts),
+        _parameters(interface),
+        _inputs(facts),
+        _operations(facts),
+        _accuracy(facts),
+        _misra(),
+    ]
+    return "\n".join(sections).rstrip() + "\n"
 
 
-def _files(of: Interface) -> str:
+def _files(interface: Interface) -> str:
     rows = [
-        (f"`{of.name}.h`, `{of.name}.c`", "what goes into the control unit"),
-        (f"`test_{of.method.name}.c`", f"a test with samples of the log {LOG}"),
+        (f"`{interface.name}.h`, `{interface.name}.c`", "what goes into the control unit"),
+        (f"`test_{interface.method.name}.c`", f"a test with samples of the log {LOG}"),
         ("`Makefile`", "`make test`, `make sanitize`, `make misra`"),
     ]
     text = (
@@ -108,35 +117,37 @@ def _files(of: Interface) -> str:
     return _table(("file", "content"), rows) + text
 
 
-def _use(of: Interface) -> str:
-    n, m = of.name, of.macro
-    if of.estimator:
+def _usage(interface: Interface) -> str:
+    n, m = interface.name, interface.macro
+    if interface.estimator:
         lines = [
             f"{n}_params p = {n}_defaults();",
             f"{n}_wheelset w = {n}_default_wheelset();",
             f"{n}_state axle; /* one for each axle */",
             f"if ({n}_init(&axle, &p, &w, K, y) == {m}_OK) {{ ... }} /* first sample */",
             f"if ({n}_step(&axle, h, K, y) == {m}_OK) {{ /* each later one */",
-            "    use(axle.now.F); /* adhesion force [N] */", "}",
-        ]  # fmt: skip
+            "    use(axle.now.F); /* adhesion force [N] */",
+            "}",
+        ]
     else:
         lines = [
             f"{n}_params p = {n}_defaults();",
             f"{n}_state axle; /* one for each axle */",
             f"if ({n}_init(&axle, &p, &observed) == {m}_OK) {{ ... }} /* first tick */",
             f"if ({n}_step(&axle, h, &observed) == {m}_OK) {{ /* each later one */",
-            "    use(axle.now.valve); /* 0 apply, 1 hold, 2 dump */", "}",
-        ]  # fmt: skip
-    numbers = [kind.c for _, kind in flat(of.state())]
-    whole = len([x for x in numbers if x != "real"])
-    size = f"The state holds {len(numbers) - whole} numbers of type `{of.number.c}`"
-    size += f" and {whole} of type `int32_t`." if whole else "."
+            "    use(axle.now.valve); /* 0 apply, 1 hold, 2 dump */",
+            "}",
+        ]
+    numbers = [kind.c for _, kind in flat(interface.state())]
+    integer_count = len([x for x in numbers if x != "real"])
+    size = f"The state holds {len(numbers) - integer_count} numbers of type `{interface.number.c}`"
+    size += f" and {integer_count} of type `int32_t`." if integer_count else "."
     text = "After a gap, start anew with `_init`."
     return "\n".join(["## Use\n", "```c", *lines, "```\n", f"{size} {text}\n"])
 
 
 def _statuses(facts: Facts) -> str:
-    rows = [(f"`{facts.of.macro}_{x}`", text) for x, text in facts.code.statuses]
+    rows = [(f"`{facts.interface.macro}_{x}`", text) for x, text in facts.code.statuses]
     text = (
         "If the status is not OK, `now` is as before. Once `_init` was OK, an answer is always a "
         "finite number. Before that, the state holds what its memory held: use no answer of it. "
@@ -145,26 +156,28 @@ def _statuses(facts: Facts) -> str:
     return f"## Status\n\n{_table(('status', 'meaning'), rows)}\n{text}"
 
 
-def _parameters(of: Interface) -> str:
+def _parameters(interface: Interface) -> str:
     rows = [
         (f"`{name}`", f"{value:g}", q.unit, range_of(q), q.text)
-        for (name, q, _), value in zip(parameters(of.method), of.p, strict=True)
+        for (name, q, _), value in zip(parameters(interface.method), interface.p, strict=True)
     ]
     head = ("parameter", "value", "unit", "range", "what")
     return f"## Parameters\n\n{_table(head, rows)}"
 
 
 def _inputs(facts: Facts) -> str:
-    of, known = facts.of, quantities(Vehicle)
-    listed = {"h": of.interval, **of.inputs}
-    unread = set() if of.estimator else set(of.inputs) - facts.code.read
+    interface, annotations = facts.interface, quantities(Vehicle)
+    listed = {"h": interface.interval, **interface.inputs}
+    unread = set() if interface.estimator else set(interface.inputs) - facts.code.read
     rows = [
         (f"`{x}`", q.unit, range_of(q), q.text + ("; not read" if x in unread else ""))
         for x, q in listed.items()
     ]
     text = f"## Inputs\n\n{_table(('input', 'unit', 'range', 'what'), rows)}"
-    if of.estimator:
-        of_vehicle = [(x, facts.wheelset[x], known[name]) for x, name in STATED.items()]
+    if interface.estimator:
+        of_vehicle = [
+            (x, facts.wheelset[x], annotations[name]) for x, name in WHEELSET_INPUTS.items()
+        ]
         body = [(f"`{x}`", f"{v:g}", q.unit, range_of(q), q.text) for x, v, q in of_vehicle]
         head = ("wheelset", "default", "unit", "range", "what")
         text += f"\n`_wheelset_of` takes\n\n{_table(head, body)}\n{_clamping(facts.vehicle)}"
@@ -191,7 +204,7 @@ def _operations(facts: Facts) -> str:
     names = sorted({name for cost in columns.values() for name in cost})
     rows = [(name, *(str(cost[name]) for cost in columns.values())) for name in names]
     text += _table(("operation", *columns), rows)
-    if substeps := facts.of.method.step.__globals__.get("SUBSTEPS"):
+    if substeps := facts.interface.method.step.__globals__.get("SUBSTEPS"):
         text += (
             f"\n`_step` divides a long interval into sub-steps. The table counts {substeps:.0f} of "
             "them, the most that there can be.\n"
@@ -200,14 +213,14 @@ def _operations(facts: Facts) -> str:
 
 
 def _accuracy(facts: Facts) -> str:
-    of, vectors = facts.of, facts.vectors
+    interface, vectors = facts.interface, facts.vectors
     text = (
         "## Accuracy\n\nIn double precision each step has the bits of the Python `step`, with gcc "
         "or clang `-O2 -ffp-contract=off` and the same C library."
     )
-    if of.estimator:
-        other = limits(vectors, Number(True))[-1]
-        text += f" With another one `test_{of.method.name}.c` accepts an error of {other:.2g} N."
+    if interface.estimator:
+        double_limits = limits(vectors, Number(True))[-1]
+        text += f" With another one `test_{interface.method.name}.c` accepts an error of {double_limits:.2g} N."
     seconds = sum(row[0] for row in vectors.rows)
     text += f"\n\nIn single precision, over axle 1 of {LOG} ({len(vectors.rows)} samples, "
     text += f"{seconds:.0f} s), the answers differ by what the table shows. It has the worst of "
@@ -216,18 +229,20 @@ def _accuracy(facts: Facts) -> str:
     )
     text += f"to {ULPS} units in the last place.\n\n"
     rows = []
-    for i, x in enumerate(of.answers()):
+    for i, x in enumerate(interface.answers()):
         errors = vectors.single_errors(i)
         if x == "valve":
             rows.append((x, f"{sum(e > 0.0 for e in errors)} samples differ", ""))
             continue
         rms = math.sqrt(sum(e * e for e in errors) / len(errors))
-        unit = " N" if of.estimator else ""
+        unit = " N" if interface.estimator else ""
         rows.append((x, f"{max(errors):.2g}{unit}", f"{rms:.2g}{unit}"))
     text += _table(("answer", "largest error", "rms"), rows)
-    if vectors.lost:
-        text += f"\nSingle precision has no finite answer at {vectors.lost} of these samples.\n"
-    if not of.number.double and any(path.endswith(".readings") for path, _ in flat(of.now)):
+    if vectors.missing_count:
+        text += f"\nSingle precision has no finite answer at {vectors.missing_count} of these samples.\n"
+    if not interface.number.double and any(
+        path.endswith(".readings") for path, _ in flat(interface.now)
+    ):
         text += (
             "\nA `float` counts up to 16 777 216, at 1 kHz in 4.6 hours. `noise.readings` stops "
             "there: start anew with `_init` before, for example while the train stands.\n"

@@ -29,8 +29,8 @@ class Single:
         self._math = ModuleType("math")
         draw = random.Random(seed)
         for name, x in vars(math).items():
-            most = 0 if name in _EXACT or seed == 0 else ULPS
-            setattr(self._math, name, _rounded(x, draw, most) if callable(x) else x)
+            ulps = 0 if name in _EXACT or seed == 0 else ULPS
+            setattr(self._math, name, _rounded(x, draw, ulps) if callable(x) else x)
 
     def __call__(self, f: Any) -> FunctionType:
         """The function on float32."""
@@ -38,8 +38,8 @@ class Single:
         if f not in self._done:
             names = dict(f.__globals__)
             consts = tuple(_single(x) for x in f.__code__.co_consts)
-            made = FunctionType(f.__code__.replace(co_consts=consts), names, f.__name__)
-            self._done[f] = made
+            copy = FunctionType(f.__code__.replace(co_consts=consts), names, f.__name__)
+            self._done[f] = copy
             for name in f.__code__.co_names:
                 names[name] = self._bound(name, f.__globals__)
                 if names[name] is None:
@@ -53,31 +53,31 @@ class Single:
         return self(x) if isinstance(x, FunctionType) else _single(x)
 
 
-def values(of: Any) -> Any:
+def values(nested: Any) -> Any:
     """A NamedTuple with float32 in place of float."""
-    if isinstance(of, tuple):
-        return type(of)(*map(values, of))
-    return _single(of)
+    if isinstance(nested, tuple):
+        return type(nested)(*map(values, nested))
+    return _single(nested)
 
 
 def _single(x: Any) -> Any:
     return np.float32(x) if isinstance(x, float) else x
 
 
-def _rounded(f: Callable[..., Any], draw: random.Random, most: int) -> Callable[..., Any]:
+def _rounded(f: Callable[..., Any], draw: random.Random, ulps: int) -> Callable[..., Any]:
     def call(*of: float) -> Any:
         try:
-            found = f(*map(float, of))
+            exact = f(*map(float, of))
         except OverflowError:
-            found = math.inf
+            exact = math.inf
         except ValueError:
-            found = math.nan
-        if isinstance(found, bool):
-            return found
-        one = np.float32(found)
+            exact = math.nan
+        if isinstance(exact, bool):
+            return exact
+        rounded = np.float32(exact)
         towards = np.float32(math.copysign(math.inf, draw.random() - 0.5))
-        for _ in range(draw.randint(0, most)):
-            one = np.nextafter(one, towards)
-        return one
+        for _ in range(draw.randint(0, ulps)):
+            rounded = np.nextafter(rounded, towards)
+        return rounded
 
     return call

@@ -79,10 +79,10 @@ class Translation:
             if f in self._under_way:
                 body.expression.refuse(definition(f), f"{f.__name__} calls itself")
             self._under_way.append(f)
-            text, made = body.translated(name)
+            text, entry = body.translated(name)
             self._under_way.pop()
             self.functions.append(text)
-            self._done[f, kinds] = made
+            self._done[f, kinds] = entry
         return self._done[f, kinds]
 
     def constant(self, f: FunctionType, name: str, value: float) -> str:
@@ -102,19 +102,23 @@ class Translation:
 
     def helper(self, name: str) -> str:
         """A function of the export's own, as `min` and `max` with Python's answer to NaN."""
-        called = f"plain_{name}"
+        c_name = f"plain_{name}"
         if name not in self._helpers:
             self._helpers.add(name)
             text = _HELPERS[name].format(
-                real=self.types.real.c, name=called, f=self.number.suffix,
-                zero=self.literal(0.0), one=self.literal(1.0), largest=self.number.largest,
-            )  # fmt: skip
+                real=self.types.real.c,
+                name=c_name,
+                f=self.number.suffix,
+                zero=self.literal(0.0),
+                one=self.literal(1.0),
+                largest=self.number.largest,
+            )
             self.functions.insert(0, f"{INLINE} {text}\n")
-        return called
+        return c_name
 
-    def reads(self, of: Struct, field: str) -> None:
+    def reads(self, struct: Struct, field: str) -> None:
         """Notes that a field is read."""
-        self.read.add((of.c, field))
+        self.read.add((struct.c, field))
 
 
 class _Body:
@@ -142,23 +146,25 @@ class _Body:
     def translated(self, name: str) -> tuple[str, Function]:
         """Its text, and how it is called."""
         loaded = {n.id for n in _names(self.node, ast.Load)}
-        used = tuple(i for i, x in enumerate(self.arguments) if x in loaded)
+        used_arguments = tuple(i for i, x in enumerate(self.arguments) if x in loaded)
         lines, cost, _ = self.block(self.node.body, 1, top=True)
         if len(self.results) != 1:
             self.expression.refuse(self.node, f"{self.f.__name__} returns several types, or none")
         (result,) = self.results
-        taken, copies = [], []
-        for i in used:
+        parameters, copies = [], []
+        for i in used_arguments:
             x, kind = c_name(self.arguments[i]), self.kinds[i]
             star = "*" if isinstance(kind, Struct) else ""
             copied = self.arguments[i] in self.copied
-            taken.append(f"{'const ' if star else ''}{kind.c} {star}{x}{'_in' if copied else ''}")
+            parameters.append(
+                f"{'const ' if star else ''}{kind.c} {star}{x}{'_in' if copied else ''}"
+            )
             copies += [f"    {kind.c} {x} = {star}{x}_in;"] if copied else []
-        for x, of in self.hoisted.items():
-            copies.append(f"    {of.c} {c_name(x)} = {self._zero(of)};")
-        head = f"{INLINE} {result.c} {name}({', '.join(taken) or 'void'})"
+        for x, struct in self.hoisted.items():
+            copies.append(f"    {struct.c} {c_name(x)} = {self._zero(struct)};")
+        head = f"{INLINE} {result.c} {name}({', '.join(parameters) or 'void'})"
         text = "\n".join([*_origin(self.f), *folded([head]), "{", *copies, *lines, "}", ""])
-        return text, Function(name, used, result, cost)
+        return text, Function(name, used_arguments, result, cost)
 
     def block(
         self, body: list[ast.stmt], depth: int, top: bool = False
@@ -171,31 +177,31 @@ class _Body:
                 case ast.Expr(value=ast.Constant()) | ast.Pass():
                     continue
                 case ast.Return(value=ast.expr() as value):
-                    made = self.expression(value)
-                    self.results.add(made.kind)
-                    lines += self._lines(f"return {made.text};", depth, node)
-                    return lines, cost + made.cost, True
+                    expression = self.expression(value)
+                    self.results.add(expression.kind)
+                    lines += self._lines(f"return {expression.text};", depth, node)
+                    return lines, cost + expression.cost, True
                 case ast.If():
-                    more, test, branches, ends = self._if(node, depth)
-                    lines += more
-                    if ends[0] and not ends[1]:
-                        rest, after, returns = self.block(body[i + 1 :], depth, top)
-                        total = cost + test + (branches[0] | (branches[1] + after))
-                        return lines + rest, total, returns
+                    statement_lines, test, branches, returns_always = self._if(node, depth)
+                    lines += statement_lines
+                    if returns_always[0] and not returns_always[1]:
+                        following, cost_after, returns = self.block(body[i + 1 :], depth, top)
+                        total = cost + test + (branches[0] | (branches[1] + cost_after))
+                        return lines + following, total, returns
                     cost += test + (branches[0] | branches[1])
-                    if all(ends):
+                    if all(returns_always):
                         return lines, cost, True
                 case ast.For():
-                    more, spent = self._for(node, depth)
-                    lines, cost = lines + more, cost + spent
+                    statement_lines, spent = self._for(node, depth)
+                    lines, cost = lines + statement_lines, cost + spent
                 case ast.Assign(targets=[target], value=value):
-                    more, spent = self._assign(node, target, value, depth, top)
-                    lines, cost = lines + more, cost + spent
+                    statement_lines, spent = self._assign(node, target, value, depth, top)
+                    lines, cost = lines + statement_lines, cost + spent
                 case ast.AugAssign(target=ast.Name() as target, op=op, value=value):
-                    old = ast.copy_location(ast.Name(target.id, ast.Load()), node)
-                    total_of = ast.copy_location(ast.BinOp(old, op, value), node)
-                    more, spent = self._assign(node, target, total_of, depth, top)
-                    lines, cost = lines + more, cost + spent
+                    previous = ast.copy_location(ast.Name(target.id, ast.Load()), node)
+                    total_of = ast.copy_location(ast.BinOp(previous, op, value), node)
+                    statement_lines, spent = self._assign(node, target, total_of, depth, top)
+                    lines, cost = lines + statement_lines, cost + spent
                 case _:
                     self.expression.refuse(node, f"{type(node).__name__} is not in the subset")
         return lines, cost, False
@@ -206,17 +212,17 @@ class _Body:
 
     def _if(self, node: ast.If, depth: int) -> tuple[list[str], Cost, list[Cost], list[bool]]:
         test = self.expression.condition(node.test)
-        first, one, ends = self.block(node.body, depth + 1)
-        lines = [*self._lines(f"if ({test.text}) {{", depth, node.test), *first]
+        then_lines, then_cost, then_returns = self.block(node.body, depth + 1)
+        lines = [*self._lines(f"if ({test.text}) {{", depth, node.test), *then_lines]
         indent = "    " * depth
-        costs, returns = [one, Cost()], [ends, False]
+        costs, returns = [then_cost, Cost()], [then_returns, False]
         if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
-            more, other, branches, both = self._if(node.orelse[0], depth)
-            if not more[0].lstrip().startswith("if "):
+            else_lines, else_cost, branches, else_returns = self._if(node.orelse[0], depth)
+            if not else_lines[0].lstrip().startswith("if "):
                 self.expression.refuse(node.orelse[0], "a struct is made within an `elif`")
-            costs[1], returns[1] = other + (branches[0] | branches[1]), all(both)
-            more[0] = f"{indent}}} else {more[0].strip()}"
-            return [*lines, *more], test.cost, costs, returns
+            costs[1], returns[1] = else_cost + (branches[0] | branches[1]), all(else_returns)
+            else_lines[0] = f"{indent}}} else {else_lines[0].strip()}"
+            return [*lines, *else_lines], test.cost, costs, returns
         if node.orelse:
             second, costs[1], returns[1] = self.block(node.orelse, depth + 1)
             lines += [f"{indent}}} else {{", *second]
@@ -228,17 +234,18 @@ class _Body:
         match node:
             case ast.For(
                 target=ast.Name(id=name),
-                iter=ast.Call(func=ast.Name(id="range"), args=[count], keywords=[]), orelse=[],
-            ):  # fmt: skip
+                iter=ast.Call(func=ast.Name(id="range"), args=[count], keywords=[]),
+                orelse=[],
+            ):
                 pass
             case _:
                 self.expression.refuse(node, "only `for i in range(n)`")
-        bound, most = self._bound(count)
+        bound, count_limit = self._bound(count)
         self.expression.local[name] = INT
         lines, cost, _ = self.block(node.body, depth + 1)
         i = c_name(name)
         head = f"for (int32_t {i} = 0; {i} < {bound.text}; {i}++) {{"
-        spent = Cost({k: n * most for k, n in (cost + Cost({"compare": 1})).items()})
+        spent = Cost({k: n * count_limit for k, n in (cost + Cost({"compare": 1})).items()})
         return [
             *self._lines(head, depth, node.iter),
             *lines,
@@ -251,34 +258,38 @@ class _Body:
             return self.expression(count), count.value
         match count:
             case ast.Call(func=ast.Name(id="int"), args=[number]):
-                made = self.expression(number)
+                expression = self.expression(number)
             case _:
                 self.expression.refuse(count, "only range(8) or range(int(x))")
-        most = self.f.__globals__.get("SUBSTEPS")
-        if not isinstance(most, float):
+        count_limit = self.f.__globals__.get("SUBSTEPS")
+        if not isinstance(count_limit, float):
             self.expression.refuse(count, "the file states no SUBSTEPS, the bound of this loop")
-        text = f"{self.program.helper('count')}({made.text}, {int(most)})"
-        return Expr(text, INT, made.cost + Cost({"compare": 2}), True), int(most)
+        text = f"{self.program.helper('count')}({expression.text}, {int(count_limit)})"
+        return Expr(text, INT, expression.cost + Cost({"compare": 2}), True), int(count_limit)
 
     def _assign(
         self, node: ast.stmt, target: ast.expr, value: ast.expr, depth: int, top: bool
     ) -> tuple[list[str], Cost]:
         match target, value:
             case ast.Name(), _:
-                made = self.expression(value)
-                return self._lines(self._put(target.id, made, top), depth, node), made.cost
+                expression = self.expression(value)
+                return self._lines(
+                    self._assignment(target.id, expression, top), depth, node
+                ), expression.cost
             case ast.Tuple(elts=targets), ast.Tuple(elts=values) if len(targets) == len(values):
                 return self._several(node, targets, values, depth, top)
             case ast.Tuple(elts=targets), ast.Call():
-                made = self.expression(value)
+                expression = self.expression(value)
                 self.temporary += 1
-                both, indent = f"both_{self.temporary}", "    " * depth
-                lines = self._lines(f"const {made.kind.c} {both} = {made.text};", depth, node)
-                assert isinstance(made.kind, Struct)
-                for x, (field, kind) in zip(targets, made.kind.fields, strict=True):
-                    part = Expr(f"{both}.{field}", kind)
-                    lines.append(indent + self._put(self._named(x), part, top))
-                return lines, made.cost
+                pair, indent = f"both_{self.temporary}", "    " * depth
+                lines = self._lines(
+                    f"const {expression.kind.c} {pair} = {expression.text};", depth, node
+                )
+                assert isinstance(expression.kind, Struct)
+                for x, (field, kind) in zip(targets, expression.kind.fields, strict=True):
+                    element = Expr(f"{pair}.{field}", kind)
+                    lines.append(indent + self._assignment(self._named(x), element, top))
+                return lines, expression.cost
         self.expression.refuse(node, "only names on the left")
 
     def _several(
@@ -286,31 +297,33 @@ class _Body:
     ) -> tuple[list[str], Cost]:
         """`a, b = x, y`: through temporary names where a later value needs an earlier name."""
         names = [self._named(x) for x in targets]
-        made = [self.expression(x) for x in values]
+        expressions = [self.expression(x) for x in values]
         needed = [{n.id for n in ast.walk(x) if isinstance(n, ast.Name)} for x in values]
-        crossed = any(set(names[:i]) & used for i, used in enumerate(needed))
-        lines, new = self._ahead(depth), []
-        for x in made:
+        crossed = any(set(names[:i]) & names_used for i, names_used in enumerate(needed))
+        lines, temporaries = self._ahead(depth), []
+        for x in expressions:
             self.temporary += 1
-            new.append(Expr(f"new_{self.temporary}", x.kind) if crossed else x)
+            temporaries.append(Expr(f"new_{self.temporary}", x.kind) if crossed else x)
             if crossed:
-                lines.append("    " * depth + f"const {x.kind.c} {new[-1].text} = {x.text};")
-        for name, put in zip(names, new, strict=True):
-            lines.append("    " * depth + self._put(name, put, top))
+                lines.append(
+                    "    " * depth + f"const {x.kind.c} {temporaries[-1].text} = {x.text};"
+                )
+        for name, temporary in zip(names, temporaries, strict=True):
+            lines.append("    " * depth + self._assignment(name, temporary, top))
         lines[-1:] = self._lines(lines[-1].strip(), depth, node)
-        return folded(lines), sum((x.cost for x in made), Cost())
+        return folded(lines), sum((x.cost for x in expressions), Cost())
 
-    def _put(self, name: str, made: Expr, top: bool) -> str:
+    def _assignment(self, name: str, expression: Expr, top: bool) -> str:
         """The statement that gives a variable its value; declares it where it is new."""
-        known = self.expression.local.get(name)
-        if known not in (None, made.kind):
+        declared = self.expression.local.get(name)
+        if declared not in (None, expression.kind):
             self.expression.refuse(self.node, f"{name} changes its type")
-        self.expression.local[name] = made.kind
-        if known is None and top:
-            return f"{made.kind.c} {c_name(name)} = {made.text};"
-        if known is None:
-            self.hoisted[name] = made.kind
-        return f"{c_name(name)} = {made.text};"
+        self.expression.local[name] = expression.kind
+        if declared is None and top:
+            return f"{expression.kind.c} {c_name(name)} = {expression.text};"
+        if declared is None:
+            self.hoisted[name] = expression.kind
+        return f"{c_name(name)} = {expression.text};"
 
     def _named(self, x: ast.expr) -> str:
         if not isinstance(x, ast.Name):
@@ -339,20 +352,22 @@ class _Body:
 
 def folded(lines: list[str]) -> list[str]:
     """Lines of at most 100 characters, broken at a comma, && or ||, else at a space."""
-    found: list[str] = []
+    folded_lines: list[str] = []
     for line in lines:
         deeper = " " * (len(line) - len(line.lstrip()) + 4)
         while len(line) > 100:
-            low = len(deeper) + 40
-            at = max(line.rfind(sign, low, 100) + len(sign) - 1 for sign in (", ", " && ", " || "))
-            if at < low:
-                at = line.rfind(" ", len(deeper), 101)
-            if at < 0:
+            least = len(deeper) + 40
+            position = max(
+                line.rfind(sign, least, 100) + len(sign) - 1 for sign in (", ", " && ", " || ")
+            )
+            if position < least:
+                position = line.rfind(" ", len(deeper), 101)
+            if position < 0:
                 break
-            found.append(line[:at].rstrip())
-            line = deeper + line[at:].lstrip()
-        found.append(line)
-    return found
+            folded_lines.append(line[:position].rstrip())
+            line = deeper + line[position:].lstrip()
+        folded_lines.append(line)
+    return folded_lines
 
 
 def _names(node: ast.AST, context: type) -> list[ast.Name]:

@@ -48,13 +48,13 @@ class Vectors(NamedTuple):
     def single_errors(self, answer: int) -> list[float]:
         """By how much single precision differs, at each sample; the worst of the libraries."""
         errors = []
-        for known, *found in zip(self.expected, *self.singles, strict=True):
-            each = [abs(x[answer] - known[answer]) for x in found if x is not None]
-            errors.append(max(each, default=math.inf))
+        for reference, *singles in zip(self.expected, *self.singles, strict=True):
+            differences = [abs(x[answer] - reference[answer]) for x in singles if x is not None]
+            errors.append(max(differences, default=math.inf))
         return errors
 
     @property
-    def lost(self) -> int:
+    def missing_count(self) -> int:
         """Samples at which single precision has no finite answer."""
         return max(run.count(None) for run in self.singles)
 
@@ -79,13 +79,14 @@ def of_estimator(est: Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vecto
     rows = list(zip(h, K, y, strict=True))
     answers = ["sigma", "F"] if est.has_sigma else ["F"]
 
-    def run(init: Any, step: Any, kept: Any) -> Answers:
-        p_, w_ = kept(p), kept(w)
+    def run(init: Any, step: Any, rounding: Any) -> Answers:
+        p_, w_ = rounding(p), rounding(w)
         return _run(
-            [kept(row) for row in map(_Row._make, rows)], answers,
+            [rounding(row) for row in map(_Row._make, rows)],
+            answers,
             lambda row: init(p_, w_, row.K, row.y),
             lambda s, row: step(p_, w_, s, row.h, row.K, row.y),
-        )  # fmt: skip
+        )
 
     return _vectors(rows, est, run)
 
@@ -94,15 +95,15 @@ def of_controller(
     law: Method, p: Any, settings: wsp_controller.Settings, vehicle: Vehicle
 ) -> Vectors:
     """What the law of axle 1 observes in the log, with slips judged and valves."""
-    seen: list[tuple[float, Observed]] = []
+    observations: list[tuple[float, Observed]] = []
     axles = records(vehicle)
 
     def init(p: Any, o: Observed) -> Any:
-        seen.append((0.0, _plain(o)))
+        observations.append((0.0, _as_floats(o)))
         return law.init(p, o)
 
     def step(p: Any, s: Any, h: float, o: Observed) -> Any:
-        seen.append((h, _plain(o)))
+        observations.append((h, _as_floats(o)))
         return law.step(p, s, h, o)
 
     chosen = wsp_controller.choose(law.name, ALGO, settings, vehicle)
@@ -114,15 +115,17 @@ def of_controller(
     )
     for _ in wsp_controller.online(watched, samples):
         pass
-    own = seen[:: len(axles)]
-    rows = [(h, *o) for h, o in own]
+    first_axle = observations[:: len(axles)]
+    rows = [(h, *o) for h, o in first_axle]
 
-    def run(init: Any, step: Any, kept: Any) -> Answers:
-        p_ = kept(p)
+    def run(init: Any, step: Any, rounding: Any) -> Answers:
+        p_ = rounding(p)
         return _run(
-            [(kept(_Interval(h)).h, kept(o)) for h, o in own], ["judged", "valve"],
-            lambda row: init(p_, row[1]), lambda s, row: step(p_, s, row[0], row[1]),
-        )  # fmt: skip
+            [(rounding(_Interval(h)).h, rounding(o)) for h, o in first_axle],
+            ["judged", "valve"],
+            lambda row: init(p_, row[1]),
+            lambda s, row: step(p_, s, row[0], row[1]),
+        )
 
     return _vectors(rows, law, run)
 
@@ -132,14 +135,14 @@ def records(vehicle: Vehicle) -> list[AxleRecord]:
     """The axles of the bundled log; K with the fade of the pad friction."""
     path = bundled.folder("sample_logs") / LOG
     log = read(open_source(path, ReadOptions()), [], vehicle)
-    made = prepare(log, vehicle).records
-    return [physics.with_fade(record, vehicle) for record in made]
+    axle_records = prepare(log, vehicle).records
+    return [physics.with_fade(record, vehicle) for record in axle_records]
 
 
-def _plain(o: Observed) -> Observed:
+def _as_floats(o: Observed) -> Observed:
     """Python's floats in place of NumPy's."""
-    made = Observed._make(map(float, o))
-    return made._replace(at_least=int(o.at_least))
+    floats = Observed._make(map(float, o))
+    return floats._replace(at_least=int(o.at_least))
 
 
 class _Row(NamedTuple):
@@ -153,7 +156,7 @@ class _Interval(NamedTuple):
 
 
 def _vectors(rows: Any, method: Method, run: Callable[..., Any]) -> Vectors:
-    expected = [x for x in run(method.init, method.step, lambda of: of) if x is not None]
+    expected = [x for x in run(method.init, method.step, lambda state: state) if x is not None]
     singles = []
     for seed in range(LIBRARIES):
         single = Single(seed)
@@ -167,11 +170,11 @@ def _run(
 ) -> Answers:
     """The answers; None where one is not finite. The state is then as before, as in C."""
     state = init(rows[0])
-    found: Answers = [tuple(float(getattr(state, x)) for x in answers)]
+    answers_by_sample: Answers = [tuple(float(getattr(state, x)) for x in answers)]
     for row in rows[1:]:
         following = step(state, row)
         answer = tuple(float(getattr(following, x)) for x in answers)
         if all(map(math.isfinite, answer)):
             state = following
-        found.append(answer if all(map(math.isfinite, answer)) else None)
-    return found
+        answers_by_sample.append(answer if all(map(math.isfinite, answer)) else None)
+    return answers_by_sample

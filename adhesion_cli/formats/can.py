@@ -26,7 +26,7 @@ _NO_VALUE = re.compile(  # texts of a value table that say that there is no valu
     r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
     r"|undef\w*|reserved|unknown|no[ _]?(signal|value)|init\w*|ung(ü|ue)ltig|fehler\w*)\b"
 )
-_SHOWN = 6  # names of one finding
+_LISTED_NAMES = 6  # names of one finding
 
 
 class _Key(NamedTuple):
@@ -53,8 +53,8 @@ class _Frames:
 
     def bits(self) -> NDArray[np.uint8]:
         """Each frame's bits, the lowest of each byte first; shape (n, 8 · length)."""
-        whole = np.frombuffer(self.data, np.uint8).reshape(-1, self.length)
-        return np.unpackbits(whole, axis=1, bitorder="little")
+        octets = np.frombuffer(self.data, np.uint8).reshape(-1, self.length)
+        return np.unpackbits(octets, axis=1, bitorder="little")
 
 
 class _Signal(NamedTuple):
@@ -75,38 +75,44 @@ class Reader:
                 "state it with --dbc FILE.dbc",
             )
         self._path = path
-        known = _messages(options.dbc)
+        messages = _messages(options.dbc)
         self._frames: dict[_Key, _Frames] = {}
         self._unknown: Counter[int] = Counter()
         self._errors: list[int] = []
         problems = Problems()
         self._start = 0
-        self._read(known, problems)
-        used = [key for key, frames in self._frames.items() if len(frames.t)]
-        if not used:
-            raise self._nothing(known, problems)
+        self._read(messages, problems)
+        keys = [key for key, frames in self._frames.items() if len(frames.t)]
+        if not keys:
+            raise self._nothing(messages, problems)
         self._signals = [
-            _Signal(key, known[key.identifier, key.extended], signal)
-            for key in sorted(used)
-            for signal in known[key.identifier, key.extended].signals
+            _Signal(key, messages[key.identifier, key.extended], signal)
+            for key in sorted(keys)
+            for signal in messages[key.identifier, key.extended].signals
         ]
-        rows = sum(len(self._frames[key].t) for key in used)
-        stated = {
+        rows = sum(len(self._frames[key].t) for key in keys)
+        reasons = {
             "dbc": ", ".join(Path(name).name for name in options.dbc),
-            "frames": rows, "messages": len(used), "buses": len({key.bus for key in used}),
-        }  # fmt: skip
-        why = "time stamp of each frame, to the microsecond; the start of the log is taken as UTC"
+            "frames": rows,
+            "messages": len(keys),
+            "buses": len({key.bus for key in keys}),
+        }
+        time_reason = (
+            "time stamp of each frame, to the microsecond; the start of the log is taken as UTC"
+        )
         if not self._start:
-            why = "time stamp of each frame, to the microsecond; no start stated"
+            time_reason = "time stamp of each frame, to the microsecond; no start stated"
         notes = list(self._notes(problems, rows))
-        self.contents = Contents(self._fields(), self._start, why, rows, stated, notes=notes)
+        self.contents = Contents(
+            self._fields(), self._start, time_reason, rows, reasons, notes=notes
+        )
 
-    def _read(self, known: dict[tuple[int, bool], Any], problems: Problems) -> None:
+    def _read(self, messages: dict[tuple[int, bool], Any], problems: Problems) -> None:
         """Reads all frames; keeps those that the DBC names."""
-        frames, begins = _opened(self._path, problems)
-        first = next(frames, None)
+        frames, begins = _open_frames(self._path, problems)
+        first_frame = next(frames, None)
         zero, start = begins()  # now the head of the file is read
-        for message in chain([first] if first else [], frames):
+        for message in chain([first_frame] if first_frame else [], frames):
             t = message.timestamp - zero
             if message.is_error_frame:
                 problems.errors.append(t)
@@ -115,24 +121,24 @@ class Reader:
                 continue
             bus = message.channel if isinstance(message.channel, int) else 0
             key = _Key(bus, message.arbitration_id, message.is_extended_id)
-            found = self._frames.get(key)
-            if found is None:
-                of = known.get((key.identifier, key.extended))
-                if of is None:
+            frame_group = self._frames.get(key)
+            if frame_group is None:
+                definition = messages.get((key.identifier, key.extended))
+                if definition is None:
                     self._unknown[key.identifier] += 1
                     continue
-                found = self._frames[key] = _Frames(of.length)
-            found.add(t, bytes(message.data))
+                frame_group = self._frames[key] = _Frames(definition.length)
+            frame_group.add(t, bytes(message.data))
         ticks = round(start * 1e6) * 1000
         self._start = ticks if ticks >= YEAR_1990 else 0
 
-    def _nothing(self, known: dict[tuple[int, bool], Any], problems: Problems) -> UserError:
+    def _nothing(self, messages: dict[tuple[int, bool], Any], problems: Problems) -> UserError:
         """Why no frame is used."""
         if self._unknown:
-            ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_SHOWN))
+            ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_LISTED_NAMES))
             return UserError(
                 f"{self._path}: no frame of the log is in the DBC (frames: {ids})",
-                f"state the DBC of this vehicle with --dbc; this one has {len(known)} messages",
+                f"state the DBC of this vehicle with --dbc; this one has {len(messages)} messages",
             )
         damage = problems.damage or (f"line {problems.lines[0]}" if problems.lines else "")
         if damage:
@@ -151,13 +157,15 @@ class Reader:
             count = len(problems.lines)
             names = {"example": problems.example}
             yield Note("can-lines-skipped", "warning", "", count, values, names)
-        for code, times in (("can-error-frames", problems.errors),
-                            ("can-frames-lost", problems.lost)):  # fmt: skip
+        for code, times in (
+            ("can-error-frames", problems.errors),
+            ("can-frames-lost", problems.loss_times),
+        ):
             if times:
-                at = _ticks(np.array(times), self._start).tolist()
-                yield Note(code, "warning", "", len(at), times=[(t, t) for t in at])
+                instants = _ticks(np.array(times), self._start).tolist()
+                yield Note(code, "warning", "", len(instants), times=[(t, t) for t in instants])
         if self._unknown:
-            ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_SHOWN))
+            ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_LISTED_NAMES))
             count = sum(self._unknown.values())
             values = {"messages": len(self._unknown)}
             yield Note("can-unknown-frames", "info", "", count, values, {"ids": ids})
@@ -182,17 +190,17 @@ class Reader:
             frames = self._frames[key]
             if key not in bits:
                 bits[key] = frames.bits()
-            there = _selected(bits[key], message, signal)
-            place = key, None if there is None else there.tobytes()
+            selected = _selected(bits[key], message, signal)
+            place = key, None if selected is None else selected.tobytes()
             if place not in places:
                 places[place] = len(axes)
                 t = np.frombuffer(frames.t, np.float64)
-                axes.append(_ticks(t if there is None else t[there], self._start))
-            rows = slice(None) if there is None else there
+                axes.append(_ticks(t if selected is None else t[selected], self._start))
+            rows = slice(None) if selected is None else selected
             sizes = np.frombuffer(frames.sizes, np.uint8)[rows]
             value, no_value = _decoded(bits[key][rows], signal)
-            short = 8 * sizes.astype(np.int64) <= max(_positions(signal))
-            masks = {"value-missing": short, "value-is-text": no_value & ~short}
+            too_short = 8 * sizes.astype(np.int64) <= max(_positions(signal))
+            masks = {"value-missing": too_short, "value-is-text": no_value & ~too_short}
             series.append(Samples(places[place], value, masks))
         return Columns(axes, series, [])
 
@@ -242,23 +250,24 @@ class FrameDecoder:
         if message is None:
             return {}
         if id(message) not in self._fields:
-            named = [Named(message.name, s.name, s.unit or "", message.name)
-                     for s in message.signals]  # fmt: skip
+            named = [
+                Named(message.name, s.name, s.unit or "", message.name) for s in message.signals
+            ]
             self._fields[id(message)] = list(
                 zip(message.signals, fields(named, "DBC"), strict=True)
             )
         frames = _Frames(message.length)
         frames.add(0.0, data)
-        bits, found = frames.bits(), {}
+        bits, by_signal = frames.bits(), {}
         for signal, field_ in self._fields[id(message)]:
-            there = _selected(bits, message, signal)
-            short = 8 * len(data) <= max(_positions(signal))
-            if short or (there is not None and not there[0]):
+            selected = _selected(bits, message, signal)
+            too_short = 8 * len(data) <= max(_positions(signal))
+            if too_short or (selected is not None and not selected[0]):
                 continue
             value, no_value = _decoded(bits, signal)
             if not no_value[0]:
-                found[field_] = float(value[0])
-        return found
+                by_signal[field_] = float(value[0])
+        return by_signal
 
 
 def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
@@ -269,28 +278,28 @@ def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
     """
     from cantools import database
 
-    known: dict[tuple[int, bool], Any] = {}
+    by_key: dict[tuple[int, bool], Any] = {}
     origin: dict[tuple[int, bool], str] = {}
     for name in names:
         try:
-            found: Any = database.load_file(name, strict=False)
-            messages = found.messages
+            contents: Any = database.load_file(name, strict=False)
+            messages = contents.messages
         except Exception as error:  # whatever the library raises, the file is no DBC
             reason = error.strerror if isinstance(error, OSError) else "no DBC file"
             text = f"{name}: {reason or 'cannot be read'}"
             raise UserError(text, "state the vehicle's DBC file with --dbc", code=2) from error
         for message in messages:
             key = message.frame_id, bool(message.is_extended_frame)
-            if key in known and _layout(known[key]) != _layout(message):
+            if key in by_key and _layout(by_key[key]) != _layout(message):
                 raise UserError(
                     f"{name}: message 0x{key[0]:X} ({message.name}) is another one in "
-                    f"{origin[key]} ({known[key].name})",
+                    f"{origin[key]} ({by_key[key].name})",
                     "state only the DBC files of the buses in this log",
                     code=2,
                 )
-            known.setdefault(key, message)
+            by_key.setdefault(key, message)
             origin.setdefault(key, name)
-    return known
+    return by_key
 
 
 def _layout(message: Any) -> list[tuple[Any, ...]]:
@@ -301,7 +310,7 @@ def _layout(message: Any) -> list[tuple[Any, ...]]:
     ]
 
 
-def _opened(path: Path, problems: Problems) -> tuple[Iterator[Any], Any]:
+def _open_frames(path: Path, problems: Problems) -> tuple[Iterator[Any], Any]:
     """The frames of a log, and what gives the times of its start once the first one is read.
 
     These are the start as the stamps of its frames count, and since 1970, 0 where none is stated
@@ -371,28 +380,28 @@ def _ticks(seconds: Floats, start: int) -> Times:
 
 def _positions(signal: Any) -> list[int]:
     """The bits of a signal in a frame, the lowest first, as `_Frames.bits` numbers them."""
-    at, found = int(signal.start), []
+    bit, positions = int(signal.start), []
     for _ in range(signal.length):
-        found.append(at)
+        positions.append(bit)
         if signal.byte_order == "little_endian":
-            at += 1
+            bit += 1
         else:  # the start is the highest bit
-            at = at + 15 if at % 8 == 0 else at - 1
-    return found if signal.byte_order == "little_endian" else found[::-1]
+            bit = bit + 15 if bit % 8 == 0 else bit - 1
+    return positions if signal.byte_order == "little_endian" else positions[::-1]
 
 
 def _raw(bits: NDArray[np.uint8], signal: Any) -> NDArray[Any]:
     """The raw numbers of a signal: integers, or floats where it is one; shape (n,)."""
     raw = np.zeros(len(bits), np.uint64)
-    for power, at in enumerate(_positions(signal)):
-        if at < bits.shape[1]:
-            raw |= bits[:, at].astype(np.uint64) << np.uint64(power)
+    for power, position in enumerate(_positions(signal)):
+        if position < bits.shape[1]:
+            raw |= bits[:, position].astype(np.uint64) << np.uint64(power)
     n = signal.length
     if signal.is_float:
         return raw.astype(f"<u{n // 8}").view(f"<f{n // 8}")
     if signal.is_signed:
-        left = np.uint64(64 - n)
-        return (raw << left).view(np.int64) >> np.int64(64 - n)
+        unused_bits = np.uint64(64 - n)
+        return (raw << unused_bits).view(np.int64) >> np.int64(64 - n)
     return raw
 
 
@@ -401,15 +410,15 @@ def _decoded(bits: NDArray[np.uint8], signal: Any) -> tuple[Floats, Bools]:
     raw = _raw(bits, signal)
     scale, offset = float(signal.scale), float(signal.offset)
     value = raw.astype(np.float64)
-    parts = round(1.0 / scale) if 0.0 < abs(scale) < 1.0 else 0
-    if parts and abs(parts * scale - 1.0) < 1e-12:
-        value /= parts  # 7199 of 0.01 is 71.99, and not that times a factor which is not exact
+    divisor = round(1.0 / scale) if 0.0 < abs(scale) < 1.0 else 0
+    if divisor and abs(divisor * scale - 1.0) < 1e-12:
+        value /= divisor  # 7199 of 0.01 is 71.99, and not that times a factor which is not exact
     elif scale != 1.0:
         value *= scale
     if offset:
         value += offset
-    none = [k for k, text in (signal.choices or {}).items() if _NO_VALUE.search(str(text))]
-    return value, np.isin(raw, none) if none else np.zeros(len(raw), np.bool_)
+    no_value = [k for k, text in (signal.choices or {}).items() if _NO_VALUE.search(str(text))]
+    return value, np.isin(raw, no_value) if no_value else np.zeros(len(raw), np.bool_)
 
 
 def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools | None:
@@ -417,6 +426,6 @@ def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools | Non
     if not signal.multiplexer_ids:
         return None
     selector = message.get_signal_by_name(signal.multiplexer_signal)
-    own = np.isin(_raw(bits, selector), np.array(signal.multiplexer_ids))
-    above = _selected(bits, message, selector)
-    return own if above is None else own & above
+    is_selected = np.isin(_raw(bits, selector), np.array(signal.multiplexer_ids))
+    outer = _selected(bits, message, selector)
+    return is_selected if outer is None else is_selected & outer

@@ -16,7 +16,7 @@ from .prefix import Prefix
 
 _MOST_UNPACKED = 1 << 27  # bytes of one container of a BLF file
 _CONTAINER = 10  # type of an object that holds others
-_LOST = {2: "errors", 3: "errors", 125: "lost"}  # other objects: error, overload, data lost
+_LOSS_OBJECTS = {2: "errors", 3: "errors", 125: "lost"}  # other objects: error, overload, data lost
 _FRAME = re.compile(  # a line of an ASC log that should hold a frame
     r"\s*\d+\.\d+\s+(CANFD\s+)?\d+\s+(?!Statistic|J1939|Overload|Status)"
     r"|.*[\0-\x08\x0e-\x1f\ufffd]"
@@ -24,7 +24,7 @@ _FRAME = re.compile(  # a line of an ASC log that should hold a frame
 _TRC_STATE = {"ST", "EC", "EV", "Warng", "Event"}  # lines of a TRC log that are no frames
 _TRC_ERROR = {"ER", "Error"}
 _BEGIN = re.compile(r"(?i)begin trigger ?block\s+\w+\s+(.+)")
-_END = re.compile(r"(?i)\s*end trigger ?block")
+_END_OF_BLOCK = re.compile(r"(?i)\s*end trigger ?block")
 _RESUMED = "no internal events logged\n"  # ends the head of an ASC log; a TRC log passes over it
 
 
@@ -36,7 +36,9 @@ class Problems:
     lines: list[int] = field(default_factory=list)  # that hold a frame which cannot be read
     example: str = ""  # the first of them
     errors: list[float] = field(default_factory=list)  # times of error frames, after the start [s]
-    lost: list[float] = field(default_factory=list)  # times at which the logger notes a loss [s]
+    loss_times: list[float] = field(
+        default_factory=list
+    )  # times at which the logger notes a loss [s]
     reader: Any = None  # of a text log
     version: str = ""  # of a TRC log
     begin: str = ""  # date and time at which the frames of an ASC log begin
@@ -91,19 +93,19 @@ class _Lines:
             return "" if self._trc else _RESUMED
         self._judge()
         self._line = self._file.readline(1 << 16) if not self.ended else ""
-        if not self._line or not (self._line.endswith("\n") or _END.match(self._line)):
-            self._end()
+        if not self._line or not (self._line.endswith("\n") or _END_OF_BLOCK.match(self._line)):
+            self._at_end()
             raise StopIteration
         self._number += 1
         self.used = False
-        self._closed |= _END.match(self._line) is not None
+        self._closed |= _END_OF_BLOCK.match(self._line) is not None
         if self._trc and self._line.startswith(";$FILEVERSION"):
             self._problems.version = self._line.partition("=")[2].strip()
         if not self._problems.begin and (begin := _BEGIN.match(self._line)):
             self._problems.begin = begin[1].strip()
         return self._line
 
-    def _end(self) -> None:
+    def _at_end(self) -> None:
         """Notes a last line that is cut off, and an end mark that is missing."""
         self.ended = True
         if self._line:  # a digit of its last byte may be missing
@@ -122,10 +124,10 @@ class _Lines:
             return
         self.used = True
         if self._trc:
-            words = set(line.split()[:6])
-            if line.startswith(";") or words & _TRC_STATE:
+            tokens = set(line.split()[:6])
+            if line.startswith(";") or tokens & _TRC_STATE:
                 return
-            if words & _TRC_ERROR:
+            if tokens & _TRC_ERROR:
                 self._problems.errors.append(_trc_time(line))
                 return
         elif not _FRAME.match(line):
@@ -152,38 +154,38 @@ def blf_prefix(path: Path, problems: Problems) -> Prefix:
     Notes what is wrong behind them, and the errors and losses that the logger notes.
     """
     size = path.stat().st_size
-    at, tail = 144, b""
+    offset, tail = 144, b""
     with path.open("rb") as file:
         head = file.read(144)
         if len(head) == 144:
-            at = struct.unpack_from("<L", head, 4)[0]
-        while at < size:
-            file.seek(at)
+            offset = struct.unpack_from("<L", head, 4)[0]
+        while offset < size:
+            file.seek(offset)
             start = file.read(32)
             length = struct.unpack_from("<L", start, 8)[0] if len(start) >= 16 else 0
             if not start.startswith(b"LOBJ") or length < 16:
-                problems.damage = f"byte {at}: no object begins there"
+                problems.damage = f"byte {offset}: no object begins there"
                 break
-            if at + length > size:
-                problems.damage = f"byte {at}: the file ends inside an object"
+            if offset + length > size:
+                problems.damage = f"byte {offset}: the file ends inside an object"
                 break
             if struct.unpack_from("<L", start, 12)[0] == _CONTAINER:
-                file.seek(at + 32)
+                file.seek(offset + 32)
                 method, unpacked = struct.unpack_from("<H6xL", start, 16)
                 data = _unpacked(file.read(length - 32), method, unpacked)
                 if data is None:
-                    problems.damage = f"byte {at}: compressed frames do not unpack"
+                    problems.damage = f"byte {offset}: compressed frames do not unpack"
                     break
-                rest = _noted(tail + data, problems)
-                tail = rest or b""
-                if rest is None:
-                    problems.damage = f"byte {at}: no object begins where one should"
-                    at += length + length % 4  # what is before it is read
+                remainder = _noted(tail + data, problems)
+                tail = remainder or b""
+                if remainder is None:
+                    problems.damage = f"byte {offset}: no object begins where one should"
+                    offset += length + length % 4  # what is before it is read
                     break
-            at += length + length % 4
+            offset += length + length % 4
     if tail and not problems.damage:
-        problems.damage = f"byte {min(at, size)}: the last frame is cut off"
-    return Prefix(path, min(at, size))
+        problems.damage = f"byte {min(offset, size)}: the last frame is cut off"
+    return Prefix(path, min(offset, size))
 
 
 def _unpacked(data: bytes, method: int, size: int) -> bytes | None:
@@ -202,20 +204,20 @@ def _unpacked(data: bytes, method: int, size: int) -> bytes | None:
 
 def _noted(data: bytes, problems: Problems) -> bytes | None:
     """Notes errors and losses among objects; the rest that is not whole, None for no object."""
-    at = 0
+    offset = 0
     while True:
-        found = data.find(b"LOBJ", at, at + 8)
-        if found < 0:
-            return data[at:] if at + 8 > len(data) else None
-        if found + 32 > len(data):
-            return data[found:]
-        length, kind = struct.unpack_from("<LL", data, found + 8)
+        object_start = data.find(b"LOBJ", offset, offset + 8)
+        if object_start < 0:
+            return data[offset:] if offset + 8 > len(data) else None
+        if object_start + 32 > len(data):
+            return data[object_start:]
+        length, kind = struct.unpack_from("<LL", data, object_start + 8)
         if length < 16:
             return None
-        if found + length > len(data):
-            return data[found:]
-        if kind in _LOST:
-            flags, stamp = struct.unpack_from("<L4xQ", data, found + 16)
-            times = problems.errors if _LOST[kind] == "errors" else problems.lost
+        if object_start + length > len(data):
+            return data[object_start:]
+        if kind in _LOSS_OBJECTS:
+            flags, stamp = struct.unpack_from("<L4xQ", data, object_start + 16)
+            times = problems.errors if _LOSS_OBJECTS[kind] == "errors" else problems.loss_times
             times.append(stamp * (1e-5 if flags == 1 else 1e-9))
-        at = found + length
+        offset = object_start + length

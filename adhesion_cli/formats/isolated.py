@@ -39,7 +39,7 @@ class Library:
     """What a format needs: the modules, who installs them, and a word for messages."""
 
     kind: str  # of the log; the module of the format in this package, too
-    words: str  # the format, for people
+    description: str  # the format, for people
     modules: tuple[str, ...]
     extra: str  # of this package, which installs them
 
@@ -51,7 +51,7 @@ class Library:
         """
         if missing := [m for m in self.modules if importlib.util.find_spec(m) is None]:
             raise UserError(
-                f"{path}: {self.words} needs {' and '.join(missing)}, not installed",
+                f"{path}: {self.description} needs {' and '.join(missing)}, not installed",
                 installed_by(self.extra),
             )
         return TableSource(path, self.kind, options, _Remote(self, path, options))
@@ -61,10 +61,10 @@ class _Remote:
     """A `Reader` whose library runs in the other process."""
 
     def __init__(self, library: Library, path: Path, options: ReadOptions) -> None:
-        stated = dataclasses.asdict(options)
-        stated |= {"dbc": [str(Path(name).absolute()) for name in options.dbc]}
+        options_table = dataclasses.asdict(options)
+        options_table |= {"dbc": [str(Path(name).absolute()) for name in options.dbc]}
         self._library, self._path = library, path
-        self._request = {"path": str(path.absolute()), "options": stated}
+        self._request = {"path": str(path.absolute()), "options": options_table}
         header, _ = self._ask()
         notes = [Note(**note) for note in header.pop("notes")]
         fields = [Field(**f) for f in header.pop("fields")]
@@ -92,7 +92,7 @@ class _Remote:
             with server.lock:
                 server.send(request)
                 header = server.header()
-                arrays = [server.array(*of) for of in header.pop("arrays", ())]
+                arrays = [server.array(*shape) for shape in header.pop("arrays", ())]
         except (OSError, EOFError):
             raise self._crashed(server.ended()) from None
         if error := header.get("error"):
@@ -103,14 +103,14 @@ class _Remote:
 
     def _crashed(self, code: int) -> UserError:
         """What is told of a library that did not come to an end."""
-        why = "crashes"
+        outcome = "crashes"
         if sys.platform != "win32" and code in (-signal.SIGXCPU, -signal.SIGKILL):
-            why = "does not come to an end"
-        return UserError(*_damaged(self._path, self._library.words, f"its reader {why}"))
+            outcome = "does not come to an end"
+        return UserError(*_damaged(self._path, self._library.description, f"its reader {outcome}"))
 
 
-def _damaged(path: Path, words: str, reason: str) -> tuple[str, str]:
-    text = f"{path}: damaged {words} file: {reason}"
+def _damaged(path: Path, description: str, reason: str) -> tuple[str, str]:
+    text = f"{path}: damaged {description} file: {reason}"
     return text, "copy the log again from its source, or export it as CSV with its own tool"
 
 
@@ -139,13 +139,13 @@ class _Server:
 
     def array(self, kind: str, length: int) -> Any:
         values: Any = np.empty(length, kind)
-        view, done = memoryview(values).cast("B") if length else memoryview(b""), 0
+        view, filled = memoryview(values).cast("B") if length else memoryview(b""), 0
         pipe: Any = self._pipe(self.process.stdout)
-        while done < len(view):
-            got = pipe.readinto(view[done:])
-            if not got:
+        while filled < len(view):
+            received = pipe.readinto(view[filled:])
+            if not received:
                 raise EOFError
-            done += got
+            filled += received
         return values
 
     def ended(self) -> int:
@@ -172,9 +172,9 @@ _starting = threading.Lock()
 def _server(kind: str) -> _Server:
     """The process that reads logs of this kind, started if need be."""
     with _starting:
-        known = _servers.get(kind)
-        if known and known.owner == os.getpid() and known.process.poll() is None:
-            return known
+        server = _servers.get(kind)
+        if server and server.owner == os.getpid() and server.process.poll() is None:
+            return server
         command = [sys.executable, "-c", _START, json.dumps(sys.path), kind]
         pipe = subprocess.PIPE
         process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
@@ -183,7 +183,7 @@ def _server(kind: str) -> _Server:
 
 
 @atexit.register
-def _end() -> None:
+def _stop_servers() -> None:
     """Ends the processes that this one started."""
     for server in list(_servers.values()):
         if server.owner == os.getpid():
@@ -194,31 +194,31 @@ def serve(kind: str) -> None:
     """Answers requests on stdin until there are no more; runs in the other process."""
     with contextlib.suppress(AttributeError, ValueError):
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends without a word
-    out = os.fdopen(os.dup(1), "wb")
+    output = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print
-    last: tuple[Any, Reader] | None = None
+    previous: tuple[Any, Reader] | None = None
     for line in sys.stdin.buffer:
         request = json.loads(line)
         wanted = request.pop("wanted", None)
         try:
             files = [request["path"], *filter(os.path.isfile, request["options"]["dbc"])]
             key = json.dumps(request), [os.stat(file).st_mtime_ns for file in files]
-            if last is None or last[0] != key:
-                last = None  # lets the file before go
-                last = key, _opened(kind, request)
+            if previous is None or previous[0] != key:
+                previous = None  # lets the file before go
+                previous = key, _open_reader(kind, request)
             _limit(Path(request["path"]))
-            _answer(out, last[1], wanted)
+            _answer(output, previous[1], wanted)
         except (BrokenPipeError, KeyboardInterrupt):
             return
         except Exception as error:
-            last = None
-            text, hint, code = _told(error, kind, Path(request["path"]))
+            previous = None
+            text, hint, code = _error_parts(error, kind, Path(request["path"]))
             trace = traceback.format_exc()
             answer = {"text": text, "hint": hint, "code": code, "traceback": trace}
-            _write(out, {"error": answer}, [])
+            _write(output, {"error": answer}, [])
 
 
-def _opened(kind: str, request: Mapping[str, Any]) -> Reader:
+def _open_reader(kind: str, request: Mapping[str, Any]) -> Reader:
     """The format's reader on this log."""
     options = request["options"] | {"dbc": tuple(request["options"]["dbc"])}
     path = Path(request["path"])
@@ -228,29 +228,29 @@ def _opened(kind: str, request: Mapping[str, Any]) -> Reader:
     return reader
 
 
-def _answer(out: IO[bytes], reader: Reader, wanted: Sequence[int] | None) -> None:
+def _answer(output: IO[bytes], reader: Reader, wanted: Sequence[int] | None) -> None:
     if wanted is None:
-        _write(out, dataclasses.asdict(reader.contents), [])
+        _write(output, dataclasses.asdict(reader.contents), [])
         return
     axes, series, notes = reader.read(wanted)
     arrays: list[Any] = [np.ascontiguousarray(t, "<i8") for t in axes]
-    for one in series:
-        arrays.append(np.ascontiguousarray(one.value, "<f8"))
-        arrays += [np.ascontiguousarray(mask, "?") for mask in one.masks.values()]
-    stated = [dataclasses.asdict(note) for note in notes]
-    places = [(int(one.axis), list(one.masks)) for one in series]
-    _write(out, {"axes": len(axes), "series": places, "notes": stated}, arrays)
+    for entry in series:
+        arrays.append(np.ascontiguousarray(entry.value, "<f8"))
+        arrays += [np.ascontiguousarray(mask, "?") for mask in entry.masks.values()]
+    note_tables = [dataclasses.asdict(note) for note in notes]
+    places = [(int(entry.axis), list(entry.masks)) for entry in series]
+    _write(output, {"axes": len(axes), "series": places, "notes": note_tables}, arrays)
 
 
-def _write(out: IO[bytes], header: Mapping[str, Any], arrays: Sequence[Any]) -> None:
+def _write(output: IO[bytes], header: Mapping[str, Any], arrays: Sequence[Any]) -> None:
     shapes = [(a.dtype.str, len(a)) for a in arrays]
-    out.write(json.dumps({**header, "arrays": shapes}, default=str).encode() + b"\n")
+    output.write(json.dumps({**header, "arrays": shapes}, default=str).encode() + b"\n")
     for array in arrays:
-        out.write(memoryview(array).cast("B") if len(array) else b"")
-    out.flush()
+        output.write(memoryview(array).cast("B") if len(array) else b"")
+    output.flush()
 
 
-def _told(error: Exception, kind: str, path: Path) -> tuple[str, str, int]:
+def _error_parts(error: Exception, kind: str, path: Path) -> tuple[str, str, int]:
     """Text, hint and exit code of what went wrong."""
     if isinstance(error, UserError):
         return error.text, error.hint, error.code
@@ -275,10 +275,10 @@ def _limit(path: Path) -> None:
     import resource
 
     size = path.stat().st_size
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    seconds = int(used.ru_utime + used.ru_stime + _SECONDS[0] + _SECONDS[1] * size)
-    for kind, most in ((resource.RLIMIT_CPU, seconds), (resource.RLIMIT_DATA, _allowed(size))):
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    seconds = int(usage.ru_utime + usage.ru_stime + _SECONDS[0] + _SECONDS[1] * size)
+    for kind, limit in ((resource.RLIMIT_CPU, seconds), (resource.RLIMIT_DATA, _allowed(size))):
         hard = resource.getrlimit(kind)[1]
-        least = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        soft_limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
         with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(kind, (least, hard))
+            resource.setrlimit(kind, (soft_limit, hard))

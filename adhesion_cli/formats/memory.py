@@ -46,20 +46,23 @@ class Signals:
         units: Mapping[str, str] | None = None,
         name: str = "signals",
     ) -> None:
-        for of in units or ():
-            if of not in signals:
-                raise unknown("signal with a unit", of, list(signals))
+        for unit_name in units or ():
+            if unit_name not in signals:
+                raise unknown("signal with a unit", unit_name, list(signals))
         t, self.absolute = _time(time, name)
-        stated = dict(units or {})
+        units_given = dict(units or {})
         self.name, self.origin, self.sha256 = name, "memory", ""
-        self._series = {n: _column(n, t, of) for n, of in signals.items()}
-        self.units = {n: stated.get(n, "") for n in signals}
+        self._series = {n: _column(n, t, unit_name) for n, unit_name in signals.items()}
+        self.units = {n: units_given.get(n, "") for n in signals}
 
     @classmethod
     def from_table(
-        cls, table: Any, time: str | None = None, units: Mapping[str, str] | None = None,
+        cls,
+        table: Any,
+        time: str | None = None,
+        units: Mapping[str, str] | None = None,
         name: str = "signals",
-    ) -> "Signals":  # fmt: skip
+    ) -> "Signals":
         """Signals from a table of pandas, pyarrow or polars: a column each.
 
         Args:
@@ -117,10 +120,10 @@ class Signals:
         """SHA-256 of all that they hold."""
         if self.sha256:
             return self.sha256
-        found = hashlib.sha256(repr((self.units, self.absolute)).encode())
+        content_hash = hashlib.sha256(repr((self.units, self.absolute)).encode())
         for column in self._series.values():
-            found.update(column.t.tobytes() + column.value.tobytes())
-        return found.hexdigest()
+            content_hash.update(column.t.tobytes() + column.value.tobytes())
+        return content_hash.hexdigest()
 
 
 @dataclass
@@ -139,7 +142,7 @@ class MemorySource:
         self.findings: list[Finding] = []
         self.metadata: dict[str, dict[str, str]] = {}
         self.account: dict[str, str] = {}
-        self.stated: dict[str, Any] = {}
+        self.reasons: dict[str, Any] = {}
         self.rejects: Iterable[Reject] = ()
         several = len(axes) > 1  # then each signal has rows of its own
         self.fields: Sequence[Field] = [
@@ -156,19 +159,19 @@ def _time(time: ArrayLike, name: str) -> tuple[Times, bool]:
     """Time stamps [ns], and whether they count from 1970."""
     t = np.asarray(time)
     hint = "give seconds as numbers, or datetime64, as pandas.to_datetime does; none may be missing"
-    wrong = UserError(f"{name}: the time is no row of numbers or dates", hint)
+    error = UserError(f"{name}: the time is no row of numbers or dates", hint)
     if t.ndim != 1:
-        raise wrong
+        raise error
     if t.dtype.kind in "mM":
         if np.isnat(t).any():
-            raise wrong
+            raise error
         return t.astype(f"{t.dtype.kind}8[ns]").astype(np.int64), t.dtype.kind == "M"
     try:
         seconds = t.astype(np.float64)
     except (TypeError, ValueError):
-        raise wrong from None
+        raise error from None
     if not (np.abs(seconds) < _FARTHEST).all():
-        raise wrong
+        raise error
     return np.rint(seconds * 1e9).astype(np.int64), False
 
 

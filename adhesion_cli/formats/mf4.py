@@ -18,7 +18,7 @@ _TIME = 1  # type of a master channel: time, and no angle, distance or index
 # By whether the version is 4: data types that are integers and floats; conversions that give
 # numbers only; conversions that give a text for some values.
 _NUMBERS = {True: tuple(range(6)), False: (0, 1, 2, 3, *range(9, 17))}
-_PLAIN = {True: tuple(range(7)), False: (0, 1, 2, 6, 7, 8, 9, 10, 65535)}
+_PLAIN_CONVERSIONS = {True: tuple(range(7)), False: (0, 1, 2, 6, 7, 8, 9, 10, 65535)}
 _TEXTS = {True: (7, 8), False: (11, 12)}
 
 
@@ -63,8 +63,8 @@ class Reader:
             self._kept[g], damage = self._whole_rows(group)
             if damage:
                 values = {"kept_rows": self._kept[g], "lost_rows": count - self._kept[g]}
-                what = f"group {self._names[g]!r}, {damage}"
-                notes.append(Note("log-damaged", "error", "", 1, values, {"damage": what}))
+                subject = f"group {self._names[g]!r}, {damage}"
+                notes.append(Note("log-damaged", "error", "", 1, values, {"damage": subject}))
             rows += self._kept[g]
             for i, channel in enumerate(group.channels):
                 if i == master:
@@ -78,11 +78,12 @@ class Reader:
             notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
         reason = "time channel of each group, in seconds"
         reason += f" after the start of the log ({zone})" if self._start else "; no start stated"
-        stated = {
-            "version": self._mdf.version, "groups": len(self._kept),
+        reasons = {
+            "version": self._mdf.version,
+            "groups": len(self._kept),
             "not numeric": ", ".join(dict.fromkeys(texts)),
-        }  # fmt: skip
-        self.contents = Contents(self._fields(), self._start, reason, rows, stated, notes=notes)
+        }
+        self.contents = Contents(self._fields(), self._start, reason, rows, reasons, notes=notes)
 
     def _begin(self) -> tuple[int, str]:
         """Start of the log since 1970 [ns], 0 where the file states none, and its zone."""
@@ -122,7 +123,7 @@ class Reader:
         if kind in _TEXTS[self._new]:
             blocks = (conversion.referenced_blocks or {}).values()
             return any(hasattr(block, "convert") for block in blocks)
-        return kind in _PLAIN[self._new]
+        return kind in _PLAIN_CONVERSIONS[self._new]
 
     def _fields(self) -> list[Field]:
         """A field for each channel of numbers."""
@@ -141,16 +142,16 @@ class Reader:
         )
         if not group.sorted or not record:
             return count, ""
-        whole, damage = 0, ""
+        complete_bytes, damage = 0, ""
         for block in list(group.get_data_blocks()):
             if damage := self._damage(block):
                 break
-            whole += block.original_size
+            complete_bytes += block.original_size
         if self._new and damage:
-            group.data_blocks = _before_damage(group.data_blocks, whole)
-        kept = min(whole // record, count)
-        if kept < count:
-            return kept, damage or "its data end early"
+            group.data_blocks = _before_damage(group.data_blocks, complete_bytes)
+        rows = min(complete_bytes // record, count)
+        if rows < count:
+            return rows, damage or "its data end early"
         return count, ""
 
     def _damage(self, block: Any) -> str:
@@ -165,11 +166,11 @@ class Reader:
                 file.seek(block.address)
                 packed = file.read(block.compressed_size)
             try:
-                found = zlib.decompressobj()
-                text = found.decompress(packed, block.original_size + 1)
+                inflater = zlib.decompressobj()
+                text = inflater.decompress(packed, block.original_size + 1)
             except zlib.error:
                 return f"byte {block.address}: compressed data do not unpack"
-            if len(text) != block.original_size or not found.eof:
+            if len(text) != block.original_size or not inflater.eof:
                 return f"byte {block.address}: compressed data have another length than stated"
         return ""
 
@@ -178,22 +179,24 @@ class Reader:
         places = [self._places[k] for k in wanted]
         axes, series, notes = [], {}, []
         for a, g in enumerate(dict.fromkeys(place.group for place in places)):
-            own = list(dict.fromkeys(place for place in places if place.group == g))
-            found = self._mdf.select(
-                [(None, *place) for place in own], raw=True, copy_master=False,
+            group_places = list(dict.fromkeys(place for place in places if place.group == g))
+            signals = self._mdf.select(
+                [(None, *place) for place in group_places],
+                raw=True,
+                copy_master=False,
                 record_count=self._kept[g],
-            )  # fmt: skip
-            t, ok = nanoseconds(found[0].timestamps, self._start)
+            )
+            t, ok = nanoseconds(signals[0].timestamps, self._start)
             rows = len(t)
             if rows < self._kept[g]:
                 values = {"kept_rows": rows, "lost_rows": self._kept[g] - rows}
-                what = {"damage": f"group {self._names[g]!r}, its data end early"}
-                notes.append(Note("log-damaged", "error", "", 1, values, what))
+                note_values = {"damage": f"group {self._names[g]!r}, its data end early"}
+                notes.append(Note("log-damaged", "error", "", 1, values, note_values))
             if not ok.all():
-                lost = int(np.count_nonzero(~ok))
-                notes.append(Note("time-unreadable", "warning", self._names[g], lost))
+                lost_rows = int(np.count_nonzero(~ok))
+                notes.append(Note("time-unreadable", "warning", self._names[g], lost_rows))
             axes.append(t[ok])
-            for place, signal in zip(own, found, strict=True):
+            for place, signal in zip(group_places, signals, strict=True):
                 if len(signal.samples) != rows:
                     raise UserError(
                         f"{self._path}: damaged MDF file: channel {signal.name!r} has "
@@ -210,15 +213,15 @@ class Reader:
         return Columns(axes, [series[place] for place in places], notes)
 
 
-def _before_damage(blocks: Sequence[Any], whole: int) -> list[Any]:
+def _before_damage(blocks: Sequence[Any], complete_bytes: int) -> list[Any]:
     """The first blocks, which hold this many bytes."""
-    kept, size = [], 0
+    blocks_kept, size = [], 0
     for block in blocks:
-        if size >= whole:
+        if size >= complete_bytes:
             break
-        kept.append(block)
+        blocks_kept.append(block)
         size += block.original_size
-    return kept
+    return blocks_kept
 
 
 def _physical(signal: Any, texts: Sequence[int]) -> tuple[Floats, Bools | None]:
@@ -235,8 +238,8 @@ def _physical(signal: Any, texts: Sequence[int]) -> tuple[Floats, Bools | None]:
         return np.asarray(raw, np.float64), None
     if conversion.conversion_type not in texts:
         return np.asarray(conversion.convert(raw), np.float64), None
-    values, at = np.unique(raw, return_inverse=True)
+    values, inverse = np.unique(raw, return_inverse=True)
     converted = conversion.convert(values, as_object=True)
     text = np.array([isinstance(x, str | bytes) for x in converted], bool)
     numbers = np.array([np.nan if isinstance(x, str | bytes) else float(x) for x in converted])
-    return numbers[at], text[at]
+    return numbers[inverse], text[inverse]

@@ -59,18 +59,22 @@ FORMATS = (
     Format("mcap", re.compile(rb"\x89MCAP0\r\n"), (".mcap",), _mcap),
     Format("parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _parquet),
     Format(
-        "mf4", re.compile(rb"(MDF|UnFinMF) "), (".mf4", ".mdf"),
+        "mf4",
+        re.compile(rb"(MDF|UnFinMF) "),
+        (".mf4", ".mdf"),
         Library("mf4", "MDF", ("asammdf",), "mf4").open,
     ),
     Format(
         "tdms", re.compile(rb"TDSm"), (".tdms",), Library("tdms", "TDMS", ("nptdms",), "tdms").open
     ),
     Format(
-        "can", re.compile(rb"(?ms)LOGG|\s*;\$FILEVERSION|.{0,400}?^base\s+(hex|dec)\b"),
-        (".blf", ".trc"), Library("can", "CAN", ("can", "cantools"), "can").open,
+        "can",
+        re.compile(rb"(?ms)LOGG|\s*;\$FILEVERSION|.{0,400}?^base\s+(hex|dec)\b"),
+        (".blf", ".trc"),
+        Library("can", "CAN", ("can", "cantools"), "can").open,
     ),
     Format("famos", re.compile(rb"\|CF,"), (), _famos),
-)  # fmt: skip
+)
 
 
 def open_source(path: Path | Signals, options: ReadOptions) -> Source:
@@ -82,23 +86,23 @@ def open_source(path: Path | Signals, options: ReadOptions) -> Source:
     """
     if isinstance(path, Signals):
         return path.source
-    found = _format(path)
-    return found.open(path, options) if found else _csv(path, options)
+    log_format = _format(path)
+    return log_format.open(path, options) if log_format else _csv(path, options)
 
 
 def kind(path: Path) -> str | None:
     """The format of a file, None where it is a text log or cannot be read."""
     try:
-        found = _format(path)
+        log_format = _format(path)
     except UserError:
         return None
-    return found.kind if found else None
+    return log_format.kind if log_format else None
 
 
 def _format(path: Path) -> Format | None:
     head, suffix = _first_bytes(path), path.suffix.lower()
-    by_head = (one for one in FORMATS if one.begins.match(head))
-    by_suffix = (one for one in FORMATS if suffix in one.suffixes)
+    by_head = (candidate for candidate in FORMATS if candidate.begins.match(head))
+    by_suffix = (candidate for candidate in FORMATS if suffix in candidate.suffixes)
     return next(by_head, None) or next(by_suffix, None)
 
 

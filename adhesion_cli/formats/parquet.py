@@ -35,7 +35,7 @@ class Reader:
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._path = path
         try:
-            self._file = _opened(path)
+            self._file = _open_file(path)
         except (pa.ArrowException, OSError) as error:
             raise _damaged(path, _first_line(error)) from None
         schema, meta = self._file.schema_arrow, self._file.metadata
@@ -49,7 +49,7 @@ class Reader:
         self._check_size(2)
         units = [_unit(schema.field(i)) for i in columns]
         heads = {name: self._head(name) for name in self._names}
-        self._clock, found = time_columns.find(heads, units, self._rows, options, path)
+        self._clock, time_reason = time_columns.find(heads, units, self._rows, options, path)
         self._device = _device(self._names, options, path)
         time = self._clock.columns
         numeric = [
@@ -62,17 +62,20 @@ class Reader:
             for title, k in zip(titles, numeric, strict=True)
         ]
         start = 2**62 if self._clock.absolute else 0  # only whether it has one counts
-        others = [n for n in schema.names if n not in {self._names[k] for k in (*time, *numeric)}]
+        skipped = [n for n in schema.names if n not in {self._names[k] for k in (*time, *numeric)}]
         kind = schema.field(columns[time[0]]).type
-        stated = {
-            "columns": len(schema.names), "row groups": meta.num_row_groups,
-            "written by": meta.created_by or "", "time column": str(kind),
-            "not numeric": ", ".join(others),
-        }  # fmt: skip
-        notes = [Note(f.code, f.severity, f.channel, f.count, f.values, f.names)
-                 for f in found]  # fmt: skip
+        reasons = {
+            "columns": len(schema.names),
+            "row groups": meta.num_row_groups,
+            "written by": meta.created_by or "",
+            "time column": str(kind),
+            "not numeric": ", ".join(skipped),
+        }
+        notes = [
+            Note(f.code, f.severity, f.channel, f.count, f.values, f.names) for f in time_reason
+        ]
         reason = self._clock.reason.replace("(units row)", "(field metadata)")
-        self.contents = Contents(fields, start, reason, self._rows, stated, notes=notes)
+        self.contents = Contents(fields, start, reason, self._rows, reasons, notes=notes)
 
     def _check_size(self, columns: int) -> None:
         """Refuses a file that says it holds much more than it can.
@@ -80,9 +83,9 @@ class Reader:
         Raises:
             UserError: where these columns would take too much memory.
         """
-        least, per_byte = _MOST_BYTES
-        most = max(least, per_byte * self._path.stat().st_size)
-        if 9 * self._rows * columns > most:
+        smallest, per_byte = _MOST_BYTES
+        limit = max(smallest, per_byte * self._path.stat().st_size)
+        if 9 * self._rows * columns > limit:
             raise UserError(
                 f"{self._path}: states {self._rows} rows, more than a file of this size holds",
                 "write the file again with the program that made it",
@@ -104,42 +107,44 @@ class Reader:
         names = [self._numbers[i] for i in wanted]
         times = [self._names[i] for i in self._clock.columns]
         self._check_size(len(names) + len(times))
-        parts: list[_Part] = []
-        lost: list[tuple[int, str]] = []  # rows, and why
+        pieces: list[_Piece] = []
+        lost_groups: list[tuple[int, str]] = []  # rows, and why
         untimed = 0
         for group in range(self._file.metadata.num_row_groups):
             try:
                 arrays = [self._column(group, name) for name in times]
                 t, ok = time_columns.times(arrays, self._clock)
             except (pa.ArrowException, OSError, ValueError) as error:
-                what = f"row group {group + 1}: {_first_line(error)}"
-                lost.append((self._file.metadata.row_group(group).num_rows, what))
+                damage = f"row group {group + 1}: {_first_line(error)}"
+                lost_groups.append((self._file.metadata.row_group(group).num_rows, damage))
                 continue
             untimed += int(np.count_nonzero(~ok))
             if self._device:
                 ok &= self._is_of_device(group, *self._device)
-            parts.append(_Part(t[ok], [self._values(group, name, ok) for name in names]))
-        if not parts:
-            raise _damaged(self._path, lost[0][1])
-        if self._device and not any(len(part.t) for part in parts):
+            pieces.append(_Piece(t[ok], [self._values(group, name, ok) for name in names]))
+        if not pieces:
+            raise _damaged(self._path, lost_groups[0][1])
+        if self._device and not any(len(piece.t) for piece in pieces):
             name, equals = self._device
             text = f"{self._path}: no row has {equals!r} in column {name!r}"
             raise UserError(text, "state a value of this column in channels.group")
         notes = []
-        if lost:
-            values = {"kept_rows": sum(len(part.t) for part in parts),
-                      "lost_rows": sum(n for n, _ in lost)}  # fmt: skip
-            names_of = {"damage": lost[0][1]}
-            notes.append(Note("log-damaged", "error", "", len(lost), values, names_of))
+        if lost_groups:
+            values = {
+                "kept_rows": sum(len(piece.t) for piece in pieces),
+                "lost_rows": sum(n for n, _ in lost_groups),
+            }
+            names_of = {"damage": lost_groups[0][1]}
+            notes.append(Note("log-damaged", "error", "", len(lost_groups), values, names_of))
         if untimed:
             notes.append(Note("time-unreadable", "warning", "", untimed))
         series = []
         for k in range(len(names)):
             value, null, bad = (
-                np.concatenate([part.series[k][x] for part in parts]) for x in range(3)
+                np.concatenate([piece.series[k][x] for piece in pieces]) for x in range(3)
             )
             series.append(Samples(0, value, {"value-missing": null, "value-damaged": bad}))
-        return Columns([np.concatenate([part.t for part in parts])], series, notes)
+        return Columns([np.concatenate([piece.t for piece in pieces])], series, notes)
 
     def _column(self, group: int, name: str) -> Any:
         """A column of a row group as one array.
@@ -161,19 +166,19 @@ class Reader:
 
     def _values(self, group: int, name: str, ok: Bools) -> tuple[Floats, Bools, Bools]:
         """Values of a row group's rows that have a time; where there is none; what is damaged."""
-        n, none = int(np.count_nonzero(ok)), np.zeros(len(ok), np.bool_)[ok]
+        n, is_null = int(np.count_nonzero(ok)), np.zeros(len(ok), np.bool_)[ok]
         try:
             array = self._column(group, name)
             null = np.asarray(array.is_null())
             value = np.asarray(array.cast(pa.float64(), safe=False).fill_null(np.nan))
         except (pa.ArrowException, OSError, ValueError):
-            return np.full(n, np.nan), none, ~none
+            return np.full(n, np.nan), is_null, ~is_null
         if len(value) != len(ok):
-            return np.full(n, np.nan), none, ~none
-        return value[ok], null[ok], none
+            return np.full(n, np.nan), is_null, ~is_null
+        return value[ok], null[ok], is_null
 
 
-class _Part(NamedTuple):
+class _Piece(NamedTuple):
     """A row group: times, and for each column values, what is missing and what is damaged."""
 
     t: Times
@@ -199,20 +204,22 @@ def _device(names: Sequence[str], options: ReadOptions, path: Path) -> tuple[str
     return name, equals
 
 
-def _opened(path: Path) -> Any:
+def _open_file(path: Path) -> Any:
     """The file, read with all checks; pyarrow's Parquet part is loaded only here."""
     import pyarrow.parquet
 
-    most = min(path.stat().st_size, 1 << 27)  # of the metadata
+    metadata_limit = min(path.stat().st_size, 1 << 27)  # of the metadata
     return pyarrow.parquet.ParquetFile(
-        path, page_checksum_verification=True, thrift_string_size_limit=most,
-        thrift_container_size_limit=most,
-    )  # fmt: skip
+        path,
+        page_checksum_verification=True,
+        thrift_string_size_limit=metadata_limit,
+        thrift_container_size_limit=metadata_limit,
+    )
 
 
-def _damaged(path: Path, what: str) -> UserError:
+def _damaged(path: Path, damage: str) -> UserError:
     return UserError(
-        f"{path}: damaged Parquet file: {what}",
+        f"{path}: damaged Parquet file: {damage}",
         "copy the log again from its source; a file that was cut off has no table of contents",
     )
 
@@ -239,5 +246,5 @@ def _is_number(kind: Any) -> bool:
 
 def _unit(field: Any) -> str:
     """The unit that a field's metadata state, "" for none."""
-    known = field.metadata or {}
-    return next((known[k].decode("utf-8", "replace") for k in _UNIT_KEYS if k in known), "")
+    metadata = field.metadata or {}
+    return next((metadata[k].decode("utf-8", "replace") for k in _UNIT_KEYS if k in metadata), "")

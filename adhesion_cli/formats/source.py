@@ -63,26 +63,28 @@ class ReadOptions:
         return max(self.max_record // 32, 1 << 16)
 
 
-def report(source: "Source", found: Iterable[Finding], options: ReadOptions, left: str) -> None:
+def report(
+    source: "Source", findings: Iterable[Finding], options: ReadOptions, omitted: str
+) -> None:
     """Adds findings to a source's own, each once.
 
     Args:
         source: whose log they are about.
-        found: what was found in it.
+        findings: what was found in it.
         options: whether an error ends the reading.
-        left: what reading leaves out without `strict`: "samples", "messages".
+        omitted: what reading leaves out without `strict`: "samples", "messages".
 
     Raises:
         UserError: an error, with `strict`.
     """
-    known = set(source.findings)
-    for finding in found:
+    reported = set(source.findings)
+    for finding in findings:
         if options.strict and finding.severity == "error":
-            where = f" {finding.channel}:" if finding.channel else ""
-            text = f"{source.path}:{where} {finding.message}"
-            raise UserError(text, f"read without --strict to leave these {left} out")
-        if finding not in known:
-            known.add(finding)
+            place = f" {finding.channel}:" if finding.channel else ""
+            text = f"{source.path}:{place} {finding.message}"
+            raise UserError(text, f"read without --strict to leave these {omitted} out")
+        if finding not in reported:
+            reported.add(finding)
             source.findings.append(finding)
 
 
@@ -97,7 +99,7 @@ class Source(Protocol):
     findings: list[Finding]  # grows while reading
     metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
     account: dict[str, str]  # what an MCAP has lost, which what is made of it must say as well
-    stated: dict[str, Any]  # dialect decisions and why, for `inspect`
+    reasons: dict[str, Any]  # dialect decisions and why, for `inspect`
     rejects: Iterable[Reject]  # rows and cells left out; complete after `columns`
 
     @property

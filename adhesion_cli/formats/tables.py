@@ -43,8 +43,8 @@ class Note:
 
     def finding(self, start: int) -> Finding:
         """The finding, in a log that starts there [ns]."""
-        begin, end = np.array(self.times, np.int64).reshape(-1, 2).T
-        spans = time_axis.spans_of(begin, end, start) if len(begin) else ()
+        begin, stop = np.array(self.times, np.int64).reshape(-1, 2).T
+        spans = time_axis.spans_of(begin, stop, start) if len(begin) else ()
         return Finding(
             self.code, self.severity, self.channel, self.count, spans, self.values, self.names
         )
@@ -58,7 +58,7 @@ class Contents:
     start_ns: int  # of the log since 1970; 0 where it states none
     time_reason: str
     rows: int
-    stated: dict[str, Any] = field(default_factory=dict)
+    reasons: dict[str, Any] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
 
@@ -108,15 +108,15 @@ class TableSource:
             )
         self.path, self.format, self._options, self._reader = path, kind, options, reader
         self.absolute, self.time_reason = contents.absolute, contents.time_reason
-        self.rows, self.stated, self.metadata = contents.rows, contents.stated, contents.metadata
+        self.rows, self.reasons, self.metadata = contents.rows, contents.reasons, contents.metadata
         self.fields: Sequence[Field] = contents.fields
         self.account: dict[str, str] = {}
         self.findings: list[Finding] = []
         self._places = {f: i for i, f in enumerate(contents.fields)}
-        self._found(note.finding(0) for note in contents.notes if not note.times)
+        self._report(note.finding(0) for note in contents.notes if not note.times)
 
-    def _found(self, found: Iterable[Finding]) -> None:
-        report(self, found, self._options, "samples")
+    def _report(self, findings: Iterable[Finding]) -> None:
+        report(self, findings, self._options, "samples")
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see `Source`."""
@@ -128,14 +128,14 @@ class TableSource:
                 )
         axes, series, notes = self._reader.read([self._places[f] for f in wanted])
         start = min((time_axis.earliest(t) for t in axes if len(t)), default=0)
-        late = (note for note in self._reader.contents.notes if note.times)
-        self._found(note.finding(start) for note in (*notes, *late))
+        timed_notes = (note for note in self._reader.contents.notes if note.times)
+        self._report(note.finding(start) for note in (*notes, *timed_notes))
         columns = []
         for f, (axis, value, masks) in zip(wanted, series, strict=True):
             t, valid = axes[axis], np.ones(len(value), np.bool_)
             for code, mask in masks.items():
                 valid &= ~mask
-                self._found(_of_mask(code, f, t, mask, start))
+                self._report(_of_mask(code, f, t, mask, start))
             columns.append(Column(t, np.where(valid, value, np.nan), valid))
         return columns
 
@@ -146,8 +146,8 @@ def _of_mask(code: str, f: Field, t: Times, mask: Bools, start: int) -> Iterable
     if not count:
         return
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    first, last = t[edges[::2]], t[edges[1::2] - 1]
-    spans = time_axis.spans_of(np.minimum(first, last), np.maximum(first, last), start)
+    begins, stops = t[edges[::2]], t[edges[1::2] - 1]
+    spans = time_axis.spans_of(np.minimum(begins, stops), np.maximum(begins, stops), start)
     name = f"{f.channel} ({f.group})" if f.group else f.channel
     severity = MASKS[code]
     if severity == "warning" and count == len(mask):
@@ -187,15 +187,18 @@ def fields(named: Sequence[Named], unit_from: str) -> list[Field]:
     >>> [(f.channel, f.group) for f in fields([*both, Named("Train", "v", "", "3")], "DBC")]
     [('p', 'Axle 1'), ('p', 'Axle 2'), ('v', '')]
     """
-    shown = _grouped([(x.group, x.name) for x in named])
-    titles = distinct([f"{group}\0{x.name}" for group, x in zip(shown, named, strict=True)])
+    labels = _grouped([(x.group, x.name) for x in named])
+    titles = distinct([f"{group}\0{x.name}" for group, x in zip(labels, named, strict=True)])
     return [
         Field(
-            title.split("\0", 1)[1], group=group, unit=x.unit,
-            unit_from=unit_from if x.unit else "", folder=x.folder,
+            title.split("\0", 1)[1],
+            group=group,
+            unit=x.unit,
+            unit_from=unit_from if x.unit else "",
+            folder=x.folder,
         )
-        for x, group, title in zip(named, shown, titles, strict=True)
-    ]  # fmt: skip
+        for x, group, title in zip(named, labels, titles, strict=True)
+    ]
 
 
 def _grouped(names: Sequence[tuple[str, str]]) -> list[str]:
@@ -213,5 +216,7 @@ def _grouped(names: Sequence[tuple[str, str]]) -> list[str]:
     groups: dict[str, set[str]] = {}
     for group, name in names:
         groups.setdefault(name, set()).add(group)
-    alike = {group for of in groups.values() if len(of) > 1 for group in of}
-    return [group if group in alike else "" for group, _ in names]
+    ambiguous = {
+        group for group_names in groups.values() if len(group_names) > 1 for group in group_names
+    }
+    return [group if group in ambiguous else "" for group, _ in names]

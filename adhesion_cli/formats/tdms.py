@@ -16,7 +16,7 @@ from .source import Field, ReadOptions
 from .tables import YEAR_1990, Columns, Contents, Named, Note, Samples, fields, nanoseconds
 
 _LEAD = 28  # bytes before each segment
-_OPEN = 0xFFFF_FFFF_FFFF_FFFF  # length of a segment that the logger did not close
+_UNFINISHED = 0xFFFF_FFFF_FFFF_FFFF  # length of a segment that the logger did not close
 _SINCE_1904 = 2_082_844_800  # seconds from the epoch of LabVIEW to 1970
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of a channel
 
@@ -47,10 +47,10 @@ class Reader:
         from nptdms import TdmsFile
 
         self._path, self._options = path, options
-        whole, damage = _segments(path)
-        if not whole:
+        complete, damage = _segments(path)
+        if not complete:
             raise ValueError(damage)
-        self._file: Any = TdmsFile.open(Prefix(path, whole), raw_timestamps=True)
+        self._file: Any = TdmsFile.open(Prefix(path, complete), raw_timestamps=True)
         self._channels: list[tuple[Any, _Axis]] = []
         self._texts: list[str] = []
         notes: list[Note] = []
@@ -66,9 +66,9 @@ class Reader:
         starts = {self._start(axis) for _, axis in self._channels}
         start = min((s for s in starts if s >= YEAR_1990), default=0)
         if start and min(starts) < YEAR_1990:  # the two cannot be compared
-            left = {c.group_name for c, axis in self._channels if not self._start(axis)}
-            timeless += sorted(left)
-            self._channels = [one for one in self._channels if self._start(one[1])]
+            skipped_groups = {c.group_name for c, axis in self._channels if not self._start(axis)}
+            timeless += sorted(skipped_groups)
+            self._channels = [pair for pair in self._channels if self._start(pair[1])]
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
             notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
@@ -77,12 +77,13 @@ class Reader:
         if damage:
             values = {"kept_rows": rows}
             notes.append(Note("log-damaged", "error", "", 1, values, {"damage": damage}))
-        stated = {
-            "version": self._file.tdms_version, "groups": len(self._file.groups()),
+        reasons = {
+            "version": self._file.tdms_version,
+            "groups": len(self._file.groups()),
             "not numeric": ", ".join(dict.fromkeys(self._texts)),
-        }  # fmt: skip
+        }
         reason = self._reason(start)
-        self.contents = Contents(self._fields(), start, reason, rows, stated, notes=notes)
+        self.contents = Contents(self._fields(), start, reason, rows, reasons, notes=notes)
 
     def _add(self, group: Any) -> None:
         """Adds the channels of a group, those with a time of their own first.
@@ -92,15 +93,17 @@ class Reader:
         """
         channels = [c for c in group.channels() if len(c)]
         self._check(channels)
-        others = [c for c in channels if not _wave(c)]
+        without_wave = [c for c in channels if not _wave(c)]
         for channel in channels:
             if not _is_number(channel):
                 self._texts += [channel.name] * (not _is_time(channel))
-            elif own := _wave(channel):
-                self._channels.append((channel, own))
-        if others and (len(others) == len(channels) or self._options.time_channel is None):
-            axis = self._by_columns(group.name, others)
-            own_names = [c for c in others if c.name not in axis.names and _is_number(c)]
+            elif wave := _wave(channel):
+                self._channels.append((channel, wave))
+        if without_wave and (
+            len(without_wave) == len(channels) or self._options.time_channel is None
+        ):
+            axis = self._by_columns(group.name, without_wave)
+            own_names = [c for c in without_wave if c.name not in axis.names and _is_number(c)]
             self._channels += [(channel, axis) for channel in own_names]
 
     def _check(self, channels: Sequence[Any]) -> None:
@@ -137,8 +140,8 @@ class Reader:
 
     def _by_clock(self, axis: _Columns, rows: int | None = None) -> tuple[Times, Bools]:
         """Times of a group by its time channels [ns], and which of them hold; shape (n,)."""
-        own = [self._file[axis.group][name][:rows] for name in axis.names]
-        return time_columns.times([_array(values) for values in own], axis.clock)
+        time_channels = [self._file[axis.group][name][:rows] for name in axis.names]
+        return time_columns.times([_array(values) for values in time_channels], axis.clock)
 
     def _longest(self) -> dict[tuple[str, _Axis], int]:
         """Samples of the longest channel of each group and time."""
@@ -150,11 +153,11 @@ class Reader:
 
     def _reason(self, start: int) -> str:
         """Which time was taken, for people."""
-        found = {axis for _, axis in self._channels}
-        by_columns = [_reason(axis.clock) for axis in found if isinstance(axis, _Columns)]
+        axes = {axis for _, axis in self._channels}
+        by_columns = [_reason(axis.clock) for axis in axes if isinstance(axis, _Columns)]
         waves = "start and increment of each channel" + (" (UTC)" if start else "; no start stated")
-        parts = [waves] * (len(by_columns) < len(found)) + by_columns
-        return "; ".join(dict.fromkeys(parts))
+        descriptions = [waves] * (len(by_columns) < len(axes)) + by_columns
+        return "; ".join(dict.fromkeys(descriptions))
 
     def _fields(self) -> list[Field]:
         """A field for each channel of numbers."""
@@ -173,21 +176,21 @@ class Reader:
         for k in wanted:
             channel, axis = self._channels[k]
             value = np.asarray(channel[:], np.float64)
-            known = len(value)
+            sample_count = len(value)
             if self._damaged:  # what others of its time still have, this one has lost
-                rest = self._rows[channel.group_name, axis] - known
-                value = np.pad(value, (0, rest), constant_values=np.nan)
+                missing = self._rows[channel.group_name, axis] - sample_count
+                value = np.pad(value, (0, missing), constant_values=np.nan)
             t, ok = self._times(axis, len(value))
-            if known > len(t) or not ok.all():
-                lost = known - int(np.count_nonzero(ok[:known]))
-                notes.append(Note("time-unreadable", "warning", channel.name, lost))
+            if sample_count > len(t) or not ok.all():
+                invalid = sample_count - int(np.count_nonzero(ok[:sample_count]))
+                notes.append(Note("time-unreadable", "warning", channel.name, invalid))
             n = min(len(value), len(t))
             key = axis, n
             if key not in places:
                 places[key] = len(axes)
                 axes.append(t[:n][ok[:n]])
-            beyond = np.arange(n)[ok[:n]] >= known
-            masks = {"value-damaged": beyond} if known < n else {}
+            is_missing = np.arange(n)[ok[:n]] >= sample_count
+            masks = {"value-damaged": is_missing} if sample_count < n else {}
             series.append(Samples(places[key], value[:n][ok[:n]], masks))
         return Columns(axes, series, notes)
 
@@ -209,20 +212,20 @@ def _segments(path: Path) -> tuple[int, str]:
 
     Also what is wrong behind them, "" where nothing is.
     """
-    size, at = path.stat().st_size, 0
+    size, offset = path.stat().st_size, 0
     with path.open("rb") as file:
-        while at < size:
-            file.seek(at)
+        while offset < size:
+            file.seek(offset)
             lead = file.read(_LEAD)
             if len(lead) < _LEAD or not lead.startswith(b"TDSm"):
-                return at, f"byte {at}: no segment begins there"
+                return offset, f"byte {offset}: no segment begins there"
             order = "big" if lead[4] & 64 else "little"  # of all numbers but the mask
             length = int.from_bytes(lead[12:20], order)  # type: ignore[arg-type]
-            if length == _OPEN:
-                return size, f"byte {at}: the logger did not close the last segment"
-            if at + _LEAD + length > size:
-                return size, f"byte {at}: the file ends inside a segment"
-            at += _LEAD + length
+            if length == _UNFINISHED:
+                return size, f"byte {offset}: the logger did not close the last segment"
+            if offset + _LEAD + length > size:
+                return size, f"byte {offset}: the file ends inside a segment"
+            offset += _LEAD + length
     return size, ""
 
 
@@ -237,14 +240,14 @@ def _wave(channel: Any) -> _Wave | None:
     ns = 0
     if hasattr(start, "second_fractions"):
         ns = int(_stamps(np.array([start.seconds]), np.array([start.second_fractions]))[0])
-    plain = float(offset) if isinstance(offset, float | int) and abs(offset) < 1e9 else 0.0
-    return _Wave(ns if ns >= YEAR_1990 else 0, plain, float(increment))
+    start_offset = float(offset) if isinstance(offset, float | int) and abs(offset) < 1e9 else 0.0
+    return _Wave(ns if ns >= YEAR_1990 else 0, start_offset, float(increment))
 
 
 def _stamps(seconds: Any, fractions: Any) -> Times:
     """Times since 1970 [ns] of LabVIEW's seconds since 1904 and 2⁻⁶⁴ fractions; shape (n,)."""
-    part = np.rint(np.asarray(fractions, np.float64) * (1e9 / 2.0**64)).astype(np.int64)
-    return (np.asarray(seconds, np.int64) - _SINCE_1904) * 10**9 + part
+    nanoseconds = np.rint(np.asarray(fractions, np.float64) * (1e9 / 2.0**64)).astype(np.int64)
+    return (np.asarray(seconds, np.int64) - _SINCE_1904) * 10**9 + nanoseconds
 
 
 def _is_number(channel: Any) -> bool:
@@ -266,5 +269,5 @@ def _array(values: Any) -> Any:
 
 def _unit(channel: Any) -> str:
     """The unit that a channel's properties state, "" for none."""
-    found: Iterator[str] = (str(channel.properties.get(name, "")).strip() for name in _UNITS)
-    return next((unit for unit in found if unit), "")
+    texts: Iterator[str] = (str(channel.properties.get(name, "")).strip() for name in _UNITS)
+    return next((unit for unit in texts if unit), "")

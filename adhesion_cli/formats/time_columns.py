@@ -37,16 +37,28 @@ def find(
     """
     names = tuple(heads)
     cells = [_cells(head) if head is not None else [] for head in heads.values()]
-    most = max(map(len, cells), default=0)
-    cells = [fit(column, most) for column in cells]
-    stated = tuple(
+    longest = max(map(len, cells), default=0)
+    cells = [fit(column, longest) for column in cells]
+    chosen = tuple(
         unit or ("ns" if head is not None and pa.types.is_duration(head.type) else "")
         for unit, head in zip(units, heads.values(), strict=True)
     )
     dialect = Dialect(
-        "utf-8", 0, ",", ".", len(names), names, (names,), stated, True, 1, {}, {},
-        [list(row) for row in zip(*cells, strict=True)], {},
-    )  # fmt: skip
+        "utf-8",
+        0,
+        ",",
+        ".",
+        len(names),
+        names,
+        (names,),
+        chosen,
+        True,
+        1,
+        {},
+        {},
+        [list(row) for row in zip(*cells, strict=True)],
+        {},
+    )
     clock = find_clock(dialect, options, rows, path)
     mixed = None if options.group_channel else interleaved(dialect, clock.columns)
     return clock, (*clock.findings, *([mixed] if mixed else []))
@@ -71,9 +83,9 @@ def times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
     ok = np.asarray(array.is_valid())
     kind = array.type
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind) or pa.types.is_duration(kind):
-        to = pa.duration("ns") if pa.types.is_duration(kind) else pa.timestamp("ns")
-        plain = array.cast(pa.timestamp(kind.unit)) if pa.types.is_timestamp(kind) else array
-        return np.asarray(plain.cast(to).cast(pa.int64()).fill_null(0)), ok
+        target = pa.duration("ns") if pa.types.is_duration(kind) else pa.timestamp("ns")
+        in_unit = array.cast(pa.timestamp(kind.unit)) if pa.types.is_timestamp(kind) else array
+        return np.asarray(in_unit.cast(target).cast(pa.int64()).fill_null(0)), ok
     if pa.types.is_integer(kind) and clock.unit in NS_PER_UNIT:
         scale = NS_PER_UNIT[clock.unit]
         ticks = np.asarray(array.cast(pa.int64()).fill_null(0))
@@ -84,5 +96,5 @@ def times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
         with np.errstate(invalid="ignore"):
             ok &= np.abs(value) < MOST_NS
         return np.rint(np.where(ok, value, 0.0)).astype(np.int64), ok
-    t, held = clock.nanoseconds([a.cast(pa.string()) for a in arrays])
-    return t, ok & held
+    t, is_time = clock.nanoseconds([a.cast(pa.string()) for a in arrays])
+    return t, ok & is_time

@@ -17,16 +17,21 @@ from ..records import screen
 from ..reference.force import by_tolerances
 from .sensors import StuckPressure, StuckSpeed, pressure_leaps, wheel_leaps
 
-_MANY = 100  # intervals whose median is the usual one
-_FIRST = 10.0  # longest interval before the usual one is known [s]
-_LATE = 2.0  # an older stamp than this is a clock that was set back [s]
-_ENDS = 2.0  # gaps that a pressure may end before the speed, or begin after it
+_MEDIAN_WINDOW = 100  # intervals whose median is the usual one
+_LONGEST_FIRST_INTERVAL = 10.0  # longest interval before the usual one is known [s]
+_CLOCK_SET_BACK = 2.0  # an older stamp than this is a clock that was set back [s]
+_EDGE_GAPS = 2.0  # gaps that a pressure may end before the speed, or begin after it
 _REGIMES = ("rolling", "sliding", "changing")
 
 Status = Literal[
-    "start", "ok", "no-pressure", "pressure-stuck", "pressure-saturated", "speed-stuck",
+    "start",
+    "ok",
+    "no-pressure",
+    "pressure-stuck",
+    "pressure-saturated",
+    "speed-stuck",
     "speed-outlier",
-]  # fmt: skip
+]
 
 
 class Estimate(NamedTuple):
@@ -73,23 +78,23 @@ class _Clock:
     """The stamps of one channel: which interval is a gap, and which stamp is old."""
 
     def __init__(self, longest: float) -> None:
-        self._stated, self.limit = longest, longest or _FIRST
-        self._steps: deque[int] = deque(maxlen=_MANY)  # [ns]
+        self._stated, self.limit = longest, longest or _LONGEST_FIRST_INTERVAL
+        self._steps: deque[int] = deque(maxlen=_MEDIAN_WINDOW)  # [ns]
         self.last: int | None = None
         self._seen = 0
 
     def step(self, t: int) -> float:
         """Seconds since the stamp before, which this one follows; NaN for the first."""
-        before, self.last = self.last, t
-        if before is None:
+        previous, self.last = self.last, t
+        if previous is None:
             return math.nan
-        h = (t - before) * 1e-9
+        h = (t - previous) * 1e-9
         if h > 0.0 and (h <= self.limit or not self._stated):
-            self._steps.append(t - before)
+            self._steps.append(t - previous)
             self._seen += 1
-            if not self._stated and (self._seen < 20 or self._seen % _MANY == 0):
+            if not self._stated and (self._seen < 20 or self._seen % _MEDIAN_WINDOW == 0):
                 limit = time_axis.gap_limit(np.array(self._steps)) * 1e-9
-                self.limit = limit if self._seen > 2 else _FIRST
+                self.limit = limit if self._seen > 2 else _LONGEST_FIRST_INTERVAL
         return h
 
     def fresh(self, t: int) -> bool:
@@ -107,24 +112,31 @@ class Axle:
     """
 
     def __init__(
-        self, of: Measuring, vehicle: Vehicle, algos: Mapping[str, tuple[Estimator, Any]]
+        self, measuring: Measuring, vehicle: Vehicle, algos: Mapping[str, tuple[Estimator, Any]]
     ) -> None:
-        self.number, self._of, self._vehicle, self._algos = of.axle, of, vehicle, algos
-        self._wheelset = physics.wheelset(vehicle, of.axle)
+        self.number, self._of, self._vehicle, self._algos = (
+            measuring.axle,
+            measuring,
+            vehicle,
+            algos,
+        )
+        self._wheelset = physics.wheelset(vehicle, measuring.axle)
         self._line = physics.force_line(vehicle)
         self._states: dict[str, Any] = {}
-        self._wheel, self._brake, self._run = (_Clock(of.max_gap) for _ in range(3))
+        self._wheel, self._brake, self._run = (_Clock(measuring.max_gap) for _ in range(3))
         self._force, self._pressure, self._train = math.nan, math.nan, math.nan
         self._used: int | None = None  # time of the newest sample that was used [ns]
         self._first: int | None = None  # and of the first one
         self._slides = False
-        p = of.thresholds
+        p = measuring.thresholds
         self._speed_leaps, self._pressure_leaps = (
-            wheel_leaps(p.outliers), pressure_leaps(p.outliers),
-        )  # fmt: skip
+            wheel_leaps(p.outliers),
+            pressure_leaps(p.outliers),
+        )
         self._speed_stuck, self._pressure_stuck = (
-            StuckSpeed(p.stuck_speed), StuckPressure(p.stuck_pressure),
-        )  # fmt: skip
+            StuckSpeed(p.stuck_speed),
+            StuckPressure(p.stuck_pressure),
+        )
         self._vacuum = p.outliers.vacuum
         self._lasting = dict[str, bool]()  # faults that last, and whether they are reported
         self._lost: int | None = None  # since when no pressure is known [ns]
@@ -133,7 +145,7 @@ class Axle:
     def brake(self, t: int, value: float, start: int) -> None:
         """A pressure [Pa], or a clamping force [N]."""
         clock, is_pressure = self._brake, self._of.pressure is not None
-        if clock.last is not None and 0 < clock.last - t < _LATE * 1e9:
+        if clock.last is not None and 0 < clock.last - t < _CLOCK_SET_BACK * 1e9:
             self._report("time-out-of-order", t, start)
             return
         if is_pressure and not self._is_sound(t, value, start):
@@ -183,23 +195,23 @@ class Axle:
         status = self._fault(t, y, K, start)
         if status in ("no-pressure", "pressure-stuck", "speed-stuck"):
             self._states.clear()
-            known = math.nan if status == "no-pressure" else self._pressure
-            return Sample(t, self.number, known, math.nan, y, v, slip, {}, status)
+            pressure = math.nan if status == "no-pressure" else self._pressure
+            return Sample(t, self.number, pressure, math.nan, y, v, slip, {}, status)
         if not self._states:
             status = "start"
-        found = {name: self._stepped(name, h, K, y) for name in self._algos}
+        estimates = {name: self._stepped(name, h, K, y) for name in self._algos}
         regime = self._regime(slip, y * self._wheelset.radius if math.isnan(v) else v)
-        return Sample(t, self.number, self._pressure, K, y, v, slip, found, status, regime)
+        return Sample(t, self.number, self._pressure, K, y, v, slip, estimates, status, regime)
 
     def _in_order(self, t: int, start: int) -> bool:
         """Whether the stamp of a wheel speed can be used; begins anew after a gap."""
-        before = self._wheel.last
-        if before is not None and t <= before:
-            if t == before or before - t < _LATE * 1e9:
-                code = "time-duplicate" if t == before else "time-out-of-order"
+        previous = self._wheel.last
+        if previous is not None and t <= previous:
+            if t == previous or previous - t < _CLOCK_SET_BACK * 1e9:
+                code = "time-duplicate" if t == previous else "time-out-of-order"
                 self._report(code, t, start)
                 return False
-            self._report("time-backward", t, start, most_s=(before - t) * 1e-9)
+            self._report("time-backward", t, start, most_s=(previous - t) * 1e-9)
             self._wheel.last = self._used = self._first = None
         limit = self._wheel.limit
         h = self._wheel.step(t)
@@ -223,13 +235,13 @@ class Axle:
             "pressure-stuck": fresh and pressure.stuck,
             "pressure-saturated": fresh and pressure.saturated,
         }
-        for code, is_there in faults.items():
-            if is_there and not self._lasting.get(code):
+        for code, present in faults.items():
+            if present and not self._lasting.get(code):
                 self._report(code, t, start)
-            self._lasting[code] = is_there
+            self._lasting[code] = present
         if not fresh:
             return "no-pressure"
-        return next((code for code, is_there in faults.items() if is_there), "ok")
+        return next((code for code, present in faults.items() if present), "ok")
 
     def _check_pressure(self, t: int, fresh: bool, start: int) -> None:
         """Reports a missing pressure: at its end, or earlier where it lasts.
@@ -241,15 +253,15 @@ class Axle:
         if self._lost is None:
             self._lost = t
         began = self._brake.last is not None and self._lost != self._first
-        long = (t - self._lost) * 1e-9 > _ENDS * max(
+        is_gap = (t - self._lost) * 1e-9 > _EDGE_GAPS * max(
             self._brake.limit if began else 0.0, self._wheel.limit
         )
-        if (long or (fresh and began)) and not self._lasting.get("no-pressure"):
+        if (is_gap or (fresh and began)) and not self._lasting.get("no-pressure"):
             quantity = "clamping force" if self._of.pressure is None else "pressure"
-            at = (self._lost - start) * 1e-9, (t - start) * 1e-9
+            gap_seconds = (self._lost - start) * 1e-9, (t - start) * 1e-9
             names, channel = {"quantity": quantity}, f"axle {self.number}"
             self.findings.append(
-                Finding("no-pressure", "warning", channel, spans=(at,), names=names)
+                Finding("no-pressure", "warning", channel, spans=(gap_seconds,), names=names)
             )
             self._lasting["no-pressure"] = True
         if fresh:
@@ -299,7 +311,9 @@ class Axle:
         return float(physics.slip_over(v, y * self._wheelset.radius, self._of.slowest))
 
     def _report(self, code: str, t: int, start: int = 0, **values: float) -> None:
-        at = (t - start) * 1e-9
+        seconds = (t - start) * 1e-9
         self.findings.append(
-            Finding(code, "warning", f"axle {self.number}", spans=((at, at),), values=values)
+            Finding(
+                code, "warning", f"axle {self.number}", spans=((seconds, seconds),), values=values
+            )
         )

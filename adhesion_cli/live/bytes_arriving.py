@@ -66,7 +66,7 @@ def growing(path: Path) -> Pieces:
 
     def pieces() -> Iterator[bytes | None]:
         with file:
-            while not _is_new(path, file.fileno(), file.tell()):
+            while not _is_replaced(path, file.fileno(), file.tell()):
                 while piece := file.read(_BLOCK):
                     yield piece
                 yield None
@@ -75,10 +75,10 @@ def growing(path: Path) -> Pieces:
     return Pieces(str(path), pieces())
 
 
-def _is_new(path: Path, own: int, read: int) -> bool:
+def _is_replaced(path: Path, inode: int, read: int) -> bool:
     """Whether the file was cut, or another one has its name."""
     try:
-        now = path.stat()
+        status = path.stat()
     except OSError:
         return False  # it may come again
-    return now.st_size < read or not os.path.samestat(now, os.fstat(own))
+    return status.st_size < read or not os.path.samestat(status, os.fstat(inode))

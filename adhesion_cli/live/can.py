@@ -33,16 +33,16 @@ class Can(Messages):
             raise UserError(f"{name}: {error.name} is not installed", _INSTALL) from error
         self._closed = False
         pump = Pump(self._frame, patient=False)
-        super().__init__(name, iter(pump), options, pump.lost)
+        super().__init__(name, iter(pump), options, pump.dropped_count)
 
     def parsed(self, message: Any) -> Values | None:
         """See `Messages`."""
         if message.is_error_frame or message.is_remote_frame:
             return None
-        found = self._decoder.values(
+        values = self._decoder.values(
             message.arbitration_id, message.is_extended_id, bytes(message.data)
         )
-        return (round(message.timestamp * 1e6) * 1000, found) if found else None
+        return (round(message.timestamp * 1e6) * 1000, values) if values else None
 
     def _frame(self) -> Any:
         while not self._closed:

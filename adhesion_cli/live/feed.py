@@ -15,7 +15,7 @@ PAUSE = 1.0  # after the first samples: by then the fields are known [s]
 WAITING = 4096  # pieces of a sender that does not wait; more are dropped
 
 T = TypeVar("T")
-More = Callable[[Source], None]
+AddSource = Callable[[Source], None]
 
 
 class Row(NamedTuple):
@@ -62,13 +62,13 @@ class Feed(Protocol):
         """
         ...
 
-    def rows(self, wanted: list[Field], more: More) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[Row | None]:
         """The rows from the first on, as they arrive; None where none came for `TICK`.
 
         Args:
             wanted: their fields; it may grow.
-            more: called with all fields before the first row that has a new one. It may add to
-                `wanted`.
+            add_source: called with all fields before the first row that has a new one. It may add
+                to `wanted`.
 
         Raises:
             UserError: where the sender cannot be read on.
@@ -113,20 +113,20 @@ class Pump(Generic[T]):
                 return
             yield piece
 
-    def lost(self) -> int:
+    def dropped_count(self) -> int:
         """How many pieces were dropped since the last call."""
-        lost, self._dropped = self._dropped, 0
-        return lost
+        count, self._dropped = self._dropped, 0
+        return count
 
     def _run(self) -> None:
         try:
             while (piece := self._take()) is not None:
-                self._put(piece)
+                self._queue_piece(piece)
         except BaseException as error:  # raised again where the pieces are taken
             self._error = error
         self._queue.put(None)
 
-    def _put(self, piece: T) -> None:
+    def _queue_piece(self, piece: T) -> None:
         while not self._patient:
             try:
                 return self._queue.put_nowait(piece)

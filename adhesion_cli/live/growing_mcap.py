@@ -9,7 +9,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..formats.mcap.arriving import Arriving
 from ..formats.source import Field, ReadOptions, Source
-from .feed import PAUSE, TICK, More, Row, rows_of
+from .feed import PAUSE, TICK, AddSource, Row, rows_of
 
 
 class GrowingMcap:
@@ -26,19 +26,19 @@ class GrowingMcap:
 
     def head(self) -> Source:
         """See `Feed`."""
-        first = math.inf  # when messages were first seen
-        while time.monotonic() - first < PAUSE and not self._arriving.ended:
+        first_seen = math.inf  # when messages were first seen
+        while time.monotonic() - first_seen < PAUSE and not self._arriving.ended:
             if self._arriving.arrived():
-                first = min(first, time.monotonic())
+                first_seen = min(first_seen, time.monotonic())
             time.sleep(TICK)
         if not self._arriving.arrived():
             raise UserError(f"{self.name}: ended without a message", "check what records it")
         return self._arriving.head()
 
-    def rows(self, wanted: list[Field], more: More) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[Row | None]:
         """See `Feed`."""
         while True:
-            columns = self._arriving.columns(wanted, more)
+            columns = self._arriving.columns(wanted, add_source)
             yield from rows_of(columns)
             if not columns:
                 if self._arriving.ended:

@@ -14,13 +14,13 @@ from ..core.finding import Finding
 from ..core.model import Column, Reject
 from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
 from ..formats.source import Field, ReadOptions
-from .feed import PAUSE, More, Pump, Row
+from .feed import PAUSE, AddSource, Pump, Row
 
 MOST_BYTES = 1 << 20  # of one message
 _DEEPEST, _MOST_VALUES = 8, 1000
 _MOST_FIELDS = 5000  # of a sender
-_ENOUGH = 200  # messages that show the fields
-_SHOWN = 40  # characters of a message that is reported
+_HEAD_MESSAGES = 200  # messages that show the fields
+_EXAMPLE_CHARACTERS = 40  # characters of a message that is reported
 _FARTHEST = 9.2e18  # nanoseconds that 64 bits hold
 _LARGE = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # numbers that count from 1970 in this unit
 
@@ -45,7 +45,7 @@ class Fields:
     findings: list[Finding] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     account: dict[str, str] = field(default_factory=dict)
-    stated: dict[str, Any] = field(default_factory=dict)
+    reasons: dict[str, Any] = field(default_factory=dict)
     rejects: Iterable[Reject] = ()
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
@@ -67,9 +67,12 @@ class Messages:
     """
 
     def __init__(
-        self, name: str, arriving: Iterator[Any], options: ReadOptions,
+        self,
+        name: str,
+        arriving: Iterator[Any],
+        options: ReadOptions,
         dropped: Callable[[], int] = lambda: 0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.name = name
         self._arriving, self._options, self._dropped = arriving, options, dropped
         self._first: list[Values] = []
@@ -85,13 +88,13 @@ class Messages:
                 begin = begin or time.monotonic()
                 self._first.append(sample)
                 self._learn(sample[1])
-            late = begin and time.monotonic() - begin > PAUSE
-            if late or len(self._first) >= _ENOUGH:
+            is_late = begin and time.monotonic() - begin > PAUSE
+            if is_late or len(self._first) >= _HEAD_MESSAGES:
                 break
         if not self._known:
-            why = f" ({self._why}: {self._example})" if self._bad else ""
+            reason = f" ({self._why}: {self._example})" if self._bad else ""
             hint = 'send objects such as {"t": 12.34, "axle 1 speed [km/h]": 80.2}'
-            raise UserError(f"{self.name}: no message holds a number{why}", hint)
+            raise UserError(f"{self.name}: no message holds a number{reason}", hint)
         return Fields(Path(self.name), list(self._known))
 
     def _learn(self, values: dict[Field, float]) -> bool:
@@ -101,14 +104,14 @@ class Messages:
         self._known |= dict.fromkeys(values)
         return True
 
-    def rows(self, wanted: list[Field], more: More) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[Row | None]:
         """See `Feed`."""
         place = {f: i for i, f in enumerate(wanted)}
 
         def row(sample: Values) -> Row:
             t, values = sample
             if not self._known.keys() >= values.keys() and self._learn(values):
-                more(Fields(Path(self.name), list(self._known)))
+                add_source(Fields(Path(self.name), list(self._known)))
                 place.update((f, i) for i, f in enumerate(wanted))
             return Row(t, {place[f]: x for f, x in values.items() if f in place})
 
@@ -127,8 +130,8 @@ class Messages:
             names = {"reason": self._why, "example": self._example}
             found.append(Finding("messages-unreadable", "warning", count=self._bad, names=names))
             self._bad = 0
-        if lost := self._dropped():
-            found.append(Finding("samples-dropped", "warning", count=lost))
+        if dropped := self._dropped():
+            found.append(Finding("samples-dropped", "warning", count=dropped))
         if not self._stamped:
             found.append(Finding("time-of-arrival", "info"))
             self._stamped = True
@@ -143,9 +146,9 @@ class Messages:
             return self.parsed(message)
         except (UnreadableError, ValueError, RecursionError) as error:
             if not self._bad:
-                known = isinstance(error, UnreadableError)
-                self._why = str(error) if known else "not an object in JSON"
-                self._example = repr(message[:_SHOWN].decode("utf-8", "replace"))
+                has_message = isinstance(error, UnreadableError)
+                self._why = str(error) if has_message else "not an object in JSON"
+                self._example = repr(message[:_EXAMPLE_CHARACTERS].decode("utf-8", "replace"))
             self._bad += 1
             return None
 
@@ -169,10 +172,10 @@ class Messages:
         stamp = self._stamp_name(flat)
         t = self._nanoseconds(stamp, flat.pop(stamp)) if stamp else time.time_ns()
         group = next((k for k in flat if is_named(k, GROUP)), None)
-        of = str(flat.pop(group)) if group else ""
-        of = f"{group} {of}" if group and of.isdigit() else of
+        axle_label = str(flat.pop(group)) if group else ""
+        axle_label = f"{group} {axle_label}" if group and axle_label.isdigit() else axle_label
         values = {
-            Field(name, group=of): float(x)
+            Field(name, group=axle_label): float(x)
             for name, x in flat.items()
             if isinstance(x, int | float) and not isinstance(x, bool)
         }
@@ -183,23 +186,25 @@ class Messages:
 
     def _stamp_name(self, flat: dict[str, Any]) -> str:
         """The name of the time, "" where no value is one."""
-        if stated := self._options.time_channel:
-            if stated not in flat:
-                raise UnreadableError(f"no time {stated!r}")
-            return stated
+        if time_channel := self._options.time_channel:
+            if time_channel not in flat:
+                raise UnreadableError(f"no time {time_channel!r}")
+            return time_channel
         ranked = sorted((rank[0], name) for name in flat if (rank := time_name(name)))
         return ranked[0][1] if ranked else ""
 
     def _nanoseconds(self, name: str, value: Any) -> int:
         if isinstance(value, str):
-            at = datetime.fromisoformat(value)
-            since = (at if at.tzinfo else at.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
+            instant = datetime.fromisoformat(value)
+            since = (instant if instant.tzinfo else instant.replace(tzinfo=UTC)) - datetime(
+                1970, 1, 1, tzinfo=UTC
+            )
             return (since.days * 86400 + since.seconds) * 10**9 + since.microseconds * 1000
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise UnreadableError("no time that can be read")
         named = time_name(name)
         unit = self._options.time_unit or (named[1] if named else None)
-        unit = unit or next((u for least, u in _LARGE if abs(value) > least), "s")
+        unit = unit or next((u for smallest, u in _LARGE if abs(value) > smallest), "s")
         if unit not in NS_PER_UNIT:
             raise UnreadableError(f"its time is stated in {unit!r}")
         exact = value * NS_PER_UNIT[unit]
@@ -208,15 +213,15 @@ class Messages:
         return round(exact)
 
 
-def _flat(said: dict[str, Any], above: str, depth: int) -> Iterator[tuple[str, Any]]:
+def _flat(said: dict[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
     """Names and values of an object and those in it, names joined by points."""
     if depth > _DEEPEST:
         raise UnreadableError("nested too deeply")
     for key, value in said.items():
         if isinstance(value, dict):
-            yield from _flat(value, f"{above}{key}.", depth + 1)
+            yield from _flat(value, f"{prefix}{key}.", depth + 1)
         else:
-            yield f"{above}{key}", value
+            yield f"{prefix}{key}", value
 
 
 def in_datagrams(pump: Pump[bytes]) -> Iterator[bytes | None]:
@@ -227,14 +232,14 @@ def in_datagrams(pump: Pump[bytes]) -> Iterator[bytes | None]:
 
 def lines(pieces: Iterator[bytes | None]) -> Iterator[bytes | None]:
     """Whole lines of bytes that arrive; of one that is too long, as much as shows that."""
-    rest = b""
+    remainder = b""
     for piece in pieces:
         if piece is None:
             yield None
             continue
-        *whole, rest = (rest + piece).split(b"\n")
-        yield from whole
-        if len(rest) > 2 * MOST_BYTES:
-            rest = rest[: MOST_BYTES + 1]
-    if rest:
-        yield rest
+        *complete, remainder = (remainder + piece).split(b"\n")
+        yield from complete
+        if len(remainder) > 2 * MOST_BYTES:
+            remainder = remainder[: MOST_BYTES + 1]
+    if remainder:
+        yield remainder

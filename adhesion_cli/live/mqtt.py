@@ -53,7 +53,7 @@ class Mqtt(Messages):
             text = f"{name}: the broker refuses: {self._refused or 'no answer'}"
             raise UserError(text, "check that it lets this computer read the topic")
         pump = Pump(self._came.get, patient=False)
-        super().__init__(name, in_datagrams(pump), options, pump.lost)
+        super().__init__(name, in_datagrams(pump), options, pump.dropped_count)
 
     def _connected(self, client: Any, _: Any, __: Any, reason: Any, ___: Any) -> None:
         self._refused = str(reason) if reason.is_failure else ""

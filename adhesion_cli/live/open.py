@@ -18,7 +18,7 @@ SOURCES = (
 )
 
 
-def opened(source: str, options: ReadOptions) -> Feed:
+def open_feed(source: str, options: ReadOptions) -> Feed:
     """A sender of samples.
 
     Args:
@@ -56,20 +56,20 @@ def opened(source: str, options: ReadOptions) -> Feed:
 
 def _sent(source: str, options: ReadOptions) -> Feed:
     """What comes over a network."""
-    scheme, _, rest = source.partition("://")
+    scheme, _, address = source.partition("://")
     if scheme == "mqtt":
         from .mqtt import Mqtt
 
-        return Mqtt(rest, options)
+        return Mqtt(address, options)
     if scheme != "udp":
         raise UserError(f"{source}: no source of this kind", f"name {SOURCES}", code=2)
     from .udp import Udp
 
-    return Udp(rest, options)
+    return Udp(address, options)
 
 
 def _text(pieces: bytes_arriving.Pieces, options: ReadOptions, path: Path | None) -> Feed:
     if pieces.peek().startswith(b"{"):
         return Messages(pieces.name, lines(iter(pieces)), options)
-    again = (lambda: bytes_arriving.growing(path)) if path else None
-    return Table(pieces, options, again)
+    reopen = (lambda: bytes_arriving.growing(path)) if path else None
+    return Table(pieces, options, reopen)

@@ -17,14 +17,14 @@ from ..results.rrd.live import LiveRecording
 from ..results.samples import Samples
 from .axle import Estimate, Sample
 
-_MOST = 100_000  # samples that wait for a file before the sender has to
+_WAITING_SAMPLES = 100_000  # samples that wait for a file before the sender has to
 _NOTHING = Estimate(float("nan"), float("nan"))
 
 
 class Target(Protocol):
     """What takes samples as columns."""
 
-    def add(self, new: Mapping[int, Samples]) -> None:
+    def add(self, samples: Mapping[int, Samples]) -> None:
         """New samples by axle, of those that have any."""
         ...
 
@@ -44,9 +44,9 @@ class Batches:
     """
 
     def __init__(
-        self, target: Target, algos: Sequence[str], axles: Sequence[int], every: float
+        self, target: Target, algos: Sequence[str], axles: Sequence[int], interval: float
     ) -> None:
-        self._target, self._algos, self._axles, self._every = target, list(algos), axles, every
+        self._target, self._algos, self._axles, self._every = target, list(algos), axles, interval
         self._waiting: list[Sample] = []
         self._change = threading.Condition()
         self._ends = False
@@ -57,7 +57,7 @@ class Batches:
     def take(self, samples: Sequence[Sample]) -> None:
         """See `Sink`."""
         with self._change:
-            while len(self._waiting) > _MOST and not self._error:  # a slow disk
+            while len(self._waiting) > _WAITING_SAMPLES and not self._error:  # a slow disk
                 self._change.wait()
             self._check()
             self._waiting += samples
@@ -81,10 +81,10 @@ class Batches:
 
     def _run(self) -> None:
         try:
-            ends = False
-            while not ends:
+            is_ending = False
+            while not is_ending:
                 with self._change:
-                    ends = self._change.wait_for(lambda: self._ends, self._every)
+                    is_ending = self._change.wait_for(lambda: self._ends, self._every)
                     waiting, self._waiting = self._waiting, []
                     self._change.notify()
                 self._send(waiting)
@@ -94,11 +94,11 @@ class Batches:
                 self._change.notify()
 
     def _send(self, samples: Sequence[Sample]) -> None:
-        of: dict[int, list[Sample]] = {axle: [] for axle in self._axles}
+        by_axle: dict[int, list[Sample]] = {axle: [] for axle in self._axles}
         for s in samples:
-            of.setdefault(s.axle, []).append(s)  # an axle may begin later
-        if new := {n: columns(some, self._algos) for n, some in of.items() if some}:
-            self._target.add(new)
+            by_axle.setdefault(s.axle, []).append(s)  # an axle may begin later
+        if batch := {n: columns(rows, self._algos) for n, rows in by_axle.items() if rows}:
+            self._target.add(batch)
 
 
 class Mcap:
@@ -117,28 +117,32 @@ class Mcap:
     """
 
     def __init__(
-        self, path: Path, log: str, settings: Settings,
-        algos: Mapping[str, tuple[Estimator, Any]], axles: Sequence[int],
+        self,
+        path: Path,
+        log: str,
+        settings: Settings,
+        algos: Mapping[str, tuple[Estimator, Any]],
+        axles: Sequence[int],
         report: Callable[[Sequence[Finding]], None],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._path, self._report = path, report
-        stated = tree(settings, [est for est, _ in algos.values()], axles)
+        settings_tree = tree(settings, [est for est, _ in algos.values()], axles)
         nothing = {axle: columns([], sorted(algos)) for axle in axles}
         try:
             self._file = path.open("wb")
-            self._result = GrowingResult(self._file, log, stated, settings.vehicle, nothing)
+            self._result = GrowingResult(self._file, log, settings_tree, settings.vehicle, nothing)
         except OSError as error:
             raise self._failed(error) from error
 
-    def add(self, new: Mapping[int, Samples]) -> None:
+    def add(self, samples: Mapping[int, Samples]) -> None:
         """See `Target`."""
         try:
-            self._result.add(new)
+            self._result.add(samples)
         except OSError as error:
             raise self._failed(error) from error
-        if lost := self._result.lost:
+        if dropped := self._result.lost:
             self._result.lost = 0
-            self._report([Finding("not-recorded", "warning", count=lost)])
+            self._report([Finding("not-recorded", "warning", count=dropped)])
 
     def finish(self) -> None:
         """See `Target`."""
@@ -154,7 +158,7 @@ class Mcap:
         return UserError(text, hint)
 
 
-class Shown:
+class LiveView:
     """A recording in a viewer or a file. Whatever becomes of it, the samples go on.
 
     Args:
@@ -162,38 +166,38 @@ class Shown:
         tell: called once with what went wrong.
     """
 
-    def __init__(self, recording: LiveRecording, tell: Any) -> None:
+    def __init__(self, recording: LiveRecording, report: Any) -> None:
         self._recording: LiveRecording | None = recording
-        self._tell = tell
+        self._tell = report
 
-    def add(self, new: Mapping[int, Samples]) -> None:
+    def add(self, samples: Mapping[int, Samples]) -> None:
         """See `Target`."""
-        self._try(lambda of: of.add(new))
+        self._try(lambda recording: recording.add(samples))
 
     def finish(self) -> None:
         """See `Target`."""
-        self._try(lambda of: of.finish())
+        self._try(lambda recording: recording.finish())
 
-    def _try(self, what: Any) -> None:
+    def _try(self, action: Any) -> None:
         if self._recording is None:
             return
         try:
-            what(self._recording)
+            action(self._recording)
         except Exception as error:  # the binding has errors of many kinds
             self._recording = None
             self._tell(getattr(error, "strerror", None) or str(error))
 
 
-def columns(of: Sequence[Sample], algos: Sequence[str]) -> Samples:
+def columns(samples: Sequence[Sample], algos: Sequence[str]) -> Samples:
     """The samples of one axle as columns."""
     pressure, clamping, speed, train, slip = (
-        np.array([getattr(s, name) for s in of], np.float64)
+        np.array([getattr(s, name) for s in samples], np.float64)
         for name in ("pressure", "clamping", "speed", "train", "slip")
     )
     estimates = {}
     for algo in algos:
-        said = [s.estimates.get(algo, _NOTHING) for s in of]
-        force, sigma, own = (np.array([x[i] for x in said], np.float64) for i in (0, 1, 2))
-        estimates[algo] = force, sigma, own
-    t = np.array([s.t for s in of], np.int64)
+        said = [s.estimates.get(algo, _NOTHING) for s in samples]
+        force, sigma, masses = (np.array([x[i] for x in said], np.float64) for i in (0, 1, 2))
+        estimates[algo] = force, sigma, masses
+    t = np.array([s.t for s in samples], np.int64)
     return Samples(t, pressure, clamping, speed, train, slip, estimates)

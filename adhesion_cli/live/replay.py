@@ -7,7 +7,7 @@ from pathlib import Path
 from ..core.finding import Finding
 from ..formats.open import open_source
 from ..formats.source import Field, ReadOptions, Source
-from .feed import TICK, More, Row, rows_of
+from .feed import TICK, AddSource, Row, rows_of
 
 
 class Replay:
@@ -27,14 +27,14 @@ class Replay:
         """See `Feed`."""
         return self._source
 
-    def rows(self, wanted: list[Field], _: More) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], _: AddSource) -> Iterator[Row | None]:
         """See `Feed`."""
-        every = rows_of(dict(enumerate(self._source.columns(wanted))))
-        begin, first = time.monotonic(), None
-        for row in every:
-            first = row.t if first is None else first
-            due = begin + (row.t - first) * 1e-9 / self._speed if self._speed else 0.0
-            while (wait := due - time.monotonic()) > 0.0 and self._speed:
+        all_rows = rows_of(dict(enumerate(self._source.columns(wanted))))
+        begin, first_stamp = time.monotonic(), None
+        for row in all_rows:
+            first_stamp = row.t if first_stamp is None else first_stamp
+            due_time = begin + (row.t - first_stamp) * 1e-9 / self._speed if self._speed else 0.0
+            while (wait := due_time - time.monotonic()) > 0.0 and self._speed:
                 time.sleep(min(wait, TICK))
                 if wait > TICK:
                     yield None
@@ -42,8 +42,8 @@ class Replay:
 
     def findings(self) -> list[Finding]:
         """See `Feed`."""
-        found, self._source.findings = self._source.findings, []
-        return [f for f in found if f.severity != "info"]
+        pending, self._source.findings = self._source.findings, []
+        return [f for f in pending if f.severity != "info"]
 
     def close(self) -> None:
         """See `Feed`."""

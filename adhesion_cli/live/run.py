@@ -44,40 +44,40 @@ class Tally:
     """
 
     def __init__(
-        self, tell: Callable[[Sequence[Finding]], None], name: str = "", strict: bool = False
+        self, report: Callable[[Sequence[Finding]], None], name: str = "", strict: bool = False
     ) -> None:
-        self._tell, self._name, self._strict = tell, name, strict
+        self._tell, self._name, self._strict = report, name, strict
         self._kinds: dict[tuple[str, ...], Finding] = {}
         self._lock = threading.Lock()  # files are written in threads of their own
 
-    def add(self, found: Sequence[Finding]) -> None:
+    def add(self, findings: Sequence[Finding]) -> None:
         """Counts these.
 
         Raises:
             UserError: at damaged data, with `strict`.
         """
-        if found:
+        if findings:
             with self._lock:
-                self._add(found)
+                self._add(findings)
 
-    def _add(self, found: Sequence[Finding]) -> None:
-        new = []
-        for f in found:
+    def _add(self, findings: Sequence[Finding]) -> None:
+        fresh = []
+        for f in findings:
             key = (f.code, f.severity, f.channel, f.names.get("reason", ""))
-            known = self._kinds.get(key)
-            if known is None:
+            previous = self._kinds.get(key)
+            if previous is None:
                 self._kinds[key] = f
                 if self._strict and f.severity == "error":
                     raise UserError(f"{self._name}: {f.message}", "go on without --strict")
-                new.append(f)
+                fresh.append(f)
                 continue
-            spans = (*known.spans, *f.spans)[:_SPANS]
-            values = {k: max(x, f.values.get(k, x)) for k, x in known.values.items()}
+            spans = (*previous.spans, *f.spans)[:_SPANS]
+            values = {k: max(x, f.values.get(k, x)) for k, x in previous.values.items()}
             self._kinds[key] = replace(
-                known, count=known.count + f.count, spans=spans, values=values
+                previous, count=previous.count + f.count, spans=spans, values=values
             )
-        if new:
-            self._tell(new)
+        if fresh:
+            self._tell(fresh)
 
     @property
     def findings(self) -> list[Finding]:
@@ -95,9 +95,13 @@ def wheels_of(feed: Feed, settings: Settings, axles: Sequence[int]) -> Wheels:
 
 
 def follow(
-    feed: Feed, wheels: Wheels, settings: Settings,
-    algos: Mapping[str, tuple[Estimator, Any]], sinks: Sequence[Sink], tally: Tally,
-) -> None:  # fmt: skip
+    feed: Feed,
+    wheels: Wheels,
+    settings: Settings,
+    algos: Mapping[str, tuple[Estimator, Any]],
+    sinks: Sequence[Sink],
+    tally: Tally,
+) -> None:
     """Takes every row of a sender, until it ends.
 
     Args:
@@ -112,22 +116,22 @@ def follow(
         UserError: where the sender cannot be read on.
     """
     tally.add(wheels.findings)
-    start, own = None, list[Axle]()
+    start, axles = None, list[Axle]()
 
-    def more(source: Source) -> None:
-        tally.add(wheels.more(source))
+    def add_source(source: Source) -> None:
+        tally.add(wheels.add_source(source))
 
-    for row in feed.rows(wheels.fields, more):
+    for row in feed.rows(wheels.fields, add_source):
         tally.add(feed.findings())
         tally.add(wheels.lacking())
-        for p in wheels.axles[len(own) :]:
-            own.append(Axle(_measuring(p, settings), settings.vehicle, algos))
+        for p in wheels.axles[len(axles) :]:
+            axles.append(Axle(_measuring(p, settings), settings.vehicle, algos))
         if row is not None:
             start = row.t if start is None else start
-            if samples := taken(row, wheels, own, start):
+            if samples := axle_samples(row, wheels, axles, start):
                 for sink in sinks:
                     sink.take(samples)
-            for axle in own:
+            for axle in axles:
                 if axle.findings:
                     tally.add(axle.findings)
                     axle.findings.clear()
@@ -137,12 +141,12 @@ def follow(
 
 
 def _measuring(p: Places, settings: Settings) -> Measuring:
-    of, pressure = settings.analysis, True if p.is_pressure else None
+    analysis, pressure = settings.analysis, True if p.is_pressure else None
     thresholds = sensor_thresholds(settings.checks)
-    return Measuring(p.axle, of.slowest, of.max_gap, pressure, p.of_rim, thresholds)
+    return Measuring(p.axle, analysis.slowest, analysis.max_gap, pressure, p.of_rim, thresholds)
 
 
-def taken(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[Sample]:
+def axle_samples(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[Sample]:
     """What the axles make of one row: the brake and the train first, then the wheel."""
     si, samples = wheels.si(row), []
     for p, axle in zip(wheels.axles, axles, strict=True):

@@ -17,24 +17,24 @@ from ..core.model import Channel, Column, Floats, Meaning
 from ..records import outliers, stuck_pressure, stuck_speed
 from ..records.outliers import Limits
 
-_MOST = 4000  # samples of a window
+_WINDOW_SAMPLES = 4000  # samples of a window
 _NOISE = 200  # samples of one that shows the noise
 _JUDGED = 20  # samples that show the noise
-_HELD = 1.0  # a slow signal that is repeated in a fast table keeps a value as long [s]
-_STAYS = 3.0  # other values that last as long are the signal [s]
+_REPEAT_TIME = 1.0  # a slow signal that is repeated in a fast table keeps a value as long [s]
+_NEW_LEVEL_TIME = 3.0  # other values that last as long are the signal [s]
 _REPEATED = 1e-3  # weight of a sample that repeats its predecessor: dead sensors do
-_SHORT = 30  # samples: so long a stretch of pressure may be stuck
+_STUCK_SAMPLES = 30  # samples: so long a stretch of pressure may be stuck
 _FEWEST = 3  # samples of the train speed that show how it changes
-_FAR = 5.0  # and the longest interval between two of them [s]
-_AGAIN = 1.25  # a stretch is judged again when it is longer by this factor
+_LONGEST_STEP = 5.0  # and the longest interval between two of them [s]
+_GROWTH = 1.25  # a stretch is judged again when it is longer by this factor
 
 
 class Window:
     """The newest samples of a channel, so many at most."""
 
-    def __init__(self, meaning: Meaning, most: int) -> None:
+    def __init__(self, meaning: Meaning, size: int) -> None:
         self._meaning = meaning
-        self._samples: deque[tuple[int, float, float]] = deque(maxlen=most)
+        self._samples: deque[tuple[int, float, float]] = deque(maxlen=size)
         self.same = 0  # how many of the newest repeat one value
         self.since = 0  # time of the first one of these [ns]
 
@@ -62,9 +62,18 @@ class Window:
         data = Column(t, x, np.ones(len(t), np.bool_))
         usual = float(np.median(np.diff(t))) * 1e-9 if len(t) > 1 else 0.0
         return Channel(
-            "", "", self._meaning, None, "", "", data, len(t), gap_ns=round(gap * 1e9),
-            step=quantum(x), rate_hz=1.0 / usual if usual else None,
-        )  # fmt: skip
+            "",
+            "",
+            self._meaning,
+            None,
+            "",
+            "",
+            data,
+            len(t),
+            gap_ns=round(gap * 1e9),
+            step=quantum(x),
+            rate_hz=1.0 / usual if usual else None,
+        )
 
     def force(self) -> Floats:
         """K at the times of the samples, shape (n,) [N]."""
@@ -86,11 +95,11 @@ class _Track(NamedTuple):
         return self._replace(since=since, t=t, x=x, weight=self.weight + weight)
 
     def can_reach(self, t: int, x: float, limits: Limits) -> bool:
-        held = min((t - self.since) * 1e-9, _HELD)
-        seconds = max((t - self.t) * 1e-9, held)
+        hold_time = min((t - self.since) * 1e-9, _REPEAT_TIME)
+        seconds = max((t - self.t) * 1e-9, hold_time)
         change = x - self.x
-        free = limits.free_from_zero if x == 0.0 or self.x == 0.0 else limits.free_change
-        return abs(change) <= free + (limits.rise if change > 0.0 else limits.fall) * seconds
+        allowance = limits.free_from_zero if x == 0.0 or self.x == 0.0 else limits.free_change
+        return abs(change) <= allowance + (limits.rise if change > 0.0 else limits.fall) * seconds
 
 
 class Leaps:
@@ -120,20 +129,20 @@ class Leaps:
         if self._good is None or t <= self._good.t:
             self._good, self._other = _Track(t, t, t, x, 1.0), None
             return False
-        if not self._goes_on(x) and self._reaches(self._good, t, x):
+        if not self._continues(x) and self._reaches(self._good, t, x):
             self._good, self._other = self._good.extended(t, x), None
             return False
-        other = self._other
-        if other is None or not self._reaches(other, t, x):
-            other = _Track(t, t, t, x, 0.0)
-        self._other = other.extended(t, x)
-        stays = (t - other.begin) * 1e-9 > _STAYS
-        if not stays and self._other.weight <= self._good.weight:
+        rival = self._other
+        if rival is None or not self._reaches(rival, t, x):
+            rival = _Track(t, t, t, x, 0.0)
+        self._other = rival.extended(t, x)
+        is_new_level = (t - rival.begin) * 1e-9 > _NEW_LEVEL_TIME
+        if not is_new_level and self._other.weight <= self._good.weight:
             return True
         self._good, self._other = self._other, None
         return False
 
-    def _goes_on(self, x: float) -> bool:
+    def _continues(self, x: float) -> bool:
         """Whether it is one piece with others that leaped; by now the good ones might reach it."""
         return self._other is not None and abs(x - self._other.x) <= self._limits.free_change / 2.0
 
@@ -165,8 +174,8 @@ class StuckSpeed:
     """A wheel speed that repeats one value where it must change."""
 
     def __init__(self, p: stuck_speed.Params) -> None:
-        self._p, self._window = p, Window("wheel_speed", _MOST // 2)
-        self._train = Window("train_speed", _MOST // 2)
+        self._p, self._window = p, Window("wheel_speed", _WINDOW_SAMPLES // 2)
+        self._train = Window("train_speed", _WINDOW_SAMPLES // 2)
         self._next, self._stuck = 0.0, False
 
     def restart(self) -> None:
@@ -192,10 +201,10 @@ class StuckSpeed:
             self._next, self._stuck = self._p.lasts, False
         lasts = (t - window.since) * 1e-9
         if not self._stuck and lasts > self._next and y > self._p.slow:
-            self._next = _AGAIN * lasts
+            self._next = _GROWTH * lasts
             K = np.nan_to_num(window.force())
-            others = [self._train.channel(_FAR)] if len(self._train) > _FEWEST else []
-            self._stuck = bool(stuck_speed.stuck(self._p, window.channel(gap), K, others)[-1])
+            companions = [self._train.channel(_LONGEST_STEP)] if len(self._train) > _FEWEST else []
+            self._stuck = bool(stuck_speed.stuck(self._p, window.channel(gap), K, companions)[-1])
         return self._stuck
 
 
@@ -203,8 +212,8 @@ class StuckPressure:
     """A pressure without its noise."""
 
     def __init__(self, p: stuck_pressure.Params) -> None:
-        self._p, self._window = p, Window("pressure", _MOST)
-        self._next, self.stuck, self.saturated = float(_SHORT), False, False
+        self._p, self._window = p, Window("pressure", _WINDOW_SAMPLES)
+        self._next, self.stuck, self.saturated = float(_STUCK_SAMPLES), False, False
 
     def restart(self) -> None:
         """After a gap."""
@@ -215,9 +224,9 @@ class StuckPressure:
         window = self._window
         window.add(t, x)
         if window.same == 1:
-            self._next, self.stuck, self.saturated = float(_SHORT), False, False
+            self._next, self.stuck, self.saturated = float(_STUCK_SAMPLES), False, False
         if window.same >= self._next:
-            self._next = _AGAIN * window.same
-            found = stuck_pressure.standing(self._p, window.channel(gap))
-            self.stuck |= bool(found.stuck[-1])
-            self.saturated = bool(found.saturated[-1]) and not self.stuck
+            self._next = _GROWTH * window.same
+            stretches = stuck_pressure.standing(self._p, window.channel(gap))
+            self.stuck |= bool(stretches.stuck[-1])
+            self.saturated = bool(stretches.saturated[-1]) and not self.stuck

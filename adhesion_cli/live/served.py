@@ -45,9 +45,9 @@ class Served:
 
         self._algos, self._channels = list(algos), dict[int, dict[str, Any]]()
         for n in axles:
-            self._of(n)
+            self._axle_topics(n)
 
-    def _of(self, axle: int) -> dict[str, Any]:
+    def _axle_topics(self, axle: int) -> dict[str, Any]:
         """The channels of an axle, which are made when it comes first."""
         import foxglove
 
@@ -76,20 +76,27 @@ class Served:
     def take(self, samples: Sequence[Sample]) -> None:
         """See `Sink`."""
         for s in samples:
-            to = self._of(s.axle)
+            topics = self._axle_topics(s.axle)
             self._send(
-                to["input"], "AxleInput", s.t, brake_cylinder_pressure=s.pressure,
-                clamping_force=s.clamping, wheel_speed=s.speed, train_speed=s.train,
-            )  # fmt: skip
-            self._send(to["slip"], "Slip", s.t, slip=s.slip)
+                topics["input"],
+                "AxleInput",
+                s.t,
+                brake_cylinder_pressure=s.pressure,
+                clamping_force=s.clamping,
+                wheel_speed=s.speed,
+                train_speed=s.train,
+            )
+            self._send(topics["slip"], "Slip", s.t, slip=s.slip)
             for algo, e in s.estimates.items():
                 mu = float(coefficient(e.force, self._vehicle))  # type: ignore[arg-type]
-                self._send(to[algo], "Estimate", s.t, force=e.force, coefficient=mu, sigma=e.sigma)
+                self._send(
+                    topics[algo], "Estimate", s.t, force=e.force, coefficient=mu, sigma=e.sigma
+                )
 
     def _send(self, channel: Any, message: str, t: int, **values: float) -> None:
-        made: Any = descriptors.message(message)(**values)
-        made.timestamp.FromNanoseconds(max(t, 0))
-        channel.log(made.SerializeToString(), log_time=max(t, 0))
+        encoded: Any = descriptors.message(message)(**values)
+        encoded.timestamp.FromNanoseconds(max(t, 0))
+        channel.log(encoded.SerializeToString(), log_time=max(t, 0))
 
     def idle(self) -> None:
         """See `Sink`."""

@@ -18,10 +18,10 @@ from ..core.text import drop_output
 from ..reference.budget import coefficient_u95
 from .axle import Estimate, Sample
 
-_EVERY = 0.2  # between two states of the line [s]
+_STATE_INTERVAL = 0.2  # between two states of the line [s]
 _USUAL = 80  # columns of a terminal that does not say
 _SILENCE = 3.0  # after which it is said that no sample comes [s]
-_MOST = 4096  # rows of lines that wait for whoever reads them
+_WAITING_ROWS = 4096  # rows of lines that wait for whoever reads them
 _PATIENCE = 1.0  # longest wait for that reader [s]
 
 
@@ -37,14 +37,18 @@ class JsonLines:
     """
 
     def __init__(
-        self, algos: Sequence[str], vehicle: Vehicle, alone: bool, tell: Callable[[str], None]
+        self,
+        algos: Sequence[str],
+        vehicle: Vehicle,
+        single_axle: bool,
+        report: Callable[[str], None],
     ) -> None:
-        self._algos, self._vehicle, self._tell = algos, vehicle, tell
+        self._algos, self._vehicle, self._tell = algos, vehicle, report
         self._gone = self._stalled = False
         self._dropped = 0
         self._waiting: queue.Queue[bytes] | None = None
-        if not alone:
-            self._waiting = queue.Queue(_MOST)
+        if not single_axle:
+            self._waiting = queue.Queue(_WAITING_ROWS)
             threading.Thread(target=self._run, args=(self._waiting,), daemon=True).start()
 
     def take(self, samples: Sequence[Sample]) -> None:
@@ -77,12 +81,12 @@ class JsonLines:
         e = s.estimates.get(algo, Estimate(math.nan, math.nan))
         said: dict[str, Any] = {
             "axle": s.axle,
-            "force_n": _known(e.force),
-            "coefficient": _known(float(coefficient(e.force, self._vehicle))),  # type: ignore[arg-type]
-            "u95_n": _known(e.u95),
+            "force_n": _or_null(e.force),
+            "coefficient": _or_null(float(coefficient(e.force, self._vehicle))),  # type: ignore[arg-type]
+            "u95_n": _or_null(e.u95),
             "algo": algo,
             "status": s.status,
-            "slip": _known(s.slip),
+            "slip": _or_null(s.slip),
             "regime": s.regime or None,
         }
         return f'{{"t": {_seconds(s.t)}, {json.dumps(said)[1:]}'
@@ -92,9 +96,9 @@ class JsonLines:
 
     def close(self) -> None:
         """See `Sink`."""
-        until = time.monotonic() + _PATIENCE
+        deadline = time.monotonic() + _PATIENCE
         while self._waiting and self._waiting.unfinished_tasks and not self._gone:
-            if time.monotonic() > until:
+            if time.monotonic() > deadline:
                 with self._waiting.mutex:
                     self._dropped += sum(text.count(b"\n") for text in self._waiting.queue)
                 break
@@ -188,39 +192,42 @@ class StatusLine:
 
     def idle(self) -> None:
         """See `Sink`."""
-        now = time.monotonic()
-        if now - self._since < _EVERY or not self._newest:
+        clock = time.monotonic()
+        if clock - self._since < _STATE_INTERVAL or not self._newest:
             return
-        self._rate = self._count / len(self._newest) / (now - self._since)  # of an axle
-        self._since, self._count = now, 0
-        end = f"{self._rate:.0f} Hz, {1e3 * (now - self._came):.0f} ms ago"
-        self._write(self._fitted(end, _columns() - 1))
+        self._rate = self._count / len(self._newest) / (clock - self._since)  # of an axle
+        self._since, self._count = clock, 0
+        tail = f"{self._rate:.0f} Hz, {1e3 * (clock - self._came):.0f} ms ago"
+        self._write(self._fitted(tail, _columns() - 1))
 
-    def _fitted(self, end: str, width: int) -> str:
+    def _fitted(self, tail: str, width: int) -> str:
         """All axles; in a short form where they need that; else the worst ones, as many as fit."""
-        every = [s for _, s in sorted(self._newest.items())]
-        line = " | ".join([*(self._axle(s) for s in every), end])
+        samples = [s for _, s in sorted(self._newest.items())]
+        line = " | ".join([*(self._axle(s) for s in samples), tail])
         if len(line) <= width:
             return line
-        short = [(s, self._axle(s, short=True)) for s in every]
-        line = " | ".join(text for _, text in short)
+        entries = [(s, self._axle(s, brief=True)) for s in samples]
+        line = " | ".join(text for _, text in entries)
         if len(line) <= width:
             return line
-        worst, count = sorted(short, key=lambda one: _badness(one[0]), reverse=True), len(short)
+        worst, count = (
+            sorted(entries, key=lambda entry: _badness(entry[0]), reverse=True),
+            len(entries),
+        )
         while count and len(line) > width:
             count -= 1
-            left = [f"{len(short) - count} more"]
-            line = " | ".join([*(text for _, text in worst[:count]), *left])
+            remainder = [f"{len(entries) - count} more"]
+            line = " | ".join([*(text for _, text in worst[:count]), *remainder])
         return line[: max(width, 0)]
 
-    def _axle(self, s: Sample, short: bool = False) -> str:
+    def _axle(self, s: Sample, brief: bool = False) -> str:
         if not (e := s.estimates.get(self._algo)):
             return f"{s.axle}: {s.status.replace('-', ' ')}"
-        half = coefficient_u95(e.u95, e.force, self._vehicle, e.mass)
-        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, half)]  # type: ignore[arg-type]
+        u95 = coefficient_u95(e.u95, e.force, self._vehicle, e.mass)
+        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, u95)]  # type: ignore[arg-type]
         band = f"±{mu[1]:.3f}" if math.isfinite(mu[1]) else ""
-        slip = f" {100.0 * s.slip:.{not short:d}f} %" if math.isfinite(s.slip) else ""
-        if short:
+        slip = f" {100.0 * s.slip:.{not brief:d}f} %" if math.isfinite(s.slip) else ""
+        if brief:
             return f"{s.axle}: {mu[0]:.3f}{slip}"
         return f"{s.axle}: µ {mu[0]:.3f}{band}{slip} {s.regime}".rstrip()
 
@@ -254,11 +261,11 @@ def _badness(s: Sample) -> tuple[bool, float]:
 
 def _seconds(t: int) -> str:
     """A time stamp [ns] in seconds, exactly: a float has no nanoseconds of a date."""
-    whole, rest = divmod(abs(t), 1_000_000_000)
-    return f"{'-' * (t < 0)}{whole}.{f'{rest:09d}'.rstrip('0') or '0'}"
+    seconds, nanoseconds = divmod(abs(t), 1_000_000_000)
+    return f"{'-' * (t < 0)}{seconds}.{f'{nanoseconds:09d}'.rstrip('0') or '0'}"
 
 
-def _known(x: float) -> float | None:
+def _or_null(x: float) -> float | None:
     return x if math.isfinite(x) else None
 
 

@@ -12,9 +12,9 @@ from ..formats.csv.arriving import Arriving
 from ..formats.csv.reader import CsvSource, open_csv
 from ..formats.source import Field, ReadOptions, Source
 from .bytes_arriving import Pieces
-from .feed import PAUSE, More, Row
+from .feed import PAUSE, AddSource, Row
 
-_ENOUGH = 20  # lines that show how a table is written
+_HEAD_LINES = 20  # lines that show how a table is written
 _FEWEST = 4  # lines that must do where no more come for `PAUSE`
 
 
@@ -28,10 +28,10 @@ class Table:
     """
 
     def __init__(
-        self, pieces: Pieces, options: ReadOptions, again: Callable[[], Pieces] | None = None
+        self, pieces: Pieces, options: ReadOptions, reopen: Callable[[], Pieces] | None = None
     ) -> None:
         self.name = pieces.name
-        self._pieces, self._options, self._again = pieces, options, again
+        self._pieces, self._options, self._again = pieces, options, reopen
         self._head, self._restarts = b"", 0
         self._source: CsvSource | None = None
         self._rows: Arriving | None = None
@@ -45,12 +45,12 @@ class Table:
                 self._head, quiet = self._head + piece, time.monotonic()
             elif lines >= _FEWEST and time.monotonic() - quiet > PAUSE:
                 break
-            if lines >= _ENOUGH:
+            if lines >= _HEAD_LINES:
                 break
-        self._source = self._opened(self._head)
+        self._source = self._open_source(self._head)
         return self._source
 
-    def _opened(self, head: bytes) -> CsvSource:
+    def _open_source(self, head: bytes) -> CsvSource:
         """The log by its first lines: as a file, so that it is read as every other log is."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "head.csv"
@@ -64,7 +64,7 @@ class Table:
         source.table = replace(source.table, path=source.path)
         return source
 
-    def rows(self, wanted: list[Field], _: More) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], _: AddSource) -> Iterator[Row | None]:
         """See `Feed`."""
         assert self._source, "head comes first"
         self._rows = Arriving(self._source, wanted)
@@ -83,14 +83,14 @@ class Table:
 
     def findings(self) -> list[Finding]:
         """See `Feed`."""
-        found: list[Finding] = []
+        pending: list[Finding] = []
         if self._restarts:
-            found.append(Finding("source-restarted", "info", count=self._restarts))
+            pending.append(Finding("source-restarted", "info", count=self._restarts))
             self._restarts = 0
         if self._rows and self._rows.lost:
-            found += self._rows.lost
+            pending += self._rows.lost
             self._rows.lost = []
-        return found
+        return pending
 
     def close(self) -> None:
         """See `Feed`."""

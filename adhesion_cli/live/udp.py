@@ -41,7 +41,7 @@ class Udp(Messages):
                 "name an address of this machine and a free port",
             ) from None
         pump = Pump(self._datagram, patient=False)
-        super().__init__(name, in_datagrams(pump), options, pump.lost)
+        super().__init__(name, in_datagrams(pump), options, pump.dropped_count)
 
     def _datagram(self) -> bytes | None:
         try:

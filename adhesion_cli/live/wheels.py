@@ -17,7 +17,7 @@ from ..records.choose import Key, axle_numbers, brake_of, find, incomplete
 from .feed import PAUSE, Row
 
 _COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 16, 24, 32))  # where counters start anew
-_MOST = 0.25  # of such a range in one interval: more is a reset
+_LARGEST_TURN = 0.25  # of such a range in one interval: more is a reset
 
 
 class Places(NamedTuple):
@@ -41,7 +41,7 @@ class Wheels:
         axles: only these, all if empty.
 
     Attributes:
-        fields: those that are needed, in the order of the places; `more` appends to it.
+        fields: those that are needed, in the order of the places; `add_source` appends to it.
         axles: the axles with a wheel speed and a brake, in the order in which they came.
         findings: what was noticed.
 
@@ -60,9 +60,9 @@ class Wheels:
         self.fields: list[Field] = []
         self.axles: list[Places] = []
         self.findings = self._meant(source)
-        self.findings += self._found(self._numbers(source))
+        self.findings += self._find_axles(self._numbers(source))
 
-    def more(self, source: Source) -> list[Finding]:
+    def add_source(self, source: Source) -> list[Finding]:
         """Takes in what began to send after the first second; what was known stays as it is.
 
         Args:
@@ -71,27 +71,27 @@ class Wheels:
         Returns:
             Which axles are new, and what cannot be used.
         """
-        before = {p.axle for p in self.axles}
+        axles_before = {p.axle for p in self.axles}
         try:
             findings = self._meant(source)
-            lacking = self._found(self._numbers(source))
+            lacking = self._find_axles(self._numbers(source))
         except UserError as error:
             names = {"reason": error.text, "hint": error.hint}
             return [Finding("late-channels-left-out", "warning", names=names)]
         self._lacking = lacking, time.monotonic() + PAUSE if lacking else math.inf
-        new = [p.axle for p in self.axles if p.axle not in before]
-        findings += [Finding("axle-began-late", "info", values={"axle": n}) for n in new]
+        added = [p.axle for p in self.axles if p.axle not in axles_before]
+        findings += [Finding("axle-began-late", "info", values={"axle": n}) for n in added]
         return [f for f in findings if f not in self.findings]
 
     def lacking(self) -> list[Finding]:
         """Axles that began late, and still lack a channel some time after."""
-        lacking, until = self._lacking
-        if not lacking or time.monotonic() < until:
+        lacking, deadline = self._lacking
+        if not lacking or time.monotonic() < deadline:
             return []
         self._lacking = [], math.inf
-        new = [f for f in lacking if f not in self.findings]
-        self.findings += new
-        return new
+        fresh = [f for f in lacking if f not in self.findings]
+        self.findings += fresh
+        return fresh
 
     def _meant(self, source: Source) -> list[Finding]:
         """Learns what the fields mean."""
@@ -107,29 +107,29 @@ class Wheels:
         numbers = axle_numbers(str(source.path), self._by_key, self._asked, titles)
         return self._asked or numbers
 
-    def _found(self, numbers: Sequence[int]) -> list[Finding]:
+    def _find_axles(self, numbers: Sequence[int]) -> list[Finding]:
         """Gives places to the axles that have speed and brake; says what the others lack."""
-        lacking, known = [], list[tuple[int, Key, Key, Key | None]]()
+        lacking, places = [], list[tuple[int, Key, Key, Key | None]]()
         for axle in numbers:
             speed, brake = find(self._by_key, "wheel_speed", axle), brake_of(self._by_key, axle)
             if speed and brake:
-                known.append((axle, speed, brake, find(self._by_key, "train_speed", axle)))
+                places.append((axle, speed, brake, find(self._by_key, "train_speed", axle)))
             elif key := speed or brake:
                 lacking.append(incomplete(axle, self._by_key[key].title, speed is not None))
         # Of one time, the brake and the train come before the wheel: so do their places.
-        for _, _, brake, train in known:
+        for _, _, brake, train in places:
             for key in (brake, train):
                 if key:
                     self._place(key)
-        before = {p.axle: i for i, p in enumerate(self.axles)}
-        for axle, speed, brake, train in known:
-            if axle not in before:
+        index_of = {p.axle: i for i, p in enumerate(self.axles)}
+        for axle, speed, brake, train in places:
+            if axle not in index_of:
                 m = self._by_key[speed]
                 of_rim = to_si.is_rim(units.stated_unit(m.unit, speed[0], m.title))
-                own = self._place(speed), self._place(brake), brake[0] == "pressure"
-                self.axles.append(Places(axle, *own, None, of_rim))
+                axle_places = self._place(speed), self._place(brake), brake[0] == "pressure"
+                self.axles.append(Places(axle, *axle_places, None, of_rim))
             if train:
-                i = before.get(axle, len(self.axles) - 1)
+                i = index_of.get(axle, len(self.axles) - 1)
                 self.axles[i] = self.axles[i]._replace(train=self._place(train))
         return lacking
 
@@ -148,11 +148,11 @@ class Wheels:
 
     def si(self, row: Row) -> dict[int, tuple[int, float]]:
         """Time [ns] and value in SI of each place that has one."""
-        found = {}
+        values = {}
         for place, x in row.values.items():
-            if math.isfinite(x) and (one := self._scales[place].of(row.t, x)):
-                found[place] = one
-        return found
+            if math.isfinite(x) and (reading := self._scales[place].convert(row.t, x)):
+                values[place] = reading
+        return values
 
 
 class _Scale:
@@ -161,7 +161,7 @@ class _Scale:
     def __init__(self, factor: float, offset: float) -> None:
         self._factor, self._offset = factor, offset
 
-    def of(self, t: int, x: float) -> tuple[int, float] | None:
+    def convert(self, t: int, x: float) -> tuple[int, float] | None:
         """Time and value."""
         return t, self._factor * x + self._offset
 
@@ -174,21 +174,21 @@ class _Total:
         size: the counter starts anew there; 0: at a power of two.
     """
 
-    def __init__(self, turn: float, size: float) -> None:
-        self._turn, self._sizes = turn, (size,) if size else _COUNTERS
+    def __init__(self, counter_range: float, size: float) -> None:
+        self._turn, self._sizes = counter_range, (size,) if size else _COUNTERS
         self._before: tuple[int, float] | None = None
 
-    def of(self, t: int, x: float) -> tuple[int, float] | None:
+    def convert(self, t: int, x: float) -> tuple[int, float] | None:
         """Time and speed [rad/s]; None for the first count, after a reset or without time."""
-        before, self._before = self._before, (t, x)
-        if before is None or t <= before[0]:
+        previous, self._before = self._before, (t, x)
+        if previous is None or t <= previous[0]:
             return None
-        rise = x - before[1]
+        rise = x - previous[1]
         if rise < 0.0:
-            turned = (rise + size for size in self._sizes if before[1] < size)
-            rise = next((r for r in turned if r >= 0.0), math.inf)
-            least = min(size for size in self._sizes if before[1] < size)
-            if rise > _MOST * least:
+            candidates = (rise + size for size in self._sizes if previous[1] < size)
+            rise = next((r for r in candidates if r >= 0.0), math.inf)
+            smallest = min(size for size in self._sizes if previous[1] < size)
+            if rise > _LARGEST_TURN * smallest:
                 return None
-        dt = t - before[0]
-        return before[0] + dt // 2, rise * self._turn / (dt / 1e9)
+        dt = t - previous[0]
+        return previous[0] + dt // 2, rise * self._turn / (dt / 1e9)

@@ -25,7 +25,7 @@ from ..rail.slope import region
 from . import plant as plants
 from .plant import Demand, Plant, Track, Train, Wheels, adhesion, advance_to, rail_under
 from .scenario import Limit, Rail, Scenario, Section
-from .wsp_controller import Constants, Settings, bands, choose, slip_of, start, stated, tick
+from .wsp_controller import Constants, Settings, bands, choose, slip_of, start, initial_wheels, tick
 
 DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen
@@ -68,7 +68,7 @@ class _World(NamedTuple):
     demand: Demand
     wheels: Wheels
     dt: float  # of the plant [s]
-    every: int  # steps of the plant between ticks
+    stride: int  # steps of the plant between ticks
     delay: int  # steps: age of measured values
     dead: int  # steps: dead time of the valves
     measured: bool  # the train speed; else it is estimated from the axles
@@ -83,20 +83,24 @@ class _World(NamedTuple):
 
 def _drive(world: _World, train: Train, j: int) -> Train:
     """The train at tick j, from the tick before; fills row j except the controller's part."""
-    trace, wheels, every = world.trace, world.wheels, world.every
+    trace, wheels, stride = world.trace, world.wheels, world.stride
     if j == 0:
         _remember(world, train, 0)
-    for k in range(max(j - 1, 0) * every, j * every):
+    for k in range(max(j - 1, 0) * stride, j * stride):
         if k >= world.dead:
             for i in range(len(wheels.w)):
-                wheels.valve[i] = trace.valve[(k - world.dead) // every, i]
+                wheels.valve[i] = trace.valve[(k - world.dead) // stride, i]
         train = advance_to(
             world.plant, world.track, world.demand, train, wheels, (k + 1) * world.dt
         )
         if not train.v > 0.0:
             return train
         _remember(world, train, k + 1)
-    trace.train_speed[j], trace.distance[j], trace.demand[j] = train.v, train.x, train.asked
+    trace.train_speed[j], trace.distance[j], trace.demand[j] = (
+        train.v,
+        train.x,
+        train.demand_pressure,
+    )
     for i in range(len(wheels.w)):
         trace.rim_speed[j, i], trace.pressure[j, i] = wheels.w[i], wheels.p[i]
     _measure(world, j)
@@ -114,7 +118,7 @@ def _remember(world: _World, train: Train, k: int) -> None:
 
 def _measure(world: _World, j: int) -> None:
     """Fills row j of the measured v, ω and p; a sensor at rest gives no pulses."""
-    trace, row = world.trace, max(j * world.every - world.delay, 0) % len(world.v_past)
+    trace, row = world.trace, max(j * world.stride - world.delay, 0) % len(world.v_past)
     y, K, v = trace.measured_wheel_speed[j], trace.measured_clamping_force[j], world.v_past[row]
     for i in range(len(y)):
         w = world.w_past[row, i]
@@ -134,21 +138,23 @@ def _march(world: _World, train: Train, c: Constants, bands: slope.Bands) -> int
     Returns:
         Ticks done; −j where Newton's iteration failed on the way to tick j.
     """
-    trace, h = world.trace, world.every * world.dt
+    trace, h = world.trace, world.stride * world.dt
     y, K = trace.measured_wheel_speed, trace.measured_clamping_force
     for j in range(len(trace.demand)):
         train = _drive(world, train, j)
         if not train.v > 0.0:
             return -j if math.isnan(train.v) else j
         if j == 0:
-            wheels = stated(c, y.shape[1])
-            known, axles = start(c, wheels, trace.measured_train_speed[0], y[0], K[0])
+            wheels = initial_wheels(c, y.shape[1])
+            train_state, axles = start(c, wheels, trace.measured_train_speed[0], y[0], K[0])
         else:
-            known, axles = tick(c, known, axles, h, trace.measured_train_speed[j], y[j], K[j])
-        trace.measured_train_speed[j], trace.train_speed_doubt[j] = known.v, known.doubt
+            train_state, axles = tick(
+                c, train_state, axles, h, trace.measured_train_speed[j], y[j], K[j]
+            )
+        trace.measured_train_speed[j], trace.train_speed_doubt[j] = train_state.v, train_state.doubt
         for i in range(len(axles)):
             k, judged = axles[i].slope, axles[i].controller.judged
-            trace.measured_slip[j, i] = slip_of(axles[i].wheel.radius, known.v, y[j, i])
+            trace.measured_slip[j, i] = slip_of(axles[i].wheel.radius, train_state.v, y[j, i])
             trace.judged_slip[j, i], trace.estimate[j, i] = judged, axles[i].estimator.F
             trace.slope[j, i], trace.confidence[j, i] = k.slope, k.confidence
             trace.region[j, i] = region(judged, k.slope, bands)
@@ -156,9 +162,7 @@ def _march(world: _World, train: Train, c: Constants, bands: slope.Bands) -> int
     return len(trace.demand)
 
 
-def _peaks(
-    plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, rim: Floats
-) -> None:  # fmt: skip
+def _peaks(plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, rim: Floats) -> None:
     """Fills the rim speed of the greatest adhesion force at each sample; shapes as in `forces`.
 
     The slope of the force changes its sign there. A fitted rail may have several such places: the
@@ -169,20 +173,20 @@ def _peaks(
         knot = 0
         for j in range(len(v)):
             knot = rail_under(plant, track, i, t[j], x[j], knot, rail)
-            low, high = math.log(_CREEP * v[j]), math.log(v[j])
-            step, most, at = (high - low) / _STEPS, -1.0, low
+            lowest, highest = math.log(_CREEP * v[j]), math.log(v[j])
+            step, largest, peak = (highest - lowest) / _STEPS, -1.0, lowest
             for k in range(_STEPS + 1):
-                F = adhesion(math.exp(low + k * step), v[j], rail, plant.patch)[0]
-                if most < F:
-                    most, at = F, low + k * step
-            low, high = max(low, at - step), min(high, at + step)
+                F = adhesion(math.exp(lowest + k * step), v[j], rail, plant.patch)[0]
+                if largest < F:
+                    largest, peak = F, lowest + k * step
+            lowest, highest = max(lowest, peak - step), min(highest, peak + step)
             for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
+                middle = 0.5 * (lowest + highest)
                 if adhesion(math.exp(middle), v[j], rail, plant.patch)[1] > 0.0:
-                    low = middle
+                    lowest = middle
                 else:
-                    high = middle
-            rim[j, i] = v[j] - math.exp(low)
+                    highest = middle
+            rim[j, i] = v[j] - math.exp(lowest)
 
 
 # --- stops ----------------------------------------------------------------------------------------
@@ -216,87 +220,95 @@ def run(
     name = scenario.name
     if scenario.rig or not scenario.brake.command or not scenario.train.speed:
         raise UserError(f"{name}: no train that brakes", "take a scenario of a stop")
-    known, dt, settings = scenario.antiskid, scenario.dt, settings or {}
-    if dt > known.period:
+    antiskid, dt, settings = scenario.antiskid, scenario.dt, settings or {}
+    if dt > antiskid.period:
         text = f"{name}: dt is longer than the WSP controller's period"
-        hint = f"state dt = {known.period:g} or less at the top of the scenario"
+        hint = f"state dt = {antiskid.period:g} or less at the top of the scenario"
         raise UserError(text, hint, code=2)
-    h = round(known.period / dt) * dt
+    h = round(antiskid.period / dt) * dt
     chosen = choose(controller, algo, settings, taken_for(scenario), speed_noise(scenario))
     check_step(chosen.estimator, chosen.constants.estimator, h)
     seed = scenario.seed if seed is None else seed
     world, train = _world(scenario, track or plants.track_of(scenario), seed)
     march = compiled.function(_march, chosen.stand_ins())
-    done = march(world, train, chosen.constants, bands(settings))
-    trace = _stopped(name, world.trace, done, h)
-    v, rim, seconds = trace.train_speed, trace.rim_speed, np.arange(done) * h
+    stop_index = march(world, train, chosen.constants, bands(settings))
+    trace = _stopped(name, world.trace, stop_index, h)
+    v, rim, seconds = trace.train_speed, trace.rim_speed, np.arange(stop_index) * h
     force, peak, best = np.empty((3, *rim.shape))
     course = world.plant, world.track, seconds, v, trace.distance
     compiled.function(_peaks)(*course, best)
     for rims, column in ((rim, force), (best, peak)):
         compiled.function(plants.forces)(*course, rims, column)
     stop = Stop(
-        controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
-        **trace._asdict(), force=force, peak=peak, peak_slip=1.0 - best / v[:, None],
+        controller,
+        algo,
+        seed,
+        np.round(np.arange(stop_index) * (h * 1e9)).astype(np.int64),
+        **trace._asdict(),
+        force=force,
+        peak=peak,
+        peak_slip=1.0 - best / v[:, None],
         slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
-        air=float(world.wheels.air.sum()) * known.volume / _NORMAL * 1e3,
-    )  # fmt: skip
+        air=float(world.wheels.air.sum()) * antiskid.volume / _NORMAL * 1e3,
+    )
     if not _stopping_distance(stop, scenario) > 0.0:
         raise UserError(f"{name}: the train stands at once", "a faster train")
     return stop
 
 
-def _stopped(name: str, trace: _Trace, done: int, h: float) -> _Trace:
+def _stopped(name: str, trace: _Trace, stop_index: int, h: float) -> _Trace:
     """The ticks that are done.
 
     Raises:
         UserError: the train does not stand after them.
     """
-    if done < 0:
-        raise UserError(f"{name}: no solution at {-done * h:g} s", "take a shorter dt")
-    if done == len(trace.demand):
+    if stop_index < 0:
+        raise UserError(f"{name}: no solution at {-stop_index * h:g} s", "take a shorter dt")
+    if stop_index == len(trace.demand):
         text = f"{name}: the train does not stop within {LONGEST:g} s"
         raise UserError(text, "a stronger brake that stays applied, or a better rail")
-    return _Trace._make(column[:done].copy() for column in trace)
+    return _Trace._make(column[:stop_index].copy() for column in trace)
 
 
 def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, Train]:
     """Train, rail and sensors of a scenario at the start, with an empty trace."""
-    known, axles, dt = s.antiskid, s.train.axles, s.dt
-    every, delay, dead = (round(x / dt) for x in (known.period, known.delay, known.dead_time))
+    antiskid, axles, dt = s.antiskid, s.train.axles, s.dt
+    stride, delay, dead = (
+        round(x / dt) for x in (antiskid.period, antiskid.delay, antiskid.dead_time)
+    )
     plant = plants.plant_of(s)
     plant = plant._replace(
-        valve_time=known.vent_time, fill_rate=min(plant.fill_rate, known.fill_rate)
+        valve_time=antiskid.vent_time, fill_rate=min(plant.fill_rate, antiskid.fill_rate)
     )
-    ticks = round(LONGEST / (every * dt))
+    ticks = round(LONGEST / (stride * dt))
     shape = (ticks, axles)
     random = np.random.Generator(np.random.PCG64(seed))
     noise = (
-        math.sqrt(known.train_noise) * random.standard_normal(ticks),
-        math.sqrt(known.wheel_noise) * random.standard_normal(shape),
-        math.sqrt(known.pressure_noise) * random.standard_normal(shape),
+        math.sqrt(antiskid.train_noise) * random.standard_normal(ticks),
+        math.sqrt(antiskid.wheel_noise) * random.standard_normal(shape),
+        math.sqrt(antiskid.pressure_noise) * random.standard_normal(shape),
     )
     columns = [np.empty(size) for size in (ticks,) * 5 + (shape,) * 10]
     trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
     train, wheels = plants.rolling(s.train.speed, axles)
-    past = np.empty(delay + 1), np.empty((delay + 1, axles)), np.empty((delay + 1, axles))
-    steps, measured = (dt, every, delay, dead), known.train_speed == "measured"
+    history = np.empty(delay + 1), np.empty((delay + 1, axles)), np.empty((delay + 1, axles))
+    steps, measured = (dt, stride, delay, dead), antiskid.train_speed == "measured"
     demand = plants.demand_of(s)
-    return _World(plant, track, demand, wheels, *steps, measured, *noise, *past, trace), train
+    return _World(plant, track, demand, wheels, *steps, measured, *noise, *history, trace), train
 
 
 def taken_for(s: Scenario) -> Vehicle:
     """The vehicle as the WSP controller of a scenario assumes it."""
-    known, v, axles = s.antiskid, s.vehicle, range(1, s.train.axles + 1)
-    factors = known.radius * (s.train.axles // len(known.radius))
+    antiskid, v, axles = s.antiskid, s.vehicle, range(1, s.train.axles + 1)
+    factors = antiskid.radius * (s.train.axles // len(antiskid.radius))
     return replace(
         v,
-        friction=v.friction._replace(value=known.friction * v.friction.value),
+        friction=v.friction._replace(value=antiskid.friction * v.friction.value),
         wheel_radius=tuple(
             (R := v.radius(i))._replace(value=factor * R.value)
             for i, factor in zip(axles, factors, strict=True)
         ),
-        axle_mass=v.axle_mass._replace(value=known.mass * v.axle_mass.value),
+        axle_mass=v.axle_mass._replace(value=antiskid.mass * v.axle_mass.value),
     )
 
 
@@ -313,22 +325,22 @@ def dry_distance(scenario: Scenario) -> float:
     return _stopping_distance(run(dry, "none"), dry)
 
 
-def side_by_side(
+def compare_laws(
     scenario: Scenario,
     seed: int | None,
     algo: str,
     settings: Settings,
-    tell: Callable[[str], None],
+    progress: Callable[[str], None],
     track: Track | None = None,
 ) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
     """Dry distance [m], and the stop under every controller by name; arguments as in `run`.
 
-    `tell` gets the progress.
+    `progress` gets the progress.
     """
-    tell("dry rail")
+    progress("dry rail")
     dry, stops = dry_distance(scenario), {}
     for law in registry():
-        tell(law)
+        progress(law)
         stop = run(scenario, law, seed, algo, settings, track)
         stops[law] = stop, verdict(stop, scenario, dry)
     return dry, stops
@@ -338,19 +350,21 @@ def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
     """The measures of a stop; `dry` is the stopping distance on dry rail [m]."""
     h = float(stop.t[1] - stop.t[0]) * 1e-9
     wheel = physics.wheelset(scenario.vehicle, 1)
-    asked = wheel.rolling * wheel.phi * physics.clamping_force(stop.demand, scenario.vehicle)
+    demanded = wheel.rolling * wheel.phi * physics.clamping_force(stop.demand, scenario.vehicle)
     counted = stop.train_speed >= JUDGED_FROM
-    limited = counted[:, None] & (asked[:, None] > stop.peak)
-    distance, some = _stopping_distance(stop, scenario), bool(limited.any())
+    limited = counted[:, None] & (demanded[:, None] > stop.peak)
+    distance, is_limited = _stopping_distance(stop, scenario), bool(limited.any())
     error, sliding = np.abs(stop.slip - stop.peak_slip)[limited], stop.sliding()
     return Verdict(
         stopping_distance_m=distance,
         extension=distance / dry - 1.0,
-        utilisation=float(stop.force[limited].sum() / stop.peak[limited].sum()) if some else None,
+        utilisation=float(stop.force[limited].sum() / stop.peak[limited].sum())
+        if is_limited
+        else None,
         max_slip=float(stop.slip[counted].max()) if counted.any() else None,
         locked_s=float((sliding == LOCKED).sum()) * h,
         air_nl=stop.air,
-        mean_slip_error=float(error.mean()) if some else None,
+        mean_slip_error=float(error.mean()) if is_limited else None,
         slide_s=float((sliding != ROLLS).sum()) * h,
         limited_s=float(limited.sum()) * h,
     )

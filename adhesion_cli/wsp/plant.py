@@ -117,9 +117,11 @@ def track_of(s: Scenario) -> Track:
         knots.append(place + rail.blend if knots else place)
         values.append(condition(name)._replace(f0=condition(name).f0 * scale))
     wave = rail.wave or Wave(0.0, 1.0)
-    under = np.array([[*values, values[-1]]] * s.train.axles)
-    under[:, :, 2] *= np.array(s.train.cleaning or [1.0] * s.train.axles)[:, None]  # f0
-    return Track(rail.along == "time", np.array([*knots, INF]), under, wave.amplitude, wave.period)
+    wheel_values = np.array([[*values, values[-1]]] * s.train.axles)
+    wheel_values[:, :, 2] *= np.array(s.train.cleaning or [1.0] * s.train.axles)[:, None]  # f0
+    return Track(
+        rail.along == "time", np.array([*knots, INF]), wheel_values, wave.amplitude, wave.period
+    )
 
 
 class Train(NamedTuple):
@@ -128,7 +130,7 @@ class Train(NamedTuple):
     t: float  # [s]
     v: float  # NaN: Newton's iteration failed [m/s]
     x: float  # run by the first axle [m]
-    asked: float  # cylinder pressure there would be without valves [Pa]
+    demand_pressure: float  # cylinder pressure there would be without valves [Pa]
     demand_knot: int  # the last one past
     track_knot: int  # likewise, of a rail that changes with time
 
@@ -171,17 +173,17 @@ def rail_at(track: Track, axle: int, z: float, j: int, rail: Floats) -> int:
     """
     while track.knots[j + 1] <= z:
         j += 1
-    part = max(0.0, (z - track.knots[j]) / (track.knots[j + 1] - track.knots[j]))
+    fraction = max(0.0, (z - track.knots[j]) / (track.knots[j + 1] - track.knots[j]))
     for i in range(5):
-        before = track.values[axle, j, i]
-        rail[i] = before + part * (track.values[axle, j + 1, i] - before)
+        knot_value = track.values[axle, j, i]
+        rail[i] = knot_value + fraction * (track.values[axle, j + 1, i] - knot_value)
     rail[2] *= 1.0 + track.amplitude * math.sin(2.0 * math.pi * z / track.period)  # f0
     return j
 
 
 def rail_under(  # noqa: PLR0913 (compiled)
     plant: Plant, track: Track, axle: int, t: float, x: float, j: int, rail: Floats
-) -> int:  # fmt: skip
+) -> int:
     """`rail_at` under an axle of a train whose first axle is at `x` at time `t`."""
     z = t if track.timed else x - plant.positions[axle]
     return rail_at(track, axle, z, j, rail)
@@ -195,7 +197,7 @@ def adhesion(sliding: float, speed: float, rail: Floats, patch: Patch) -> tuple[
 
 def forces(  # noqa: PLR0913 (compiled: one array each)
     plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, w: Floats, force: Floats
-) -> None:  # fmt: skip
+) -> None:
     """Fills the adhesion force at each sample; shapes (n,), of `w` [m/s] and `force` (n, axles)."""
     rail = np.zeros(5)
     for i in range(w.shape[1]):
@@ -217,8 +219,8 @@ def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float)
     elif h == 0.0:
         p1 = p
     else:
-        behind = (c1 - c0) / h * lag  # distance of a lag behind a ramp
-        p1 = c1 - behind + (p - c0 + behind) * math.exp(-h / lag)
+        lag_distance = (c1 - c0) / h * lag  # distance of a lag behind a ramp
+        p1 = c1 - lag_distance + (p - c0 + lag_distance) * math.exp(-h / lag)
     if p1 > p:
         return min(p1, p + plant.fill_rate * h) if plant.fill_rate < math.inf else p1
     return max(p1, p - plant.vent_rate * h) if plant.vent_rate < math.inf else p1
@@ -263,27 +265,27 @@ def _stage(plant: Plant, s: Wheels, h: float, v_from: float, v: float) -> float:
 
 
 def advance_to(
-    plant: Plant, track: Track, demand: Demand, s: Train, wheels: Wheels, end: float
+    plant: Plant, track: Track, demand: Demand, s: Train, wheels: Wheels, t_stop: float
 ) -> Train:
-    """The train at time `end` [s]; a step ends at every jump and kink of demand or rail."""
-    t, v, x, asked, i, j = s.t, s.v, s.x, s.asked, s.demand_knot, s.track_knot
-    while t < end - SOON:
+    """The train at time `t_stop` [s]; a step ends at every jump and kink of demand or rail."""
+    t, v, x, demand_pressure, i, j = s.t, s.v, s.x, s.demand_pressure, s.demand_knot, s.track_knot
+    while t < t_stop - SOON:
         while demand.t[i + 1] <= t + SOON:
             i += 1
-        stop = min(end, demand.t[i + 1])
+        stop = min(t_stop, demand.t[i + 1])
         if track.timed:
             while track.knots[j + 1] <= t + SOON:
                 j += 1
             stop = min(stop, track.knots[j + 1])
         h = stop - t
         c0, rise = _line(demand, i, t)
-        asked = cylinder(plant, APPLY, asked, c0, c0 + rise * h, h)
-        new = _step(plant, track, wheels, c0, rise, t, h, v, x)
-        if math.isnan(new):
-            return Train(t, new, x, asked, i, j)
-        x += 0.5 * h * (v + new)
-        v, t = new, stop
-    return Train(end, v, x, asked, i, j)
+        demand_pressure = cylinder(plant, APPLY, demand_pressure, c0, c0 + rise * h, h)
+        solution = _step(plant, track, wheels, c0, rise, t, h, v, x)
+        if math.isnan(solution):
+            return Train(t, solution, x, demand_pressure, i, j)
+        x += 0.5 * h * (v + solution)
+        v, t = solution, stop
+    return Train(t_stop, v, x, demand_pressure, i, j)
 
 
 def settle(plant: Plant, demand: Demand, s: Train, wheels: Wheels) -> None:
@@ -303,9 +305,16 @@ def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
 
 
 def _step(  # noqa: PLR0913 (compiled: plain floats)
-    plant: Plant, track: Track, s: Wheels, demand: float, rise: float,
-    t: float, h: float, v: float, x: float,
-) -> float:  # fmt: skip
+    plant: Plant,
+    track: Track,
+    s: Wheels,
+    demand: float,
+    rise: float,
+    t: float,
+    h: float,
+    v: float,
+    x: float,
+) -> float:
     """One step from `t` to `t + h`, without jumps inside; updates the wheels.
 
     `demand` is the pressure demanded at `t` [Pa] and `rise` its slope [Pa/s].
@@ -317,26 +326,26 @@ def _step(  # noqa: PLR0913 (compiled: plain floats)
     v_new, v_from, braked = v, v, False
     for i in range(axles):
         w_new[i] = w_from[i] = w[i]
-    for part in (GAMMA, 1.0):
+    for stage in (GAMMA, 1.0):
         for i in range(axles):
-            p1 = cylinder(plant, s.valve[i], s.p[i], demand, demand + rise * part * h, part * h)
+            p1 = cylinder(plant, s.valve[i], s.p[i], demand, demand + rise * stage * h, stage * h)
             K = clamping(plant.brake, p1)
             s.friction[i] = plant.phi * K
             braked = braked or K > 0.0
-            if part == 1.0:
+            if stage == 1.0:
                 s.air[i] += max(p1 - s.p[i], 0.0)
                 s.p[i] = p1
-            to, at = t + part * h, x + part * h * v_new
-            s.knot[i] = rail_under(plant, track, i, to, at, s.knot[i], s.rails[i])
+            t_stage, x_stage = t + stage * h, x + stage * h * v_new
+            s.knot[i] = rail_under(plant, track, i, t_stage, x_stage, s.knot[i], s.rails[i])
         if v > 0.0:
             v_new = _stage(plant, s, GAMMA * h, v_from, v_new)
         if math.isnan(v_new):
             return v_new
-        if part < 1.0:  # the second stage starts from h (1 − γ) f of the first
+        if stage < 1.0:  # the second stage starts from h (1 − γ) f of the first
             v_from = v + (1.0 - GAMMA) / GAMMA * (v_new - v)
             for i in range(axles):
                 w_from[i] = w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - w[i])
-    stands = braked and v_new < STANDSTILL
+    at_standstill = braked and v_new < STANDSTILL
     for i in range(axles):
-        w[i] = 0.0 if stands else w_new[i]
-    return 0.0 if stands else v_new
+        w[i] = 0.0 if at_standstill else w_new[i]
+    return 0.0 if at_standstill else v_new

@@ -38,19 +38,22 @@ from ..rail.fit import RailFit
 from ..train.longitudinal import STATED_SIGMAS, tolerance
 from . import closed_loop, replay_rail
 from .plant import Track
-from .replay_rail import Under
+from .replay_rail import RailUnderAxle
 from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
 from .sweep import Compared, Values, compared, intervals, on_all_cores
 from .wsp_controller import Settings
 
-_EVERY = 0.1  # between two knots of the demand [s]
+_KNOT_INTERVAL = 0.1  # between two knots of the demand [s]
 _OFFSET = 0.1  # share of it: a smaller least value is a sensor's offset
 _PAUSE = 2.0  # longest time without brake and slide within one brake application [s]
 _DRAWS = 40  # of the fit that are simulated
 _NOISE = 0.01  # share of the largest demand: least change of it
-_STOOD, _EVEN = 1.0, 0.03  # least time [s] and largest change (share) of a steady demand
-_LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
-_BEFORE = 5.0  # of a stop that a hint names [s]
+_STEADY_TIME, _STEADY_CHANGE = (
+    1.0,
+    0.03,
+)  # least time [s] and largest change (share) of a steady demand
+_FILLED_FORCE = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
+_HINT_LEAD = 5.0  # of a stop that a hint names [s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
 
 
@@ -78,7 +81,7 @@ class Answer(NamedTuple):
 
 
 class _Braking(NamedTuple):
-    """The stop on a grid of `_EVERY` from the start of the brake; all shape (n,)."""
+    """The stop on a grid of `_KNOT_INTERVAL` from the start of the brake; all shape (n,)."""
 
     t: Times  # [ns]
     speed: Floats  # of the train [m/s]
@@ -106,71 +109,85 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     if not braking.speed[0] > JUDGED_FROM:
         text = f"{name}: the train does not move when the brake is applied"
         raise UserError(text, "choose a stop with --from and --to")
-    begin, end = braking.t[[0, -1]].tolist()
-    under, findings = _under(result, slides, begin, end)
-    firsts = [x.spans[0][0] if x else 0 for x in under]
+    begin, stop = braking.t[[0, -1]].tolist()
+    axle_rails, findings = _rails_under(result, slides, begin, stop)
+    firsts = [x.spans[0][0] if x else 0 for x in axle_rails]
     places = [
         [(_distance(braking, a), INF if b is None else _distance(braking, b)) for a, b in x.spans]
         if x
         else []
-        for x in under
+        for x in axle_rails
     ]
-    asked, known, told = _demand(braking, firsts, result.log.start_ns())
+    demand, demand_known, demand_findings = _demand(braking, firsts, result.log.start_ns())
     radii = tuple(result.vehicle.radius(a.record.axle) for a in result.axles)
     scenario = Scenario(
-        Path(name).stem, "a stop of a log", closed_loop.LONGEST, closed_loop.DRY,
-        train=Train(float(braking.speed[0]), len(radii)), brake=Brake(_commands(braking, asked)),
+        Path(name).stem,
+        "a stop of a log",
+        closed_loop.LONGEST,
+        closed_loop.DRY,
+        train=Train(float(braking.speed[0]), len(radii)),
+        brake=Brake(_commands(braking, demand)),
         vehicle=replace(result.vehicle, wheel_radius=radii),
-    ).with_train_speed(train_speed)  # fmt: skip
-    rails = [x and x.rail for x in under]
-    stands = bool(braking.speed[-1] < STANDING)
+    ).with_train_speed(train_speed)
+    rails = [x and x.rail for x in axle_rails]
+    comes_to_rest = bool(braking.speed[-1] < STANDING)
     return Case(
-        (begin - result.log.start_ns()) / 1e9, scenario,
+        (begin - result.log.start_ns()) / 1e9,
+        scenario,
         _track(places, [rail and rail.best for rail in rails]),
-        _draws(scenario, braking, rails, places, (asked, known)),
-        _distance(braking, end) if stands else None, bool(known.all()),
-        [*findings, *told, *_in_part(result, braking)],
-    )  # fmt: skip
+        _draws(scenario, braking, rails, places, (demand, demand_known)),
+        _distance(braking, stop) if comes_to_rest else None,
+        bool(demand_known.all()),
+        [*findings, *demand_findings, *_missing_axles(result, braking)],
+    )
 
 
-def _under(
-    result: Result, slides: Sequence[Sequence[Slide]], begin: int, end: int
-) -> tuple[list[Under | None], list[Finding]]:
+def _rails_under(
+    result: Result, slides: Sequence[Sequence[Slide]], begin: int, stop: int
+) -> tuple[list[RailUnderAxle | None], list[Finding]]:
     """The rail under every axle that slid in the stop, and findings about it.
 
     Raises:
         UserError: the slides of an axle show no rail. The hint names what helps.
     """
-    found: list[Under | None] = []
+    axle_rails: list[RailUnderAxle | None] = []
     findings, refused, start = list[Finding](), list[tuple[int, UserError]](), result.log.start_ns()
-    for axle, own in zip(result.axles, slides, strict=True):
-        number, under = axle.record.axle, None
-        if inside := [x for x in own if begin <= x.start <= end]:
+    for axle, axle_slides in zip(result.axles, slides, strict=True):
+        number, rail = axle.record.axle, None
+        if inside := [x for x in axle_slides if begin <= x.start <= stop]:
             try:
-                under, told = replay_rail.under(axle, result.vehicle, inside, begin, end)
+                rail, rail_findings = replay_rail.rail_under_axle(
+                    axle, result.vehicle, inside, begin, stop
+                )
             except UserError as error:
                 refused.append((number, error))
             else:
-                findings += told
-                if spans := [((a - start) / 1e9, (b - start) / 1e9) for a, b in under.spans if b]:
+                findings += rail_findings
+                if spans := [((a - start) / 1e9, (b - start) / 1e9) for a, b in rail.spans if b]:
                     findings.append(
                         Finding("replay-rail-ends", "info", f"axle {number}", spans=tuple(spans))
                     )
-        found.append(under)
+        axle_rails.append(rail)
     if not refused:
-        return found, findings
-    number, why = refused[0]
-    hints = [why.hint]
-    if others := [x for own in slides for x in own if not begin <= x.start <= end]:
-        first, last = _brake(result, slides, max(others, key=lambda x: x.duration).start)
-        begins = max((first - start) / 1e9 - _BEFORE, 0.0)
-        hints.append(f"Or replay another stop: --from {begins:.0f} --to {(last - start) / 1e9:.0f}")
-    elif any(found):
-        out = {n for n, _ in refused}
-        rest = (x.record.axle for x in result.axles if x.record.axle not in out)
-        hints.append(f"Or leave the axle out: {' '.join(f'--axle {n}' for n in rest)}")
+        return axle_rails, findings
+    number, reason = refused[0]
+    hints = [reason.hint]
+    if elsewhere := [
+        x for axle_slides in slides for x in axle_slides if not begin <= x.start <= stop
+    ]:
+        brake_start, brake_stop = _brake(
+            result, slides, max(elsewhere, key=lambda x: x.duration).start
+        )
+        begins = max((brake_start - start) / 1e9 - _HINT_LEAD, 0.0)
+        hints.append(
+            f"Or replay another stop: --from {begins:.0f} --to {(brake_stop - start) / 1e9:.0f}"
+        )
+    elif any(axle_rails):
+        refused_axles = {n for n, _ in refused}
+        kept_axles = (x.record.axle for x in result.axles if x.record.axle not in refused_axles)
+        hints.append(f"Or leave the axle out: {' '.join(f'--axle {n}' for n in kept_axles)}")
     name = printable(Path(result.log.path).name)
-    text = f"{name}: no rail to replay under axle {number}: {why.text}"
+    text = f"{name}: no rail to replay under axle {number}: {reason.text}"
     raise UserError(text, " ".join(hints))
 
 
@@ -183,22 +200,27 @@ def _draws(
 ) -> list[tuple[Scenario, Track]]:
     """Stops that are as likely as the best fit; `demand` and where it is known, from `_demand`."""
     random = np.random.default_rng(0)
-    (asked, known), vehicle, draws = demand, scenario.vehicle, []
+    (demand_force, demand_known), vehicle, draws = demand, scenario.vehicle, []
     phi = vehicle.friction
-    most = condition("dry").f0 * physics.G * vehicle.axle_mass.value
-    most = max(most / phi.value, float(asked.max()))
-    drawn = _drawn(rails, vehicle, random)
+    dry_force = condition("dry").f0 * physics.G * vehicle.axle_mass.value
+    dry_force = max(dry_force / phi.value, float(demand_force.max()))
+    sampled_rails = _draw_rails(rails, vehicle, random)
     for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
         truly = replace(vehicle, friction=phi._replace(value=phi.value * scale))
-        track = _track(places, [of[k] if of else None for of in drawn])
-        more = (most / np.maximum(asked, _LEAST)) ** max(random.uniform(-1.0, 1.0), 0.0)
-        brake = Brake(_commands(braking, np.where(known, 1.0, more) * asked))
+        track = _track(
+            places,
+            [axle_conditions[k] if axle_conditions else None for axle_conditions in sampled_rails],
+        )
+        excess = (dry_force / np.maximum(demand_force, _FILLED_FORCE)) ** max(
+            random.uniform(-1.0, 1.0), 0.0
+        )
+        brake = Brake(_commands(braking, np.where(demand_known, 1.0, excess) * demand_force))
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
     return draws
 
 
 def answers(
-    case: Case, algo: str, settings: Settings, seed: int, tell: Callable[[str], None]
+    case: Case, algo: str, settings: Settings, seed: int, progress: Callable[[str], None]
 ) -> tuple[float | None, dict[str, Answer]]:
     """Dry distance [m], None where the demand is not known, and every controller's stop, by name.
 
@@ -207,32 +229,32 @@ def answers(
         algo: online estimator in the loop.
         settings: as in `closed_loop.run`.
         seed: of the sensors' noise.
-        tell: gets the progress.
+        progress: gets the progress.
 
     Raises:
         UserError: as `closed_loop.run`.
     """
 
     def stops(
-        draw: tuple[Scenario, Track], tell: Callable[[str], None] = lambda _: None
+        draw: tuple[Scenario, Track], progress: Callable[[str], None] = lambda _: None
     ) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
-        return closed_loop.side_by_side(draw[0], seed, algo, settings, tell, draw[1])
+        return closed_loop.compare_laws(draw[0], seed, algo, settings, progress, draw[1])
 
     def verdicts(draw: tuple[Scenario, Track]) -> dict[str, Verdict]:
         return {law: v for law, (_, v) in stops(draw)[1].items()}
 
-    dry, best = stops((case.scenario, case.track), tell)
-    drawn = on_all_cores(verdicts, case.draws, tell)
-    by_law = {law: [draw[law] for draw in drawn] for law in best}
-    paired, found = compared(by_law, np.median), {}
+    dry, best = stops((case.scenario, case.track), progress)
+    results = on_all_cores(verdicts, case.draws, progress)
+    by_law = {law: [draw[law] for draw in results] for law in best}
+    paired, bounds = compared(by_law, np.median), {}
     for law, (stop, _) in best.items():
         values = intervals(by_law[law], np.median)
-        known = values if case.demanded else {**values, "extension": None}
-        found[law] = Answer(stop, known, paired[law])
-    return dry if case.demanded else None, found
+        quantities = values if case.demanded else {**values, "extension": None}
+        bounds[law] = Answer(stop, quantities, paired[law])
+    return dry if case.demanded else None, bounds
 
 
-def _drawn(
+def _draw_rails(
     rails: Sequence[RailFit | None], vehicle: Vehicle, random: np.random.Generator
 ) -> list[list[Condition] | None]:
     """Draws of every axle's rail; draw k has similar adhesion of locked wheels under all axles.
@@ -241,38 +263,46 @@ def _drawn(
     average out, and the stop would seem too certain.
     """
     order: NDArray[np.int64] | None = None
-    found: list[list[Condition] | None] = []
+    conditions: list[list[Condition] | None] = []
     for rail in rails:
         if rail is None:
-            found.append(None)
+            conditions.append(None)
             continue
         scales = rail.scales[:_DRAWS]
-        own = [replay_rail.scaled_by(x, 1.0 / c) for x, c in zip(rail.draws, scales, strict=False)]
-        own.sort(key=lambda x: float(fit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
-        order = random.permutation(len(own)) if order is None else order
-        found.append(
-            [replay_rail.scaled_by(own[i], c) for i, c in zip(order.tolist(), scales, strict=True)]
+        axle_draws = [
+            replay_rail.scaled_by(x, 1.0 / c) for x, c in zip(rail.draws, scales, strict=False)
+        ]
+        axle_draws.sort(key=lambda x: float(fit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
+        order = random.permutation(len(axle_draws)) if order is None else order
+        conditions.append(
+            [
+                replay_rail.scaled_by(axle_draws[i], c)
+                for i, c in zip(order.tolist(), scales, strict=True)
+            ]
         )
-    return found
+    return conditions
 
 
 def _braking(result: Result, slides: Sequence[Sequence[Slide]]) -> _Braking:
     """From the demand of the brake in which the longest slide lies, to standstill or release."""
     slide = max((x for found in slides for x in found), key=lambda x: x.duration)
-    start, end = _brake(result, slides, slide.start)
+    start, stop = _brake(result, slides, slide.start)
     filled = float(physics.cylinder_pressure(physics.force_line(result.vehicle), 0.0))
     start -= round(filled / Antiskid().fill_rate * 1e9)
     start = max(start, *(int(a.record.t[0]) for a in result.axles))
-    t = np.arange(start, end, round(_EVERY * 1e9), dtype=np.int64)
+    t = np.arange(start, stop, round(_KNOT_INTERVAL * 1e9), dtype=np.int64)
     speed = _column(t, result.axles[0].record.t, result.axles[0].record.train_speed)
     K = np.array([_column(t, a.record.t, a.record.clamping_force_smooth) for a in result.axles])
-    stands = speed < STANDING
-    past = int(np.argmax(stands)) + 1 if stands.any() else len(t)
-    past = max(_last_full(K[:, :past].max(axis=0)), int(np.searchsorted(t, slide.start))) + 1
-    return _Braking(t[:past], speed[:past], K[:, :past])
+    at_rest = speed < STANDING
+    stop_index = int(np.argmax(at_rest)) + 1 if at_rest.any() else len(t)
+    stop_index = (
+        max(_last_full_brake(K[:, :stop_index].max(axis=0)), int(np.searchsorted(t, slide.start)))
+        + 1
+    )
+    return _Braking(t[:stop_index], speed[:stop_index], K[:, :stop_index])
 
 
-def _brake(result: Result, slides: Sequence[Sequence[Slide]], at: int) -> tuple[int, int]:
+def _brake(result: Result, slides: Sequence[Sequence[Slide]], instant: int) -> tuple[int, int]:
     """When the brake applied at that time began, and when the next one or the log's end is [ns].
 
     A WSP may dump every cylinder, but while a wheel slides and for a short time. A release lasts,
@@ -282,65 +312,72 @@ def _brake(result: Result, slides: Sequence[Sequence[Slide]], at: int) -> tuple[
     for a in result.axles:
         spans += [(int(a.record.t[s.start]), int(a.record.t[s.stop - 1])) for s in a.applications]
     spans.sort()
-    begin, end = spans[0]
-    for first, last in spans[1:]:
-        if first - end > _PAUSE * 1e9:
-            if end >= at:
-                return begin, first
-            begin = first
-        end = max(end, last)
+    begin, stop = spans[0]
+    for slide_start, slide_stop in spans[1:]:
+        if slide_start - stop > _PAUSE * 1e9:
+            if stop >= instant:
+                return begin, slide_start
+            begin = slide_start
+        stop = max(stop, slide_stop)
     return begin, max(int(a.record.t[-1]) for a in result.axles)
 
 
-def _last_full(asked: Floats) -> int:
+def _last_full_brake(demand: Floats) -> int:
     """Index at which the brake begins to be released.
 
     Args:
-        asked: the largest clamping force of all axles [N], shape (n,).
+        demand: the largest clamping force of all axles [N], shape (n,).
     """
-    most = float(asked.max())
-    least = float(asked.min())
-    none = (least if least < _OFFSET * most else 0.0) + physics.RELEASED_SHARE * most
-    top = i = max(np.flatnonzero(asked > none).tolist(), default=0)
-    if top == len(asked) - 1:
+    largest = float(demand.max())
+    smallest = float(demand.min())
+    no_force = (
+        smallest if smallest < _OFFSET * largest else 0.0
+    ) + physics.RELEASED_SHARE * largest
+    top = i = max(np.flatnonzero(demand > no_force).tolist(), default=0)
+    if top == len(demand) - 1:
         return top
-    while i > 0 and (top - i) * _EVERY < _STOOD:
+    while i > 0 and (top - i) * _KNOT_INTERVAL < _STEADY_TIME:
         i -= 1
-        if asked[i] > asked[top] + _NOISE * most:
+        if demand[i] > demand[top] + _NOISE * largest:
             top = i
     return top
 
 
-def _in_part(result: Result, braking: _Braking) -> list[Finding]:
+def _missing_axles(result: Result, braking: _Braking) -> list[Finding]:
     """Findings where other axles or forces slowed the train, too."""
-    mine = {a.record.axle for a in result.axles}
+    result_axles = {a.record.axle for a in result.axles}
     speeds = [c for c in result.log.channels if c.meaning == "wheel_speed" and len(c.data.t)]
-    if others := sorted({c.axle for c in speeds if c.axle} - mine):
-        names = {"axles": ", ".join(map(str, others))}
+    if missing := sorted({c.axle for c in speeds if c.axle} - result_axles):
+        names = {"axles": ", ".join(map(str, missing))}
         return [Finding("replay-axles-missing", "warning", names=names)]
     if any(a.record.train_speed_made for a in result.axles):
         return []
     F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
-    mass = len(mine) * result.vehicle.axle_mass.value
-    by_axles, lost = float(np.sum(F)) * _EVERY / mass, float(braking.speed[0] - braking.speed[-1])
-    if by_axles > 0.0 and abs(lost / by_axles - 1.0) < STATED_SIGMAS * tolerance(result.vehicle):
+    mass = len(result_axles) * result.vehicle.axle_mass.value
+    by_axles, speed_lost = (
+        float(np.sum(F)) * _KNOT_INTERVAL / mass,
+        float(braking.speed[0] - braking.speed[-1]),
+    )
+    if by_axles > 0.0 and abs(speed_lost / by_axles - 1.0) < STATED_SIGMAS * tolerance(
+        result.vehicle
+    ):
         return []
     span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()
-    values = {"lost_mps": lost, "explained_mps": by_axles}
+    values = {"lost_mps": speed_lost, "explained_mps": by_axles}
     return [Finding("replay-train-differs", "warning", spans=((span[0], span[1]),), values=values)]
 
 
-def _column(at: Times, t: Times, values: Floats | None) -> Floats:
+def _column(grid: Times, t: Times, values: Floats | None) -> Floats:
     assert values is not None  # `analyze` makes a train speed where there is none
-    known = np.isfinite(values)
-    return np.interp(at, t[known], values[known])
+    finite = np.isfinite(values)
+    return np.interp(grid, t[finite], values[finite])
 
 
-def _distance(braking: _Braking, until: int) -> float:
+def _distance(braking: _Braking, stop_index: int) -> float:
     """Distance of the train until then [m]."""
     seconds = (braking.t - braking.t[0]) * 1e-9
     run = np.concatenate([[0.0], np.cumsum((braking.speed[1:] + braking.speed[:-1]) / 2.0)])
-    return float(np.interp((until - braking.t[0]) * 1e-9, seconds, run * _EVERY))
+    return float(np.interp((stop_index - braking.t[0]) * 1e-9, seconds, run * _KNOT_INTERVAL))
 
 
 def _demand(
@@ -353,43 +390,48 @@ def _demand(
         firsts: when each axle began to slide, 0: it did not.
         start_ns: the log's start.
     """
-    free, findings = [first == 0 for first in firsts], []
-    at = (braking.t - start_ns) * 1e-9
-    known: Bools = np.ones(len(braking.t), dtype=np.bool_)
-    if any(free):
-        asked: Floats = braking.K[free].max(axis=0)
+    sliding_later, findings = [first == 0 for first in firsts], []
+    seconds = (braking.t - start_ns) * 1e-9
+    constrained: Bools = np.ones(len(braking.t), dtype=np.bool_)
+    if any(sliding_later):
+        demand: Floats = braking.K[sliding_later].max(axis=0)
     else:
         # From here on, no axle shows the demand.
-        last = max(int(np.searchsorted(braking.t, max(firsts))), 1)
+        last_index = max(int(np.searchsorted(braking.t, max(firsts))), 1)
         rolling = braking.t < np.array(firsts)[:, None]
         rolling[:, 0] = True
-        asked = np.where(rolling, braking.K, 0.0).max(axis=0)
-        most = np.maximum.accumulate(braking.K[:, last:].max(axis=0))
-        asked[last:] = np.maximum(most, asked[last - 1])
-        before = asked[:last][-1 - round(_STOOD / _EVERY) :]
-        stood = len(before) * _EVERY > _STOOD and np.ptp(before) < _EVEN * before[-1]
-        spans = ((float(at[last]), float(at[-1])),)
-        if stood and asked[-1] < (1.0 + _EVEN) * before[-1]:
+        demand = np.where(rolling, braking.K, 0.0).max(axis=0)
+        running_maximum = np.maximum.accumulate(braking.K[:, last_index:].max(axis=0))
+        demand[last_index:] = np.maximum(running_maximum, demand[last_index - 1])
+        steady_part = demand[:last_index][-1 - round(_STEADY_TIME / _KNOT_INTERVAL) :]
+        stood = (
+            len(steady_part) * _KNOT_INTERVAL > _STEADY_TIME
+            and np.ptp(steady_part) < _STEADY_CHANGE * steady_part[-1]
+        )
+        spans = ((float(seconds[last_index]), float(seconds[-1])),)
+        if stood and demand[-1] < (1.0 + _STEADY_CHANGE) * steady_part[-1]:
             findings.append(Finding("demand-estimated", "info", spans=spans))
         else:
-            known[last:] = False
-            force = {"force_n": float(asked.max())}
+            constrained[last_index:] = False
+            force = {"force_n": float(demand.max())}
             findings.append(Finding("demand-unknown", "warning", spans=spans, values=force))
     if braking.speed[-1] >= STANDING:
-        values, end = {"speed_mps": float(braking.speed[-1])}, float(at[-1])
-        findings.append(Finding("stop-extended", "info", spans=((end, end),), values=values))
-    return asked, known, findings
+        values, end_time = {"speed_mps": float(braking.speed[-1])}, float(seconds[-1])
+        findings.append(
+            Finding("stop-extended", "info", spans=((end_time, end_time),), values=values)
+        )
+    return demand, constrained, findings
 
 
-def _commands(braking: _Braking, asked: Floats) -> tuple[Command, ...]:
+def _commands(braking: _Braking, demand: Floats) -> tuple[Command, ...]:
     """A demand [N], shape (n,), without noise, which would cost air."""
     seconds = ((braking.t - braking.t[0]) * 1e-9).tolist()
-    now = max(float(asked[0]), _LEAST)
-    commands = [Command(0.0, clamping_force=now)]
-    for i, force in enumerate(asked[1:].tolist()):
-        if abs(force - now) > _NOISE * asked.max():
-            now = force
-        commands.append(Command(seconds[i], None, now, seconds[i + 1] - seconds[i]))
+    current = max(float(demand[0]), _FILLED_FORCE)
+    commands = [Command(0.0, clamping_force=current)]
+    for i, force in enumerate(demand[1:].tolist()):
+        if abs(force - current) > _NOISE * demand.max():
+            current = force
+        commands.append(Command(seconds[i], None, current, seconds[i + 1] - seconds[i]))
     return tuple(commands)
 
 
@@ -397,17 +439,19 @@ def _track(
     places: Sequence[Sequence[tuple[float, float]]], rails: Sequence[Condition | None]
 ) -> Track:
     """Each axle's rail at its places, from and to [m], in order; dry elsewhere."""
-    ends = {x for axle in places for place in axle for x in place if x < INF}
-    knots = np.unique([0.0, *ends, *(x + _BLEND for x in ends)])
+    limits = {x for axle in places for place in axle for x in place if x < INF}
+    knots = np.unique([0.0, *limits, *(x + _BLEND for x in limits)])
     dry = np.array(condition("dry"))
     values = []
     for axle, rail in zip(places, rails, strict=True):
-        part = np.zeros(len(knots))
-        for first, last in axle:
-            part += np.clip((knots - first) / _BLEND, 0.0, 1.0)
-            part -= np.clip((knots - last) / _BLEND, 0.0, 1.0)
-        there = np.array(rail or dry)
-        there[:2] = np.minimum(there[:2], 1.0)  # kA and kS: at most those of (3) without reduction
-        under = dry + part[:, None] * (there - dry)
-        values.append([*under, under[-1]])
+        weight = np.zeros(len(knots))
+        for x_start, x_stop in axle:
+            weight += np.clip((knots - x_start) / _BLEND, 0.0, 1.0)
+            weight -= np.clip((knots - x_stop) / _BLEND, 0.0, 1.0)
+        conditions = np.array(rail or dry)
+        conditions[:2] = np.minimum(
+            conditions[:2], 1.0
+        )  # kA and kS: at most those of (3) without reduction
+        rail_values = dry + weight[:, None] * (conditions - dry)
+        values.append([*rail_values, rail_values[-1]])
     return Track(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)

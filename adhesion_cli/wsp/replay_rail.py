@@ -29,62 +29,66 @@ _LASTS = 0.5  # least time in which an axle transmits more than the fitted rail 
 _SPEEDS, _SLIPS, _DRAWS = 6, 40, 40  # at which the largest μ is computed, and of how many draws
 
 
-class Under(NamedTuple):
+class RailUnderAxle(NamedTuple):
     """The rail under an axle that slid."""
 
     rail: fit.RailFit
     spans: list[tuple[int, int | None]]  # where it lies [ns]; None: up to the end of the stop
 
 
-def under(
-    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], begin: int, end: int
-) -> tuple[Under, list[Finding]]:
+def rail_under_axle(
+    axle: AxleResult, vehicle: Vehicle, slides: Sequence[Slide], begin: int, stop: int
+) -> tuple[RailUnderAxle, list[Finding]]:
     """The rail under the slides of one stop, and findings about it.
 
     Args:
         axle: with its slip.
         vehicle: of the log.
-        found: slides of the axle in the stop, in the order of time; at least one.
+        slides: slides of the axle in the stop, in the order of time; at least one.
         begin: of the stop [ns].
-        end: of the stop [ns].
+        stop: of the stop [ns].
 
     Raises:
         UserError: the slides show no rail, with the reason.
     """
-    whole = slip.AxleContext(axle, vehicle)
-    rail, findings = slip.fit_rail(whole, found)
+    context = slip.AxleContext(axle, vehicle)
+    rail, findings = slip.fit_rail(context, slides)
     better: int | None = None
     if rail is None:
         if findings[0].code not in ("slides-too-short", "rail-changes"):
             raise UserError(findings[0].message, findings[0].hint or "")
-        rail, better, findings = _short(whole, found)
-    more = _more(axle, vehicle, rail)
+        rail, better, findings = _shortcomings(context, slides)
+    exceeds = _above_curve(axle, vehicle, rail)
     if better is not None:
-        more |= (axle.record.t >= better) & (
-            axle.record.t < axle.record.t[found[-1].samples.stop - 1]
+        exceeds |= (axle.record.t >= better) & (
+            axle.record.t < axle.record.t[slides[-1].samples.stop - 1]
         )
-    return Under(rail, _spans(axle, more, begin, end)), findings
+    return RailUnderAxle(rail, _spans(axle, exceeds, begin, stop)), findings
 
 
-def _short(
-    whole: slip.AxleContext, found: Sequence[Slide]
+def _shortcomings(
+    context: slip.AxleContext, slides: Sequence[Slide]
 ) -> tuple[fit.RailFit, int | None, list[Finding]]:
     """A fit to the slides up to where the rail gets better, and when that is [ns].
 
     Raises:
         UserError: too little slip, or no curve fits.
     """
-    record, radius = whole.axle.record, whole.radius
-    points, mu_error = slip.points(whole, found)
-    past = _gets_better(points)
-    better = None if past == len(points.t) else int(record.t[0] + round(points.t[past] * 1e9))
-    points = fit.Points._make(x[:past] for x in points)
+    record, radius = context.axle.record, context.radius
+    points, mu_error = slip.points(context, slides)
+    peak_passed = _gets_better(points)
+    better = (
+        None
+        if peak_passed == len(points.t)
+        else int(record.t[0] + round(points.t[peak_passed] * 1e9))
+    )
+    points = fit.Points._make(x[:peak_passed] for x in points)
     seconds = fit.clear_time(points)
     if seconds < fit.SHORTEST_FIT:
         text = f"its slides show {seconds:.1f} s of slip above the noise of the speeds"
         hint = "Log train and wheel speed at a higher rate or with less noise."
         raise UserError(f"{text}; {fit.SHORTEST_FIT:g} s are needed", hint)
-    rail = fit.fit(points, whole.vehicle, radius.tolerance / radius.value, mu_error)
+    rail = fit.fit(points, context.vehicle, radius.tolerance / radius.value, mu_error)
     if rail is None:
         text = "its slides lie on different rails: no single adhesion curve fits them"
         raise UserError(text, "Log a stop on one kind of rail.")
@@ -100,13 +104,17 @@ def _gets_better(p: fit.Points) -> int:
     n = len(p.t)
     if n < 3:
         return n
-    after = int(np.argmax(p.slip)) + 1
-    least = np.minimum.accumulate(p.mu[::-1])[::-1]
-    found = (k for k in range(after, n) if least[k] > _BETTER * float(np.quantile(p.mu[:k], 0.9)))
-    return next(found, n)
+    past_peak = int(np.argmax(p.slip)) + 1
+    lowest_ahead = np.minimum.accumulate(p.mu[::-1])[::-1]
+    candidates = (
+        k
+        for k in range(past_peak, n)
+        if lowest_ahead[k] > _BETTER * float(np.quantile(p.mu[:k], 0.9))
+    )
+    return next(candidates, n)
 
 
-def _more(axle: AxleResult, vehicle: Vehicle, rail: fit.RailFit) -> Bools:
+def _above_curve(axle: AxleResult, vehicle: Vehicle, rail: fit.RailFit) -> Bools:
     """Where the axle transmits more than the largest μ of the fitted rail, shape (n,).
 
     Not below `JUDGED_FROM`: no slip was fitted there, and the force is that of a train that stops.
@@ -122,8 +130,8 @@ def _more(axle: AxleResult, vehicle: Vehicle, rail: fit.RailFit) -> Bools:
         for u in speeds.tolist()
     ]
     mu = physics.coefficient(axle.reference.force, vehicle)
-    more: Bools = (mu > np.interp(v, speeds, largest)) & (v >= JUDGED_FROM)
-    return more
+    exceeds: Bools = (mu > np.interp(v, speeds, largest)) & (v >= JUDGED_FROM)
+    return exceeds
 
 
 def scaled_by(x: Condition, c: float) -> Condition:
@@ -131,8 +139,8 @@ def scaled_by(x: Condition, c: float) -> Condition:
     return x._replace(k_a=c * x.k_a, k_s=c * x.k_s, f0=c * x.f0)
 
 
-def _spans(axle: AxleResult, more: Bools, begin: int, end: int) -> list[tuple[int, int | None]]:
-    """Where the fitted rail lies [ns], in the order of time; `more` is from `_more`.
+def _spans(axle: AxleResult, exceeds: Bools, begin: int, stop: int) -> list[tuple[int, int | None]]:
+    """Where the fitted rail lies [ns], in the order of time; `exceeds` is from `_above_curve`.
 
     A rail that proves better is so from the last creep at less μ: the wheel rolls since then.
     """
@@ -141,14 +149,18 @@ def _spans(axle: AxleResult, more: Bools, begin: int, end: int) -> list[tuple[in
     assert axle.slip is not None
     for x in (*slip.find_creep(record, axle.slip), *(x.samples for x in slip.slides(axle))):
         creeping[x] = True
-    runs = [(int(t[a]), int(t[b - 1])) for a, b in true_runs(more) if t[a] < end]
-    at = begin
-    while (first := slip.limited_from(axle, at, end)) is not None:
-        lasting = [max(a, first) for a, b in runs if b - max(a, first) >= _LASTS * 1e9]
+    runs = [(int(t[a]), int(t[b - 1])) for a, b in true_runs(exceeds) if t[a] < stop]
+    position = begin
+    while (limit_start := slip.limited_from(axle, position, stop)) is not None:
+        lasting = [max(a, limit_start) for a, b in runs if b - max(a, limit_start) >= _LASTS * 1e9]
         if not lasting:
-            return [*spans, (first, None)]
-        low = np.flatnonzero(creeping & ~more & (t >= first) & (t < lasting[0]))
-        at = int(t[low[-1] + 1]) if len(low) else next(b for _, b in runs if b > lasting[0])
-        if len(low):
-            spans.append((first, at))
+            return [*spans, (limit_start, None)]
+        creep_samples = np.flatnonzero(creeping & ~exceeds & (t >= limit_start) & (t < lasting[0]))
+        position = (
+            int(t[creep_samples[-1] + 1])
+            if len(creep_samples)
+            else next(b for _, b in runs if b > lasting[0])
+        )
+        if len(creep_samples):
+            spans.append((limit_start, position))
     return spans

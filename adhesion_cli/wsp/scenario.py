@@ -20,7 +20,7 @@ INF = math.inf
 
 Signal = Literal["pressure", "clamping_force", "wheel_speed", "train_speed", "truth", "slip"]
 
-_IS = "name a scenario TOML, or one of the bundled scenarios"
+_NAME_HINT = "name a scenario TOML, or one of the bundled scenarios"
 _BUNDLED = Path(__file__).parent / "scenarios"
 _UNITS: dict[Signal, tuple[tuple[Dimension, ...], str]] = {
     "pressure": (("pressure",), "bar, kPa, Pa"),
@@ -119,13 +119,17 @@ class Rail:
             return base
         film = self.film
         patches = [film.first + k * film.pitch for k in range(film.count)]
-        ends = [start + film.length for start in patches]
-        seen = [
-            x for x in base if not any(a <= x[0] <= b for a, b in zip(patches, ends, strict=True))
+        film_ends = [start + film.length for start in patches]
+        stretches = [
+            x
+            for x in base
+            if not any(a <= x[0] <= b for a, b in zip(patches, film_ends, strict=True))
         ]
-        seen += [(start, film.condition, film.scale) for start in patches]
-        seen += [(end, *[x for x in base if x[0] <= end][-1][1:]) for end in ends]
-        return sorted(seen, key=lambda x: x[0])
+        stretches += [(start, film.condition, film.scale) for start in patches]
+        stretches += [
+            (film_end, *[x for x in base if x[0] <= film_end][-1][1:]) for film_end in film_ends
+        ]
+        return sorted(stretches, key=lambda x: x[0])
 
 
 class Wsp(NamedTuple):
@@ -167,17 +171,23 @@ class Limit:
     """What a stop must keep, with its source; none is built in."""
 
     quantity: Literal[
-        "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",
-        "mean_slip_error", "slide_s",
-    ]  # fmt: skip
+        "stopping_distance_m",
+        "extension",
+        "utilisation",
+        "max_slip",
+        "locked_s",
+        "air_nl",
+        "mean_slip_error",
+        "slide_s",
+    ]
     source: str
     most: Annotated[float, Quantity("of the quantity", "largest value allowed", -INF)] = INF
     least: Annotated[float, Quantity("of the quantity", "least value allowed", -INF)] = -INF
 
     def __str__(self) -> str:
         """As in "extension at most 0.3 (EN 15595, 5.2)"."""
-        ends = ("at least", self.least), ("at most", self.most)
-        span = " and ".join(f"{name} {x:g}" for name, x in ends if math.isfinite(x))
+        bounds = ("at least", self.least), ("at most", self.most)
+        span = " and ".join(f"{name} {x:g}" for name, x in bounds if math.isfinite(x))
         return f"{self.quantity} {span} ({self.source})"
 
 
@@ -245,7 +255,8 @@ class Scenario:
 def scenarios() -> dict[str, str]:
     """The bundled scenarios: name and one line on each."""
     return {
-        path.stem: toml.read(path, _IS)["description"] for path in sorted(_BUNDLED.glob("*.toml"))
+        path.stem: toml.read(path, _NAME_HINT)["description"]
+        for path in sorted(_BUNDLED.glob("*.toml"))
     }
 
 
@@ -261,60 +272,60 @@ def load(name_or_path: str | Path) -> Scenario:
         path = _BUNDLED / f"{name_or_path}.toml"
         if not path.exists():
             raise unknown("scenario", str(name_or_path), list(scenarios()))
-    s: Scenario = _table(Scenario, {"name": path.stem, **toml.read(path, _IS)}, path.name)
-    for wrong, text, hint in chain(_of_train(s), _of_rail(s), _of_sensors(s)):
-        if wrong:
+    s: Scenario = _table(Scenario, {"name": path.stem, **toml.read(path, _NAME_HINT)}, path.name)
+    for is_wrong, text, hint in chain(_of_train(s), _of_rail(s), _of_sensors(s)):
+        if is_wrong:
             raise UserError(f"{path.name}: {text}", hint, code=2)
     return s
 
 
-def _table(kind: Any, table: Mapping[str, Any], where: str) -> Any:
+def _table(kind: Any, table: Mapping[str, Any], place: str) -> Any:
     hints = typing.get_type_hints(kind, include_extras=True)
     for key in table:
         if key not in hints:
-            raise unknown(f"key in {where}:", key, list(hints))
+            raise unknown(f"key in {place}:", key, list(hints))
     for name, p in inspect.signature(kind).parameters.items():
         if p.default is p.empty and name not in table:
-            raise UserError(f"{where}: {name} is missing", f"add {name} = …", code=2)
-    return kind(**{key: _value(hints[key], v, f"{where}: {key}") for key, v in table.items()})
+            raise UserError(f"{place}: {name} is missing", f"add {name} = …", code=2)
+    return kind(**{key: _value(hints[key], v, f"{place}: {key}") for key, v in table.items()})
 
 
-def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) -> Any:
+def _value(kind: Any, value: Any, place: str, quantity: Quantity | None = None) -> Any:
     """`value` from a TOML as the annotated type `kind`, checked."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is Annotated:
-        return _value(args[0], value, where, args[1])
+        return _value(args[0], value, place, args[1])
     if origin is types.UnionType:  # T | None, and TOML has no None; or a table | its name
         named = args[-1] is str and not isinstance(value, dict)
-        return _value(args[-1 if named else 0], value, where, quantity)
+        return _value(args[-1 if named else 0], value, place, quantity)
     if origin is Literal:
         if value not in args:
-            raise unknown(f"value of {where}:", str(value), list(args))
+            raise unknown(f"value of {place}:", str(value), list(args))
         return value
     if origin is tuple:
-        many = value if isinstance(value, list) else [value]
-        inner = args[:1] * len(many) if args[-1] is Ellipsis else args
-        if len(inner) == len(many):
-            return tuple(_value(k, v, where, quantity) for k, v in zip(inner, many, strict=True))
-    return _single(kind, value, where, quantity)
+        items = value if isinstance(value, list) else [value]
+        inner = args[:1] * len(items) if args[-1] is Ellipsis else args
+        if len(inner) == len(items):
+            return tuple(_value(k, v, place, quantity) for k, v in zip(inner, items, strict=True))
+    return _single(kind, value, place, quantity)
 
 
-def _single(kind: Any, value: Any, where: str, quantity: Quantity | None) -> Any:
+def _single(kind: Any, value: Any, place: str, quantity: Quantity | None) -> Any:
     """A table, a vehicle parameter, a text or a number."""
     if is_dataclass(kind) or kind in (Condition, Wsp):
         if isinstance(value, dict):
-            return _table(kind, value, where)
+            return _table(kind, value, place)
     elif kind is Parameter:  # of the vehicle; a simulation has no tolerances
-        return Parameter(_value(float, value, where, quantity), 0.0)
+        return Parameter(_value(float, value, place, quantity), 0.0)
     elif kind is str:
         if isinstance(value, str):
             return value
     elif kind in (int, float) and isinstance(value, (int, kind)) and not isinstance(value, bool):
         assert quantity is not None
-        return kind(quantity.check(where, value))
+        return kind(quantity.check(place, value))
     wanted = {str: "a text", int: "a whole number", float: "a number", Parameter: "a number"}
     text = wanted.get(kind, "a table, or a list of that length")
-    raise UserError(f"{where} = {value!r} is not {text}", "see the bundled scenarios", code=2)
+    raise UserError(f"{place} = {value!r} is not {text}", "see the bundled scenarios", code=2)
 
 
 _Checks = Iterator[tuple[object, str, str]]  # true where it is wrong; what is, and the remedy
@@ -322,50 +333,51 @@ _Checks = Iterator[tuple[object, str, str]]  # true where it is wrong; what is, 
 
 def _of_train(s: Scenario) -> _Checks:
     n = s.train.axles
-    for key, values, least in (
-        ("[train] positions", s.train.positions, 0), ("[train] cleaning", s.train.cleaning, 0),
+    for key, values, minimum in (
+        ("[train] positions", s.train.positions, 0),
+        ("[train] cleaning", s.train.cleaning, 0),
         ("[vehicle] wheel_radius", s.vehicle.wheel_radius, 1),
         ("[antiskid] radius", s.antiskid.radius, 1),
-    ):  # fmt: skip
-        hint = f"{n} values, or {'one' if least else 'none'}"
-        yield len(values) not in (least, n), f"{key} is not one per axle", hint
+    ):
+        hint = f"{n} values, or {'one' if minimum else 'none'}"
+        yield len(values) not in (minimum, n), f"{key} is not one per axle", hint
     brake = s.vehicle.friction_fade.value != 0.0 or s.vehicle.correlation != ()
     yield brake, "[vehicle] a simulated brake has one friction", "leave out what `calibrate` adds"
     yield s.rig and n != 1, "[rig] tests one axle", "leave [train] axles at 1"
-    end = 0.0
+    command_end = 0.0
     for c in s.brake.command:
         name, neither = f"brake command at {c.at:g} s", c.pressure is None
         yield neither == (c.clamping_force is None), name, "one of pressure and clamping_force"
-        yield c.at < end, f"{name} comes before the last has ended", "order them"
-        end = c.at + c.ramp
+        yield c.at < command_end, f"{name} comes before the last has ended", "order them"
+        command_end = c.at + c.ramp
 
 
 def _of_rail(s: Scenario) -> _Checks:
-    first = s.rail.section[:1]
-    wrong = not first or first[0].at != 0.0
-    yield wrong, "[[rail.section]] the first does not start at 0", "at = 0.0"
+    first_section = s.rail.section[:1]
+    is_wrong = not first_section or first_section[0].at != 0.0
+    yield is_wrong, "[[rail.section]] the first does not start at 0", "at = 0.0"
     changes = s.rail.changes()
     for _, name, _ in changes:
         condition(name)
-    near = any(b[0] - a[0] < s.rail.blend for a, b in pairwise(changes))
-    yield near, "[rail] sections or film closer than blend", "order them, or shorten blend"
+    too_close = any(b[0] - a[0] < s.rail.blend for a, b in pairwise(changes))
+    yield too_close, "[rail] sections or film closer than blend", "order them, or shorten blend"
     for x in s.limit:
-        name, ends = f"[[limit]] {x.quantity}", (x.least, x.most)
+        name, bounds = f"[[limit]] {x.quantity}", (x.least, x.most)
         hint = "name the document and its clause"
         yield not x.source.strip(), f"{name} has no source", hint
         hint = "state most, least, or both in order"
-        yield x.least > x.most or ends == (-INF, INF), f"{name} is no limit", hint
+        yield x.least > x.most or bounds == (-INF, INF), f"{name} is no limit", hint
 
 
 def _of_sensors(s: Scenario) -> _Checks:
     for x in s.sensor:
         name, (dimensions, usual) = f"[[sensor]] {x.signal}", _UNITS[x.signal]
         unit = UNITS.get(x.unit.lower())
-        wrong = unit.dimension not in dimensions if unit else x.unit or dimensions
-        yield wrong, f"{name}: unit {x.unit!r} does not fit", f"such as {usual}"
-        wrong = x.teeth > 0 if x.signal != "wheel_speed" else x.unit == "count" and not x.teeth
-        yield wrong, f"{name}: pulses need a wheel with teeth", "teeth = 100"
+        is_wrong = unit.dimension not in dimensions if unit else x.unit or dimensions
+        yield is_wrong, f"{name}: unit {x.unit!r} does not fit", f"such as {usual}"
+        is_wrong = x.teeth > 0 if x.signal != "wheel_speed" else x.unit == "count" and not x.teeth
+        yield is_wrong, f"{name}: pulses need a wheel with teeth", "teeth = 100"
         hint = "less than half of 1/rate"
         yield x.jitter >= 0.5 / x.rate, f"{name}: jitter reaches the next sample", hint
-        beyond = any(axle > s.train.axles for axle in x.axles)
-        yield beyond, f"{name}: no such axle", f"1 to {s.train.axles}"
+        unknown_axle = any(axle > s.train.axles for axle in x.axles)
+        yield unknown_axle, f"{name}: no such axle", f"1 to {s.train.axles}"

@@ -24,7 +24,9 @@ from .scenario import INF, Scenario, Sensor, Signal, Wsp, load, scenarios
 
 __all__ = ["Recording", "Scenario", "Simulation", "as_log", "load", "log", "run", "scenarios"]
 
-MOST = 20_000_000  # samples of one run, axles times steps: about 4 GB; an hour at 1 kHz has 3.6e6
+MAX_SAMPLES = (
+    20_000_000  # samples of one run, axles times steps: about 4 GB; an hour at 1 kHz has 3.6e6
+)
 
 _NAMES: dict[Signal, str] = {
     "pressure": "bc_pressure",
@@ -39,39 +41,48 @@ _NAMES: dict[Signal, str] = {
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def _decide(wsp: Wsp, v: float, wheels: Wheels, before: Floats) -> None:
-    """Sets each axle's valve by its true slip; `before` is the rim speed at the last decision."""
+def _decide(wsp: Wsp, v: float, wheels: Wheels, previous: Floats) -> None:
+    """Sets each axle's valve by its true slip; `previous` is the rim speed at the last decision."""
     w = wheels.w
     for i in range(len(w)):
         sliding = v - w[i] if v > wsp.slowest else 0.0
-        if sliding > wsp.vent_slip * v and w[i] <= before[i]:
+        if sliding > wsp.vent_slip * v and w[i] <= previous[i]:
             wheels.valve[i] = DUMP
         elif sliding > wsp.hold_slip * v:
             wheels.valve[i] = HOLD
         else:
             wheels.valve[i] = APPLY
-        before[i] = w[i]
+        previous[i] = w[i]
 
 
 def _integrate(  # noqa: PLR0913 (compiled: one array each)
-    plant: Plant, track: Track, demand: Demand, wsp: Wsp, train: Train, wheels: Wheels, dt: float,
-    pressure: Floats, rim_speed: Floats, speed: Floats, distance: Floats,
-) -> float:  # fmt: skip
+    plant: Plant,
+    track: Track,
+    demand: Demand,
+    wsp: Wsp,
+    train: Train,
+    wheels: Wheels,
+    dt: float,
+    pressure: Floats,
+    rim_speed: Floats,
+    speed: Floats,
+    distance: Floats,
+) -> float:
     """Fills the columns, shape (n, axles) and (n,); returns NaN, or the time [s] Newton failed."""
-    before, decisions = wheels.w.copy(), 0
+    previous, decisions = wheels.w.copy(), 0
     for k in range(len(speed)):
-        end, recorded = (k + 1) * dt, False
-        while train.t < end - SOON:
+        step_end, recorded = (k + 1) * dt, False
+        while train.t < step_end - SOON:
             if decisions * wsp.period <= train.t + SOON:
                 decisions += 1
-                _decide(wsp, train.v, wheels, before)
+                _decide(wsp, train.v, wheels, previous)
             settle(plant, demand, train, wheels)
             if not recorded:
                 recorded = True
                 speed[k], distance[k] = train.v, train.x
                 pressure[k], rim_speed[k] = wheels.p, wheels.w
-            until = min(end, decisions * wsp.period) if decisions > 0 else end
-            train = advance_to(plant, track, demand, train, wheels, until)
+            tick_end = min(step_end, decisions * wsp.period) if decisions > 0 else step_end
+            train = advance_to(plant, track, demand, train, wheels, tick_end)
             if math.isnan(train.v):
                 return train.t
     return math.nan
@@ -125,10 +136,10 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
     dt = scenario.dt if dt is None else dt
     n = round(scenario.duration / dt) + 1
     fastest = max((x.rate for x in scenario.sensor), default=0.0)
-    most = max(n, scenario.duration * fastest) * scenario.train.axles
-    if most > MOST:
+    sample_count = max(n, scenario.duration * fastest) * scenario.train.axles
+    if sample_count > MAX_SAMPLES:
         raise UserError(
-            f"{scenario.name}: {most:.3g} samples, at most {MOST:.3g} fit into one run",
+            f"{scenario.name}: {sample_count:.3g} samples, at most {MAX_SAMPLES:.3g} fit into one run",
             "simulate less time, or with a longer dt and slower sensors",
         )
     plant, track, v = plants.plant_of(scenario), plants.track_of(scenario), scenario.train.speed
@@ -139,9 +150,17 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
         rim_speed[:, 0] = v - scenario.rig.slip * v * t / t[-1]
     else:
         failed = compiled.function(_integrate)(
-            plant, track, plants.demand_of(scenario), scenario.wsp or Wsp(period=INF),
-            *rolling(v, scenario.train.axles), dt, pressure, rim_speed, speed, distance,
-        )  # fmt: skip
+            plant,
+            track,
+            plants.demand_of(scenario),
+            scenario.wsp or Wsp(period=INF),
+            *rolling(v, scenario.train.axles),
+            dt,
+            pressure,
+            rim_speed,
+            speed,
+            distance,
+        )
         if not math.isnan(failed):
             hint = f"take a shorter step, as --dt {dt / 2.0:g}"
             raise UserError(f"{scenario.name}: no solution at {failed:g} s", hint)
@@ -196,36 +215,49 @@ def as_log(simulation: Simulation) -> Log:
 
     Its hash is that of scenario, seed and length.
     """
-    made_from = repr((simulation.scenario, simulation.seed, len(simulation.t)))
+    identity = repr((simulation.scenario, simulation.seed, len(simulation.t)))
     channels = [
         Channel(
-            r.name, "", None, r.axle, r.unit, "simulated",
-            Column(r.t, r.value, np.isfinite(r.value)), len(r.t),
+            r.name,
+            "",
+            None,
+            r.axle,
+            r.unit,
+            "simulated",
+            Column(r.t, r.value, np.isfinite(r.value)),
+            len(r.t),
         )
         for r in log(simulation)
-    ]  # fmt: skip
+    ]
     return Log(
-        simulation.scenario.name, "simulation", sha256(made_from.encode()).hexdigest(), False,
-        sum(c.rows for c in channels), tuple(channels), (),
-    )  # fmt: skip
+        simulation.scenario.name,
+        "simulation",
+        sha256(identity.encode()).hexdigest(),
+        False,
+        sum(c.rows for c in channels),
+        tuple(channels),
+        (),
+    )
 
 
 def _recorded(
     simulation: Simulation, sensor: Sensor, axle: int | None, random: np.random.Generator
 ) -> Recording:
     scenario = simulation.scenario
-    at: Floats = np.arange(math.floor(scenario.duration * sensor.rate + 1e-9) + 1) / sensor.rate
-    true = simulation.signal(sensor.signal, axle)
+    sample_times: Floats = (
+        np.arange(math.floor(scenario.duration * sensor.rate + 1e-9) + 1) / sensor.rate
+    )
+    signal = simulation.signal(sensor.signal, axle)
     dense: Floats = simulation.t.astype(np.float64) * 1e-9
     unit = UNITS.get(sensor.unit.lower())
     accelerates = unit is not None and unit.dimension == "acceleration"
     if accelerates:
-        true = np.gradient(true, dense)
+        signal = np.gradient(signal, dense)
     if sensor.teeth:
-        at, value = _pulses(at, true, dense, sensor, random)
+        sample_times, value = _pulses(sample_times, signal, dense, sensor, random)
     else:
-        exact = np.interp(at, dense, true)
-        noise = math.sqrt(sensor.noise_variance) * random.standard_normal(len(at))
+        exact = np.interp(sample_times, dense, signal)
+        noise = math.sqrt(sensor.noise_variance) * random.standard_normal(len(sample_times))
         if sensor.signal in ("wheel_speed", "train_speed") and not accelerates:
             noise[exact == 0.0] = 0.0  # a sensor at rest gives no pulses
         value = exact + sensor.offset + noise
@@ -237,25 +269,29 @@ def _recorded(
     if sensor.resolution:
         decimals = max(0, -int(Decimal(repr(sensor.resolution)).normalize().as_tuple().exponent))
         value = np.round(np.round(value / sensor.resolution) * sensor.resolution, decimals) + 0.0
-    stamp = at + sensor.delay + random.uniform(-sensor.jitter, sensor.jitter, len(at))
-    kept = random.random(len(at)) >= sensor.loss
-    for start, end in sensor.gaps:
-        kept &= (stamp < start) | (stamp > end)
+    stamp = (
+        sample_times
+        + sensor.delay
+        + random.uniform(-sensor.jitter, sensor.jitter, len(sample_times))
+    )
+    received = random.random(len(sample_times)) >= sensor.loss
+    for start, gap_end in sensor.gaps:
+        received &= (stamp < start) | (stamp > gap_end)
     name = "acceleration" if accelerates else _NAMES[sensor.signal]
     if axle is not None and scenario.train.axles > 1:
         name = f"{name}_{axle}"
     t = np.round(stamp * 1e9).astype(np.int64)
     unit_name = "-" if sensor.signal == "slip" else sensor.unit
-    return Recording(name, sensor.signal, axle, unit_name, t[kept], value[kept], decimals)
+    return Recording(name, sensor.signal, axle, unit_name, t[received], value[received], decimals)
 
 
 def _pulses(
-    at: Floats, speed: Floats, dense: Floats, sensor: Sensor, random: np.random.Generator
+    sample_times: Floats, speed: Floats, dense: Floats, sensor: Sensor, random: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Times and readings of a counter: total, or speed [rad/s] from the last interval's pulses."""
     steps = (speed[1:] + speed[:-1]) / 2.0 * np.diff(dense)
-    angle = np.interp(at, dense, np.concatenate(([0.0], np.cumsum(steps))))
+    angle = np.interp(sample_times, dense, np.concatenate(([0.0], np.cumsum(steps))))
     count = np.floor((angle / (2.0 * math.pi)) * sensor.teeth + random.random())
     if sensor.unit == "count":
-        return at, count
-    return at[1:], np.diff(count) * (2.0 * math.pi * sensor.rate / sensor.teeth)
+        return sample_times, count
+    return sample_times[1:], np.diff(count) * (2.0 * math.pi * sensor.rate / sensor.teeth)

@@ -13,20 +13,24 @@ from .closed_loop import ESTIMATOR, against, dry_distance, run, verdict
 from .scenario import Film, Limit, Rail, Scenario, Section
 from .wsp_controller import Settings
 
-_EVEN = "dry", "wet", "low", "very-low", "early-peak", "late-peak"
+_EVEN_RAILS = "dry", "wet", "low", "very-low", "early-peak", "late-peak"
 # Rails of a sweep by name; lengths are ours.
-RAILS = {name: Rail((Section(0.0, name),)) for name in _EVEN} | {
+RAILS = {name: Rail((Section(0.0, name),)) for name in _EVEN_RAILS} | {
     "sudden": Rail(
         (
-            Section(0.0, "wet"), Section(150.0, "low"), Section(300.0, "very-low"),
-            Section(450.0, "low", 1.6), Section(550.0, "very-low"), Section(700.0, "low"),
+            Section(0.0, "wet"),
+            Section(150.0, "low"),
+            Section(300.0, "very-low"),
+            Section(450.0, "low", 1.6),
+            Section(550.0, "very-low"),
+            Section(700.0, "low"),
         )
     ),
     "film": Rail(
         (Section(0.0, "wet"),),
         film=Film("very-low", first=100.0, length=30.0, pitch=50.0, count=40),
     ),
-}  # fmt: skip
+}
 SPREAD = 0.2  # of f0 from seed to seed
 
 Values = dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
@@ -57,38 +61,44 @@ def sweep(
     seeds: int,
     algo: str = ESTIMATOR,
     settings: Settings | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> list[Row]:
     """Every controller on every rail of `RAILS`, with seeds from 0; arguments as in `verdicts`."""
-    found = verdicts(scenario, list(RAILS), list(registry()), range(seeds), algo, settings, tell)
+    by_case = verdicts(
+        scenario, list(RAILS), list(registry()), range(seeds), algo, settings, progress
+    )
     dry, rows = dry_distance(scenario), []
     for rail in RAILS:
-        mine = {c: v for (r, c), v in found.items() if r == rail}
-        others = compared(mine)
-        for controller, stops in mine.items():
-            kept = np.mean([[ok for _, ok in against(scenario.limit, v)] for v in stops], axis=0)
-            limits = tuple(zip(scenario.limit, kept.tolist(), strict=True))
-            rows.append(Row(rail, controller, dry, intervals(stops), others[controller], limits))
+        by_law = {c: v for (r, c), v in by_case.items() if r == rail}
+        comparison = compared(by_law)
+        for controller, stops in by_law.items():
+            limit_shares = np.mean(
+                [[ok for _, ok in against(scenario.limit, v)] for v in stops], axis=0
+            )
+            limits = tuple(zip(scenario.limit, limit_shares.tolist(), strict=True))
+            rows.append(
+                Row(rail, controller, dry, intervals(stops), comparison[controller], limits)
+            )
     return rows
 
 
 def compared(
-    found: Mapping[str, Sequence[Verdict]], middle: Callable[[list[float]], Any] = np.mean
+    by_law: Mapping[str, Sequence[Verdict]], average: Callable[[list[float]], Any] = np.mean
 ) -> dict[str, Compared]:
     """Each controller compared with the others.
 
     Args:
-        found: stops by controller, the same in each place.
-        middle: as in `interval`.
+        by_law: stops by controller, the same in each place.
+        average: as in `interval`.
     """
-    run = {law: [v.stopping_distance_m for v in stops] for law, stops in found.items()}
-    least = np.min(list(run.values()), axis=0)
-    alone = np.sum(np.array(list(run.values())) == least, axis=0) == 1
+    run = {law: [v.stopping_distance_m for v in stops] for law, stops in by_law.items()}
+    smallest = np.min(list(run.values()), axis=0)
+    is_unique = np.sum(np.array(list(run.values())) == smallest, axis=0) == 1
     answers = {}
-    for law, mine in run.items():
-        less = np.subtract(run["patent"], mine).tolist()
-        first = float(np.mean((np.array(mine) == least) & alone))
-        answers[law] = Compared(interval(less, middle) if law != "patent" else None, first)
+    for law, runs in run.items():
+        saving = np.subtract(run["patent"], runs).tolist()
+        first_share = float(np.mean((np.array(runs) == smallest) & is_unique))
+        answers[law] = Compared(interval(saving, average) if law != "patent" else None, first_share)
     return answers
 
 
@@ -99,7 +109,7 @@ def verdicts(  # noqa: PLR0913 (benchmarks choose rails, controllers and seeds)
     seeds: Iterable[int],
     algo: str = ESTIMATOR,
     settings: Settings | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> dict[tuple[str, str], list[Verdict]]:
     """Stops by rail and controller, one a seed, on all cores.
 
@@ -113,54 +123,54 @@ def verdicts(  # noqa: PLR0913 (benchmarks choose rails, controllers and seeds)
         seeds: of the stops.
         algo: online estimator in the loop.
         settings: as in `run`.
-        tell: gets the progress.
+        progress: gets the progress.
     """
     dry = dry_distance(scenario)
     for law in laws:  # compile before the threads start
         run(replace(scenario, rail=RAILS["dry"]), law, 0, algo, settings)
 
-    def one(job: tuple[str, str, int]) -> Verdict:
+    def run_job(job: tuple[str, str, int]) -> Verdict:
         rail, law, seed = job
         factor = 1.0 + SPREAD * (2.0 * np.random.default_rng(seed).random() - 1.0)
-        on = RAILS[rail]
-        sections = tuple(replace(x, scale=x.scale * factor) for x in on.section)
-        film = on.film and replace(on.film, scale=on.film.scale * factor)
-        case = replace(scenario, rail=replace(on, section=sections, film=film))
+        rail_text = RAILS[rail]
+        sections = tuple(replace(x, scale=x.scale * factor) for x in rail_text.section)
+        film = rail_text.film and replace(rail_text.film, scale=rail_text.film.scale * factor)
+        case = replace(scenario, rail=replace(rail_text, section=sections, film=film))
         return verdict(run(case, law, seed, algo, settings), case, dry)
 
     jobs = [(r, c, seed) for r in rails for c in laws for seed in seeds]
-    found: dict[tuple[str, str], list[Verdict]] = {}
-    for job, x in zip(jobs, on_all_cores(one, jobs, tell), strict=True):
-        found.setdefault(job[:2], []).append(x)
-    return found
+    by_case: dict[tuple[str, str], list[Verdict]] = {}
+    for job, x in zip(jobs, on_all_cores(run_job, jobs, progress), strict=True):
+        by_case.setdefault(job[:2], []).append(x)
+    return by_case
 
 
 def on_all_cores(
-    one: Callable[[Job], Answer], jobs: Sequence[Job], tell: Callable[[str], None]
+    run_job: Callable[[Job], Answer], jobs: Sequence[Job], progress: Callable[[str], None]
 ) -> list[Answer]:
-    """`one` of every job, in the order of the jobs.
+    """`run_job` of every job, in the order of the jobs.
 
     Threads are enough, as compiled loops release the lock. Compile shared functions before.
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    found: list[Answer] = []
+    results: list[Answer] = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for n, x in enumerate(pool.map(one, jobs), 1):
-            found.append(x)
-            tell(f"{n} of {len(jobs)} done")
-    return found
+        for n, x in enumerate(pool.map(run_job, jobs), 1):
+            results.append(x)
+            progress(f"{n} of {len(jobs)} done")
+    return results
 
 
 def interval(
     values: Sequence[float | None], middle: Callable[[list[float]], Any] = np.mean
 ) -> tuple[float, float, float] | None:
     """Mean (or `middle`), 2.5 % and 97.5 % quantile of the values; None without a value."""
-    known = [x for x in values if x is not None]
-    if not known:
+    finite = [x for x in values if x is not None]
+    if not finite:
         return None
-    low, high = np.quantile(known, [0.025, 0.975])
-    return float(middle(known)), float(low), float(high)
+    lower, upper = np.quantile(finite, [0.025, 0.975])
+    return float(middle(finite)), float(lower), float(upper)
 
 
 def intervals(stops: Sequence[Verdict], middle: Callable[[list[float]], Any] = np.mean) -> Values:

@@ -29,12 +29,20 @@ from ..rail.slope import init as slope_init
 from ..rail.slope import step as slope_step
 from .controllers.none import init as control_init
 from .controllers.none import step as control_step
-from .reference_speed import NONE, Known, Witness, asks_pilot, further, pilots_valve, watched
+from .reference_speed import (
+    NO_PILOT,
+    TrainEstimate,
+    Witness,
+    asks_pilot,
+    estimate_next,
+    pilots_valve,
+    watched,
+)
 
 SPEED_NOISE = 0.02  # default of v − ωR, a radar's [m/s]
 _WORN = 0.03  # 1 sigma of a stated wheel radius, over it [-]
 _ROLLING = 10.0  # time without brake after which a wheel rolls [s]
-_NEAR = 0.12  # if its speed differs from the train's by no more than this share [-]
+_CALIBRATION_SPAN = 0.12  # if its speed differs from the train's by no more than this share [-]
 Settings = Mapping[str, Mapping[str, float]]
 Values = Floats | Sequence[float]
 
@@ -50,8 +58,13 @@ SLOPE = Named("slope", slope.Params)
 # Found by benchmarks/tune.py: faster than for a log, forgetting by time only, and in slip itself,
 # as in the patent. The law needs the slope at the present slip.
 SLOPE_IN_LOOP = {
-    "delta": 4.0, "rho": 2.3, "straight": 1e9, "knee": 1e3, "guard": 1.6, "doubt": 0.575,
-}  # fmt: skip
+    "delta": 4.0,
+    "rho": 2.3,
+    "straight": 1e9,
+    "knee": 1e3,
+    "guard": 1.6,
+    "doubt": 0.575,
+}
 
 
 class Constants(NamedTuple):
@@ -70,7 +83,7 @@ class Wheel(NamedTuple):
 
     radius: float  # [m]
     weight: float  # ∑ω² of its measurements [rad²/s²]
-    free: float  # time without brake and near the train's speed [s]
+    free_time: float  # time without brake and near the train's speed [s]
 
 
 class Axle(NamedTuple):
@@ -94,15 +107,17 @@ class Chosen(NamedTuple):
         """Its methods' functions, by the names in `start` and `tick` that they replace."""
         est, law = self.estimator, self.controller
         return {
-            estimate_init: est.init, estimate_step: est.step,
-            control_init: law.init, control_step: law.step,
-        }  # fmt: skip
+            estimate_init: est.init,
+            estimate_step: est.step,
+            control_init: law.init,
+            control_step: law.step,
+        }
 
 
 # --- one tick: plain Python that compiles ---------------------------------------------------------
 
 
-def stated(c: Constants, axles: int) -> list[Wheel]:
+def initial_wheels(c: Constants, axles: int) -> list[Wheel]:
     """The wheels of that many axles at power-on, assumed to roll.
 
     A stated radius has the weight of measurements with the same error.
@@ -114,15 +129,15 @@ def stated(c: Constants, axles: int) -> list[Wheel]:
     return wheels
 
 
-def calibrated(before: Wheel, h: float, train: Known, y: float, K: float) -> Wheel:
+def calibrated(wheel: Wheel, h: float, train: TrainEstimate, y: float, K: float) -> Wheel:
     """A wheel one tick later: its radius by recursive least squares of v = ωR while it rolls."""
-    R, error = before.radius, train.v - y * before.radius
-    near = K <= NO_FORCE and train.doubt == 0.0 and abs(error) <= _NEAR * train.v
-    free = before.free + h if near else 0.0
-    if free < _ROLLING or train.v < JUDGED_FROM:
-        return Wheel(R, before.weight, free)
-    weight = before.weight + y * y
-    return Wheel(R + y * error / weight, weight, free)
+    R, error = wheel.radius, train.v - y * wheel.radius
+    is_near = K <= NO_FORCE and train.doubt == 0.0 and abs(error) <= _CALIBRATION_SPAN * train.v
+    free_time = wheel.free_time + h if is_near else 0.0
+    if free_time < _ROLLING or train.v < JUDGED_FROM:
+        return Wheel(R, wheel.weight, free_time)
+    weight = wheel.weight + y * y
+    return Wheel(R + y * error / weight, weight, free_time)
 
 
 def slip_of(radius: float, v: float, y: float) -> float:
@@ -132,9 +147,16 @@ def slip_of(radius: float, v: float, y: float) -> float:
 
 
 def observed(  # noqa: PLR0913 (compiled: plain floats)
-    w: Wheelset, train: Known, y: float, K: float, F: float, slowing: float, k: slope.State,
-    speed_noise: float, at_least: int,
-) -> Observed:  # fmt: skip
+    w: Wheelset,
+    train: TrainEstimate,
+    y: float,
+    K: float,
+    F: float,
+    slowing: float,
+    k: slope.State,
+    speed_noise: float,
+    at_least: int,
+) -> Observed:
     """The inputs of the controller. Source: [S1].
 
     ds/dt = −(R dω/dt + (1 − s) |dv/dt|)/v with dω/dt from (1).
@@ -156,17 +178,24 @@ def observed(  # noqa: PLR0913 (compiled: plain floats)
         rate = 0.0  # the wheel stands
     v, mu = max(train.v, JUDGED_FROM), F / (w.mass * G)
     return Observed(
-        y * w.radius, s, speed_noise / v, train.doubt / v, rate / v, mu,
-        k.slope, k.confidence, at_least,
-    )  # fmt: skip
+        y * w.radius,
+        s,
+        speed_noise / v,
+        train.doubt / v,
+        rate / v,
+        mu,
+        k.slope,
+        k.confidence,
+        at_least,
+    )
 
 
 def start(
     c: Constants, wheels: list[Wheel], v: float, y: Values, K: Values
-) -> tuple[Known, list[Axle]]:
+) -> tuple[TrainEstimate, list[Axle]]:
     """The train and the state of every axle at the first tick.
 
-    `wheels` is from `stated`, or from before an interruption; the others are as in `tick`.
+    `wheels` is from `initial_wheels`, or from before an interruption; the others are as in `tick`.
     """
     k, total, fastest = slope_init(c.slope, 0.0, 0.0), 0.0, 0.0
     sets, estimates = [], []
@@ -176,7 +205,7 @@ def start(
         total += estimates[i].F
         fastest = max(fastest, y[i] * wheels[i].radius)
     slowing = total / (len(y) * c.wheelset.mass)  # (1)
-    train = Known(fastest if v != v else v, 0.0, NONE)
+    train = TrainEstimate(fastest if v != v else v, 0.0, NO_PILOT)
     axles = []
     for i in range(len(y)):
         F, wheel = estimates[i].F, calibrated(wheels[i], 0.0, train, y[i], K[i])
@@ -187,14 +216,20 @@ def start(
 
 
 def tick(  # noqa: PLR0913 (compiled: state, interval and measured values)
-    c: Constants, train: Known, before: list[Axle], h: float, v: float, y: Values, K: Values
-) -> tuple[Known, list[Axle]]:
+    c: Constants,
+    train: TrainEstimate,
+    previous: list[Axle],
+    h: float,
+    v: float,
+    y: Values,
+    K: Values,
+) -> tuple[TrainEstimate, list[Axle]]:
     """The train and the state of every axle one tick later.
 
     Args:
         c: constants.
         train: at the tick before.
-        before: state of every axle at the tick before.
+        previous: state of every axle at the tick before.
         h: interval since then [s].
         v: train speed [m/s]; NaN where it is not measured.
         y: wheel speeds [rad/s], shape (axles,).
@@ -203,34 +238,38 @@ def tick(  # noqa: PLR0913 (compiled: state, interval and measured values)
     total, fastest, rolls = 0.0, 0.0, False
     sets, estimates = [], []
     for i in range(len(y)):
-        sets.append(on_radius(c.wheelset, before[i].wheel.radius))
-        estimates.append(estimate_step(c.estimator, sets[i], before[i].estimator, h, K[i], y[i]))
+        sets.append(on_radius(c.wheelset, previous[i].wheel.radius))
+        estimates.append(estimate_step(c.estimator, sets[i], previous[i].estimator, h, K[i], y[i]))
         total += estimates[i].F
         fastest = max(fastest, y[i] * sets[i].radius)
-        rolls = rolls or before[i].witness.given == 0.0
+        rolls = rolls or previous[i].witness.recent_force == 0.0
     slowing = total / (len(y) * c.wheelset.mass)  # (1)
-    train = further(train, rolls, fastest, slowing, h) if v != v else Known(v, 0.0, NONE)
+    train = (
+        estimate_next(train, rolls, fastest, slowing, h)
+        if v != v
+        else TrainEstimate(v, 0.0, NO_PILOT)
+    )
     witnesses, pilot = [], 0
     for i in range(len(y)):
-        w, F, was = sets[i], estimates[i].F, before[i].witness
+        w, F, witness = sets[i], estimates[i].F, previous[i].witness
         rim = y[i] * w.radius
-        x = watched(w, was, train.v, slowing, rim, K[i], F, before[i].controller.valve, h)
-        if train.doubt > 0.0 and x.given == 0.0:
-            train = Known(fastest, 0.0, NONE)  # a wheel shows the train's speed again
+        x = watched(w, witness, train.v, slowing, rim, K[i], F, previous[i].controller.valve, h)
+        if train.doubt > 0.0 and x.recent_force == 0.0:
+            train = TrainEstimate(fastest, 0.0, NO_PILOT)  # a wheel shows the train's speed again
         witnesses.append(x)
         if rim > y[pilot] * sets[pilot].radius:
             pilot = i
     if asks_pilot(train):
-        train = Known(train.v, train.doubt, pilot)
+        train = TrainEstimate(train.v, train.doubt, pilot)
     axles, noise = [], c.speed_noise / max(train.v, JUDGED_FROM)
     for i in range(len(y)):
         w, F, x = sets[i], estimates[i].F, witnesses[i]
         s, mu = slip_of(w.radius, train.v, y[i]), F / (w.mass * G)  # [S1]
-        k = slope_step(c.slope, before[i].slope, h, s, mu, noise, 0.0)  # [S2] [S3]
-        at_least = pilots_valve(w, x, K[i]) if i == train.pilot else APPLY
-        o = observed(w, train, y[i], K[i], F, slowing, k, c.speed_noise, at_least)
-        law = control_step(c.controller, before[i].controller, h, o)  # [S4] [S5]
-        wheel = calibrated(before[i].wheel, h, train, y[i], K[i])
+        k = slope_step(c.slope, previous[i].slope, h, s, mu, noise, 0.0)  # [S2] [S3]
+        pilot_valve = pilots_valve(w, x, K[i]) if i == train.pilot else APPLY
+        o = observed(w, train, y[i], K[i], F, slowing, k, c.speed_noise, pilot_valve)
+        law = control_step(c.controller, previous[i].controller, h, o)  # [S4] [S5]
+        wheel = calibrated(previous[i].wheel, h, train, y[i], K[i])
         axles.append(Axle(wheel, estimates[i], k, x, law))
     return train, axles
 
@@ -257,14 +296,14 @@ def choose(
     Raises:
         UserError: an unknown name, a parameter unknown or out of range, a band without width.
     """
-    known, laws = estimators(), controllers()
-    every = [*laws, *known, SLOPE.name]
-    named = [("controller", controller, list(laws)), ("estimator", algo, list(known))]
-    for kind, name, among in [*named, *(("setting", x, every) for x in settings)]:
+    estimator_names, laws = estimators(), controllers()
+    all_names = [*laws, *estimator_names, SLOPE.name]
+    named = [("controller", controller, list(laws)), ("estimator", algo, list(estimator_names))]
+    for kind, name, among in [*named, *(("setting", x, all_names) for x in settings)]:
         if name not in among:
             raise unknown(kind, name, among)
     bands(settings)
-    est, law = known[algo], laws[controller]
+    est, law = estimator_names[algo], laws[controller]
     settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
     ep, sp, cp = (validate(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
     radii = np.array([x.value for x in vehicle.wheel_radius])
@@ -296,15 +335,15 @@ def online(
     Raises:
         UserError: a sample with another number of axles, or not after the one before.
     """
-    first, then = (bind(f, unit.stand_ins()) for f in (start, tick))
+    start_step, tick_step = (bind(f, unit.stand_ins()) for f in (start, tick))
     c = unit.constants
-    train, axles, wheels = Known(math.nan, 0.0, NONE), list[Axle](), list[Wheel]()
-    before: float = -math.inf
-    with ExitStack() as rest:
+    train, axles, wheels = TrainEstimate(math.nan, 0.0, NO_PILOT), list[Axle](), list[Wheel]()
+    previous: float = -math.inf
+    with ExitStack() as stack:
         for drive in drives:
-            rest.callback(drive.set, False, False)
+            stack.callback(drive.set, False, False)
         for t, measured, y, K in samples:
-            h, before = (t - before) * 1e-9, t
+            h, previous = (t - previous) * 1e-9, t
             n = len(axles or drives or y)
             if not len(y) == len(K) == n > 0 or len(c.radii) not in (1, n):
                 text = f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces, "
@@ -313,16 +352,16 @@ def online(
             if h <= 0.0:
                 text = f"at {t} ns: not after the sample before"
                 raise UserError(text, "samples in order of time")
-            wheels = [axle.wheel for axle in axles] or wheels or stated(c, n)
+            wheels = [axle.wheel for axle in axles] or wheels or initial_wheels(c, n)
             v = math.nan if measured is None else measured
             if all(map(math.isfinite, (*y, *K))) and (measured is None or math.isfinite(v)):
                 if axles:
-                    train, axles = then(c, train, axles, h, v, y, K)
+                    train, axles = tick_step(c, train, axles, h, v, y, K)
                 else:
-                    train, axles = first(c, wheels, v, y, K)
+                    train, axles = start_step(c, wheels, v, y, K)
                 valves = [axle.controller.valve for axle in axles]
             else:
-                wheels = [wheel._replace(free=0.0) for wheel in wheels]
+                wheels = [wheel._replace(free_time=0.0) for wheel in wheels]
                 axles, valves = [], [APPLY] * n
             for drive, valve in zip(drives, valves, strict=bool(drives)):
                 drive.set(valve != APPLY, valve == DUMP)
@@ -335,12 +374,12 @@ def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, 
     Raises:
         UserError: as `choose`.
     """
-    found: dict[str, dict[str, float]] = {}
+    tables: dict[str, dict[str, float]] = {}
     for law in laws:
         c = choose(law, algo, settings, Vehicle()).constants
-        used = {algo: c.estimator, SLOPE.name: c.slope, law: c.controller}
-        found |= {name: p._asdict() for name, p in used.items()}
-    return found
+        chosen = {algo: c.estimator, SLOPE.name: c.slope, law: c.controller}
+        tables |= {name: p._asdict() for name, p in chosen.items()}
+    return tables
 
 
 def bands(settings: Settings) -> slope.Bands:
@@ -350,5 +389,5 @@ def bands(settings: Settings) -> slope.Bands:
         UserError: a band without width.
     """
     p = validate(controllers()["patent"], settings.get("patent", {}))
-    found = slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
-    return slope.check_bands(found, "patent")
+    limits = slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
+    return slope.check_bands(limits, "patent")

@@ -293,9 +293,9 @@ def test_short_names_of_train_computers(name: str, meaning: str | None) -> None:
 
 
 def test_each_rule_asks_for_words_that_the_vocabulary_has() -> None:
-    asked = {kind for rule in rules.RULES for _, kinds in rules._conditions(rule.words)
+    asked = {kind for rule in rules.RULES for _, kinds in rules._conditions(rule.pattern)
              for kind in kinds}  # fmt: skip
-    assert {kind.removeprefix("own ") for kind in asked} <= {*rules._WORDS, *rules._SPECIAL}
+    assert {kind.removeprefix("own ") for kind in asked} <= {*rules._WORDS_BY_KIND, *rules._SPECIAL}
     asked_of = {of for may_be in rules._QUANTITY.values() for of in may_be}
     derived = {"any", "absolute pressure", "speed without unit"}
     assert {rule.quantity for rule in rules.RULES} <= asked_of | derived

@@ -18,7 +18,7 @@ from test_live import LOGS, followed, running
 from adhesion_cli.analysis.settings import load
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.live.feed import Feed
-from adhesion_cli.live.open import opened
+from adhesion_cli.live.open import open_feed
 from adhesion_cli.live.replay import Replay
 
 LOW = LOGS / "low-adhesion.mcap"
@@ -100,7 +100,7 @@ def test_a_log_that_grows_gives_what_a_whole_one_gives(
 ) -> None:
     log = tmp_path / "growing.mcap"
     with growing(log, written(chunks), seed):
-        assert forces(opened(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
+        assert forces(open_feed(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
 
 
 def test_a_channel_that_begins_later_is_taken_in(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_channel_that_begins_later_is_taken_in(tmp_path: Path) -> None:
     begin = whole[1][0][0] + 5_000_000_000
     data = written(True, late="4", begin=begin)
     log.write_bytes(data[: len(data) // 16])
-    feed = opened(str(log), SETTINGS.read)
+    feed = open_feed(str(log), SETTINGS.read)
 
     def append() -> None:
         time.sleep(2.5)
@@ -134,7 +134,7 @@ def test_a_damaged_chunk_is_told_and_the_next_ones_are_read(tmp_path: Path) -> N
     whole, _ = forces(Replay(LOW, SETTINGS.read, 0.0))
     log = tmp_path / "growing.mcap"
     with growing(log, data, 1):
-        found, codes = forces(opened(str(log), SETTINGS.read))
+        found, codes = forces(open_feed(str(log), SETTINGS.read))
     assert "mcap-damaged" in codes
     for axle, of in whole.items():
         kept = {t for t, _ in found[axle]}
@@ -163,7 +163,7 @@ def test_long_records_of_another_kind_are_passed_over(tmp_path: Path) -> None:
     chunk = start + 9 + first  # behind the first record after the header
     parts = data[:start], attachment, indexes, data[start:chunk], attachment, data[chunk:]
     log.write_bytes(b"".join(parts))
-    assert forces(opened(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
+    assert forces(open_feed(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
 
 
 def test_a_file_that_takes_its_place_begins_anew(tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_a_file_that_takes_its_place_begins_anew(tmp_path: Path) -> None:
     unended = written(True, 4000)
     unended = unended[: len(unended) // 2]  # its logger was stopped
     log.write_bytes(unended)
-    feed = opened(str(log), SETTINGS.read)
+    feed = open_feed(str(log), SETTINGS.read)
     fresh.write_bytes(written(True))
     threading.Timer(2.0, lambda: fresh.replace(log)).start()
     found, codes = forces(feed)
@@ -185,8 +185,8 @@ def test_one_that_ends_without_a_message_and_a_monstrous_record_are_refused(
     empty, monster = tmp_path / "empty.mcap", tmp_path / "monster.mcap"
     empty.write_bytes(written(True, 0))
     with pytest.raises(UserError, match="ended without a message"):
-        followed(opened(str(empty), SETTINGS.read), SETTINGS, ["td"])
+        followed(open_feed(str(empty), SETTINGS.read), SETTINGS, ["td"])
     start = written(True)[: 8 + 9 + 4 + len("a logger") + 4]
     monster.write_bytes(start + b"\x06" + (1 << 40).to_bytes(8, "little") + bytes(20))
     with pytest.raises(UserError, match=r"byte \d+: a record of 1099511627776 bytes"):
-        followed(opened(str(monster), SETTINGS.read), SETTINGS, ["td"])
+        followed(open_feed(str(monster), SETTINGS.read), SETTINGS, ["td"])

@@ -34,7 +34,7 @@ from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
 from adhesion_cli.live.axle import Axle, Measuring, Sample
 from adhesion_cli.live.feed import Feed
-from adhesion_cli.live.open import opened
+from adhesion_cli.live.open import open_feed
 from adhesion_cli.live.replay import Replay
 from adhesion_cli.live.run import Tally, follow, wheels_of
 
@@ -292,7 +292,7 @@ def test_a_late_channel_without_a_unit_is_reported_and_the_others_go_on(tmp_path
     text = [message(0.01 * k, 1, 80.0 - 0.01 * k) for k in range(400)]
     text += [json.dumps({"t": 4.0 + 0.01 * k, "axle": 2, "speed": 70.0}) for k in range(5)]
     text += [message(4.05 + 0.01 * k, 1, 76.0 - 0.01 * k) for k in range(100)]
-    feed = opened(str(_written(tmp_path, text)), load().read)
+    feed = open_feed(str(_written(tmp_path, text)), load().read)
     threading.Timer(2.0, (tmp_path / "log.jsonl").write_text, [""]).start()  # ends the feed
     found, findings = followed(feed, load(), ["td"])
     assert {f.code for f in findings} >= {"late-channels-left-out"}
@@ -436,7 +436,7 @@ def test_what_is_no_source_is_refused(
     monkeypatch.chdir(tmp_path)
     Path("log.parquet").write_bytes(b"PAR1 and more")
     with pytest.raises(UserError) as told:
-        opened(source, load().read)
+        open_feed(source, load().read)
     assert says in f"{told.value.text} {told.value.hint}"
 
 
@@ -742,7 +742,7 @@ def test_frames_of_a_bus_are_decoded_by_the_dbc(tmp_path: Path) -> None:
     )
     message = cantools.database.load_file(dbc).get_message_by_name("Brake")
     settings = load(assignments=[f'can.dbc = ["{dbc}"]'])
-    feed = opened("can:virtual:live", settings.read)
+    feed = open_feed("can:virtual:live", settings.read)
     with can.Bus(interface="virtual", channel="live") as sender:
         for k in range(250):
             said = {"bc_pressure_1": 2.0, "wheel_speed_1": 80.0 - 0.1 * k}

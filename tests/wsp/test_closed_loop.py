@@ -144,7 +144,7 @@ def test_slip_rate_is_the_derivative_of_slip() -> None:
     for i in sliding[5:-5:20]:
         y, K = stop.measured_wheel_speed[i, 0], stop.measured_clamping_force[i, 0]
         F = stop.force[i, 0]
-        train = reference_speed.Known(v[i], 0.0, reference_speed.NONE)
+        train = reference_speed.TrainEstimate(v[i], 0.0, reference_speed.NO_PILOT)
         o = wsp_controller.observed(w, train, y, K, F, F / w.mass, k, 0.0, APPLY)
         assert o.slip_rate == pytest.approx(true[i], rel=0.02, abs=1e-3)
 
@@ -395,10 +395,10 @@ def test_every_axle_has_the_radius_that_is_stated_for_it() -> None:
     one = Vehicle().wheel_radius[0]
     vehicle = replace(Vehicle(), wheel_radius=tuple(one._replace(value=R) for R in radii))
     chosen = wsp_controller.choose("patent", closed_loop.ESTIMATOR, {}, vehicle)
-    assert tuple(x.radius for x in wsp_controller.stated(chosen.constants, 3)) == radii
+    assert tuple(x.radius for x in wsp_controller.initial_wheels(chosen.constants, 3)) == radii
     y = [20.0 / R for R in radii]
     _, axles = wsp_controller.start(
-        chosen.constants, wsp_controller.stated(chosen.constants, 3), 20.0, y, [1e4] * 3
+        chosen.constants, wsp_controller.initial_wheels(chosen.constants, 3), 20.0, y, [1e4] * 3
     )
     assert [x.controller.valve for x in axles] == [APPLY] * 3
     with pytest.raises(UserError, match="3 wheel radii for 2 axles"):
@@ -407,8 +407,8 @@ def test_every_axle_has_the_radius_that_is_stated_for_it() -> None:
 
 def test_a_radius_is_found_only_where_the_wheel_rolls_unbraked() -> None:
     c = wsp_controller.choose("patent", closed_loop.ESTIMATOR, {}, Vehicle()).constants
-    (new,) = wsp_controller.stated(c, 1)
-    train = reference_speed.Known(20.0, 0.0, reference_speed.NONE)
+    (new,) = wsp_controller.initial_wheels(c, 1)
+    train = reference_speed.TrainEstimate(20.0, 0.0, reference_speed.NO_PILOT)
     free = train.v / (1.03 * new.radius)  # of a wheel 3 % larger
 
     def after(
@@ -420,7 +420,7 @@ def test_a_radius_is_found_only_where_the_wheel_rolls_unbraked() -> None:
 
     assert after(new, 1.0, free, 0.0).radius == pytest.approx(1.03 * new.radius, rel=1e-4)
     braked = after(new, 1.0, free, 1e3)
-    assert (braked.radius, braked.free) == (new.radius, 0.0)
+    assert (braked.radius, braked.free_time) == (new.radius, 0.0)
     vented = after(braked, 9.0, free, 0.0)
     assert vented.radius == new.radius
     assert after(after(vented, 1.0, 0.5 * free, 0.0), 9.0, free, 0.0).radius == new.radius
@@ -551,13 +551,15 @@ def test_a_pilot_runs_up_while_the_others_brake() -> None:
 
 
 def test_speed_goes_on_by_the_forces_where_no_axle_rolls() -> None:
-    known = reference_speed.Known(20.0, 0.0, reference_speed.NONE)
+    known = reference_speed.TrainEstimate(20.0, 0.0, reference_speed.NO_PILOT)
     for _ in range(100):
-        known = reference_speed.further(known, False, 15.0, 0.6, 0.01)
+        known = reference_speed.estimate_next(known, False, 15.0, 0.6, 0.01)
     assert known.v == pytest.approx(19.4)
     assert known.doubt == pytest.approx(0.06)
-    assert reference_speed.further(known, False, 19.9, 0.6, 0.01).v == 19.9  # never below a rim
-    rolling = reference_speed.further(known, True, 19.39, 0.6, 0.01)
+    assert (
+        reference_speed.estimate_next(known, False, 19.9, 0.6, 0.01).v == 19.9
+    )  # never below a rim
+    rolling = reference_speed.estimate_next(known, True, 19.39, 0.6, 0.01)
     assert (rolling.v, rolling.doubt) == (19.39, 0.0)
 
 
@@ -631,7 +633,7 @@ def test_sweep_is_every_controller_on_every_rail() -> None:
     told: list[str] = []
     limits = Limit("utilisation", "a test", least=0.8), Limit("locked_s", "a test", most=0.0)
     slow = replace(case("slippery-stop"), train=short().train, limit=limits)
-    rows = sweep.sweep(slow, 2, tell=told.append)
+    rows = sweep.sweep(slow, 2, progress=told.append)
     assert [(r.rail, r.controller) for r in rows] == [
         (r, c) for r in sweep.RAILS for c in registry()
     ]

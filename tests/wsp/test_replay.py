@@ -105,7 +105,9 @@ def test_the_rail_does_not_end_while_the_train_stops(log: Path) -> None:
     more = replace(first, reference=replace(first.reference, force=force))
     of = first, more
     spans = [
-        replay_rail.under(a, result.vehicle, slip.slides(a), begin, int(a.record.t[-1]))[0].spans
+        replay_rail.rail_under_axle(a, result.vehicle, slip.slides(a), begin, int(a.record.t[-1]))[
+            0
+        ].spans
         for a in of
     ]
     assert spans[0] == spans[1]
@@ -207,14 +209,14 @@ def test_where_every_axle_slides_the_demand_is_the_largest_so_far(log: Path) -> 
     asked = np.array([c.clamping_force for c in case.scenario.brake.command])
     first = min(x.start for a in two.axles for x in slip.slides(a))
     begin = case.start_s * 1e9 + result.log.start_ns()
-    after = asked[int((first - begin) * 1e-9 / replay._EVERY) + 1 :]
+    after = asked[int((first - begin) * 1e-9 / replay._KNOT_INTERVAL) + 1 :]
     assert (np.diff(after) >= 0.0).all()
     assert after[-1] == pytest.approx(simulation(NAME).clamping_force[:, 0].max(), rel=0.02)
 
 
 def test_a_demand_that_nobody_saw_is_none() -> None:
     """Both axles slide while the brake still fills; one alone slides when it had stood."""
-    t = np.arange(100, dtype=np.int64) * round(1e9 * replay._EVERY)
+    t = np.arange(100, dtype=np.int64) * round(1e9 * replay._KNOT_INTERVAL)
     K = np.minimum(np.arange(100.0), 40.0) * 500.0
     limited = np.where(np.arange(100) < 20, K, 7000.0)
     stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), np.array([limited, limited]))
@@ -269,12 +271,12 @@ def test_a_release_is_one(tmp_path: Path) -> None:
     (told,) = (f for f in case.findings if f.code == "stop-extended")
     assert told.values["speed_mps"] == pytest.approx(15.0, abs=0.7)
     asked = np.array([c.clamping_force for c in case.scenario.brake.command])
-    assert len(asked) * replay._EVERY == pytest.approx(14.0 - case.start_s, abs=1.0)
+    assert len(asked) * replay._KNOT_INTERVAL == pytest.approx(14.0 - case.start_s, abs=1.0)
     assert asked[-1] == asked.max()
 
 
 def test_a_demand_larger_than_it_stood_is_not_known() -> None:
-    t = np.arange(100, dtype=np.int64) * round(1e9 * replay._EVERY)
+    t = np.arange(100, dtype=np.int64) * round(1e9 * replay._KNOT_INTERVAL)
     K = np.where(np.arange(100) < 30, 6e3, 2e3)
     K[60:65] = 8e3  # refilled to more than it stood at
     stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), K[None])

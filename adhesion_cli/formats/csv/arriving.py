@@ -9,7 +9,7 @@ import pyarrow as pa
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import Field
-from .block_parser import Parser, Part
+from .block_parser import Parser, ParsedBlock
 from .lines import MAX_LINE, Block, Lines
 from .losses import Losses
 from .reader import CsvSource
@@ -58,47 +58,50 @@ class Arriving:
         data, self._bom = data[self._bom :], max(self._bom - len(data), 0)
         text = self._text + self._decoder.decode(data)
         text = text.replace("\r\n", "\n")  # one that is not complete yet stays at the end
-        lines, end, self._text = text.rpartition("\n")
+        lines, line_end, self._text = text.rpartition("\n")
         if len(self._text) > MAX_LINE:
             raise UserError(
                 f"{self._table.path}: line {self._line} is longer than {MAX_LINE >> 20} MiB",
                 "give a text log with one row per line",
             )
-        if not end:
+        if not line_end:
             return
-        kept = lines.split("\n")
-        skipped = min(self._skip, len(kept))
+        complete = lines.split("\n")
+        skipped = min(self._skip, len(complete))
         self._line, self._skip = self._line + skipped, self._skip - skipped
-        if kept := kept[skipped:]:
-            raw = ("\n".join(kept) + "\n").encode()
-            block = Block(self._lines.plain(raw), self._line, len(kept))
-            self._line += len(kept)
+        if complete := complete[skipped:]:
+            raw = ("\n".join(complete) + "\n").encode()
+            block = Block(self._lines.as_utf8(raw), self._line, len(complete))
+            self._line += len(complete)
             yield from self._parsed(block)
 
-    def _classify_untimed(self, part: Part) -> None:
+    def _classify_untimed(self, parsed: ParsedBlock) -> None:
         try:
-            classify_untimed(self._table, part)
+            classify_untimed(self._table, parsed)
         except UserError as error:  # nobody can split a log that still grows
             raise UserError(error.text, _NEW_FILE) from None
 
     def _parsed(self, block: Block) -> Iterator[Row]:
-        part = self._parser.parse(block)
-        if not part.timed.all():
-            self._classify_untimed(part)
-        keep = part.timed.copy()
-        codes = Groups(self._keys, self._series).codes(part, keep)
-        used = part.times[keep]
+        parsed = self._parser.parse(block)
+        if not parsed.timed.all():
+            self._classify_untimed(parsed)
+        timed = parsed.timed.copy()
+        codes = Groups(self._keys, self._series).codes(parsed, timed)
+        row_times = parsed.times[timed]
         if self._first is None:
-            self._first = self._last = int(used[0]) if len(used) else 0
+            self._first = self._last = int(row_times[0]) if len(row_times) else 0
         losses = Losses(self._table.dialect, self._lines, False)
-        losses.add(part, keep, 1)
-        self.lost += losses.findings(np.append(self._last, used), self._first)
-        self._last = int(used[-1]) if len(used) else self._last
-        times, series = part.times.tolist(), codes.tolist()
-        values = {i: column.tolist() for i, column in part.values.items()}
-        for n in np.flatnonzero(keep).tolist():
-            yield times[n], {
-                place: values[i][n]
-                for place, (k, i) in enumerate(self._wanted)
-                if k == series[n]
-            }  # fmt: skip
+        losses.add(parsed, timed, 1)
+        self.lost += losses.findings(np.append(self._last, row_times), self._first)
+        self._last = int(row_times[-1]) if len(row_times) else self._last
+        times, series = parsed.times.tolist(), codes.tolist()
+        values = {i: column.tolist() for i, column in parsed.values.items()}
+        for n in np.flatnonzero(timed).tolist():
+            yield (
+                times[n],
+                {
+                    place: values[i][n]
+                    for place, (k, i) in enumerate(self._wanted)
+                    if k == series[n]
+                },
+            )

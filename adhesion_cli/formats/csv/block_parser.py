@@ -22,7 +22,7 @@ from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment
 from .lines import Block
 
-_SHOWN = 100_000  # bytes of a row that are looked at
+_EXAMPLE_BYTES = 100_000  # bytes of a row that are looked at
 Rows = NDArray[np.int64]
 
 
@@ -39,7 +39,7 @@ class Table:
 
 
 @dataclass(slots=True)
-class Part:
+class ParsedBlock:
     """What one block holds; arrays of its n rows of the right width, each of shape (n,)."""
 
     block: Block
@@ -48,17 +48,17 @@ class Part:
     values: dict[int, Floats]
     states: dict[int, NDArray[np.int8]]  # of columns with a cell that is no number
     arrays: dict[int, Any]  # Arrow arrays of the columns that are looked at again
-    kept: Rows  # line of each row, from 0 at the block's start
-    gone: dict[str, Rows]  # lines left out, by class
-    _ends: Rows | None = field(default=None, init=False)
+    lines: Rows  # line of each row, from 0 at the block's start
+    dropped: dict[str, Rows]  # lines left out, by class
+    _line_ends: Rows | None = field(default=None, init=False)
 
     def text(self, line: int) -> str:
         """Text of a line of the block."""
-        if self._ends is None:
-            self._ends = _line_ends(self.block.data)
-        start = int(self._ends[line - 1]) + 1 if line else 0
-        end = min(int(self._ends[line]), start + _SHOWN)
-        return self.block.data[start:end].decode("utf-8", "replace")
+        if self._line_ends is None:
+            self._line_ends = _line_ends(self.block.data)
+        start = int(self._line_ends[line - 1]) + 1 if line else 0
+        stop = min(int(self._line_ends[line]), start + _EXAMPLE_BYTES)
+        return self.block.data[start:stop].decode("utf-8", "replace")
 
 
 @dataclass
@@ -69,35 +69,40 @@ class Parser:
     indices: list[int]  # columns of numbers
     keys: tuple[int, ...]  # columns that separate series
 
-    def parse(self, block: Block) -> Part:
+    def parse(self, block: Block) -> ParsedBlock:
         """The columns of one block.
 
         Raises:
             UserError: where the parser cannot follow it.
         """
-        gone: dict[str, Rows] = {}
-        kept = np.arange(block.lines)
-        found = self._typed(block.data)
-        if isinstance(found, str) or found.num_rows != block.lines:
-            data, kept, gone = self._sieved(block)
-            if isinstance(found, str) or gone.keys() != {"blank"}:
-                found = self._typed(data)
-        if isinstance(found, str) or found.num_rows != len(kept):
-            why = found if isinstance(found, str) else "its quotes cannot be followed"
+        dropped: dict[str, Rows] = {}
+        lines = np.arange(block.lines)
+        outcome = self._typed(block.data)
+        if isinstance(outcome, str) or outcome.num_rows != block.lines:
+            data, lines, dropped = self._sieved(block)
+            if isinstance(outcome, str) or dropped.keys() != {"blank"}:
+                outcome = self._typed(data)
+        if isinstance(outcome, str) or outcome.num_rows != len(lines):
+            reason = outcome if isinstance(outcome, str) else "its quotes cannot be followed"
             raise UserError(
-                f"{self.table.path}: cannot be read from line {block.first_line} on: {why}",
+                f"{self.table.path}: cannot be read from line {block.first_line} on: {reason}",
                 "correct the log, or state its dialect, as --set 'csv.delimiter = \";\"'",
             )
-        arrays = {int(name[1:]): found[name].combine_chunks() for name in found.column_names}
+        arrays = {int(name[1:]): outcome[name].combine_chunks() for name in outcome.column_names}
         clock, decimal = self.table.clock, self.table.dialect.decimal
         times, timed = clock.nanoseconds([arrays[i] for i in clock.columns])
         checked = {i: floats(arrays[i], decimal) for i in self.indices}
-        again = self.keys if timed.all() else (*self.keys, *clock.columns)
-        return Part(
-            block, times, timed, {i: value for i, (value, _) in checked.items()},
+        reread = self.keys if timed.all() else (*self.keys, *clock.columns)
+        return ParsedBlock(
+            block,
+            times,
+            timed,
+            {i: value for i, (value, _) in checked.items()},
             {i: state for i, (_, state) in checked.items() if state.any()},
-            {i: arrays[i] for i in again}, kept, gone,
-        )  # fmt: skip
+            {i: arrays[i] for i in reread},
+            lines,
+            dropped,
+        )
 
     def _sieved(self, block: Block) -> tuple[bytes, Rows, dict[str, Rows]]:
         """The block without lines of another width, the lines that are left, and the others.
@@ -105,22 +110,26 @@ class Parser:
         A line in which a quote does not close has too few cells, and so has what follows it.
         """
         data, delimiter, width = block.data, self.table.dialect.delimiter, self.table.dialect.width
-        text, ends = np.frombuffer(data, np.uint8), _line_ends(data)
-        starts = np.append(0, ends[:-1] + 1)
+        text, line_ends = np.frombuffer(data, np.uint8), _line_ends(data)
+        starts = np.append(0, line_ends[:-1] + 1)
         if b'"' in data:
             lines = data.decode("utf-8", "replace").split("\n")[:-1]
             cells = np.array([_closed_cells(line, delimiter) for line in lines])
         else:
             marks = np.flatnonzero(text == ord(delimiter))
-            cells = np.searchsorted(marks, ends) - np.searchsorted(marks, starts) + 1
-        odd = np.flatnonzero((cells != width) | (ends == starts))
+            cells = np.searchsorted(marks, line_ends) - np.searchsorted(marks, starts) + 1
+        irregular = np.flatnonzero((cells != width) | (line_ends == starts))
         kinds: dict[str, list[int]] = {}
-        for k in odd.tolist():
-            kinds.setdefault(_kind(data[starts[k] : ends[k]], cells[k] < width), []).append(k)
-        good = np.ones(len(ends), bool)
-        good[odd] = False
-        left = text[np.repeat(good, ends + 1 - starts)].tobytes()
-        return left, np.flatnonzero(good), {kind: np.array(at) for kind, at in kinds.items()}
+        for k in irregular.tolist():
+            kinds.setdefault(_kind(data[starts[k] : line_ends[k]], cells[k] < width), []).append(k)
+        regular = np.ones(len(line_ends), bool)
+        regular[irregular] = False
+        remaining = text[np.repeat(regular, line_ends + 1 - starts)].tobytes()
+        return (
+            remaining,
+            np.flatnonzero(regular),
+            {kind: np.array(numbers) for kind, numbers in kinds.items()},
+        )
 
     def _typed(self, data: bytes) -> Any:
         """The wanted columns as an Arrow table, or why they cannot be read."""
@@ -133,10 +142,10 @@ class Parser:
             try:
                 return self._read(data, schema)
             except pa.ArrowInvalid as error:
-                found = re.search(r"In CSV column #(\d+)", str(error))
-                if not found or types[int(found[1])] == pa.string():
+                column = re.search(r"In CSV column #(\d+)", str(error))
+                if not column or types[int(column[1])] == pa.string():
                     return str(error).splitlines()[0]
-                self.table.types[int(found[1])] = pa.string()
+                self.table.types[int(column[1])] = pa.string()
 
     def _read(self, data: bytes, schema: Any) -> Any:
         dialect = self.table.dialect
@@ -172,12 +181,12 @@ def _closed_cells(line: str, delimiter: str) -> int:
     return cells if reader.line_num == 1 else 0
 
 
-def _kind(line: bytes, few: bool) -> str:
+def _kind(line: bytes, is_narrow: bool) -> str:
     """Class of a line that has another width than the table."""
     if not line.strip():
         return "blank"
     if line[:1] == b"\0":
         return "NUL bytes"
-    if is_comment(line[:_SHOWN].decode("utf-8", "replace")):
+    if is_comment(line[:_EXAMPLE_BYTES].decode("utf-8", "replace")):
         return "comment"
-    return "too few cells" if few else "too many cells"
+    return "too few cells" if is_narrow else "too many cells"

@@ -39,14 +39,18 @@ def floats(array: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
     text = pc.utf8_trim_whitespace(array)
     grammar = f"^(?:{number_grammar(decimal).pattern})$"
     numeric = pc.fill_null(pc.match_substring_regex(text, grammar), False)
-    plain = pc.replace_substring(text, decimal, ".") if decimal != "." else text
-    value = pc.cast(pc.if_else(numeric, plain, None), pa.float64()).to_numpy(zero_copy_only=False)
+    with_point = pc.replace_substring(text, decimal, ".") if decimal != "." else text
+    value = pc.cast(pc.if_else(numeric, with_point, None), pa.float64()).to_numpy(
+        zero_copy_only=False
+    )
     state = np.full(len(value), NUMBER, np.int8)
-    odd = np.flatnonzero(~np.isfinite(value))
-    if len(odd):
-        few = text.take(pa.array(odd))
-        infinite = np.isinf(value[odd]) | _is_one_of(INFINITE, few)
-        state[odd] = np.select([_says_nothing(few), infinite], [NO_VALUE, IS_INFINITE], NO_NUMBER)
+    non_finite = np.flatnonzero(~np.isfinite(value))
+    if len(non_finite):
+        odd_cells = text.take(pa.array(non_finite))
+        infinite = np.isinf(value[non_finite]) | _is_any(INFINITE, odd_cells)
+        state[non_finite] = np.select(
+            [_says_nothing(odd_cells), infinite], [NO_VALUE, IS_INFINITE], NO_NUMBER
+        )
         value = np.where(state == NUMBER, value, np.nan)
     return value, state
 
@@ -62,11 +66,11 @@ def is_missing(array: Any) -> Bools:
 
 def _says_nothing(text: Any) -> Bools:
     """Which trimmed cells are null or spell it, shape (n,)."""
-    return np.asarray(pc.is_null(text)) | _is_one_of(NULLS, text)
+    return np.asarray(pc.is_null(text)) | _is_any(NULLS, text)
 
 
-def _is_one_of(words: Sequence[str], text: Any) -> Bools:
-    return np.asarray(pc.is_in(text, pa.array(words, pa.string())))
+def _is_any(texts: Sequence[str], text: Any) -> Bools:
+    return np.asarray(pc.is_in(text, pa.array(texts, pa.string())))
 
 
 def decimals(array: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
@@ -74,16 +78,16 @@ def decimals(array: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
     if pa.types.is_string(array.type):
         text = pc.utf8_trim_whitespace(array)
         text = pc.replace_substring(text, decimal, ".") if decimal != "." else text
-        plain = pc.match_substring_regex(text, r"^[+-]?[0-9]{1,19}(\.[0-9]+)?$")
+        is_decimal = pc.match_substring_regex(text, r"^[+-]?[0-9]{1,19}(\.[0-9]+)?$")
         # digits beyond the 18th decimal say nothing here
-        short = pc.replace_substring_regex(text, r"(\.[0-9]{18})[0-9]+", r"\1")
-        array = pc.cast(pc.if_else(plain, short, None), pa.decimal128(38, 18))
+        shortened = pc.replace_substring_regex(text, r"(\.[0-9]{18})[0-9]+", r"\1")
+        array = pc.cast(pc.if_else(is_decimal, shortened, None), pa.decimal128(38, 18))
         array = pc.round(array, ndigits=scale, round_mode="half_to_even")
         array = array.cast(pa.decimal128(38, scale))
-    words = np.frombuffer(array.buffers()[1], np.int64, 2 * len(array), 16 * array.offset)
-    low, high = words[0::2], words[1::2]
-    ok = np.asarray(array.is_valid()) & (high == low >> 63)
-    return np.where(ok, low, 0), ok
+    halves = np.frombuffer(array.buffers()[1], np.int64, 2 * len(array), 16 * array.offset)
+    low_half, high_half = halves[0::2], halves[1::2]
+    ok = np.asarray(array.is_valid()) & (high_half == low_half >> 63)
+    return np.where(ok, low_half, 0), ok
 
 
 def stamps(text: Any, pattern: str) -> tuple[Times, Bools]:
@@ -91,17 +95,17 @@ def stamps(text: Any, pattern: str) -> tuple[Times, Bools]:
 
     The groups of the pattern are named y, m, d (date), H, M, S, f, l, p (time), z (zone).
     """
-    found = _Groups(text, pattern)
-    ns, ok = _time_of_day(found)
-    if "y" in found.names:
-        days, holds = _days(found)
-        ns, ok = ns + days * _DAY, ok & holds
-    zone = pc.replace_substring_regex(found.text("z"), "[^0-9+-]", "")
+    groups = _Groups(text, pattern)
+    ns, ok = _time_of_day(groups)
+    if "y" in groups.names:
+        days, is_date = _days(groups)
+        ns, ok = ns + days * _DAY, ok & is_date
+    zone = pc.replace_substring_regex(groups.text("z"), "[^0-9+-]", "")
     digits = pc.utf8_rpad(pc.utf8_slice_codeunits(zone, 1, 5), 4, padding="0")
     shift = np.asarray(pc.cast(digits, pa.int64()))
     shift = (shift // 100 * 3600 + shift % 100 * 60) * _S
     ns = ns - np.where(np.asarray(pc.starts_with(zone, "-")), -shift, shift)
-    ok &= found.ok
+    ok &= groups.ok
     return np.where(ok, ns, 0), ok
 
 
@@ -126,22 +130,22 @@ class _Groups:
         return np.asarray(pc.cast(cells, pa.int64()))
 
 
-def _time_of_day(found: _Groups) -> tuple[Times, Bools]:
+def _time_of_day(groups: _Groups) -> tuple[Times, Bools]:
     """Nanoseconds after midnight, and which are a time of day."""
-    hour, minute, second = (found.number(name) for name in "HMS")
-    half = found.text("p")
-    said = np.asarray(pc.not_equal(half, ""))
+    hour, minute, second = (groups.number(name) for name in "HMS")
+    half_day = groups.text("p")
+    said = np.asarray(pc.not_equal(half_day, ""))
     ok = ~said | ((hour >= 1) & (hour <= 12))
-    afternoon = np.asarray(pc.equal(pc.utf8_lower(half), "p"))
+    afternoon = np.asarray(pc.equal(pc.utf8_lower(half_day), "p"))
     hour = np.where(said, hour % 12 + 12 * afternoon, hour)
     ok &= (hour < 24) & (minute < 60) & (second <= 60)
-    fraction = found.number("f") + found.number("l") * 1_000_000
+    fraction = groups.number("f") + groups.number("l") * 1_000_000
     return (hour * 3600 + minute * 60 + second) * _S + fraction, ok
 
 
-def _days(found: _Groups) -> tuple[NDArray[np.int64], Bools]:
+def _days(groups: _Groups) -> tuple[NDArray[np.int64], Bools]:
     """Days after 1970-01-01, and which are a date."""
-    year, month, day = (found.number(name) for name in "ymd")
+    year, month, day = (groups.number(name) for name in "ymd")
     year = np.where(year < 100, year + 2000, year)
     ok = (month >= 1) & (month <= 12) & (year >= 1678) & (year <= 2261) & (day >= 1)
     months = np.where(ok, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]")

@@ -46,8 +46,8 @@ class Clock:
             return np.asarray(array.cast(pa.int64()).fill_null(0)), np.asarray(array.is_valid())
         if self.pattern:
             text = [pc.utf8_trim_whitespace(a) for a in arrays]
-            whole = pc.binary_join_element_wise(*text, " ") if len(text) == 2 else text[0]
-            return cells.stamps(whole, self.pattern)
+            stamp = pc.binary_join_element_wise(*text, " ") if len(text) == 2 else text[0]
+            return cells.stamps(stamp, self.pattern)
         if self.absolute and self.unit in SCALE:
             return cells.decimals(array, SCALE[self.unit], self.decimal)
         value, _ = cells.floats(array, self.decimal)

@@ -17,24 +17,24 @@ DATES = {  # a year of two digits is of this century
 }
 ANY_DATE = "|".join(re.sub(r"\?P<\w>", "?:", form) for form in DATES.values())
 READABLE = 0.5  # of a time column's first cells must be readable
-_NEAR = 7  # days that a log may be long
+_LONGEST_LOG = 7  # days that a log may be long
 
-WORDS = {"dmy": "day/month", "mdy": "month/day", "yymd": "year/month/day"}
+FORM_NAMES = {"dmy": "day/month", "mdy": "month/day", "yymd": "year/month/day"}
 
 
-def forms_of(cells: Sequence[str], stated: str | None) -> list[str]:
+def forms_of(cells: Sequence[str], order: str | None) -> list[str]:
     """Forms in which the most of the cells begin with a date; none where that are few.
 
     Args:
         cells: of a column, dates or dates and times.
-        stated: the order that the user states, as "dmy".
+        order: the order that the user states, as "dmy".
     """
     count = {form: len(_days(cells, form)) for form in DATES}
-    if stated in ("ymd", "dmy", "mdy"):
-        count = {form: n for form, n in count.items() if form.endswith(stated)}
-    most = max(count.values())
-    enough = most >= max(READABLE * len(cells), 1)
-    return [form for form, n in count.items() if enough and n == most]
+    if order in ("ymd", "dmy", "mdy"):
+        count = {form: n for form, n in count.items() if form.endswith(order)}
+    largest = max(count.values())
+    is_readable = largest >= max(READABLE * len(cells), 1)
+    return [form for form, n in count.items() if is_readable and n == largest]
 
 
 def decided(cells: Sequence[str], forms: Sequence[str]) -> tuple[str, str] | None:
@@ -47,23 +47,27 @@ def decided(cells: Sequence[str], forms: Sequence[str]) -> tuple[str, str] | Non
         forms: more than one, as `forms_of` gives them.
     """
     days = {form: _days(cells, form) for form in forms}
-    length = {form: max(found) - min(found) for form, found in days.items()}
+    length = {form: max(day_numbers) - min(day_numbers) for form, day_numbers in days.items()}
     if not any(length.values()):
         american = "mdy" in forms and re.search("(?i)[ap]m", cells[0])
         form = "mdy" if american else forms[0]
         return form, f"the log has one date, read with the {'month' if american else 'day'} first"
-    near = [form for form, n in length.items() if n <= _NEAR]
-    return (near[0], "the only order in which the dates are near") if len(near) == 1 else None
+    plausible = [form for form, n in length.items() if n <= _LONGEST_LOG]
+    return (
+        (plausible[0], "the only order in which the dates are near")
+        if len(plausible) == 1
+        else None
+    )
 
 
 def _days(cells: Sequence[str], form: str) -> list[int]:
     """The days of the cells that are dates in a form, counted from 1 January of year 1."""
-    whole = re.compile(f"{DATES[form]}(?:{GAP}{CLOCK})?")
-    found = []
-    for match in filter(None, map(whole.fullmatch, cells)):
+    pattern = re.compile(f"{DATES[form]}(?:{GAP}{CLOCK})?")
+    days = []
+    for match in filter(None, map(pattern.fullmatch, cells)):
         year, month, day = (int(match[name]) for name in "ymd")
         try:
-            found.append(date(year + 2000 * (year < 100), month, day).toordinal())
+            days.append(date(year + 2000 * (year < 100), month, day).toordinal())
         except ValueError:  # no month has that many days
             continue
-    return found
+    return days

@@ -9,7 +9,7 @@ from ..source import ReadOptions
 from .dialect import (
     COMMENT,
     Dialect,
-    bare,
+    without_brackets,
     fit,
     is_comment,
     is_null,
@@ -18,7 +18,7 @@ from .dialect import (
     number_grammar,
     split,
 )
-from .head import Line, encoding_of, first_lines, refuse_other_formats, too_long
+from .head import Line, encoding_of, first_lines, refuse_other_formats, line_too_long
 from .header import (
     DELIMITERS,
     FirstRows,
@@ -49,42 +49,54 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         UserError: where this is no table of numbers, or cannot be read only one way.
     """
     refuse_other_formats(head, path)
-    why: dict[str, str] = {}
-    encoding, bom, why["encoding"] = encoding_of(head, options.encoding, path)
+    reasons: dict[str, str] = {}
+    encoding, bom, reasons["encoding"] = encoding_of(head, options.encoding, path)
     lines = first_lines(head[bom:], encoding, complete, path)
     body = _body(lines, complete, path)
-    stated, directive = _stated_delimiter(body[0][1], options)
+    delimiter_given, directive = _stated_delimiter(body[0][1], options)
     body = body[bool(directive) :]
-    delimiter, width, why["delimiter"] = _delimiter([text for _, text in body], stated, path)
+    delimiter, width, reasons["delimiter"] = _delimiter(
+        [text for _, text in body], delimiter_given, path
+    )
     if directive and options.delimiter is None:
-        why["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
+        reasons["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
     rows = [(number, split(text, delimiter)) for number, text in body]
     of_width = [cells for _, cells in rows if len(cells) == width]
-    decimal, why["decimal"] = _decimal(of_width, width, options, path)
+    decimal, reasons["decimal"] = _decimal(of_width, width, options, path)
     table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
     data = table.of_width(header.start)
-    used = width - _has_trailing(header.names, data, width)
+    used_width = width - _has_trailing(header.names, data, width)
     refuse_table_above(table, header.top)
-    refuse_width(table, header, used)
-    names = column_names(header.names, used)
+    refuse_width(table, header, used_width)
+    names = column_names(header.names, used_width)
     _refuse_grouped(data, names, decimal, options, path)
-    before = lines_before(table, header)
-    why["header"] = _why_header(table, header, options)
+    leading_lines = lines_before(table, header)
+    reasons["header"] = _why_header(table, header, options)
     units: list[str] = []
     if header.units is not None:
         n, units = rows[header.units]
-        why["units row"] = f"line {n} (every cell is a unit)"
+        reasons["units row"] = f"line {n} (every cell is a unit)"
     if comment := next((m[1] for _, text in lines if (m := COMMENT.match(text))), ""):
-        why["comments"] = f"lines starting with {comment!r} (seen in the head)"
-    if preamble := before.get("preamble"):
-        why["preamble"] = f"{preamble} lines (before the header)"
+        reasons["comments"] = f"lines starting with {comment!r} (seen in the head)"
+    if preamble := leading_lines.get("preamble"):
+        reasons["preamble"] = f"{preamble} lines (before the header)"
     return Dialect(
-        encoding, bom, delimiter, decimal, width, names,
-        tuple(tuple(fit(h, used)) for h in header.names), tuple(map(bare, fit(units, used))),
-        bool(header.names), rows[header.start][0], before, metadata(rows[: header.top]),
-        [row[:used] for row in data], why,
-    )  # fmt: skip
+        encoding,
+        bom,
+        delimiter,
+        decimal,
+        width,
+        names,
+        tuple(tuple(fit(h, used_width)) for h in header.names),
+        tuple(map(without_brackets, fit(units, used_width))),
+        bool(header.names),
+        rows[header.start][0],
+        leading_lines,
+        metadata(rows[: header.top]),
+        [row[:used_width] for row in data],
+        reasons,
+    )
 
 
 def _body(lines: list[Line], complete: bool, path: Path) -> list[Line]:
@@ -103,7 +115,7 @@ def _body(lines: list[Line], complete: bool, path: Path) -> list[Line]:
     marks = [k for k, x in enumerate(body, 1) if x[1].startswith("***End_of_Header***")]
     body = body[marks[-1] if marks else 0 :]  # LabVIEW's header has rows of numbers
     if len(body) == 1 and not complete:
-        raise too_long(lines[-1][0] + 1, path)
+        raise line_too_long(lines[-1][0] + 1, path)
     if len(body) < 2:
         raise UserError(
             f"{path}: {len(body)} line and no data rows", "give a log with a header and data rows"
@@ -111,29 +123,32 @@ def _body(lines: list[Line], complete: bool, path: Path) -> list[Line]:
     return body
 
 
-def _stated_delimiter(first: str, options: ReadOptions) -> tuple[str | None, str]:
+def _stated_delimiter(first_line: str, options: ReadOptions) -> tuple[str | None, str]:
     """The delimiter that the user or the first line, "sep=;", states; and that line, else ""."""
-    stated = options.delimiter
-    directive = re.fullmatch(r"sep=(.)", first.strip())
-    if directive and stated is None:
-        stated = directive[1]
-    stated = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}.get(stated or "", stated)
-    if stated is not None and (
-        not re.fullmatch(r"[\t -~]", stated) or re.match(r'[\w".+-]', stated)
+    delimiter = options.delimiter
+    directive = re.fullmatch(r"sep=(.)", first_line.strip())
+    if directive and delimiter is None:
+        delimiter = directive[1]
+    delimiter = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}.get(
+        delimiter or "", delimiter
+    )
+    if delimiter is not None and (
+        not re.fullmatch(r"[\t -~]", delimiter) or re.match(r'[\w".+-]', delimiter)
     ):
         raise UserError(
-            f"delimiter {stated!r} is not one character between cells",
-            "state it, as --set 'csv.delimiter = \";\"' (or \",\", \"|\", \"tab\", \"space\")", 2,
-        )  # fmt: skip
-    return stated, directive[0] if directive else ""
+            f"delimiter {delimiter!r} is not one character between cells",
+            'state it, as --set \'csv.delimiter = ";"\' (or ",", "|", "tab", "space")',
+            2,
+        )
+    return delimiter, directive[0] if directive else ""
 
 
-def _delimiter(lines: list[str], stated: str | None, path: Path) -> tuple[str, int, str]:
+def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tuple[str, int, str]:
     """Delimiter, number of columns, and why."""
     sample = lines[len(lines) // 3 :][:300]
     best: tuple[float, int, str] | None = None
-    found = 0.0
-    for delimiter in [stated] if stated else DELIMITERS:
+    largest_share = 0.0
+    for delimiter in [delimiter_given] if delimiter_given else DELIMITERS:
         rows = [split(s, delimiter) for s in sample]
         weight: Counter[int] = Counter()
         for cells in rows:
@@ -153,7 +168,7 @@ def _delimiter(lines: list[str], stated: str | None, path: Path) -> tuple[str, i
         if delimiter == " " and best and best[2] == "\t" and best[0] > _TABS:
             continue  # blanks stand inside the cells, as between date and time
         if best is None or (round(score, 2), width) > (round(best[0], 2), best[1]):
-            best, found = (score, width, delimiter), share
+            best, largest_share = (score, width, delimiter), share
     if best is None:
         raise UserError(
             f"{path}: no delimiter splits the rows into columns",
@@ -161,9 +176,13 @@ def _delimiter(lines: list[str], stated: str | None, path: Path) -> tuple[str, i
             "--set 'csv.delimiter = \";\"'",
         )
     _, width, delimiter = best
-    shown = "whitespace" if delimiter == " " else repr(delimiter)
-    reason = "stated" if stated else f"{width} columns in {found:.0%} of the head's rows"
-    return delimiter, width, f"{shown} ({reason})"
+    delimiter_name = "whitespace" if delimiter == " " else repr(delimiter)
+    reason = (
+        "stated"
+        if delimiter_given
+        else f"{width} columns in {largest_share:.0%} of the head's rows"
+    )
+    return delimiter, width, f"{delimiter_name} ({reason})"
 
 
 def _worth(cell: str, delimiter: str) -> float:
@@ -184,8 +203,10 @@ def _decimal(
     commas = 0  # columns with decimal commas, less those with decimal points
     example = ""
     for i in range(width):
-        comma, dot = ([c for row in rows if m in (c := row[i]) and number_grammar(m).fullmatch(c)]
-                      for m in ",.")  # fmt: skip
+        comma, dot = (
+            [c for row in rows if m in (c := row[i]) and number_grammar(m).fullmatch(c)]
+            for m in ",."
+        )
         if comma or dot:
             commas += 1 if len(comma) > len(dot) else -1
         example = example or (comma[0] if comma else "")
@@ -212,10 +233,10 @@ def _refuse_grouped(
     for i, name in enumerate(names):
         cells = [row[i] for row in rows if number.fullmatch(row[i])]
         dotted = [c for c in cells if "." in c]
-        whole = [c for c in cells if c.isdigit()]
-        if len(dotted) > 1 and whole and all(len(c) <= 3 for c in whole):
+        integers = [c for c in cells if c.isdigit()]
+        if len(dotted) > 1 and integers and all(len(c) <= 3 for c in integers):
             raise UserError(
-                f"{path}: column {name!r}: {dotted[0]!r} and {whole[0]!r} may be grouped "
+                f"{path}: column {name!r}: {dotted[0]!r} and {integers[0]!r} may be grouped "
                 "thousands or a decimal point",
                 "if it is a decimal point, state it, as --set 'csv.decimal = \".\"'",
             )

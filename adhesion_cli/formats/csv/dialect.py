@@ -11,13 +11,41 @@ from .header_words import is_units_row, normal, time_name
 HEAD_BYTES = 1 << 20
 
 NULLS = (
-    "", "NaN", "nan", "NAN", "-nan", "NULL", "null", "Null", "None", "none", "N/A", "n/a", "NA",
-    "-", "--", "---", "#N/A", "#NA", "#NV",
-)  # fmt: skip
+    "",
+    "NaN",
+    "nan",
+    "NAN",
+    "-nan",
+    "NULL",
+    "null",
+    "Null",
+    "None",
+    "none",
+    "N/A",
+    "n/a",
+    "NA",
+    "-",
+    "--",
+    "---",
+    "#N/A",
+    "#NA",
+    "#NV",
+)
 INFINITE = (
-    "inf", "-inf", "+inf", "Inf", "-Inf", "+Inf", "INF", "-INF", "+INF",
-    "Infinity", "-Infinity", "infinity", "-infinity",
-)  # fmt: skip
+    "inf",
+    "-inf",
+    "+inf",
+    "Inf",
+    "-Inf",
+    "+Inf",
+    "INF",
+    "-INF",
+    "+INF",
+    "Infinity",
+    "-Infinity",
+    "infinity",
+    "-infinity",
+)
 _NULLS = frozenset((*NULLS, *INFINITE))
 
 COMMENT = re.compile(r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!)|%|//)")
@@ -33,7 +61,7 @@ _STAMP = re.compile(rf"(?:{_DATE}(?:[T ,_]+{_CLOCK})?|{_CLOCK})")
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How to read one file; `why` gives each decision with its reason."""
+    """How to read one file; `reasons` gives each decision with its reason."""
 
     encoding: str  # Python codec; UTF-8 passes through undecoded
     bom: int  # bytes before the text
@@ -41,14 +69,16 @@ class Dialect:
     decimal: str
     width: int  # cells of each data row, one more than `names` where rows end in a delimiter
     names: tuple[str, ...]  # one per column, distinct: the header text, else "column N"
-    parts: tuple[tuple[str, ...], ...]  # cells of each header row, for headers of several rows
+    header_cells: tuple[
+        tuple[str, ...], ...
+    ]  # cells of each header row, for headers of several rows
     units: tuple[str, ...]  # units row, "" where a cell is empty
     headed: bool
     first_line: int  # line of the first data row, from 1
-    before: dict[str, int]  # lines before it, by class
+    leading_lines: dict[str, int]  # lines before it, by class
     metadata: dict[str, str]  # key: value lines of the preamble
     rows: list[list[str]]  # data rows of the head, each as wide as `names`
-    why: dict[str, str]
+    reasons: dict[str, str]
 
     def number(self) -> re.Pattern[str]:
         """Strict grammar of a number in this dialect."""
@@ -66,7 +96,7 @@ class Dialect:
 
     def repeats_header(self, cells: list[str]) -> bool:
         """Whether a row among the data is a row of the header, or the units row, once more."""
-        return _key(cells) in [_key(row) for row in (*self.parts, self.units) if any(row)]
+        return _key(cells) in [_key(row) for row in (*self.header_cells, self.units) if any(row)]
 
     def is_another_header(self, cells: list[str]) -> bool:
         """Whether a row among the data is a header, or a units row, of other columns than ours."""
@@ -74,8 +104,8 @@ class Dialect:
         if not self.headed or len(said) < max(2, len(cells) / 2):
             return False
         if is_units_row(cells):
-            ours = [u or in_name(n)[1] for n, u in zip(self.names, self.units, strict=True)]
-            return any(b and a != b for a, b in zip(_key(ours), _key(cells), strict=False))
+            own_units = [u or in_name(n)[1] for n, u in zip(self.names, self.units, strict=True)]
+            return any(b and a != b for a, b in zip(_key(own_units), _key(cells), strict=False))
         units = sum(bool(in_name(c)[1]) for c in said)
         names_time = any(map(time_name, said)) or units >= len(said) / 2
         return names_time and not any(map(is_number, said))
@@ -83,7 +113,7 @@ class Dialect:
 
 def _key(cells: Sequence[str]) -> list[str]:
     """The cells of a header or units row as they are compared."""
-    return "\0".join(normal(bare(c)) for c in cells).rstrip("\0").split("\0")
+    return "\0".join(normal(without_brackets(c)) for c in cells).rstrip("\0").split("\0")
 
 
 def number_grammar(decimal: str) -> re.Pattern[str]:
@@ -136,8 +166,8 @@ def fit(cells: list[str], width: int) -> list[str]:
     return (cells + [""] * width)[:width]
 
 
-def bare(unit: str) -> str:
+def without_brackets(unit: str) -> str:
     """A units cell without its brackets; "" for a dash."""
-    found = re.fullmatch(r"[\[({<](.*)[\])}>]", unit)
-    text = (found[1] if found else unit).strip()
+    bracketed = re.fullmatch(r"[\[({<](.*)[\])}>]", unit)
+    text = (bracketed[1] if bracketed else unit).strip()
     return "" if text in ("-", "--") else text

@@ -26,12 +26,14 @@ Line = tuple[int, str]  # number, from 1, and text
 
 def refuse_other_formats(head: bytes, path: Path) -> None:
     """Refuses files of a known format that is not text."""
-    for magic, what in _MAGIC:
+    for magic, format_name in _MAGIC:
         if head.startswith(magic):
-            raise UserError(f"{path}: is {what}, not CSV", f"export the log as one of: {FORMATS}")
+            raise UserError(
+                f"{path}: is {format_name}, not CSV", f"export the log as one of: {FORMATS}"
+            )
 
 
-def encoding_of(head: bytes, stated: str | None, path: Path) -> tuple[str, int, str]:
+def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, int, str]:
     """Codec, bytes of byte order mark, and why.
 
     Raises:
@@ -44,17 +46,17 @@ def encoding_of(head: bytes, stated: str | None, path: Path) -> tuple[str, int, 
     ):
         if head.startswith(mark):
             return codec, len(mark), f"{codec} (byte order mark)"
-    codec, why = _stated(head, stated, path) if stated else _guessed(head, path)
-    return codec, 0, f"{codec} ({why})"
+    codec, reason = _given_encoding(head, encoding, path) if encoding else _guessed(head, path)
+    return codec, 0, f"{codec} ({reason})"
 
 
-def _stated(head: bytes, stated: str, path: Path) -> tuple[str, str]:
+def _given_encoding(head: bytes, encoding: str, path: Path) -> tuple[str, str]:
     try:
-        codec = codecs.lookup(stated).name
+        codec = codecs.lookup(encoding).name
         b"a".decode(codec, "replace")  # refuses codecs that are no text, as base64
     except (LookupError, UnicodeError):
         raise UserError(
-            f"{path}: unknown encoding {stated!r}",
+            f"{path}: unknown encoding {encoding!r}",
             "state it, as --set 'csv.encoding = \"utf-16\"' (or utf-8, gb18030, cp1252)",
         ) from None
     if codec == "utf-16":  # without a mark: whichever half holds the NULs of ASCII
@@ -63,9 +65,12 @@ def _stated(head: bytes, stated: str, path: Path) -> tuple[str, str]:
 
 
 def _guessed(head: bytes, path: Path) -> tuple[str, str]:
-    even, odd = head[0::2].count(0), head[1::2].count(0)
-    for few, many, codec in ((even, odd, "utf-16-le"), (odd, even, "utf-16-be")):
-        if many > len(head) // 5 and few <= many // 50:
+    even_zeros, odd_zeros = head[0::2].count(0), head[1::2].count(0)
+    for rarer, commoner, codec in (
+        (even_zeros, odd_zeros, "utf-16-le"),
+        (odd_zeros, even_zeros, "utf-16-be"),
+    ):
+        if commoner > len(head) // 5 and rarer <= commoner // 50:
             return codec, "every second byte is NUL"
     controls = len(head) - len(head.translate(None, _CONTROLS))
     if controls > max(4, len(head) // 200):
@@ -74,10 +79,12 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
         return "utf-8", "only ASCII in the head"
     if _decodes(head, "utf-8"):
         return "utf-8", "the head decodes"
-    high = len(re.findall(rb"[\x80-\xff]", head))
+    high_bytes = len(re.findall(rb"[\x80-\xff]", head))
     # Chinese text is pairs of high bytes; a Latin-1 umlaut, degree or micro sign stands alone
     pairs = 2 * len(re.findall(rb"[\xa1-\xf7][\xa1-\xfe]", head))
-    if pairs > 0.5 * high and (_decodes(head, "gb18030") or (pairs > 0.9 * high and high > 50)):
+    if pairs > 0.5 * high_bytes and (
+        _decodes(head, "gb18030") or (pairs > 0.9 * high_bytes and high_bytes > 50)
+    ):
         return "gb18030", "not UTF-8; high bytes come in pairs"
     return "cp1252", "not UTF-8; high bytes stand alone"
 
@@ -109,7 +116,7 @@ def first_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[
         lines.pop()
     for number, line in enumerate(lines, 1):
         if len(line) > HEAD_BYTES // 2:
-            raise too_long(number, path)
+            raise line_too_long(number, path)
     return list(enumerate(lines, 1))
 
 
@@ -128,7 +135,7 @@ def _refuse_other_texts(text: str, path: Path) -> None:
         )
 
 
-def too_long(line: int, path: Path) -> UserError:
+def line_too_long(line: int, path: Path) -> UserError:
     """The refusal of a line of more than half of the head."""
     return UserError(
         f"{path}: line {line} is longer than {HEAD_BYTES >> 11} KiB",

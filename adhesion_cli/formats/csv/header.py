@@ -56,8 +56,8 @@ class Header:
         return [row for row in table.rows[self.top : self.start] if row[1] in self.names]
 
 
-def find_header(table: FirstRows, stated: bool | None) -> Header:
-    """The header; `stated` says whether there is one, None where it is not stated.
+def find_header(table: FirstRows, has_header: bool | None) -> Header:
+    """The header; `has_header` says whether there is one, None where it is not stated.
 
     Raises:
         UserError: where there are no data rows.
@@ -70,17 +70,17 @@ def find_header(table: FirstRows, stated: bool | None) -> Header:
             "give a log with data rows; if its numbers use a decimal comma, state it, as "
             "--set 'csv.decimal = \",\"'",
         )
-    if stated is False:
+    if has_header is False:
         return Header([], None, start, start)
-    found = _text_above(table, start)
-    if found.names:
-        return found
-    if stated:
+    text_above = _text_above(table, start)
+    if text_above.names:
+        return text_above
+    if has_header:
         if start + 1 >= len(table.rows):
             raise UserError(f"{table.path}: header only, no data rows", "give a log with data rows")
         return Header([table.rows[start][1]], None, start, start + 1)
-    found.names = _commented_header(table, table.rows[start][0])
-    return found
+    text_above.names = _commented_header(table, table.rows[start][0])
+    return text_above
 
 
 def _first_data(table: FirstRows) -> int | None:
@@ -90,26 +90,26 @@ def _first_data(table: FirstRows) -> int | None:
     def typed(c: str) -> bool:
         return number.fullmatch(c) is not None or is_stamp(c)
 
-    later = table.of_width(len(table.rows) // 3)  # surely data
+    data_rows = table.of_width(len(table.rows) // 3)  # surely data
     numeric = []
-    for i in range(width if later else 0):
-        said = [row[i] for row in later if not is_null(row[i])]
+    for i in range(width if data_rows else 0):
+        said = [row[i] for row in data_rows if not is_null(row[i])]
         if said and sum(map(typed, said)) >= 0.5 * len(said):
             numeric.append(i)
 
-    def like(cells: list[str]) -> bool:
+    def resembles_data(cells: list[str]) -> bool:
         remark = len(cells) == width + 1 and not is_null(cells[-1]) and not typed(cells[-1])
-        if not later or (len(cells) != width and not remark):
+        if not data_rows or (len(cells) != width and not remark):
             return False
         said = [cells[i] for i in numeric if not is_null(cells[i])]
-        words = [c for c in said if not typed(c)]
-        if any(map(time_name, words)):  # a header whose other names are numbers
+        texts = [c for c in said if not typed(c)]
+        if any(map(time_name, texts)):  # a header whose other names are numbers
             return False
-        return len(words) < 0.5 * len(said)
+        return len(texts) < 0.5 * len(said)
 
-    flags = [like(cells) for _, cells in table.rows]
-    near = (flags[i : i + 6] for i in range(len(flags)))
-    return next((i for i, f in enumerate(near) if f[0] and sum(f) >= 0.3 * len(f)), None)
+    flags = [resembles_data(cells) for _, cells in table.rows]
+    windows = (flags[i : i + 6] for i in range(len(flags)))
+    return next((i for i, f in enumerate(windows) if f[0] and sum(f) >= 0.3 * len(f)), None)
 
 
 def _text_above(table: FirstRows, start: int) -> Header:
@@ -144,8 +144,8 @@ def _continues(names: list[list[str]], cells: list[str], width: int) -> bool:
         return said >= len(cells) / 2 and (pairs <= said / 2 or said == len(cells))
     repeated = len(set(names[0])) < len(names[0])
     spanning = repeated and said >= 2 and len(cells) == width
-    full = width > 2 and said == len(cells) == width and len(names) < 2
-    return pairs <= said / 2 and (spanning or full)
+    is_complete = width > 2 and said == len(cells) == width and len(names) < 2
+    return pairs <= said / 2 and (spanning or is_complete)
 
 
 def _commented_header(table: FirstRows, first_line: int) -> list[list[str]]:
@@ -174,8 +174,8 @@ def refuse_table_above(table: FirstRows, top: int) -> None:
                 return delimiter, len(cells)
         return None
 
-    above = {n for n, _ in table.rows[:top]}
-    lines = [line for line in table.lines if line[0] in above]
+    line_numbers = {n for n, _ in table.rows[:top]}
+    lines = [line for line in table.lines if line[0] in line_numbers]
     forms = [form(text) for _, text in lines]
     for k in range(1, len(forms)):
         if forms[k] and forms[k] == forms[k - 1]:
@@ -194,8 +194,8 @@ def refuse_width(table: FirstRows, header: Header, width: int) -> None:
     """
     named = header.named(table)
     if not header.names:
-        near = table.rows[max(0, header.top - 2) : header.top]
-        named = [row for row in near if any(map(time_name, row[1]))]
+        neighbours = table.rows[max(0, header.top - 2) : header.top]
+        named = [row for row in neighbours if any(map(time_name, row[1]))]
     for n, cells in named:
         extra = [c for c in cells[width:] if c and c.casefold() not in _REMARKS]
         if len(cells) < width or extra:
@@ -235,18 +235,18 @@ def lines_before(table: FirstRows, header: Header) -> dict[str, int]:
         is_units = header.units is not None and number == rows[header.units][0]
         return "units" if is_units else "header"
 
-    first = rows[header.start][0]
-    return dict(Counter(kind(*line) for line in table.lines if line[0] < first))
+    first_line = rows[header.start][0]
+    return dict(Counter(kind(*line) for line in table.lines if line[0] < first_line))
 
 
 def metadata(preamble: list[Row]) -> dict[str, str]:
     """`key: value` and `key = value` cells, and rows of just a key and a value."""
-    out: dict[str, str] = {}
+    entries: dict[str, str] = {}
     for _, cells in preamble:
         said = [c for c in cells if c]
-        found = [m for c in said if (m := re.match(r"([^:=]{1,80}?)\s*[:=]\s*(.+)", c))]
-        if len(found) == len(said):
-            out.update((m[1], m[2]) for m in found)
+        matches = [m for c in said if (m := re.match(r"([^:=]{1,80}?)\s*[:=]\s*(.+)", c))]
+        if len(matches) == len(said):
+            entries.update((m[1], m[2]) for m in matches)
         elif len(said) == 2:
-            out[said[0].rstrip(" :=")] = said[1]
-    return out
+            entries[said[0].rstrip(" :=")] = said[1]
+    return entries

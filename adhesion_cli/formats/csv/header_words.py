@@ -15,11 +15,17 @@ NS_PER_UNIT = {
     "h": 3_600_000_000_000,
 }
 
-_WORDS = tomllib.loads(Path(__file__).with_name("header_words.toml").read_text("utf-8"))
-_UNIT = {word: unit for unit, words in _WORDS["time_units"].items() for word in words.split()}
-_TIME: list[str] = _WORDS["time"].split()
-_UNITS_ROW = frozenset(_WORDS["units_row"].split())
-GROUP, SIGNAL, UNITS = (frozenset(_WORDS[kind].split()) for kind in ("group", "signal", "units"))
+_VOCABULARY = tomllib.loads(Path(__file__).with_name("header_words.toml").read_text("utf-8"))
+_UNIT = {
+    word: unit
+    for unit, unit_words in _VOCABULARY["time_units"].items()
+    for word in unit_words.split()
+}
+_TIME: list[str] = _VOCABULARY["time"].split()
+_UNITS_ROW = frozenset(_VOCABULARY["units_row"].split())
+GROUP, SIGNAL, UNITS = (
+    frozenset(_VOCABULARY[kind].split()) for kind in ("group", "signal", "units")
+)
 
 
 def normal(text: str) -> str:
@@ -48,15 +54,15 @@ def time_name(header: str) -> tuple[int, str | None] | None:
         r"^(.*?)[ _\-.](\w+)$",
         r"^(.*?[a-z])(Ns|Us|Ms|S|Sec)$",
     ):
-        if (found := re.match(pattern, text)) and (stated := time_unit(found[2])):
-            text, unit = found[1], stated
+        if (split := re.match(pattern, text)) and (named_unit := time_unit(split[2])):
+            text, unit = split[1], named_unit
             break
     else:  # "Time [hh:mm:ss.fff]", "Timestamp (UTC)"
         text = re.sub(r"\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-zA-Z]{1,4}[-/:.]\S+)[\])]$", "", text)
     name = normal(text)
-    plain = name.rstrip("0123456789")
-    if len(plain) > 2 or unit:  # "time2", "t2 [s]"; T1 and T2 alone are temperatures
-        name = plain or name
+    base_name = name.rstrip("0123456789")
+    if len(base_name) > 2 or unit:  # "time2", "t2 [s]"; T1 and T2 alone are temperatures
+        name = base_name or name
     if name not in _TIME:
         return None
     return _TIME.index(name), unit or _UNIT.get(name if name not in ("t", "h", "s") else "")
@@ -64,14 +70,14 @@ def time_name(header: str) -> tuple[int, str | None] | None:
 
 def speaks_of_time(header: str) -> bool:
     """Whether a word of a header that need not name time does: "t_p", "Time pressure [s]"."""
-    words = re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", header).casefold())
-    return any(word in _TIME for word in words)
+    tokens = re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", header).casefold())
+    return any(word in _TIME for word in tokens)
 
 
 @lru_cache(1 << 12)
-def is_named(header: str, words: frozenset[str]) -> bool:
+def is_named(header: str, vocabulary: frozenset[str]) -> bool:
     """Whether a header is one of the words."""
-    return normal(header) in words
+    return normal(header) in vocabulary
 
 
 def is_units_row(cells: list[str]) -> bool:
@@ -80,13 +86,13 @@ def is_units_row(cells: list[str]) -> bool:
     Letters that are names as well (t, v, p, a) count only where every cell is a unit.
     """
     said = [unicodedata.normalize("NFKC", c).casefold().replace(" ", "") for c in cells if c]
-    known = [
+    unit_cells = [
         c in _UNITS_ROW
         or re.fullmatch(r"[\[({<][^\])}>]{0,16}[\])}>]|[hmsdyf.:/-]{4,}", c) is not None
         for c in said
     ]
     if not any(c not in ("-", "--") for c in said):
         return False
-    sure = sum(k and (len(c) > 1 or c in "s%°-") for k, c in zip(known, said, strict=True))
-    short = all(k or len(c) <= 10 for k, c in zip(known, said, strict=True))
-    return all(known) or (short and sure >= 2 / 3 * len(said))
+    certain = sum(k and (len(c) > 1 or c in "s%°-") for k, c in zip(unit_cells, said, strict=True))
+    all_short = all(k or len(c) <= 10 for k, c in zip(unit_cells, said, strict=True))
+    return all(unit_cells) or (all_short and certain >= 2 / 3 * len(said))

@@ -43,7 +43,7 @@ class Lines:
     path: Path
     dialect: Dialect
     max_inflated: int
-    open_end: bool = False  # the last line has no line end
+    is_unfinished: bool = False  # the last line has no line end
     damage: str = ""  # of gzip; the rows before it are read
 
     def blocks(self) -> Iterator[Block]:
@@ -52,36 +52,36 @@ class Lines:
         Raises:
             UserError: where a line has no end, or gzip inflates too far.
         """
-        rest = b""
+        remainder = b""
         line, skip = 1, self.dialect.first_line - 1
         for chunk in chain(self._text(), [None]):
-            data = rest + (chunk or b"")
+            data = remainder + (chunk or b"")
             if b"\0" in data:  # space that was never written can be longer than any line
                 data = re.sub(rb"\0+", b"\0", data)
             if chunk is None:  # the file's end, perhaps as DOS marked it
                 data = data.rstrip(b"\x1a")
                 if self.damage:
                     data = data[: data.rfind(b"\n") + 1]
-                self.open_end = bool(data) and not data.endswith(b"\n")
-                data += b"\n" * self.open_end
-            end = data.rfind(b"\n") + 1
-            data, rest = data[:end], data[end:]
+                self.is_unfinished = bool(data) and not data.endswith(b"\n")
+                data += b"\n" * self.is_unfinished
+            stop = data.rfind(b"\n") + 1
+            data, remainder = data[:stop], data[stop:]
             lines = int(np.count_nonzero(np.frombuffer(data, np.uint8) == 10))
-            if len(rest) > MAX_LINE:
+            if len(remainder) > MAX_LINE:
                 raise UserError(
                     f"{self.path}: line {line + lines} is longer than {MAX_LINE >> 20} MiB",
                     "give a text log with one row per line",
                 )
-            before = min(skip, lines)
-            at = 0
-            for _ in range(before):
-                at = data.find(b"\n", at) + 1
-            line, skip, lines = line + before, skip - before, lines - before
+            skipped = min(skip, lines)
+            offset = 0
+            for _ in range(skipped):
+                offset = data.find(b"\n", offset) + 1
+            line, skip, lines = line + skipped, skip - skipped, lines - skipped
             if lines:
-                yield Block(self.plain(data[at:]), line, lines)
+                yield Block(self.as_utf8(data[offset:]), line, lines)
                 line += lines
 
-    def plain(self, rows: bytes) -> bytes:
+    def as_utf8(self, rows: bytes) -> bytes:
         """The rows as the parser needs them."""
         if b"\0" in rows:  # each end of a hole may be a part of another row
             rows = re.sub(rb"(?m)^[^\n\0]*\0[^\n]*\n", b"\0\n", rows)
@@ -101,13 +101,13 @@ class Lines:
         Raises:
             UserError: where the file has become shorter since.
         """
-        with opened(self.path) as file:
+        with open_file(self.path) as file:
             text = io.TextIOWrapper(file, self.dialect.encoding, "replace", newline="")
-            line, at = "", 0
+            line, line_number = "", 0
             for number in numbers:
-                while at < number and (line := text.readline()):
-                    at += 1
-                if at < number:
+                while line_number < number and (line := text.readline()):
+                    line_number += 1
+                if line_number < number:
                     raise UserError(
                         f"{self.path}: changed while it was read", "read it when it is complete"
                     )
@@ -115,26 +115,26 @@ class Lines:
 
     def _text(self) -> Iterator[bytes]:
         """The file as UTF-8 with line feeds, in chunks."""
-        plain = self.dialect.encoding == "utf-8"
-        codec, target = ("latin-1",) * 2 if plain else (self.dialect.encoding, "utf-8")
+        is_utf8 = self.dialect.encoding == "utf-8"
+        codec, target = ("latin-1",) * 2 if is_utf8 else (self.dialect.encoding, "utf-8")
         decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder(codec)("replace"), True)
         for chunk in self._bytes():
-            plain = plain and b"\r" not in chunk
-            yield chunk if plain else decoder.decode(chunk).encode(target)
-        if last := decoder.decode(b"", True).encode(target):  # half a character, or a line end
-            yield last
+            is_utf8 = is_utf8 and b"\r" not in chunk
+            yield chunk if is_utf8 else decoder.decode(chunk).encode(target)
+        if tail := decoder.decode(b"", True).encode(target):  # half a character, or a line end
+            yield tail
 
     def _bytes(self) -> Iterator[bytes]:
         compressed, total = is_gzip(self.path), 0
-        with opened(self.path) as file:
+        with open_file(self.path) as file:
             file.read(self.dialect.bom)
             while chunk := file.read(_BLOCK):
                 total += len(chunk)
                 if compressed and total > self.max_inflated:
                     limit = self.max_inflated
-                    shown = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
+                    limit_text = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
                     raise UserError(
-                        f"{self.path}: inflates to more than {shown}",
+                        f"{self.path}: inflates to more than {limit_text}",
                         f"if the log is trusted, raise the limit: "
                         f"--set csv.max_unpacked={8 * limit}",
                     )
@@ -173,7 +173,7 @@ def is_gzip(path: Path) -> bool:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[io.BufferedReader]:
+def open_file(path: Path) -> Iterator[io.BufferedReader]:
     """The file, unpacked where it is gzip, up to its end or its damage.
 
     Raises:
@@ -197,7 +197,7 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
     Raises:
         UserError: where there is no such file, nothing in it, or it cannot be read.
     """
-    with opened(path) as file:
+    with open_file(path) as file:
         head = file.read(HEAD_BYTES + 1)
         damage = damage_of(file)
     if damage and not head.strip():
@@ -212,7 +212,7 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
 def read_tail(path: Path, dialect: Dialect) -> list[list[str]]:
     """Cells of the last rows; of a gzip file after reading all of it."""
     tail = b""
-    with opened(path) as file:
+    with open_file(path) as file:
         if not is_gzip(path):
             size = path.stat().st_size - dialect.bom
             file.seek(dialect.bom + max(0, size - _TAIL) // 4 * 4)  # whole characters of UTF-16

@@ -35,8 +35,8 @@ class Series:
     @property
     def title(self) -> str:
         """As messages name it."""
-        both = self.signal and self.group
-        return f"{self.signal} ({self.group})" if both else self.signal or self.group
+        is_pair = self.signal and self.group
+        return f"{self.signal} ({self.group})" if is_pair else self.signal or self.group
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,19 +55,19 @@ def find_keys(table: Table) -> Keys:
         UserError: where a stated column or value is not there, or has too many values.
     """
     dialect, options = table.dialect, table.options
-    free = (i for i in range(len(dialect.names)) if i not in table.clock.columns)
-    named = [i for i in free if _is_key(dialect, i)]
+    candidates = (i for i in range(len(dialect.names)) if i not in table.clock.columns)
+    named = [i for i in candidates if _is_key(dialect, i)]
     if options.group_channel is not None:
-        return _stated(table, column_index(dialect, options.group_channel, table.path), named)
+        return _stated_keys(table, column_index(dialect, options.group_channel, table.path), named)
     attempts = [tuple(named)] if len(named) > 1 else []
     for columns in [*attempts, *((i,) for i in named)]:
         read = read_rows(table, [], columns)
-        if _is_long(read.times, read.codes, len(read.met)):
+        if _is_long_table(read.times, read.codes, len(read.met)):
             return _keys(dialect, columns, read.met)
     return Keys()
 
 
-def _stated(table: Table, i: int, named: list[int]) -> Keys:
+def _stated_keys(table: Table, i: int, named: list[int]) -> Keys:
     """The series of the stated column. Further columns may separate those of its one value."""
     dialect, path, equals = table.dialect, table.path, table.options.group_equals
     name = dialect.names[i]
@@ -85,32 +85,37 @@ def _stated(table: Table, i: int, named: list[int]) -> Keys:
             f"{path}: no row has {equals!r} in column {name!r}",
             f"state one, as {toml.option(line)}; values: {', '.join(groups[:20])}",
         )
-    one = Finding(
-        "one-device-read", "info", channel=name, count=len(groups),
+    finding = Finding(
+        "one-device-read",
+        "info",
+        channel=name,
+        count=len(groups),
         values={"devices": len(groups)},
         names={
-            "groups": listed(sorted(groups)), "read": equals, "column": toml.quoted(name),
+            "groups": listed(sorted(groups)),
+            "read": equals,
+            "column": toml.quoted(name),
             "other": toml.quoted(next((g for g in sorted(groups) if g != equals), equals)),
         },
-    )  # fmt: skip
-    if further := tuple(k for k in named if k != i):
-        columns = (i, *further)
+    )
+    if unused := tuple(k for k in named if k != i):
+        columns = (i, *unused)
         read = read_rows(table, [], columns)
-        own = [k for k, key in enumerate(read.met) if key[0] == equals]
-        rows = np.isin(read.codes, own)
-        if _is_long(read.times[rows], read.codes[rows], len(own)):
-            keys = _keys(dialect, columns, [read.met[k] for k in own])
-            return replace(keys, findings=(one, *keys.findings))
-    return Keys((i,), {(equals,): Series(equals)}, (one,))
+        matching = [k for k, key in enumerate(read.met) if key[0] == equals]
+        rows = np.isin(read.codes, matching)
+        if _is_long_table(read.times[rows], read.codes[rows], len(matching)):
+            keys = _keys(dialect, columns, [read.met[k] for k in matching])
+            return replace(keys, findings=(finding, *keys.findings))
+    return Keys((i,), {(equals,): Series(equals)}, (finding,))
 
 
 def _is_key(dialect: Dialect, i: int) -> bool:
     """Whether a column may separate series, by its name and its cells in the head."""
     name, cells = dialect.names[i], dialect.column(i)
-    known = is_named(name, GROUP) or is_named(name, SIGNAL) or _holds_units(dialect, i)
-    most = _MAX_GROUPS if is_named(name, GROUP) else _MAX_SIGNALS
-    few = len(set(cells)) <= most  # a column that numbers the rows has more
-    return dialect.headed and known and few and len(cells) > len(dialect.rows) / 2
+    is_key_name = is_named(name, GROUP) or is_named(name, SIGNAL) or _holds_units(dialect, i)
+    limit = _MAX_GROUPS if is_named(name, GROUP) else _MAX_SIGNALS
+    has_few_values = len(set(cells)) <= limit  # a column that numbers the rows has more
+    return dialect.headed and is_key_name and has_few_values and len(cells) > len(dialect.rows) / 2
 
 
 def _holds_units(dialect: Dialect, i: int) -> bool:
@@ -123,10 +128,10 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
     unit = next((p for p in places if _holds_units(dialect, columns[p])), None)
     signal = next((p for p in places if is_named(dialect.names[columns[p]], SIGNAL)), unit)
     group = [p for p in places if p not in (unit, signal)]
-    apart = [p for p in places if p not in group]
+    remaining = [p for p in places if p not in group]
     for p in reversed(group):
-        rest = [q for q in group if q != p] + apart
-        if rest and len({tuple(key[q] for q in rest) for key in keys}) == len(keys):
+        ungrouped = [q for q in group if q != p] + remaining
+        if ungrouped and len({tuple(key[q] for q in ungrouped) for key in keys}) == len(keys):
             group.remove(p)
     series = {
         key: Series(
@@ -139,29 +144,33 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
     titles = listed(x.title for x in series.values())
     device = group[0] if group else 0
     finding = Finding(
-        "long-layout", "info", channel=dialect.names[columns[0]], count=len(series),
+        "long-layout",
+        "info",
+        channel=dialect.names[columns[0]],
+        count=len(series),
         values={"series": len(series)},
         names={
-            "columns": listed(dialect.names[i] for i in columns), "titles": titles,
+            "columns": listed(dialect.names[i] for i in columns),
+            "titles": titles,
             "column": toml.quoted(dialect.names[columns[device]]),
             "first": toml.quoted(keys[0][device]),
         },
-    )  # fmt: skip
+    )
     return Keys(columns, series, (finding,))
 
 
-def _is_long(t: Times, codes: NDArray[np.int64], groups: int) -> bool:
+def _is_long_table(t: Times, codes: NDArray[np.int64], groups: int) -> bool:
     """Whether keys separate several series that share one table."""
     if not 2 <= groups <= _MAX_SIGNALS:
         return False
     order = np.argsort(codes, kind="stable")
-    within = np.diff(t[order])[np.diff(codes[order]) == 0]
-    if not len(within):
+    steps = np.diff(t[order])[np.diff(codes[order]) == 0]
+    if not len(steps):
         return False
     overall = np.diff(t)
-    still_wrong = (within <= 0).sum()
+    backward_steps = (steps <= 0).sum()
     if (overall <= 0).any():
-        return bool(still_wrong <= 0.5 * (overall <= 0).sum())
+        return bool(backward_steps <= 0.5 * (overall <= 0).sum())
     return bool((np.diff(codes) != 0).mean() >= 0.3)
 
 
@@ -175,29 +184,36 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
     numeric = {
         i: np.array([float(c.replace(",", ".")) for c in cells])
         for i, cells in columns.items()
-        if i not in time and len(set(cells)) >= max(5, len(cells) // 10)
+        if i not in time
+        and len(set(cells)) >= max(5, len(cells) // 10)
         and all(map(number.fullmatch, cells))
-    }  # fmt: skip
+    }
     for i, cells in columns.items():
         counts = Counter(cells)
         changes = sum(a != b for a, b in pairwise(cells)) >= 0.3 * len(cells)
-        few = 2 <= len(counts) <= 32 and min(counts.values()) >= 3
-        if i in time or not (few and changes and all(re.fullmatch(r"\w{1,16}", c) for c in counts)):
+        is_repeated = 2 <= len(counts) <= 32 and min(counts.values()) >= 3
+        if i in time or not (
+            is_repeated and changes and all(re.fullmatch(r"\w{1,16}", c) for c in counts)
+        ):
             continue
         key = np.array(cells)
         smooth = []
         for value in (value for k, value in numeric.items() if k != i):
-            across = median(np.abs(np.diff(value)))
-            within = median(np.concatenate([np.abs(np.diff(value[key == c])) for c in counts]))
-            smooth.append(within < 0.5 * across)
+            step_across = median(np.abs(np.diff(value)))
+            step_within = median(np.concatenate([np.abs(np.diff(value[key == c])) for c in counts]))
+            smooth.append(step_within < 0.5 * step_across)
         if smooth and sum(smooth) >= 0.5 * len(smooth):
             devices = sorted(counts)
             return Finding(
-                "devices-interleaved", "warning", channel=dialect.names[i], count=len(devices),
+                "devices-interleaved",
+                "warning",
+                channel=dialect.names[i],
+                count=len(devices),
                 values={"devices": len(devices)},
                 names={
-                    "groups": listed(devices), "column": toml.quoted(dialect.names[i]),
+                    "groups": listed(devices),
+                    "column": toml.quoted(dialect.names[i]),
                     "first": toml.quoted(devices[0]),
                 },
-            )  # fmt: skip
+            )
     return None

@@ -8,13 +8,13 @@ import numpy as np
 
 from ...core.finding import Finding, Severity, Span, merge_spans
 from ...core.model import Bools, Reject, Times
-from .block_parser import Part, Rows
+from .block_parser import ParsedBlock, Rows
 from .cells import IS_INFINITE, NO_NUMBER, NO_VALUE
 from .dialect import Dialect, split
 from .lines import Lines
 
-_MOST = 20  # spans of one finding
-_SHOWN = 40  # characters of a cell or row in a message
+_LISTED_SPANS = 20  # spans of one finding
+_EXAMPLE_CHARACTERS = 40  # characters of a cell or row in a message
 
 _SKIPPED = {  # classes of rows that are data and are left out
     "too few cells": "too few cells",
@@ -50,41 +50,42 @@ class Losses:
     """
 
     def __init__(self, dialect: Dialect, source: Lines, remember: bool) -> None:
-        self.lines: Counter[str] = Counter(dialect.before)
+        self.lines: Counter[str] = Counter(dialect.leading_lines)
         self.rows: dict[str, _Loss] = {}
         self.cells: dict[tuple[int, int], _Loss] = {}  # by column and state
         self._dialect, self._source, self._remember = dialect, source, remember
 
-    def add(self, part: Part, keep: Bools, used: int) -> None:
+    def add(self, parsed: ParsedBlock, timed: Bools, row_count: int) -> None:
         """Counts what is left out of a block.
 
-        `keep` are the rows of its arrays that are used, `used` counts those of earlier blocks.
+        `timed` are the rows of its arrays that are used, `row_count` counts those of earlier
+        blocks.
         """
-        kept = part.kept[keep]
-        for kind, lines in part.gone.items():
+        row_lines = parsed.lines[timed]
+        for kind, lines in parsed.dropped.items():
             self.lines[kind] += len(lines)
             if kind in _SKIPPED:
-                first = int(lines[0])
-                new = _Loss(part.block.first_line + first, part.text(first))
-                loss = self.rows.setdefault(kind, new)
-                self._add(loss, part, lines, used + np.searchsorted(kept, lines))
-        for i, state in part.states.items():
+                first_line = int(lines[0])
+                row_loss = _Loss(parsed.block.first_line + first_line, parsed.text(first_line))
+                loss = self.rows.setdefault(kind, row_loss)
+                self._add(loss, parsed, lines, row_count + np.searchsorted(row_lines, lines))
+        for i, state in parsed.states.items():
             for k in _CELLS:
-                rows = np.flatnonzero(state[keep] == k)
+                rows = np.flatnonzero(state[timed] == k)
                 if not len(rows):
                     continue
                 if (i, k) not in self.cells:
-                    first = int(kept[rows[0]])
-                    cells = split(part.text(first), self._dialect.delimiter)
+                    first_line = int(row_lines[rows[0]])
+                    cells = split(parsed.text(first_line), self._dialect.delimiter)
                     cell = cells[i] if i < len(cells) else ""
-                    self.cells[i, k] = _Loss(part.block.first_line + first, cell)
-                self._add(self.cells[i, k], part, kept[rows], used + rows)
+                    self.cells[i, k] = _Loss(parsed.block.first_line + first_line, cell)
+                self._add(self.cells[i, k], parsed, row_lines[rows], row_count + rows)
 
-    def _add(self, loss: _Loss, part: Part, lines: Rows, places: Rows) -> None:
+    def _add(self, loss: _Loss, parsed: ParsedBlock, lines: Rows, places: Rows) -> None:
         loss.count += len(lines)
         loss.places.append(np.unique(places))
         if self._remember:
-            loss.lines.append(part.block.first_line + lines)
+            loss.lines.append(parsed.block.first_line + lines)
 
     def findings(self, t: Times, start: int) -> Iterator[Finding]:
         """What was left out, as findings.
@@ -94,12 +95,16 @@ class Losses:
             start: the log's first time [ns].
         """
         for kind, loss in sorted(self.rows.items(), key=lambda item: [*_SKIPPED].index(item[0])):
-            spans = _spans(loss, t, start, whole=True)
+            spans = _spans(loss, t, start, between_rows=True)
             names = {"reason": _SKIPPED[kind], "example": quoted(loss.text)}
             yield Finding(
-                "csv-rows-skipped", "warning", count=loss.count, spans=spans,
-                values={"line": loss.line}, names=names,
-            )  # fmt: skip
+                "csv-rows-skipped",
+                "warning",
+                count=loss.count,
+                spans=spans,
+                values={"line": loss.line},
+                names=names,
+            )
         for (i, k), loss in sorted(self.cells.items()):
             code, severity, _ = _CELLS[k]
             empty = self.cells.get((i, NO_VALUE))
@@ -107,37 +112,48 @@ class Losses:
             if k == NO_NUMBER and not self._dialect.column(i) and loss.count == said:
                 severity = "info"  # a column of words that begin late is not a channel
             yield Finding(
-                code, severity, channel=self._dialect.names[i], count=loss.count,
-                spans=_spans(loss, t, start, whole=False), values={"line": loss.line},
+                code,
+                severity,
+                channel=self._dialect.names[i],
+                count=loss.count,
+                spans=_spans(loss, t, start, between_rows=False),
+                values={"line": loss.line},
                 names={"example": quoted(loss.text)},
-            )  # fmt: skip
+            )
 
     def __iter__(self) -> Iterator[Reject]:
         names = self._dialect.names
-        found = [(loss, kind, "") for kind, loss in self.rows.items()]
-        found += [(loss, _CELLS[k][2], names[i]) for (i, k), loss in self.cells.items() if k > 1]
-        every = sorted(
-            (line, n) for n, (loss, _, _) in enumerate(found) for part in loss.lines
-            for line in part.tolist()
-        )  # fmt: skip
-        texts = self._source.texts([line for line, _ in every])
-        for (line, n), text in zip(every, texts, strict=True):
-            yield Reject(line, found[n][1], found[n][2], text)
+        entries = [(loss, kind, "") for kind, loss in self.rows.items()]
+        entries += [(loss, _CELLS[k][2], names[i]) for (i, k), loss in self.cells.items() if k > 1]
+        ordered = sorted(
+            (line, n)
+            for n, (loss, _, _) in enumerate(entries)
+            for stretch in loss.lines
+            for line in stretch.tolist()
+        )
+        texts = self._source.texts([line for line, _ in ordered])
+        for (line, n), text in zip(ordered, texts, strict=True):
+            yield Reject(line, entries[n][1], entries[n][2], text)
 
 
-def _spans(loss: _Loss, t: Times, start: int, *, whole: bool) -> tuple[Span, ...]:
+def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Span, ...]:
     """When cells were lost; of whole rows from the time of the row before to that of the next."""
     places = np.unique(np.concatenate(loss.places))
     cuts = np.flatnonzero(np.diff(places) != 1)
-    first, last = places[np.append(0, cuts + 1)], places[np.append(cuts, -1)]
-    begins, ends = t[np.maximum(first - whole, 0)], t[np.minimum(last, len(t) - 1)]
-    if len(begins) > _MOST:  # those with the least time between them are joined
-        cuts = np.sort(np.argpartition(begins[1:] - ends[:-1], 1 - _MOST)[1 - _MOST :])
-        begins, ends = begins[np.append(0, cuts + 1)], ends[np.append(cuts, -1)]
-    both = np.sort([begins, ends], axis=0) - start  # a clock may have gone back
-    return merge_spans([(a / 1e9, b / 1e9) for a, b in both.T.tolist()], _MOST)
+    first_place, last_place = places[np.append(0, cuts + 1)], places[np.append(cuts, -1)]
+    begins, stops = (
+        t[np.maximum(first_place - between_rows, 0)],
+        t[np.minimum(last_place, len(t) - 1)],
+    )
+    if len(begins) > _LISTED_SPANS:  # those with the least time between them are joined
+        cuts = np.sort(
+            np.argpartition(begins[1:] - stops[:-1], 1 - _LISTED_SPANS)[1 - _LISTED_SPANS :]
+        )
+        begins, stops = begins[np.append(0, cuts + 1)], stops[np.append(cuts, -1)]
+    bounds = np.sort([begins, stops], axis=0) - start  # a clock may have gone back
+    return merge_spans([(a / 1e9, b / 1e9) for a, b in bounds.T.tolist()], _LISTED_SPANS)
 
 
 def quoted(text: str) -> str:
     """Text of a log as it may stand in a message."""
-    return repr(text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…")
+    return repr(text if len(text) <= _EXAMPLE_CHARACTERS else text[: _EXAMPLE_CHARACTERS - 1] + "…")

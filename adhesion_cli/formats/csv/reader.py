@@ -81,22 +81,22 @@ class CsvSource:
         self._series = list(self.keys.series.values()) or [Series()]
         self.findings += self.keys.findings
         names = dialect.names
-        taken = {*clock.columns, *self.keys.columns}
-        free = [i for i in range(len(names)) if i not in taken]
-        numeric = [i for i in free if self._is_numeric(i)]
+        reserved = {*clock.columns, *self.keys.columns}
+        data_columns = [i for i in range(len(names)) if i not in reserved]
+        numeric = [i for i in data_columns if self._is_numeric(i)]
         self.places = self._fields(numeric)  # number of the series, and column
         self.fields: list[Field] = list(self.places)
-        self.stated: dict[str, Any] = dict(dialect.why)
-        self.stated["time"] = clock.reason
-        if text := [i for i in free if i not in numeric]:
-            self.stated["not numeric"] = ", ".join(names[i] for i in text)
+        self.reasons: dict[str, Any] = dict(dialect.reasons)
+        self.reasons["time"] = clock.reason
+        if text := [i for i in data_columns if i not in numeric]:
+            self.reasons["not numeric"] = ", ".join(names[i] for i in text)
         for i in text:
             self._report_text(i)
         if self.keys.columns:
             keys = " and ".join(repr(names[i]) for i in self.keys.columns)
-            self.stated["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
-        elif found := interleaved(dialect, clock.columns):
-            self._report(found)
+            self.reasons["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
+        elif key := interleaved(dialect, clock.columns):
+            self._report(key)
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
         """Each column of numbers once for each series, with the numbers of series and column."""
@@ -111,25 +111,28 @@ class CsvSource:
                 if series.unit:
                     unit, source = series.unit, "units column"
                 source = source if unit else ""
-                one = Field(
+                template = Field(
                     channel, group=series.group, unit=unit, unit_from=source, signal=series.signal
                 )
-                places[one] = k, i
+                places[template] = k, i
         return places
 
     def _report_text(self, i: int) -> None:
         """Reports a column that should hold numbers by its unit, or by the digits in its cells."""
         name, cells = self._dialect.names[i], self._dialect.column(i)
-        found = (m for c in cells if not is_stamp(c) and (m := _DIGITS.fullmatch(c)))
-        digits = sum(not m[1] or _is_measured(m[1]) for m in found)
-        stated = _is_measured(self._dialect.units[i] or in_name(name)[1])
-        if cells and (stated or digits > len(cells) / 2):
+        matches = (m for c in cells if not is_stamp(c) and (m := _DIGITS.fullmatch(c)))
+        digits = sum(not m[1] or _is_measured(m[1]) for m in matches)
+        has_unit = _is_measured(self._dialect.units[i] or in_name(name)[1])
+        if cells and (has_unit or digits > len(cells) / 2):
             self._report(
                 Finding(
-                    "csv-no-numbers", "warning", channel=name, count=len(cells),
+                    "csv-no-numbers",
+                    "warning",
+                    channel=name,
+                    count=len(cells),
                     names={"example": quoted(cells[0])},
                 )
-            )  # fmt: skip
+            )
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, in that order, rows in the log's own order, time untouched.
@@ -151,15 +154,17 @@ class CsvSource:
         for finding in read.losses.findings(t, earliest(t)):
             self._report(finding)
         if read.lines.damage:
-            end = (int(t[-1]) - earliest(t)) / 1e9
+            duration = (int(t[-1]) - earliest(t)) / 1e9
             self._report(
                 Finding(
-                    "csv-gzip-damaged", "error", spans=((end, end),),
+                    "csv-gzip-damaged",
+                    "error",
+                    spans=((duration, duration),),
                     values={"line": sum(self.lines.values())},
                     names={"damage": read.lines.damage},
                 )
-            )  # fmt: skip
-        if read.lines.open_end:
+            )
+        if read.lines.is_unfinished:
             self._report(Finding("csv-no-final-newline", "info"))
         lossy = {i for i, _ in read.losses.cells}
         rows = []  # of each of several series, in the log's own order
@@ -167,7 +172,7 @@ class CsvSource:
             order = np.argsort(codes, kind="stable")
             rows = np.split(order, np.searchsorted(codes, np.arange(1, n), sorter=order))
         times: dict[int, Times] = {}
-        out = []
+        read_columns = []
         for f in wanted:
             k, i = self.places[f]
             value = read.values[i]
@@ -175,8 +180,8 @@ class CsvSource:
                 value = value[rows[k]]
                 times.setdefault(k, t[rows[k]])
             valid = np.isfinite(value) if i in lossy else np.ones(len(value), np.bool_)
-            out.append(Column(times.get(k, t), value, valid))
-        return out
+            read_columns.append(Column(times.get(k, t), value, valid))
+        return read_columns
 
     def _refuse_time(self, t: Times) -> None:
         """Refuses times that never change, or nearly always fall."""
@@ -184,9 +189,9 @@ class CsvSource:
         name, cells = self._dialect.names[i], self._dialect.column(i)
         falls = np.count_nonzero(t[1:] < t[:-1])
         if not falls and t[0] == t[-1]:
-            what = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
+            subject = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
             raise UserError(
-                f"{self.path}: the clock stands still: {what} {cells[0]!r} in column {name!r}",
+                f"{self.path}: the clock stands still: {subject} {cells[0]!r} in column {name!r}",
                 "log anew, or state another column, as "
                 + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
             )
@@ -229,21 +234,21 @@ def _is_measured(text: str) -> bool:
 
 def _headerless(dialect: Dialect, path: Path) -> UserError:
     """The refusal of a table without names of columns, with the mapping to write."""
-    first = dialect.rows[0]
-    found = interleaved(dialect, (0,))
-    group, hint, rest = "", "", list(range(2, len(first) + 1))
-    if found:
-        group = f"; column {found.channel!r} seems to hold devices: {found.names['groups']}"
-        group_is = f"{{channel = {found.names['column']}, equals = {found.names['first']}}}"
+    first_row = dialect.rows[0]
+    key = interleaved(dialect, (0,))
+    group, hint, channels = "", "", list(range(2, len(first_row) + 1))
+    if key:
+        group = f"; column {key.channel!r} seems to hold devices: {key.names['groups']}"
+        group_is = f"{{channel = {key.names['column']}, equals = {key.names['first']}}}"
         hint = toml.option(f"channels.group = {group_is}") + " "
-        rest = [k for k in rest if found.channel != f"column {k}"]
+        channels = [k for k in channels if key.channel != f"column {k}"]
     return UserError(
         f"{path}: has no header row (line {dialect.first_line} is numbers: "
-        f"{', '.join(first[:4])}{', …' if len(first) > 4 else ''}){group}",
+        f"{', '.join(first_row[:4])}{', …' if len(first_row) > 4 else ''}){group}",
         "state its columns by number, as "
         + toml.option('channels.time = {channel = "column 1", unit = "s"}')
         + f" {hint}"
-        + toml.option(f'channels.pressure = {{channel = "column {rest[0]}", unit = "bar"}}')
+        + toml.option(f'channels.pressure = {{channel = "column {channels[0]}", unit = "bar"}}')
         + " "
-        + toml.option(f'channels.speed = {{channel = "column {rest[-1]}", unit = "km/h"}}'),
+        + toml.option(f'channels.speed = {{channel = "column {channels[-1]}", unit = "km/h"}}'),
     )

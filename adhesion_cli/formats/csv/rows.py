@@ -15,7 +15,7 @@ from ...core import toml
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from . import arrow as pc
-from .block_parser import Parser, Part, Table
+from .block_parser import Parser, ParsedBlock, Table
 from .cells import is_missing
 from .dialect import is_comment, is_null, split
 from .lines import Lines
@@ -60,39 +60,39 @@ def read_rows(
     lines = Lines(table.path, table.dialect, table.options.max_unpacked)
     losses = Losses(table.dialect, lines, table.options.rejects)
     groups = Groups(keys, wanted)
-    kept: dict[int, NDArray[Any]] = {}
-    used = 0
-    for part in _parts(lines, Parser(table, indices, keys)):
-        if not part.timed.all():
-            classify_untimed(table, part)
-        keep = part.timed.copy()
-        codes = groups.codes(part, keep)
-        losses.add(part, keep, used)
-        end, every = used + int(keep.sum()), bool(keep.all())
-        for i, array in {_T: part.times, _SERIES: codes, **part.values}.items():
-            if i not in kept:
-                kept[i] = np.empty(max(table.expected, end), array.dtype)
-            column = kept[i]
-            if end > len(column):
-                column.resize(end + end // 8, refcheck=False)
-            column[used:end] = array if every else array[keep]
-        used = end
-    if not used:
+    by_column: dict[int, NDArray[Any]] = {}
+    row_count = 0
+    for parsed in _parsed_blocks(lines, Parser(table, indices, keys)):
+        if not parsed.timed.all():
+            classify_untimed(table, parsed)
+        timed = parsed.timed.copy()
+        codes = groups.codes(parsed, timed)
+        losses.add(parsed, timed, row_count)
+        stop, all_timed = row_count + int(timed.sum()), bool(timed.all())
+        for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values}.items():
+            if i not in by_column:
+                by_column[i] = np.empty(max(table.expected, stop), array.dtype)
+            column = by_column[i]
+            if stop > len(column):
+                column.resize(stop + stop // 8, refcheck=False)
+            column[row_count:stop] = array if all_timed else array[timed]
+        row_count = stop
+    if not row_count:
         raise UserError(
             f"{table.path}: no row has a time stamp that can be read",
             "state the time, as " + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
         )
-    losses.lines["used"] = used
-    for column in kept.values():
-        column.resize(used, refcheck=False)
-    return Reading(kept.pop(_T), kept.pop(_SERIES), kept, groups.met, losses, lines)
+    losses.lines["used"] = row_count
+    for column in by_column.values():
+        column.resize(row_count, refcheck=False)
+    return Reading(by_column.pop(_T), by_column.pop(_SERIES), by_column, groups.met, losses, lines)
 
 
-def _parts(lines: Lines, parser: Parser) -> Iterator[Part]:
+def _parsed_blocks(lines: Lines, parser: Parser) -> Iterator[ParsedBlock]:
     """The blocks parsed, in order, as many at once as there are processors."""
     workers = min(os.cpu_count() or 1, 4) + 1  # one waits for the interpreter now and then
     with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[Part]] = deque()
+        waiting: deque[Future[ParsedBlock]] = deque()
         for block in lines.blocks():
             waiting.append(pool.submit(parser.parse, block))
             if len(waiting) > 2 * workers:  # so many that no worker waits for the file
@@ -101,21 +101,21 @@ def _parts(lines: Lines, parser: Parser) -> Iterator[Part]:
             yield waiting.popleft().result()
 
 
-def classify_untimed(table: Table, part: Part) -> None:
+def classify_untimed(table: Table, parsed: ParsedBlock) -> None:
     """Notes the rows that have no time by class.
 
     Raises:
         UserError: where one of them is a header of other columns or units.
     """
     dialect = table.dialect
-    missing = np.zeros(len(part.timed), bool)
+    missing = np.zeros(len(parsed.timed), bool)
     for i in table.clock.columns:
-        missing |= is_missing(part.arrays[i])
+        missing |= is_missing(parsed.arrays[i])
     kinds: dict[str, list[int]] = {}
     unread = 0
-    for row in np.flatnonzero(~part.timed).tolist():
-        line = int(part.kept[row])
-        text = part.text(line)
+    for row in np.flatnonzero(~parsed.timed).tolist():
+        line = int(parsed.lines[row])
+        text = parsed.text(line)
         kind = "time missing" if missing[row] else "time unreadable"
         unread += not missing[row]
         if is_comment(text):
@@ -126,13 +126,15 @@ def classify_untimed(table: Table, part: Part) -> None:
                 kind = "header"
             elif dialect.is_another_header(cells):
                 raise UserError(
-                    f"{table.path}: line {part.block.first_line + line} is a header of other "
+                    f"{table.path}: line {parsed.block.first_line + line} is a header of other "
                     "columns or units",
                     "split the log there, and read each part by itself",
                 )
         kinds.setdefault(kind, []).append(line)
-    for kind, at in kinds.items():
-        part.gone[kind] = np.sort(np.append(part.gone.get(kind, np.empty(0, np.int64)), at))
+    for kind, numbers in kinds.items():
+        parsed.dropped[kind] = np.sort(
+            np.append(parsed.dropped.get(kind, np.empty(0, np.int64)), numbers)
+        )
 
 
 class Groups:
@@ -142,24 +144,24 @@ class Groups:
         self.met = list(wanted or [])
         self._keys, self._all = keys, wanted is None
 
-    def codes(self, part: Part, keep: Bools) -> NDArray[Any]:
-        """Number of each row's key in `met`; takes rows without a wanted one from `keep`."""
+    def codes(self, parsed: ParsedBlock, timed: Bools) -> NDArray[Any]:
+        """Number of each row's key in `met`; takes rows without a wanted one from `timed`."""
         if not self._keys:
-            return np.zeros(len(keep), np.int8)
-        cells = [pc.fill_null(pc.cast(part.arrays[i], pa.string()), "") for i in self._keys]
+            return np.zeros(len(timed), np.int8)
+        cells = [pc.fill_null(pc.cast(parsed.arrays[i], pa.string()), "") for i in self._keys]
         cells = [pc.utf8_trim_whitespace(c) for c in cells]
         encoded = pc.binary_join_element_wise(*cells, "\0").dictionary_encode()  # no row has a NUL
         keys = [tuple(text.split("\0")) for text in encoded.dictionary.to_pylist()]
         said = np.array([not any(map(is_null, key)) for key in keys], bool)
-        at = {v: k for k, v in enumerate(self.met)}
+        code_of = {v: k for k, v in enumerate(self.met)}
         index = np.asarray(encoded.indices)
-        if self._all and len(at) <= _MAX_MET:
-            for k in np.flatnonzero(np.bincount(index[keep], minlength=len(keys)) * said):
-                at.setdefault(keys[k], len(at))
-            self.met = list(at)
-        codes: NDArray[np.int64] = np.array([at.get(v, -1) for v in keys], np.int64)[index]
-        for kind, which in (("group missing", ~said[index]), ("other group", said[index])):
-            if (lost := keep & which & (codes < 0)).any():
-                part.gone[kind] = part.kept[lost]
-        keep &= codes >= 0
+        if self._all and len(code_of) <= _MAX_MET:
+            for k in np.flatnonzero(np.bincount(index[timed], minlength=len(keys)) * said):
+                code_of.setdefault(keys[k], len(code_of))
+            self.met = list(code_of)
+        codes: NDArray[np.int64] = np.array([code_of.get(v, -1) for v in keys], np.int64)[index]
+        for kind, affected in (("group missing", ~said[index]), ("other group", said[index])):
+            if (dropped := timed & affected & (codes < 0)).any():
+                parsed.dropped[kind] = parsed.lines[dropped]
+        timed &= codes >= 0
         return codes

@@ -16,7 +16,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import ReadOptions
 from .clock import EXCEL_DAYS, SCALE, Clock
-from .dates import ANY_DATE, CLOCK, DATES, GAP, READABLE, WORDS, decided, forms_of
+from .dates import ANY_DATE, CLOCK, DATES, GAP, READABLE, FORM_NAMES, decided, forms_of
 from .dialect import Dialect, is_null
 from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_unit
 from .lines import read_tail
@@ -58,12 +58,12 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
             return clock
         raise _unreadable(dialect, i, path)
     named = search.named()
-    words = [i for i in named if len(dialect.numbers(i)) < len(dialect.column(i)) / 2]
-    clock = search.first(named, "column named")
-    if clock is None and not words:
-        clock = search.first(search.likely(), "time by its cells or unit: column")
+    text_columns = [i for i in named if len(dialect.numbers(i)) < len(dialect.column(i)) / 2]
+    clock = search.first_clock(named, "column named")
+    if clock is None and not text_columns:
+        clock = search.first_clock(search.likely(), "time by its cells or unit: column")
     if clock is None and named:
-        raise _unreadable(dialect, (words or named)[0], path)
+        raise _unreadable(dialect, (text_columns or named)[0], path)
     if clock is None:
         raise UserError(
             f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})",
@@ -82,12 +82,12 @@ def column_index(dialect: Dialect, name: str, path: Path) -> int:
     names = list(dialect.names)
     if name in names:
         return names.index(name)
-    if (found := re.fullmatch(r"column ([0-9]+)", name)) and 1 <= int(found[1]) <= len(names):
-        return int(found[1]) - 1
+    if (numbered := re.fullmatch(r"column ([0-9]+)", name)) and 1 <= int(numbered[1]) <= len(names):
+        return int(numbered[1]) - 1
     folded = [n.casefold().strip() for n in names]
     if folded.count(name.casefold().strip()) == 1:
         return folded.index(name.casefold().strip())
-    for cells in reversed(dialect.parts):
+    for cells in reversed(dialect.header_cells):
         if cells.count(name) == 1:
             return cells.index(name)
     raise UserError(
@@ -96,10 +96,12 @@ def column_index(dialect: Dialect, name: str, path: Path) -> int:
     )
 
 
-def listed(names: Iterable[str], most: int = 6) -> str:
+def listed(names: Iterable[str], limit: int = 6) -> str:
     """Names as a message lists them: the first ones, and how many there are."""
-    shown = [repr(n) for n in names]
-    return ", ".join(shown[:most]) + (f", … ({len(shown)})" if len(shown) > most else "")
+    quoted_names = [repr(n) for n in names]
+    return ", ".join(quoted_names[:limit]) + (
+        f", … ({len(quoted_names)})" if len(quoted_names) > limit else ""
+    )
 
 
 def _stated_time(channel: str, unit: str = "s") -> str:
@@ -131,12 +133,12 @@ class _Search:
     def named(self) -> list[int]:
         """Columns whose name says that they are the time, the likeliest first."""
         dialect = self.dialect
-        found = []
+        matches = []
         for i in range(len(dialect.names) * dialect.headed):
             if name := _named(dialect, i):
                 constant = len(dialect.rows) > 2 and len(set(dialect.column(i))) < 2
-                found.append((constant, name[0], i))
-        return [i for _, _, i in sorted(found)]
+                matches.append((constant, name[0], i))
+        return [i for _, _, i in sorted(matches)]
 
     def likely(self) -> list[int]:
         """Columns of stamps, then those that rise and whose name or unit speaks of time."""
@@ -146,7 +148,7 @@ class _Search:
         stamps += [i for i in columns if _share(dialect.column(i), CLOCK) >= READABLE]
         return stamps + [i for i in columns if _says_time(dialect, i) and _rises(dialect, i)]
 
-    def first(self, columns: Sequence[int], why: str) -> Clock | None:
+    def first_clock(self, columns: Sequence[int], reason: str) -> Clock | None:
         """The first of these columns that can be read as a time.
 
         Raises:
@@ -155,7 +157,7 @@ class _Search:
         doubt: UserError | None = None
         for i in columns:
             try:
-                if clock := self.clock(i, f"{why} {self.dialect.names[i]!r}"):
+                if clock := self.clock(i, f"{reason} {self.dialect.names[i]!r}"):
                     return clock
             except UserError as error:
                 doubt = doubt or error
@@ -163,14 +165,14 @@ class _Search:
             raise doubt
         return None
 
-    def clock(self, i: int, why: str) -> Clock | None:
+    def clock(self, i: int, reason: str) -> Clock | None:
         """The column read as a time, None where it is not one."""
         cells = self.dialect.column(i)
         if not cells:
             return None
         if len(self.dialect.numbers(i)) >= READABLE * len(cells):
-            return self._of_numbers(i, why)
-        return self._of_stamps(i, why)
+            return self._of_numbers(i, reason)
+        return self._of_stamps(i, reason)
 
     def refuse_another(self, clock: Clock) -> None:
         """Refuses a second time of another rate: nobody says which channels belong to it.
@@ -200,7 +202,7 @@ class _Search:
                     f"belong to one, {_stated_time(f'column {i + 1}', '')}",
                 )
 
-    def _of_numbers(self, i: int, why: str) -> Clock | None:
+    def _of_numbers(self, i: int, choice: str) -> Clock | None:
         """The clock of a column of numbers; None where it is not a time.
 
         Raises:
@@ -212,29 +214,32 @@ class _Search:
         said = self._said_unit(i)
         if not values or (not said and 0.3 * len(values) < falls < 0.9 * (len(values) - 1)):
             return None  # a T that is a temperature
-        found = said or self._shown_unit(i, values)
-        unit, source = found or self._plausible_unit(i, values)
+        unit_source = said or self._shown_unit(i, values)
+        unit, source = unit_source or self._plausible_unit(i, values)
         if unit in _DATED:
             return None
         absolute = unit == "excel" or values[0] * NS_PER_UNIT[unit] / _S >= _EPOCH_S[0]
         kind: Any = pa.float64()
         if unit == "excel":
-            reason = f"{why}; Excel serial days ({source})"
+            reason = f"{choice}; Excel serial days ({source})"
         else:
-            reason = f"{why}; {'Unix epoch, ' if absolute else ''}{unit} ({source})"
+            reason = f"{choice}; {'Unix epoch, ' if absolute else ''}{unit} ({source})"
             seconds = values[0] * NS_PER_UNIT[unit] / _S
             if seconds > (2**62 / _S if source == "stated" else _EPOCH_S[1]):
                 raise self._refusal(
-                    i, f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
+                    i,
+                    f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
                     f"2060 ({dialect.column(i)[0]})",
-                )  # fmt: skip
+                )
             if absolute and unit in SCALE:
                 kind = pa.decimal128(38, SCALE[unit])
         note = Finding(
-            "time-unit-guessed", "info", channel=name,
+            "time-unit-guessed",
+            "info",
+            channel=name,
             names={"column": repr(name), "unit": unit, "reason": source},
-        )  # fmt: skip
-        notes = () if found else (note,)
+        )
+        notes = () if unit_source else (note,)
         return Clock((i,), unit, "", dialect.decimal, absolute, reason, kind, notes)
 
     def _refusal(self, i: int, text: str) -> UserError:
@@ -255,23 +260,23 @@ class _Search:
         name, named = self.dialect.names[i], _named(self.dialect, i)
         said = {"units row": time_unit(self.dialect.units[i])}
         said["header"] = (named[1] if named else None) or time_unit(units.in_name(name)[1])
-        found = {unit: source for source, unit in said.items() if unit}
-        if len(found) > 1:
-            text = " and ".join(f"{unit!r} ({source})" for unit, source in found.items())
+        sources = {unit: source for source, unit in said.items() if unit}
+        if len(sources) > 1:
+            text = " and ".join(f"{unit!r} ({source})" for unit, source in sources.items())
             raise self._refusal(i, f"the unit of time column {name!r} is stated twice: {text}")
-        return next(iter(found.items()), None)
+        return next(iter(sources.items()), None)
 
     def _shown_unit(self, i: int, values: list[float]) -> tuple[str, str] | None:
         """The unit in which times lie in our days, and why."""
-        ends, step = (values[0], values[-1]), _step(values)
+        edges, step = (values[0], values[-1]), _step(values)
         cells = self.dialect.column(i)
-        fine = sum(len(re.split("[.,]", c)[-1]) >= 6 for c in cells if re.search("[.,]", c))
-        low, high = EXCEL_DAYS
-        if fine > len(cells) / 2 and low <= ends[0] <= high and step * 86_400 <= 60:
-            return "excel", f"serial days between {low} and {high}"
+        fine_cells = sum(len(re.split("[.,]", c)[-1]) >= 6 for c in cells if re.search("[.,]", c))
+        lowest, highest = EXCEL_DAYS
+        if fine_cells > len(cells) / 2 and lowest <= edges[0] <= highest and step * 86_400 <= 60:
+            return "excel", f"serial days between {lowest} and {highest}"
         for u in ("s", "ms", "us", "ns"):
             second = _S // NS_PER_UNIT[u]
-            in_our_days = all(_EPOCH_S[0] <= v / second <= _EPOCH_S[1] for v in ends)
+            in_our_days = all(_EPOCH_S[0] <= v / second <= _EPOCH_S[1] for v in edges)
             if in_our_days and step / second <= 60:
                 return u, "epoch by its magnitude"
         return None
@@ -296,20 +301,21 @@ class _Search:
         if len(possible) != 1:
             cells = self.dialect.column(i)
             raise self._refusal(
-                i, f"the unit of time column {self.dialect.names[i]!r} is not stated and not clear "
+                i,
+                f"the unit of time column {self.dialect.names[i]!r} is not stated and not clear "
                 f"from its values (step {step:g}, from {cells[0]} to {cells[-1]})",
-            )  # fmt: skip
+            )
         return possible[0], f"step {step:g}, about {span:g} long"
 
-    def _of_stamps(self, i: int, why: str) -> Clock | None:
+    def _of_stamps(self, i: int, choice: str) -> Clock | None:
         """The clock of stamps, with the column of the other half of date and time; None for none.
 
         Raises:
             UserError: where day/month and month/day are possible.
         """
         dialect, columns = self.dialect, [i]
-        alone = _share(dialect.column(i), CLOCK) >= READABLE
-        if alone and (date := self._partner(i, i - 1, ANY_DATE)) is not None:
+        time_only = _share(dialect.column(i), CLOCK) >= READABLE
+        if time_only and (date := self._partner(i, i - 1, ANY_DATE)) is not None:
             columns = [date, i]
         elif _share(dialect.column(i), ANY_DATE) >= READABLE:
             if (time := self._partner(i, i + 1, CLOCK)) is None:
@@ -318,17 +324,17 @@ class _Search:
         names = " + ".join(repr(dialect.names[k]) for k in columns)
         forms = forms_of(dialect.column(columns[0]), self.unit)
         if not forms:
-            reason = f"{why}; time of day in {names}, without a date"
+            reason = f"{choice}; time of day in {names}, without a date"
             clock = Clock((i,), "", CLOCK, dialect.decimal, False, reason, pa.string())
-            return clock if alone else None
+            return clock if time_only else None
         form, order = self._order(columns[0], forms)
         kind: Any = pa.string()
-        plain = [_CANONICAL.fullmatch(c) for c in dialect.column(i)]
-        with_zone = {bool(m and m[1]) for m in plain}
-        if len(columns) == 1 and all(plain) and len(with_zone) == 1:
+        canonical = [_CANONICAL.fullmatch(c) for c in dialect.column(i)]
+        with_zone = {bool(m and m[1]) for m in canonical}
+        if len(columns) == 1 and all(canonical) and len(with_zone) == 1:
             kind = pa.timestamp("ns", "UTC" if True in with_zone else None)
         zone = "" if kind.equals(pa.timestamp("ns", "UTC")) else "; UTC where no zone is stated"
-        reason = f"{why}; date and time in {names} ({form[-3:]}{order}{zone})"
+        reason = f"{choice}; date and time in {names} ({form[-3:]}{order}{zone})"
         pattern = f"{DATES[form]}{GAP}{CLOCK}"
         return Clock(tuple(columns), "", pattern, dialect.decimal, True, reason, kind)
 
@@ -340,25 +346,25 @@ class _Search:
         """
         name, cells = self.dialect.names[i], self.dialect.column(i)
         if len(forms) > 1:
-            last = read_tail(self.path, self.dialect)
-            cells += [c for row in last if not is_null(c := row[i])]
+            tail = read_tail(self.path, self.dialect)
+            cells += [c for row in tail if not is_null(c := row[i])]
             forms = [form for form in forms_of(cells, self.unit) if form in forms]
         if len(forms) < 2:
             return forms[0], ""
-        if found := decided(cells, forms):
-            return found[0], f": {found[1]}"
-        others = " or ".join(toml.quoted(form[-3:]) for form in forms[1:])
+        if decided_form := decided(cells, forms):
+            return decided_form[0], f": {decided_form[1]}"
+        alternatives = " or ".join(toml.quoted(form[-3:]) for form in forms[1:])
         raise UserError(
             f"{self.path}: {cells[0]!r} in {name!r} may be "
-            f"{' or '.join(WORDS[form] for form in forms)}",
-            f"{_stated_time(name, forms[0][-3:])} (or {others})",
+            f"{' or '.join(FORM_NAMES[form] for form in forms)}",
+            f"{_stated_time(name, forms[0][-3:])} (or {alternatives})",
         )
 
-    def _partner(self, i: int, next_to: int, pattern: str) -> int | None:
+    def _partner(self, i: int, neighbour: int, pattern: str) -> int | None:
         """The column with the other half of date and time; the neighbour is preferred."""
-        columns = sorted(range(len(self.dialect.names)), key=lambda k: k != next_to)
+        columns = sorted(range(len(self.dialect.names)), key=lambda k: k != neighbour)
         cells = ((k, self.dialect.column(k)) for k in columns if k != i)
-        return next((k for k, of in cells if _share(of, pattern) >= READABLE), None)
+        return next((k for k, column in cells if _share(column, pattern) >= READABLE), None)
 
 
 def _step(values: list[float]) -> float:
@@ -373,7 +379,7 @@ def _runs_apart(dialect: Dialect, i: int, k: int, offset: bool) -> bool:
     if len(pairs) < 3 or not all(number.fullmatch(c) for pair in pairs for c in pair):
         return False
     t, u = ([float(c.replace(",", ".")) for c in column] for column in zip(*pairs, strict=True))
-    if not all(b > a for of in (t, u) for a, b in pairwise(of)):
+    if not all(b > a for times in (t, u) for a, b in pairwise(times)):
         return False
     rate = (u[-1] - u[0]) / (t[-1] - t[0])
     if not 1e-12 < rate < 1e12:
@@ -385,8 +391,8 @@ def _runs_apart(dialect: Dialect, i: int, k: int, offset: bool) -> bool:
 
 def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
     """Rank and unit of a column whose name is a time's."""
-    texts = (dialect.names[i], *(cells[i] for cells in reversed(dialect.parts)))
-    return next((found for text in texts if (found := time_name(text))), None)
+    texts = (dialect.names[i], *(cells[i] for cells in reversed(dialect.header_cells)))
+    return next((named_time for text in texts if (named_time := time_name(text))), None)
 
 
 def _says_time(dialect: Dialect, i: int) -> bool:

@@ -16,10 +16,10 @@ from ..source import Field, ReadOptions
 from .reader import McapSource
 from .records import HEADER, MAGIC, RAISE_LIMIT, DamageError, LogFile, written
 
-_MOST = 1 << 23  # bytes that are read at once, and one record more
-_KEPT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
+_PIECE_SIZE = 1 << 23  # bytes that are read at once, and one record more
+_KEPT_OPCODES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
 _HAS_MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
-_ENDS = (Opcode.DATA_END, Opcode.FOOTER)
+_END_OPCODES = (Opcode.DATA_END, Opcode.FOOTER)
 
 
 class Arriving:
@@ -65,13 +65,13 @@ class Arriving:
         return source
 
     def columns(
-        self, wanted: Sequence[Field], more: Callable[[McapSource], None]
+        self, wanted: Sequence[Field], add_source: Callable[[McapSource], None]
     ) -> dict[int, Column]:
         """What has arrived of these fields since the last call, by their places.
 
         Args:
             wanted: the fields.
-            more: called with every field where new ones came; it may add to `wanted`.
+            add_source: called with every field where new ones came; it may add to `wanted`.
         """
         if not self.arrived():
             return {}
@@ -80,18 +80,20 @@ class Arriving:
         with tempfile.TemporaryDirectory() as folder:
             try:
                 source = self._source(folder, raw)
-                known = _by_name(source.fields)
-                if known.keys() - self._fields.keys():
-                    self._fields |= known
-                    every = copy.copy(source)
-                    every.path, every.fields = self._path, list(self._fields.values())
-                    more(every)
-                asked = {
-                    place: known[key]
+                field_of = _by_name(source.fields)
+                if field_of.keys() - self._fields.keys():
+                    self._fields |= field_of
+                    whole_source = copy.copy(source)
+                    whole_source.path, whole_source.fields = self._path, list(self._fields.values())
+                    add_source(whole_source)
+                requested = {
+                    place: field_of[key]
                     for place, f in enumerate(wanted)
-                    if (key := (f.channel, f.group, f.path)) in known
+                    if (key := (f.channel, f.group, f.path)) in field_of
                 }
-                found = dict(zip(asked, source.columns(list(asked.values())), strict=True))
+                column_of = dict(
+                    zip(requested, source.columns(list(requested.values())), strict=True)
+                )
             except UserError as error:
                 cause = error.__cause__  # the text names the file in the folder
                 damage = cause.what if isinstance(cause, DamageError) else error.text
@@ -100,23 +102,23 @@ class Arriving:
                     Finding("mcap-damaged", "error", count=1, values=values, names=names)
                 )
                 return {}
-        if asked and self._options.time_source is None:  # one clock for all parts
+        if requested and self._options.time_source is None:  # one clock for all parts
             self._options = replace(self._options, time_source=source.clock)
         self.lost += (_placed(f, start) for f in source.findings if f.severity != "info")
-        return found
+        return column_of
 
     def _source(self, folder: str, raw: bytes) -> McapSource:
         """These records, as a log of their own."""
         path = Path(folder) / self._path.name
-        before = self._header + written(*self._defined)
-        path.write_bytes(MAGIC + before + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC)
+        preamble = self._header + written(*self._defined)
+        path.write_bytes(MAGIC + preamble + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC)
         source = McapSource(path, replace(self._options, strict=False))
         self._defined = [*source.walk.schemas.values(), *source.walk.channels.values()]
         return source
 
     def arrived(self) -> bool:
         """Reads whole records on, if there are not many yet; whether there are new messages."""
-        if len(self._raw) < _MOST:
+        if len(self._raw) < _PIECE_SIZE:
             try:
                 file = LogFile(self._path, self._limit)
             except UserError:
@@ -124,15 +126,15 @@ class Arriving:
             with file:
                 self._is_another(file)
                 data = self._block(file)
-            kept, end = [], 0
-            for opcode, begin, end in self._records(data):
+            pieces, stop = [], 0
+            for opcode, begin, stop in self._records(data):
                 if opcode == Opcode.HEADER:
-                    self._header = data[begin:end]
-                if opcode in _KEPT:
-                    kept.append(data[begin:end])
+                    self._header = data[begin:stop]
+                if opcode in _KEPT_OPCODES:
+                    pieces.append(data[begin:stop])
                     self._has_messages |= opcode in _HAS_MESSAGES
-            self._at += end
-            self._raw += b"".join(kept)
+            self._at += stop
+            self._raw += b"".join(pieces)
         return self._has_messages
 
     def _block(self, file: LogFile) -> bytes:
@@ -145,29 +147,29 @@ class Arriving:
             if HEADER.size + length <= size:
                 self._at += HEADER.size + length
             return b""
-        whole = HEADER.size + (self._checked(length, self._at) if opcode else 0)
-        return file.read(self._at, min(size, max(whole, _MOST)))
+        record_size = HEADER.size + (self._checked(length, self._at) if opcode else 0)
+        return file.read(self._at, min(size, max(record_size, _PIECE_SIZE)))
 
     def _records(self, data: bytes) -> Iterator[tuple[int, int, int]]:
         """Kind, begin and end of each whole record in the bytes that come next in the file."""
-        at = 0
-        while at + HEADER.size <= len(data):
-            opcode, length = HEADER.unpack_from(data, at)
+        offset = 0
+        while offset + HEADER.size <= len(data):
+            opcode, length = HEADER.unpack_from(data, offset)
             if not opcode or opcode == Opcode.ATTACHMENT:  # the former is room that was made
                 return
-            if opcode in _ENDS:
+            if opcode in _END_OPCODES:
                 self.ended = True
                 return
-            end = at + HEADER.size + self._checked(length, self._at + at)
-            if end > len(data):
+            stop = offset + HEADER.size + self._checked(length, self._at + offset)
+            if stop > len(data):
                 return
-            yield opcode, at, end
-            at = end
+            yield opcode, offset, stop
+            offset = stop
 
-    def _checked(self, length: int, at: int) -> int:
+    def _checked(self, length: int, offset: int) -> int:
         """The length of a record, if it is within the limit."""
         if length > self._limit:
-            text = f"{self._path}: byte {at}: a record of {length} bytes, limit {self._limit}"
+            text = f"{self._path}: byte {offset}: a record of {length} bytes, limit {self._limit}"
             raise UserError(text, RAISE_LIMIT.format("max_record", length))
         return length
 

@@ -33,22 +33,17 @@ _MESSAGE_INDEX = struct.Struct("<HI")  # channel, and bytes of the entries that 
 class Block:
     """A chunk, or a run of records outside chunks."""
 
-    at: int
-    end: int
+    offset: int
+    stop: int
     chunk: bool
     rows: int = 0  # messages
     checked: bool = False  # by a CRC
     index: tuple[int, int] = (0, 0)  # message indexes behind it: bytes, hash of their places
 
     @property
-    def offset(self) -> int:
-        """Where it begins, by the name that index records use."""
-        return self.at
-
-    @property
     def length(self) -> int:
         """Bytes of a chunk's record."""
-        return self.end - self.at
+        return self.stop - self.offset
 
 
 class Index(NamedTuple):
@@ -73,12 +68,12 @@ class Records:
         """A number of 8 bytes that every message record has at an offset."""
         return _u64(self.data, self.start + offset)
 
-    def some(self, mine: Bools | Offsets) -> "Records":
+    def select(self, selection: Bools | Offsets) -> "Records":
         """Some of the messages, by a mask or by their numbers."""
-        return replace(self, start=self.start[mine], channel=self.channel[mine])
+        return replace(self, start=self.start[selection], channel=self.channel[selection])
 
     @property
-    def end(self) -> Offsets:
+    def stop(self) -> Offsets:
         """Offsets after the message records."""
         return self.start + HEADER.size + self._field(1)
 
@@ -119,44 +114,44 @@ class BlockReader:
             DamageError: where the block is not whole.
         """
         if not block.chunk:
-            return self.run(block.at, block.end - block.at)[1]
+            return self.run(block.offset, block.stop - block.offset)[1]
         data, size = self._inflate(block)
-        index, end = self._message_indexes(block, size), size
+        index, stop = self._message_indexes(block, size), size
         search = self._search(data, size)
         led = index is not None and search.indexed(index.entries[:, 1])
         if not led:
             search = self._search(data, size)
-            end = search.walk(0, size)
-        records = self._counted(search, block.at)
+            stop = search.walk(0, size)
+        records = self._counted(search, block.offset)
         if led or (index and not len(index.entries)):
             records.index = index
-        if end < size:
-            what = f"chunk, at its inflated byte {end}: no whole record that may stand there"
-            raise DamageError(block.at, what)
+        if stop < size:
+            damage = f"chunk, at its inflated byte {stop}: no whole record that may stand there"
+            raise DamageError(block.offset, damage)
         return records
 
-    def run(self, at: int, size: int) -> tuple[Block, Records]:
+    def run(self, offset: int, size: int) -> tuple[Block, Records]:
         """The records outside chunks from an offset on, in as many bytes or less.
 
         Raises:
             DamageError: where the first record may not stand there.
         """
         data = np.zeros(size + PADDING, np.uint8)
-        data[:size] = np.frombuffer(self._file.read(at, size), np.uint8)
+        data[:size] = np.frombuffer(self._file.read(offset, size), np.uint8)
         search = self._search(data, size)
-        if not (end := search.walk(0, size, outside=True)):
-            raise DamageError(at, "no whole message, schema or channel")
-        return Block(at, at + end, False), self._counted(search, at)
+        if not (stop := search.walk(0, size, outside=True)):
+            raise DamageError(offset, "no whole message, schema or channel")
+        return Block(offset, offset + stop, False), self._counted(search, offset)
 
-    def disguised(self, at: int, length: int) -> tuple[Block, Records] | None:
+    def disguised(self, offset: int, length: int) -> tuple[Block, Records] | None:
         """A chunk whose record has a wrong opcode, None for any other record.
 
         Raises:
             DamageError: where the record is shaped as a chunk and is not whole.
         """
-        if not _like_chunk(self._file.read(at, min(HEADER.size + length, _CHUNK_START))):
+        if not _like_chunk(self._file.read(offset, min(HEADER.size + length, _CHUNK_START))):
             return None
-        block = Block(at, at + HEADER.size + length, True)
+        block = Block(offset, offset + HEADER.size + length, True)
         try:
             _, _, compression, packed, spare = self._fields(block)
         except DamageError:
@@ -171,12 +166,12 @@ class BlockReader:
             raise
         return (block, records) if len(records.start) or records.definitions else None
 
-    def next_chunk(self, at: int) -> Block | None:
+    def next_chunk(self, offset: int) -> Block | None:
         """The first whole chunk from an offset on."""
-        for piece in range(at, self._file.size, PIECE):
+        for piece in range(offset, self._file.size, PIECE):
             size = min(PIECE + _CHUNK_START - 1, self._file.size - piece)
-            for found in _CHUNK.finditer(self._file.read(piece, size)):
-                begin = piece + found.start()
+            for candidate in _CHUNK.finditer(self._file.read(piece, size)):
+                begin = piece + candidate.start()
                 try:
                     length = self._file.head(begin)[1]
                     self.records(block := Block(begin, begin + HEADER.size + length, True))
@@ -188,23 +183,23 @@ class BlockReader:
     def _search(self, data: Bytes, size: int) -> "_Search":
         return _Search(data, size, (self._allowed - self._spent) // _UNUSUAL + 1)
 
-    def _counted(self, search: "_Search", at: int) -> Records:
-        most = search.size // HEADER.size - search.found
-        what = "more records than a file of this size holds"
-        self._spend(at, what, _UNUSUAL * search.found, _UNUSUAL * most)
+    def _counted(self, search: "_Search", offset: int) -> Records:
+        limit = search.size // HEADER.size - search.count
+        damage = "more records than a file of this size holds"
+        self._spend(offset, damage, _UNUSUAL * search.count, _UNUSUAL * limit)
         return search.records()
 
-    def _spend(self, at: int, what: str, cost: int, more: int = 0) -> None:
-        """Refuses a block that costs more than is left; `more` is what may come besides."""
+    def _spend(self, offset: int, damage: str, cost: int, extra: int = 0) -> None:
+        """Refuses a block that costs more than is left; `extra` is what may come besides."""
         self._spent += cost
         if self._spent > self._allowed:
-            limit = self._most + self._spent + more - self._allowed
-            raise DamageError(at, what, RAISE_LIMIT.format("max_inflated", limit))
+            limit = self._most + self._spent + extra - self._allowed
+            raise DamageError(offset, damage, RAISE_LIMIT.format("max_inflated", limit))
 
     def _fields(self, block: Block) -> tuple[int, int, str, bytes, int]:
         """A chunk's inflated size, CRC, compression and packed bytes, and the bytes behind them."""
         length = block.length - HEADER.size
-        content = self._file.content(block.at, length)
+        content = self._file.content(block.offset, length)
         content.read(16)  # the time range, which nothing here relies on
         size, crc = content.read8(), content.read4()
         compression = content.read_prefixed_string()
@@ -217,21 +212,23 @@ class BlockReader:
         if size > self._most:
             hint = RAISE_LIMIT.format("max_inflated", size)
             raise DamageError(
-                block.at, f"a chunk of {size} inflated bytes, limit {self._most}", hint
+                block.offset, f"a chunk of {size} inflated bytes, limit {self._most}", hint
             )
-        self._spend(block.at, "too many inflated bytes in all for such a file", len(packed) + size)
+        self._spend(
+            block.offset, "too many inflated bytes in all for such a file", len(packed) + size
+        )
         data = np.empty(size + PADDING, np.uint8)
         try:
-            found = _INFLATE[compression](packed, data.data[: size + 1])
+            inflated_size = _INFLATE[compression](packed, data.data[: size + 1])
         except KeyError:
-            raise DamageError(block.at, f"unknown compression {compression[:20]!r}") from None
+            raise DamageError(block.offset, f"unknown compression {compression[:20]!r}") from None
         except Exception as e:  # lz4 and zstandard raise several kinds, all of them mean this
-            raise DamageError(block.at, f"chunk does not inflate: {e}") from None
-        if found != size:
-            more = "more" if found > size else f"{found}"
-            raise DamageError(block.at, f"chunk says {size} inflated bytes and has {more}")
+            raise DamageError(block.offset, f"chunk does not inflate: {e}") from None
+        if inflated_size != size:
+            excess = "more" if inflated_size > size else f"{inflated_size}"
+            raise DamageError(block.offset, f"chunk says {size} inflated bytes and has {excess}")
         if crc and zlib.crc32(data[:size].data) != crc:
-            raise DamageError(block.at, "chunk has another CRC than it says")
+            raise DamageError(block.offset, "chunk has another CRC than it says")
         block.checked = bool(crc)
         data[size:] = 0
         self.compressions.add(compression or "none")
@@ -240,23 +237,23 @@ class BlockReader:
     def _message_indexes(self, block: Block, size: int) -> "Index | None":
         """What the message indexes behind a chunk say."""
         places: list[tuple[int, int]] = []
-        found, counts, at = list[bytes](), list[int](), block.end
+        index_entries, counts, offset = list[bytes](), list[int](), block.stop
         try:
-            while (head := self._file.head(at))[0] == Opcode.MESSAGE_INDEX:
-                if at - block.end > size + (1 << 20):
+            while (head := self._file.head(offset))[0] == Opcode.MESSAGE_INDEX:
+                if offset - block.stop > size + (1 << 20):
                     break
-                raw = self._file.read(at + HEADER.size, head[1])
+                raw = self._file.read(offset + HEADER.size, head[1])
                 channel, length = _MESSAGE_INDEX.unpack_from(raw)
                 if length % 16 or length > len(raw) - 6:
                     return None  # the walk meets this damage next
-                places.append((channel, at))
-                found.append(raw[6 : 6 + length])
+                places.append((channel, offset))
+                index_entries.append(raw[6 : 6 + length])
                 counts.append(length // 16)
-                at += HEADER.size + head[1]
+                offset += HEADER.size + head[1]
         except (DamageError, struct.error):
             return None
-        entries = np.frombuffer(b"".join(found), "<i8").reshape(-1, 2)
-        block.index = at - block.end, hash(frozenset(places))
+        entries = np.frombuffer(b"".join(index_entries), "<i8").reshape(-1, 2)
+        block.index = offset - block.stop, hash(frozenset(places))
         return Index([channel for channel, _ in places], counts, entries)
 
 
@@ -269,14 +266,14 @@ class _Search:
         most: records after which it stops.
     """
 
-    def __init__(self, data: Bytes, size: int, most: int) -> None:
-        self._data, self.size, self._most = data, size, most
+    def __init__(self, data: Bytes, size: int, limit: int) -> None:
+        self._data, self.size, self._most = data, size, limit
         self._starts, self._definitions = array("q"), array("q")
         self._hinted = np.empty(0, np.int64)
         self._unknown = 0  # records of unknown kinds
 
     @property
-    def found(self) -> int:
+    def count(self) -> int:
         """Records that were walked over."""
         return len(self._starts) + len(self._definitions) + self._unknown
 
@@ -286,17 +283,17 @@ class _Search:
         if not len(start) or start[0] < 0 or start[-1] > self.size - HEADER.size - BEFORE_DATA:
             return False
         length = _u64(self._data, start + 1)
-        wrong = (self._data[start] != Opcode.MESSAGE) | (length < BEFORE_DATA)
-        if (wrong | (length > self.size)).any():
+        is_wrong = (self._data[start] != Opcode.MESSAGE) | (length < BEFORE_DATA)
+        if (is_wrong | (length > self.size)).any():
             return False
-        ends, stops = np.append(0, start + HEADER.size + length), np.append(start, self.size)
-        if (ends > stops).any():
+        record_ends, stops = np.append(0, start + HEADER.size + length), np.append(start, self.size)
+        if (record_ends > stops).any():
             return False
-        gaps = np.flatnonzero(ends != stops)
+        gaps = np.flatnonzero(record_ends != stops)
         self._hinted = start
         return all(
             self.walk(p, stop) == stop
-            for p, stop in zip(ends[gaps].tolist(), stops[gaps].tolist(), strict=True)
+            for p, stop in zip(record_ends[gaps].tolist(), stops[gaps].tolist(), strict=True)
         )
 
     def walk(self, p: int, stop: int, outside: bool = False) -> int:
@@ -307,12 +304,12 @@ class _Search:
         """
         unpack, add, view = HEADER.unpack_from, self._starts.append, self._data.data
         message, definitions = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
-        for _ in range(self._most - self.found):
+        for _ in range(self._most - self.count):
             if p > stop - HEADER.size:
                 break
             opcode, length = unpack(view, p)
-            after = p + 9 + length
-            if after > stop:
+            next_record = p + 9 + length
+            if next_record > stop:
                 break
             if opcode == message:
                 if length < BEFORE_DATA:
@@ -326,7 +323,7 @@ class _Search:
                 break
             else:
                 self._unknown += 1
-            p = after
+            p = next_record
         return p
 
     def records(self) -> Records:
@@ -350,33 +347,33 @@ def _u64(data: Bytes, offsets: Offsets) -> Offsets:
     return view[offsets]
 
 
-def _inflate_none(packed: bytes, into: memoryview) -> int:
-    fits = min(len(packed), len(into))
-    into[:fits] = packed[:fits]
+def _inflate_none(packed: bytes, target: memoryview) -> int:
+    fits = min(len(packed), len(target))
+    target[:fits] = packed[:fits]
     return fits
 
 
-def _inflate_zstd(packed: bytes, into: memoryview) -> int:
+def _inflate_zstd(packed: bytes, target: memoryview) -> int:
     import zstandard
 
-    found = 0
+    filled = 0
     with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
-        while found < len(into) and (more := stream.readinto(into[found:])):
-            found += more
-    return found
+        while filled < len(target) and (received := stream.readinto(target[filled:])):
+            filled += received
+    return filled
 
 
-def _inflate_lz4(packed: bytes, into: memoryview) -> int:
+def _inflate_lz4(packed: bytes, target: memoryview) -> int:
     import lz4.frame
 
-    found, frame = 0, lz4.frame.LZ4FrameDecompressor()
-    while found < len(into) and not frame.eof:
-        more = frame.decompress(packed, max_length=min(len(into) - found, PIECE))
-        if not more:
+    filled, frame = 0, lz4.frame.LZ4FrameDecompressor()
+    while filled < len(target) and not frame.eof:
+        inflated = frame.decompress(packed, max_length=min(len(target) - filled, PIECE))
+        if not inflated:
             break
-        into[found : found + len(more)] = more
-        found, packed = found + len(more), b""
-    return found
+        target[filled : filled + len(inflated)] = inflated
+        filled, packed = filled + len(inflated), b""
+    return filled
 
 
 _INFLATE = {"": _inflate_none, "zstd": _inflate_zstd, "lz4": _inflate_lz4}

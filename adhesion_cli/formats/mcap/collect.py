@@ -32,7 +32,7 @@ _SEVERITY: dict[str, Severity] = {
 class _Faulty:
     """Messages of one series that share a fault."""
 
-    at: int  # offset in the file of the block where the first stands
+    offset: int  # offset in the file of the block where the first stands
     count: int = 0
     spans: tuple[Span, ...] = ()
 
@@ -55,48 +55,48 @@ class Collector:
         self.rows = 0  # messages so far
         self._faults: dict[tuple[str, str, str], _Faulty] = {}  # by code, field and reason
         s = series
-        self._wanted = Wanted.of(s.tree, [s.leaves[p] for p in paths], s.stamp)
-        places = list(self._wanted.leaves)
+        self._wanted = Wanted.select(s.tree, [s.fields[p] for p in paths], s.stamp)
+        places = list(self._wanted.numbers)
         self._stamp_at = [places.index(steps) for steps in s.stamp.places] if s.stamp else []
         self._t: Times = np.empty(s.rows, np.int64)
         self._values: Floats = np.empty((len(paths), s.rows))
         self._late: Finding | None = None
 
-    def take(self, records: Records, at: int) -> None:
+    def take(self, records: Records, offset: int) -> None:
         """Adds its messages of the block at an offset of the file."""
-        here = slice(self.rows, self.rows + len(records.start))
-        self.rows = here.stop
-        if here.stop > self.series.rows:
+        rows = slice(self.rows, self.rows + len(records.start))
+        self.rows = rows.stop
+        if rows.stop > self.series.rows:
             return  # the caller reports too many rows
         decoder, log = self.series.decoder, records.log_time
         assert decoder is not None
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
-            data, begin, end = records.data, records.data_start, records.end
-            values, faults = decoder.columns(data, begin, end, self._wanted)
-        self._values[:, here] = values[: len(self.paths)]
-        self._t[here] = records.publish_time if self._source == "publish" else log
+            data, begin, stop = records.data, records.data_start, records.stop
+            values, faults = decoder.columns(data, begin, stop, self._wanted)
+        self._values[:, rows] = values[: len(self.paths)]
+        self._t[rows] = records.publish_time if self._source == "publish" else log
         if self._source == "header" and (stamp := self.series.stamp):
-            own, known = stamp.times(values[self._stamp_at])
-            self._t[here] = np.where(known, own, log)
-            faults += self._without_stamp(known, here, faults)
+            own_stamps, has_stamp = stamp.times(values[self._stamp_at])
+            self._t[rows] = np.where(has_stamp, own_stamps, log)
+            faults += self._without_stamp(has_stamp, rows, faults)
         for fault in faults:
             key = fault.code, fault.field, fault.reason
             if len(self._faults) >= _MOST_REPORTED and key not in self._faults:
                 key = fault.code, fault.field and "further fields", fault.reason and "other reasons"
-            one = self._faults.setdefault(key, _Faulty(at))
-            one.count += len(fault.rows)
-            one.spans = merge_spans([*one.spans, *self._spans(fault.rows, log[fault.rows])])
+            faulty = self._faults.setdefault(key, _Faulty(offset))
+            faulty.count += len(fault.rows)
+            faulty.spans = merge_spans([*faulty.spans, *self._spans(fault.rows, log[fault.rows])])
 
     def _spans(self, rows: Offsets, t: Times) -> tuple[Span, ...]:
         """Time spans of messages, one of each run of them."""
         cuts = np.flatnonzero(np.diff(rows) > 1)
-        first, last = t[np.append(0, cuts + 1)], t[np.append(cuts, -1)]
-        return spans_of(np.minimum(first, last), np.maximum(first, last), self._log_start)
+        begins, stops = t[np.append(0, cuts + 1)], t[np.append(cuts, -1)]
+        return spans_of(np.minimum(begins, stops), np.maximum(begins, stops), self._log_start)
 
-    def _without_stamp(self, known: Bools, here: slice, faults: list[Fault]) -> list[Fault]:
+    def _without_stamp(self, has_stamp: Bools, rows: slice, faults: list[Fault]) -> list[Fault]:
         """Takes out messages without a stamp; says which, but for those that do not decode."""
-        self._values[:, here][:, ~known] = np.nan
-        lacking = ~known
+        self._values[:, rows][:, ~has_stamp] = np.nan
+        lacking = ~has_stamp
         for fault in faults:
             if fault.code == "mcap-bad-message":
                 lacking[fault.rows] = False
@@ -114,21 +114,23 @@ class Collector:
             run = np.append(0, np.cumsum(np.diff(t) < 0, dtype=np.int32))
             if np.count_nonzero(np.diff(run[order])) <= _MOST_TURNS * run[-1]:
                 newest = np.maximum.accumulate(t)
-                late = np.flatnonzero(t < newest)
+                out_of_order = np.flatnonzero(t < newest)
                 values = {"most_s": float((newest - t).max()) / 1e9}
-                found = self.series.finding(
-                    "mcap-unordered", "warning", len(late), values, clock=self._source
+                finding = self.series.finding(
+                    "mcap-unordered", "warning", len(out_of_order), values, clock=self._source
                 )
-                self._late = replace(found, spans=self._spans(late, t[late]))
-                for one in (t, *self._values):
-                    one[:] = one[order]  # in place, to save memory
+                self._late = replace(finding, spans=self._spans(out_of_order, t[out_of_order]))
+                for array in (t, *self._values):
+                    array[:] = array[order]  # in place, to save memory
         return [Column(t, v, np.isfinite(v)) for v in self._values]
 
     def findings(self) -> Iterator[Finding]:
         """What was found on the way; to be asked after `columns`."""
         if self._late:
             yield self._late
-        for (code, place, reason), one in sorted(self._faults.items()):
+        for (code, place, reason), faulty in sorted(self._faults.items()):
             names = {k: v for k, v in (("field", place), ("reason", reason)) if v}
-            found = self.series.finding(code, _SEVERITY[code], one.count, {"byte": one.at}, **names)
-            yield replace(found, spans=one.spans)
+            finding = self.series.finding(
+                code, _SEVERITY[code], faulty.count, {"byte": faulty.offset}, **names
+            )
+            yield replace(finding, spans=faulty.spans)

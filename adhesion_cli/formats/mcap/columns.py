@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.model import Bools, Floats
 from .blocks import Bytes, Offsets
-from .fields import MOST_LEAVES, Leaf, Steps, Tree, at, empty, is_number, path
+from .fields import MAX_NUMBERS, Leaf, Steps, Tree, node_at, empty, is_number, path
 from .stamps import Stamp
 
 
@@ -28,34 +28,34 @@ class Said:
     """A string of the first message that gives wanted numbers their unit or name."""
 
     text: str
-    leaves: list[int]  # the numbers, by their place in Wanted.leaves
+    places: list[int]  # the numbers, by their place in Wanted.leaves
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Wanted:
     """The numbers asked for, and what the first messages said that later ones must repeat."""
 
-    leaves: Sequence[Steps]  # the numbers asked for, then those of the stamp
+    numbers: Sequence[Steps]  # the numbers asked for, then those of the stamp
     lengths: dict[Steps, int]  # of the arrays that hold wanted numbers, or are empty at first
     said: dict[Steps, Said]
-    known: Tree  # what the first messages hold, all taken together
+    shape: Tree  # what the first messages hold, all taken together
     iso: Steps | None = None  # the one of `leaves` that is a time as text
 
     @classmethod
-    def of(cls, tree: Tree, wanted: Sequence[Leaf], stamp: Stamp | None) -> "Wanted":
+    def select(cls, tree: Tree, wanted: Sequence[Leaf], stamp: Stamp | None) -> "Wanted":
         """What the typical first message says about numbers and the stamp."""
         places = [leaf.steps for leaf in wanted]
         places += [steps for steps in (stamp.places if stamp else ()) if steps not in places]
-        lengths = dict.fromkeys(islice(empty(tree), MOST_LEAVES), 0)  # never read
+        lengths = dict.fromkeys(islice(empty(tree), MAX_NUMBERS), 0)  # never read
         for steps in places:
             for i, step in enumerate(steps):
                 if isinstance(step, int):
-                    lengths[steps[:i]] = len(at(tree, steps[:i]))
+                    lengths[steps[:i]] = len(node_at(tree, steps[:i]))
         said: dict[Steps, Said] = {}
         for i, leaf in enumerate(wanted):
             for place, text in ((leaf.label_at, leaf.label), (leaf.unit_at, leaf.unit)):
                 if place:
-                    said.setdefault(place, Said(text, [])).leaves.append(i)
+                    said.setdefault(place, Said(text, [])).places.append(i)
         iso = stamp.places[0] if stamp and stamp.text else None
         return cls(tuple(places), lengths, said, tree, iso)
 
@@ -64,8 +64,10 @@ class Wanted:
 
         A message that states no unit or name agrees with the first ones.
         """
-        lengths = {s for s, n in self.lengths.items() if len(at(tree, s) or ()) != n}
-        texts = {s for s, said in self.said.items() if at(tree, s) not in (None, "", said.text)}
+        lengths = {s for s, n in self.lengths.items() if len(node_at(tree, s) or ()) != n}
+        texts = {
+            s for s, said in self.said.items() if node_at(tree, s) not in (None, "", said.text)
+        }
         return lengths, texts
 
 
@@ -85,14 +87,14 @@ class Decoder(Protocol):
         ...
 
     def columns(
-        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
         """Many messages at once.
 
         Args:
             buffer: bytes that hold the messages, and PADDING more after the last of them.
             start: offsets of the messages' first bytes, shape (n,).
-            end: offsets after their last bytes, shape (n,).
+            stop: offsets after their last bytes, shape (n,).
             wanted: what to take from each.
 
         Returns:
@@ -114,7 +116,7 @@ class Batch:
 
     def __init__(self, wanted: Wanted, count: int) -> None:
         self.wanted = wanted
-        self.values = np.full((len(wanted.leaves), count), np.nan)
+        self.values = np.full((len(wanted.numbers), count), np.nan)
         self.lengths = {steps: np.zeros(count, np.bool_) for steps in wanted.lengths}
         self.texts = {steps: np.zeros(count, np.bool_) for steps in wanted.said}
         self.faults: list[Fault] = []
@@ -122,13 +124,13 @@ class Batch:
 
     def put_tree(self, row: int, tree: Tree) -> None:
         """Takes everything from one message, in place of what was taken from it before."""
-        for i, steps in enumerate(self.wanted.leaves):
-            self.values[i, row] = number if is_number(number := at(tree, steps)) else np.nan
+        for i, steps in enumerate(self.wanted.numbers):
+            self.values[i, row] = number if is_number(number := node_at(tree, steps)) else np.nan
         lengths, texts = self.wanted.differences(tree)
-        for steps, other in self.lengths.items():
-            other[row] = steps in lengths
-        for steps, other in self.texts.items():
-            other[row] = steps in texts
+        for steps, expected in self.lengths.items():
+            expected[row] = steps in lengths
+        for steps, expected in self.texts.items():
+            expected[row] = steps in texts
 
     def refuse(self, row: int, reason: str) -> None:
         """Leaves a message out that does not decode."""
@@ -136,19 +138,19 @@ class Batch:
 
     def finish(self) -> tuple[Floats, list[Fault]]:
         """The values and the faults, see Decoder.columns."""
-        good = np.ones(self.values.shape[1], np.bool_)
+        is_sound = np.ones(self.values.shape[1], np.bool_)
         for reason, bad in self._bad.items():
-            good[bad] = False
+            is_sound[bad] = False
             self.faults.append(Fault("mcap-bad-message", np.array(bad), reason=reason))
-        self.values[:, ~good] = np.nan
-        for steps, other in self.texts.items():
-            rows = self._add("mcap-text-change", other & good, steps)
-            self.values[np.array(self.wanted.said[steps].leaves)[:, None], rows] = np.nan
-        for steps, other in self.lengths.items():
-            self._add("mcap-array-length", other & good, steps)
+        self.values[:, ~is_sound] = np.nan
+        for steps, differs in self.texts.items():
+            rows = self._add("mcap-text-change", differs & is_sound, steps)
+            self.values[np.array(self.wanted.said[steps].places)[:, None], rows] = np.nan
+        for steps, differs in self.lengths.items():
+            self._add("mcap-array-length", differs & is_sound, steps)
         return self.values, self.faults
 
-    def _add(self, code: str, which: Bools, steps: Steps) -> Offsets:
-        if len(rows := np.flatnonzero(which)):
+    def _add(self, code: str, affected: Bools, steps: Steps) -> Offsets:
+        if len(rows := np.flatnonzero(affected)):
             self.faults.append(Fault(code, rows, path(steps)))
         return rows

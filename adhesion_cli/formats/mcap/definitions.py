@@ -33,13 +33,13 @@ class Definitions:
         self._hashes: dict[Key, int] = {}  # of the records, which many writers repeat
         self._doubted: set[Key] = set()  # defined a second time, differently
 
-    def read(self, opcode: int, raw: bytes, at: int) -> None:
+    def read(self, opcode: int, raw: bytes, offset: int) -> None:
         """Reads a Schema or Channel record.
 
         Args:
             opcode: its kind.
             raw: its content.
-            at: offset in the file that an error names.
+            offset: offset in the file that an error names.
 
         Raises:
             DamageError: where it is broken, too long, or contradicts an earlier one.
@@ -47,21 +47,23 @@ class Definitions:
         kind = "schema" if opcode == Opcode.SCHEMA else "channel"
         if len(raw) > self._limit:
             hint = RAISE_LIMIT.format("max_record", 32 * len(raw))
-            raise DamageError(at, f"a {kind} of {len(raw)} bytes, limit {self._limit}", hint)
+            raise DamageError(offset, f"a {kind} of {len(raw)} bytes, limit {self._limit}", hint)
         key, hashed = (opcode, int.from_bytes(raw[:2], "little")), hash(raw)
         if self._hashes.get(key) == hashed:
             self._doubted.discard(key)  # what follows goes by this definition again
             return
-        one: Any = (Schema if kind == "schema" else Channel).read(Content(raw, at))
-        known: dict[int, Any] = self.schemas if kind == "schema" else self.channels
-        name = one.name if kind == "schema" else one.topic
-        if kind == "schema" and one.id == 0:
-            raise DamageError(at, "a schema with the reserved id 0")
+        definition: Any = (Schema if kind == "schema" else Channel).read(Content(raw, offset))
+        definitions: dict[int, Any] = self.schemas if kind == "schema" else self.channels
+        name = definition.name if kind == "schema" else definition.topic
+        if kind == "schema" and definition.id == 0:
+            raise DamageError(offset, "a schema with the reserved id 0")
         if len(name) > _LONGEST:
-            raise DamageError(at, f"a name of {len(name)} characters, limit {_LONGEST}")
-        if known.setdefault(one.id, one) != one:
+            raise DamageError(offset, f"a name of {len(name)} characters, limit {_LONGEST}")
+        if definitions.setdefault(definition.id, definition) != definition:
             self._doubted.add(key)
-            raise DamageError(at, f"{kind} {one.id} is defined a second time, differently")
+            raise DamageError(
+                offset, f"{kind} {definition.id} is defined a second time, differently"
+            )
         self._hashes[key] = hashed
 
     def doubtful(self, channels: set[int]) -> set[int]:
@@ -86,17 +88,19 @@ class FirstMessages:
         self.full: set[int] = set()
         self._bytes = 0
 
-    def keep(self, channel: int, records: Records, mine: Offsets) -> None:
+    def add(self, channel: int, records: Records, selection: Offsets) -> None:
         """Keeps messages of a channel, by their numbers in a block."""
         data, starts = records.data.data, records.start
         if channel not in self.of:
-            self.of[channel] = _LOG_TIME.unpack_from(data, int(starts[mine[0]]))[0], []
+            self.of[channel] = _LOG_TIME.unpack_from(data, int(starts[selection[0]]))[0], []
         heads = self.of[channel][1]
-        own = sum(map(len, heads[1:]))
-        for start in starts[mine[: _HEADS - len(heads)]].tolist():
+        size_kept = sum(map(len, heads[1:]))
+        for start in starts[selection[: _HEADS - len(heads)]].tolist():
             size = HEADER.unpack_from(data, start)[1] - BEFORE_DATA
-            own += size if heads else 0
-            if own > _HEAD_BYTES or self._bytes + size > (_MORE_BYTES if heads else _ALL_BYTES):
+            size_kept += size if heads else 0
+            if size_kept > _HEAD_BYTES or self._bytes + size > (
+                _MORE_BYTES if heads else _ALL_BYTES
+            ):
                 self.full.add(channel)
                 return
             self._bytes += size

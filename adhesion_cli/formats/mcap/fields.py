@@ -11,7 +11,7 @@ Steps = tuple[str | int, ...]  # the way from the root of a message to a value
 Units = Callable[[Steps], tuple[str, str]]  # unit and where it stood, ("", "") if nowhere
 
 LONG_ARRAY = 256  # longer arrays (images, point clouds) are not offered as scalar series
-MOST_LEAVES = 4096  # scalar series of one channel
+MAX_NUMBERS = 4096  # scalar series of one channel
 MOST_FIELDS = 1 << 16  # of one message, of whatever kind, before the messages in it stay closed
 DEEPEST = 32  # levels of a message
 _LONGEST = 1000  # characters of a place
@@ -62,7 +62,7 @@ def is_number(value: Tree) -> bool:
     return isinstance(value, (int, float))
 
 
-def at(tree: Tree, steps: Steps) -> Tree:
+def node_at(tree: Tree, steps: Steps) -> Tree:
     """The value at a place, None where a message has no such place."""
     for step in steps:
         if isinstance(step, int):
@@ -72,7 +72,7 @@ def at(tree: Tree, steps: Steps) -> Tree:
     return tree
 
 
-def every(tree: Tree) -> Iterator[tuple[Steps, Tree]]:
+def nodes(tree: Tree) -> Iterator[tuple[Steps, Tree]]:
     """Each value in a tree with its place, in order, down to the depth and length that is read."""
     waiting: list[tuple[Steps, Tree]] = [((), tree)]
     while waiting:
@@ -81,18 +81,18 @@ def every(tree: Tree) -> Iterator[tuple[Steps, Tree]]:
         if isinstance(node, dict) and len(steps) < DEEPEST:
             waiting += [((*steps, key), node[key]) for key in reversed(node)]
         elif isinstance(node, list) and len(steps) < DEEPEST:
-            few = list(enumerate(node[:LONG_ARRAY]))
-            waiting += [((*steps, i), value) for i, value in reversed(few)]
+            elements = list(enumerate(node[:LONG_ARRAY]))
+            waiting += [((*steps, i), value) for i, value in reversed(elements)]
 
 
 def empty(tree: Tree) -> Iterator[Steps]:
     """The places where a message has an array without an element."""
-    return (steps for steps, node in every(tree) if isinstance(node, list) and not node)
+    return (steps for steps, node in nodes(tree) if isinstance(node, list) and not node)
 
 
 def quoted_numbers(tree: Tree) -> Iterator[str]:
     """The places of texts that would be numbers without their quotation marks."""
-    for steps, node in every(tree):
+    for steps, node in nodes(tree):
         if isinstance(node, str) and _NUMBER.fullmatch(node.strip()):
             yield f"{path(steps)} (a number in quotation marks)"
 
@@ -109,7 +109,7 @@ def states_unit(key: str) -> bool:
     return key in ("unit", "units") or key.startswith("unit.")
 
 
-def leaves(
+def number_leaves(
     tree: Tree, schema_unit: Units, metadata: dict[str, str]
 ) -> tuple[list[Leaf], list[str]]:
     """Every number of a message, in its order.
@@ -129,21 +129,25 @@ def leaves(
     Returns:
         The numbers, and the places that are not offered: too long, too deep or opaque.
     """
-    search = _Leaves(tree, schema_unit, metadata)
+    search = _LeafWalk(tree, schema_unit, metadata)
     search.walk(tree)
     return search.found, search.left_out
 
 
-class _Leaves:
+class _LeafWalk:
     def __init__(self, tree: Tree, schema_unit: Units, metadata: dict[str, str]) -> None:
         self._tree, self._schema_unit, self._metadata = tree, schema_unit, metadata
         self.found: list[Leaf] = []
         self.left_out: list[str] = []
 
     def walk(
-        self, node: Tree, steps: Steps = (), label: str = "", label_at: Steps = (),
+        self,
+        node: Tree,
+        steps: Steps = (),
+        label: str = "",
+        label_at: Steps = (),
         named: Steps = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Takes up the numbers at a place; `named` is an array of names for an array's elements."""
         if is_number(node):
             self._number(steps, label, label_at)
@@ -154,10 +158,10 @@ class _Leaves:
         elif len(steps) >= DEEPEST:
             self.left_out.append(path(steps))
         elif isinstance(node, dict):
-            own = node.get("name")
+            own_label = node.get("name")
             element = bool(steps) and isinstance(steps[-1], int)
-            if element and isinstance(own, str) and len(own) <= _LONGEST:
-                label, label_at = own, (*steps, "name")
+            if element and isinstance(own_label, str) and len(own_label) <= _LONGEST:
+                label, label_at = own_label, (*steps, "name")
             for key, value in node.items():
                 names = next((k for k in ("name", "names") if _names(node.get(k), value)), None)
                 self.walk(value, (*steps, key), label, label_at, (*steps, names) if names else ())
@@ -168,44 +172,44 @@ class _Leaves:
             for i, value in enumerate(node):
                 if named:
                     label_at = (*named, i)
-                    label = at(self._tree, label_at)
+                    label = node_at(self._tree, label_at)
                 self.walk(value, (*steps, i), label, label_at)
 
     def _number(self, steps: Steps, label: str, label_at: Steps) -> None:
         if len(path(steps)) > _LONGEST:
             self.left_out.append(f"{path(steps)[:_LONGEST]} (a name too long)")
-        elif len(self.found) < MOST_LEAVES:
-            stated, where, unit_at = self._unit(steps)
-            self.found.append(Leaf(steps, label, stated, where, label_at, unit_at))
-        elif (rest := f"all after {self.found[-1].path}") not in self.left_out:
-            self.left_out[:] = [*self.left_out[:20], rest]
+        elif len(self.found) < MAX_NUMBERS:
+            unit, unit_place, unit_at = self._unit(steps)
+            self.found.append(Leaf(steps, label, unit, unit_place, label_at, unit_at))
+        elif (skipped := f"all after {self.found[-1].path}") not in self.left_out:
+            self.left_out[:] = [*self.left_out[:20], skipped]
 
     def _unit(self, steps: Steps) -> tuple[str, str, Steps]:
         """The unit of a number, where it stood in words, and the string of the message it is."""
         for depth in range(len(steps), max(len(steps) - 3, 0), -1):
-            *above, name = steps[:depth]
+            *parents, name = steps[:depth]
             if not isinstance(name, str):
                 continue
-            message = at(self._tree, tuple(above))
+            message = node_at(self._tree, tuple(parents))
             for key in (f"{name}_unit", f"{name}_units", "unit", "units"):
-                stated, place = at(message, (key,)), (*above, key)
-                if isinstance(stated, list) and isinstance(steps[-1], int):
-                    stated, place = at(stated, (steps[-1],)), (*place, steps[-1])
-                if isinstance(stated, str) and 0 < len(stated) <= _LONGEST_UNIT:
-                    return stated, f"field {path((*above, key))}", place
+                unit, place = node_at(message, (key,)), (*parents, key)
+                if isinstance(unit, list) and isinstance(steps[-1], int):
+                    unit, place = node_at(unit, (steps[-1],)), (*place, steps[-1])
+                if isinstance(unit, str) and 0 < len(unit) <= _LONGEST_UNIT:
+                    return unit, f"field {path((*parents, key))}", place
         for key in (f"unit.{path(steps)}", "unit", "units"):
             if 0 < len(self._metadata.get(key, "")) <= _LONGEST_UNIT:
                 return self._metadata[key], f"channel metadata {key!r}", ()
         return *self._schema_unit(steps), ()
 
 
-def _names(found: Tree, array: Tree) -> bool:
+def _names(element: Tree, array: Tree) -> bool:
     """Whether what stands under `name` in a message names the elements of an array beside it."""
     return (
-        isinstance(found, list)
+        isinstance(element, list)
         and isinstance(array, list)
-        and len(found) == len(array)
-        and all(isinstance(name, str) and len(name) <= _LONGEST for name in found)
+        and len(element) == len(array)
+        and all(isinstance(name, str) and len(name) <= _LONGEST for name in element)
     )
 
 
@@ -219,7 +223,7 @@ def typical(trees: Sequence[Tree]) -> Tree:
         trees: the first messages, at least one.
     """
     shapes = [
-        tuple(len(node) for _, node in every(tree) if isinstance(node, list)) for tree in trees
+        tuple(len(node) for _, node in nodes(tree) if isinstance(node, list)) for tree in trees
     ]
     usual = Counter(shapes).most_common(1)[0][0]
     ordered = sorted(range(len(trees)), key=lambda i: shapes[i] != usual)
@@ -228,25 +232,28 @@ def typical(trees: Sequence[Tree]) -> Tree:
 
 def _union(values: Sequence[Tree], depth: int) -> Tree:
     """What stands at one place in some messages; of two kinds the first."""
-    first = next((value for value in values if value is not None), None)
-    if isinstance(first, Opaque):  # as of a message that is absent there
-        first = next((value for value in values if isinstance(value, dict)), first)
+    example = next((value for value in values if value is not None), None)
+    if isinstance(example, Opaque):  # as of a message that is absent there
+        example = next((value for value in values if isinstance(value, dict)), example)
     if depth >= DEEPEST:
-        return first
-    if isinstance(first, dict):
+        return example
+    if isinstance(example, dict):
         by_key: dict[str, list[Tree]] = {}
-        for one in values:
-            for key, value in one.items() if isinstance(one, dict) else ():
+        for candidate in values:
+            for key, value in candidate.items() if isinstance(candidate, dict) else ():
                 by_key.setdefault(key, []).append(value)
         return {
-            key: _union(below, depth + 1)
-            for key, below in by_key.items()
-            if len(below) * _RARE >= len(values)
+            key: _union(branch, depth + 1)
+            for key, branch in by_key.items()
+            if len(branch) * _RARE >= len(values)
         }
-    if isinstance(first, list):
-        arrays = [one for one in values if isinstance(one, list) and one]
+    if isinstance(example, list):
+        arrays = [candidate for candidate in values if isinstance(candidate, list) and candidate]
         often = Counter(map(len, arrays))
         length = max(often, key=lambda n: (often[n], n), default=0)
-        few = range(min(length, LONG_ARRAY + 1))
-        return [_union([one[i] for one in arrays if i < len(one)], depth + 1) for i in few]
-    return first
+        indices = range(min(length, LONG_ARRAY + 1))
+        return [
+            _union([candidate[i] for candidate in arrays if i < len(candidate)], depth + 1)
+            for i in indices
+        ]
+    return example

@@ -17,9 +17,12 @@ Place = Block | AttachmentIndex | MetadataIndex  # where a record is: offset and
 
 #: Records that stand behind the data only.
 OF_SUMMARY = (
-    Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS,
+    Opcode.CHUNK_INDEX,
+    Opcode.ATTACHMENT_INDEX,
+    Opcode.METADATA_INDEX,
+    Opcode.STATISTICS,
     Opcode.SUMMARY_OFFSET,
-)  # fmt: skip
+)
 _NAMES: dict[int, str] = {
     Opcode.CHUNK_INDEX: "chunk",
     Opcode.ATTACHMENT_INDEX: "attachment",
@@ -51,40 +54,40 @@ class Indexes:
         if index and len(index.entries) == len(records.start):
             # The offsets are those of the messages. Sums weighted by the offset are equal where
             # each has its channel and time. Sorting would cost three times as much.
-            said, found = 2 * index.entries[:, 1] + 1, 2 * records.start + 1
+            said, actual = 2 * index.entries[:, 1] + 1, 2 * records.start + 1
             channel = np.repeat(index.channels, index.counts)
-            fits = np.dot(channel, said) == np.dot(records.channel, found) and (
-                np.dot(index.entries[:, 0], said) == np.dot(log_time, found)
+            fits = np.dot(channel, said) == np.dot(records.channel, actual) and (
+                np.dot(index.entries[:, 0], said) == np.dot(log_time, actual)
             )
         if not fits:
-            what = f"message indexes of the chunk at byte {block.at} do not list its messages"
-            self.wrong.append(DamageError(block.end, what))
+            damage = f"message indexes of the chunk at byte {block.offset} do not list its messages"
+            self.wrong.append(DamageError(block.stop, damage))
 
-    def record(self, opcode: int, at: int, end: int, content: Callable[[], Content]) -> None:
+    def record(self, opcode: int, offset: int, stop: int, content: Callable[[], Content]) -> None:
         """Compares a record of the summary with what the walk met.
 
         Args:
             opcode: its kind.
-            at: its offset.
-            end: offset behind it.
+            offset: its offset.
+            stop: offset behind it.
             content: reads its fields.
         """
-        first, last = self._groups.get(opcode, (at, end))
-        self._groups[opcode] = first, max(last, end)
+        group_start, group_stop = self._groups.get(opcode, (offset, stop))
+        self._groups[opcode] = group_start, max(group_stop, stop)
         try:
             if opcode in _NAMES:
-                self._listed(opcode, at, content())
+                self._listed(opcode, offset, content())
             elif opcode == Opcode.SUMMARY_OFFSET:
                 said = SummaryOffset.read(content())
                 group = self._groups.get(said.group_opcode, (said.group_start, said.group_start))
                 if group != (said.group_start, said.group_start + said.group_length):
-                    what = f"summary offset of records of kind {said.group_opcode} is wrong"
-                    raise DamageError(at, what)
+                    message = f"summary offset of records of kind {said.group_opcode} is wrong"
+                    raise DamageError(offset, message)
         except DamageError as damage:
             damage.__traceback__ = None
             self.wrong.append(damage)
 
-    def _listed(self, opcode: int, at: int, content: Content) -> None:
+    def _listed(self, opcode: int, position: int, content: Content) -> None:
         if opcode not in self._left:
             self._left[opcode] = {place.offset: place for place in self._met(opcode)}
         name, index = _NAMES[opcode], None
@@ -95,34 +98,34 @@ class Indexes:
                 index = chunk.message_index_length, hash(frozenset(places.items()))
         else:
             read = AttachmentIndex if opcode == Opcode.ATTACHMENT_INDEX else MetadataIndex
-            one = read.read(content)
-            offset, length = one.offset, one.length
+            entry = read.read(content)
+            offset, length = entry.offset, entry.length
         place = self._left[opcode].pop(offset, None)
         if place is None:
-            raise DamageError(at, f"index lists no {name}, or one again: at byte {offset}")
+            raise DamageError(position, f"index lists no {name}, or one again: at byte {offset}")
         if place.length != length:
-            raise DamageError(at, f"index gives the {name} at byte {offset} {length} bytes")
+            raise DamageError(position, f"index gives the {name} at byte {offset} {length} bytes")
         if index and isinstance(place, Block) and place.index != index:
-            what = f"index does not lead to the message indexes of the chunk at byte {offset}"
-            raise DamageError(at, what)
+            damage = f"index does not lead to the message indexes of the chunk at byte {offset}"
+            raise DamageError(position, damage)
 
-    def end(self, at: int, start: int, said: Footer) -> None:
+    def check_footer(self, position: int, start: int, said: Footer) -> None:
         """Compares the footer with the summary, and looks for what no index lists.
 
         Args:
-            at: offset of the footer.
+            position: offset of the footer.
             start: where the summary begins.
             said: the footer.
         """
-        offsets = self._groups.get(Opcode.SUMMARY_OFFSET, (at, at))[0]
+        offsets = self._groups.get(Opcode.SUMMARY_OFFSET, (position, position))[0]
         if said.summary_start not in (0, start):
-            what = f"summary begins at byte {start}, the footer says {said.summary_start}"
-            self.wrong.append(DamageError(at, what))
+            damage = f"summary begins at byte {start}, the footer says {said.summary_start}"
+            self.wrong.append(DamageError(position, damage))
         if said.summary_offset_start not in (0, offsets):
-            what = f"summary offsets begin at byte {offsets}, "
-            what += f"the footer says {said.summary_offset_start}"
-            self.wrong.append(DamageError(at, what))
-        for opcode, left in self._left.items():
-            for offset in list(left)[:1]:
-                what = f"index does not list {len(left)} {_NAMES[opcode]}s, at first this one"
-                self.wrong.append(DamageError(offset, what))
+            damage = f"summary offsets begin at byte {offsets}, "
+            damage += f"the footer says {said.summary_offset_start}"
+            self.wrong.append(DamageError(position, damage))
+        for opcode, unlisted in self._left.items():
+            for offset in list(unlisted)[:1]:
+                damage = f"index does not list {len(unlisted)} {_NAMES[opcode]}s, at first this one"
+                self.wrong.append(DamageError(offset, damage))

@@ -18,7 +18,7 @@ from .stamps import microseconds
 
 _TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken
 _NUMBERS = {int, float, bool}
-_MAY_HOLD = (int, float, dict, list)  # a number
+_NUMERIC_TYPES = (int, float, dict, list)  # a number
 
 
 def _loads(raw: bytes) -> Tree:
@@ -26,7 +26,7 @@ def _loads(raw: bytes) -> Tree:
     try:
         return orjson.loads(raw)
     except orjson.JSONDecodeError as e:
-        why = e.msg
+        reason = e.msg
     if (
         (b"NaN" in raw or b"Infinity" in raw)
         and len(raw) < _TOGETHER
@@ -34,7 +34,7 @@ def _loads(raw: bytes) -> Tree:
     ):
         with suppress(ValueError, RecursionError):
             return json.loads(raw, parse_int=float)
-    raise UndecodableError(f"not JSON: {why}")
+    raise UndecodableError(f"not JSON: {reason}")
 
 
 class JsonDecoder:
@@ -48,8 +48,8 @@ class JsonDecoder:
         UndecodableError: where the schema is no JSON object.
     """
 
-    def __init__(self, schema: bytes, most: int) -> None:
-        self._most = most
+    def __init__(self, schema: bytes, limit: int) -> None:
+        self._most = limit
         try:
             self._schema = orjson.loads(schema) if schema.strip() else {}
         except orjson.JSONDecodeError as e:
@@ -81,38 +81,38 @@ class JsonDecoder:
         return "", ""
 
     def columns(
-        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
         """Many messages at once, see Decoder: as many as may stand in memory together."""
-        batch = np.cumsum(end - start) // _TOGETHER
+        batch = np.cumsum(stop - start) // _TOGETHER
         cuts = [0, *(np.flatnonzero(np.diff(batch)) + 1).tolist(), len(start)]
-        values, faults = np.empty((len(wanted.leaves), len(start))), list[Fault]()
+        values, faults = np.empty((len(wanted.numbers), len(start))), list[Fault]()
         for a, b in pairwise(cuts):
-            values[:, a:b], found = self._together(buffer, start[a:b], end[a:b], wanted)
-            faults += [replace(fault, rows=fault.rows + a) for fault in found]
+            values[:, a:b], batch_faults = self._together(buffer, start[a:b], stop[a:b], wanted)
+            faults += [replace(fault, rows=fault.rows + a) for fault in batch_faults]
         return values, faults
 
     def _together(
-        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
         raw, loads = buffer.data, orjson.loads
-        spans = list(zip(start.tolist(), end.tolist(), strict=True))
+        spans = list(zip(start.tolist(), stop.tolist(), strict=True))
         batch, rows = Batch(wanted, len(spans)), np.arange(len(spans))
         messages = list[Tree]()
         if len(spans) > 1:  # a single one may be too large
             with suppress(orjson.JSONDecodeError):
                 messages = [loads(raw[a:b]) for a, b in spans]
         if not messages:
-            whole = []
+            parsed = []
             for i, (a, b) in enumerate(spans):
                 try:
                     messages.append(self.tree(bytes(raw[a:b])))
-                    whole.append(i)
+                    parsed.append(i)
                 except UndecodableError as e:
                     batch.refuse(i, str(e))
-            rows = np.array(whole, np.int64)
+            rows = np.array(parsed, np.int64)
         if messages:
-            _Spread(batch).walk(messages, rows, wanted.known, ())
+            _Spread(batch).walk(messages, rows, wanted.shape, ())
         return batch.finish()
 
 
@@ -121,20 +121,20 @@ class _Spread:
 
     def __init__(self, batch: Batch) -> None:
         self._batch, self._wanted = batch, batch.wanted
-        self._columns = {steps: i for i, steps in enumerate(batch.wanted.leaves)}
+        self._columns = {steps: i for i, steps in enumerate(batch.wanted.numbers)}
         self._places = self._columns.keys() | batch.wanted.said.keys()
 
-    def walk(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
-        """Takes the `nodes` that the messages `rows` have at a place; `known` came on opening."""
-        if isinstance(known, dict):
-            if found := self._only(dict, nodes, rows, steps):
-                self._object(*found, known, steps)
-        elif isinstance(known, list):
-            if len(known) <= LONG_ARRAY and (found := self._only(list, nodes, rows, steps)):
-                self._array(*found, known, steps)
+    def walk(self, nodes: list[Tree], rows: Offsets, shape: Tree, steps: Steps) -> None:
+        """Takes the `nodes` that the messages `rows` have at a place; `shape` came on opening."""
+        if isinstance(shape, dict):
+            if subset := self._of_type(dict, nodes, rows, steps):
+                self._object(*subset, shape, steps)
+        elif isinstance(shape, list):
+            if len(shape) <= LONG_ARRAY and (subset := self._of_type(list, nodes, rows, steps)):
+                self._array(*subset, shape, steps)
         elif said := self._wanted.said.get(steps):
-            other = [node != said.text and node not in ("", None) for node in nodes]
-            self._batch.texts[steps][rows] = other
+            differs = [node != said.text and node not in ("", None) for node in nodes]
+            self._batch.texts[steps][rows] = differs
         elif (i := self._columns.get(steps)) is not None:
             if steps == self._wanted.iso:
                 self._batch.values[i, rows] = list(map(microseconds, nodes))
@@ -145,46 +145,46 @@ class _Spread:
         if len(rows):
             self._batch.faults.append(Fault(code, rows, place or "message"))
 
-    def _only(
+    def _of_type(
         self, kind: type, nodes: list[Tree], rows: Offsets, steps: Steps
     ) -> tuple[list[Tree], Offsets] | None:
         if set(map(type, nodes)) == {kind}:
             return nodes, rows
         is_kind = np.array([type(node) is kind for node in nodes], np.bool_)
-        other = [not ok and node is not None for ok, node in zip(is_kind, nodes, strict=True)]
-        self._fault("mcap-type-change", rows[other], path(steps))
+        differs = [not ok and node is not None for ok, node in zip(is_kind, nodes, strict=True)]
+        self._fault("mcap-type-change", rows[differs], path(steps))
         if not is_kind.any():
             return None
         return [node for node in nodes if type(node) is kind], rows[is_kind]
 
-    def _object(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
-        if keys := set().union(*nodes) - known.keys():
-            late = [not node.keys() <= known.keys() for node in nodes]
-            more = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
-            self._fault("mcap-late-field", rows[late], path((*steps, min(keys))) + more)
-        for key, child in known.items():
+    def _object(self, nodes: list[Tree], rows: Offsets, shape: Tree, steps: Steps) -> None:
+        if keys := set().union(*nodes) - shape.keys():
+            has_new_keys = [not node.keys() <= shape.keys() for node in nodes]
+            suffix = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
+            self._fault("mcap-late-field", rows[has_new_keys], path((*steps, min(keys))) + suffix)
+        for key, child in shape.items():
             place = (*steps, key)
             if not isinstance(child, (dict, list)) and place not in self._places:
                 if child is None:
-                    late = [isinstance(node.get(key), _MAY_HOLD) for node in nodes]
-                    self._fault("mcap-late-field", rows[late], path(place))
+                    has_new_keys = [isinstance(node.get(key), _NUMERIC_TYPES) for node in nodes]
+                    self._fault("mcap-late-field", rows[has_new_keys], path(place))
                 continue
             try:
                 self.walk(list(map(itemgetter(key), nodes)), rows, child, place)
             except KeyError:
-                if below := [node[key] for node in nodes if key in node]:
-                    self.walk(below, rows[[key in node for node in nodes]], child, place)
+                if children := [node[key] for node in nodes if key in node]:
+                    self.walk(children, rows[[key in node for node in nodes]], child, place)
 
-    def _array(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
+    def _array(self, nodes: list[Tree], rows: Offsets, shape: Tree, steps: Steps) -> None:
         count = np.array(list(map(len, nodes)))
         if steps in self._batch.lengths:
             self._batch.lengths[steps][rows] = count != self._wanted.lengths[steps]
-        for k, child in enumerate(known):
+        for k, child in enumerate(shape):
             place = (*steps, k)
             if not isinstance(child, (dict, list)) and place not in self._places:
                 continue
-            if below := [node[k] for node in nodes if len(node) > k]:
-                self.walk(below, rows[count > k], child, place)
+            if children := [node[k] for node in nodes if len(node) > k]:
+                self.walk(children, rows[count > k], child, place)
 
     def _number(self, nodes: list[Tree], rows: Offsets, i: int, steps: Steps) -> None:
         if set(map(type, nodes)) <= _NUMBERS:
@@ -193,5 +193,5 @@ class _Spread:
         number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
         numbers = [node for node in nodes if type(node) in _NUMBERS]
         self._batch.values[i, rows[number]] = numbers
-        other = ~number & np.array([node is not None for node in nodes], np.bool_)
-        self._fault("mcap-type-change", rows[other], path(steps))
+        not_numeric = ~number & np.array([node is not None for node in nodes], np.bool_)
+        self._fault("mcap-type-change", rows[not_numeric], path(steps))

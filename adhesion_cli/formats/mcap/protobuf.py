@@ -26,20 +26,31 @@ from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, Undec
 
 _VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
 _WIRE = {
-    F.TYPE_DOUBLE: _FIXED64, F.TYPE_FIXED64: _FIXED64, F.TYPE_SFIXED64: _FIXED64,
-    F.TYPE_FLOAT: _FIXED32, F.TYPE_FIXED32: _FIXED32, F.TYPE_SFIXED32: _FIXED32,
-    F.TYPE_STRING: _LEN, F.TYPE_BYTES: _LEN, F.TYPE_MESSAGE: _LEN, F.TYPE_GROUP: 3,
-}  # fmt: skip
+    F.TYPE_DOUBLE: _FIXED64,
+    F.TYPE_FIXED64: _FIXED64,
+    F.TYPE_SFIXED64: _FIXED64,
+    F.TYPE_FLOAT: _FIXED32,
+    F.TYPE_FIXED32: _FIXED32,
+    F.TYPE_SFIXED32: _FIXED32,
+    F.TYPE_STRING: _LEN,
+    F.TYPE_BYTES: _LEN,
+    F.TYPE_MESSAGE: _LEN,
+    F.TYPE_GROUP: 3,
+}
 _DTYPE = {
-    F.TYPE_DOUBLE: "<f8", F.TYPE_FIXED64: "<u8", F.TYPE_SFIXED64: "<i8",
-    F.TYPE_FLOAT: "<f4", F.TYPE_FIXED32: "<u4", F.TYPE_SFIXED32: "<i4",
-}  # fmt: skip
+    F.TYPE_DOUBLE: "<f8",
+    F.TYPE_FIXED64: "<u8",
+    F.TYPE_SFIXED64: "<i8",
+    F.TYPE_FLOAT: "<f4",
+    F.TYPE_FIXED32: "<u4",
+    F.TYPE_SFIXED32: "<i4",
+}
 _MESSAGES = (F.TYPE_MESSAGE, F.TYPE_GROUP)
 _TEXTS = (F.TYPE_STRING, F.TYPE_BYTES)
 _MOST_ROUNDS = 4096  # of the lock-step, beyond which what is left counts as unusual
 _NOWHERE = 1 << 62  # the end of a varint that has no end
 
-Words = NDArray[np.uint64]
+Uint64s = NDArray[np.uint64]
 
 
 class ProtobufDecoder:
@@ -107,10 +118,10 @@ class ProtobufDecoder:
         return "", ""
 
     def columns(
-        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
         """Many messages at once, see Decoder."""
-        return _LockStep(self, buffer, start, end, wanted).columns()
+        return _LockStep(self, buffer, start, stop, wanted).columns()
 
 
 def _pool(data: bytes) -> DescriptorPool:
@@ -135,9 +146,9 @@ def _pool(data: bytes) -> DescriptorPool:
 
 def _wrong_wire(message: Any) -> int:
     """The number of a known field that a message carries as another wire type, else 0."""
-    known = message.DESCRIPTOR.fields_by_number
+    fields = message.DESCRIPTOR.fields_by_number
     for unknown in UnknownFieldSet(message):
-        if unknown.field_number in known:
+        if unknown.field_number in fields:
             return int(unknown.field_number)
     for f, value in message.ListFields():
         if f.type in _MESSAGES and not _is_map(f):
@@ -147,33 +158,33 @@ def _wrong_wire(message: Any) -> int:
     return 0
 
 
-def _numeric(f: Any, seen: set[str]) -> bool:
+def _numeric(f: Any, visited: set[str]) -> bool:
     """Whether a field can hold a number that is read."""
     if f.type not in _MESSAGES:
         return f.type not in _TEXTS
-    if _is_map(f) or f.message_type.full_name in seen:
+    if _is_map(f) or f.message_type.full_name in visited:
         return False
-    seen.add(f.message_type.full_name)
-    return any(_numeric(below, seen) for below in f.message_type.fields)
+    visited.add(f.message_type.full_name)
+    return any(_numeric(member, visited) for member in f.message_type.fields)
 
 
 def _is_map(f: Any) -> bool:
     return f.type == F.TYPE_MESSAGE and bool(f.message_type.GetOptions().map_entry)
 
 
-def _tree(message: Any, above: tuple[Any, ...], left: list[int], defaults: bool) -> Tree:
+def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int], defaults: bool) -> Tree:
     """A message as plain values.
 
     Args:
         message: the parsed message.
-        above: the types of the messages it stands in, and its own.
-        left: how many more fields may be shown, counted down. Types that hold each other several
+        ancestors: the types of the messages it stands in, and its own.
+        budget: how many more fields may be shown, counted down. Types that hold each other several
             times make a tree wide without making it deep.
         defaults: whether what is absent is shown by its default.
     """
-    if left[0] <= 0:
+    if budget[0] <= 0:
         return Opaque(f"after {MOST_FIELDS} others")
-    left[0] -= len(message.DESCRIPTOR.fields)
+    budget[0] -= len(message.DESCRIPTOR.fields)
     tree: dict[str, Tree] = {}
     for f in message.DESCRIPTOR.fields:
         if not defaults and f.has_presence and not message.HasField(f.name):
@@ -184,18 +195,22 @@ def _tree(message: Any, above: tuple[Any, ...], left: list[int], defaults: bool)
         elif f.type == F.TYPE_BYTES:
             tree[f.name] = Opaque("bytes")
         elif f.is_repeated:
-            some = value[: LONG_ARRAY + 1]
+            elements = value[: LONG_ARRAY + 1]
             if f.type in _MESSAGES:
-                some = [_tree(v, (*above, f.message_type), left, defaults) for v in some]
-            if some or _numeric(f, set()):
-                tree[f.name] = list(some)
+                elements = [
+                    _tree(v, (*ancestors, f.message_type), budget, defaults) for v in elements
+                ]
+            if elements or _numeric(f, set()):
+                tree[f.name] = list(elements)
         elif f.type not in _MESSAGES:
             tree[f.name] = value
-        elif message.HasField(f.name) or (f.message_type not in above and len(above) < DEEPEST):
-            tree[f.name] = _tree(value, (*above, f.message_type), left, defaults)
+        elif message.HasField(f.name) or (
+            f.message_type not in ancestors and len(ancestors) < DEEPEST
+        ):
+            tree[f.name] = _tree(value, (*ancestors, f.message_type), budget, defaults)
         else:
-            why = "holds itself" if f.message_type in above else "too deep"
-            tree[f.name] = Opaque(f"absent at first, {why}")
+            reason = "holds itself" if f.message_type in ancestors else "too deep"
+            tree[f.name] = Opaque(f"absent at first, {reason}")
     return tree
 
 
@@ -218,7 +233,7 @@ class _Node:
 
     slots: dict[int, _Slot]
     zeros: list[int]  # columns that are 0 where the message is there and does not say more
-    seen: Bools
+    present: Bools
 
 
 # A place that is looked at, and its column; None where it is a text or an array.
@@ -227,29 +242,29 @@ _Place = tuple[int | None, Steps]
 
 class _LockStep:
     def __init__(
-        self, decoder: ProtobufDecoder, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+        self, decoder: ProtobufDecoder, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> None:
         self._decoder, self._buffer = decoder, buffer
-        self._start, self._end = start, end
-        self._words: Words = np.ndarray((len(buffer) - 7,), "<u8", buffer, 0, (1,))
+        self._start, self._end = start, stop
+        self._words: Uint64s = np.ndarray((len(buffer) - 7,), "<u8", buffer, 0, (1,))
         self._batch = Batch(wanted, len(start))
         self._values = self._batch.values
         self._odd = np.zeros(len(start), np.bool_)  # unusual: the library decides
         self._rounds = 0
         self._slots: list[_Slot] = []  # with elements that are counted
-        places: list[_Place] = [*enumerate(wanted.leaves)]
+        places: list[_Place] = [*enumerate(wanted.numbers)]
         places += [(None, steps) for steps in (*wanted.said, *wanted.lengths)]
         self._root = self._node(decoder._type, (), places)
 
-    def _node(self, kind: Any, at: Steps, below: list[_Place]) -> _Node:
-        """What to do with a message at a place; `below` are the places in it that matter."""
+    def _node(self, kind: Any, path: Steps, places: list[_Place]) -> _Node:
+        """What to do with a message at a place; `places` are the places in it that matter."""
         node = _Node({}, [], np.zeros(len(self._start), np.bool_))
         by_name: dict[str, list[_Place]] = {}
-        for i, steps in below:
-            by_name.setdefault(str(steps[len(at)]), []).append((i, steps))
-        for name, mine in by_name.items():
+        for i, steps in places:
+            by_name.setdefault(str(steps[len(path)]), []).append((i, steps))
+        for name, members in by_name.items():
             f = kind.fields_by_name[name]
-            slot = node.slots[f.number] = self._slot(f, (*at, name), mine)
+            slot = node.slots[f.number] = self._slot(f, (*path, name), members)
             if not f.is_repeated and not f.has_presence:
                 node.zeros += slot.columns.values()
         return node
@@ -275,9 +290,9 @@ class _LockStep:
                 slot.columns[element] = i
             elif place in wanted.said:
                 slot.said[element] = wanted.said[place].text, self._batch.texts[place]
-        for element, below in inside.items():
-            at = (*steps, element) if f.is_repeated else steps
-            slot.inside[element] = self._node(f.message_type, at, below)
+        for element, inner_places in inside.items():
+            path = (*steps, element) if f.is_repeated else steps
+            slot.inside[element] = self._node(f.message_type, path, inner_places)
         return slot
 
     def columns(self) -> tuple[Floats, list[Fault]]:
@@ -285,8 +300,8 @@ class _LockStep:
         self._message(self._root, np.arange(len(self._start)), self._start, self._end)
         for slot in self._slots:
             if slot.expected:
-                count, other = slot.expected
-                other |= slot.count != count
+                count, differs = slot.expected
+                differs |= slot.count != count
         for row in np.flatnonzero(self._odd).tolist():
             message = self._buffer[self._start[row] : self._end[row]].tobytes()
             try:
@@ -295,7 +310,7 @@ class _LockStep:
                 self._batch.refuse(row, str(e))
         return self._batch.finish()
 
-    def _varint(self, p: Offsets) -> tuple[Words, Offsets]:
+    def _varint(self, p: Offsets) -> tuple[Uint64s, Offsets]:
         """Varints at p, and the offsets after them (_NOWHERE where one does not end)."""
         x = self._words[p]
         if not (x & np.uint64(0x80)).any():
@@ -304,34 +319,34 @@ class _LockStep:
         mask = stop ^ (stop - np.uint64(1))  # the bytes up to the first with its top bit clear
         size = np.bitwise_count(mask).astype(np.int64) >> 3
         x = x & mask
-        for keep, move, shift in (
+        for payload_mask, move, shift in (
             (0x007F007F007F007F, 0x7F007F007F007F00, 1),
             (0x00003FFF00003FFF, 0x3FFF00003FFF0000, 2),
             (0x000000000FFFFFFF, 0x0FFFFFFF00000000, 4),
         ):
-            x = (x & np.uint64(keep)) | ((x & np.uint64(move)) >> np.uint64(shift))
-        after = p + size
-        if len(long := np.flatnonzero(stop == 0)):
-            ninth = self._buffer[p[long] + 8].astype(np.uint64)
-            tenth = self._buffer[p[long] + 9].astype(np.uint64)
-            ends = ninth < 0x80
-            x[long] |= (ninth & np.uint64(0x7F)) << np.uint64(56)
-            x[long] |= np.where(ends, np.uint64(0), tenth << np.uint64(63))
-            after[long] = np.where(
-                ends, p[long] + 9, np.where(tenth < 0x80, p[long] + 10, _NOWHERE)
+            x = (x & np.uint64(payload_mask)) | ((x & np.uint64(move)) >> np.uint64(shift))
+        next_byte = p + size
+        if len(long_rows := np.flatnonzero(stop == 0)):
+            ninth = self._buffer[p[long_rows] + 8].astype(np.uint64)
+            tenth = self._buffer[p[long_rows] + 9].astype(np.uint64)
+            is_complete = ninth < 0x80
+            x[long_rows] |= (ninth & np.uint64(0x7F)) << np.uint64(56)
+            x[long_rows] |= np.where(is_complete, np.uint64(0), tenth << np.uint64(63))
+            next_byte[long_rows] = np.where(
+                is_complete, p[long_rows] + 9, np.where(tenth < 0x80, p[long_rows] + 10, _NOWHERE)
             )
-        return x, after
+        return x, next_byte
 
-    def _message(self, node: _Node, rows: Offsets, p: Offsets, end: Offsets) -> None:
-        if node.seen.any():  # a message in pieces
-            self._odd[rows] |= node.seen[rows]
+    def _message(self, node: _Node, rows: Offsets, p: Offsets, stop: Offsets) -> None:
+        if node.present.any():  # a message in pieces
+            self._odd[rows] |= node.present[rows]
         for i in node.zeros:
             self._values[i, rows] = 0.0
-        node.seen[rows] = True
+        node.present[rows] = True
         while True:
-            live = p < end
+            live = p < stop
             if not live.all():
-                rows, p, end = rows[live], p[live], end[live]
+                rows, p, stop = rows[live], p[live], stop[live]
             if not len(rows):
                 return
             self._rounds += 1
@@ -340,91 +355,99 @@ class _LockStep:
                 return
             tag, q = self._varint(p)
             lowest = tag.min()
-            now = tag == lowest
-            if now.all():
-                p = self._field(node, int(lowest), rows, q, end)
+            is_due = tag == lowest
+            if is_due.all():
+                p = self._field(node, int(lowest), rows, q, stop)
             else:
                 p = p.copy()
-                p[now] = self._field(node, int(lowest), rows[now], q[now], end[now])
-            if len(strange := np.flatnonzero((p > end) | self._odd[rows])):
+                p[is_due] = self._field(node, int(lowest), rows[is_due], q[is_due], stop[is_due])
+            if len(strange := np.flatnonzero((p > stop) | self._odd[rows])):
                 self._odd[rows[strange]] = True
-                p = np.where(self._odd[rows], end, p)
+                p = np.where(self._odd[rows], stop, p)
 
-    def _field(self, node: _Node, tag: int, rows: Offsets, q: Offsets, end: Offsets) -> Offsets:
+    def _field(self, node: _Node, tag: int, rows: Offsets, q: Offsets, stop: Offsets) -> Offsets:
         """Reads one field of the messages that have it next; returns the offsets after it."""
         number, wire = tag >> 3, tag & 7
         slot = node.slots.get(number)
-        q, after, value = self._extent(wire if number else -1, np.minimum(q, end), end)
+        q, next_field, value = self._extent(wire if number else -1, np.minimum(q, stop), stop)
         if slot is None:
-            return after
+            return next_field
         packed = wire == _LEN and slot.wire in (_FIXED64, _FIXED32) and slot.count is not None
         if wire != slot.wire and not packed:
-            after = np.full(len(q), _NOWHERE)
-        if not (whole := after <= end).all():
-            self._odd[rows[~whole]] = True
-            rows, q, end = rows[whole], q[whole], after[whole]
-            value = value if value is None else value[whole]
+            next_field = np.full(len(q), _NOWHERE)
+        if not (is_whole := next_field <= stop).all():
+            self._odd[rows[~is_whole]] = True
+            rows, q, stop = rows[is_whole], q[is_whole], next_field[is_whole]
+            value = value if value is None else value[is_whole]
         else:
-            end = after
+            stop = next_field
         if packed and len(rows):
-            self._packed(slot, rows, q, end)
+            self._packed(slot, rows, q, stop)
         elif len(rows):
-            self._store(slot, rows, q, end, value)
-        return after
+            self._store(slot, rows, q, stop, value)
+        return next_field
 
-    def _extent(self, wire: int, q: Offsets, end: Offsets) -> tuple[Offsets, Offsets, Words | None]:
+    def _extent(
+        self, wire: int, q: Offsets, stop: Offsets
+    ) -> tuple[Offsets, Offsets, Uint64s | None]:
         """Where values begin and end (_NOWHERE where they do not), and varints themselves."""
         if wire == _VARINT:
-            value, after = self._varint(q)
-            return q, after, value
+            value, next_field = self._varint(q)
+            return q, next_field, value
         if wire == _FIXED64:
             return q, q + 8, None
         if wire == _FIXED32:
             return q, q + 4, None
         if wire == _LEN:
             length, q = self._varint(q)
-            room = np.maximum(end - q, -1)
+            room = np.maximum(stop - q, -1)
             fits = (room >= 0) & (length <= np.maximum(room, 0).astype(np.uint64))
             return q, np.where(fits, q + length.astype(np.int64), _NOWHERE), None
         return q, np.full(len(q), _NOWHERE), None
 
     def _store(
-        self, slot: _Slot, rows: Offsets, q: Offsets, end: Offsets, value: Words | None
+        self, slot: _Slot, rows: Offsets, q: Offsets, stop: Offsets, value: Uint64s | None
     ) -> None:
         """Takes the values of single fields, or the next element of repeated ones."""
         numbers = self._numbers(slot.type, q, value) if slot.columns else None
-        at = slot.count[rows] if slot.count is not None else np.zeros(1, np.int64)
-        for k in np.unique(at).tolist() if (at != at[0]).any() else [int(at[0])]:
-            mine: Any = at == k if len(at) == len(rows) else slice(None)
+        element = slot.count[rows] if slot.count is not None else np.zeros(1, np.int64)
+        for k in (
+            np.unique(element).tolist() if (element != element[0]).any() else [int(element[0])]
+        ):
+            rows_of_element: Any = element == k if len(element) == len(rows) else slice(None)
             if node := slot.inside.get(k):
-                self._message(node, rows[mine], q[mine], end[mine])
+                self._message(
+                    node, rows[rows_of_element], q[rows_of_element], stop[rows_of_element]
+                )
             if said := slot.said.get(k):
-                other = _other_text(self._buffer, q[mine], (end - q)[mine], said[0])
-                said[1][rows[mine]] |= other & (end > q)[mine]
+                differs = _other_text(
+                    self._buffer, q[rows_of_element], (stop - q)[rows_of_element], said[0]
+                )
+                said[1][rows[rows_of_element]] |= differs & (stop > q)[rows_of_element]
             if (i := slot.columns.get(k)) is not None and numbers is not None:
-                self._values[i, rows[mine]] = numbers[mine]
+                self._values[i, rows[rows_of_element]] = numbers[rows_of_element]
         if slot.count is not None:
             slot.count[rows] += 1
 
-    def _packed(self, slot: _Slot, rows: Offsets, q: Offsets, end: Offsets) -> None:
+    def _packed(self, slot: _Slot, rows: Offsets, q: Offsets, stop: Offsets) -> None:
         """Takes the numbers of arrays whose elements have one size."""
         assert slot.count is not None
-        before = slot.count[rows]
+        count_before = slot.count[rows]
         size = 8 if slot.wire == _FIXED64 else 4
-        count, rest = np.divmod(end - q, size)
-        self._odd[rows[rest > 0]] = True
+        count, remainder = np.divmod(stop - q, size)
+        self._odd[rows[remainder > 0]] = True
         for k, i in slot.columns.items():
-            has = (before <= k) & (k < before + count)
-            where = (q + (k - before) * size)[has]
-            self._values[i, rows[has]] = self._numbers(slot.type, where, None)
+            holds_element = (count_before <= k) & (k < count_before + count)
+            element_start = (q + (k - count_before) * size)[holds_element]
+            self._values[i, rows[holds_element]] = self._numbers(slot.type, element_start, None)
         slot.count[rows] += count
 
-    def _numbers(self, kind: int, q: Offsets, value: Words | None) -> NDArray[Any]:
+    def _numbers(self, kind: int, q: Offsets, value: Uint64s | None) -> NDArray[Any]:
         if dtype := _DTYPE.get(kind):
             size = np.dtype(dtype).itemsize
             view = np.ndarray((len(self._buffer) - size + 1,), dtype, self._buffer, 0, (1,))
-            found: NDArray[Any] = view[q]
-            return found
+            numbers: NDArray[Any] = view[q]
+            return numbers
         assert value is not None
         if kind in (F.TYPE_INT32, F.TYPE_ENUM):
             return value.astype(np.uint32).view(np.int32)
@@ -445,7 +468,9 @@ class _LockStep:
 def _other_text(buffer: Bytes, start: Offsets, length: Offsets, text: str) -> Bools:
     """Where the bytes at `start` are not this text; shape (n,)."""
     raw = np.frombuffer(text.encode(), np.uint8)
-    other: Bools = length != len(raw)
-    if len(raw) and len(same := np.flatnonzero(~other)):
-        other[same] = (sliding_window_view(buffer, len(raw))[start[same]] != raw).any(1)
-    return other
+    differs: Bools = length != len(raw)
+    if len(raw) and len(same_length := np.flatnonzero(~differs)):
+        differs[same_length] = (
+            sliding_window_view(buffer, len(raw))[start[same_length]] != raw
+        ).any(1)
+    return differs

@@ -48,78 +48,78 @@ class McapSource:
         self.findings: list[Finding] = []
         self._report(self._of_walk())
         self._series = grouped(walk)
-        self._report(Discovery(options).every(self._series))
+        self._report(Discovery(options).report(self._series))
         self.fields: Sequence[Field] = [
             Field(s.topic, p, leaf.label, s.group, leaf.unit, leaf.unit_from, s.name, s.encoding)
             for s in self._series
-            for p, leaf in s.leaves.items()
+            for p, leaf in s.fields.items()
         ]
-        self.stated: dict[str, Any] = {
+        self.reasons: dict[str, Any] = {
             "profile": walk.profile,
             "library": walk.library,
             "chunks": walk.chunks,
             "compression": ", ".join(sorted(walk.compressions)) or "none",
             "attachments": len(walk.attachments),
         }
-        self._take_clock([s for s in self._series if s.leaves])
+        self._take_clock([s for s in self._series if s.fields])
 
     def _of_walk(self) -> Iterable[Finding]:
         """What the walk over the records found."""
         walk = self.walk
         if walk.damage:
-            first = walk.damage[0]
-            values = {"byte": first.at, "kept_messages": self.rows}
-            if walk.lost:
-                values["lost_messages"] = walk.lost
-            names, count = {"damage": first.what}, len(walk.damage)
+            example = walk.damage[0]
+            values = {"byte": example.at, "kept_messages": self.rows}
+            if walk.lost_count:
+                values["lost_messages"] = walk.lost_count
+            names, count = {"damage": example.what}, len(walk.damage)
             yield Finding("mcap-damaged", "error", count=count, values=values, names=names)
-        for first in walk.misindexed[:1]:
-            values, names = {"byte": first.at}, {"damage": first.what}
+        for example in walk.misindexed[:1]:
+            values, names = {"byte": example.at}, {"damage": example.what}
             count = len(walk.misindexed)
             yield Finding("mcap-wrong-index", "error", count=count, values=values, names=names)
         if walk.stray:
             ids = sorted(set(walk.counts) - set(walk.channels))
-            some = ", ".join(map(str, ids[:5])) + (", ..." if len(ids) > 5 else "")
-            names = {"channels": some}
+            listed_ids = ", ".join(map(str, ids[:5])) + (", ..." if len(ids) > 5 else "")
+            names = {"channels": listed_ids}
             yield Finding("mcap-unknown-channel", "error", count=walk.stray, names=names)
         if walk.unchecked:
             yield Finding("mcap-unchecked", "info", count=walk.unchecked)
-        if damage := walk.past.get("damage"):
+        if damage := walk.previous.get("damage"):
             severity: Severity = "warning" if walk.unchecked else "info"
             names, count = {"damage": damage[:200]}, walk.unchecked or 1
             yield Finding("mcap-recovered", severity, count=count, names=names)
 
-    def _report(self, found: Iterable[Finding]) -> None:
-        report(self, found, self._options, "messages")
+    def _report(self, findings: Iterable[Finding]) -> None:
+        report(self, findings, self._options, "messages")
 
     # ------------------------------------------------------------------ time
 
-    def _take_clock(self, of: Sequence[Series]) -> None:
+    def _take_clock(self, series: Sequence[Series]) -> None:
         """Decides on one clock for these series."""
-        self.clock, self.time_reason, self.absolute = self._clock(of)
-        self.stated["time"] = self.time_reason
+        self.clock, self.time_reason, self.absolute = self._clock(series)
+        self.reasons["time"] = self.time_reason
 
-    def _clock(self, of: Sequence[Series]) -> tuple[TimeSource, str, bool]:
+    def _clock(self, series: Sequence[Series]) -> tuple[TimeSource, str, bool]:
         """Which of a message's times is the time of its values, why, and whether since 1970."""
-        first, last = self.walk.times
-        calendar = first >= YEAR_1990
-        asked = self._options.time_source
-        stamps = [s.stamp_time for s in of if s.stamp_time]
-        if asked == "header":
+        first_time, last_time = self.walk.times
+        calendar = first_time >= YEAR_1990
+        requested = self._options.time_source
+        stamps = [s.stamp_time for s in series if s.stamp_time]
+        if requested == "header":
             since_1970 = bool(stamps) and min(stamps) >= YEAR_1990
             return "header", "stamp inside the messages, as asked for", since_1970
-        if asked is not None:
-            return asked, f"{asked} time, as asked for", calendar
-        if why_not := _without_stamps(of):
-            return "log", f"log time: {why_not}", calendar
-        stands_still = first == last and self.rows > len(of)
-        apart = max(abs(s.stamp_time - s.head_time) for s in of)
-        if stands_still and min(stamps) >= YEAR_1990:
+        if requested is not None:
+            return requested, f"{requested} time, as asked for", calendar
+        if obstacle := _without_stamps(series):
+            return "log", f"log time: {obstacle}", calendar
+        is_constant = first_time == last_time and self.rows > len(series)
+        largest_offset = max(abs(s.stamp_time - s.head_time) for s in series)
+        if is_constant and min(stamps) >= YEAR_1990:
             return "header", "stamp inside the messages: the log time stands still", True
-        if apart > _DAY:
-            reason = f"log time: stamps inside the messages are {apart / 1e9:.0f} s away from it"
+        if largest_offset > _DAY:
+            reason = f"log time: stamps inside the messages are {largest_offset / 1e9:.0f} s away from it"
             return "log", reason, calendar
-        reason = f"stamp inside the messages, at first {apart / 1e9:.6f} s from log time"
+        reason = f"stamp inside the messages, at first {largest_offset / 1e9:.6f} s from log time"
         return "header", reason, calendar
 
     # ------------------------------------------------------------------ columns
@@ -130,7 +130,7 @@ class McapSource:
         paths: dict[tuple[str, str], dict[str, None]] = {}  # in order, each once
         for f in wanted:
             s = by_topic.get((f.channel, f.group))
-            if s is None or f.path not in s.leaves:
+            if s is None or f.path not in s.fields:
                 raise UserError(
                     f"{self.path}: no field {f.path!r} in {f.channel!r}",
                     "`adhesion inspect` lists the fields of a log",
@@ -146,44 +146,46 @@ class McapSource:
                     "state another clock, as --set channels.time.source=log (or publish)",
                 )
         collectors = [
-            Collector(by_topic[key], self.clock, list(own), self.walk.times[0])
-            for key, own in paths.items()
+            Collector(by_topic[key], self.clock, list(leaves), self.walk.times[0])
+            for key, leaves in paths.items()
         ]
         self._collect(collectors)
         by_field: dict[tuple[str, str, str], Column] = {}
-        for one in collectors:
-            if one.rows != one.series.rows:
+        for collector in collectors:
+            if collector.rows != collector.series.rows:
                 raise self.walk.changed()
-            for p, column in zip(one.paths, one.columns(), strict=True):
-                by_field[one.series.topic, one.series.group, p] = column
-            self._report(one.findings())
+            for p, column in zip(collector.paths, collector.columns(), strict=True):
+                by_field[collector.series.topic, collector.series.group, p] = column
+            self._report(collector.findings())
         return [by_field[f.channel, f.group, f.path] for f in wanted]
 
     def _collect(self, collectors: Sequence[Collector]) -> None:
         """Hands each the messages of its channels; the cost of a block does not grow with them."""
         whose = np.full(1 << 16, -1, np.int32)  # by channel id
-        for k, one in enumerate(collectors):
-            whose[one.series.ids] = k
-        for block, records in self.walk.again():
-            of = whose[records.channel]
-            rows = np.flatnonzero(of >= 0)
-            of = of[rows].astype(np.uint16)  # which numpy sorts in linear time
-            rows = rows[np.argsort(of, kind="stable")]
-            counts = np.bincount(of)
-            ends = np.cumsum(counts)
+        for k, collector in enumerate(collectors):
+            whose[collector.series.ids] = k
+        for block, records in self.walk.reread():
+            collector_index = whose[records.channel]
+            rows = np.flatnonzero(collector_index >= 0)
+            collector_index = collector_index[rows].astype(
+                np.uint16
+            )  # which numpy sorts in linear time
+            rows = rows[np.argsort(collector_index, kind="stable")]
+            counts = np.bincount(collector_index)
+            run_ends = np.cumsum(counts)
             for k in np.flatnonzero(counts).tolist():
-                mine = rows[ends[k] - counts[k] : ends[k]]
-                collectors[k].take(records.some(mine), block.at)
+                rows_of_collector = rows[run_ends[k] - counts[k] : run_ends[k]]
+                collectors[k].take(records.select(rows_of_collector), block.offset)
 
 
-def _without_stamps(of: Sequence[Series]) -> str:
+def _without_stamps(series: Sequence[Series]) -> str:
     """Why stamps inside the messages cannot be the clock of these series, "" if they can."""
-    if not any(s.stamp for s in of):
+    if not any(s.stamp for s in series):
         return "no message has a stamp inside"
-    for s in of:
+    for s in series:
         if s.stamp is None:
             return f"{s.topic} has no stamps inside"
-    for s in of:
+    for s in series:
         if not s.stamp_time:
             return f"the stamp inside the first message of {s.topic} is 0 or not set"
         if s.stamps_repeat:

@@ -41,9 +41,9 @@ class DamageError(Exception):
         hint: remedy other than recovering.
     """
 
-    def __init__(self, at: int, what: str, hint: str = "") -> None:
-        super().__init__(what)
-        self.at, self.what, self.hint = at, what, hint
+    def __init__(self, offset: int, damage: str, hint: str = "") -> None:
+        super().__init__(damage)
+        self.at, self.what, self.hint = offset, damage, hint
 
 
 class Content(ReadDataStream):
@@ -54,9 +54,9 @@ class Content(ReadDataStream):
         at: offset of the record in the file.
     """
 
-    def __init__(self, data: bytes, at: int) -> None:
+    def __init__(self, data: bytes, offset: int) -> None:
         super().__init__(BytesIO(data))
-        self._left, self._at = len(data), at
+        self._left, self._at = len(data), offset
 
     def read(self, length: int) -> bytes:
         """The next bytes."""
@@ -100,53 +100,55 @@ class LogFile:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
-    def read(self, at: int, size: int) -> bytes:
+    def read(self, offset: int, size: int) -> bytes:
         """Bytes from an offset on.
 
         Raises:
             DamageError: where the file has become shorter.
         """
-        place = at - self._from
+        place = offset - self._from
         if 0 <= place <= len(self._window) - size:
             return self._window[place : place + size]
-        data = os.pread(self._file.fileno(), size, at)
+        data = os.pread(self._file.fileno(), size, offset)
         while len(data) < size:
-            more = os.pread(self._file.fileno(), size - len(data), at + len(data))
-            if not more:
-                raise DamageError(at, "file became shorter while it was read")
-            data += more
+            piece = os.pread(self._file.fileno(), size - len(data), offset + len(data))
+            if not piece:
+                raise DamageError(offset, "file became shorter while it was read")
+            data += piece
         return data
 
-    def head(self, at: int) -> tuple[int, int]:
+    def head(self, offset: int) -> tuple[int, int]:
         """Opcode and length of the record at an offset.
 
         Raises:
             DamageError: where no record can be that the file goes on after.
         """
-        left = self.size - at - HEADER.size
-        if left < 0:
-            raise DamageError(at, "file ends without a footer")
-        if not 0 <= at - self._from <= len(self._window) - HEADER.size:
-            self._window, self._from = os.pread(self._file.fileno(), PIECE, at), at
-        opcode, length = HEADER.unpack_from(self._window, at - self._from)
+        remaining = self.size - offset - HEADER.size
+        if remaining < 0:
+            raise DamageError(offset, "file ends without a footer")
+        if not 0 <= offset - self._from <= len(self._window) - HEADER.size:
+            self._window, self._from = os.pread(self._file.fileno(), PIECE, offset), offset
+        opcode, length = HEADER.unpack_from(self._window, offset - self._from)
         if opcode == 0:
-            raise DamageError(at, "a record of kind 0, which does not exist")
-        if length > left:
-            raise DamageError(at, f"a record says it has {length} bytes where {left} are left")
+            raise DamageError(offset, "a record of kind 0, which does not exist")
+        if length > remaining:
+            raise DamageError(
+                offset, f"a record says it has {length} bytes where {remaining} are left"
+            )
         if opcode == Opcode.FOOTER and length != 20:
-            raise DamageError(at, f"a footer of {length} bytes")
+            raise DamageError(offset, f"a footer of {length} bytes")
         if length > self._max_record and opcode != Opcode.ATTACHMENT:  # those are read in pieces
             hint = RAISE_LIMIT.format("max_record", length)
-            raise DamageError(at, f"a record of {length} bytes, limit {self._max_record}", hint)
+            raise DamageError(offset, f"a record of {length} bytes, limit {self._max_record}", hint)
         return opcode, length
 
-    def content(self, at: int, length: int) -> Content:
+    def content(self, offset: int, length: int) -> Content:
         """The fields of the record at an offset."""
-        return Content(self.read(at + HEADER.size, length), at)
+        return Content(self.read(offset + HEADER.size, length), offset)
 
-    def crc(self, start: int, end: int) -> int:
-        """CRC-32 of the bytes from `start` to `end`."""
+    def crc(self, start: int, stop: int) -> int:
+        """CRC-32 of the bytes from `start` to `stop`."""
         crc = 0
-        for piece in range(start, end, PIECE):
-            crc = zlib.crc32(self.read(piece, min(PIECE, end - piece)), crc)
+        for piece in range(start, stop, PIECE):
+            crc = zlib.crc32(self.read(piece, min(PIECE, stop - piece)), crc)
         return crc

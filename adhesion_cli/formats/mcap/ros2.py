@@ -18,10 +18,20 @@ from .columns import Batch, Fault, Wanted
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
 _CODES = {  # of struct and numpy
-    "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h",
-    "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
-    "float32": "f", "float64": "d",
-}  # fmt: skip
+    "bool": "?",
+    "byte": "B",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
 _FIELD = re.compile(
     r"(?P<type>[A-Za-z][\w/]*)(?:(?<=\bstring)<=\d+)?"
     r"(?P<array>\[(?P<bound><=)?(?P<size>\d{0,10})\])?"
@@ -68,27 +78,27 @@ class Ros2Decoder:
         self._types: _Types = {}
         self._layouts: WeakKeyDictionary[Wanted, list[_Layout]] = WeakKeyDictionary()
         lines = "\n".join(line for line in text.splitlines() if line.strip())
-        current, self._root = name, _short(name)
-        for part in re.split(r"^={3,}\s*$", lines, flags=re.MULTILINE):
-            if said := re.match(r"\s*MSG:\s+(\S+)\s*$", part, flags=re.MULTILINE):
-                current, part = said.group(1), part[said.end() :]
-            kind = _short(current)
-            members = _members(kind.split("/")[0], part)
+        current, self._root = name, _short_name(name)
+        for section in re.split(r"^={3,}\s*$", lines, flags=re.MULTILINE):
+            if said := re.match(r"\s*MSG:\s+(\S+)\s*$", section, flags=re.MULTILINE):
+                current, section = said.group(1), section[said.end() :]
+            kind = _short_name(current)
+            members = _members(kind.split("/")[0], section)
             if self._types.setdefault(kind, members) != members:
                 raise UndecodableError(f"type {kind} is defined in two ways")
         for n in ("Time", "Duration"):
             self._types.setdefault(f"builtin_interfaces/{n}", _members("", _TIME))
         self._check(self._root, (), set())
 
-    def _check(self, kind: str, above: tuple[str, ...], done: set[str]) -> None:
+    def _check(self, kind: str, ancestors: tuple[str, ...], checked: set[str]) -> None:
         if kind not in self._types:
             raise UndecodableError(f"type {kind} is not defined")
-        if kind in above or len(above) > DEEPEST:
+        if kind in ancestors or len(ancestors) > DEEPEST:
             raise UndecodableError(f"type {kind} contains itself or nests too deep")
         for member in self._types[kind]:
-            if member.type not in _CODES and member.type != "string" and member.type not in done:
-                self._check(member.type, (*above, kind), done)
-        done.add(kind)
+            if member.type not in _CODES and member.type != "string" and member.type not in checked:
+                self._check(member.type, (*ancestors, kind), checked)
+        checked.add(kind)
 
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; long arrays are cut after LONG_ARRAY + 1 elements."""
@@ -106,29 +116,29 @@ class Ros2Decoder:
         return unit, "schema comment" if unit else ""
 
     def columns(
-        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
         """Many messages at once, see Decoder."""
-        batch, left = Batch(wanted, len(start)), np.arange(len(start))
+        batch, pending = Batch(wanted, len(start)), np.arange(len(start))
         layouts = self._layouts.setdefault(wanted, [])
         for layout in layouts:
-            left = layout.take(batch, buffer, start, end, left)
-        while len(left):
-            row = int(left[0])
+            pending = layout.take(batch, buffer, start, stop, pending)
+        while len(pending):
+            row = int(pending[0])
             try:
-                raw = buffer[start[row] : end[row]].tobytes()
+                raw = buffer[start[row] : stop[row]].tobytes()
                 message = _Message(self._types, self._root, raw)
             except UndecodableError as e:
                 batch.refuse(row, str(e))
-                left = left[1:]
+                pending = pending[1:]
                 continue
-            found = _layout(message, wanted) if len(layouts) < _MOST_LAYOUTS else None
-            if found:
-                layouts.append(found)
-                left = found.take(batch, buffer, start, end, left)
+            new_layout = _layout(message, wanted) if len(layouts) < _MOST_LAYOUTS else None
+            if new_layout:
+                layouts.append(new_layout)
+                pending = new_layout.take(batch, buffer, start, stop, pending)
             else:
                 batch.put_tree(row, message.tree)
-                left = left[1:]
+                pending = pending[1:]
         return batch.finish()
 
 
@@ -185,10 +195,10 @@ class _Message:
             self._take(1)  # rosidl gives an empty message one byte
         tree = {}
         for member in members:
-            at = (*steps, member.name)
+            path = (*steps, member.name)
             if member.size is None:
-                tree[member.name] = self._one(member.type, at)
-            elif (array := self._many(member, at)) or self._numeric(member.type):
+                tree[member.name] = self._value(member.type, path)
+            elif (array := self._values(member, path)) or self._numeric(member.type):
                 tree[member.name] = array
         return tree
 
@@ -196,7 +206,7 @@ class _Message:
         """Whether a type holds a number."""
         return kind in _CODES or any(self._numeric(m.type) for m in self._types.get(kind, ()))
 
-    def _one(self, kind: str, steps: Steps) -> Tree:
+    def _value(self, kind: str, steps: Steps) -> Tree:
         if kind == "string":
             length = self._length()
             begin = self._take(1, length)
@@ -210,17 +220,17 @@ class _Message:
     def _numbers(self, code: str, count: int, steps: Steps) -> list[Tree]:
         begin = self._take(struct.calcsize(f"{self.order}{code}"), count)
         self.numbers[steps] = code, begin, count
-        shown = min(count, LONG_ARRAY + 1)
-        return list(struct.unpack_from(f"{self.order}{shown}{code}", self._raw, begin))
+        length = min(count, LONG_ARRAY + 1)
+        return list(struct.unpack_from(f"{self.order}{length}{code}", self._raw, begin))
 
-    def _many(self, member: _Member, steps: Steps) -> list[Tree]:
+    def _values(self, member: _Member, steps: Steps) -> list[Tree]:
         count = member.size or self._length()
         if code := _CODES.get(member.type):
             return self._numbers(code, count, steps)
         if count > min(_MOST_ELEMENTS, len(self._raw)):  # each has at least one byte
             raise UndecodableError(f"too many elements in an array of {member.type}")
-        found = [self._one(member.type, (*steps, k)) for k in range(count)]
-        return found[: LONG_ARRAY + 1]
+        values = [self._value(member.type, (*steps, k)) for k in range(count)]
+        return values[: LONG_ARRAY + 1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,25 +248,25 @@ class _Layout:
     texts: set[Steps]  # the strings that are other units or names than at first
 
     def take(
-        self, batch: Batch, buffer: Bytes, start: Offsets, end: Offsets, left: Offsets
+        self, batch: Batch, buffer: Bytes, start: Offsets, stop: Offsets, pending: Offsets
     ) -> Offsets:
-        """Takes the messages of `left` that are laid out so; returns the others."""
-        more = end[left] - start[left] - self.size
-        fit = (more >= 0) & (more < _SPARE)
-        rows, width = left[fit], self.mask.nbytes
+        """Takes the messages of `pending` that are laid out so; returns the others."""
+        excess = stop[pending] - start[pending] - self.size
+        fit = (excess >= 0) & (excess < _SPARE)
+        rows, width = pending[fit], self.mask.nbytes
         if not len(rows):
-            return left
+            return pending
         view = np.ndarray((len(buffer) - width + 1,), f"V{width}", buffer, 0, (1,))
         messages = view[start[rows]].view(np.uint64).reshape(len(rows), len(self.mask))
-        other = (messages & self.mask) != self.said
-        if other.any():
-            same = ~other.any(axis=1)
-            rows, messages, fit[fit] = rows[same], messages[same], same
+        differs = (messages & self.mask) != self.said
+        if differs.any():
+            matches = ~differs.any(axis=1)
+            rows, messages, fit[fit] = rows[matches], messages[matches], matches
         if len(rows):
-            self._put(batch, rows, messages)
-        return left[~fit]
+            self._store(batch, rows, messages)
+        return pending[~fit]
 
-    def _put(self, batch: Batch, rows: Offsets, messages: NDArray[np.uint64]) -> None:
+    def _store(self, batch: Batch, rows: Offsets, messages: NDArray[np.uint64]) -> None:
         for i, place in enumerate(self.places):
             if place:
                 kind = "u1" if place[0][1:] == "?" else place[0]  # a bool of 2 is True
@@ -272,30 +282,35 @@ class _Layout:
 
 def _layout(message: _Message, wanted: Wanted) -> _Layout | None:
     """How a message is laid out; None where it is too long to compare others with it."""
-    decide = [(1, 1), *((at, 4) for at in message.lengths)]  # offset and size; the byte order
+    decide = [
+        (1, 1),
+        *((position, 4) for position in message.lengths),
+    ]  # offset and size; the byte order
     decide += [place for steps, place in message.texts.items() if steps in wanted.said]
     places: list[tuple[str, int] | None] = []
-    for steps in wanted.leaves:
+    for steps in wanted.numbers:
         array, k = (steps[:-1], steps[-1]) if isinstance(steps[-1], int) else (steps, 0)
         code, begin, count = message.numbers.get(array, ("", 0, 0))
         offset = begin + k * struct.calcsize(f"<{code}")
         places.append((message.order + code, offset) if k < count else None)
-    ends = [at + size for at, size in decide] + [place[1] + 8 for place in places if place]
-    width = -(-max(ends) // 8) * 8
+    part_ends = [position + size for position, size in decide] + [
+        place[1] + 8 for place in places if place
+    ]
+    width = -(-max(part_ends) // 8) * 8
     if width > _WIDEST:
         return None
     mask = np.zeros(width, np.uint8)
-    for at, size in decide:
-        mask[at : at + size] = 0xFF
+    for position, size in decide:
+        mask[position : position + size] = 0xFF
     said = np.frombuffer(message._raw[:width].ljust(width, b"\0"), np.uint8) & mask
     lengths, texts = wanted.differences(message.tree)
     return _Layout(message.size, places, mask.view(np.uint64), said.view(np.uint64), lengths, texts)
 
 
-def _short(name: str) -> str:
+def _short_name(name: str) -> str:
     """The name without its middle part: "package/Name" of "package/msg/Name"."""
-    parts = name.split("/")
-    return f"{parts[0]}/{parts[-1]}"
+    segments = name.split("/")
+    return f"{segments[0]}/{segments[-1]}"
 
 
 def _members(package: str, text: str) -> tuple[_Member, ...]:
@@ -304,24 +319,24 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
         code = line.partition("#")[0].strip()
         if not code:
             continue
-        found = _FIELD.fullmatch(code)
-        value = (found and found["value"]) or ""
-        if not found or (found["type"] != "string" and not _VALUE.fullmatch(value)):
+        declaration = _FIELD.fullmatch(code)
+        value = (declaration and declaration["value"]) or ""
+        if not declaration or (declaration["type"] != "string" and not _VALUE.fullmatch(value)):
             raise UndecodableError(f"schema line not understood: {line.strip()[:80]!r}")
         if value.startswith("="):
             continue  # a constant
-        kind = found["type"]
+        kind = declaration["type"]
         if kind not in _CODES and kind != "string":
             if kind in ("wstring", "time", "duration"):
                 raise UndecodableError(f"type {kind} is not read")
-            kind = _short(kind) if "/" in kind else f"{package}/{kind}"
+            kind = _short_name(kind) if "/" in kind else f"{package}/{kind}"
         size = None
-        if found["array"]:
-            size = 0 if found["bound"] else int(found["size"] or 0)
-            if found["size"] and int(found["size"]) == 0:
+        if declaration["array"]:
+            size = 0 if declaration["bound"] else int(declaration["size"] or 0)
+            if declaration["size"] and int(declaration["size"]) == 0:
                 raise UndecodableError(f"array without elements: {line.strip()[:80]!r}")
         units = _UNIT.findall(line.partition("#")[2])
-        members.append(_Member(found["name"], kind, size, units[-1] if units else ""))
+        members.append(_Member(declaration["name"], kind, size, units[-1] if units else ""))
     if len({m.name for m in members}) < len(members):
         raise UndecodableError("a field name occurs twice")
     return tuple(members)

@@ -12,13 +12,13 @@ from ...core.finding import Finding, Severity
 from ..source import ReadOptions
 from .columns import Decoder
 from .fields import (
-    MOST_LEAVES,
+    MAX_NUMBERS,
     Leaf,
     Tree,
     UndecodableError,
-    at,
+    node_at,
     empty,
-    leaves,
+    number_leaves,
     quoted_numbers,
     states_unit,
     typical,
@@ -27,7 +27,7 @@ from .stamps import Stamp, stamp
 from .walk import Walk
 
 YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
-_FEW = 4  # first messages that are enough where a schema says what messages hold
+_HEAD_MESSAGES = 4  # first messages that are enough where a schema says what messages hold
 
 
 @dataclass(slots=True)
@@ -46,7 +46,7 @@ class Series:
     head_time: int = 0  # log time of the first
     decoder: Decoder | None = None
     tree: Tree = None  # what the first messages hold
-    leaves: dict[str, Leaf] = field(default_factory=dict)  # by path
+    fields: dict[str, Leaf] = field(default_factory=dict)  # by path
     stamp: Stamp | None = None
     stamp_time: int = 0  # of the first message, 0 where it has none
     stamps_repeat: bool = False  # among the first messages, as those of a date or of whole seconds
@@ -57,40 +57,45 @@ class Series:
         return self.schema.name if self.schema else ""
 
     def finding(
-        self, code: str, severity: Severity, count: int = 0,
-        values: Mapping[str, float] | None = None, **names: str,
-    ) -> Finding:  # fmt: skip
+        self,
+        code: str,
+        severity: Severity,
+        count: int = 0,
+        values: Mapping[str, float] | None = None,
+        **names: str,
+    ) -> Finding:
         """A finding about this topic; without a count all its messages."""
-        found = Finding(code, severity, channel=self.topic, count=count or self.rows)
-        return replace(found, values=values or {}, names=names)
+        result = Finding(code, severity, channel=self.topic, count=count or self.rows)
+        return replace(result, values=values or {}, names=names)
 
 
 def grouped(walk: Walk) -> list[Series]:
     """The channels of a log, as series; the first messages go from the walk to them."""
-    found: dict[tuple[Any, ...], Series] = {}
+    by_key: dict[tuple[Any, ...], Series] = {}
     for channel in walk.channels.values():
         schema = walk.schemas.get(channel.schema_id)
         key = (
-            channel.topic, channel.message_encoding,
+            channel.topic,
+            channel.message_encoding,
             (schema.name, schema.encoding, schema.data) if schema else channel.schema_id,
             tuple(sorted(pair for pair in channel.metadata.items() if states_unit(pair[0]))),
-        )  # fmt: skip
-        one = found.setdefault(
+        )
+        series = by_key.setdefault(
             key, Series(channel.topic, channel.message_encoding, schema, channel.metadata)
         )
-        one.schema_id = channel.schema_id
-        one.ids.append(channel.id)
-        one.rows += walk.counts[channel.id]
+        series.schema_id = channel.schema_id
+        series.ids.append(channel.id)
+        series.rows += walk.counts[channel.id]
         time, heads = walk.heads.pop(channel.id, (0, []))
-        if not one.heads:
-            one.head_time, one.heads = time, heads
-        elif one.encoding == "json":
-            one.heads = one.heads + heads
-    topics = Counter(one.topic for one in found.values())
-    for one in found.values():
-        if topics[one.topic] > 1:
-            one.group = f"channel {one.ids[0]}"
-    return list(found.values())
+        if not series.heads:
+            series.head_time, series.heads = time, heads
+        elif series.encoding == "json":
+            series.heads = series.heads + heads
+    topics = Counter(series.topic for series in by_key.values())
+    for series in by_key.values():
+        if topics[series.topic] > 1:
+            series.group = f"channel {series.ids[0]}"
+    return list(by_key.values())
 
 
 class Discovery:
@@ -100,19 +105,19 @@ class Discovery:
         self._options = options
         self._decoders: dict[int, Decoder] = {}  # by schema id
 
-    def every(self, series: list[Series]) -> Iterator[Finding]:
+    def report(self, series: list[Series]) -> Iterator[Finding]:
         """Looks into all series, as far as the limit of offered numbers allows."""
-        total, more = 0, list[Series]()
-        for s in (one for one in series if one.rows):
+        total, remaining = 0, list[Series]()
+        for s in (entry for entry in series if entry.rows):
             if total >= self._options.max_series:
-                more.append(s)
+                remaining.append(s)
                 continue
             yield from self._look(s)
             s.heads = []
-            total += len(s.leaves)
-        if more:
-            values = {"series": total, "needed": total + len(more)}
-            yield more[0].finding("mcap-series-limit", "warning", len(more), values)
+            total += len(s.fields)
+        if remaining:
+            values = {"series": total, "needed": total + len(remaining)}
+            yield remaining[0].finding("mcap-series-limit", "warning", len(remaining), values)
 
     def _look(self, s: Series) -> Iterator[Finding]:
         try:
@@ -159,42 +164,42 @@ def _trees(s: Series, decoder: Decoder) -> list[Tree]:
     Raises:
         UndecodableError: where none of them decodes.
     """
-    trees, why, sizes = list[Tree](), "", set[int]()
+    trees, reason, sizes = list[Tree](), "", set[int]()
     for head in s.heads:
-        if s.encoding != "json" and len(trees) >= _FEW and len(head) in sizes:
+        if s.encoding != "json" and len(trees) >= _HEAD_MESSAGES and len(head) in sizes:
             continue  # an array that was empty and is not would make the message longer
         sizes.add(len(head))
         try:
             trees.append(decoder.tree(head))
         except UndecodableError as e:
-            why = why or str(e)
+            reason = reason or str(e)
     if not trees:
-        raise UndecodableError(f"first messages: {why or 'the first one is too large'}")
+        raise UndecodableError(f"first messages: {reason or 'the first one is too large'}")
     return trees
 
 
 def _offer(s: Series, decoder: Decoder) -> Iterator[Finding]:
     """Offers the numbers of the first messages."""
-    found, left_out = leaves(s.tree, decoder.unit, s.metadata)
-    for leaf in found:
-        if s.leaves.setdefault(leaf.path, leaf) is not leaf:
-            left_out.append(f"a second {leaf.path}")
+    numbers, skipped = number_leaves(s.tree, decoder.unit, s.metadata)
+    for leaf in numbers:
+        if s.fields.setdefault(leaf.path, leaf) is not leaf:
+            skipped.append(f"a second {leaf.path}")
     if s.encoding == "json":  # a schema that says text means text
-        left_out += islice(quoted_numbers(s.tree), MOST_LEAVES)
-    seen = len(s.heads)
-    if not found and s.rows > seen and (s.encoding == "json" or any(empty(s.tree))):
-        left_out.append(f"what follows {seen} messages without a number")
-    if left_out:
-        some = ", ".join(p[:80] for p in left_out[:3])
-        yield s.finding("mcap-not-offered", "info", len(left_out), fields=some)
+        skipped += islice(quoted_numbers(s.tree), MAX_NUMBERS)
+    head_count = len(s.heads)
+    if not numbers and s.rows > head_count and (s.encoding == "json" or any(empty(s.tree))):
+        skipped.append(f"what follows {head_count} messages without a number")
+    if skipped:
+        examples = ", ".join(p[:80] for p in skipped[:3])
+        yield s.finding("mcap-not-offered", "info", len(skipped), fields=examples)
 
 
 def _find_stamp(s: Series, trees: list[Tree]) -> None:
     s.stamp = stamp(s.tree, texts=s.encoding == "json")
     if s.stamp is None:
         return
-    has = any(at(trees[0], steps) is not None for steps in s.stamp.places)
-    s.stamp_time = s.stamp.first(trees[0] if has else s.tree)
-    stamps = [s.stamp.first(tree) for tree in trees]
+    has_stamp = any(node_at(trees[0], steps) is not None for steps in s.stamp.places)
+    s.stamp_time = s.stamp.first_time(trees[0] if has_stamp else s.tree)
+    stamps = [s.stamp.first_time(tree) for tree in trees]
     repeats = sum(a == b for a, b in pairwise(stamps))
     s.stamps_repeat = 2 * repeats > len(stamps) - 1

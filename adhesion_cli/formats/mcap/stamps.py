@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from ...core.model import Bools, Floats, Times
-from .fields import Steps, Tree, at, is_number, stamp_keys
+from .fields import Steps, Tree, node_at, is_number, stamp_keys
 
 _PLACES: tuple[Steps, ...] = (
     ("header", "stamp"),
@@ -38,20 +38,20 @@ class Stamp:
         """
         if len(self.places) == 2:
             seconds, nanos = values
-            known = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits
-            known &= (seconds != 0) | (nanos != 0)
-            own = np.where(known, seconds, 0).astype(np.int64) * _SECOND
-            return own + np.where(known, nanos, 0).astype(np.int64), known
+            is_set = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits
+            is_set &= (seconds != 0) | (nanos != 0)
+            stamp_seconds = np.where(is_set, seconds, 0).astype(np.int64) * _SECOND
+            return stamp_seconds + np.where(is_set, nanos, 0).astype(np.int64), is_set
         micros = np.rint(values[0] * self.unit)
-        known = (micros >= _CALENDAR[0]) & (micros < _CALENDAR[1])
-        return np.where(known, micros, 0).astype(np.int64) * 1000, known
+        is_set = (micros >= _CALENDAR[0]) & (micros < _CALENDAR[1])
+        return np.where(is_set, micros, 0).astype(np.int64) * 1000, is_set
 
-    def first(self, tree: Tree) -> int:
+    def first_time(self, tree: Tree) -> int:
         """The stamp of one message [ns], 0 where it has none."""
-        found = [at(tree, steps) for steps in self.places]
+        parts = [node_at(tree, steps) for steps in self.places]
         if self.text:
-            found = [microseconds(text) for text in found]
-        values = [[float(v)] if is_number(v) else [np.nan] for v in found]
+            parts = [microseconds(text) for text in parts]
+        values = [[float(v)] if is_number(v) else [np.nan] for v in parts]
         return int(self.times(np.array(values))[0][0])
 
 
@@ -78,7 +78,7 @@ def stamp(tree: Tree, texts: bool) -> Stamp | None:
             and so does a number of s, ms, us or ns that lies between 1990 and 2100.
     """
     for steps in _PLACES:
-        value = at(tree, steps)
+        value = node_at(tree, steps)
         if keys := stamp_keys(value):
             return Stamp(((*steps, keys[0]), (*steps, keys[1])))
         if is_number(value):

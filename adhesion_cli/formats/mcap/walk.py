@@ -30,7 +30,7 @@ _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
 }
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 _MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
-_END = struct.Struct("<BQQQI8s")  # a footer, and the magic bytes after it
+_FOOTER = struct.Struct("<BQQQI8s")  # a footer, and the magic bytes after it
 
 
 class Walk:
@@ -63,7 +63,7 @@ class Walk:
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
         self._indexes = Indexes(self._indexed)
-        with self._opened() as self._file:
+        with self._open_file() as self._file:
             self._reader = BlockReader(self._file, options)
             self._check_magic()
             self._walk()
@@ -90,12 +90,12 @@ class Walk:
     # ------------------------------------------------------------------ what is lost or in doubt
 
     @property
-    def past(self) -> dict[str, str]:
+    def previous(self) -> dict[str, str]:
         """The account of the damaged file that this one was made from, {} for none."""
         return self.metadata.get(RECOVERED, {})
 
     @property
-    def lost(self) -> int | None:
+    def lost_count(self) -> int | None:
         """Messages that the statistics count and that are not whole; None without statistics."""
         if self._statistics is None:
             return None
@@ -108,41 +108,41 @@ class Walk:
     @property
     def unchecked(self) -> int:
         """Messages that no CRC guards, or none did before they were recovered."""
-        return self._unguarded + min(self._before("unchecked"), self.rows)
+        return self._unguarded + min(self._known_before("unchecked"), self.rows)
 
-    def _before(self, what: str) -> int:
-        count = self.past.get(what, "0")
+    def _known_before(self, name: str) -> int:
+        count = self.previous.get(name, "0")
         return int(count) if re.fullmatch("[0-9]{1,18}", count) else 0
 
     def account(self) -> dict[str, str]:
         """What a copy must say about itself, as its fresh CRCs hide all; {} for a sound file."""
         if not (self.damage or self.stray or self._unguarded):
-            return dict(self.past)
-        found = [f"byte {one.at}: {one.what}" for one in self.damage[:1]]
+            return dict(self.previous)
+        items = [f"byte {damage.at}: {damage.what}" for damage in self.damage[:1]]
         if len(self.damage) > 1:
-            found.append(f"{len(self.damage) - 1} more")
-        if self.stray and not found:
-            found.append(f"{self.stray} messages of channels that it does not define")
-        if before := self.past.get("damage"):
-            found.append(f"before: {before}")
-        unknown = self.lost is None or self.past.get("lost") == "unknown"
-        lost = (self.lost or 0) + self.stray + self._before("lost")
+            items.append(f"{len(self.damage) - 1} more")
+        if self.stray and not items:
+            items.append(f"{self.stray} messages of channels that it does not define")
+        if damage_before := self.previous.get("damage"):
+            items.append(f"before: {damage_before}")
+        unknown = self.lost_count is None or self.previous.get("lost") == "unknown"
+        lost_messages = (self.lost_count or 0) + self.stray + self._known_before("lost")
         return {
-            "damage": "; ".join(found)[:1000],
-            "lost": "unknown" if unknown else str(lost),
+            "damage": "; ".join(items)[:1000],
+            "lost": "unknown" if unknown else str(lost_messages),
             "unchecked": str(self.unchecked),
         }
 
     # ------------------------------------------------------------------ what is whole, again
 
-    def again(self) -> Iterator[tuple[Block, Records]]:
+    def reread(self) -> Iterator[tuple[Block, Records]]:
         """The whole blocks a second time, with their records.
 
         Raises:
             UserError: where a block has changed.
         """
         try:
-            with self._opened() as file:
+            with self._open_file() as file:
                 reader = BlockReader(file, self._options)
                 for block in self.blocks:
                     yield block, reader.records(block)
@@ -163,39 +163,39 @@ class Walk:
         Raises:
             UserError: as `again`.
         """
-        for _, records in self.again():
-            known = records.some(np.isin(records.channel, list(self.channels)))
-            start, end = known.start, known.end
+        for _, records in self.reread():
+            selected = records.select(np.isin(records.channel, list(self.channels)))
+            start, stop = selected.start, selected.stop
             if len(start):
-                gaps = np.flatnonzero(start[1:] != end[:-1])
-                runs = zip(start[np.append(0, gaps + 1)], end[np.append(gaps, -1)], strict=True)
-                raw = b"".join(known.data[a:b].tobytes() for a, b in runs)
-                yield raw, known.channel, known.log_time, end - start
+                gaps = np.flatnonzero(start[1:] != stop[:-1])
+                runs = zip(start[np.append(0, gaps + 1)], stop[np.append(gaps, -1)], strict=True)
+                raw = b"".join(selected.data[a:b].tobytes() for a, b in runs)
+                yield raw, selected.channel, selected.log_time, stop - start
 
-    def raw(self, at: int, length: int) -> Iterator[bytes]:
+    def raw(self, offset: int, length: int) -> Iterator[bytes]:
         """Bytes of the file, a piece at a time.
 
         Raises:
             UserError: where the file has become shorter.
         """
         try:
-            with self._opened() as file:
-                for piece in range(at, at + length, PIECE):
-                    yield file.read(piece, min(PIECE, at + length - piece))
+            with self._open_file() as file:
+                for piece in range(offset, offset + length, PIECE):
+                    yield file.read(piece, min(PIECE, offset + length - piece))
         except DamageError:
             raise self.changed() from None
 
     # ------------------------------------------------------------------ the walk
 
-    def _opened(self) -> LogFile:
+    def _open_file(self) -> LogFile:
         return LogFile(self.path, self._options.max_record)
 
     def _check_magic(self) -> None:
         size = self._file.size
         if self._file.read(0, min(size, len(MAGIC))) != MAGIC:
-            what = "file is empty" if not size else "not an MCAP file (wrong magic bytes)"
+            problem = "file is empty" if not size else "not an MCAP file (wrong magic bytes)"
             hint = "give an MCAP log; a CSV log must not be named .mcap"
-            raise UserError(f"{self.path}: byte 0: {what}", hint)
+            raise UserError(f"{self.path}: byte 0: {problem}", hint)
 
     def _note(self, damage: DamageError) -> None:
         # A traceback would keep alive what the frames in it hold: a chunk's inflated bytes.
@@ -217,83 +217,87 @@ class Walk:
         Damage of one whole record does not end the walk. Where a record has no end, the walk goes
         on at the next whole chunk, or in the summary if there is none.
         """
-        at, opcode = len(MAGIC), 0
+        offset, opcode = len(MAGIC), 0
         while opcode != Opcode.FOOTER:
             try:
-                opcode, length = self._file.head(at)
+                opcode, length = self._file.head(offset)
             except DamageError as damage:
                 self._note(damage)
-                if self._data_end or not (at := self._after_damage()):
+                if self._data_end or not (offset := self._after_damage()):
                     break
                 continue
-            after = at + HEADER.size + length
-            if at == len(MAGIC) and opcode != Opcode.HEADER:
-                self._note(DamageError(at, "first record is no header"))
+            next_record = offset + HEADER.size + length
+            if offset == len(MAGIC) and opcode != Opcode.HEADER:
+                self._note(DamageError(offset, "first record is no header"))
             try:
                 if not self._data_end and opcode not in (Opcode.CHUNK, Opcode.ATTACHMENT):
-                    self._refuse_chunk(opcode, at, length)
+                    self._refuse_chunk(opcode, offset, length)
                 if opcode in (*_DEFINITIONS, Opcode.MESSAGE) and not self._data_end:
-                    after = self._run(at, after)
+                    next_record = self._run(offset, next_record)
                 else:
-                    self._record(opcode, at, length)
+                    self._record(opcode, offset, length)
             except DamageError as damage:
                 self._note(damage)
-            at = after
-            if opcode == Opcode.FOOTER and not self._data_end and (at := self._after_damage()):
+            offset = next_record
+            if opcode == Opcode.FOOTER and not self._data_end and (offset := self._after_damage()):
                 opcode = 0  # a wrong length led over chunks
 
     def _after_damage(self) -> int:
         """Where the next whole chunk or else the summary begins, 0 where there is neither."""
         # The length of a chunk may be wrong, and whole ones stand before its end.
-        met = (b.at + 1 if b.chunk else b.end for b in self.blocks)
+        met = (b.offset + 1 if b.chunk else b.stop for b in self.blocks)
         if block := self._reader.next_chunk(max([self._sought, *met])):
-            self._sought = block.at + 1  # even if it is refused afterwards
-            return block.at
-        footer = self._file.size - _END.size
+            self._sought = block.offset + 1  # even if it is refused afterwards
+            return block.offset
+        footer = self._file.size - _FOOTER.size
         if footer >= len(MAGIC):
-            opcode, _, start, _, crc, magic = _END.unpack(self._file.read(footer, _END.size))
-            is_end = (opcode, magic) == (Opcode.FOOTER, MAGIC) and 0 < start < footer
-            if is_end and self._file.crc(start, footer + HEADER.size + 16) == crc:
+            opcode, _, start, _, crc, magic = _FOOTER.unpack(self._file.read(footer, _FOOTER.size))
+            ends_here = (opcode, magic) == (Opcode.FOOTER, MAGIC) and 0 < start < footer
+            if ends_here and self._file.crc(start, footer + HEADER.size + 16) == crc:
                 self._data_end = start
         return self._data_end
 
-    def _record(self, opcode: int, at: int, length: int) -> None:
+    def _record(self, opcode: int, offset: int, length: int) -> None:
         self._kinds[opcode] += 1
         if self._data_end and opcode != Opcode.FOOTER:
-            after = at + HEADER.size + length
-            self._indexes.record(opcode, at, after, lambda: self._file.content(at, length))
+            next_record = offset + HEADER.size + length
+            self._indexes.record(
+                opcode, offset, next_record, lambda: self._file.content(offset, length)
+            )
         elif opcode in OF_SUMMARY and not self.damage:
-            self._note(DamageError(at, f"a record of kind {opcode} and {length} bytes in the data"))
+            self._note(
+                DamageError(offset, f"a record of kind {opcode} and {length} bytes in the data")
+            )
         # A wrong byte can make an end of data of another record.
         if opcode in _IN_DATA and (self.damage or not self._data_end):
-            getattr(self, _IN_DATA[opcode])(at, length)
+            getattr(self, _IN_DATA[opcode])(offset, length)
         elif opcode in _DEFINITIONS:
-            self._definitions.read(opcode, self._file.read(at + HEADER.size, length), at)
+            self._definitions.read(opcode, self._file.read(offset + HEADER.size, length), offset)
         elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:
-            header = Header.read(self._file.content(at, length))
+            header = Header.read(self._file.content(offset, length))
             self.profile, self.library = header.profile, header.library
         elif opcode == Opcode.STATISTICS:
-            self._statistics = at, Statistics.read(self._file.content(at, length))
+            self._statistics = offset, Statistics.read(self._file.content(offset, length))
         elif opcode == Opcode.FOOTER:
-            self._footer(at)
+            self._footer(offset)
         elif opcode in _MISPLACED:
-            raise DamageError(at, f"a record of kind {opcode} where none may be")
+            raise DamageError(offset, f"a record of kind {opcode} where none may be")
 
-    def _footer(self, at: int) -> None:
-        said = Footer.read(self._file.content(at, 20))
+    def _footer(self, offset: int) -> None:
+        said = Footer.read(self._file.content(offset, 20))
         if not self._data_end:
-            self._note(DamageError(at, "no end of the data section before the footer"))
-        self._indexes.end(at, self._data_end or said.summary_start, said)
+            self._note(DamageError(offset, "no end of the data section before the footer"))
+        self._indexes.check_footer(offset, self._data_end or said.summary_start, said)
         start, crc = self._data_end or said.summary_start, said.summary_crc
-        if crc and self._file.crc(start, at + HEADER.size + 16) != crc:
+        if crc and self._file.crc(start, offset + HEADER.size + 16) != crc:
             self._note(DamageError(start, "summary has another CRC than it says"))
-        after = at + HEADER.size + 20
-        more = self._file.size - after - len(MAGIC)
-        if more < 0 or self._file.read(after, len(MAGIC)) != MAGIC:
-            self._note(DamageError(after, "no magic bytes after the footer"))
-        elif more:
-            what = f"{more} bytes after the end, not read: cut two joined files apart there"
-            self._note(DamageError(after + len(MAGIC), what))
+        file_end = offset + HEADER.size + 20
+        excess = self._file.size - file_end - len(MAGIC)
+        if excess < 0 or self._file.read(file_end, len(MAGIC)) != MAGIC:
+            self._note(DamageError(file_end, "no magic bytes after the footer"))
+        elif excess:
+            damage = f"{excess} bytes after the end, not read: cut two joined files apart there"
+            self._note(DamageError(file_end + len(MAGIC), damage))
 
     def _indexed(self, opcode: int) -> Iterable[Place]:
         """What index records of a kind should list."""
@@ -301,85 +305,85 @@ class Walk:
             return (block for block in self.blocks if block.chunk)
         return self.attachments if opcode == Opcode.ATTACHMENT_INDEX else self.metadata_records
 
-    def _compare(self, at: int, said: Statistics) -> None:
+    def _compare(self, offset: int, said: Statistics) -> None:
         """Notes where a file differs from its statistics; schemas and channels hide no data."""
-        found = {
+        counts = {
             "messages": (said.message_count, self.counts.total()),
             "chunks": (said.chunk_count, self._kinds[Opcode.CHUNK]),
             "attachments": (said.attachment_count, self._kinds[Opcode.ATTACHMENT]),
             "metadata records": (said.metadata_count, self._kinds[Opcode.METADATA]),
         }
         for channel, count in said.channel_message_counts.items():
-            found[f"messages of channel {channel}"] = count, self.counts[channel]
-        for name, (count, here) in found.items():
-            if count != here:
-                self._note(DamageError(at, f"statistics say {count} {name}, found {here}"))
+            counts[f"messages of channel {channel}"] = count, self.counts[channel]
+        for name, (count, actual) in counts.items():
+            if count != actual:
+                self._note(DamageError(offset, f"statistics say {count} {name}, found {actual}"))
 
     # ------------------------------------------------------------------ records between messages
 
-    def _end_of_data(self, at: int, length: int) -> None:
-        self._data_end = at + HEADER.size + length
-        crc = self._file.content(at, length).read4()
-        if crc and self._file.crc(0, at) != crc:
-            raise DamageError(at, "data section has another CRC than it says")
+    def _end_of_data(self, offset: int, length: int) -> None:
+        self._data_end = offset + HEADER.size + length
+        crc = self._file.content(offset, length).read4()
+        if crc and self._file.crc(0, offset) != crc:
+            raise DamageError(offset, "data section has another CRC than it says")
         self._all_checked = bool(crc)
 
-    def _message_index(self, at: int, length: int) -> None:
-        said = int.from_bytes(self._file.content(at, min(length, 6)).read(6)[2:], "little")
+    def _message_index(self, offset: int, length: int) -> None:
+        said = int.from_bytes(self._file.content(offset, min(length, 6)).read(6)[2:], "little")
         if said % 16 or 6 + said > length:
-            what = f"a message index of {length} bytes that says it has {said} bytes of entries"
-            raise DamageError(at, what)
+            damage = f"a message index of {length} bytes that says it has {said} bytes of entries"
+            raise DamageError(offset, damage)
 
-    def _metadata(self, at: int, length: int) -> None:
-        content = self._file.content(at, min(length, self._options.max_part))
+    def _metadata(self, offset: int, length: int) -> None:
+        content = self._file.content(offset, min(length, self._options.max_part))
         name = content.read_prefixed_string()
         if length <= self._options.max_part:  # larger ones are not ours; a copy keeps them
-            whole = Metadata.read(self._file.content(at, length))
-            self.metadata.setdefault(name, {}).update(whole.metadata)
-        self.metadata_records.append(MetadataIndex(at, HEADER.size + length, name))
+            record = Metadata.read(self._file.content(offset, length))
+            self.metadata.setdefault(name, {}).update(record.metadata)
+        self.metadata_records.append(MetadataIndex(offset, HEADER.size + length, name))
 
-    def _attachment(self, at: int, length: int) -> None:
-        place, end = at + HEADER.size, at + HEADER.size + length
-        content = self._file.content(at, min(length, PIECE))
+    def _attachment(self, offset: int, length: int) -> None:
+        place, stop = offset + HEADER.size, offset + HEADER.size + length
+        content = self._file.content(offset, min(length, PIECE))
         log_time, create_time = content.read8(), content.read8()
         name, kind = content.read_prefixed_string(), content.read_prefixed_string()
         size = content.read8()
-        after = place + content.count + size
-        if after + 4 > end:
-            raise DamageError(at, "an attachment's data does not fit into its record")
-        crc = int.from_bytes(self._file.read(after, 4), "little")
-        if crc and self._file.crc(place, after) != crc:
-            raise DamageError(at, "attachment has another CRC than it says")
+        crc_offset = place + content.count + size
+        if crc_offset + 4 > stop:
+            raise DamageError(offset, "an attachment's data does not fit into its record")
+        crc = int.from_bytes(self._file.read(crc_offset, 4), "little")
+        if crc and self._file.crc(place, crc_offset) != crc:
+            raise DamageError(offset, "attachment has another CRC than it says")
         self.attachments.append(
-            AttachmentIndex(at, end - at, log_time, create_time, size, name, kind)
+            AttachmentIndex(offset, stop - offset, log_time, create_time, size, name, kind)
         )
 
     # ------------------------------------------------------------------ blocks
 
-    def _chunk(self, at: int, length: int) -> None:
-        block = Block(at, at + HEADER.size + length, True)
+    def _chunk(self, offset: int, length: int) -> None:
+        block = Block(offset, offset + HEADER.size + length, True)
         self._take(block, self._reader.records(block))
 
-    def _refuse_chunk(self, opcode: int, at: int, length: int) -> None:
+    def _refuse_chunk(self, opcode: int, offset: int, length: int) -> None:
         """Takes up a chunk whose opcode is wrong.
 
         Raises:
             DamageError: where the record is such a chunk.
         """
-        if found := self._reader.disguised(at, length):
-            self._take(*found)
+        if recovered := self._reader.disguised(offset, length):
+            self._take(*recovered)
             size = HEADER.size + length
-            raise DamageError(at, f"a chunk of {size} bytes whose opcode says kind {opcode}")
+            raise DamageError(offset, f"a chunk of {size} bytes whose opcode says kind {opcode}")
 
-    def _run(self, at: int, after: int) -> int:
+    def _run(self, offset: int, next_record: int) -> int:
         """Takes up the records outside chunks from an offset on; returns where to read on."""
-        size = max(min(PIECE, self._file.size - at), after - at)
-        block, records = self._reader.run(at, size)
+        size = max(min(PIECE, self._file.size - offset), next_record - offset)
+        block, records = self._reader.run(offset, size)
         try:
             self._take(block, records)
         except DamageError as damage:
             self._note(damage)
-        return block.end
+        return block.stop
 
     def _take(self, block: Block, records: Records) -> None:
         """Takes up a block's definitions and counts its messages.
@@ -392,23 +396,25 @@ class Walk:
             opcode, length = HEADER.unpack_from(records.data.data, place)
             begin = place + HEADER.size
             raw = bytes(records.data.data[begin : begin + length])
-            self._definitions.read(opcode, raw, block.at)
+            self._definitions.read(opcode, raw, block.offset)
         counts = np.bincount(records.channel)
         met = np.flatnonzero(counts).tolist()
         if doubtful := self._definitions.doubtful(set(met)):
-            what = f"messages of channel {min(doubtful)}, whose definition was contradicted before"
-            raise DamageError(block.at, what)
+            damage = (
+                f"messages of channel {min(doubtful)}, whose definition was contradicted before"
+            )
+            raise DamageError(block.offset, damage)
         if len(log := records.log_time):
             if log.min() < 0:
-                raise DamageError(block.at, "a log time beyond the year 2262")
+                raise DamageError(block.offset, "a log time beyond the year 2262")
             self.times = min(self.times[0], int(log.min())), max(self.times[1], int(log.max()))
         self.counts.update(dict(zip(met, counts[met].tolist(), strict=True)))
         if unmet := [channel for channel in met if channel not in self._first.full]:
             order = np.argsort(records.channel.astype(np.uint16), kind="stable")
-            ends = np.cumsum(counts).tolist()
+            run_ends = np.cumsum(counts).tolist()
             for channel in unmet:
-                end = ends[channel]
-                self._first.keep(channel, records, order[end - int(counts[channel]) : end])
+                stop = run_ends[channel]
+                self._first.add(channel, records, order[stop - int(counts[channel]) : stop])
         self._indexes.messages(block, records, log)
         block.rows = len(records.start)
         self.blocks.append(block)

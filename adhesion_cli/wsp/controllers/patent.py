@@ -59,10 +59,12 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
     judged = o.slip + o.slip_doubt
     # A slip within its noise counts as 0: the wheel rolls.
     judged = judged + p.horizon * o.slip_rate if judged > p.guard * o.slip_noise else 0.0
-    where = region(judged, o.slope, bands)  # [S4]
-    blind = s.blind + h if where == 0 else 0.0  # unknown
-    looks = where == 0 and blind >= p.patience  # for the slope
-    valve = DUMP if where == 3 else APPLY if where == 1 or looks else HOLD  # [S5]
+    operating_region = region(judged, o.slope, bands)  # [S4]
+    blind = s.blind + h if operating_region == 0 else 0.0  # unknown
+    looks = operating_region == 0 and blind >= p.patience  # for the slope
+    valve = (
+        DUMP if operating_region == 3 else APPLY if operating_region == 1 or looks else HOLD
+    )  # [S5]
     if blind >= p.patience + p.probe:
         blind = 0.0
     return State(blind, judged, max(valve, o.at_least))

@@ -828,7 +828,7 @@ def test_only_channels_that_are_asked_for_decide_on_the_clock(tmp_path: Path) ->
     for _ in range(2):
         assert source.columns([x])[0].t.tolist() == [START + i * 10**6 for i in range(3)]
         assert source.time_reason.startswith("stamp inside the messages")
-        assert source.stated["time"] == source.time_reason
+        assert source.reasons["time"] == source.time_reason
     assert source.findings == []
     assert [c.t[0] for c in source.columns([x, cabin])] == [START + 7, START]
     assert source.time_reason == "log time: /1 has no stamps inside"

@@ -348,7 +348,7 @@ def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, bytes]]
     path, copy = folder / "damaged.mcap", folder / "copy.mcap"
     path.write_bytes(raw)
     walk = open_mcap(path, ReadOptions()).walk
-    spans = [(block.at, block.end) for block in walk.blocks]
+    spans = [(block.offset, block.stop) for block in walk.blocks]
     attached = [(a.offset, a.offset + a.length) for a in walk.attachments]
     for first, behind, instead in damages:
         path.write_bytes(raw[:first] + instead + raw[behind:])
