@@ -392,7 +392,7 @@ class Comparison(_Tables):
     @property
     def document(self) -> Json:
         """What `adhesion compare --json` prints."""
-        return json_documents.result_document([one._summary for one in self.analyses])
+        return json_documents.result_document([analysis._summary for analysis in self.analyses])
 
     def _table(self, name: str) -> Any:
         return _table(name, [analysis._summary for analysis in self.analyses])

@@ -12,7 +12,7 @@ from ..core.errors import UserError, unknown
 from ..core.finding import Finding
 from ..core.model import Meaning
 from ..formats.source import Field
-from .rules import GENERIC, axle_of, bogie_of, guess, word_of_kind, name_words
+from .rules import GENERIC, axle_of, bogie_of, guess, name_words, word_of_kind
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from . import results
-from .options import EVERY, Logs, Shared, option, shared
+from .options import ALL_NAMES, Logs, Shared, option, shared
 
 if TYPE_CHECKING:
     from ..core.model import Result
     from ..core.summary import ResultSummary
 
 
-@shared(*EVERY)
+@shared(*ALL_NAMES)
 def command(  # noqa: PLR0913 (one option each)
     logs: Logs,
     shared: Shared,
@@ -53,29 +53,39 @@ def command(  # noqa: PLR0913 (one option each)
     _check_table(table, decimal)
     sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
     if report:
-        sets = [[*of, of[0].with_suffix(".html")] for of in sets]
-    paths = [path for of in sets for path in of] + ([table] if table else [])
-    found = results.analysed_or_failed(shared, logs, paths)
-    done = [(f, p) for f, p in zip(found, sets, strict=True) if not isinstance(f, FailedLog)]
+        sets = [[*files, files[0].with_suffix(".html")] for files in sets]
+    paths = [path for files in sets for path in files] + ([table] if table else [])
+    outcomes = results.analysed_or_failed(shared, logs, paths)
+    successes = [
+        (f, p) for f, p in zip(outcomes, sets, strict=True) if not isinstance(f, FailedLog)
+    ]
     if table:
-        done[0][1].append(table)
-    summaries = [summarise(r, results.named(of)) for r, of in done]
-    more: dict[Path, results.More] = {
-        of[2]: partial(write_report, name=of[0].name) for _, of in done if report
+        successes[0][1].append(table)
+    summaries = [summarise(r, results.named(files)) for r, files in successes]
+    attachments: dict[Path, results.Attach] = {
+        files[2]: partial(write_report, name=files[0].name) for _, files in successes if report
     }
     if table:
-        more[table] = partial(_write_table, name=table, decimal=decimal, summaries=summaries)
-    results.write(shared, [r for r, _ in done], [of for _, of in done], summaries, more=more)
+        attachments[table] = partial(_write_table, name=table, decimal=decimal, summaries=summaries)
+    results.write(
+        shared,
+        [r for r, _ in successes],
+        [files for _, files in successes],
+        summaries,
+        attachments=attachments,
+    )
     of_log = iter(summaries)
     if shared.json:
-        every = (f if isinstance(f, FailedLog) else next(of_log) for f in found)
-        print(dumps(result_document(list(every))))
+        rows = (f if isinstance(f, FailedLog) else next(of_log) for f in outcomes)
+        print(dumps(result_document(list(rows))))
     else:
-        for result, _ in done:
+        for result, _ in successes:
             _show(result, next(of_log), scores, budget, shared.quiet)
-        results.show_failed([f for f in found if isinstance(f, FailedLog)])
-    code = results.finished(shared, done[-1][1][1], [f for r, _ in done for f in r.findings])
-    return 3 if len(done) < len(found) else code
+        results.show_failed([f for f in outcomes if isinstance(f, FailedLog)])
+    code = results.finished(
+        shared, successes[-1][1][1], [f for r, _ in successes for f in r.findings]
+    )
+    return 3 if len(successes) < len(outcomes) else code
 
 
 def _check_table(table: Path | None, decimal: str | None) -> None:

@@ -82,16 +82,16 @@ def command(  # noqa: PLR0913 (one parameter per option)
 
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
-    how = "--rails" if rails else "--from-log" if from_log else "SCENARIO"
-    given = {flag: getattr(shared, name) for flag, name in (_OF_LOGS | _OF_FILES).items()}
-    given |= {"--from-log": from_log, "--rails": rails, "--seed": seed, "--seeds": seeds}
+    mode = "--rails" if rails else "--from-log" if from_log else "SCENARIO"
+    options = {flag: getattr(shared, name) for flag, name in (_OF_LOGS | _OF_FILES).items()}
+    options |= {"--from-log": from_log, "--rails": rails, "--seed": seed, "--seeds": seeds}
     if shared.figure:
-        given["--force"] = False  # has an effect on the figure
+        options["--force"] = False  # has an effect on the figure
     settings: Stated = load_settings(shared).overrides
-    idle = [flag for flag in _IDLE[how] if _is_given(given[flag])]
+    idle = [flag for flag in _IDLE[mode] if _has_value(options[flag])]
     idle += [] if from_log else _idle_settings(shared, settings)
     if idle:
-        text = f"{', '.join(idle)}: no effect with {how}"
+        text = f"{', '.join(idle)}: no effect with {mode}"
         raise UserError(text, "leave it out; `adhesion antiskid --help` shows the options", code=2)
     _tells_of_compiling(shared)
     if from_log:
@@ -105,7 +105,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     return _on_own_rail(shared, Path(scenario), case, seed, algo, settings)
 
 
-def _is_given(value: object) -> bool:
+def _has_value(value: object) -> bool:
     return value not in (None, []) and value is not False
 
 
@@ -135,11 +135,11 @@ def _on_rails(
     from . import terminal
 
     check(shared, [], source)
-    made_with = parameters(registry(), algo, settings)
+    used_parameters = parameters(registry(), algo, settings)
     count = len(RAILS) * len(registry()) * seeds
     terminal.message(f"{count} stops to simulate, on all cores", shared.quiet)
     rows = sweep(case, seeds, algo, settings, terminal.progress(shared.quiet))
-    document = sweep_document(case.name, seeds, algo, made_with, rows)
+    document = sweep_document(case.name, seeds, algo, used_parameters, rows)
     title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
     for picture in pictures(shared):
         with atomic_files.outputs([picture], shared.force) as (place,):
@@ -160,23 +160,32 @@ def _on_own_rail(
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
-    paths, tell = _paths(shared, case.name), terminal.progress(shared.quiet)
+    paths, progress = _paths(shared, case.name), terminal.progress(shared.quiet)
     check(shared, paths, source)
-    made_with = parameters(registry(), algo, settings)
-    dry, stops = closed_loop.compare_laws(case, seed, algo, settings, tell)
-    found = {law: v._asdict() for law, (_, v) in stops.items()}
-    kept = [(law, *x) for law, (_, v) in stops.items() for x in closed_loop.against(case.limit, v)]
+    used_parameters = parameters(registry(), algo, settings)
+    dry, stops = closed_loop.compare_laws(case, seed, algo, settings, progress)
+    verdicts = {law: v._asdict() for law, (_, v) in stops.items()}
+    limit_rows = [
+        (law, *x) for law, (_, v) in stops.items() for x in closed_loop.against(case.limit, v)
+    ]
     document = antiskid_document(
-        stops["none"][0], case.name, made_with, dry, found, limits=limits_document(kept)
+        stops["none"][0],
+        case.name,
+        used_parameters,
+        dry,
+        verdicts,
+        limits=limits_document(limit_rows),
     )
     lines = [
         f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}",
-        _verdicts(found),
+        _verdicts(verdicts),
         _MEANING,
-        *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in kept),
+        *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in limit_rows),
     ]
-    made = [stop for stop, _ in stops.values()]
-    return _write(paths, shared, source, _Outcome(case, settings, made, document, "\n".join(lines)))
+    stopped = [stop for stop, _ in stops.values()]
+    return _write(
+        paths, shared, source, _Outcome(case, settings, stopped, document, "\n".join(lines))
+    )
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
@@ -187,31 +196,37 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
-    paths, tell = _paths(shared, results.stem(log)), terminal.progress(shared.quiet)
+    paths, progress = _paths(shared, results.stem(log)), terminal.progress(shared.quiet)
     (result,) = results.analysed(replace(shared, algo=[algo]), [log], paths, train_speed=True)
-    tell(f"{log.name}: rail under each axle")
+    progress(f"{log.name}: rail under each axle")
     replayed = case(result, train_speed)
     settings, name = load_settings(shared).overrides, printable(log.name)
     count = len(registry()) * (1 + len(replayed.draws))
     terminal.message(f"{name}: rail fitted; {count} stops to simulate", shared.quiet)
-    dry, found = answers(replayed, algo, settings, seed, tell)
+    dry, laws = answers(replayed, algo, settings, seed, progress)
     findings = [*result.findings, *replayed.findings]
-    made_with = parameters(found, algo, settings)
-    document = replay_document(str(log), replayed, made_with, dry, found, findings)
+    used_parameters = parameters(laws, algo, settings)
+    document = replay_document(str(log), replayed, used_parameters, dry, laws, findings)
     on_dry = f"{dry:.1f} m on dry rail" if dry else "on dry rail not known"
     logged = replayed.logged_m
     in_log = f"{logged:.1f} m in the log" if logged else "not stopped in the log"
-    drawn = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
+    caption = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
     verdict = _verdicts(
-        {law: a.values for law, a in found.items()}, {law: a.compared for law, a in found.items()}
+        {law: a.values for law, a in laws.items()}, {law: a.compared for law, a in laws.items()}
     )
-    text = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {drawn}"
+    text = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {caption}"
     head = terminal.folded(text)
     origin = {"log": name, "log_sha256": result.log.sha256}
     outcome = _Outcome(
-        replayed.scenario, settings, [a.stop for a in found.values()], document,
-        f"{head}\n{verdict}\n{_MEANING}", findings, replayed.track, origin,
-    )  # fmt: skip
+        replayed.scenario,
+        settings,
+        [a.stop for a in laws.values()],
+        document,
+        f"{head}\n{verdict}\n{_MEANING}",
+        findings,
+        replayed.track,
+        origin,
+    )
     return _write(paths, shared, log, outcome)
 
 
@@ -245,7 +260,7 @@ class _Outcome:
     origin: Mapping[str, str] = field(default_factory=dict)  # of the log
 
 
-def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) -> int:
+def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcome) -> int:
     """Writes the files and prints the outcome; returns the exit code."""
     from ..analysis.json_documents import dumps, stop_settings
     from ..core import controller, estimator
@@ -256,48 +271,56 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) ->
     from . import terminal
 
     estimators, laws = estimator.registry(), controller.registry()
-    case, stops, metrics = of.case, of.stops, dumps(of.document)
+    case, stops, metrics = outcome.case, outcome.stops, dumps(outcome.document)
     weight = case.vehicle.axle_mass.value * G
-    drawn, title = {"patent": bands(of.settings)}, f"{case.name}: axle 1 under every controller"
-    every = [*paths, *pictures(shared)]
-    with atomic_files.outputs(every, shared.force, inputs=inputs(shared, source)) as (
+    curve_bands, title = (
+        {"patent": bands(outcome.settings)},
+        f"{case.name}: axle 1 under every controller",
+    )
+    all_paths = [*paths, *pictures(shared)]
+    with atomic_files.outputs(all_paths, shared.force, inputs=inputs(shared, source)) as (
         recording,
         *places,
     ):
-        made_from: dict[str, Any] = {}
+        origin: dict[str, Any] = {}
         for record, stop in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
-            carried = stop_settings(stop, case, of.settings, of.track, **of.origin)
-            made_from |= carried
+            carried = stop_settings(stop, case, outcome.settings, outcome.track, **outcome.origin)
+            origin |= carried
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, metrics, sources)
         verdict = "\n".join(
-            [of.text, _MORE, terminal.findings(of.findings, terminal.NARROW)]
+            [outcome.text, _EPILOG, terminal.findings(outcome.findings, terminal.NARROW)]
         ).rstrip()
-        made_from["antiskid"] = {
-            k: v for k, v in made_from["antiskid"].items() if k != "controller"
-        }
-        said = rrd.Said(verdict, made_from)
-        rrd.write_stops(recording, case.name, stops, weight, drawn, said)
+        origin["antiskid"] = {k: v for k, v in origin["antiskid"].items() if k != "controller"}
+        said = rrd.Said(verdict, origin)
+        rrd.write_stops(recording, case.name, stops, weight, curve_bands, said)
         for place in places[len(stops) :]:
-            draw(shared, place, title, of_stops(stops, weight, drawn))
+            draw(shared, place, title, of_stops(stops, weight, curve_bands))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop in stops)]
     outputs = dict(zip(kinds, map(str, paths), strict=True)) | results.named(pictures(shared))
-    whole = {**of.document, "outputs": outputs}
-    print(dumps(whole) if shared.json else f"{of.text}\n{terminal.wrote(*every)}")
-    terminal.show(of.findings, shared.quiet or shared.json)
-    return results.finished(shared, paths[0], of.findings)
+    document = {**outcome.document, "outputs": outputs}
+    print(dumps(document) if shared.json else f"{outcome.text}\n{terminal.wrote(*all_paths)}")
+    terminal.show(outcome.findings, shared.quiet or shared.json)
+    return results.finished(shared, paths[0], outcome.findings)
 
 
 _ROWS = {
-    "distance [m]": 1, "over dry": 3, "utilisation": 3, "max slip": 3, "locked [s]": 2,
-    "air [Nl]": 0, "slip error": 3, "slides [s]": 1, "limited [s]": 1,
-}  # fmt: skip
+    "distance [m]": 1,
+    "over dry": 3,
+    "utilisation": 3,
+    "max slip": 3,
+    "locked [s]": 2,
+    "air [Nl]": 0,
+    "slip error": 3,
+    "slides [s]": 1,
+    "limited [s]": 1,
+}
 _MEANING = """\
 Seconds are summed over the axles.
 limited: the brake demands more force than the rail can transmit.
 slip error: mean difference of slip and the slip of the rail's peak, if limited."""
 
-_MORE = """\
+_EPILOG = """\
 over dry: distance over that on dry rail without WSP, minus 1.
 utilisation: share of the force that the rail can transmit, if limited.
 air: consumption of all brake cylinders, in litres of normal air."""
@@ -311,25 +334,25 @@ def _cell(value: _Value, digits: int) -> str:
 
     if not isinstance(value, tuple):
         return number(value, digits)
-    middle, low, high = (number(x, digits) for x in value)
-    return middle if low == high == middle else f"{middle} ({low}–{high})"
+    middle, lower, upper = (number(x, digits) for x in value)
+    return middle if lower == upper == middle else f"{middle} ({lower}–{upper})"
 
 
 def _verdicts(
-    of: "Mapping[str, Mapping[str, _Value]]", paired: "Mapping[str, Compared] | None" = None
+    verdicts: "Mapping[str, Mapping[str, _Value]]", paired: "Mapping[str, Compared] | None" = None
 ) -> str:
     """A column per controller, a row per value."""
     from .terminal import NARROW, table
 
     rows = [
-        [name, *(_cell(list(values.values())[i], digits) for values in of.values())]
+        [name, *(_cell(list(values.values())[i], digits) for values in verdicts.values())]
         for i, (name, digits) in enumerate(_ROWS.items())
     ]
     if paired:
-        compared = [paired[law] for law in of]
+        compared = [paired[law] for law in verdicts]
         rows.append(["patent less [m]", *(_cell(b.patent_less_this_m, 1) for b in compared)])
         rows.append(["shortest", *(f"{b.shortest:.0%}" for b in compared)])
-    return table(["", *of], rows, width=NARROW)
+    return table(["", *verdicts], rows, width=NARROW)
 
 
 def _rails(rows: "Sequence[Row]") -> str:
@@ -338,13 +361,19 @@ def _rails(rows: "Sequence[Row]") -> str:
     by_rail: dict[str, dict[str, Row]] = {}
     for r in rows:
         by_rail.setdefault(r.rail, {})[r.controller] = r
-    parts = [
+    sections = [
         f"rail {rail}:\n"
         + _verdicts(
-            {law: r.values for law, r in of.items()}, {law: r.compared for law, r in of.items()}
+            {law: r.values for law, r in laws.items()}, {law: r.compared for law, r in laws.items()}
         )
-        for rail, of in by_rail.items()
+        for rail, laws in by_rail.items()
     ]
-    kept = [[str(x), r.rail, r.controller, f"{of:.0%}"] for r in rows for x, of in r.limits]
-    limits = [table(["limit", "rail", "controller", "kept"], sorted(kept), 3)] if kept else []
-    return "\n\n".join([*parts, _MEANING, *limits])
+    limit_rows = [
+        [str(x), r.rail, r.controller, f"{laws:.0%}"] for r in rows for x, laws in r.limits
+    ]
+    limits = (
+        [table(["limit", "rail", "controller", "kept"], sorted(limit_rows), 3)]
+        if limit_rows
+        else []
+    )
+    return "\n\n".join([*sections, _MEANING, *limits])

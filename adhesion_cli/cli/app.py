@@ -15,10 +15,25 @@ from ..core.errors import UserError
 from .options import Ended
 
 _COMMANDS = (
-    "inspect", "analyze", "compare", "fleet", "slip", "antiskid", "calibrate", "tune",
-    "live", "simulate", "reproduce", "explain", "convert", "recover", "report",
-    "view", "estimators", "export-c",
-)  # fmt: skip
+    "inspect",
+    "analyze",
+    "compare",
+    "fleet",
+    "slip",
+    "antiskid",
+    "calibrate",
+    "tune",
+    "live",
+    "simulate",
+    "reproduce",
+    "explain",
+    "convert",
+    "recover",
+    "report",
+    "view",
+    "estimators",
+    "export-c",
+)
 app = typer.Typer(
     name="adhesion",
     help="Wheel-rail adhesion from brake-cylinder pressure and wheel speed.",

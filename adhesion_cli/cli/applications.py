@@ -52,7 +52,7 @@ def budgets(axles: Sequence[AxleSummary]) -> str:
         for a in axle.applications:
             if a.budget:
                 lines += [f"Axle {axle.axle}, brake application at {a.start_s:.1f} s:"]
-                lines += [terminal.records([_budget_row(c) for c in a.budget], left=3)]
+                lines += [terminal.records([_budget_row(c) for c in a.budget], text_columns=3)]
                 lines += [terminal.folded(combined(a)), ""]
     return "\n".join([*lines, terminal.folded(_OF_BUDGETS), ""]) if lines else ""
 

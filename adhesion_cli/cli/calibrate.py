@@ -45,42 +45,48 @@ def command(
     written = settings_file(out)
     files = [*written, *pictures(shared)]
     check(shared, written, *logs)
-    found = calibrate.calibrate(logs, load_settings(shared), terminal.progress(shared.quiet))
+    calibration = calibrate.calibrate(logs, load_settings(shared), terminal.progress(shared.quiet))
     if files:
         with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as places:
             if out:
-                places[0].write_text(calibrate.as_toml(found), encoding="utf-8")
+                places[0].write_text(calibrate.as_toml(calibration), encoding="utf-8")
             if shared.figure:
-                title = f"Calibration by {len(found.applications)} brake applications"
-                draw(shared, places[-1], title, calibrate.panels(found.applications))
+                title = f"Calibration by {len(calibration.applications)} brake applications"
+                draw(shared, places[-1], title, calibrate.panels(calibration.applications))
     if shared.json:
-        print(dumps(calibrate.document(found, results.named(files))))
+        print(dumps(calibrate.document(calibration, results.named(files))))
     else:
-        print(report(found))
-        terminal.show(found.findings, shared.quiet)
+        print(report(calibration))
+        terminal.show(calibration.findings, shared.quiet)
         if files:
             print(terminal.wrote(*files))
-    return 3 if terminal.lossy(found.findings) else 0
+    return 3 if terminal.lossy(calibration.findings) else 0
 
 
-def report(found: "Calibration") -> str:
+def report(calibration: "Calibration") -> str:
     """The table prior → posterior, and the band before and after."""
     from ..studies.calibrate import as_rows
     from .terminal import folded, records
 
-    of = found.result
-    before, after = (100.0 * u / x for u, x in zip(of.band, of.force, strict=True))
-    ratio, mass = of.rows["force_over_mass"], of.rows["axle_mass"]
+    result = calibration.result
+    prior_percent, posterior_percent = (
+        100.0 * u / x for u, x in zip(result.band, result.force, strict=True)
+    )
+    ratio, mass = result.rows["force_over_mass"], result.rows["axle_mass"]
     limit = (
         f"The logs show the force over the mass within "
         f"{100.0 * ratio.posterior_u / ratio.posterior:.1f} %. The mass is known within "
         f"{100.0 * mass.posterior_u / mass.posterior:.1f} %, and the force no better (1 sigma)."
     )
-    return "\n".join([
-        f"Brake applications: {len(found.applications)}, logs: {len(found.logs)}; "
-        "± is 1 sigma:",
-        "", records(as_rows(found), left=3), "",
-        f"95 % band of the force at the mean brake: ±{before:.1f} % as stated, "
-        f"±{after:.1f} % calibrated",
-        folded(limit),
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"Brake applications: {len(calibration.applications)}, logs: {len(calibration.logs)}; "
+            "± is 1 sigma:",
+            "",
+            records(as_rows(calibration), text_columns=3),
+            "",
+            f"95 % band of the force at the mean brake: ±{prior_percent:.1f} % as stated, "
+            f"±{posterior_percent:.1f} % calibrated",
+            folded(limit),
+        ]
+    )

@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from . import results
-from .options import EVERY, Shared, places, shared
+from .options import ALL_NAMES, Shared, places, shared
 
 
-@shared(*EVERY)
+@shared(*ALL_NAMES)
 def command(
     shared: Shared,
     logs: Annotated[
@@ -38,8 +38,8 @@ def command(
     pair = results.pair(shared, logs[0], "compare")
     analysed = results.analysed(shared, logs, pair)
     summaries = [summarise(r, results.named(pair)) for r in analysed]
-    with places(shared, [pair], (r.log for r in analysed), logs) as (found,):
-        write_comparison(found, analysed, summaries, shared.full)
+    with places(shared, [pair], (r.log for r in analysed), logs) as (written,):
+        write_comparison(written, analysed, summaries, shared.full)
     if shared.json:
         print(dumps(result_document(summaries)))
     else:
@@ -60,5 +60,7 @@ def _newest() -> Path:
     """The newest result in the current folder, else the bundled sample."""
     from ..core import bundled
 
-    found = sorted(Path().glob("*.adhesion.mcap"), key=lambda p: (p.stat().st_mtime_ns, p.name))
-    return found[-1] if found else bundled.folder("sample_logs") / bundled.SAMPLE
+    candidates = sorted(
+        Path().glob("*.adhesion.mcap"), key=lambda p: (p.stat().st_mtime_ns, p.name)
+    )
+    return candidates[-1] if candidates else bundled.folder("sample_logs") / bundled.SAMPLE

@@ -30,17 +30,17 @@ def command(
     from ..analysis.request import choose_estimators
     from ..core.errors import UserError
 
-    known, settings = choose_estimators(shared.algo), load_settings(shared)
+    chosen, settings = choose_estimators(shared.algo), load_settings(shared)
     if response:
-        return _response(known, settings, shared)
+        return _response(chosen, settings, shared)
     if shared.out or shared.axle or shared.force:
         text = "--out, --axle and --force have no effect without --response"
         raise UserError(text, "add --response, or leave them out", code=2)
     if shared.json:
-        listed = [_entry(e, settings.params(e)._asdict()) for e in known]
+        listed = [_entry(e, settings.params(e)._asdict()) for e in chosen]
         print(dumps(tagged("estimators", estimators=listed)))
     else:
-        print("\n\n".join(_text(e, settings.params(e)._asdict()) for e in known))
+        print("\n\n".join(_text(e, settings.params(e)._asdict()) for e in chosen))
     return 0
 
 
@@ -55,13 +55,17 @@ def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
         "claims": {k: c._asdict() for k, c in e.claims.items()},
         "parameters": [
             {
-                "name": name, "unit": q.unit, "text": q.text,
-                "value": values[name], "default": default,
-                "low": finite(q.minimum), "high": finite(q.maximum),
+                "name": name,
+                "unit": q.unit,
+                "text": q.text,
+                "value": values[name],
+                "default": default,
+                "low": finite(q.minimum),
+                "high": finite(q.maximum),
             }
             for name, q, default in parameters(e)
         ],
-    }  # fmt: skip
+    }
 
 
 def _text(e: "Estimator", values: dict[str, float]) -> str:
@@ -76,7 +80,7 @@ def _text(e: "Estimator", values: dict[str, float]) -> str:
     return "\n".join(lines)
 
 
-def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
+def _response(chosen: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
     from ..analysis.json_documents import dumps, finite, tagged
     from ..core.physics import wheelset
     from ..results import atomic_files, charts
@@ -86,21 +90,22 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
     picture = (shared.out or Path()) / "response.svg"
     atomic_files.check([picture], shared.force)
     w = wheelset(settings.vehicle, min(shared.axle, default=1))
-    found = [r for e in known for r in responses(e, settings.params(e), w)]
+    all_responses = [r for e in chosen for r in responses(e, settings.params(e), w)]
     with atomic_files.outputs([picture], shared.force) as (temporary,):
-        charts.write(temporary, "Frequency response of the estimators", panels(found))
+        charts.write(temporary, "Frequency response of the estimators", panels(all_responses))
     if shared.json:
         listed = [
             {
-                "algo": r.algo, "amplitude_n": r.amplitude_n,
+                "algo": r.algo,
+                "amplitude_n": r.amplitude_n,
                 "frequency_hz": r.frequency_hz.tolist(),
                 **{
                     name: [finite(x) for x in getattr(r, name).tolist()]
                     for name in ("gain", "delay_s", "noise_gain")
                 },
             }
-            for r in found
-        ]  # fmt: skip
+            for r in all_responses
+        ]
         print(dumps(tagged("response", responses=listed, outputs={"svg": str(picture)})))
         return 0
     for title, name, factor, digits in (
@@ -109,10 +114,10 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
         ("Force per wheel speed [N/(rad/s)]", "noise_gain", 1.0, 0),
     ):
         rows = []
-        for r in found:
+        for r in all_responses:
             values = zip(FREQUENCIES, getattr(r, name).tolist(), strict=True)
-            shown = {f"{f:g}": terminal.number(factor * x, digits) for f, x in values}
-            rows.append({"method": r.algo, "A [N]": terminal.number(r.amplitude_n), **shown})
+            columns = {f"{f:g}": terminal.number(factor * x, digits) for f, x in values}
+            rows.append({"method": r.algo, "A [N]": terminal.number(r.amplitude_n), **columns})
         print(f"{title} by frequency [Hz]:\n{terminal.records(rows)}\n")
     print(f"A: amplitude of the force; - where it makes no difference.\n{terminal.wrote(picture)}")
     return 0

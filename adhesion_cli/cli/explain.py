@@ -13,7 +13,7 @@ from .options import Shared, completes, shared
 if TYPE_CHECKING:
     from ..core.finding import CatalogueEntry
 
-_PARTS = ("cause", "effect", "remedy", "limits")
+_SECTIONS = ("cause", "effect", "remedy", "limits")
 
 
 def _codes() -> list[str]:
@@ -40,25 +40,30 @@ def command(
     """
     from ..core.finding import catalogue
 
-    shown = [_entry_of(code)] if code else list(catalogue().values())
+    explained = [_entry_of(code)] if code else list(catalogue().values())
     if shared.json:
         import json
 
-        entries = [entry(words) for words in shown]
+        entries = [entry(explained_code) for explained_code in explained]
         print(json.dumps({"schema": "adhesion.explain/1", "findings": entries}, indent=1))
     elif code:
-        print(_text(shown[0]))
+        print(_text(explained[0]))
     else:
-        print(_listed(shown))
+        print(_listed(explained))
     return 0
 
 
-def entry(words: "CatalogueEntry") -> dict[str, object]:
+def entry(catalogued: "CatalogueEntry") -> dict[str, object]:
     """An entry as people read it, with "…" for what each finding states itself."""
-    texts = ("title", "message", *_PARTS)
-    shown = {name: _plain(getattr(words, name)) for name in texts}
-    thresholds = _thresholds(words.code)
-    return {"code": words.code, "section": words.section, **shown, "thresholds": thresholds}
+    texts = ("title", "message", *_SECTIONS)
+    texts_by_name = {name: _without_markup(getattr(catalogued, name)) for name in texts}
+    thresholds = _thresholds(catalogued.code)
+    return {
+        "code": catalogued.code,
+        "section": catalogued.section,
+        **texts_by_name,
+        "thresholds": thresholds,
+    }
 
 
 @cache
@@ -72,15 +77,15 @@ def _checks() -> dict[str, str]:
 
 def _thresholds(code: str) -> list[dict[str, object]]:
     """The thresholds of the checks whose file names this code, with their defaults."""
-    of = [name for name, source in _checks().items() if f'"{code}"' in source]
-    if not of:
+    check_names = [name for name, source in _checks().items() if f'"{code}"' in source]
+    if not check_names:
         return []
     from ..core.methods import parameters
     from ..diagnostics.registry import tunable  # slow to import: only for what has thresholds
 
     return [
         {"name": f"{check.name}.{name}", "default": default, "unit": q.unit, "text": q.text}
-        for stem in sorted(of)
+        for stem in sorted(check_names)
         for check in [tunable()[stem]]
         for name, q, default in parameters(check)
     ]
@@ -95,26 +100,26 @@ def _entry_of(code: str) -> "CatalogueEntry":
     from ..core.errors import unknown
     from ..core.finding import catalogue
 
-    known = catalogue()
-    if code not in known:
-        raise unknown("code", code, list(known), "`adhesion explain` lists the codes")
-    return known[code]
+    codes = catalogue()
+    if code not in codes:
+        raise unknown("code", code, list(codes), "`adhesion explain` lists the codes")
+    return codes[code]
 
 
-def _plain(text: str) -> str:
+def _without_markup(text: str) -> str:
     return re.sub(r"\{\w+(:[^{}]*)?\}", "…", text).replace("{{", "{").replace("}}", "}")
 
 
-def _text(words: "CatalogueEntry") -> str:
+def _text(catalogued: "CatalogueEntry") -> str:
     from .terminal import folded
 
     names = {"limits": "Cannot see"}
-    lines = [f"{words.code}: {words.title}"] + [
-        folded(f"{names.get(part, part.capitalize())}: {text}", "  ")
-        for part in _PARTS
-        if (text := _plain(getattr(words, part)))
+    lines = [f"{catalogued.code}: {catalogued.title}"] + [
+        folded(f"{names.get(section, section.capitalize())}: {text}", "  ")
+        for section in _SECTIONS
+        if (text := _without_markup(getattr(catalogued, section)))
     ]
-    thresholds = _thresholds(words.code)
+    thresholds = _thresholds(catalogued.code)
     if any("…" in line for line in lines):
         lines.append(folded("…: a value of your log. `--json` shows it in the finding.", "  "))
     lines += ["Thresholds (change with --set NAME=VALUE):"] * bool(thresholds)
@@ -124,10 +129,10 @@ def _text(words: "CatalogueEntry") -> str:
     return "\n".join(lines)
 
 
-def _listed(found: "list[CatalogueEntry]") -> str:
-    width = max(len(words.code) for words in found)
-    parts = [
-        "\n".join([f"{section}:", *(f"  {w.code:{width}}  {w.title}" for w in of)])
-        for section, of in groupby(found, lambda w: w.section)
+def _listed(entries: "list[CatalogueEntry]") -> str:
+    width = max(len(listed_entry.code) for listed_entry in entries)
+    lines = [
+        "\n".join([f"{section}:", *(f"  {w.code:{width}}  {w.title}" for w in section_entries)])
+        for section, section_entries in groupby(entries, lambda w: w.section)
     ]
-    return "\n\n".join([*parts, "`adhesion explain CODE` explains one."])
+    return "\n\n".join([*lines, "`adhesion explain CODE` explains one."])

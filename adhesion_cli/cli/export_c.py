@@ -22,7 +22,8 @@ def command(
     algo: Annotated[
         str,
         typer.Argument(
-            metavar="ALGO", help="Estimator, or control law of antiskid.",
+            metavar="ALGO",
+            help="Estimator, or control law of antiskid.",
             **completes(lambda: [*estimators(), *controllers()]),
         ),
     ],
@@ -33,7 +34,7 @@ def command(
     axle: Annotated[
         int, option("--axle", "N", "Axle whose wheel radius is the default; 1.", min=1)
     ] = 1,
-) -> int:  # fmt: skip
+) -> int:
     """Export an estimator or a control law as C99 source.
 
     C99 without allocation, translated from the same source that analyze and antiskid run. With a
@@ -52,22 +53,23 @@ def command(
     _check_folder(folder, algo, paths)
     check(shared, paths)
     settings = load_settings(shared)
-    tell = terminal.progress(shared.quiet)
-    made = files.export(algo, settings.overrides, settings.vehicle, axle, not single, tell)
+    progress = terminal.progress(shared.quiet)
+    exported = files.export(algo, settings.overrides, settings.vehicle, axle, not single, progress)
     with atomic_files.outputs(paths, shared.force, inputs=shared.config) as places:
-        for place, text in zip(places, made.texts.values(), strict=True):
+        for place, text in zip(places, exported.texts.values(), strict=True):
             place.write_text(text, encoding="utf-8")
     unit = "N" if algo in estimators() else "-"
     if shared.json:
         kinds = ("header", "source", "test", "makefile", "readme")
         outputs = {kind: str(path) for kind, path in zip(kinds, paths, strict=True)}
-        error = {"value": made.single_error, "unit": unit}
-        body = {"algo": algo, "type": "float" if single else "double", "samples": made.samples}
+        error = {"value": exported.single_error, "unit": unit}
+        body = {"algo": algo, "type": "float" if single else "double", "samples": exported.samples}
         print(dumps(tagged("export-c", **body, single_precision_error=error, outputs=outputs)))
         return 0
     print(terminal.wrote(*paths))
-    text = f"`make -C {folder} test` runs it on {made.samples} samples. Single precision differs by"
-    text += f" at most {made.single_error:.2g}{' N' if unit == 'N' else ''} there."
+    single_error = f"{exported.single_error:.2g}{' N' if unit == 'N' else ''}"
+    text = f"`make -C {folder} test` runs it on {exported.samples} samples."
+    text += f" Single precision differs by at most {single_error} there."
     terminal.message(text, shared.quiet)
     return 0
 
@@ -81,10 +83,15 @@ def _check_folder(folder: Path, algo: str, paths: list[Path]) -> None:
     from ..core.errors import UserError
     from ..core.text import printable
 
-    others = [x for x in folder.glob("adhesion_*.h") if x != paths[0]]
-    there = [path for path in paths if path.exists()]
-    if others and there and not paths[0].exists():
-        shown = printable(str(folder))
-        text = f"{printable(str(there[0]))}: belongs to the export {printable(others[0].name)}"
-        other = printable(str(folder.with_name(f"{folder.name}-{algo}"))) if folder.name else algo
-        raise UserError(text, f"each export needs a folder of its own, as -o {other}; not {shown}")
+    other_headers = [x for x in folder.glob("adhesion_*.h") if x != paths[0]]
+    existing = [path for path in paths if path.exists()]
+    if other_headers and existing and not paths[0].exists():
+        folder_name = printable(str(folder))
+        header = printable(other_headers[0].name)
+        text = f"{printable(str(existing[0]))}: belongs to the export {header}"
+        other_folder = (
+            printable(str(folder.with_name(f"{folder.name}-{algo}"))) if folder.name else algo
+        )
+        raise UserError(
+            text, f"each export needs a folder of its own, as -o {other_folder}; not {folder_name}"
+        )

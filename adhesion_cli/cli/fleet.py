@@ -17,11 +17,21 @@ if TYPE_CHECKING:
     from ..fleet.work import Job
 
 _FOLDER = Path("fleet-results")
-_SHOWN = 10  # failed logs that are listed
+_LISTED_LOGS = 10  # failed logs that are listed
 _WIDTH = 100  # columns of a summary
 _OPTIONS = (
-    "config", "set_", "dbc", "algo", "reference", "axle", "from_", "to", "json", "force", "strict",
-)  # fmt: skip
+    "config",
+    "set_",
+    "dbc",
+    "algo",
+    "reference",
+    "axle",
+    "from_",
+    "to",
+    "json",
+    "force",
+    "strict",
+)
 
 
 @shared(*_OPTIONS)
@@ -64,14 +74,14 @@ def command(  # noqa: PLR0913 (one option each)
     if workers and scheduler:
         text = "--workers is for processes of this machine, --scheduler for a cluster"
         raise UserError(text, "leave out one of them", code=2)
-    with _workers(workers, scheduler) as on:
-        code = _run(paths, shared, out or _FOLDER, on, recordings)
+    with _workers(workers, scheduler) as pool:
+        code = _run(paths, shared, out or _FOLDER, pool, recordings)
     if summary and out and not shared.json:
         _summary([str(out)], shared)
     return code
 
 
-def _run(paths: list[str], shared: Shared, out: Path, on: "Workers", records: bool) -> int:
+def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers", records: bool) -> int:
     import time
 
     from ..analysis.json_documents import dumps, tagged
@@ -84,18 +94,20 @@ def _run(paths: list[str], shared: Shared, out: Path, on: "Workers", records: bo
     begin = time.perf_counter()
     atomic_files.refuse_url(out)
     job, logs = _job(shared, out / RECORDINGS if records else None), find(paths)
-    kept = Dataset(out, job.settings, job.version)
-    with terminal.campaign(shared.quiet, len(logs)) as tell:
-        state = run(logs, job, kept, on, shared.force, tell)
+    dataset = Dataset(out, job.settings, job.version)
+    with terminal.campaign(shared.quiet, len(logs)) as progress:
+        state = run(logs, job, dataset, pool, shared.force, progress)
     seconds = time.perf_counter() - begin
     if shared.json:
         counts = {
-            "done": state.done, "skipped": state.skipped, "failed": len(state.failed),
+            "done": state.completed,
+            "skipped": state.skipped,
+            "failed": len(state.failed),
             "lossy": state.lossy,
-        }  # fmt: skip
+        }
         print(dumps(tagged("fleet", logs=state.logs, **counts, seconds=seconds)))
     else:
-        print(_told(state, out, seconds))
+        print(_status_text(state, out, seconds))
     _show_failed(state, shared.quiet)
     return 3 if state.failed or state.lossy else 0
 
@@ -126,12 +138,12 @@ def _workers(count: int | None, scheduler: str | None) -> "Iterator[Workers]":
     from ..fleet.cluster import Cluster
     from ..fleet.processes import Processes
 
-    of: Cluster | Processes
-    of = Cluster(scheduler) if scheduler else Processes(count or _processors())
+    pool: Cluster | Processes
+    pool = Cluster(scheduler) if scheduler else Processes(count or _processors())
     try:
-        yield of
+        yield pool
     finally:
-        of.close()
+        pool.close()
 
 
 def _processors() -> int:
@@ -141,36 +153,39 @@ def _processors() -> int:
     return os.cpu_count() or 1
 
 
-def _told(state: "State", folder: Path, seconds: float) -> str:
+def _status_text(state: "State", folder: Path, seconds: float) -> str:
     """The counts of a run, and what shows its results."""
     from ..core.text import printable
 
     counts = {
-        "analysed": state.done, "skipped, as they have results": state.skipped,
+        "analysed": state.completed,
+        "skipped, as they have results": state.skipped,
         "failed": len(state.failed),
-    }  # fmt: skip
-    parts = [f"{n} {what}" for what, n in counts.items() if n]
-    worked = state.done + len(state.failed)
+    }
+    counts_text = [f"{n} {count_name}" for count_name, n in counts.items() if n]
+    worked = state.completed + len(state.failed)
     rate = f" ({worked / seconds:.1f} logs/s)" if worked else ""
-    where = printable(str(folder))
+    folder_name = printable(str(folder))
     doubt = [f"data lost or repaired, or in doubt: {state.lossy} of them; see --summary"]
-    return "\n".join([
-        f"{state.logs} logs: {', '.join(parts)}; {seconds:.1f} s{rate}",
-        *(doubt * bool(state.lossy)),
-        f"wrote {where}: applications, estimators, findings, logs",
-        f"`adhesion fleet --summary {where}` shows them.",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"{state.logs} logs: {', '.join(counts_text)}; {seconds:.1f} s{rate}",
+            *(doubt * bool(state.lossy)),
+            f"wrote {folder_name}: applications, estimators, findings, logs",
+            f"`adhesion fleet --summary {folder_name}` shows them.",
+        ]
+    )
 
 
 def _show_failed(state: "State", quiet: bool) -> None:
     """The first failed logs on stderr, each with error and hint."""
     from . import terminal
 
-    for log, error, hint in state.failed[:_SHOWN]:
+    for log, error, hint in state.failed[:_LISTED_LOGS]:
         terminal.message(f"not analysed: {log}\n  error: {error}\n  hint: {hint}", quiet)
-    if more := len(state.failed) - _SHOWN:
-        text = f"and {more} more: the rows of `logs` whose status is error"
-        terminal.message(text, quiet or more < 0)
+    if remaining := len(state.failed) - _LISTED_LOGS:
+        text = f"and {remaining} more: the rows of `logs` whose status is error"
+        terminal.message(text, quiet or remaining < 0)
 
 
 def _summary(paths: list[str], shared: Shared) -> int:
@@ -198,17 +213,21 @@ def _text(fleet: "FleetSummary") -> str:
         f"  {printable(row['log'])}\n    error: {printable(row['error'])}" for row in fleet.failed
     ]
     damaged = [f"  {printable(log)}" for log in fleet.damaged]
-    parts = [
+    sections = [
         line
-        for of in summary_tables.tables(fleet)
-        for line in ("", f"{of.title}:", terminal.records(of.rows, _WIDTH, of.left))
+        for fleet_table in summary_tables.tables(fleet)
+        for line in (
+            "",
+            f"{fleet_table.title}:",
+            terminal.records(fleet_table.rows, _WIDTH, fleet_table.text_columns),
+        )
     ]
-    lists = [*_first("Failed logs:", failed), *_first("Damaged logs:", damaged)]
-    return "\n".join([summary_tables.head(fleet), *parts, *lists])
+    lists = [*_first_lines("Failed logs:", failed), *_first_lines("Damaged logs:", damaged)]
+    return "\n".join([summary_tables.head(fleet), *sections, *lists])
 
 
-def _first(title: str, lines: list[str]) -> list[str]:
+def _first_lines(title: str, lines: list[str]) -> list[str]:
     """The first lines under a title, and how many more there are."""
-    more = len(lines) - _SHOWN
-    rest = [f"  and {more} more: --json lists them"] if more > 0 else []
-    return ["", title, *lines[:_SHOWN], *rest] if lines else []
+    remaining = len(lines) - _LISTED_LOGS
+    remainder_line = [f"  and {remaining} more: --json lists them"] if remaining > 0 else []
+    return ["", title, *lines[:_LISTED_LOGS], *remainder_line] if lines else []

@@ -32,13 +32,23 @@ def command(logs: Logs, shared: Shared) -> int:
     check(shared, [], *logs)
     settings = load_settings(shared)
     inspections = [inspect(log, settings, shared.debug) for log in logs]
-    with places(shared, [[]], (one.log for one in inspections if one.log), logs):
+    with places(
+        shared, [[]], (inspection.log for inspection in inspections if inspection.log), logs
+    ):
         pass
     if shared.json:
-        print(dumps(tagged("inspect", logs=[as_json(one.summary) for one in inspections])))
+        print(
+            dumps(
+                tagged("inspect", logs=[as_json(inspection.summary) for inspection in inspections])
+            )
+        )
     else:
-        print("\n\n".join(_text(one.summary, one.findings) for one in inspections))
-    return max((one.code for one in inspections), key=_WORST.index)
+        print(
+            "\n\n".join(
+                _text(inspection.summary, inspection.findings) for inspection in inspections
+            )
+        )
+    return max((inspection.code for inspection in inspections), key=_WORST.index)
 
 
 def _text(log: "InspectedLog", findings: "Sequence[Finding]") -> str:
@@ -75,25 +85,27 @@ def _channels(channels: "Sequence[InspectedChannel]") -> list[str]:
             for name in ("gaps", "duplicates", "backward")
         },
     }
-    some = [name for name, counts in faults.items() if any(counts)]
+    present = [name for name, counts in faults.items() if any(counts)]
     rows = [
         {
-            "channel": f"{c.name} {c.field}".strip(), "meaning": c.meaning or "-",
+            "channel": f"{c.name} {c.field}".strip(),
+            "meaning": c.meaning or "-",
             "axle": terminal.number(c.axle),
             "unit": c.unit or ("not stated" if c.meaning else "-"),
-            "Hz": terminal.number(c.rate_hz, 2), "rows": str(c.rows),
-            **{name: str(faults[name][i]) for name in some},
+            "Hz": terminal.number(c.rate_hz, 2),
+            "rows": str(c.rows),
+            **{name: str(faults[name][i]) for name in present},
         }
         for i, c in enumerate(channels)
-    ]  # fmt: skip
-    lines = [terminal.records(rows, left=2)] if rows else []
-    if none := [name for name in faults if name not in some]:
-        lines.append(f"{', '.join(none)}: none")
-    alike: dict[tuple[str, str], list[str]] = {}
+    ]
+    lines = [terminal.records(rows, text_columns=2)] if rows else []
+    if absent := [name for name in faults if name not in present]:
+        lines.append(f"{', '.join(absent)}: none")
+    axles_of: dict[tuple[str, str], list[str]] = {}
     for c in channels:
         axle = [] if c.axle is None else [str(c.axle)]
-        alike.setdefault((c.meaning or "-", c.reason), []).extend(axle)
-    for (meaning, reason), axles in alike.items():
-        of = f" {', '.join(dict.fromkeys(axles))}" if axles else ""
-        lines.append(terminal.folded(f"{meaning}{of}: {printable(reason)}", "  "))
+        axles_of.setdefault((c.meaning or "-", c.reason), []).extend(axle)
+    for (meaning, reason), axles in axles_of.items():
+        axle_list = f" {', '.join(dict.fromkeys(axles))}" if axles else ""
+        lines.append(terminal.folded(f"{meaning}{axle_list}: {printable(reason)}", "  "))
     return lines

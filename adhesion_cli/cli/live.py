@@ -29,7 +29,7 @@ _TEXTS = {  # of shared options that mean something else here
 _CHUNK, _RERUN_CHUNK = 0.5, 0.9
 _FRAME = 0.1  # between two frames of the viewer [s]
 _INTERRUPTED = Ended(130)  # after Ctrl-C
-_SHOWN = "imm"  # the estimator with a band of its own
+_BAND_ESTIMATOR = "imm"  # the estimator with a band of its own
 
 
 @shared(*_OPTIONS, texts=_TEXTS)
@@ -80,7 +80,7 @@ def command(
         _check_dbc(source, shared)
     screens = _Screens(_viewer(shared, connect), serve)
     try:
-        feed = _opened(source, replay, speed, settings)
+        feed = _open_feed(source, replay, speed, settings)
         try:
             return _Run(feed, settings, shared, screens).go()
         finally:
@@ -89,7 +89,9 @@ def command(
         return _INTERRUPTED
 
 
-def _opened(source: str, replay: Path | None, speed: float | None, settings: "Settings") -> "Feed":
+def _open_feed(
+    source: str, replay: Path | None, speed: float | None, settings: "Settings"
+) -> "Feed":
     if replay:
         from ..live.replay import Replay
 
@@ -156,8 +158,8 @@ class _Run:
 
         self._feed, self._settings, self._shared, self._screens = feed, settings, shared, screens
         self._algos = {e.name: (e, settings.params(e)) for e in choose_estimators(shared.algo)}
-        self._shown = list(dict.fromkeys(shared.algo)) or [_SHOWN]
-        self._tally = Tally(self._tell, feed.name, shared.strict)
+        self._shown = list(dict.fromkeys(shared.algo)) or [_BAND_ESTIMATOR]
+        self._tally = Tally(self._report, feed.name, shared.strict)
         self._status: StatusLine | None = None
         self._counts, self._files = Counts(), list[Path]()
         self._waiting = Waiting(feed.name, self._say)
@@ -169,13 +171,13 @@ class _Run:
         from ..live.run import follow, wheels_of
 
         try:
-            with ExitStack() as ends:
-                ends.callback(self._waiting.close)
+            with ExitStack() as stack:
+                stack.callback(self._waiting.close)
                 wheels = wheels_of(self._feed, self._settings, self._shared.axle)
                 self._tally.add(self._defaults(any(p.is_pressure for p in wheels.axles)))
                 sinks: list[Sink] = [self._counts, self._waiting]
                 for sink in self._sinks([p.axle for p in wheels.axles]):
-                    ends.callback(sink.close)
+                    stack.callback(sink.close)
                     sinks.append(sink)
                 follow(self._feed, wheels, self._settings, self._algos, sinks, self._tally)
         except KeyboardInterrupt:
@@ -197,19 +199,19 @@ class _Run:
             self._status.clear()
         terminal.message(text, self._shared.quiet)
 
-    def _tell(self, found: "Sequence[Finding]") -> None:
+    def _report(self, findings: "Sequence[Finding]") -> None:
         from . import terminal
 
-        self._say(terminal.findings(found))
+        self._say(terminal.findings(findings))
 
     def _sum_up(self) -> None:
         """What was taken, found and written."""
         from . import terminal
 
         lines = self._counts.lines()
-        if found := self._tally.findings:
-            warnings = sum(f.severity != "info" for f in found)
-            lines.append(f"findings: {len(found)} (warnings and errors: {warnings})")
+        if findings := self._tally.findings:
+            warnings = sum(f.severity != "info" for f in findings)
+            lines.append(f"findings: {len(findings)} (warnings and errors: {warnings})")
         self._say("\n".join([*lines, *([terminal.wrote(f) for f in self._files])]))
 
     def _sinks(self, axles: list[int]) -> "Iterator[Sink]":
@@ -225,14 +227,14 @@ class _Run:
             self._say(f"Foxglove: open {server.url}")
             yield server
         if self._shared.json:
-            alone = not self._files and self._screens == _Screens("", None)
-            yield JsonLines(self._shown, self._settings.vehicle, alone, self._say)
+            lines_only = not self._files and self._screens == _Screens("", None)
+            yield JsonLines(self._shown, self._settings.vehicle, lines_only, self._say)
         elif self._status:
             yield self._status
 
     def _recordings(self, axles: list[int], names: list[str]) -> "Iterator[Sink]":
         """The files, and the viewer."""
-        from ..live.recording import Batches, Mcap, LiveView
+        from ..live.recording import Batches, LiveView, Mcap
         from ..results import atomic_files
         from ..results.rrd.live import LiveRecording
 
@@ -249,7 +251,7 @@ class _Run:
             yield Batches(record, sorted(self._algos), axles, _CHUNK)
         if self._screens.viewer:
             viewers.append((self._screens.viewer, _FRAME))
-        for to, every in viewers:
+        for to, interval in viewers:
             live = LiveRecording(name, settings.vehicle, axles, names, to)
-            shown = LiveView(live, lambda error: self._say(f"the recording ends here: {error}"))
-            yield Batches(shown, names, axles, every)
+            live_view = LiveView(live, lambda error: self._say(f"the recording ends here: {error}"))
+            yield Batches(live_view, names, axles, interval)

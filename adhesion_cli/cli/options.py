@@ -31,8 +31,8 @@ def estimators() -> list[str]:
 
 def controllers() -> list[str]:
     """The control laws of `antiskid`, for completion."""
-    found = (path.stem for path in _PACKAGE.glob("wsp/controllers/[!_]*.py"))
-    return sorted(name for name in found if name != "none")
+    stems = (path.stem for path in _PACKAGE.glob("wsp/controllers/[!_]*.py"))
+    return sorted(name for name in stems if name != "none")
 
 
 def completes(names: Callable[[], list[str]]) -> dict[str, Any]:
@@ -107,7 +107,7 @@ class Shared:
 
 _HINTS = get_type_hints(Shared, include_extras=True)
 ALWAYS = ("quiet", "debug")  # every command has these; `__main__` honours --debug
-EVERY = tuple(f.name for f in fields(Shared) if f.name not in (*ALWAYS, "figure"))
+ALL_NAMES = tuple(f.name for f in fields(Shared) if f.name not in (*ALWAYS, "figure"))
 """What an analysis takes."""
 
 
@@ -116,9 +116,9 @@ def _annotation(name: str, text: str | None) -> Any:
     if text is None:
         return _HINTS[name]
     kind, usual = get_args(_HINTS[name])
-    own = copy.copy(usual)
-    own.help = text
-    return Annotated[kind, own]
+    annotation = copy.copy(usual)
+    annotation.help = text
+    return Annotated[kind, annotation]
 
 
 def _parameters(names: Sequence[str], texts: Mapping[str, str]) -> list[inspect.Parameter]:
@@ -126,12 +126,14 @@ def _parameters(names: Sequence[str], texts: Mapping[str, str]) -> list[inspect.
     unset = Shared()
     return [
         inspect.Parameter(
-            f.name, inspect.Parameter.KEYWORD_ONLY, default=getattr(unset, f.name),
+            f.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=getattr(unset, f.name),
             annotation=_annotation(f.name, texts.get(f.name)),
         )
         for f in fields(Shared)
         if f.name in names
-    ]  # fmt: skip
+    ]
 
 
 def shared(
@@ -148,21 +150,23 @@ def shared(
     extra = _parameters((*names, *ALWAYS), texts or {})
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
-        own = [p for n, p in inspect.signature(command).parameters.items() if n != "shared"]
+        parameters = [p for n, p in inspect.signature(command).parameters.items() if n != "shared"]
 
         @functools.wraps(command)
         def run(**given: Any) -> int:
-            stated = Shared(**{p.name: given.pop(p.name) for p in extra})
-            if not stated.out:
-                return command(shared=stated, **given)
+            values = Shared(**{p.name: given.pop(p.name) for p in extra})
+            if not values.out:
+                return command(shared=values, **given)
             from ..results import atomic_files
 
-            with atomic_files.folder(stated.out):
-                return command(shared=stated, **given)
+            with atomic_files.folder(values.out):
+                return command(shared=values, **given)
 
-        run.__signature__ = inspect.Signature([*own, *extra])  # type: ignore[attr-defined]
+        run.__signature__ = inspect.Signature([*parameters, *extra])  # type: ignore[attr-defined]
         own_hints = get_type_hints(command, include_extras=True)
-        run.__annotations__ = {p.name: own_hints.get(p.name, p.annotation) for p in (*own, *extra)}
+        run.__annotations__ = {
+            p.name: own_hints.get(p.name, p.annotation) for p in (*parameters, *extra)
+        }
         return run
 
     return decorate
@@ -177,9 +181,11 @@ def load_settings(shared: Shared) -> "Settings":
     from ..analysis.settings import load
 
     return load(
-        shared.config, assignments(shared), strict=shared.strict,
+        shared.config,
+        assignments(shared),
+        strict=shared.strict,
         rejects=shared.rejects is not None,
-    )  # fmt: skip
+    )
 
 
 def assignments(shared: Shared) -> list[str]:
@@ -212,8 +218,8 @@ def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
         from ..results.charts import kind
 
         kind(shared.figure)
-    every = [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
-    atomic_files.check(every, shared.force, inputs=inputs(shared, *logs))
+    all_paths = [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
+    atomic_files.check(all_paths, shared.force, inputs=inputs(shared, *logs))
 
 
 def inputs(shared: Shared, *logs: Path) -> list[Path]:
@@ -239,17 +245,17 @@ def places(
     from ..results import atomic_files
     from . import terminal
 
-    left_out = [shared.rejects] if shared.rejects else []
-    first, *others = sets
-    of, kept = [[*first, *left_out], *others], inputs(shared, *read)
-    with atomic_files.sets(of, shared.force, inputs=kept) as found:
+    rejects = [shared.rejects] if shared.rejects else []
+    first_set, *other_sets = sets
+    targets, protected = [[*first_set, *rejects], *other_sets], inputs(shared, *read)
+    with atomic_files.sets(targets, shared.force, inputs=protected) as written:
         count = 0
-        if left_out:
+        if rejects:
             from ..results.csv import write_rejects  # it loads pyarrow
 
-            count = write_rejects(found[0].pop(), logs)
-        yield found
-    for path in left_out:
+            count = write_rejects(written[0].pop(), logs)
+        yield written
+    for path in rejects:
         terminal.message(f"wrote {path}: {count} rows and cells left out", shared.quiet)
 
 

@@ -54,22 +54,22 @@ def command(
     if target.suffix.lower() not in (".html", ".htm"):
         raise UserError(f"{target}: a report is an HTML page", "-o FILE.html", code=2)
     atomic_files.check([target], shared.force, inputs=paths)
-    tell = terminal.progress(shared.quiet)
+    progress = terminal.progress(shared.quiet)
     runs = []
     if folders:
-        of = _campaign(folders[0], name)
-        write: Callable[[Path], None] = partial(page.write_tables, of=of)
+        campaign = _campaign(folders[0], name)
+        write: Callable[[Path], None] = partial(page.write_tables, campaign=campaign)
     else:
         for path in paths:
-            tell(f"reading {path.name}")
+            progress(f"reading {path.name}")
             runs.append(run.read(path))
         write = partial(page.write, runs=runs)
-    tell(f"writing {target.name}")
+    progress(f"writing {target.name}")
     with atomic_files.outputs([target], shared.force, inputs=paths) as (place,):
         write(place)
     if shared.json:
-        found = [d._asdict() for d in differences.every(runs)]
-        print(dumps(tagged("report", outputs={"html": str(target)}, differences=found)))
+        difference_rows = [d._asdict() for d in differences.compare(runs)]
+        print(dumps(tagged("report", outputs={"html": str(target)}, differences=difference_rows)))
     else:
         print(terminal.wrote(target))
     return 0

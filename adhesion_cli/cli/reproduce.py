@@ -23,19 +23,19 @@ def command(shared: Shared) -> int:
 
     paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
     check(shared, paths)
-    made = reproduce(progress=progress(shared.quiet))
+    study = reproduce(progress=progress(shared.quiet))
 
     from ..results import rrd  # slow to import: only after the checks
 
     with atomic_files.outputs(paths, shared.force) as (record, recording, figure):
-        mcap.write_comparison(record, made.results, dumps(made.document))
-        rrd.write_comparison(recording, made.results)
-        charts.write(figure, "The paper, reproduced", panels(made))
+        mcap.write_comparison(record, study.results, dumps(study.document))
+        rrd.write_comparison(recording, study.results)
+        charts.write(figure, "The paper, reproduced", panels(study))
     if shared.json:
         outputs = {path.suffix[1:]: str(path) for path in paths}
-        print(dumps({**made.document, "outputs": outputs}))
+        print(dumps({**study.document, "outputs": outputs}))
     else:
-        print("\n\n".join(report(made.document)))
+        print("\n\n".join(report(study.document)))
         print(f"\n{wrote(*paths)}")
     return results.finished(shared, paths[1], [])
 
@@ -45,55 +45,74 @@ def report(doc: dict[str, Any]) -> list[str]:
     from .terminal import number, table
 
     constant, varying = doc["conditions"]["constant"], doc["conditions"]["varying"]
-    other = [a for a in doc["alternatives"] if a["condition"] == "constant"]
+    constant_alternatives = [a for a in doc["alternatives"] if a["condition"] == "constant"]
     rows = [
         [
-            algo, number(x["response_s"], 2), _range(x["response_interval_s"], 2),
+            algo,
+            number(x["response_s"], 2),
+            _range(x["response_interval_s"], 2),
             number(x["paper_response_s"], 2),
             f"{100.0 * (x['response_s'] / x['paper_response_s'] - 1.0):+.1f} %",
-            number(x["max_error_n"], 1), _range(x["max_error_interval_n"], 1),
-            number(x["paper_max_error_n"]), x["max_error_matched_by"] or "no reading tried",
+            number(x["max_error_n"], 1),
+            _range(x["max_error_interval_n"], 1),
+            number(x["paper_max_error_n"]),
+            x["max_error_matched_by"] or "no reading tried",
         ]
         for algo, x in constant.items()
-    ]  # fmt: skip
+    ]
     header = [
-        "Table 2", "95 % [s]", f"{doc['seeds']} seeds", "paper", "apart", "max [N]",
-        f"{doc['seeds']} seeds", "paper", "within 25 %",
-    ]  # fmt: skip
-    parts = [table(header, rows)]
+        "Table 2",
+        "95 % [s]",
+        f"{doc['seeds']} seeds",
+        "paper",
+        "apart",
+        "max [N]",
+        f"{doc['seeds']} seeds",
+        "paper",
+        "within 25 %",
+    ]
+    sections = [table(header, rows)]
     for algo in doc["unmatched"]:
         row = constant[algo]
-        tried = [("as read", row), *((a["reading"], a) for a in other if a["algo"] == algo)]
+        tried = [
+            ("as read", row),
+            *((a["reading"], a) for a in constant_alternatives if a["algo"] == algo),
+        ]
         numbers = "; ".join(f"{text}: {number(x['max_error_n'], 1)}" for text, x in tried)
-        parts.append(
+        sections.append(
             f"{algo}: no reading gives the printed maximum error, "
             f"{row['paper_max_error_n']:.0f} N. Tried [N]: {numbers}"
         )
-    alive = [a for a in doc["alternatives"] if a["condition"] == "varying"]
-    both = [*varying.items(), *((f"{a['algo']}, {a['reading']}", a) for a in alive)]
+    varying_alternatives = [a for a in doc["alternatives"] if a["condition"] == "varying"]
+    varying_rows = [
+        *varying.items(),
+        *((f"{a['algo']}, {a['reading']}", a) for a in varying_alternatives),
+    ]
     frequencies = [x["frequency_hz"] for x in varying["neso"]["frequency"]]
     for key, title in (("gain", "varying: gain"), ("lag_s", "varying: lag [s]")):
         body = [
             [algo, number(x["rmse_n"]), *(number(f[key], 2) for f in x["frequency"])]
-            for algo, x in both
+            for algo, x in varying_rows
         ]
         heads = [title, "rmse at 0.5 Hz [N]", *(f"{f:g} Hz" for f in frequencies)]
-        parts.append(table(heads, body))
+        sections.append(table(heads, body))
     field = doc["field_test"]
-    parts.append(
+    sections.append(
         f"field test, simulated: neso follows the reference with rmse {field['rmse_n']:.0f} N "
         f"({100.0 * field['rmse_share']:.1f} % of the mean force), lag {field['lag_s']:.2f} s, "
         f"gain {field['gain']:.3f}"
     )
-    parts.append("Read as:\n" + "\n".join(f"- {text}" for text in doc["readings"]))
+    sections.append("Read as:\n" + "\n".join(f"- {text}" for text in doc["readings"]))
     listed = [
         [a["reading"], a["algo"], number(a["response_s"], 2), number(a["max_error_n"], 1)]
-        for a in other
+        for a in constant_alternatives
     ]
-    parts.append(table(["other readings", "algorithm", "95 % [s]", "max [N]"], listed, left=2))
-    return parts
+    sections.append(
+        table(["other readings", "algorithm", "95 % [s]", "max [N]"], listed, text_columns=2)
+    )
+    return sections
 
 
 def _range(interval: list[float], digits: int) -> str:
-    low, high = interval
-    return f"{low:.{digits}f} to {high:.{digits}f}"
+    lower, upper = interval
+    return f"{lower:.{digits}f} to {upper:.{digits}f}"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..core.model import Result
     from ..results.rrd.results import Note
 
-More = Callable[[Path, Path], None]
+Attach = Callable[[Path, Path], None]
 
 
 def pair(shared: Shared, log: Path, kind: str) -> Pair:
@@ -55,23 +55,23 @@ def analysed_or_failed(
     from ..core.errors import as_user_error
 
     analyze = _analyzer(shared, logs, paths, train_speed=True)
-    found: list[Result | FailedLog] = []
+    outcomes: list[Result | FailedLog] = []
     errors: list[Exception] = []
     for log in logs:
         try:
-            found.append(analyze(log))
+            outcomes.append(analyze(log))
         except Exception as error:  # an internal error in one log must not stop the others
             if shared.strict or len(logs) == 1:
                 raise
             if shared.debug:
                 traceback.print_exc()
             errors.append(error)
-            told = as_user_error(error)
-            found.append(FailedLog(str(log), told.text, told.hint))
+            user_error = as_user_error(error)
+            outcomes.append(FailedLog(str(log), user_error.text, user_error.hint))
     if len(errors) == len(logs):
-        show_failed([] if shared.json else [f for f in found[1:] if isinstance(f, FailedLog)])
+        show_failed([] if shared.json else [f for f in outcomes[1:] if isinstance(f, FailedLog)])
         raise errors[0]
-    return found
+    return outcomes
 
 
 def show_failed(failed: Sequence[FailedLog]) -> None:
@@ -92,32 +92,37 @@ def _analyzer(
 
     settings = check_settings(shared)
     check(shared, [*paths], *logs)
-    window, tell = (shared.from_, shared.to), terminal.progress(shared.quiet)
-    return lambda log: analyze(log, settings, shared.algo, shared.axle, window, tell, train_speed)
+    window, progress = (shared.from_, shared.to), terminal.progress(shared.quiet)
+    return lambda log: analyze(
+        log, settings, shared.algo, shared.axle, window, progress, train_speed
+    )
 
 
 def write(
-    shared: Shared, results: "Sequence[Result]", sets: Sequence[Sequence[Path]],
-    summaries: Sequence[ResultSummary], slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
-    more: Mapping[Path, More] = MappingProxyType({}),
-) -> None:  # fmt: skip
+    shared: Shared,
+    results: "Sequence[Result]",
+    sets: Sequence[Sequence[Path]],
+    summaries: Sequence[ResultSummary],
+    slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
+    attachments: Mapping[Path, Attach] = MappingProxyType({}),
+) -> None:
     """Writes the files of each result; names appear when all are written.
 
     Args:
         shared: whether existing files are replaced, and the file for rejected rows.
         results: of the logs.
-        sets: the files of each: record, recording, and those of `more`.
+        sets: the files of each: record, recording, and those of `attachments`.
         summaries: of each, from `summarise`.
         slips: the document on each log's slip, and a note on that of each axle with its rail.
-        more: by its name, what writes a file; takes the place to write to and the record's.
+        attachments: by its name, what writes a file; takes the place to write to and the record's.
     """
     read = [Path(result.log.path) for result in results]
-    with places(shared, sets, (r.log for r in results), read) as found:
-        for i, (result, of) in enumerate(zip(results, found, strict=True)):
+    with places(shared, sets, (r.log for r in results), read) as written:
+        for i, (result, targets) in enumerate(zip(results, written, strict=True)):
             slip, notes = slips[i] if slips else ("", ())
-            outputs.write_result(of[:2], result, summaries[i], slip, notes, shared.full)
-            for name, place in zip(sets[i][2:], of[2:], strict=True):
-                more[name](place, of[0])
+            outputs.write_result(targets[:2], result, summaries[i], slip, notes, shared.full)
+            for name, place in zip(sets[i][2:], targets[2:], strict=True):
+                attachments[name](place, targets[0])
 
 
 def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> int:
@@ -139,8 +144,8 @@ def single(
     from . import terminal
 
     if shared.json:
-        files, found = {out.suffix[1:]: str(out)}, findings_document(findings)
-        print(dumps(tagged(kind, outputs=files, **counts, findings=found)))
+        files, document = {out.suffix[1:]: str(out)}, findings_document(findings)
+        print(dumps(tagged(kind, outputs=files, **counts, findings=document)))
     else:
         terminal.show(findings, shared.quiet)
         print("".join([terminal.wrote(out), *(f": {n} {name}" for name, n in counts.items())]))

@@ -32,11 +32,11 @@ def command(
     from . import terminal
 
     if list_:
-        known = simulate.scenarios()
+        names = simulate.scenarios()
         if shared.json:
-            print(dumps(tagged("scenarios", scenarios=known)))
+            print(dumps(tagged("scenarios", scenarios=names)))
         else:
-            print(terminal.table(["scenario", "what"], list(known.items()), left=2))
+            print(terminal.table(["scenario", "what"], list(names.items()), text_columns=2))
         return 0
     if not scenario or out is None:
         hint = "for example: adhesion simulate service-brake -o brake.csv; --list shows scenarios"
@@ -44,10 +44,10 @@ def command(
     write = writer(out)
     inputs = [Path(scenario)]
     atomic_files.check([out], shared.force, inputs=inputs)
-    tell = terminal.progress(shared.quiet)
-    tell(f"simulating {scenario}")
+    progress = terminal.progress(shared.quiet)
+    progress(f"simulating {scenario}")
     log = simulate.as_log(simulate.run(simulate.load(scenario), seed, dt))
-    tell(f"writing {out}")
+    progress(f"writing {out}")
     with atomic_files.outputs([out], shared.force, inputs=inputs) as (temporary,):
         write(temporary, log)
     if shared.json:

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import results
-from .options import EVERY, Logs, Shared, draw, pictures, shared
+from .options import ALL_NAMES, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
     from ..rail.slip import Summary
     from ..results.charts import Panel
 
 
-@shared(*(name for name in EVERY if name != "algo"), "figure")
+@shared(*(name for name in ALL_NAMES if name != "algo"), "figure")
 def command(logs: Logs, shared: Shared) -> int:
     """Show slip, slides and the adhesion curve of every axle.
 
@@ -37,32 +37,41 @@ def command(logs: Logs, shared: Shared) -> int:
         raise UserError("--figure shows one log", "run it for each of them", code=2)
     pairs = [results.pair(shared, log, "slip") for log in logs]
     analysed = results.analysed(shared, logs, [p for pair in pairs for p in pair], train_speed=True)
-    tell = terminal.progress(shared.quiet)
-    every = []
+    progress = terminal.progress(shared.quiet)
+    slip_results = []
     for result in analysed:
-        tell(f"{result.log.path}: rail under each axle")
-        every.append(slip_of(result))
-    first, title = every[0], f"Slip of {Path(analysed[0].log.path).name}"
-    bands = Bands(**first.result.settings["bands"])
+        progress(f"{result.log.path}: rail under each axle")
+        slip_results.append(slip_of(result))
+    first_result, title = slip_results[0], f"Slip of {Path(analysed[0].log.path).name}"
+    bands = Bands(**first_result.result.settings["bands"])
     sets = [[*pair, *pictures(shared)] for pair in pairs]
 
     def panels() -> "list[Panel]":
-        return of_slip(first.result, first.axles, bands)
+        return of_slip(first_result.result, first_result.axles, bands)
 
     results.write(
-        shared, analysed, sets, [summarise(r, {}) for r in analysed], [carried(of) for of in every],
+        shared,
+        analysed,
+        sets,
+        [summarise(r, {}) for r in analysed],
+        [carried(slip_result) for slip_result in slip_results],
         {name: lambda place, _: draw(shared, place, title, panels()) for name in pictures(shared)},
-    )  # fmt: skip
+    )
     if shared.json:
-        files = [results.named(of) for of in sets]
-        summaries, findings = [of.axles for of in every], [of.findings for of in every]
+        files = [results.named(slip_result) for slip_result in sets]
+        summaries, findings = (
+            [slip_result.axles for slip_result in slip_results],
+            [slip_result.findings for slip_result in slip_results],
+        )
         print(dumps(slip_document([r.log for r in analysed], summaries, findings, files)))
     else:
-        for (result, axles, told), files_of in zip(every, sets, strict=True):
+        for (result, axles, slip_summaries), files_of in zip(slip_results, sets, strict=True):
             print(f"{printable(result.log.path)}\n{table(axles, result.log.start_ns())}")
             print(terminal.wrote(*files_of))
-            terminal.show(told, shared.quiet)
-    return results.finished(shared, pairs[-1][1], [f for of in every for f in of.findings])
+            terminal.show(slip_summaries, shared.quiet)
+    return results.finished(
+        shared, pairs[-1][1], [f for slip_result in slip_results for f in slip_result.findings]
+    )
 
 
 _OF_REGIONS = """\
@@ -85,15 +94,19 @@ def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
     noise = any(s.slip_rmse is not None for s in summaries)
     for s in summaries:
         shares = zip(REGION_TITLES, (s.regions or {}).values(), strict=False)
-        shown = {f"{region} [%]": number(100.0 * x, 1) for region, x in shares}
+        share_columns = {f"{region} [%]": number(100.0 * x, 1) for region, x in shares}
         rmse = number(None if s.slip_rmse is None else 100.0 * s.slip_rmse, 2)
-        regions.append({"axle": str(s.axle)} | shown | ({"slip RMSE [%]": rmse} if noise else {}))
-    parts = [records(regions), _OF_REGIONS]
-    known = {s.axle: s.rail for s in summaries if s.rail}
-    if known:
-        parts.insert(0, records([{"axle": str(axle)} | rail_row(of) for axle, of in known.items()]))
-    if rows := constants(list(known.values())):
-        parts += [table(["rail", *(f"axle {axle}" for axle in known)], rows), folded(OF_CURVE)]
+        regions.append(
+            {"axle": str(s.axle)} | share_columns | ({"slip RMSE [%]": rmse} if noise else {})
+        )
+    sections = [records(regions), _OF_REGIONS]
+    rails = {s.axle: s.rail for s in summaries if s.rail}
+    if rails:
+        sections.insert(
+            0, records([{"axle": str(axle)} | rail_row(rail) for axle, rail in rails.items()])
+        )
+    if rows := constants(list(rails.values())):
+        sections += [table(["rail", *(f"axle {axle}" for axle in rails)], rows), folded(OF_CURVE)]
     if slides := slide_rows(summaries, start_ns):
-        parts.append(records(slides))
-    return "\n\n".join(parts)
+        sections.append(records(slides))
+    return "\n\n".join(sections)

@@ -52,41 +52,53 @@ def command(
         text = f"--hold-back {hold_back:g}: a share of the logs lies between 0 and 1"
         raise UserError(text, "--hold-back 0.3", code=2)
     check(shared, files, *logs)
-    found = tune.tune(
-        logs, load_settings(shared), algo, hold_back=hold_back, seed=seed,
+    tuned = tune.tune(
+        logs,
+        load_settings(shared),
+        algo,
+        hold_back=hold_back,
+        seed=seed,
         progress=terminal.progress(shared.quiet),
-    )  # fmt: skip
+    )
     if files:
         with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as (place,):
-            place.write_text(tune.as_toml(found), encoding="utf-8")
+            place.write_text(tune.as_toml(tuned), encoding="utf-8")
     if shared.json:
-        print(dumps(tune.document(found, results.named(files))))
+        print(dumps(tune.document(tuned, results.named(files))))
     else:
-        print(report(found, seed))
-        terminal.show(found.findings, shared.quiet)
+        print(report(tuned, seed))
+        terminal.show(tuned.findings, shared.quiet)
         if files:
             print(terminal.wrote(*files))
-    return 3 if terminal.lossy(found.findings) else 0
+    return 3 if terminal.lossy(tuned.findings) else 0
 
 
-def report(found: "Tuned", seed: int) -> str:
+def report(tuned: "Tuned", seed: int) -> str:
     """The parameters before and after, and the rmse on both shares of the logs."""
     from ..core.model import quantities
     from .terminal import folded, number, records
 
-    of = quantities(found.estimator.Params)
+    annotations = quantities(tuned.estimator.Params)
     parameters = [
-        {"parameter": name, "unit": of[name].unit, "before": f"{before:g}",
-         "tuned": f"{found.parameters[name]:g}"}
-        for name, before in found.default_parameters.items()
-    ]  # fmt: skip
+        {
+            "parameter": name,
+            "unit": annotations[name].unit,
+            "before": f"{default:g}",
+            "tuned": f"{tuned.parameters[name]:g}",
+        }
+        for name, default in tuned.default_parameters.items()
+    ]
     shares = [
-        {"logs": what, "number": str(len(e.logs)), "RMSE before [N]": number(e.default_rmse),
-         "RMSE tuned [N]": number(e.rmse)}
-        for what, e in (("tuned on", found.train), ("held back", found.held_back))
-    ]  # fmt: skip
+        {
+            "logs": data_part,
+            "number": str(len(e.logs)),
+            "RMSE before [N]": number(e.default_rmse),
+            "RMSE tuned [N]": number(e.rmse),
+        }
+        for data_part, e in (("tuned on", tuned.train), ("held back", tuned.held_back))
+    ]
     title = (
-        f"{found.estimator.name}, logs held back by seed {seed}; RMSE against the true force where "
+        f"{tuned.estimator.name}, logs held back by seed {seed}; RMSE against the true force where "
         "a log has it, else the reference:"
     )
-    return "\n".join([folded(title), records(parameters, left=2), "", records(shares)])
+    return "\n".join([folded(title), records(parameters, text_columns=2), "", records(shares)])

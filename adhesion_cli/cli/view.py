@@ -55,7 +55,7 @@ def command(
     return 0
 
 
-def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
+def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> None:
     """Writes the recording of one analysed log again, with the settings that the result holds.
 
     Raises:
@@ -79,7 +79,7 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
         )
     algos = [name for name in registry() if name in ran]
     analysed = analyze.analyze(
-        result, settings.load(folder=False), algos, progress=tell, train_speed=True
+        result, settings.load(folder=False), algos, progress=progress, train_speed=True
     )
     with atomic_files.outputs([result, recording], force=True) as (record, picture):
         shutil.copyfile(result, record)
@@ -99,11 +99,11 @@ def check_display(serves: str) -> None:
         raise _no_window("there is no display", serves)
 
 
-def _no_window(why: str, serves: str) -> Exception:
+def _no_window(reason: str, serves: str) -> Exception:
     from ..core.errors import UserError
 
     hint = f"in a browser: `{serves}`; or copy the .rrd to a computer with a display"
-    return UserError(f"the viewer cannot open a window: {why}", hint)
+    return UserError(f"the viewer cannot open a window: {reason}", hint)
 
 
 def show_recording(recording: Path) -> None:
@@ -121,7 +121,7 @@ def start_viewer() -> str:
     Raises:
         UserError: where it ends at once.
     """
-    port = _free(_PORTS[1])
+    port = _is_free(_PORTS[1])
     _started([*_RERUN, "--port", str(port)], "adhesion live SOURCE -o DIR")
     return f"rerun+http://127.0.0.1:{port}/proxy"
 
@@ -154,14 +154,17 @@ def serve_recording(recording: Path) -> None:
 
     from ..core.errors import UserError
 
-    page, data = map(_free, _PORTS)
+    page, data = map(_is_free, _PORTS)
     url = f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
     print(f"open {url}\nCtrl-C ends it", flush=True)
     ports = ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
     server = subprocess.Popen(
-        [*_rerun(recording), *ports], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-        env={**os.environ, "RUST_LOG": "error"}, start_new_session=True,
-    )  # fmt: skip
+        [*_rerun(recording), *ports],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, "RUST_LOG": "error"},
+        start_new_session=True,
+    )
     try:
         code = server.wait()
     finally:
@@ -178,7 +181,7 @@ def _view(result: Path) -> str:
     return f"adhesion view {shlex.quote(str(result))}"
 
 
-def _free(port: int) -> int:
+def _is_free(port: int) -> int:
     """This port, or another one if it is in use."""
     import socket
 

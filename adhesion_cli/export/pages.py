@@ -89,9 +89,9 @@ def readme(facts: Facts) -> str:
     kind = "the estimator" if interface.estimator else "the control law"
     sections = [
         title,
-        f"Made by adhesion {interface.version}: C99, `{interface.number.c}`. The C is translated from the Python "
-        f"source of {kind}. The caller owns all memory. There is no allocation, no global variable "
-        "and no unbounded loop.\n",
+        f"Made by adhesion {interface.version}: C99, `{interface.number.c}`. "
+        f"The C is translated from the Python source of {kind}. "
+        "The caller owns all memory. There is no allocation, no global variable and no unbounded loop.\n",
         _files(interface),
         _usage(interface),
         _statuses(facts),
@@ -220,7 +220,8 @@ def _accuracy(facts: Facts) -> str:
     )
     if interface.estimator:
         double_limits = limits(vectors, Number(True))[-1]
-        text += f" With another one `test_{interface.method.name}.c` accepts an error of {double_limits:.2g} N."
+        text += f" With another one `test_{interface.method.name}.c` accepts an error of"
+        text += f" {double_limits:.2g} N."
     seconds = sum(row[0] for row in vectors.rows)
     text += f"\n\nIn single precision, over axle 1 of {LOG} ({len(vectors.rows)} samples, "
     text += f"{seconds:.0f} s), the answers differ by what the table shows. It has the worst of "
@@ -239,7 +240,8 @@ def _accuracy(facts: Facts) -> str:
         rows.append((x, f"{max(errors):.2g}{unit}", f"{rms:.2g}{unit}"))
     text += _table(("answer", "largest error", "rms"), rows)
     if vectors.missing_count:
-        text += f"\nSingle precision has no finite answer at {vectors.missing_count} of these samples.\n"
+        text += "\nSingle precision has no finite answer at "
+        text += f"{vectors.missing_count} of these samples.\n"
     if not interface.number.double and any(
         path.endswith(".readings") for path, _ in flat(interface.now)
     ):

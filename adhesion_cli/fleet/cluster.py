@@ -58,20 +58,21 @@ class Cluster:
             self._count, self._asked = max(1, len(self._workers())), time.monotonic()
         return self._count
 
-    def each(self, do: Callable[[Any], Any], of: Sequence[Any]) -> Iterator[Any]:
+    def map_jobs(self, do: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         """`do` of each, in order, on the cluster."""
-        for first in range(0, len(of), work.BLOCK):
-            block = self._client.map(do, of[first : first + work.BLOCK], pure=False)
+        for start in range(0, len(items), work.BLOCK):
+            block = self._client.map(do, items[start : start + work.BLOCK], pure=False)
             yield from self._client.gather(block)
 
     def submit(self, do: Callable[..., Any], *arguments: Any) -> "Future[Any]":
         """Calls a function on some worker."""
         if not self._warm:
-            hosts = {of["host"]: address for address, of in self._workers().items()}
-            ready = [
-                self._client.submit(work.warm, workers=[one], pure=False) for one in hosts.values()
+            hosts = {worker["host"]: address for address, worker in self._workers().items()}
+            warmed = [
+                self._client.submit(work.warm, workers=[worker_address], pure=False)
+                for worker_address in hosts.values()
             ]
-            self._client.gather(ready)
+            self._client.gather(warmed)
             self._warm = True
         future: Future[Any] = self._calls.submit(do, *arguments)
         return future
@@ -82,8 +83,8 @@ class Cluster:
         self._client.close()
 
     def _workers(self) -> dict[str, Any]:
-        found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
-        return found
+        workers: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+        return workers
 
     def _check(self) -> None:
         """The workers are there and have this version.
@@ -100,9 +101,9 @@ class Cluster:
         if not versions:
             text = "the cluster has no worker"
             raise UserError(text, "start some, as `dask worker HOST:PORT --nthreads 1`")
-        for worker, other in versions.items():
-            if other != __version__:
-                text = f"worker {printable(worker)} has version {other} of adhesion-cli"
+        for worker, worker_version in versions.items():
+            if worker_version != __version__:
+                text = f"worker {printable(worker)} has version {worker_version} of adhesion-cli"
                 raise UserError(text, hint)
 
 

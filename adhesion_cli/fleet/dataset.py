@@ -25,7 +25,7 @@ SETTINGS = "settings"  # a file for each hash, with what it is of
 _DIGITS = 16  # of the hash
 
 
-class Kept(NamedTuple):
+class KeptTables(NamedTuple):
     """What is written of one log.
 
     Attributes:
@@ -78,20 +78,20 @@ class Dataset:
             text = f"{printable(str(self._folder))}: cannot be written ({error.strerror})"
             raise UserError(text, "choose another folder with --out") from error
 
-    def done(self) -> dict[str, list[DoneLog]]:
+    def finished_logs(self) -> dict[str, list[DoneLog]]:
         """What `run` asks of the logs that are there, by key; a damaged file is not there."""
         files = sorted(str(path) for path in (self._folder / "logs").glob(f"*{self._end}"))
-        found: dict[str, list[DoneLog]] = {}
+        by_key: dict[str, list[DoneLog]] = {}
         for row in _rows(files):
             key = Path(row.file).name.removesuffix(self._end)
-            found.setdefault(key, []).append(row)
-        return found
+            by_key.setdefault(key, []).append(row)
+        return by_key
 
     def row(self, key: str) -> LogRow:
         """The row of a log that is there."""
         return LogRow(**parquet.read_table(self._path("logs", key)).to_pylist()[0])
 
-    def write(self, logs: Iterable[Kept]) -> None:
+    def write(self, logs: Iterable[KeptTables]) -> None:
         """Writes all tables of these logs, those of the logs last.
 
         Raises:
@@ -124,8 +124,8 @@ def _rows(files: list[str]) -> list[DoneLog]:
         columns = ["log", "status", "lossy", "__filename"]
         rows = [DoneLog(*row.values()) for row in table.to_table(columns).to_pylist()]
     except (OSError, pa.ArrowException):
-        half = len(files) // 2  # one of them is damaged
-        return [*_rows(files[:half]), *_rows(files[half:])] if half else []
+        middle = len(files) // 2  # one of them is damaged
+        return [*_rows(files[:middle]), *_rows(files[middle:])] if middle else []
     return rows
 
 

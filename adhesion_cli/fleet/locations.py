@@ -14,8 +14,10 @@ from ..formats.open import FORMATS
 
 _TEXT = (".csv", ".tsv", ".txt", ".asc")
 SUFFIXES = (
-    *_TEXT, *(f"{x}.gz" for x in _TEXT), *(x for one in FORMATS for x in one.suffixes)
-)  # fmt: skip
+    *_TEXT,
+    *(f"{x}.gz" for x in _TEXT),
+    *(x for log_format in FORMATS for x in log_format.suffixes),
+)
 _RESULTS = (".adhesion.mcap", ".compare.mcap", ".slip.mcap")
 _DATASET = {"applications", "estimators", "findings", "logs"}  # folders of a fleet's results
 EXTRA = installed_by("fleet")
@@ -38,15 +40,15 @@ def find(named: Sequence[str]) -> list[Location]:
     Raises:
         UserError: for a name without a log, and for a URL that cannot be listed.
     """
-    found: dict[str, Location] = {}
+    locations: dict[str, Location] = {}
     for name in named:
-        of = _of_url(name) if _is_url(name) else [_of_file(path) for path in _files(name)]
-        if not of:
-            known = ", ".join(SUFFIXES)
-            raise UserError(f"{printable(name)}: no logs there", f"logs end with {known}")
-        for one in of:
-            found.setdefault(one.place, one)
-    return list(found.values())
+        matches = _of_url(name) if _is_url(name) else [_of_file(path) for path in _files(name)]
+        if not matches:
+            suffixes = ", ".join(SUFFIXES)
+            raise UserError(f"{printable(name)}: no logs there", f"logs end with {suffixes}")
+        for location in matches:
+            locations.setdefault(location.place, location)
+    return list(locations.values())
 
 
 @contextmanager
@@ -60,7 +62,7 @@ def local(place: str) -> Iterator[Path]:
     if not _is_url(place):
         yield Path(place)
         return
-    system, path = _opened(place)
+    system, path = _open_url(place)
     with tempfile.TemporaryDirectory(prefix="adhesion-") as folder:
         copy = Path(folder) / Path(path).name
         system.get_file(path, str(copy))
@@ -78,27 +80,30 @@ def _of_file(path: Path) -> Location:
 def _files(name: str) -> list[Path]:
     path = Path(name)
     if path.is_dir():
-        return list(_below(path))
+        return list(_walk_folder(path))
     if path.exists():
         return [path]
     if not glob.has_magic(name):
         raise UserError(f"{printable(name)}: no such file or folder", "check the path")
-    matched = [Path(one) for one in sorted(glob.glob(name, recursive=True))]
-    below = (file for one in matched if one.is_dir() for file in _below(one))
-    return [*below, *(one for one in matched if one.is_file() and not _is_result(one.name))]
+    matched = [Path(match) for match in sorted(glob.glob(name, recursive=True))]
+    contained = (file for match in matched if match.is_dir() for file in _walk_folder(match))
+    return [
+        *contained,
+        *(match for match in matched if match.is_file() and not _is_result(match.name)),
+    ]
 
 
-def _below(folder: Path) -> Iterator[Path]:
-    for where, folders, files in os.walk(folder):
+def _walk_folder(folder: Path) -> Iterator[Path]:
+    for directory, folders, files in os.walk(folder):
         if set(folders) >= _DATASET:
             folders[:] = [x for x in folders if x not in {*_DATASET, "recordings"}]
         folders[:] = sorted(x for x in folders if not x.startswith("."))
-        yield from (Path(where, file) for file in sorted(files) if _is_log(file))
+        yield from (Path(directory, file) for file in sorted(files) if _is_log(file))
 
 
 def _is_log(file: str) -> bool:
-    known = file.lower().endswith(SUFFIXES) and not file.startswith(".")
-    return known and not _is_result(file)
+    has_log_suffix = file.lower().endswith(SUFFIXES) and not file.startswith(".")
+    return has_log_suffix and not _is_result(file)
 
 
 def _is_result(file: str) -> bool:
@@ -106,7 +111,7 @@ def _is_result(file: str) -> bool:
 
 
 def _of_url(url: str) -> list[Location]:
-    system, path = _opened(url)
+    system, path = _open_url(url)
     try:
         if glob.has_magic(path):
             paths: Iterable[str] = (x for x in system.glob(path) if not _is_result(x))
@@ -121,7 +126,7 @@ def _of_url(url: str) -> list[Location]:
     return [Location(x, x) for x in urls]
 
 
-def _opened(url: str) -> tuple[Any, str]:
+def _open_url(url: str) -> tuple[Any, str]:
     """The file system of a URL, and the path in it."""
     kind = url.partition("://")[0]
     try:

@@ -43,17 +43,19 @@ class Processes:
         self._started: list[_Worker] = []
         self._waiting = ThreadPoolExecutor(count)  # each for the answer of a process
 
-    def each(self, do: Callable[[Any], Any], of: Sequence[Any]) -> Iterator[Any]:
+    def map_jobs(self, do: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         """`do` of each, in order; it mostly reads, so threads are enough."""
         with ThreadPoolExecutor(self.capacity) as threads:
-            for first in range(0, len(of), work.BLOCK):
-                yield from threads.map(do, of[first : first + work.BLOCK])
+            for start in range(0, len(items), work.BLOCK):
+                yield from threads.map(do, items[start : start + work.BLOCK])
 
     def submit(self, do: Callable[..., Any], *arguments: Any) -> "Future[Any]":
         """Calls a function in an idle process."""
-        worker = self._idle.get() or self._new()
+        worker = self._idle.get() or self._start_worker()
         future = self._waiting.submit(worker.call, do, *arguments)
-        future.add_done_callback(lambda done: self._idle.put(None if self._dead(done) else worker))
+        future.add_done_callback(
+            lambda finished: self._idle.put(None if self._dead(finished) else worker)
+        )
         return future
 
     def close(self) -> None:
@@ -66,17 +68,17 @@ class Processes:
             worker.pipe.close()
         self._started.clear()
 
-    def _dead(self, done: "Future[Any]") -> bool:
-        return done.cancelled() or isinstance(done.exception(), self.died)
+    def _dead(self, finished: "Future[Any]") -> bool:
+        return finished.cancelled() or isinstance(finished.exception(), self.died)
 
-    def _new(self) -> "_Worker":
+    def _start_worker(self) -> "_Worker":
         """A new process; the first compiles what the others then find compiled."""
         for name in _THREADS:
             os.environ.setdefault(name, "1")
-        first = not self._started
+        is_first = not self._started
         with _uninterrupted():
             self._started.append(worker := _Worker())
-        if first:
+        if is_first:
             try:
                 worker.call(work.warm)
             except BrokenExecutor as error:
@@ -90,12 +92,12 @@ class _Worker:
 
     def __init__(self) -> None:
         spawn = multiprocessing.get_context("spawn")
-        self.pipe, its_end = spawn.Pipe()
-        self.process = spawn.Process(target=_serve, args=(its_end,), daemon=True)
+        self.pipe, child_pipe = spawn.Pipe()
+        self.process = spawn.Process(target=_serve, args=(child_pipe,), daemon=True)
         try:
             self.process.start()
         finally:
-            its_end.close()  # the process alone has it: the pipe ends with the process
+            child_pipe.close()  # the process alone has it: the pipe ends with the process
 
     def call(self, do: Callable[..., Any], *arguments: Any) -> Any:
         """What the function returns or raises there.
@@ -105,10 +107,10 @@ class _Worker:
         """
         try:
             self.pipe.send((do, arguments))
-            done, answer = self.pipe.recv()
+            succeeded, answer = self.pipe.recv()
         except (EOFError, OSError) as error:
             raise BrokenExecutor("the process died") from error
-        if not done:
+        if not succeeded:
             raise answer
         return answer
 
@@ -143,8 +145,8 @@ def _begin() -> None:
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
     """A process that starts in here never gets Ctrl-C: the run does, and ends it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)

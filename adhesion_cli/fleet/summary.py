@@ -25,9 +25,21 @@ _SHARES = (5.0, 50.0, 95.0)  # percentiles
 _SUSPECT = "-unit-suspect"  # end of the codes of units that are probably wrong
 _LISTED = 10  # slides and logs that are listed
 _OF_APPLICATION = (
-    "log", "sha256", "axle", "start_s", "from_mps", "to_mps", "coefficient_mean", "slides",
-    "slide_s", "slide_distance_m", "max_slip", "slide_energy_j", "settings", "version",
-)  # fmt: skip
+    "log",
+    "sha256",
+    "axle",
+    "start_s",
+    "from_mps",
+    "to_mps",
+    "coefficient_mean",
+    "slides",
+    "slide_s",
+    "slide_distance_m",
+    "max_slip",
+    "slide_energy_j",
+    "settings",
+    "version",
+)
 _OF_FINDING = ("log", "sha256", "code", "severity", "message", "settings", "version")
 _OF_LOG = ("log", "sha256", "status", "error", "hint", "start", "version", "settings")
 
@@ -158,15 +170,15 @@ def summarise_fleet(folder: Path) -> FleetSummary:
     """
     try:
         logs = _newest(_read(folder, "logs", (*_OF_LOG, "__filename")))
-        good = [row for row in logs if row.status != "error"]
-        keys = pa.array(sorted({row.key for row in good}), pa.string())
+        analysed = [row for row in logs if row.status != "error"]
+        keys = pa.array(sorted({row.key for row in analysed}), pa.string())
         applications = _with_keys(_read(folder, "applications", _OF_APPLICATION), keys)
         findings = _with_keys(_read(folder, "findings", _OF_FINDING), keys)
     except (OSError, pa.ArrowException) as error:
         text = f"{printable(str(folder))}: cannot be read as results of a fleet ({error})"
         hint = "name the folder that `adhesion fleet -o` wrote; to analyse first, add -o"
         raise UserError(text, hint) from error
-    days = {row.key: row.start.date().isoformat() for row in good if row.start}
+    days = {row.key: row.start.date().isoformat() for row in analysed if row.start}
     row_keys = _keys(applications).to_pylist()
     row_days = [days.get(key, "unknown") for key in row_keys]
     settings = applications["settings"].to_pylist()
@@ -184,7 +196,7 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         findings=_codes(findings),
         in_doubt=_in_doubt(findings),
         to_check=_to_check(findings),
-        evaluated=_evaluated(good),
+        evaluated=_evaluated(analysed),
         failed=[{"log": r.log, "error": r.error, "hint": r.hint or ""} for r in logs if r.error],
         damaged=sorted({row.log for row in logs if row.status == "damaged"}),
     )

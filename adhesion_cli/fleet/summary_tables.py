@@ -41,22 +41,30 @@ def head(fleet: FleetSummary) -> str:
 def tables(fleet: FleetSummary) -> list[Table]:
     """Adhesion by speed, settings and day, the worst slides, the findings; those with rows."""
     days = fleet.by_day
-    last = f", last {DAYS} of {len(days)} days" if len(days) > DAYS else ""
+    scope = f", last {DAYS} of {len(days)} days" if len(days) > DAYS else ""
     speeds = [
-        {"speed [km/h]": f"{row.from_kmh:.0f} to {row.to_kmh:.0f}"
-         if row.to_kmh else f"from {row.from_kmh:.0f}", **_spread(row)}
+        {
+            "speed [km/h]": f"{row.from_kmh:.0f} to {row.to_kmh:.0f}"
+            if row.to_kmh
+            else f"from {row.from_kmh:.0f}",
+            **_spread(row),
+        }
         for row in fleet.by_speed
-    ]  # fmt: skip
+    ]
     vehicles = [
         {"settings": row.settings, "vehicle": row.stated, **_spread(row)}
         for row in fleet.by_settings
     ]
     codes = [
-        {"finding": row.code, "severity": row.severity, "example": row.example,
-         "logs": str(row.logs)}
+        {
+            "finding": row.code,
+            "severity": row.severity,
+            "example": row.example,
+            "logs": str(row.logs),
+        }
         for row in fleet.findings
-    ]  # fmt: skip
-    every = (
+    ]
+    all_tables = (
         Table(
             "Mean adhesion coefficient by mean speed of the application",
             speeds,
@@ -65,14 +73,14 @@ def tables(fleet: FleetSummary) -> list[Table]:
         ),
         Table("By settings", vehicles, 2, _by_settings(fleet.by_settings)),
         Table(
-            f"By day{last}",
+            f"By day{scope}",
             [{"day": r.day, **_spread(r)} for r in days[-DAYS:]],
             figure=_by_day(days),
         ),
         Table(_WORST, list(map(_slid, fleet.worst_slides)), note=_OF_SLIDES),
         Table(_FINDINGS, codes, 3),
     )
-    return [table for table in every if table.rows]
+    return [table for table in all_tables if table.rows]
 
 
 def campaign(name: str, fleet: FleetSummary) -> Campaign:
@@ -82,21 +90,28 @@ def campaign(name: str, fleet: FleetSummary) -> Campaign:
         name: of the folder.
         fleet: the summary.
     """
-    shown = [_on_page(one, fleet) for one in tables(fleet)]
+    page_tables = [_on_page(table, fleet) for table in tables(fleet)]
     codes = dict.fromkeys(_all_codes(fleet))
-    return Campaign(name, verdict(fleet), head(fleet), [*shown, *lists(fleet)], [*codes], {
-        "Evaluated by": ", ".join(f"adhesion {v}" for v in fleet.evaluated.versions),
-        "Results written (UTC)": " to ".join(dict.fromkeys(fleet.evaluated.days)),
-        "Settings": "; ".join(f"{r.settings}: {r.stated}" for r in fleet.by_settings),
-    })  # fmt: skip
+    return Campaign(
+        name,
+        verdict(fleet),
+        head(fleet),
+        [*page_tables, *lists(fleet)],
+        [*codes],
+        {
+            "Evaluated by": ", ".join(f"adhesion {v}" for v in fleet.evaluated.versions),
+            "Results written (UTC)": " to ".join(dict.fromkeys(fleet.evaluated.days)),
+            "Settings": "; ".join(f"{r.settings}: {r.stated}" for r in fleet.by_settings),
+        },
+    )
 
 
 def verdict(fleet: FleetSummary) -> str:
     """How often a wheel slid, and how many logs cannot be trusted, in one line."""
-    logs, every = fleet.logs, fleet.applications
-    slid = f"A wheel slid in {fleet.with_slides} of {every} brake applications of an axle."
+    logs, applications = fleet.logs, fleet.applications
+    slid = f"A wheel slid in {fleet.with_slides} of {applications} brake applications of an axle."
     return (
-        f"{slid if every else 'No brake application.'} Of {sum(logs.values())} logs, "
+        f"{slid if applications else 'No brake application.'} Of {sum(logs.values())} logs, "
         f"{logs['error']} failed, {logs['damaged']} damaged, {fleet.in_doubt} in doubt."
     )
 
@@ -105,35 +120,34 @@ def lists(fleet: FleetSummary) -> list[Table]:
     """Failed logs with error and hint, and those whose numbers are doubtful; those with rows."""
     failed = [{k: str(v) for k, v in row.items()} for row in fleet.failed]
     check = [
-        {"log": row.log, "severity": row.severity, "finding": _title(row.code),
-         "what": row.message}
+        {"log": row.log, "severity": row.severity, "finding": _title(row.code), "what": row.message}
         for row in fleet.to_check
-    ]  # fmt: skip
+    ]
     marks = [("slid", "severity")] * len(check)
-    every = (
+    all_lists = (
         Table("Failed logs", failed, 3),
         Table("Damaged logs and suspect units", check, 4, links=_links(fleet), marks=marks),
     )
-    return [table for table in every if table.rows]
+    return [table for table in all_lists if table.rows]
 
 
-def _on_page(one: Table, fleet: FleetSummary) -> Table:
+def _on_page(table: Table, fleet: FleetSummary) -> Table:
     """A table as the page has it: with titles of findings, and marks of doubtful logs."""
-    if one.title == _FINDINGS:
-        rows = [{**row, "finding": _title(row["finding"])} for row in one.rows]
-        return one._replace(rows=rows, links=_links(fleet))
-    if one.title == _WORST:
+    if table.title == _FINDINGS:
+        rows = [{**row, "finding": _title(row["finding"])} for row in table.rows]
+        return table._replace(rows=rows, links=_links(fleet))
+    if table.title == _WORST:
         doubt = {row.log: _title(row.code) for row in reversed(fleet.to_check)}
-        rows = [{**row, "doubtful": doubt.get(row["log"], "")} for row in one.rows]
+        rows = [{**row, "doubtful": doubt.get(row["log"], "")} for row in table.rows]
         if any(row["doubtful"] for row in rows):
             marks = [("slid", "doubtful")] * len(rows)
-            return one._replace(rows=rows, links=_links(fleet), marks=marks)
-    return one
+            return table._replace(rows=rows, links=_links(fleet), marks=marks)
+    return table
 
 
 def _title(code: str) -> str:
-    known = catalogue().get(code)
-    return known.title if known else code
+    entry = catalogue().get(code)
+    return entry.title if entry else code
 
 
 def _links(fleet: FleetSummary) -> dict[str, str]:
@@ -148,17 +162,20 @@ def _all_codes(fleet: FleetSummary) -> list[str]:
 def _spread(row: Distribution) -> dict[str, str]:
     """The cells of a distribution."""
     return {
-        "number": str(row.applications), "slid": str(row.with_slides),
-        "5 %": number(row.p5, 3), "median": number(row.median, 3),
-        "95 %": number(row.p95, 3), "median slid": number(row.median_with_slides, 3),
-    }  # fmt: skip
+        "number": str(row.applications),
+        "slid": str(row.with_slides),
+        "5 %": number(row.p5, 3),
+        "median": number(row.median, 3),
+        "95 %": number(row.p95, 3),
+        "median slid": number(row.median_with_slides, 3),
+    }
 
 
 def _by_speed(rows: Sequence[SpeedBand]) -> Bars | None:
-    low = [row.from_kmh for row in rows]
-    high = [row.to_kmh or row.from_kmh + _BAND for row in rows]
-    names = [f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)]
-    bars = map(_bar, names, low, high, rows)
+    lower = [row.from_kmh for row in rows]
+    upper = [row.to_kmh or row.from_kmh + _BAND for row in rows]
+    names = [f"{a:g} to {b:g}" for a, b in zip(lower, upper, strict=True)]
+    bars = map(_bar, names, lower, upper, rows)
     return _compared(Bars("mean speed of the brake application [km/h]", list(bars)))
 
 
@@ -176,24 +193,28 @@ def _by_day(rows: Sequence[Day]) -> Bars | None:
     return _compared(Bars("day of the log's start (UTC), every day", bars, dated=True))
 
 
-def _compared(of: Bars) -> Bars | None:
+def _compared(page_bars: Bars) -> Bars | None:
     """The figure, if there is something to compare in it."""
-    bars = [bar for bar in of.bars if isfinite(bar.middle)]
-    return of._replace(bars=bars) if len(bars) > 1 else None
+    bars = [bar for bar in page_bars.bars if isfinite(bar.middle)]
+    return page_bars._replace(bars=bars) if len(bars) > 1 else None
 
 
-def _bar(name: str, begin: float, end: float, row: Distribution) -> Bar:
+def _bar(name: str, begin: float, stop: float, row: Distribution) -> Bar:
     values = row.p5, row.median, row.p95, row.median_with_slides
-    low, middle, high, slid = (nan if x is None else x for x in values)
-    return Bar(name, begin, end, low, middle, high, slid, row.applications)
+    lower, middle, upper, slid = (nan if x is None else x for x in values)
+    return Bar(name, begin, stop, lower, middle, upper, slid, row.applications)
 
 
 def _slid(row: SlidApplication) -> dict[str, str]:
     """The cells of a brake application with slides."""
     heat = row.slide_energy_j
     return {
-        "log": row.log, "axle": str(row.axle), "at [s]": number(row.start_s, 1),
+        "log": row.log,
+        "axle": str(row.axle),
+        "at [s]": number(row.start_s, 1),
         "km/h": number(row.from_mps and 3.6 * row.from_mps, 0),
-        "slid [s]": number(row.slide_s, 1), "[m]": number(row.slide_distance_m, 0),
-        "max slip": f"{row.max_slip:.0%}", "kJ": number(heat and heat / 1e3, 1),
-    }  # fmt: skip
+        "slid [s]": number(row.slide_s, 1),
+        "[m]": number(row.slide_distance_m, 0),
+        "max slip": f"{row.max_slip:.0%}",
+        "kJ": number(heat and heat / 1e3, 1),
+    }

@@ -24,7 +24,7 @@ from ..results.tables import LogRow
 from .locations import Location, local
 
 BLOCK = 256  # logs whose hashes are asked for at once
-_ONE = threading.Lock()  # a process analyses one log at a time, whatever threads it has
+_SINGLE_LOG = threading.Lock()  # a process analyses one log at a time, whatever threads it has
 # With train speed and slides, and without: what other logs need, too. One axle of each is enough.
 _SAMPLES: dict[str, tuple[int, ...]] = {"low-adhesion.csv": (1,), bundled.SAMPLE: ()}
 _THRESHOLD = 100_000  # as in `__main__`: what is imported stays
@@ -55,8 +55,8 @@ class Job(NamedTuple):
 
     def depends(self) -> dict[str, Any]:
         """All that a result depends on, except the log and the version."""
-        own = {"version", "settings", "recordings"}
-        return {name: value for name, value in self._asdict().items() if name not in own}
+        excluded = {"version", "settings", "recordings"}
+        return {name: value for name, value in self._asdict().items() if name not in excluded}
 
 
 class Item(NamedTuple):
@@ -66,7 +66,7 @@ class Item(NamedTuple):
     sha256: str
 
 
-class Done(NamedTuple):
+class Outcome(NamedTuple):
     """A log that was analysed, or failed.
 
     Attributes:
@@ -84,24 +84,27 @@ def identified(log: Location) -> tuple[str, dict[str, str]]:
         with local(log.place) as path, path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest(), {}
     except Exception as error:  # every kind of URL has its own errors
-        return "", _told(error, log.place, log.name)
+        return "", _error_document(error, log.place, log.name)
 
 
-def analysed(item: Item, job: Job) -> Done:
+def analysed(item: Item, job: Job) -> Outcome:
     """Analyses one log; an error becomes its row."""
-    one: ResultSummary | FailedLog
+    summary: ResultSummary | FailedLog
     files: dict[str, bytes]
-    with _ONE:
+    with _SINGLE_LOG:
         begin = time.perf_counter()
         try:
             with local(item.log.place) as path:
                 try:
-                    one, files = _tables(path, item, job)
+                    summary, files = _tables(path, item, job)
                 except Exception as error:
-                    one, files = failed(item, _told(error, str(path), item.log.name)), {}
+                    summary, files = (
+                        failed(item, _error_document(error, str(path), item.log.name)),
+                        {},
+                    )
         except Exception as error:  # the copy of a URL
-            one, files = failed(item, _told(error, item.log.place, item.log.name)), {}
-        return Done(row(one, job, time.perf_counter() - begin), files)
+            summary, files = failed(item, _error_document(error, item.log.place, item.log.name)), {}
+        return Outcome(row(summary, job, time.perf_counter() - begin), files)
 
 
 def failed(item: Item, error: dict[str, str]) -> FailedLog:
@@ -147,21 +150,19 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, 
     Raises:
         UserError: it cannot be analysed, or has changed since it was identified.
     """
-    result = analyze(
-        path, load_settings(job), job.algos, job.axles, job.window, train_speed=True
-    )  # fmt: skip
+    result = analyze(path, load_settings(job), job.algos, job.axles, job.window, train_speed=True)
     if result.log.sha256 != item.sha256:
         hint = "run again when the logger has closed it"
         raise UserError(f"{path}: the file changed during the run", hint)
     result = replace(result, log=replace(result.log, path=item.log.name))
-    one = summarise(result, {})
-    _record(result, one, recordings(item, job))
-    made = {
-        "applications": tables.applications([one]),
-        "estimators": tables.estimators([one]),
-        "findings": tables.findings(one.findings, one.log.path, one.log.sha256),
+    summary = summarise(result, {})
+    _record(result, summary, recordings(item, job))
+    by_name = {
+        "applications": tables.applications([summary]),
+        "estimators": tables.estimators([summary]),
+        "findings": tables.findings(summary.findings, summary.log.path, summary.log.sha256),
     }
-    return one, {name: tables.packed(_of_run(of, job)) for name, of in made.items()}
+    return summary, {name: tables.packed(_of_run(rows, job)) for name, rows in by_name.items()}
 
 
 def _of_run(table: Any, job: Job) -> Any:
@@ -172,15 +173,18 @@ def _of_run(table: Any, job: Job) -> Any:
     return table
 
 
-def _record(result: Result, one: ResultSummary, files: list[Path]) -> None:
+def _record(result: Result, summary: ResultSummary, files: list[Path]) -> None:
     if not files:
         return
     files[0].parent.mkdir(parents=True, exist_ok=True)
     with atomic_files.sets([files], True, sweeps=False) as (places,):
-        write_result(places, result, one)
+        write_result(places, result, summary)
 
 
-def _told(error: Exception, place: str, name: str) -> dict[str, str]:
+def _error_document(error: Exception, place: str, name: str) -> dict[str, str]:
     """Error and hint by the log's name, wherever its file is."""
-    told = as_user_error(error)
-    return {"error": told.text.replace(place, name), "hint": told.hint.replace(place, name)}
+    user_error = as_user_error(error)
+    return {
+        "error": user_error.text.replace(place, name),
+        "hint": user_error.hint.replace(place, name),
+    }

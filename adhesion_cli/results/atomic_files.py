@@ -37,8 +37,10 @@ from .verified import verified
 
 _HIDDEN = ".adhesion-"
 _ELSEWHERE = "write to another folder"
-_NEW = 60.0  # age of a hidden file that its run may not have locked yet [s]
-_OURS = "# adhesion: written last, when the files below were whole\n"  # a comment to sha256sum
+_UNLOCKED_AGE = 60.0  # age of a hidden file that its run may not have locked yet [s]
+_MANIFEST_HEAD = (
+    "# adhesion: written last, when the files below were whole\n"  # a comment to sha256sum
+)
 
 
 def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) -> None:
@@ -53,23 +55,23 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
         UserError: a target is a URL, its folder is missing or read-only, a result exists already,
             an output is an input (by whatever name), or two outputs have one name.
     """
-    seen: set[Path] = set()
+    checked: set[Path] = set()
     for path in paths:
         refuse_url(path)
-        shown, folder = _shown(path), _shown(path.parent)
-        if (place := path.parent.resolve() / path.name) in seen:
+        file_name, folder = _printable_path(path), _printable_path(path.parent)
+        if (place := path.parent.resolve() / path.name) in checked:
             hint = "run several logs one by one, each with its own --out"
-            raise UserError(f"{shown}: two results of this run would have this name", hint)
-        seen.add(place)
+            raise UserError(f"{file_name}: two results of this run would have this name", hint)
+        checked.add(place)
         if not path.parent.is_dir():
             raise UserError(f"{folder}: no such folder", "create it, or write elsewhere")
         if not os.access(path.parent, os.W_OK | os.X_OK):
             raise UserError(f"{folder}: the folder cannot be written to", _ELSEWHERE)
         if path.exists() and not path.is_file():
             kind = "a folder" if path.is_dir() else "a pipe or a device, not a file"
-            raise UserError(f"{shown}: is {kind}", _ELSEWHERE)
+            raise UserError(f"{file_name}: is {kind}", _ELSEWHERE)
         if any(path.exists() and x.exists() and path.samefile(x) for x in inputs):
-            raise UserError(f"{shown}: is the input itself", _ELSEWHERE)
+            raise UserError(f"{file_name}: is the input itself", _ELSEWHERE)
     if not force:
         _refuse_existing(paths)
 
@@ -86,29 +88,29 @@ def refuse_url(path: Path) -> None:
 
 
 @contextmanager
-def folder(out: Path) -> Iterator[None]:
+def folder(target: Path) -> Iterator[None]:
     """Makes a folder for results; removes it again if it stays empty.
 
     Raises:
         UserError: where it cannot be made.
     """
-    refuse_url(out)
-    if out.exists() and not out.is_dir():
+    refuse_url(target)
+    if target.exists() and not target.is_dir():
         hint = "name a folder with --out, a new one or one that exists"
-        raise UserError(f"{_shown(out)}: is a file, not a folder", hint)
-    made = [p for p in (out, *out.parents) if not p.exists()]
+        raise UserError(f"{_printable_path(target)}: is a file, not a folder", hint)
+    created = [p for p in (target, *target.parents) if not p.exists()]
     try:
-        if made:
-            out.mkdir(parents=True)
+        if created:
+            target.mkdir(parents=True)
     except OSError as error:
-        text = f"{_shown(out)}: the folder cannot be made ({error.strerror})"
+        text = f"{_printable_path(target)}: the folder cannot be made ({error.strerror})"
         raise UserError(text, "choose another with --out") from error
     try:
         yield
     finally:
-        for one in made:
+        for directory in created:
             with suppress(OSError):  # it holds the results
-                one.rmdir()
+                directory.rmdir()
 
 
 @contextmanager
@@ -136,12 +138,16 @@ def outputs(
 
 @contextmanager
 def sets(
-    of: Sequence[Sequence[Path]], force: bool, *, inputs: Sequence[Path] = (), sweeps: bool = True
+    path_sets: Sequence[Sequence[Path]],
+    force: bool,
+    *,
+    inputs: Sequence[Path] = (),
+    sweeps: bool = True,
 ) -> Iterator[list[list[Path]]]:
     """Several sets of `outputs`, as there: none appears before all are written and on the disk.
 
     Args:
-        of: the final names of each set.
+        path_sets: the final names of each set.
         force: whether existing results may be replaced.
         inputs: what the run reads, which must survive.
         sweeps: whether what killed runs left goes first; a folder with many files takes long.
@@ -149,9 +155,9 @@ def sets(
     Yields:
         The paths to write to, of each set.
     """
-    every = [path for paths in of for path in paths]
-    check(every, force, inputs=inputs)
-    folders = list(dict.fromkeys(path.parent for path in every))
+    all_paths = [path for paths in path_sets for path in paths]
+    check(all_paths, force, inputs=inputs)
+    folders = list(dict.fromkeys(path.parent for path in all_paths))
     try:
         if sweeps:
             sweep(folders)
@@ -160,19 +166,23 @@ def sets(
             def hidden(folder: Path) -> Path:
                 return stack.enter_context(_hidden(folder))
 
-            written = [[hidden(path.parent) for path in paths] for paths in of]
+            written = [[hidden(path.parent) for path in paths] for paths in path_sets]
             yield [list(places) for places in written]
-            files = dict(zip(every, (place for places in written for place in places), strict=True))
-            for paths, places in zip(of, written, strict=True):
+            files = dict(
+                zip(all_paths, (place for places in written for place in places), strict=True)
+            )
+            for paths, places in zip(path_sets, written, strict=True):
                 if len(paths) > 1:
                     place = files[manifest(paths[0])] = hidden(paths[0].parent)
-                    with verified(place) as told:
-                        told.write(_manifest(paths, places))
+                    with verified(place) as digests:
+                        digests.write(_manifest(paths, places))
             for place in files.values():  # one by one: an interrupt would wait for threads
                 with place.open("rb") as file:
                     os.fsync(file.fileno())
             with _locked(folders) as locked, _uninterrupted():
-                stale = [m for paths in of if paths and _ours(m := manifest(paths[0]))]
+                stale = [
+                    m for paths in path_sets if paths and _is_manifest(m := manifest(paths[0]))
+                ]
                 if not force:  # another run was faster, or somebody else's manifest
                     _refuse_existing([path for path in files if path not in stale])
                 _publish(files, stale)
@@ -181,7 +191,8 @@ def sets(
     except OSError as error:
         text = f"cannot write the results ({error.strerror or error})"
         raise UserError(
-            f"{', '.join(map(_shown, folders))}: {text}", f"free space there, or {_ELSEWHERE}"
+            f"{', '.join(map(_printable_path, folders))}: {text}",
+            f"free space there, or {_ELSEWHERE}",
         ) from error
 
 
@@ -194,27 +205,27 @@ def _publish(files: dict[Path, Path], stale: list[Path]) -> None:
         files: what is written, by its name; the record first.
         stale: manifests that are about to be untrue.
     """
-    old = [path for path in files if os.path.lexists(path) and path not in stale]
-    replaces = old[:1] == list(files)[:1]
-    given: list[Path] = []
+    replaced = [path for path in files if os.path.lexists(path) and path not in stale]
+    replaces = replaced[:1] == list(files)[:1]
+    published: list[Path] = []
     with ExitStack() as stack:
-        kept = {path: stack.enter_context(_kept(path)) for path in [*old, *stale]}
+        backups = {path: stack.enter_context(_backup(path)) for path in [*replaced, *stale]}
         try:
-            for path in reversed([*old[replaces:], *stale]):
+            for path in reversed([*replaced[replaces:], *stale]):
                 path.unlink()
             for path, place in files.items():
                 place.replace(path)
-                given.append(path)
+                published.append(path)
         except BaseException:
-            for path in reversed(given[replaces:]):
+            for path in reversed(published[replaces:]):
                 path.unlink()
-            for path, place in kept.items():
+            for path, place in backups.items():
                 place.replace(path)
             raise
 
 
 @contextmanager
-def _kept(path: Path) -> Iterator[Path]:
+def _backup(path: Path) -> Iterator[Path]:
     """A second, hidden name of a file, until this is done; a copy where the disk has no links."""
     place = _hidden_name(path.parent)
     with ExitStack() as stack:
@@ -234,19 +245,19 @@ def _kept(path: Path) -> Iterator[Path]:
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
     """Signals that end a run come when this is done."""
-    came: list[int] = []
-    before = {}
+    signals: list[int] = []
+    handlers = {}
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             if callable(signal.getsignal(number)):
-                before[number] = signal.signal(number, lambda number, _: came.append(number))
+                handlers[number] = signal.signal(number, lambda number, _: signals.append(number))
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-    if came:
-        signal.raise_signal(came[0])
+    if signals:
+        signal.raise_signal(signals[0])
 
 
 def sweep(folders: Sequence[Path]) -> None:
@@ -259,7 +270,7 @@ def sweep(folders: Sequence[Path]) -> None:
 def _sweep(folder: Path) -> None:
     for path in folder.glob(f"{_HIDDEN}*.part"):
         with suppress(OSError), path.open("rb") as file:
-            if time.time() - path.stat().st_mtime > _NEW:
+            if time.time() - path.stat().st_mtime > _UNLOCKED_AGE:
                 _lock(file)
                 path.unlink()
 
@@ -310,9 +321,11 @@ def _locked(folders: Sequence[Path]) -> Iterator[list[int]]:
 def belong_together(paths: Sequence[Path]) -> bool:
     """Whether a manifest lists these files of one set with the content they have now."""
     try:
-        told = os.fsdecode(manifest(paths[0]).read_bytes())
-        listed = set(told.removeprefix(_OURS).splitlines(keepends=True))
-        return told.startswith(_OURS) and all(_line(p.name, p) in listed for p in paths)
+        manifest_text = os.fsdecode(manifest(paths[0]).read_bytes())
+        listed = set(manifest_text.removeprefix(_MANIFEST_HEAD).splitlines(keepends=True))
+        return manifest_text.startswith(_MANIFEST_HEAD) and all(
+            _line(p.name, p) in listed for p in paths
+        )
     except FileNotFoundError:
         return False
 
@@ -323,22 +336,24 @@ def manifest(path: Path) -> Path:
 
 
 def _manifest(paths: Sequence[Path], written: Sequence[Path]) -> bytes:
-    here = paths[0].parent.resolve()
-    names = (os.path.relpath(p.parent.resolve() / p.name, here) for p in paths)
-    return os.fsencode(_OURS + "".join(map(_line, names, written)))
+    directory = paths[0].parent.resolve()
+    names = (os.path.relpath(p.parent.resolve() / p.name, directory) for p in paths)
+    return os.fsencode(_MANIFEST_HEAD + "".join(map(_line, names, written)))
 
 
 def _line(name: str, place: Path) -> str:
-    told = name.replace("\\", r"\\").replace("\n", r"\n").replace("\r", r"\r")
+    escaped = name.replace("\\", r"\\").replace("\n", r"\n").replace("\r", r"\r")
     with place.open("rb") as content:
         digest = hashlib.file_digest(content, "sha256").hexdigest()
-    return ("\\" if told != name else "") + f"{digest}  {told}\n"  # as sha256sum marks such a name
+    return (
+        "\\" if escaped != name else ""
+    ) + f"{digest}  {escaped}\n"  # as sha256sum marks such a name
 
 
-def _ours(path: Path) -> bool:
+def _is_manifest(path: Path) -> bool:
     """Whether this is a manifest that we wrote."""
     try:
-        return path.read_bytes().startswith(os.fsencode(_OURS))
+        return path.read_bytes().startswith(os.fsencode(_MANIFEST_HEAD))
     except OSError:  # none, as a rule
         return False
 
@@ -347,9 +362,10 @@ def _refuse_existing(paths: Sequence[Path]) -> None:
     for path in paths:
         if os.path.lexists(path):
             raise UserError(
-                f"{_shown(path)}: exists already", "add --force to replace it, or write elsewhere"
+                f"{_printable_path(path)}: exists already",
+                "add --force to replace it, or write elsewhere",
             )
 
 
-def _shown(path: Path) -> str:
+def _printable_path(path: Path) -> str:
     return printable(str(path))

@@ -21,7 +21,7 @@ _NO_DATE: dict[str, dict[str, Any]] = {
     ".pdf": {"CreationDate": None},
 }
 _PANEL = (4.4, 3.3)  # width and height [inch]
-_MANY = 300  # more points become one image, else each is an element in SVG
+_VECTOR_POINTS = 300  # more points become one image, else each is an element in SVG
 _STYLE: dict[str, Any] = {
     "svg.hashsalt": "adhesion",  # names inside the file are the same at each run
     "svg.fonttype": "none",  # text stays text
@@ -58,8 +58,8 @@ class Band:
     """A shaded range of x, or of y."""
 
     name: str  # in the legend
-    low: float
-    high: float
+    lower: float
+    upper: float
     colour: str
     of_x: bool = True
 
@@ -86,11 +86,11 @@ def kind(path: Path) -> str:
     Raises:
         UserError: for another suffix.
     """
-    found = path.suffix.lower()
-    if found not in _NO_DATE:
+    suffix = path.suffix.lower()
+    if suffix not in _NO_DATE:
         hint = "--figure FILE.svg, FILE.png or FILE.pdf"
         raise UserError(f"{path}: a picture is SVG, PNG or PDF", hint, code=2)
-    return found
+    return suffix
 
 
 def write(
@@ -115,34 +115,49 @@ def write(
 
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
-    drawn = io.BytesIO()
+    image = io.BytesIO()
     with style.context(["default", _STYLE]), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a letter that the font lacks is shown as a box
         figure = Figure((columns * _PANEL[0], rows * _PANEL[1]), layout="constrained")
         figure.suptitle(title, fontweight="bold")
         for i, panel in enumerate(panels, 1):
             _draw(figure.add_subplot(rows, columns, i), panel)
-        figure.savefig(drawn, format=suffix[1:], metadata=_NO_DATE[suffix])
+        figure.savefig(image, format=suffix[1:], metadata=_NO_DATE[suffix])
     with verified(path) as file:
-        file.write(drawn.getbuffer())
+        file.write(image.getbuffer())
 
 
 def _draw(axes: "Axes", panel: Panel) -> None:
     for band in panel.bands:
         span = axes.axvspan if band.of_x else axes.axhspan
-        span(band.low, band.high, color=band.colour, alpha=0.16, linewidth=0, label=band.name)
+        span(band.lower, band.upper, color=band.colour, alpha=0.16, linewidth=0, label=band.name)
     for line in panel.lines:
         name = line.name or "_"  # matplotlib leaves such names out of the legend
         if line.bars is not None:
             axes.errorbar(
-                line.x, line.y, line.bars, fmt="o", color=line.colour, label=name,
-                markersize=line.dots, markeredgewidth=0, elinewidth=0.9, capsize=1.5, capthick=0.9,
-            )  # fmt: skip
+                line.x,
+                line.y,
+                line.bars,
+                fmt="o",
+                color=line.colour,
+                label=name,
+                markersize=line.dots,
+                markeredgewidth=0,
+                elinewidth=0.9,
+                capsize=1.5,
+                capthick=0.9,
+            )
         elif line.dots:
             axes.plot(
-                line.x, line.y, "o", color=line.colour, label=name, markersize=line.dots,
-                markeredgewidth=0, rasterized=len(line.x) > _MANY,
-            )  # fmt: skip
+                line.x,
+                line.y,
+                "o",
+                color=line.colour,
+                label=name,
+                markersize=line.dots,
+                markeredgewidth=0,
+                rasterized=len(line.x) > _VECTOR_POINTS,
+            )
         else:
             style = "--" if line.dashed else "-"
             axes.plot(line.x, line.y, style, color=line.colour, label=name, linewidth=1.1)

@@ -32,8 +32,13 @@ def write_log(path: Path, log: Log) -> None:
     """
     headers = ["time" if log.absolute else "time [s]"]
     for name, unit in names.channels(log):
-        headers.append(names.cell(name if not unit or name.endswith((f"[{unit}]", f"({unit})"))
-                             else f"{name} [{unit}]"))  # fmt: skip
+        headers.append(
+            names.cell(
+                name
+                if not unit or name.endswith((f"[{unit}]", f"({unit})"))
+                else f"{name} [{unit}]"
+            )
+        )
     schema = pa.schema(list(zip(headers, wide_table.types(log), strict=True)))
     with verified(path) as file, CSVWriter(file, schema) as writer:
         for columns in wide_table.batches(log):

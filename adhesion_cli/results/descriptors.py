@@ -51,5 +51,5 @@ def message(name: str) -> type[Message]:
     pool = DescriptorPool()
     for file in _files().values():
         pool.Add(file)  # listed in order of import
-    made: type[Message] = GetMessageClass(pool.FindMessageTypeByName(f"adhesion.{name}"))
-    return made
+    message_class: type[Message] = GetMessageClass(pool.FindMessageTypeByName(f"adhesion.{name}"))
+    return message_class

@@ -29,9 +29,9 @@ _DOT = 2.2  # diameter of a point of many
 def of_slip(result: Result, summaries: Sequence[Summary], bands: Bands) -> list[Panel]:
     """Curve, slope and confidence of every axle that slid, or of all if none did."""
     pairs = list(zip(result.axles, summaries, strict=True))
-    shown = [(a, s) for a, s in pairs if s.slides] or pairs
+    drawn_axles = [(a, s) for a, s in pairs if s.slides] or pairs
     start = result.log.start_ns()
-    return [p for axle, s in shown for p in _axle(axle, s, result.vehicle, bands, start)]
+    return [p for axle, s in drawn_axles for p in _axle(axle, s, result.vehicle, bands, start)]
 
 
 def _axle(
@@ -40,8 +40,9 @@ def _axle(
     record, name = axle.record, f"axle {axle.record.axle}"
     t = (record.t - start_ns) * np.float64(1e-9)
     slip = np.full(len(t), np.nan) if axle.slip is None else axle.slip
-    slope, sure = (np.full(len(t), np.nan) if x is None else x
-                   for x in (axle.slope, axle.slope_confidence))  # fmt: skip
+    slope, slope_sigma = (
+        np.full(len(t), np.nan) if x is None else x for x in (axle.slope, axle.slope_confidence)
+    )
     code = np.zeros(len(t), np.int8) if axle.region is None else axle.region
     mu = physics.coefficient(axle.reference.force, vehicle)
     braked = np.zeros(len(t), np.bool_)
@@ -55,25 +56,38 @@ def _axle(
     spans, curves = [], []
     if summary.rail and (v := record.train_speed) is not None:
         speeds = np.concatenate([v[x.samples] for x in summary.slides])
-        most = max(x.max_slip for x in summary.slides)
-        curves = list(_fitted(summary.rail, speeds, vehicle, most))
+        largest_slip = max(x.max_slip for x in summary.slides)
+        curves = list(_fitted(summary.rail, speeds, vehicle, largest_slip))
         if peak := summary.rail.peak_slip:
             spans = [Band("peak, 95 %", 100.0 * peak.lower, 100.0 * peak.upper, ORANGE)]
-    told, whole = Line("slope dµ/ds", t, slope, BLACK), (float(t[0]), float(t[-1]))
+    slope_line, time_range = Line("slope dµ/ds", t, slope, BLACK), (float(t[0]), float(t[-1]))
     return [
         Panel(f"{name}: µ over slip, by region", _SLIP, _MU, [*points, *curves], bands=spans),
-        Panel(f"{name}: slope", _TIME, "slope dµ/ds [-]", [told], x_range=whole, y_range=_SLOPES,
-              bands=_slope_band(bands)),
-        Panel(f"{name}: confidence", _TIME, "confidence of the slope [-]",
-              [Line("", t, sure, BLACK)], x_range=whole, y_range=(0.0, 1.0)),
-    ]  # fmt: skip
+        Panel(
+            f"{name}: slope",
+            _TIME,
+            "slope dµ/ds [-]",
+            [slope_line],
+            x_range=time_range,
+            y_range=_SLOPES,
+            bands=_slope_band(bands),
+        ),
+        Panel(
+            f"{name}: confidence",
+            _TIME,
+            "confidence of the slope [-]",
+            [Line("", t, slope_sigma, BLACK)],
+            x_range=time_range,
+            y_range=(0.0, 1.0),
+        ),
+    ]
 
 
-def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, most: float) -> Iterator[Line]:
+def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, largest_slip: float) -> Iterator[Line]:
     """The likeliest curve up to a slip, at the peak's speed and near the ends of the slides'."""
-    slip = np.geomspace(1e-4, most, 200)
-    low, high = np.quantile(speeds, [0.05, 0.95]).tolist()
-    for v, colour in ((rail.speed, BLACK), (low, GREY), (high, GREY)):
+    slip = np.geomspace(1e-4, largest_slip, 200)
+    slowest, fastest = np.quantile(speeds, [0.05, 0.95]).tolist()
+    for v, colour in ((rail.speed, BLACK), (slowest, GREY), (fastest, GREY)):
         mu, name = curve(rail.best, v, slip, vehicle), f"fit at {v:.1f} m/s"
         yield Line(name, 100.0 * slip, mu, colour, dashed=colour == GREY)
 
@@ -93,16 +107,22 @@ def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -
         bands: of the AND-test, by the controllers that make it.
     """
     longest = max(float(s.t[-1]) * 1e-9 for s in stops)
-    time, most = (0.0, longest), max(float(np.nanmax(s.demand)) for s in stops) * 1.05e-5
+    time, largest_demand = (0.0, longest), max(float(np.nanmax(s.demand)) for s in stops) * 1.05e-5
     rows: list[list[Panel]] = [[], [], [], []]
     for stop in stops:
-        t, who, of = stop.t * np.float64(1e-9), stop.controller, bands.get(stop.controller)
+        t, controller, controller_bands = (
+            stop.t * np.float64(1e-9),
+            stop.controller,
+            bands.get(stop.controller),
+        )
         slip, mu, bar = stop.slip[:, 0], stop.force[:, 0] / weight, stop.pressure[:, 0] * 1e-5
         speeds = [
             Line("train", t, stop.train_speed * 3.6, GREY),
             Line("wheel", t, stop.rim_speed[:, 0] * 3.6, BLUE),
         ]
-        rows[0].append(Panel(f"{who}: speed, axle 1", _TIME, "speed [km/h]", speeds, x_range=time))
+        rows[0].append(
+            Panel(f"{controller}: speed, axle 1", _TIME, "speed [km/h]", speeds, x_range=time)
+        )
         pressures = [
             Line("demand", t, stop.demand * 1e-5, GREY, dashed=True),
             *(
@@ -111,22 +131,49 @@ def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -
             ),
         ]
         rows[1].append(
-            Panel(f"{who}: cylinder, by valve", _TIME, "pressure [bar]", pressures, x_range=time,
-                  y_range=(0.0, most))
-        )  # fmt: skip
+            Panel(
+                f"{controller}: cylinder, by valve",
+                _TIME,
+                "pressure [bar]",
+                pressures,
+                x_range=time,
+                y_range=(0.0, largest_demand),
+            )
+        )
         points = [
             Line("operating point", 100.0 * slip, mu, BLUE, dots=_DOT),
             Line("the rail's peak", 100.0 * stop.peak_slip[:, 0], stop.peak[:, 0] / weight, RED),
         ]
-        span = [Band("slip band", 100.0 * of.slip_low, 100.0 * of.slip_high, GREEN)] if of else []
-        ends = 0.0, 105.0 * min(float(np.nanmax(slip)), 1.0)
-        rows[2].append(Panel(f"{who}: µ over slip", _SLIP, _MU, points, x_range=ends, bands=span))
+        span = (
+            [
+                Band(
+                    "slip band",
+                    100.0 * controller_bands.slip_low,
+                    100.0 * controller_bands.slip_high,
+                    GREEN,
+                )
+            ]
+            if controller_bands
+            else []
+        )
+        slip_range = 0.0, 105.0 * min(float(np.nanmax(slip)), 1.0)
+        rows[2].append(
+            Panel(f"{controller}: µ over slip", _SLIP, _MU, points, x_range=slip_range, bands=span)
+        )
         rows[3].append(
-            Panel(f"{who}: slope, confidence", _TIME, "[-]",
-                  [Line("slope dµ/ds", t, stop.slope[:, 0], BLACK),
-                   Line("confidence", t, stop.confidence[:, 0], ORANGE)],
-                  x_range=time, y_range=(-0.3, 1.0), bands=_slope_band(of) if of else [])
-        )  # fmt: skip
+            Panel(
+                f"{controller}: slope, confidence",
+                _TIME,
+                "[-]",
+                [
+                    Line("slope dµ/ds", t, stop.slope[:, 0], BLACK),
+                    Line("confidence", t, stop.confidence[:, 0], ORANGE),
+                ],
+                x_range=time,
+                y_range=(-0.3, 1.0),
+                bands=_slope_band(controller_bands) if controller_bands else [],
+            )
+        )
     return [panel for row in rows for panel in row]
 
 
@@ -145,14 +192,14 @@ def of_sweep(rows: "Sequence[Row]") -> list[Panel]:
     for key, title, unit in _OF_SWEEP:
         lines = []
         for n, law in enumerate(laws):
-            places, means, ends = [], [], []
+            places, means, intervals = [], [], []
             for r in rows:
                 if r.controller == law and (value := r.values[key]):
-                    at = rails.index(r.rail) + 0.2 * (n - (len(laws) - 1) / 2)
-                    places.append(at)
+                    x_position = rails.index(r.rail) + 0.2 * (n - (len(laws) - 1) / 2)
+                    places.append(x_position)
                     means.append(value[0])
-                    ends += [(at, value[1]), (at, value[2]), (np.nan, np.nan)]
-            colour, spread = of_method(law), np.array(ends).reshape(-1, 2)
+                    intervals += [(x_position, value[1]), (x_position, value[2]), (np.nan, np.nan)]
+            colour, spread = of_method(law), np.array(intervals).reshape(-1, 2)
             lines.append(Line("", spread[:, 0], spread[:, 1], colour))
             lines.append(Line(law, np.array(places), np.array(means), colour, dots=4.5))
         x = (-0.5, len(rails) - 0.5)

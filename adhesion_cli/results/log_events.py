@@ -9,7 +9,7 @@ from ..core.model import Result
 from ..core.text import printable
 
 
-class Told(NamedTuple):
+class LogEvent(NamedTuple):
     """One line of them."""
 
     t: int  # [ns]
@@ -21,24 +21,28 @@ class Told(NamedTuple):
 
 def text(finding: Finding) -> str:
     """What a finding says, on one line."""
-    where = f"{finding.channel}: " if finding.channel else ""
+    channel = f"{finding.channel}: " if finding.channel else ""
     often = f" ({finding.count} ×)" if finding.count > 1 else ""
-    return printable(f"{where}{finding.message}{often}")
+    return printable(f"{channel}{finding.message}{often}")
 
 
-def of_result(result: Result) -> Iterator[Told]:
+def of_result(result: Result) -> Iterator[LogEvent]:
     """All of one log, axle by axle."""
     start = result.log.start_ns()
     axle_of = {c.title: c.axle for c in result.log.channels}
     axle_of |= {f"axle {a.record.axle}": a.record.axle for a in result.axles}
     for f in result.findings:
         t = start + round((f.first_s or 0.0) * 1e9)
-        yield Told(t, f.code, f.severity, axle_of.get(f.channel), text(f))
+        yield LogEvent(t, f.code, f.severity, axle_of.get(f.channel), text(f))
     for axle in result.axles:
         N, t_ns = axle.record.axle, axle.record.t
         for s in axle.applications:
-            on, gone = signals.pressed_part(axle.record, s)
-            for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
-                yield Told(int(t_ns[i]), f"brake-{what}", "info", N, f"axle {N}: brake {what}")
+            pressed, is_released = signals.pressed_part(axle.record, s)
+            for i, event in ((pressed.start, "applied"), (pressed.stop - 1, "released"))[
+                : 1 + is_released
+            ]:
+                yield LogEvent(
+                    int(t_ns[i]), f"brake-{event}", "info", N, f"axle {N}: brake {event}"
+                )
         for x in axle.events:
-            yield Told(x.t, x.code, "info", N, x.message)
+            yield LogEvent(x.t, x.code, "info", N, x.message)

@@ -17,7 +17,7 @@ def writer(target: Path) -> Callable[[Path, Log], None]:
 
     writers = {".csv": csv.write_log, ".mcap": mcap.write_log, ".parquet": parquet.write_log}
     if target.suffix.lower() not in writers:
-        known = ", ".join(writers)
+        suffixes = ", ".join(writers)
         text = f"{target}: unknown format {target.suffix!r}"
-        raise UserError(text, f"end it with one of {known}", code=2)
+        raise UserError(text, f"end it with one of {suffixes}", code=2)
     return writers[target.suffix.lower()]

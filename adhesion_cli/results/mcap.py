@@ -38,7 +38,7 @@ from ..core.text import printable
 from ..rail import events
 from ..rail.slope import REGIONS
 from . import descriptors, mcap_container, names, thinning
-from .log_events import Told, of_result
+from .log_events import LogEvent, of_result
 from .mcap_container import Offsets
 from .samples import Samples
 from .verified import verified
@@ -106,16 +106,19 @@ def write_comparison(
 
 
 def _write_results(
-    path: Path, logs: list[tuple[str, Result]], metrics: str, metadata: dict[str, dict[str, str]],
+    path: Path,
+    logs: list[tuple[str, Result]],
+    metrics: str,
+    metadata: dict[str, dict[str, str]],
     full: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Writes analysed logs below their names, or one below none."""
     streams = [x for n, r in logs for x in _result_streams(r, f"/{n}" * bool(n), full)]
     shift = _shift(streams, [result.log for _, result in logs])
     provenance: dict[str, str] = {}
     for name, result in logs:
-        of = f"{name}." * bool(name)
-        provenance |= {of + k: v for k, v in _provenance(result, shift, full).items()}
+        stem = f"{name}." * bool(name)
+        provenance |= {stem + k: v for k, v in _provenance(result, shift, full).items()}
         if len(logs) == 1:  # can be analysed again
             metadata |= {names.SETTINGS: names.flat(result.settings), **_account(result.log)}
         else:
@@ -144,9 +147,14 @@ def write_log(path: Path, log: Log) -> None:
 
 
 def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
-    path: Path, name: str, stop: Stop, vehicle: Vehicle, settings: dict[str, Any], metrics: str,
+    path: Path,
+    name: str,
+    stop: Stop,
+    vehicle: Vehicle,
+    settings: dict[str, Any],
+    metrics: str,
     sources: Sequence[str],
-) -> None:  # fmt: skip
+) -> None:
     """Write one stop in closed loop as a result: a log of what the unit measured, with the truth.
 
     Args:
@@ -164,13 +172,13 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
         OSError: the file cannot be written.
     """
     axles = range(stop.pressure.shape[1])
-    stated = names.flat(settings)
+    flat_settings = names.flat(settings)
     metadata = {
-        names.SETTINGS: stated,
+        names.SETTINGS: flat_settings,
         names.PROVENANCE: {
             "version": __version__,
             "input": printable(f"{name}, controller {stop.controller}"),
-            "input_sha256": sha256(repr(stated).encode()).hexdigest(),
+            "input_sha256": sha256(repr(flat_settings).encode()).hexdigest(),
             "input_format": "closed loop",
             "sources": "\n".join(sources),
         },
@@ -200,14 +208,21 @@ class GrowingResult:
     """
 
     def __init__(
-        self, file: BinaryIO, log: str, settings: dict[str, Any], vehicle: Vehicle,
+        self,
+        file: BinaryIO,
+        log: str,
+        settings: dict[str, Any],
+        vehicle: Vehicle,
         nothing: Mapping[int, Samples],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._file, self._vehicle, self._nothing = file, vehicle, dict(nothing)
         self._provenance = {
-            "version": __version__, "input": printable(log), "input_sha256": "",
-            "input_format": "live", "sources": "",
-        }  # fmt: skip
+            "version": __version__,
+            "input": printable(log),
+            "input_sha256": "",
+            "input_format": "live",
+            "sources": "",
+        }
         self._shift: int | None = None  # as of `_shift`; the first samples decide
         self.lost = 0
         streams = self._streams({})
@@ -215,27 +230,27 @@ class GrowingResult:
         self._out = _begun(file, streams, {names.SETTINGS: names.flat(settings)})
         file.flush()
 
-    def add(self, new: Mapping[int, Samples]) -> None:
+    def add(self, samples: Mapping[int, Samples]) -> None:
         """Writes the new samples of some axles as one chunk; axles may be new, too.
 
         Raises:
             OSError: the file cannot be written.
         """
-        if not any(len(x.t) for x in new.values()):
+        if not any(len(x.t) for x in samples.values()):
             return
         if self._shift is None:
-            self._begin(_whole_seconds(min(int(x.t.min()) for x in new.values() if len(x.t))))
+            self._begin(_whole_seconds(min(int(x.t.min()) for x in samples.values() if len(x.t))))
         assert self._shift is not None
-        kept = {}
-        for axle, x in new.items():
+        selection = {}
+        for axle, x in samples.items():
             inside = x.t >= -self._shift
             self.lost += len(x.t) - int(inside.sum())
-            kept[axle] = x if inside.all() else x.rows(inside)
-        self._define(kept)
-        streams = self._streams(kept)
-        parts = [slice(0, len(s.t)) for s in streams]
-        if any(p.stop for p in parts):
-            self._out.chunk(_packed(streams, parts, self._shift))
+            selection[axle] = x if inside.all() else x.rows(inside)
+        self._define(selection)
+        streams = self._streams(selection)
+        slices = [slice(0, len(s.t)) for s in streams]
+        if any(p.stop for p in slices):
+            self._out.chunk(_packed(streams, slices, self._shift))
         self._file.flush()
 
     def finish(self) -> None:
@@ -251,20 +266,20 @@ class GrowingResult:
         added = {"time_shift_ns": str(shift)} if shift else {}
         self._out.metadata(names.PROVENANCE, {**self._provenance, **added})
 
-    def _define(self, new: Mapping[int, Samples]) -> None:
+    def _define(self, samples: Mapping[int, Samples]) -> None:
         """Adds the topics of axles that are new."""
-        if not new.keys() - self._nothing.keys():
+        if not samples.keys() - self._nothing.keys():
             return
-        self._nothing |= {n: x.rows(slice(0)) for n, x in new.items() if n not in self._nothing}
+        self._nothing |= {n: x.rows(slice(0)) for n, x in samples.items() if n not in self._nothing}
         streams = self._streams({})
         self._out.define([], _channels(streams, self._schemas)[self._defined :])
         self._defined = len(streams)
 
-    def _streams(self, new: Mapping[int, Samples]) -> list[_Stream]:
+    def _streams(self, samples: Mapping[int, Samples]) -> list[_Stream]:
         """Every topic, in the same order each time."""
         streams = []
         for axle, nothing in self._nothing.items():
-            x, topic = new.get(axle, nothing), f"/axle/{axle}"
+            x, topic = samples.get(axle, nothing), f"/axle/{axle}"
             inputs = x.pressure, x.clamping, x.wheel_speed, x.train_speed
             streams.append(_stream(f"{topic}/input", "AxleInput", x.t, *inputs))
             for algo, (force, sigma, _) in x.estimates.items():
@@ -299,17 +314,17 @@ def _stream(topic: str, message: str, t: Times, *columns: Floats | _Values | Non
     """
     _, *fields = descriptors.numbers(message)
     units = {f"unit.{name}": unit for name, unit in zip(fields, _UNITS[message], strict=False)}
-    return _Stream(topic, message, t, dict(zip(fields, map(_known, columns), strict=False)), units)
+    return _Stream(topic, message, t, dict(zip(fields, map(_finite, columns), strict=False)), units)
 
 
-def _known(values: Floats | _Values | None) -> _Values:
+def _finite(values: Floats | _Values | None) -> _Values:
     if values is None:
         return lambda _: np.array(np.nan)
     return values if callable(values) else values.__getitem__
 
 
 def _digits(values: Floats | None) -> Floats | _Values | None:
-    return None if values is None else lambda part: rounding.digits(values[part])
+    return None if values is None else lambda piece: rounding.digits(values[piece])
 
 
 def _slip(
@@ -329,8 +344,8 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
         topic = f"{prefix}/axle/{axle.record.axle}"
         streams += _input_streams(axle.record, result.log, topic)
         computed = _computed_streams(axle, result, topic)
-        kept = None if full else thinning.kept(axle)
-        streams += computed if kept is None else _thinned(computed, kept)
+        kept_rows = None if full else thinning.kept_rows(axle)
+        streams += computed if kept_rows is None else _thinned(computed, kept_rows)
     train = result.shared_train()
     if train and not result.inputs_hold(train):
         # As logged: the axles' input has it interpolated, and shifted where it was late.
@@ -344,12 +359,12 @@ def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64]) -> Iterator[_S
     """These rows of streams with one clock."""
     t = None
 
-    def of(values: _Values) -> _Values:
-        return lambda part: values(rows[part])
+    def select(values: _Values) -> _Values:
+        return lambda piece: values(rows[piece])
 
     for x in streams:
         t = x.t[rows] if t is None else t  # one array for all: `_partition` knows it by that
-        columns = {name: of(values) for name, values in x.columns.items()}
+        columns = {name: select(values) for name, values in x.columns.items()}
         yield replace(x, t=t, columns=columns, tail=None if x.tail is None else x.tail[rows])
 
 
@@ -357,12 +372,21 @@ def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream
     """What was measured, and the truth, exactly: the log can be analysed again."""
     t = record.t
     yield _stream(
-        f"{topic}/input", "AxleInput", t,
-        record.pressure, record.clamping_force, record.wheel_speed, record.train_speed,
-    )  # fmt: skip
+        f"{topic}/input",
+        "AxleInput",
+        t,
+        record.pressure,
+        record.clamping_force,
+        record.wheel_speed,
+        record.train_speed,
+    )
     brake = log.find("pressure", record.axle) or log.find("clamping_force", record.axle)
-    own = brake.data.t if brake else t
-    if brake and brake.meaning and not (np.array_equal(t, own) or np.isin(t, own).all()):
+    brake_times = brake.data.t if brake else t
+    if (
+        brake
+        and brake.meaning
+        and not (np.array_equal(t, brake_times) or np.isin(t, brake_times).all())
+    ):
         # Between its own stamps the reference interpolates: held values alone would not do again.
         yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
     if record.truth is not None or record.true_slip is not None:
@@ -372,32 +396,43 @@ def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream
 def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Stream]:
     t, ref = axle.record.t, axle.reference
 
-    def kept(x: Floats, sigma: Floats = ref.sigma) -> _Values:
-        return lambda part: rounding.rounded(x[part], sigma[part])
+    def rounded_values(x: Floats, sigma: Floats = ref.sigma) -> _Values:
+        return lambda piece: rounding.rounded(x[piece], sigma[piece])
 
-    def edge(of: str) -> _Values:  # of the band; both of every axle at once would be large
-        return lambda part: rounding.rounded(getattr(ref.rows(part), of), ref.sigma[part])
+    def edge(bound: str) -> _Values:  # of the band; both of every axle at once would be large
+        return lambda piece: rounding.rounded(getattr(ref.rows(piece), bound), ref.sigma[piece])
 
     def mu(force: Floats, sigma: Floats = ref.sigma) -> _Values:
-        return lambda part: rounding.rounded(
-            *(physics.coefficient(x[part], result.vehicle) for x in (force, sigma))
+        return lambda piece: rounding.rounded(
+            *(physics.coefficient(x[piece], result.vehicle) for x in (force, sigma))
         )
 
     def error(algo: str) -> _Values:
-        return lambda part: rounding.rounded(axle.error(algo, part), ref.sigma[part])
+        return lambda piece: rounding.rounded(axle.error(algo, piece), ref.sigma[piece])
 
     yield _stream(
-        f"{topic}/reference", "Reference", t,
-        kept(ref.force), _digits(ref.sigma), edge("lower"), edge("upper"), mu(ref.force),
-    )  # fmt: skip
+        f"{topic}/reference",
+        "Reference",
+        t,
+        rounded_values(ref.force),
+        _digits(ref.sigma),
+        edge("lower"),
+        edge("upper"),
+        mu(ref.force),
+    )
     for algo, force in sorted(axle.estimates.items()):
         sigma = axle.sigma(algo)
         yield _stream(
-            f"{topic}/estimate/{algo}", "Estimate", t,
-            kept(force, sigma), mu(force, sigma), error(algo), _digits(axle.sigmas.get(algo)),
-        )  # fmt: skip
+            f"{topic}/estimate/{algo}",
+            "Estimate",
+            t,
+            rounded_values(force, sigma),
+            mu(force, sigma),
+            error(algo),
+            _digits(axle.sigmas.get(algo)),
+        )
     if axle.slip is not None:
-        slip = kept(axle.slip, np.broadcast_to(rounding.SLIP, len(t)))
+        slip = rounded_values(axle.slip, np.broadcast_to(rounding.SLIP, len(t)))
         columns = slip, mu(ref.force), _digits(axle.slope), _digits(axle.slope_confidence)
         yield _slip(topic, t, columns, axle.region)
 
@@ -405,14 +440,18 @@ def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[
 def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
     """One axle of a stop, counted from 0: what was measured, what was true, what it did."""
     topic, t, F = f"/axle/{i + 1}", stop.t, stop.estimate[:, i]
-    true, mu = stop.force[:, i], physics.coefficient(F, vehicle)
+    true_force, mu = stop.force[:, i], physics.coefficient(F, vehicle)
     yield _stream(
-        f"{topic}/input", "AxleInput", t,
-        stop.measured_pressure[:, i], stop.measured_clamping_force[:, i],
-        stop.measured_wheel_speed[:, i], stop.measured_train_speed,
-    )  # fmt: skip
-    yield _stream(f"{topic}/estimate/{stop.algo}", "Estimate", t, F, mu, F - true, None)
-    yield _stream(f"{topic}/truth", "Truth", t, true, stop.slip[:, i])
+        f"{topic}/input",
+        "AxleInput",
+        t,
+        stop.measured_pressure[:, i],
+        stop.measured_clamping_force[:, i],
+        stop.measured_wheel_speed[:, i],
+        stop.measured_train_speed,
+    )
+    yield _stream(f"{topic}/estimate/{stop.algo}", "Estimate", t, F, mu, F - true_force, None)
+    yield _stream(f"{topic}/truth", "Truth", t, true_force, stop.slip[:, i])
     columns = (stop.measured_slip[:, i], mu, stop.slope[:, i], stop.confidence[:, i])
     yield _slip(topic, t, columns, stop.region[:, i])
     yield _computed(f"{topic}/valve", "-", t, stop.valve[:, i].astype(np.float64))
@@ -421,29 +460,29 @@ def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
     yield _computed(f"{topic}/peak/slip", "-", t, stop.peak_slip[:, i])
 
 
-def _stop_events(stop: Stop, i: int) -> Iterator[Told]:
+def _stop_events(stop: Stop, i: int) -> Iterator[LogEvent]:
     """What truly happened to an axle of a stop, counted from 0, and the regions judged."""
-    whole, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
-    slides = events.slides(whole, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
-    for x in events.axle_events(i + 1, slides, [whole], stop.t, stop.region[:, i]):
-        yield Told(x.t, x.code, "info", i + 1, x.message)
-    for first, past in signals.true_runs(wheel == LOCKED):
-        begin, end = stop.t[[first, min(past, len(stop.t) - 1)]].tolist()
-        text = f"axle {i + 1}: locked for {(end - begin) / 1e9:.2f} s"
-        yield Told(begin, "wheel-locked", "info", i + 1, text)
+    all_rows, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
+    slides = events.slides(all_rows, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
+    for x in events.axle_events(i + 1, slides, [all_rows], stop.t, stop.region[:, i]):
+        yield LogEvent(x.t, x.code, "info", i + 1, x.message)
+    for lock_start, lock_stop in signals.true_runs(wheel == LOCKED):
+        begin, stop_time = stop.t[[lock_start, min(lock_stop, len(stop.t) - 1)]].tolist()
+        text = f"axle {i + 1}: locked for {(stop_time - begin) / 1e9:.2f} s"
+        yield LogEvent(begin, "wheel-locked", "info", i + 1, text)
 
 
-def _events(found: Iterable[Told], prefix: str) -> list[_Stream]:
+def _events(events: Iterable[LogEvent], prefix: str) -> list[_Stream]:
     """The topic of events, or nothing if there are none."""
-    ordered, event = sorted(found, key=lambda e: e.t), descriptors.message("Event")
+    ordered, event = sorted(events, key=lambda e: e.t), descriptors.message("Event")
     if not ordered:
         return []
     tails = tuple(
         event(code=x.code, severity=x.severity, axle=x.axle, message=x.message).SerializeToString()
         for x in ordered
     )
-    times, each = np.array([x.t for x in ordered], np.int64), np.arange(len(tails))
-    return [_Stream(f"{prefix}/events", "Event", times, {}, {}, tails, each)]
+    times, row_numbers = np.array([x.t for x in ordered], np.int64), np.arange(len(tails))
+    return [_Stream(f"{prefix}/events", "Event", times, {}, {}, tails, row_numbers)]
 
 
 def _origin(log: Log, shift: int) -> dict[str, str]:
@@ -464,21 +503,21 @@ def _account(log: Log) -> dict[str, dict[str, str]]:
 
 
 def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
-    told = {
+    entries = {
         **_origin(result.log, shift),
         "start_ns": str(result.log.start_ns()),  # of the log: what is written may begin later
         "sources": "\n".join(result.sources),
     }
     for axle in (a.record.axle for a in result.axles):
         if speed := result.log.find("wheel_speed", axle):
-            told[f"wheel_speed_{axle}"] = speed.measured_in
+            entries[f"wheel_speed_{axle}"] = speed.measured_in
     if any(a.record.train_speed_made for a in result.axles):
-        told["train_speed"] = NOT_MEASURED
+        entries["train_speed"] = NOT_MEASURED
     elif (train := result.shared_train()) and result.inputs_hold(train):
-        told["train_speed"] = AS_INPUT
-    if not full and any(map(thinning.is_long, result.axles)):
-        told["thinned"] = thinning.TOLD
-    return told
+        entries["train_speed"] = AS_INPUT
+    if not full and any(map(thinning.needs_thinning, result.axles)):
+        entries["thinned"] = thinning.THINNED_NOTE
+    return entries
 
 
 def _shift(streams: Sequence[_Stream], logs: Sequence[Log]) -> int:
@@ -486,19 +525,19 @@ def _shift(streams: Sequence[_Stream], logs: Sequence[Log]) -> int:
 
     A log without a calendar may start at −5 s; whole seconds are added, and provenance says so.
     """
-    first = min((int(s.t.min()) for s in streams if len(s.t)), default=0)
-    if first < 0 and all(log.absolute for log in logs):
+    earliest = min((int(s.t.min()) for s in streams if len(s.t)), default=0)
+    if earliest < 0 and all(log.absolute for log in logs):
         raise UserError(
             f"{printable(logs[0].path)}: has time stamps before 1970, which MCAP cannot hold",
             "check the time channel and its unit; state them, as "
             + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
         )
-    return _whole_seconds(first)
+    return _whole_seconds(earliest)
 
 
-def _whole_seconds(first: int) -> int:
+def _whole_seconds(earliest: int) -> int:
     """Least whole seconds that make a stamp one that MCAP can hold [ns]."""
-    return max(0, -(first // _SECOND) * _SECOND)
+    return max(0, -(earliest // _SECOND) * _SECOND)
 
 
 # ---- how it goes into the file
@@ -513,10 +552,10 @@ def _write(
             "choose channels in [channels] of the TOML",
         )
     with verified(path) as file:
-        out = _begun(file, streams, metadata)
+        container = _begun(file, streams, metadata)
         for chunk in threads.run_ahead(lambda p: _packed(streams, p, shift), _partition(streams)):
-            out.chunk(chunk)
-        out.finish()
+            container.chunk(chunk)
+        container.finish()
 
 
 def _begun(
@@ -528,11 +567,11 @@ def _begun(
         Schema(i, descriptors.schema(m), "protobuf", f"adhesion.{m}")
         for i, m in enumerate(messages, 1)
     ]
-    out = mcap_container.Container(file, "", f"adhesion-cli {__version__}")
+    container = mcap_container.Container(file, "", f"adhesion-cli {__version__}")
     for name, entries in metadata.items():
-        out.metadata(name, entries)
-    out.define(schemas, _channels(streams, messages))
-    return out
+        container.metadata(name, entries)
+    container.define(schemas, _channels(streams, messages))
+    return container
 
 
 def _schemas(streams: Sequence[_Stream]) -> list[str]:
@@ -561,38 +600,38 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
     }
     total = sum(len(s.t) * _layout(len(s.columns), len(s.tails[0])).itemsize for s in streams)
     pieces = -(-total // CHUNK)
-    every = max(64, total >> 24)  # one in so many: a sample of bounded size
-    sample = np.sort(np.concatenate([clocks[id(s.t)][::every] for s in streams]))
+    sample_step = max(64, total >> 24)  # one in so many: a sample of bounded size
+    sample = np.sort(np.concatenate([clocks[id(s.t)][::sample_step] for s in streams]))
     edges = sample[len(sample) * np.arange(1, pieces) // pieces]
     cuts = {
         axis: np.concatenate([[0], np.searchsorted(clock, edges), [len(clock)]])
         for axis, clock in clocks.items()
     }
     for k in range(pieces):
-        parts = [slice(int(cuts[id(s.t)][k]), int(cuts[id(s.t)][k + 1])) for s in streams]
-        if any(p.stop > p.start for p in parts):
-            yield parts
+        slices = [slice(int(cuts[id(s.t)][k]), int(cuts[id(s.t)][k + 1])) for s in streams]
+        if any(p.stop > p.start for p in slices):
+            yield slices
 
 
-def _packed(streams: Sequence[_Stream], parts: list[slice], shift: int) -> mcap_container.Packed:
+def _packed(streams: Sequence[_Stream], slices: list[slice], shift: int) -> mcap_container.Packed:
     """These rows of the streams as one chunk."""
     rows = [
-        _Rows(i, s, part, shift)
-        for i, (s, part) in enumerate(zip(streams, parts, strict=True), 1)
-        if part.stop > part.start
+        _Rows(i, s, piece, shift)
+        for i, (s, piece) in enumerate(zip(streams, slices, strict=True), 1)
+        if piece.stop > piece.start
     ]
     clock = np.concatenate([np.maximum.accumulate(r.t) for r in rows])
     order = np.argsort(clock, kind="stable")
     sizes = np.concatenate([r.sizes for r in rows])
-    ends = np.cumsum(sizes[order])
-    at = np.empty_like(ends)
-    at[order] = ends - sizes[order]
+    row_ends = np.cumsum(sizes[order])
+    row_starts = np.empty_like(row_ends)
+    row_starts[order] = row_ends - sizes[order]
 
-    buffer = np.zeros(int(ends[-1]), np.uint8)
+    buffer = np.zeros(int(row_ends[-1]), np.uint8)
     index = {}
     begin = 0
     for r in rows:
-        offsets = at[begin : begin + len(r.t)]
+        offsets = row_starts[begin : begin + len(r.t)]
         begin += len(r.t)
         r.write(buffer, offsets)
         index[r.channel] = np.stack([r.t, offsets], axis=1)
@@ -602,26 +641,26 @@ def _packed(streams: Sequence[_Stream], parts: list[slice], shift: int) -> mcap_
 class _Rows:
     """The messages of one stream in one chunk: how long each is, then their bytes."""
 
-    def __init__(self, channel: int, stream: _Stream, part: slice, shift: int) -> None:
-        self.channel, self.first = channel, part.start
-        self.t = stream.t[part] + shift
+    def __init__(self, channel: int, stream: _Stream, piece: slice, shift: int) -> None:
+        self.channel, self.first = channel, piece.start
+        self.t = stream.t[piece] + shift
         number = descriptors.numbers(stream.message)
         self._tags = [number[name] << 3 | 1 for name in stream.columns]
         self._columns = np.empty((len(self._tags), len(self.t)))
         for column, values in zip(self._columns, stream.columns.values(), strict=True):
-            column[:] = values(part)
+            column[:] = values(piece)
         self._tails = stream.tails
-        none = np.zeros(len(self.t), np.int64)
-        self._tail = none if stream.tail is None else stream.tail[part]
+        zeros = np.zeros(len(self.t), np.int64)
+        self._tail = zeros if stream.tail is None else stream.tail[piece]
         layouts = [_layout(len(self._tags), len(tail)) for tail in stream.tails]
         self.sizes: Offsets = np.array([x.itemsize for x in layouts], np.int64)[self._tail]
 
-    def write(self, buffer: Bytes, at: Offsets) -> None:
-        """Fill in the message records that start at `at`, shape (n,)."""
+    def write(self, buffer: Bytes, offsets: Offsets) -> None:
+        """Fill in the message records that start at `offsets`, shape (n,)."""
         for k in np.unique(self._tail):
             rows = np.flatnonzero(self._tail == k)
             messages = self._messages(rows, self._tails[k])
-            buffer[at[rows, None] + np.arange(messages.shape[1])] = messages
+            buffer[offsets[rows, None] + np.arange(messages.shape[1])] = messages
 
     def _messages(self, rows: NDArray[np.int64], tail: bytes) -> Bytes:
         """The message records of these rows, which have one tail; shape (rows, bytes of one)."""
@@ -646,13 +685,23 @@ def _layout(doubles: int, tail: int) -> np.dtype[np.void]:
     Numbers of a time stamp have one length, with leading zeros: a reader takes them as any others.
     """
     values = [x for i in range(doubles) for x in ((f"tag_{i}", "u1"), (f"value_{i}", "<f8"))]
-    return np.dtype([
-        ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
-        ("log_time", "<u8"), ("publish_time", "<u8"), ("stamp", "u1", (2,)),
-        ("seconds_tag", "u1"), ("seconds", "u1", (_VARINT,)),
-        ("nanos_tag", "u1"), ("nanos", "u1", (_VARINT,)),
-        *values, ("tail", "u1", (tail,)),
-    ])  # fmt: skip
+    return np.dtype(
+        [
+            ("opcode", "u1"),
+            ("length", "<u8"),
+            ("channel", "<u2"),
+            ("sequence", "<u4"),
+            ("log_time", "<u8"),
+            ("publish_time", "<u8"),
+            ("stamp", "u1", (2,)),
+            ("seconds_tag", "u1"),
+            ("seconds", "u1", (_VARINT,)),
+            ("nanos_tag", "u1"),
+            ("nanos", "u1", (_VARINT,)),
+            *values,
+            ("tail", "u1", (tail,)),
+        ]
+    )
 
 
 def _varints(values: NDArray[np.int64]) -> Bytes:

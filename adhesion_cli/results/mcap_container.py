@@ -96,8 +96,8 @@ class Container:
 
     def metadata(self, name: str, entries: dict[str, str]) -> None:
         """Adds named texts."""
-        at, length = self._append(written(Metadata(name=name, metadata=entries)))
-        self._metadata.append(MetadataIndex(at, length, name))
+        offset, length = self._append(written(Metadata(name=name, metadata=entries)))
+        self._metadata.append(MetadataIndex(offset, length, name))
 
     def record(self, index: AttachmentIndex | MetadataIndex, pieces: Iterable[bytes]) -> None:
         """Adds the record of another file, which need not fit into memory.
@@ -125,8 +125,8 @@ class Container:
             head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(raw), channel, len(raw))
             places[channel], _ = self._append(head + raw)
         times = chunk.message_start_time, chunk.message_end_time
-        known = self._times if self._chunk_count else times
-        self._times = min(known[0], times[0]), max(known[1], times[1])
+        channel_times = self._times if self._chunk_count else times
+        self._times = min(channel_times[0], times[0]), max(channel_times[1], times[1])
         self._chunk_count += 1
         self._chunks += written(
             ChunkIndex(
@@ -176,14 +176,14 @@ class Container:
 
     def _append(self, data: bytes) -> tuple[int, int]:
         """Writes; returns where it went, as (offset, length)."""
-        at = self._at
+        offset = self._at
         self._file.write(data)
         self._crc = zlib.crc32(data, self._crc)
         self._at += len(data)
-        return at, len(data)
+        return offset, len(data)
 
 
-def copy(path: Path, whole: "Walk") -> None:
+def copy(path: Path, walk: "Walk") -> None:
     """Writes what is whole in a file as a new one, reads it back and checks it.
 
     Records of messages, attachments and metadata are kept to the byte; of a channel whose schema
@@ -192,28 +192,30 @@ def copy(path: Path, whole: "Walk") -> None:
 
     Args:
         path: file to write; its old content is lost.
-        whole: of the other file; a block of it at a time is in memory.
+        walk: of the other file; a block of it at a time is in memory.
 
     Raises:
         UserError: the copy does not read back.
         OSError: it cannot be written.
     """
     with verified(path) as file:
-        out = Container(file, whole.profile, whole.library)
+        container = Container(file, walk.profile, walk.library)
         indexes: list[AttachmentIndex | MetadataIndex] = [
-            index for index in whole.metadata_records if index.name != RECOVERED
+            index for index in walk.metadata_records if index.name != RECOVERED
         ]
-        for index in indexes + whole.attachments:
-            out.record(index, whole.raw(index.offset, index.length))
-        if account := whole.account():
-            out.metadata(RECOVERED, account)
-        channels = whole.channels.values()
-        known = [c if c.schema_id in whole.schemas else replace(c, schema_id=0) for c in channels]
-        out.define(whole.schemas.values(), known)
-        for messages, channel, log_time, length in whole.messages():
+        for index in indexes + walk.attachments:
+            container.record(index, walk.raw(index.offset, index.length))
+        if account := walk.account():
+            container.metadata(RECOVERED, account)
+        channels = walk.channels.values()
+        channels_kept = [
+            c if c.schema_id in walk.schemas else replace(c, schema_id=0) for c in channels
+        ]
+        container.define(walk.schemas.values(), channels_kept)
+        for messages, channel, log_time, length in walk.messages():
             entries = np.stack([log_time, np.cumsum(length) - length], axis=1)
             order = np.argsort(channel, kind="stable")
-            ids, first = np.unique(channel[order], return_index=True)
-            parts = np.split(entries[order], first[1:])
-            out.chunk(packed(messages, dict(zip(ids.tolist(), parts, strict=True))))
-        out.finish()
+            ids, first_index = np.unique(channel[order], return_index=True)
+            index_parts = np.split(entries[order], first_index[1:])
+            container.chunk(packed(messages, dict(zip(ids.tolist(), index_parts, strict=True))))
+        container.finish()

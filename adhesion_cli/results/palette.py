@@ -16,7 +16,7 @@ _METHODS = {
     "patent": BLUE,
     "rule": ORANGE,
 }
-_OTHERS = ("#a08a00", "#c75b86", "#8a6a4a", "#5f8f2f", "#4aa3d8", "#7c7cf0")
+_FURTHER_COLOURS = ("#a08a00", "#c75b86", "#8a6a4a", "#5f8f2f", "#4aa3d8", "#7c7cf0")
 
 
 def of_method(name: str) -> str:
@@ -24,7 +24,7 @@ def of_method(name: str) -> str:
 
     Other methods never change it. One that is not in the table has a colour by its name.
     """
-    return _METHODS.get(name) or _OTHERS[crc32(name.encode()) % len(_OTHERS)]
+    return _METHODS.get(name) or _FURTHER_COLOURS[crc32(name.encode()) % len(_FURTHER_COLOURS)]
 
 
 def rgba(colour: str) -> int:
@@ -32,7 +32,7 @@ def rgba(colour: str) -> int:
     return int(f"{colour[1:]}ff", 16)
 
 
-_IN_ORDER = (BLUE, ORANGE, GREEN, "#9a63d0", *_OTHERS)
+_IN_ORDER = (BLUE, ORANGE, GREEN, "#9a63d0", *_FURTHER_COLOURS)
 
 
 def nth(place: int) -> str:

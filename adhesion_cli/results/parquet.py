@@ -27,12 +27,15 @@ def write_log(path: Path, log: Log) -> None:
 
     columns = [("time", "" if log.absolute else "s"), *names.channels(log)]
     titles = distinct([name for name, _ in columns])
-    schema = pa.schema([
-        pa.field(title, kind, metadata={"unit": unit} if unit else None)
-        for title, (_, unit), kind in zip(titles, columns, wide_table.types(log), strict=True)
-    ])  # fmt: skip
-    with verified(path) as file, ParquetWriter(
-        file, schema, compression="zstd", write_page_checksum=True
-    ) as writer:  # fmt: skip
+    schema = pa.schema(
+        [
+            pa.field(title, kind, metadata={"unit": unit} if unit else None)
+            for title, (_, unit), kind in zip(titles, columns, wide_table.types(log), strict=True)
+        ]
+    )
+    with (
+        verified(path) as file,
+        ParquetWriter(file, schema, compression="zstd", write_page_checksum=True) as writer,
+    ):
         for rows in wide_table.batches(log):
             writer.write_batch(pa.record_batch(rows, schema=schema))

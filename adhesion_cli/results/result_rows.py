@@ -3,7 +3,7 @@
 from ..core.model import Score
 from ..core.summary import BrakeApplication
 from ..core.text import by_uncertainty
-from .text_tables import at_least, number
+from .text_tables import bounded_number, number
 
 
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
@@ -33,29 +33,33 @@ def _with_u95(pair: tuple[float, float] | None, factor: float, digits: int | Non
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """The slides of a brake application, together."""
-    energy, used, bound = a.slide_energy_j, a.utilisation, a.at_least
+    energy, utilisation, bound = a.slide_energy_j, a.utilisation, a.at_least
     highest = min(100.0 * (a.max_slip or 0.0), 100.0)
     return {
         "axle": axle,
         "at [s]": number(a.start_s, 1),
         "slides": str(a.slides),
-        "for [s]": at_least(a.slide_s, 1, bound),
-        "distance [m]": at_least(a.slide_distance_m, 0, bound),
-        "max slip [%]": number(highest, 0) if highest > 99.5 else at_least(highest, 1, bound),
-        "energy [kJ]": at_least(energy and 1e-3 * energy, 1, bound),
-        "used [%]": number(used and 100.0 * used, 0),
+        "for [s]": bounded_number(a.slide_s, 1, bound),
+        "distance [m]": bounded_number(a.slide_distance_m, 0, bound),
+        "max slip [%]": number(highest, 0) if highest > 99.5 else bounded_number(highest, 1, bound),
+        "energy [kJ]": bounded_number(energy and 1e-3 * energy, 1, bound),
+        "used [%]": number(utilisation and 100.0 * utilisation, 0),
     }
 
 
 def score_row(axle: str, s: Score) -> dict[str, str]:
     """How well one estimator follows, on one axle or over all."""
     return {
-        "axle": axle, "method": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
-        "RMSE [N]": number(s.rmse_n), "bias [N]": number(s.bias_n),
-        "max [N]": number(s.max_error_n), "lag [s]": number(s.lag_s, 3),
-        "gain": number(s.gain, 3), "t95 [s]": number(s.response_s, 2),
+        "axle": axle,
+        "method": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
+        "RMSE [N]": number(s.rmse_n),
+        "bias [N]": number(s.bias_n),
+        "max [N]": number(s.max_error_n),
+        "lag [s]": number(s.lag_s, 3),
+        "gain": number(s.gain, 3),
+        "t95 [s]": number(s.response_s, 2),
         "ripple [N]": newtons(s.ripple_n),
-    }  # fmt: skip
+    }
 
 
 def newtons(value: float | None) -> str:

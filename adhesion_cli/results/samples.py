@@ -22,7 +22,11 @@ class Samples:
     def rows(self, rows: slice | Bools) -> "Samples":
         """Some of them."""
         return Samples(
-            self.t[rows], self.pressure[rows], self.clamping[rows], self.wheel_speed[rows],
-            self.train_speed[rows], self.slip[rows],
+            self.t[rows],
+            self.pressure[rows],
+            self.clamping[rows],
+            self.wheel_speed[rows],
+            self.train_speed[rows],
+            self.slip[rows],
             {algo: (F[rows], s[rows], u[rows]) for algo, (F, s, u) in self.estimates.items()},
-        )  # fmt: skip
+        )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from ..rail.fit import RailFit
 from ..rail.slip import Summary
-from .text_tables import NARROW, at_least, folded, number, records, table
+from .text_tables import NARROW, bounded_number, folded, number, records, table
 
 OF_CURVE = (
     "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
@@ -18,18 +18,18 @@ def note(summary: Summary, start_ns: int) -> str:
     """What a recording says of an axle: as `table`, without regions."""
     width, rail = NARROW, summary.rail
     values = [*rail_row(rail).items(), *constants([rail])] if rail else []
-    parts = [table(["axle", str(summary.axle)], values, width=width)] if rail else []
-    parts += [folded(OF_CURVE, width=width)] if rail else []
+    blocks = [table(["axle", str(summary.axle)], values, width=width)] if rail else []
+    blocks += [folded(OF_CURVE, width=width)] if rail else []
     if slides := slide_rows([summary], start_ns):
-        parts.append(records(slides, width))
-    return "\n".join(parts) or "no slide"
+        blocks.append(records(slides, width))
+    return "\n".join(blocks) or "no slide"
 
 
 def _spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1.0) -> str:
     if x is None:
         return "-"
-    value, low, high = (number(factor * v, digits) for v in x)
-    return f"{value} ({low}–{high})"
+    value, lower, upper = (number(factor * v, digits) for v in x)
+    return f"{value} ({lower}–{upper})"
 
 
 def rail_row(rail: RailFit) -> dict[str, str]:
@@ -48,8 +48,8 @@ def rail_row(rail: RailFit) -> dict[str, str]:
 def constants(rails: Sequence[RailFit]) -> list[list[str]]:
     """A row for each constant that is known of some rail."""
     return [
-        [shown, *(_spread(rail.constants.get(name), 3) for rail in rails)]
-        for shown, name in _CONSTANTS.items()
+        [label, *(_spread(rail.constants.get(name), 3) for rail in rails)]
+        for label, name in _CONSTANTS.items()
         if any(name in rail.constants for rail in rails)
     ]
 
@@ -60,15 +60,15 @@ def slide_rows(summaries: Sequence[Summary], start_ns: int) -> list[dict[str, st
         {
             "axle": str(s.axle),
             "start [s]": number((x.start - start_ns) / 1e9, 2),
-            "duration [s]": at_least(x.duration, 2, x.is_lower_bound),
-            "distance [m]": at_least(x.distance, 1, x.is_lower_bound),
+            "duration [s]": bounded_number(x.duration, 2, x.is_lower_bound),
+            "distance [m]": bounded_number(x.distance, 1, x.is_lower_bound),
             # of a locked wheel it is 100 %, whatever the train speed's error
             "max slip [%]": (
-                at_least(100.0 * x.max_slip, 1, x.is_lower_bound)
+                bounded_number(100.0 * x.max_slip, 1, x.is_lower_bound)
                 if x.max_slip < _LOCKED
                 else "100.0"
             ),
-            "energy [kJ]": at_least(x.energy and x.energy / 1e3, 1, x.is_lower_bound),
+            "energy [kJ]": bounded_number(x.energy and x.energy / 1e3, 1, x.is_lower_bound),
         }
         for s in summaries
         for x in s.slides

@@ -36,9 +36,12 @@ from . import names
 from .verified import verified
 
 _TYPES = {
-    str: pa.string(), int: pa.int64(), float: pa.float64(), bool: pa.bool_(),
+    str: pa.string(),
+    int: pa.int64(),
+    float: pa.float64(),
+    bool: pa.bool_(),
     datetime: pa.timestamp("us", "UTC"),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,15 +110,15 @@ def estimators(results: Iterable[ResultSummary]) -> Any:
     return _table(rows, ESTIMATORS)
 
 
-def findings(found: Iterable[FindingSummary], log: str, sha256: str) -> Any:
+def findings(finding_rows: Iterable[FindingSummary], log: str, sha256: str) -> Any:
     """A row per finding of a log, as `applications`; the schema is `FINDINGS`."""
-    rows = ({"log": utf8(log), "sha256": sha256, **flat(f)} for f in found)
+    rows = ({"log": utf8(log), "sha256": sha256, **flat(f)} for f in finding_rows)
     return _table(rows, FINDINGS)
 
 
-def joined(parts: Sequence[Any]) -> Any:
+def joined(tables_to_join: Sequence[Any]) -> Any:
     """Tables of one schema as one."""
-    return pa.concat_tables(parts)
+    return pa.concat_tables(tables_to_join)
 
 
 def slides(axles: Iterable[SlipSummary]) -> Any:
@@ -166,9 +169,15 @@ def log_row(
     """
     if isinstance(result, FailedLog):
         return LogRow(
-            log=utf8(result.path), sha256=result.sha256, status="error", seconds=seconds,
-            error=utf8(result.error), hint=utf8(result.hint), version=version, settings=settings,
-        )  # fmt: skip
+            log=utf8(result.path),
+            sha256=result.sha256,
+            status="error",
+            seconds=seconds,
+            error=utf8(result.error),
+            hint=utf8(result.hint),
+            version=version,
+            settings=settings,
+        )
     log, codes = result.log, {(f.code, f.severity) for f in result.findings}
     return LogRow(
         log=utf8(log.path),

@@ -13,14 +13,17 @@ _TEXT = 16  # columns that a text keeps
 
 
 def table(
-    header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int | None = None
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    text_columns: int = 1,
+    width: int | None = None,
 ) -> str:
     """Columns under their header: texts to the left, numbers to the right.
 
     Args:
         header: the names of the columns; they are never folded.
         rows: the cells.
-        left: how many columns are texts, from the left.
+        text_columns: how many columns are texts, from the left.
         width: columns to fold texts to, else those of the terminal. Numbers are never folded:
             the table is wider where they have no room.
     """
@@ -29,29 +32,35 @@ def table(
     from rich.table import Table
     from rich.text import Text
 
-    least = []
+    min_widths = []
     for i, name in enumerate(header):
         longest = max(cell_len(printable(row[i])) for row in (header, *rows))
-        least.append(max(min(longest, _TEXT), cell_len(name)) if i < left else longest)
+        min_widths.append(max(min(longest, _TEXT), cell_len(name)) if i < text_columns else longest)
     columns = width or shutil.get_terminal_size((NARROW, 24)).columns
-    gap = 2 if sum(least) + 2 * (len(least) - 1) <= columns else 1
-    made = Table(box=None, padding=(0, gap, 0, 0))
+    gap = 2 if sum(min_widths) + 2 * (len(min_widths) - 1) <= columns else 1
+    rich_table = Table(box=None, padding=(0, gap, 0, 0))
     for i, name in enumerate(header):
-        side: Literal["left", "right"] = "left" if i < left else "right"
-        made.add_column(Text(name), justify=side, no_wrap=i >= left, min_width=least[i])
+        alignment: Literal["left", "right"] = "left" if i < text_columns else "right"
+        rich_table.add_column(
+            Text(name), justify=alignment, no_wrap=i >= text_columns, min_width=min_widths[i]
+        )
     for row in rows:
-        made.add_row(*(Text(printable(cell), overflow="fold") for cell in row))
-    drawn = io.StringIO()
-    columns = max(columns, sum(least) + gap * (len(least) - 1))
-    Console(file=drawn, width=columns + gap, color_system=None).print(made)
-    lines = [line.rstrip() for line in drawn.getvalue().splitlines()]
+        rich_table.add_row(*(Text(printable(cell), overflow="fold") for cell in row))
+    buffer = io.StringIO()
+    columns = max(columns, sum(min_widths) + gap * (len(min_widths) - 1))
+    Console(file=buffer, width=columns + gap, color_system=None).print(rich_table)
+    lines = [line.rstrip() for line in buffer.getvalue().splitlines()]
     return "\n".join([lines[0], "-" * max(map(cell_len, lines)), *lines[1:]])
 
 
-def records(rows: Sequence[Mapping[str, str]], width: int | None = None, left: int = 1) -> str:
+def records(
+    rows: Sequence[Mapping[str, str]], width: int | None = None, text_columns: int = 1
+) -> str:
     """A `table` of rows that have the same keys, which are its header."""
     header = list(dict.fromkeys(key for row in rows for key in row))
-    return table(header, [[row.get(key, "-") for key in header] for row in rows], left, width)
+    return table(
+        header, [[row.get(key, "-") for key in header] for row in rows], text_columns, width
+    )
 
 
 def folded(text: str, indent: str = "", width: int | None = None) -> str:
@@ -67,6 +76,6 @@ def number(value: float | None, digits: int = 0) -> str:
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
 
 
-def at_least(value: float | None, digits: int, bound: bool) -> str:
+def bounded_number(value: float | None, digits: int, bound: bool) -> str:
     """A number, marked if it is a lower bound."""
     return "≥ " * (bound and value is not None) + number(value, digits)

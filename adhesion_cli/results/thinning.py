@@ -8,33 +8,33 @@ from numpy.typing import NDArray
 
 from ..core.model import AxleResult, Bools, Times
 
-LONG = 20_000  # rows of an axle; one with more is thinned
+LONG_ROWS = 20_000  # rows of an axle; one with more is thinned
 AROUND = 2_000_000_000  # before and after a brake application or slide [ns]
-EVERY = 500_000_000  # elsewhere: a file has one sample of so long, a recording two [ns]
-TOLD = (
-    f"computed values: one of each {EVERY / 1e9:g} s; in brake applications and slides and "
-    f"{AROUND / 1e9:g} s around them, all"
+SAMPLE_INTERVAL = 500_000_000  # elsewhere: a file has one sample of so long, a recording two [ns]
+THINNED_NOTE = (
+    f"computed values: one of each {SAMPLE_INTERVAL / 1e9:g} s; "
+    f"in brake applications and slides and {AROUND / 1e9:g} s around them, all"
 )
 
 
-def is_long(axle: AxleResult) -> bool:
+def needs_thinning(axle: AxleResult) -> bool:
     """Whether the results of an axle are thinned, unless all are asked for."""
-    return len(axle.record) > LONG
+    return len(axle.record) > LONG_ROWS
 
 
 def near_brakes(axle: AxleResult, t: Times) -> Bools:
     """Whether these times are in or around a brake application or a slide, (n,)."""
-    near = np.zeros(len(t), bool)
+    is_near = np.zeros(len(t), bool)
     times = [(axle.record.t[s.start], axle.record.t[s.stop - 1]) for s in axle.applications]
-    for begin, end in [*times, *((e.t, e.until) for e in axle.events if e.until is not None)]:
-        near |= (t >= begin - AROUND) & (t <= end + AROUND)
-    return near
+    for begin, stop in [*times, *((e.t, e.until) for e in axle.events if e.until is not None)]:
+        is_near |= (t >= begin - AROUND) & (t <= stop + AROUND)
+    return is_near
 
 
-def kept(axle: AxleResult) -> NDArray[np.int64] | None:
+def kept_rows(axle: AxleResult) -> NDArray[np.int64] | None:
     """Rows of an axle whose computed values are kept, rising, (k,); None where all are."""
     t = axle.record.t
-    if not is_long(axle):
+    if not needs_thinning(axle):
         return None
-    first = np.diff(t // EVERY, prepend=t[0] // EVERY - 1) != 0
-    return np.flatnonzero(first | near_brakes(axle, t))
+    is_first = np.diff(t // SAMPLE_INTERVAL, prepend=t[0] // SAMPLE_INTERVAL - 1) != 0
+    return np.flatnonzero(is_first | near_brakes(axle, t))

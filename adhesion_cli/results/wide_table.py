@@ -29,17 +29,17 @@ def batches(log: Log) -> Iterator[list[Any]]:
 
     A channel's column is null where it has no value.
     """
-    axes = {id(c.data.t): _Axis.of(c.data.t) for c in log.channels}
+    axes = {id(c.data.t): _Axis.from_times(c.data.t) for c in log.channels}
     time = types(log)[0]
-    for parts in _parts(axes):
-        t, rows = _rows(axes, parts)
+    for slices in _slices(axes):
+        t, rows = _rows(axes, slices)
         columns = [pa.array(t, time) if log.absolute else pa.array(t / 1e9)]
         for channel in log.channels:
-            values, known = np.zeros(len(t)), np.zeros(len(t), bool)
-            row, part = rows[id(channel.data.t)], parts[id(channel.data.t)]
-            values[row] = channel.data.value[part]
-            known[row] = channel.data.valid[part]
-            columns.append(pa.array(values, mask=~known | np.isnan(values)))
+            values, has_value = np.zeros(len(t)), np.zeros(len(t), bool)
+            row, piece = rows[id(channel.data.t)], slices[id(channel.data.t)]
+            values[row] = channel.data.value[piece]
+            has_value[row] = channel.data.valid[piece]
+            columns.append(pa.array(values, mask=~has_value | np.isnan(values)))
         yield columns
 
 
@@ -50,50 +50,56 @@ class _Axis(NamedTuple):
     edges: NDArray[np.int64]  # where each begins, and the end
 
     @classmethod
-    def of(cls, t: Times) -> "_Axis":
+    def from_times(cls, t: Times) -> "_Axis":
         return cls(t, np.concatenate([[0], np.flatnonzero(t[1:] < t[:-1]) + 1, [len(t)]]))
 
-    def place(self, at: int) -> tuple[int, int]:
+    def place(self, row: int) -> tuple[int, int]:
         """The pass of a sample, and its stamp."""
-        return int(np.searchsorted(self.edges, at, side="right")) - 1, int(self.t[at])
+        return int(np.searchsorted(self.edges, row, side="right")) - 1, int(self.t[row])
 
-    def past(self, place: tuple[int, int]) -> int:
+    def row_past(self, place: tuple[int, int]) -> int:
         """The first sample behind a place."""
-        first, end = self.edges[np.minimum([place[0], place[0] + 1], len(self.edges) - 1)]
-        return int(first + np.searchsorted(self.t[first:end], place[1], side="right"))
+        bucket_start, bucket_stop = self.edges[
+            np.minimum([place[0], place[0] + 1], len(self.edges) - 1)
+        ]
+        return int(
+            bucket_start + np.searchsorted(self.t[bucket_start:bucket_stop], place[1], side="right")
+        )
 
 
-def _parts(axes: dict[int, _Axis]) -> Iterator[dict[int, slice]]:
+def _slices(axes: dict[int, _Axis]) -> Iterator[dict[int, slice]]:
     """The samples of each axis that are written at once, to the same place in all of them."""
-    at = dict.fromkeys(axes, 0)
-    while left := [key for key, axis in axes.items() if at[key] < len(axis.t)]:
-        last = min(axes[key].place(min(at[key] + _ROWS, len(axes[key].t)) - 1) for key in left)
-        ends = {key: axis.past(last) for key, axis in axes.items()}
-        yield {key: slice(at[key], end) for key, end in ends.items()}
-        at = ends
+    positions = dict.fromkeys(axes, 0)
+    while unfinished := [key for key, axis in axes.items() if positions[key] < len(axis.t)]:
+        last_place = min(
+            axes[key].place(min(positions[key] + _ROWS, len(axes[key].t)) - 1) for key in unfinished
+        )
+        stops = {key: axis.row_past(last_place) for key, axis in axes.items()}
+        yield {key: slice(positions[key], stop) for key, stop in stops.items()}
+        positions = stops
 
 
 def _rows(
-    axes: dict[int, _Axis], parts: dict[int, slice]
+    axes: dict[int, _Axis], slices: dict[int, slice]
 ) -> tuple[Times, dict[int, NDArray[np.int64]]]:
     """One row per distinct time stamp, and the row of each sample of each axis.
 
     A stamp that an axis repeats, or comes back to, gets its own row. A row is identified by
     (how often the time has jumped back, stamp, how often it repeated just now).
     """
-    table = np.concatenate([_keys(axes[key], part) for key, part in parts.items()], axis=1)
+    table = np.concatenate([_keys(axes[key], piece) for key, piece in slices.items()], axis=1)
     order = np.lexsort(table[::-1])
     table = table[:, order]
-    new = np.ones(len(order), bool)
-    new[1:] = (np.diff(table, axis=1) != 0).any(axis=0)
+    is_new = np.ones(len(order), bool)
+    is_new[1:] = (np.diff(table, axis=1) != 0).any(axis=0)
     row = np.empty(len(order), np.int64)
-    row[order] = np.cumsum(new) - 1
-    ends = np.cumsum([part.stop - part.start for part in parts.values()])
-    return table[1, new], dict(zip(parts, np.split(row, ends[:-1]), strict=True))
+    row[order] = np.cumsum(is_new) - 1
+    slice_ends = np.cumsum([piece.stop - piece.start for piece in slices.values()])
+    return table[1, is_new], dict(zip(slices, np.split(row, slice_ends[:-1]), strict=True))
 
 
-def _keys(axis: _Axis, part: slice) -> NDArray[np.int64]:
-    t, number = axis.t[part], np.arange(part.start, part.stop)
-    new = np.diff(t, prepend=t[:1] - 1) != 0
-    repeated = number - np.maximum.accumulate(np.where(new, number, 0))
+def _keys(axis: _Axis, piece: slice) -> NDArray[np.int64]:
+    t, number = axis.t[piece], np.arange(piece.start, piece.stop)
+    is_new = np.diff(t, prepend=t[:1] - 1) != 0
+    repeated = number - np.maximum.accumulate(np.where(is_new, number, 0))
     return np.stack([np.searchsorted(axis.edges, number, side="right"), t, repeated])

@@ -25,7 +25,7 @@ from ..rail.slope import region
 from . import plant as plants
 from .plant import Demand, Plant, Track, Train, Wheels, adhesion, advance_to, rail_under
 from .scenario import Limit, Rail, Scenario, Section
-from .wsp_controller import Constants, Settings, bands, choose, slip_of, start, initial_wheels, tick
+from .wsp_controller import Constants, Settings, bands, choose, initial_wheels, slip_of, start, tick
 
 DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen

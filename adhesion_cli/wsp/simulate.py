@@ -24,9 +24,8 @@ from .scenario import INF, Scenario, Sensor, Signal, Wsp, load, scenarios
 
 __all__ = ["Recording", "Scenario", "Simulation", "as_log", "load", "log", "run", "scenarios"]
 
-MAX_SAMPLES = (
-    20_000_000  # samples of one run, axles times steps: about 4 GB; an hour at 1 kHz has 3.6e6
-)
+# samples of one run, axles times steps: about 4 GB; an hour at 1 kHz has 3.6e6
+MAX_SAMPLES = 20_000_000
 
 _NAMES: dict[Signal, str] = {
     "pressure": "bc_pressure",
@@ -139,7 +138,8 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
     sample_count = max(n, scenario.duration * fastest) * scenario.train.axles
     if sample_count > MAX_SAMPLES:
         raise UserError(
-            f"{scenario.name}: {sample_count:.3g} samples, at most {MAX_SAMPLES:.3g} fit into one run",
+            f"{scenario.name}: {sample_count:.3g} samples, "
+            f"at most {MAX_SAMPLES:.3g} fit into one run",
             "simulate less time, or with a longer dt and slower sensors",
         )
     plant, track, v = plants.plant_of(scenario), plants.track_of(scenario), scenario.train.speed

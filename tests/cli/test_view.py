@@ -57,7 +57,7 @@ def test_a_display_that_does_not_work_is_an_error(
     monkeypatch.setenv("DISPLAY", ":7777")
     monkeypatch.setattr("adhesion_cli.cli.view._STARTS", 30.0)
     # At the usual port another test may have a server, which would take the recording.
-    port = ["--port", str(view._free(0))]
+    port = ["--port", str(view._is_free(0))]
     monkeypatch.setattr("adhesion_cli.cli.view._RERUN", [*view._RERUN, *port])
     with pytest.raises(UserError, match="exit code 1") as raised:
         app(["view", "a b.rrd"], standalone_mode=False)

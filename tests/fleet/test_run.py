@@ -76,7 +76,7 @@ def test_each_log_has_a_row_with_what_became_of_it(logs: Path, first: tuple[Path
         "stop-000.csv": "ok", "copy.csv": "ok", "once.csv": "ok",
         "dies.csv": "error", "none.csv": "error", "lost.csv": "error",
     }  # fmt: skip
-    assert (state.logs, state.done, state.skipped, len(state.failed)) == (6, 3, 0, 3)
+    assert (state.logs, state.completed, state.skipped, len(state.failed)) == (6, 3, 0, 3)
     for name in ("dies.csv", "none.csv", "lost.csv"):
         assert rows[name]["error"]
         assert rows[name]["hint"]
@@ -111,7 +111,7 @@ def test_a_second_run_tries_only_what_failed(
     before = {p: (p.read_bytes(), p.stat().st_ino) for p in folder.glob("applications/*")}
     state = campaign(logs, folder, workers)
     assert {Path(name).name for name in workers.submitted} == {"dies.csv", "none.csv"}
-    assert (state.done, state.skipped, len(state.failed)) == (0, 3, 3)
+    assert (state.completed, state.skipped, len(state.failed)) == (0, 3, 3)
     assert {p: (p.read_bytes(), p.stat().st_ino) for p in folder.glob("applications/*")} == before
 
 
@@ -147,7 +147,7 @@ def test_a_damaged_mark_of_done_is_no_mark(tmp_path: Path) -> None:
         else:
             row = tables.log_row(FailedLog("x", "lost", ""), seconds=1.0)
             parquet.write_table(tables.logs([row]), path)
-    assert list(kept.done()) == ["good"]
+    assert list(kept.finished_logs()) == ["good"]
 
 
 def test_settings_decide_the_hash() -> None:

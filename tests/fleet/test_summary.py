@@ -21,7 +21,7 @@ from adhesion_cli.core.summary import (
     ResultSummary,
 )
 from adhesion_cli.fleet import summary_tables
-from adhesion_cli.fleet.dataset import Dataset, Kept
+from adhesion_cli.fleet.dataset import Dataset, KeptTables
 from adhesion_cli.fleet.summary import summarise_fleet
 from adhesion_cli.fleet.work import Job, _of_run, row
 from adhesion_cli.results import tables
@@ -73,7 +73,7 @@ def write(folder: Path, summary: ResultSummary | FailedLog, job: Job = JOB) -> N
             "findings": tables.findings(summary.findings, line.log, summary.log.sha256),
         }
         files = {name: tables.packed(_of_run(table, job)) for name, table in content.items()}
-    kept.write([Kept(line.sha256 or "", (line.log,), line, files)])
+    kept.write([KeptTables(line.sha256 or "", (line.log,), line, files)])
 
 
 @pytest.fixture
@@ -165,7 +165,7 @@ def test_groups_that_can_be_compared_have_a_figure(folder: Path, tmp_path: Path)
     }
     assert [title for title, of in figures.items() if of] == ["adhesion", "settings", "day"]
     slow, middle = figures["adhesion"].bars
-    assert (slow.begin, slow.end, slow.number) == (0.0, 40.0, 3)
+    assert (slow.begin, slow.stop, slow.number) == (0.0, 40.0, 3)
     assert (middle.name, middle.middle, middle.slid) == (
         "40 to 80", pytest.approx(0.08), pytest.approx(0.04)
     )  # fmt: skip

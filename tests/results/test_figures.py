@@ -46,7 +46,7 @@ def test_a_stop_is_drawn_as_it_was(stops: list[Stop]) -> None:
         np.testing.assert_allclose(points["operating point"].y, stop.force[:, 0] / 47e3)
         np.testing.assert_allclose(points["the rail's peak"].y, stop.peak[:, 0] / 47e3)
         slope, _ = by_title(panels, f"{who}: slope, confidence")
-        drawn = [(b.low, b.high, b.of_x) for panel in (curve, slope) for b in panel.bands]
+        drawn = [(b.lower, b.upper, b.of_x) for panel in (curve, slope) for b in panel.bands]
         whole = [
             (100.0 * bands.slip_low, 100.0 * bands.slip_high, True),
             (bands.slope_low, bands.slope_high, False),

@@ -117,7 +117,7 @@ def test_error_is_against_the_reference_without_truth(tmp_path: Path) -> None:
 def test_a_long_log_keeps_few_computed_samples_between_its_brakes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(thinning, "LONG", 1000)
+    monkeypatch.setattr(thinning, "LONG_ROWS", 1000)
     analysed = result(2, 4000)
     first, second = analysed.axles
     where = slice(1500, 2000)
@@ -146,7 +146,7 @@ def test_a_long_log_keeps_few_computed_samples_between_its_brakes(
             assert every.items() >= some.items()
             assert set(t[exact].tolist()) <= set(some)
             assert spans <= len(some) <= np.count_nonzero(exact) + spans
-    monkeypatch.setattr(thinning, "LONG", 4000)
+    monkeypatch.setattr(thinning, "LONG_ROWS", 4000)
     mcap.write_result(path, both, "{}")  # a short log has all
     assert len(decoded(path)["/axle/1/reference"]) == len(t)
 

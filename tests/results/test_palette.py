@@ -15,9 +15,9 @@ def test_every_method_has_its_own_colour() -> None:
     for registry in (estimator.registry(), controller.registry()):
         colours = [palette.of_method(name) for name in set(registry) & set(palette._METHODS)]
         assert len(set(colours)) == len(colours) >= 3
-        assert not set(colours) & set(palette._OTHERS)  # of a new method, by its name
+        assert not set(colours) & set(palette._FURTHER_COLOURS)  # of a new method, by its name
         assert all(re.fullmatch("#[0-9a-f]{6}", colour) for colour in colours)
-    assert palette.of_method("a new one") in palette._OTHERS
+    assert palette.of_method("a new one") in palette._FURTHER_COLOURS
 
 
 def test_figures_and_viewer_agree(tmp_path: Path) -> None:

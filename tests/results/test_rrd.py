@@ -320,7 +320,7 @@ def test_rows_that_repeat_change_no_line(values: list[float]) -> None:
 def test_a_long_log_is_thinned_between_its_brakes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(thinning, "LONG", 1000)
+    monkeypatch.setattr(thinning, "LONG_ROWS", 1000)
     analysed = result(1, 4000)
     (axle,) = analysed.axles
     t, where = axle.record.t, slice(1500, 2000)

@@ -67,8 +67,8 @@ def test_no_line_of_an_axle_crosses_a_gap(
 def test_no_line_crosses_a_gap_that_is_thinned(
     gapped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(thinning, "LONG", 100)
-    monkeypatch.setattr(thinning, "EVERY", 2 * SECOND)
+    monkeypatch.setattr(thinning, "LONG_ROWS", 100)
+    monkeypatch.setattr(thinning, "SAMPLE_INTERVAL", 2 * SECOND)
     (axle,) = gapped.axles
     bare = replace(gapped, axles=(replace(axle, applications=(), events=()),))
     rrd.write_result(tmp_path / "a.rrd", bare)

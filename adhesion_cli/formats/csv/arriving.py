@@ -9,7 +9,7 @@ import pyarrow as pa
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import Field
-from .block_parser import Parser, ParsedBlock
+from .block_parser import ParsedBlock, Parser
 from .lines import MAX_LINE, Block, Lines
 from .losses import Losses
 from .reader import CsvSource

@@ -9,7 +9,6 @@ from ..source import ReadOptions
 from .dialect import (
     COMMENT,
     Dialect,
-    without_brackets,
     fit,
     is_comment,
     is_null,
@@ -17,8 +16,9 @@ from .dialect import (
     is_stamp,
     number_grammar,
     split,
+    without_brackets,
 )
-from .head import Line, encoding_of, first_lines, refuse_other_formats, line_too_long
+from .head import Line, encoding_of, first_lines, line_too_long, refuse_other_formats
 from .header import (
     DELIMITERS,
     FirstRows,

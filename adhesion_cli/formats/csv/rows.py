@@ -15,7 +15,7 @@ from ...core import toml
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from . import arrow as pc
-from .block_parser import Parser, ParsedBlock, Table
+from .block_parser import ParsedBlock, Parser, Table
 from .cells import is_missing
 from .dialect import is_comment, is_null, split
 from .lines import Lines

@@ -16,7 +16,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import ReadOptions
 from .clock import EXCEL_DAYS, SCALE, Clock
-from .dates import ANY_DATE, CLOCK, DATES, GAP, READABLE, FORM_NAMES, decided, forms_of
+from .dates import ANY_DATE, CLOCK, DATES, FORM_NAMES, GAP, READABLE, decided, forms_of
 from .dialect import Dialect, is_null
 from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_unit
 from .lines import read_tail

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.model import Bools, Floats
 from .blocks import Bytes, Offsets
-from .fields import MAX_NUMBERS, Leaf, Steps, Tree, node_at, empty, is_number, path
+from .fields import MAX_NUMBERS, Leaf, Steps, Tree, empty, is_number, node_at, path
 from .stamps import Stamp
 
 

@@ -117,7 +117,8 @@ class McapSource:
         if is_constant and min(stamps) >= YEAR_1990:
             return "header", "stamp inside the messages: the log time stands still", True
         if largest_offset > _DAY:
-            reason = f"log time: stamps inside the messages are {largest_offset / 1e9:.0f} s away from it"
+            seconds = f"{largest_offset / 1e9:.0f} s"
+            reason = f"log time: stamps inside the messages are {seconds} away from it"
             return "log", reason, calendar
         reason = f"stamp inside the messages, at first {largest_offset / 1e9:.6f} s from log time"
         return "header", reason, calendar

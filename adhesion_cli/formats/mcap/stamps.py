@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from ...core.model import Bools, Floats, Times
-from .fields import Steps, Tree, node_at, is_number, stamp_keys
+from .fields import Steps, Tree, is_number, node_at, stamp_keys
 
 _PLACES: tuple[Steps, ...] = (
     ("header", "stamp"),

@@ -10,20 +10,20 @@ class Bar(NamedTuple):
     Attributes:
         name: of the group.
         begin: where the bar begins: a speed [km/h], a time [ms since 1970], or a place.
-        end: where it ends.
-        low: 5 % of the values are below it.
+        stop: where it ends.
+        lower: 5 % of the values are below it.
         middle: the median.
-        high: 95 % are below it.
+        upper: 95 % are below it.
         slid: the median of those with slides, NaN without one.
         number: of brake applications.
     """
 
     name: str
     begin: float
-    end: float
-    low: float
+    stop: float
+    lower: float
     middle: float
-    high: float
+    upper: float
     slid: float
     number: int
 
@@ -50,7 +50,7 @@ class Table(NamedTuple):
     Attributes:
         title: above it.
         rows: with the same keys, which are the header.
-        left: how many columns are texts, from the left.
+        text_columns: how many columns are texts, from the left.
         figure: what is drawn above the table.
         note: what its columns mean.
         links: places on the page, by the text of a cell.
@@ -59,7 +59,7 @@ class Table(NamedTuple):
 
     title: str
     rows: list[dict[str, str]]
-    left: int = 1
+    text_columns: int = 1
     figure: Bars | None = None
     note: str = ""
     links: Mapping[str, str] = {}

@@ -13,8 +13,9 @@ _GAP = 5.0  # a longer interval between samples than so many usual ones is a gap
 _LEAST_GAP = 0.5  # [s]
 
 
-def rows(t: Floats, columns: Sequence[Floats], ranks: Sequence[Sequence[Sequence[float]]],
-         most: int) -> Rows:  # fmt: skip
+def rows(
+    t: Floats, columns: Sequence[Floats], ranks: Sequence[Sequence[Sequence[float]]], limit: int
+) -> Rows:
     """The rows to draw, rising: every one where there is room, else extremes of equal parts.
 
     Of each part of a column the rows with its lowest and its highest value stay. No value is made
@@ -24,50 +25,52 @@ def rows(t: Floats, columns: Sequence[Floats], ranks: Sequence[Sequence[Sequence
         t: seconds (n,).
         columns: each (n,); NaN where there is no value.
         ranks: time spans that matter, the most important ones first; what is in none comes last.
-        most: how many rows may stay, about; at least a few hundred are useful.
+        limit: how many rows may stay, about; at least a few hundred are useful.
     """
     n = len(t)
-    if n <= most:
+    if n <= limit:
         return np.arange(n)
     rank = np.full(n, len(ranks))
     for k, spans in reversed(list(enumerate(ranks))):
-        for begin, end in spans:
-            rank[(t >= begin) & (t <= end)] = k
-    kept, left = [_edges(t, columns, most // 4)], most - min(int(_OUTSIDE * most), n)
+        for begin, stop in spans:
+            rank[(t >= begin) & (t <= stop)] = k
+    chosen_rows, budget = [_edges(t, columns, limit // 4)], limit - min(int(_OUTSIDE * limit), n)
     for k in range(len(ranks) + 1):
-        of = np.flatnonzero(rank == k)
-        room = left if k < len(ranks) else left + int(_OUTSIDE * most)
-        chosen = of if len(of) <= room else _extremes(of, columns, max(room, 2))
-        left = max(left - len(chosen), most // 10)
-        kept.append(chosen)
-    return np.unique(np.concatenate(kept))
+        bucket = np.flatnonzero(rank == k)
+        room = budget if k < len(ranks) else budget + int(_OUTSIDE * limit)
+        chosen = bucket if len(bucket) <= room else _extremes(bucket, columns, max(room, 2))
+        budget = max(budget - len(chosen), limit // 10)
+        chosen_rows.append(chosen)
+    return np.unique(np.concatenate(chosen_rows))
 
 
-def with_gaps(t: Floats, kept: Rows) -> Rows:
+def with_gaps(t: Floats, chosen: Rows) -> Rows:
     """The rows, with −1 where a line must not join its neighbours: a gap, or time set back."""
     step = np.diff(t)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
     broken = np.flatnonzero((step > max(_GAP * usual, _LEAST_GAP)) | (step <= 0))
-    return np.insert(kept, np.searchsorted(kept, np.unique(broken), side="right"), -1)
+    return np.insert(chosen, np.searchsorted(chosen, np.unique(broken), side="right"), -1)
 
 
-def _edges(t: Floats, columns: Sequence[Floats], most: int) -> Rows:
+def _edges(t: Floats, columns: Sequence[Floats], limit: int) -> Rows:
     """First and last row of each stretch with values, unless there are too many."""
-    known = np.stack([np.isfinite(c) for c in columns])
-    changes = np.flatnonzero((known[:, 1:] != known[:, :-1]).any(axis=0))
-    changes = changes if 2 * len(changes) <= most else changes[:0]
+    finite = np.stack([np.isfinite(c) for c in columns])
+    changes = np.flatnonzero((finite[:, 1:] != finite[:, :-1]).any(axis=0))
+    changes = changes if 2 * len(changes) <= limit else changes[:0]
     return np.unique(np.concatenate([changes, changes + 1, [0, len(t) - 1]]))
 
 
-def _extremes(of: Rows, columns: Sequence[Floats], room: int) -> Rows:
+def _extremes(candidates: Rows, columns: Sequence[Floats], room: int) -> Rows:
     """The rows with the lowest and highest value of each column in each of equal parts."""
-    size = max(-(-2 * len(columns) * len(of) // room), 2)
-    parts = -(-len(of) // size)
-    padded = np.concatenate([of, np.full(parts * size - len(of), of[-1])]).reshape(parts, size)
-    found = [padded[:, 0]]
+    size = max(-(-2 * len(columns) * len(candidates) // room), 2)
+    bucket_count = -(-len(candidates) // size)
+    padded = np.concatenate(
+        [candidates, np.full(bucket_count * size - len(candidates), candidates[-1])]
+    ).reshape(bucket_count, size)
+    extremes = [padded[:, 0]]
     for column in columns:
         values = column[padded]
         for worst, choose in ((np.inf, np.argmin), (-np.inf, np.argmax)):
-            at = choose(np.where(np.isnan(values), worst, values), axis=1)
-            found.append(padded[np.arange(parts), at])
-    return np.unique(np.concatenate(found))
+            positions = choose(np.where(np.isnan(values), worst, values), axis=1)
+            extremes.append(padded[np.arange(bucket_count), positions])
+    return np.unique(np.concatenate(extremes))

@@ -45,70 +45,72 @@ class Difference(NamedTuple):
     alike: bool
 
 
-def every(runs: Sequence[Run]) -> list[Difference]:
+def compare(runs: Sequence[Run]) -> list[Difference]:
     """All runs against the first one: brake applications by their order, axles by their number."""
-    first, *others = runs
-    found: list[Difference] = []
-    for place, run in enumerate(others, 2):
-        before = {axle.number: axle for axle in first.axles}
+    reference, *others_runs = runs
+    differences: list[Difference] = []
+    for place, run in enumerate(others_runs, 2):
+        reference_axles = {axle.number: axle for axle in reference.axles}
         for axle in run.axles:
-            if axle.number in before:
-                found += _of_axle(place, before[axle.number], axle, run)
-    return found
+            if axle.number in reference_axles:
+                differences += _of_axle(place, reference_axles[axle.number], axle, run)
+    return differences
 
 
 def unpaired(runs: Sequence[Run]) -> bool:
     """Whether a brake application or an axle of a run has none to be compared with."""
     counts = [{a.number: len(a.applications) for a in run.axles} for run in runs]
-    return any(one != counts[0] for one in counts)
+    return any(count != counts[0] for count in counts)
 
 
-def settings_apart(one: Run, other: Run) -> list[str]:
+def settings_apart(run_a: Run, run_b: Run) -> list[str]:
     """The settings that two runs do not have in common, and the version if that differs."""
-    keys = sorted(one.settings.keys() | other.settings.keys())
-    apart = [k for k in keys if one.settings.get(k) != other.settings.get(k)]
-    names = [".".join(k.split(".")[:2]) for k in apart]
-    if one.provenance.get("version") != other.provenance.get("version"):
+    keys = sorted(run_a.settings.keys() | run_b.settings.keys())
+    differing = [k for k in keys if run_a.settings.get(k) != run_b.settings.get(k)]
+    names = [".".join(k.split(".")[:2]) for k in differing]
+    if run_a.provenance.get("version") != run_b.provenance.get("version"):
         names.append("version of the program")
     return list(dict.fromkeys(names))
 
 
-def same_log(one: Run, other: Run) -> bool:
+def same_log(run_a: Run, run_b: Run) -> bool:
     """Whether two runs are of one log."""
-    return bool(one.log.sha256) and one.log.sha256 == other.log.sha256
+    return bool(run_a.log.sha256) and run_a.log.sha256 == run_b.log.sha256
 
 
-def same_vehicle(one: Run, other: Run) -> bool:
+def same_vehicle(run_a: Run, run_b: Run) -> bool:
     """Whether two runs state the same vehicle."""
-    stated = [
-        {k: v for k, v in r.settings.items() if k.startswith("vehicle.")} for r in (one, other)
+    vehicles = [
+        {k: v for k, v in r.settings.items() if k.startswith("vehicle.")} for r in (run_a, run_b)
     ]
-    return stated[0] == stated[1]
+    return vehicles[0] == vehicles[1]
 
 
-def _of_axle(place: int, before: Axle, after: Axle, run: Run) -> Iterator[Difference]:
-    pairs = zip(before.applications, after.applications, strict=False)
+def _of_axle(place: int, axle_a: Axle, axle_b: Axle, run: Run) -> Iterator[Difference]:
+    pairs = zip(axle_a.applications, axle_b.applications, strict=False)
     for k, (a, b) in enumerate(pairs, 1):
 
-        def told(quantity: str, unit: str, value: float, u95: float, apart: float) -> Difference:
-            of = (place, after.number, k, quantity, unit)  # noqa: B023 (used at once)
-            return Difference(*of, value, u95, apart, abs(value) <= u95)
+        def make_difference(
+            quantity: str, unit: str, value: float, u95: float, u95_apart: float
+        ) -> Difference:
+            location = (place, axle_b.number, k, quantity, unit)  # noqa: B023 (used at once)
+            return Difference(*location, value, u95, u95_apart, abs(value) <= u95)
 
         if a.force_n and b.force_n and a.coefficient and b.coefficient:
             difference = b.force_n.mean - a.force_n.mean
-            yield told("force", "N", difference, *_of_force(a, b, run))
+            yield make_difference("force", "N", difference, *_of_force(a, b, run))
             change = b.coefficient.mean - a.coefficient.mean
-            apart = math.hypot(a.coefficient.mean_u95, b.coefficient.mean_u95)
-            if before.weight == after.weight:
-                shared = _of_force(a, b, run, by_weight=difference)[0] / after.weight
+            u95_between = math.hypot(a.coefficient.mean_u95, b.coefficient.mean_u95)
+            if axle_a.weight == axle_b.weight:
+                shared = _of_force(a, b, run, by_weight=difference)[0] / axle_b.weight
             else:
-                shared = apart
-            yield told("coefficient", "-", change, shared, apart)
+                shared = u95_between
+            yield make_difference("coefficient", "-", change, shared, u95_between)
         if a.utilisation is not None and b.utilisation is not None:
             intervals = (x.utilisation_ci or (0.0, 0.0) for x in (a, b))
             halves = [0.5 * (upper - lower) for lower, upper in intervals]
             u95 = math.hypot(*halves)
-            yield told("utilisation", "-", b.utilisation - a.utilisation, u95, u95)
+            yield make_difference("utilisation", "-", b.utilisation - a.utilisation, u95, u95)
 
 
 def _of_force(
@@ -122,27 +124,29 @@ def _of_force(
         run: the other one.
         by_weight: the difference, if it will be divided by the weight: the mass then counts [N].
     """
-    rows = [{row.quantity: row for row in one.budget or ()} for one in (a, b)]
+    rows = [{row.quantity: row for row in row_a.budget or ()} for row_a in (a, b)]
     shared: dict[str, float] = {}
-    alone: list[dict[str, float]] = [{}, {}]
+    independent: list[dict[str, float]] = [{}, {}]
     for name in sorted((rows[0].keys() | rows[1].keys()) - {_NOISE}):
-        one, other = (of.get(name) for of in rows)
-        if one and other and (one.value, one.u) == (other.value, other.u):
-            shared[name] = (other.sensitivity - one.sensitivity) * one.u
+        row_a, row_b = (rows_by_name.get(name) for rows_by_name in rows)
+        if row_a and row_b and (row_a.value, row_a.u) == (row_b.value, row_b.u):
+            shared[name] = (row_b.sensitivity - row_a.sensitivity) * row_a.u
         else:
-            for own, row in zip(alone, (one, other), strict=True):
+            for sensitivities, row in zip(independent, (row_a, row_b), strict=True):
                 if row:
-                    own[name] = row.sensitivity * row.u
+                    sensitivities[name] = row.sensitivity * row.u
     if by_weight:
-        stated = {k: float(run.settings[f"vehicle.{_MASS}.{k}"]) for k in ("value", "tolerance")}
-        shared[_MASS] = shared.get(_MASS, 0.0) - by_weight * stated["tolerance"] / stated["value"]
+        mass = {k: float(run.settings[f"vehicle.{_MASS}.{k}"]) for k in ("value", "tolerance")}
+        shared[_MASS] = shared.get(_MASS, 0.0) - by_weight * mass["tolerance"] / mass["value"]
     vehicle = Vehicle(correlation=_correlation(run))
-    noise = [of[_NOISE].contribution_n for of in rows]
-    parts = [vehicle.covariance(own, own) for own in (shared, *alone)]
-    u = math.sqrt(max(sum(parts), 0.0) + sum(x**2 for x in noise))
-    apart = math.hypot(*(x.coverage.u_n for x in (a, b) if x.coverage))
-    freedom = [_freedom_of_noise(one, x) for one, x in zip((a, b), noise, strict=True)]
-    return _factor(u, noise, freedom) * u, _factor(apart, noise, freedom) * apart
+    noise = [rows_by_name[_NOISE].contribution_n for rows_by_name in rows]
+    covariances = [
+        vehicle.covariance(sensitivities, sensitivities) for sensitivities in (shared, *independent)
+    ]
+    u = math.sqrt(max(sum(covariances), 0.0) + sum(x**2 for x in noise))
+    u95_apart = math.hypot(*(x.coverage.u_n for x in (a, b) if x.coverage))
+    freedom = [_freedom_of_noise(row_a, x) for row_a, x in zip((a, b), noise, strict=True)]
+    return _factor(u, noise, freedom) * u, _factor(u95_apart, noise, freedom) * u95_apart
 
 
 def _freedom_of_noise(application: BrakeApplication, noise: float) -> float:
@@ -162,5 +166,7 @@ def _factor(u: float, noise: Sequence[float], freedom: Sequence[float]) -> float
 def _correlation(run: Run) -> tuple[tuple[str, str, float], ...]:
     """Of the errors of two parameters, as the settings state it."""
     head = "vehicle.correlation."
-    found = {k.removeprefix(head): float(v) for k, v in run.settings.items() if k.startswith(head)}
-    return tuple((*pair.split("."), share) for pair, share in found.items())  # type: ignore[misc]
+    correlations = {
+        k.removeprefix(head): float(v) for k, v in run.settings.items() if k.startswith(head)
+    }
+    return tuple((*pair.split("."), share) for pair, share in correlations.items())  # type: ignore[misc]

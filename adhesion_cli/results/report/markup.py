@@ -16,9 +16,9 @@ def text(value: object) -> str:
 
 def element(name: str, content: str, css: str = "", **attributes: str) -> str:
     """An element around content that is HTML already."""
-    every = ({"class": css} if css else {}) | attributes
-    stated = "".join(f' {key}="{escape(value)}"' for key, value in every.items())
-    return f"<{name}{stated}>{content}</{name}>"
+    all_attributes = ({"class": css} if css else {}) | attributes
+    attribute_text = "".join(f' {key}="{escape(value)}"' for key, value in all_attributes.items())
+    return f"<{name}{attribute_text}>{content}</{name}>"
 
 
 def prose(content: str) -> str:
@@ -32,14 +32,17 @@ def paragraph(content: str, css: str = "") -> str:
 
 
 def table(
-    rows: Sequence[Mapping[str, str]], left: int = 1, marks: Sequence[tuple[str, str]] = (),
-    css: str = "", links: Mapping[str, str] = {},
-) -> str:  # fmt: skip
+    rows: Sequence[Mapping[str, str]],
+    text_columns: int = 1,
+    marks: Sequence[tuple[str, str]] = (),
+    css: str = "",
+    links: Mapping[str, str] = {},
+) -> str:
     """A table of rows that have the same keys, which are its header; nothing without rows.
 
     Args:
         rows: plain text.
-        left: how many columns are texts, from the left.
+        text_columns: how many columns are texts, from the left.
         marks: of each row its class and the column that has it.
         css: more classes of the box around it.
         links: places on the page, by the text of a cell.
@@ -47,20 +50,22 @@ def table(
     if not rows:
         return ""
     header = list(rows[0])
-    head = "".join(element("th", text(name), "text" * (i < left)) for i, name in enumerate(header))
+    head = "".join(
+        element("th", text(name), "text" * (i < text_columns)) for i, name in enumerate(header)
+    )
     body = []
     for k, row in enumerate(rows):
         cells = []
         for i, (name, cell) in enumerate(row.items()):
-            css_of = ["text"] * (i < left)
+            css_of = ["text"] * (i < text_columns)
             css_of += ["mark", marks[k][0]] if marks and marks[k][1] == name else []
-            css_of += ["free"] if i < left and len(cell) > 30 else []
-            of = text(cell)
-            of = element("a", of, href=links[cell]) if cell in links else of
-            cells.append(element("td", of, " ".join(css_of)))
+            css_of += ["free"] if i < text_columns and len(cell) > 30 else []
+            content = text(cell)
+            content = element("a", content, href=links[cell]) if cell in links else content
+            cells.append(element("td", content, " ".join(css_of)))
         body.append(element("tr", "".join(cells)))
-    whole = "\n".join([f"<thead><tr>{head}</tr></thead>\n<tbody>", *body, "</tbody>"])
-    return element("div", element("table", whole), f"table {css}".strip())
+    rows_text = "\n".join([f"<thead><tr>{head}</tr></thead>\n<tbody>", *body, "</tbody>"])
+    return element("div", element("table", rows_text), f"table {css}".strip())
 
 
 def packed(place: str, content: str) -> str:

@@ -16,7 +16,7 @@ from .run import Axle, Run
 if TYPE_CHECKING:
     from .plots import Figures
 
-_MOST = 2_900_000  # letters of a page: more numbers are not drawn
+_PAGE_LIMIT = 2_900_000  # letters of a page: more numbers are not drawn
 _BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
 _LINES = 25  # findings of one code that are listed
 _OF_FIGURES = (
@@ -56,20 +56,20 @@ def page(runs: Sequence[Run]) -> str:
     body: list[str] = []
     for values in VALUES:
         figures = Figures(values)
-        made = _single(runs[0], figures) if len(runs) == 1 else comparison.body(runs, figures)
-        body = list(made)
+        content = _single(runs[0], figures) if len(runs) == 1 else comparison.body(runs, figures)
+        body = list(content)
         body += _packed(figures)
-        if sum(map(len, body)) < _MOST:
+        if sum(map(len, body)) < _PAGE_LIMIT:
             break
-    return _whole(", ".join(r.name for r in runs), body)
+    return _document(", ".join(r.name for r in runs), body)
 
 
-def write_tables(path: Path, of: Campaign) -> None:
+def write_tables(path: Path, campaign: Campaign) -> None:
     """Writes a page of tables, as of a fleet.
 
     Args:
         path: file to write; its old content is lost.
-        of: what it shows.
+        campaign: what it shows.
 
     Raises:
         OSError: the file cannot be written.
@@ -78,23 +78,29 @@ def write_tables(path: Path, of: Campaign) -> None:
     from .plots import Figures  # Bokeh is slow to import
 
     figures = Figures()
-    body = [element("h1", text(of.name)), element("p", text(of.verdict), "headline")]
-    body += [paragraph(of.lead), paragraph(sections.TOO_OLD, "too-old")]
-    for i, one in enumerate(of.tables):
-        shown = one.rows[: sections.MOST]
-        more = len(one.rows) - len(shown)
-        css = "long" * (len(shown) > sections.MANY)
-        body += [element("h2", text(one.title))]
-        body += sections.places([figures.of_bars(one.figure, f"bars-{i}")] if one.figure else [])
-        body += [table(shown, one.left, one.marks, css, one.links)]
-        body += [paragraph(f"And {more} more.", "note")] * (more > 0)
-        body += [paragraph(one.note, "note")] * bool(one.note)
-    body += _explained(of.codes)
+    body = [element("h1", text(campaign.name)), element("p", text(campaign.verdict), "headline")]
+    body += [paragraph(campaign.lead), paragraph(sections.BROWSER_NOTE, "too-old")]
+    for i, campaign_table in enumerate(campaign.tables):
+        rows = campaign_table.rows[: sections.MAX_ROWS]
+        remaining = len(campaign_table.rows) - len(rows)
+        css = "long" * (len(rows) > sections.VISIBLE_ROWS)
+        body += [element("h2", text(campaign_table.title))]
+        body += sections.places(
+            [figures.of_bars(campaign_table.figure, f"bars-{i}")] if campaign_table.figure else []
+        )
+        body += [
+            table(
+                rows, campaign_table.text_columns, campaign_table.marks, css, campaign_table.links
+            )
+        ]
+        body += [paragraph(f"And {remaining} more.", "note")] * (remaining > 0)
+        body += [paragraph(campaign_table.note, "note")] * bool(campaign_table.note)
+    body += _explained(campaign.codes)
     body += [element("h2", "How this was made", id="about")]
-    body += [table([{"Fact": k, "Value": v} for k, v in of.about.items()], left=2)]
+    body += [table([{"Fact": k, "Value": v} for k, v in campaign.about.items()], text_columns=2)]
     body += _packed(figures)
     with verified(path) as file:
-        file.write(_whole(of.name, body).encode("utf-8"))
+        file.write(_document(campaign.name, body).encode("utf-8"))
 
 
 def _explained(codes: Sequence[str]) -> Iterator[str]:
@@ -102,9 +108,10 @@ def _explained(codes: Sequence[str]) -> Iterator[str]:
     if codes:
         yield element("h2", "Findings explained", id="findings")
     for code in codes:
-        title, parts = words.explained(code)
+        title, sections_of_text = words.explained(code)
         inside = "".join(
-            element("dt", text(name)) + element("dd", prose(said)) for name, said in parts
+            element("dt", text(name)) + element("dd", prose(said))
+            for name, said in sections_of_text
         )
         inside = element("h3", text(title)) + element("dl", inside)
         inside += paragraph(f"Code: {code}", "note")
@@ -116,10 +123,10 @@ def _packed(figures: "Figures") -> list[str]:
     return [packed("library", figures.library()), packed("figures", figures.as_json())]
 
 
-def _whole(name: str, body: list[str]) -> str:
+def _document(name: str, body: list[str]) -> str:
     """A page of this body."""
-    here = files(__package__)
-    style, script = (here.joinpath(f"page.{kind}").read_text("utf-8") for kind in ("css", "js"))
+    package = files(__package__)
+    style, script = (package.joinpath(f"page.{kind}").read_text("utf-8") for kind in ("css", "js"))
     head = [
         '<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
@@ -128,19 +135,19 @@ def _whole(name: str, body: list[str]) -> str:
         element("style", style),
     ]
     body = [*body, element("script", script)]
-    parts = ['<!DOCTYPE html>\n<html lang="en">\n<head>', *head, "</head>\n<body>", *body]
-    return "\n".join([*parts, "</body>\n</html>\n"])
+    fragments = ['<!DOCTYPE html>\n<html lang="en">\n<head>', *head, "</head>\n<body>", *body]
+    return "\n".join([*fragments, "</body>\n</html>\n"])
 
 
 def _single(run: Run, figures: "Figures") -> Iterator[str]:
-    drawn = figures.of_run(run)
-    yield from _first_screen(run, drawn.overview)
+    plots = figures.of_run(run)
+    yield from _first_screen(run, plots.overview)
     for axle in run.axles:
-        yield from _axle(axle, drawn.axles[axle.number])
-    if drawn.step:
+        yield from _axle(axle, plots.axles[axle.number])
+    if plots.step:
         yield paragraph(
             f"The figures show the lowest and the highest values of parts of the log, about "
-            f"{drawn.step:.2g} s apart in brake applications. The result file has every sample.",
+            f"{plots.step:.2g} s apart in brake applications. The result file has every sample.",
             "note",
         )
     yield from _budgets(run)
@@ -159,13 +166,13 @@ def _first_screen(run: Run, overview: Sequence[str]) -> Iterator[str]:
     picture += paragraph(_OF_FIGURES, "note")
     heading = element("h2", "Brake applications", id="applications")
     rows = [heading, sections.applications(run)]
-    many = sum(len(axle.applications) for axle in run.axles) > sections.MANY
-    yield from [picture, *rows] if many else [*rows, picture]
+    is_long = sum(len(axle.applications) for axle in run.axles) > sections.VISIBLE_ROWS
+    yield from [picture, *rows] if is_long else [*rows, picture]
     yield sections.notes([run])
-    yield paragraph(sections.TOO_OLD, "too-old")
+    yield paragraph(sections.BROWSER_NOTE, "too-old")
     links = [(f"#axle-{a.number}", f"Axle {a.number}") for a in run.axles]
     links += [("#budget", "Uncertainty"), ("#findings", "Findings"), ("#about", "How it was made")]
-    yield element("nav", " ".join(element("a", text(name), href=to) for to, name in links))
+    yield element("nav", " ".join(element("a", text(name), href=anchor) for anchor, name in links))
 
 
 # ---- behind it
@@ -181,109 +188,135 @@ def _axle(axle: Axle, places: Sequence[str]) -> Iterator[str]:
 
 def _budgets(run: Run) -> Iterator[str]:
     yield element("h2", "Uncertainty of the mean force", id="budget")
-    every = [(axle, one) for axle in run.axles for one in axle.applications if one.budget]
-    if not every:
+    with_budget = [
+        (axle, application)
+        for axle in run.axles
+        for application in axle.applications
+        if application.budget
+    ]
+    if not with_budget:
         yield paragraph("No brake application has a force.")
         return
     yield paragraph(_OF_BUDGETS, "note")
-    if len(every) > _BUDGETS:
+    if len(with_budget) > _BUDGETS:
         yield paragraph(
             "Of each axle the brake application with the largest uncertainty. `adhesion analyze "
-            "LOG --budget` shows all.", "note",
-        )  # fmt: skip
+            "LOG --budget` shows all.",
+            "note",
+        )
         widest = {
             a.number: (a, o)
             for a, o in sorted(
-                every, key=lambda pair: pair[1].force_n.mean_u95 if pair[1].force_n else 0.0
+                with_budget, key=lambda pair: pair[1].force_n.mean_u95 if pair[1].force_n else 0.0
             )
         }
-        every = [widest[number] for number in sorted(widest)]
-    for axle, one in every:
-        when = words.span(one.start_s, one.end_s)
-        heading = element("h3", f"Axle {axle.number}, brake application at {when} s")
-        rows = table(words.budget_rows(one), left=2)
-        yield element("div", heading + rows + paragraph(words.combined(one), "note"), "whole")
+        with_budget = [widest[number] for number in sorted(widest)]
+    for axle, application in with_budget:
+        time_span = words.span(application.start_s, application.end_s)
+        heading = element("h3", f"Axle {axle.number}, brake application at {time_span} s")
+        rows = table(words.budget_rows(application), text_columns=2)
+        yield element(
+            "div", heading + rows + paragraph(words.combined(application), "note"), "whole"
+        )
 
 
 def _findings(run: Run) -> Iterator[str]:
     yield element("h2", "Findings", id="findings")
-    found = words.told(run.findings)
-    if not found:
+    groups = words.finding_groups(run.findings)
+    if not groups:
         yield paragraph("None: the checks found nothing in this log.")
-    for of in found:
-        heading = element("h3", f"{text(of.severity.capitalize())}: {text(of.title)}")
+    for group in groups:
+        heading = element("h3", f"{text(group.severity.capitalize())}: {text(group.title)}")
         rows = [
-            {"Channel": channel, "Time": when, "What": message}
-            for channel, when, message in of.lines[:_LINES]
+            {"Channel": channel, "Time": time_text, "What": message}
+            for channel, time_text, message in group.lines[:_LINES]
         ]
-        more = len(of.lines) - len(rows)
-        rest = paragraph(f"And {more} more of this kind.", "note") if more else ""
-        parts = "".join(
-            element("dt", text(name)) + element("dd", prose(said)) for name, said in of.parts
+        remaining = len(group.lines) - len(rows)
+        remainder_note = (
+            paragraph(f"And {remaining} more of this kind.", "note") if remaining else ""
         )
-        code = paragraph(f"Code: {of.code}", "note")
-        inside = [heading, table(rows, left=3), rest, element("dl", parts), code]
+        fragments = "".join(
+            element("dt", text(name)) + element("dd", prose(said)) for name, said in group.sections
+        )
+        code = paragraph(f"Code: {group.code}", "note")
+        inside = [
+            heading,
+            table(rows, text_columns=3),
+            remainder_note,
+            element("dl", fragments),
+            code,
+        ]
         yield element(
-            "div", "".join(inside), f"finding {text(of.severity)}", id=f"finding-{of.code}"
+            "div", "".join(inside), f"finding {text(group.severity)}", id=f"finding-{group.code}"
         )
 
 
 def _about(run: Run) -> Iterator[str]:
     yield element("h2", "How this was made", id="about")
-    of = run.provenance
+    provenance = run.provenance
     facts = {
-        "Log": run.name, "Format": run.log.format,
+        "Log": run.name,
+        "Format": run.log.format,
         "Rows": f"{run.log.rows_used} of {run.log.rows_read} used",
-        "SHA-256 of the log": run.log.sha256, "Result file": run.file,
-        "Analysed by": f"adhesion {of.get('version', 'unknown')}",
+        "SHA-256 of the log": run.log.sha256,
+        "Result file": run.file,
+        "Analysed by": f"adhesion {provenance.get('version', 'unknown')}",
         "Reference": words.listed(
             sorted({a.summary.reference.method for a in run.axles}) or ["none"]
         ),
-    }  # fmt: skip
-    yield table([{"Fact": k, "Value": str(v)} for k, v in facts.items()], left=2)
+    }
+    yield table([{"Fact": k, "Value": str(v)} for k, v in facts.items()], text_columns=2)
     yield element("h3", "Channels")
-    yield table([
-        {
-            "Channel": f"{c.name} {c.field}".strip(), "Meaning": str(c.meaning or ""),
-            "Axle": str(c.axle or "all"), "Unit": str(c.unit), "Reason": str(c.reason),
-        }
-        for c in run.channels
-    ], left=5)  # fmt: skip
+    yield table(
+        [
+            {
+                "Channel": f"{c.name} {c.field}".strip(),
+                "Meaning": str(c.meaning or ""),
+                "Axle": str(c.axle or "all"),
+                "Unit": str(c.unit),
+                "Reason": str(c.reason),
+            }
+            for c in run.channels
+        ],
+        text_columns=5,
+    )
     yield element("h3", "Vehicle")
-    yield table(_vehicle(run), left=1)
+    yield table(_vehicle(run), text_columns=1)
     settings = [{"Setting": k, "Value": v} for k, v in sorted(run.settings.items())]
-    yield element("details", element("summary", "All settings") + table(settings, left=2))
+    yield element("details", element("summary", "All settings") + table(settings, text_columns=2))
     yield element("h3", "Sources of the methods")
-    sources = [element("li", text(line)) for line in of.get("sources", "").splitlines()]
+    sources = [element("li", text(line)) for line in provenance.get("sources", "").splitlines()]
     yield element("ul", "".join(sources))
 
 
 def _vehicle(run: Run) -> list[dict[str, str]]:
     """The vehicle's parameters with their standard uncertainties."""
-    found: dict[str, dict[str, str]] = {}
+    values_by_name: dict[str, dict[str, str]] = {}
     for key, value in sorted(run.settings.items()):
         section, _, name = key.partition(".")
         if section != "vehicle":
             continue
         if name.startswith("correlation"):
-            found[name] = {"value": value}
+            values_by_name[name] = {"value": value}
         elif name == "wheel_radius":
-            for i, one in enumerate(json.loads(value), 1):
-                found[f"wheel_radius, axle {i}"] = {k: f"{v:g}" for k, v in one.items()}
+            for i, entry in enumerate(json.loads(value), 1):
+                values_by_name[f"wheel_radius, axle {i}"] = {k: f"{v:g}" for k, v in entry.items()}
         else:
-            parameter, _, part = name.rpartition(".")
-            found.setdefault(parameter, {})[part] = f"{json.loads(value):g}"
+            parameter, _, component = name.rpartition(".")
+            values_by_name.setdefault(parameter, {})[component] = f"{json.loads(value):g}"
     return [
         {
-            "Parameter": name.replace("_", " "), "Value": of.get("value", words.NONE),
-            "Standard uncertainty": of.get("tolerance", words.NONE), "Unit": _unit(name),
+            "Parameter": name.replace("_", " "),
+            "Value": components.get("value", words.DASH),
+            "Standard uncertainty": components.get("tolerance", words.DASH),
+            "Unit": _unit(name),
         }
-        for name, of in found.items()
-    ]  # fmt: skip
+        for name, components in values_by_name.items()
+    ]
 
 
 def _unit(name: str) -> str:
     from ...core.model import Vehicle, quantities
 
-    known = quantities(Vehicle).get(name.partition(",")[0])
-    return known.unit if known else words.NONE
+    quantity = quantities(Vehicle).get(name.partition(",")[0])
+    return quantity.unit if quantity else words.DASH

@@ -29,11 +29,13 @@ class Plot:
 
     def __init__(self, run: Run, axles: Sequence[int] = ()) -> None:
         figures = Figures()
-        drawn = figures.of_run(run)
-        places = [place for axle in axles for place in drawn.axles[axle]] or drawn.overview
-        self.layout: Any = column(figures.at(places), sizing_mode="stretch_width")
+        figure_set = figures.of_run(run)
+        places = [
+            place for axle in axles for place in figure_set.axles[axle]
+        ] or figure_set.overview
+        self.layout: Any = column(figures.figures_of(places), sizing_mode="stretch_width")
         self._title = run.name
-        self._height = _FRAME + sum(fig.height for fig in figures.at(places))
+        self._height = _FRAME + sum(fig.height for fig in figures.figures_of(places))
 
     def html(self) -> str:
         """A page with the figures that needs no network and no other file."""

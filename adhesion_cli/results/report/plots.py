@@ -36,7 +36,7 @@ _MARGIN = 1.0  # around a brake application that is drawn in full [s]
 _RARE = 0.002  # share of the samples that may lie outside of a chart of errors
 _ERRORS = "error_"  # column of an estimator's error
 _WEAK = 0.13
-_BEFORE = 3.0  # shown before and after braking, where runs are compared [s]
+_LEAD_TIME = 3.0  # shown before and after braking, where runs are compared [s]
 _NARROW = 45  # letters in a row of a legend that a narrow screen has room for
 _SIGN = 5  # of these for the sign in front of each name
 _SHADES = 500  # slides of all axles together that are shaded one by one
@@ -45,7 +45,7 @@ _ID = re.compile(r"p\d+")
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class RunFigures:
     """Figures of one run: names of their places on the page."""
 
     overview: list[str]
@@ -64,16 +64,18 @@ class Figures:
         self._values, self._places = values, dict[str, Any]()
         self._cursor = Span(dimension="height", line_color="#888888", line_dash="dotted")
 
-    def of_run(self, run: Run) -> Drawn:
+    def of_run(self, run: Run) -> RunFigures:
         """Overview, then four or five figures per axle, all with one time axis."""
-        first, last = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
-        time = Range1d(first, last, bounds=(first, last))
-        most = self._values // max(len(run.axles), 1)
-        made = {a.number: _source(a, most) for a in run.axles}
-        sources = {number: source for number, (source, _) in made.items()}
+        earliest, latest = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
+        time = Range1d(earliest, latest, bounds=(earliest, latest))
+        limit = self._values // max(len(run.axles), 1)
+        axle_sources = {a.number: _source(a, limit) for a in run.axles}
+        sources = {number: source for number, (source, _) in axle_sources.items()}
         overview = self._overview(run, sources, time)
         axles = {a.number: self._axle(a, sources[a.number], time, run.train) for a in run.axles}
-        return Drawn(overview, axles, max((step for _, step in made.values()), default=0.0))
+        return RunFigures(
+            overview, axles, max((step for _, step in axle_sources.values()), default=0.0)
+        )
 
     def of_runs(self, runs: Sequence[Run]) -> dict[int, list[str]]:
         """Speed and adhesion coefficient of each axle, all runs from the start of their braking.
@@ -83,8 +85,8 @@ class Figures:
         """
         time = Range1d(*_common_time(runs))
         numbers = sorted({axle.number for run in runs for axle in run.axles})
-        most = self._values // max(sum(len(run.axles) for run in runs), 1)
-        found = {}
+        limit = self._values // max(sum(len(run.axles) for run in runs), 1)
+        sources = {}
         for N in numbers:
             speed = self._figure("Speed of the wheel [km/h]", 230, time)
             adhesion = self._figure("Adhesion coefficient [-]", 190, time)
@@ -93,58 +95,73 @@ class Figures:
             columns: dict[str, list[Floats]] = {"rim": [], "mu": []}
             for i, run in enumerate(runs):
                 for axle in (a for a in run.axles if a.number == N):
-                    source, _ = _source(axle, most, run.brake_s)
+                    source, _ = _source(axle, limit, run.brake_s)
                     colour = palette.nth(i)
                     items[f"run {i + 1}"] = [
                         _line(speed, source, "rim", colour),
                         _line(speed, source, "train", palette.GREY, 0.8),
                         _line(adhesion, source, "mu", colour),
                     ]
-                    for name, of in columns.items():
-                        of.append(_column(source, name))
-            speed.y_range = _range(columns["rim"], whole=True)
+                    for name, axes in columns.items():
+                        axes.append(_column(source, name))
+            speed.y_range = _range(columns["rim"], is_full=True)
             adhesion.y_range = _range(columns["mu"])
             _legend(speed, items)
-            found[N] = [self._place(speed, f"axle-{N}-0"), self._place(adhesion, f"axle-{N}-1")]
-        return found
+            sources[N] = [self._place(speed, f"axle-{N}-0"), self._place(adhesion, f"axle-{N}-1")]
+        return sources
 
-    def of_bars(self, of: Bars, place: str) -> str:
+    def of_bars(self, bars: Bars, place: str) -> str:
         """Percentiles of the adhesion coefficient of groups, side by side; returns the place."""
         fig = figure(
-            height=260, sizing_mode="stretch_width", tools="xpan,xwheel_zoom,reset,save",
-            active_drag=None, active_scroll=None, output_backend="canvas",
-            x_axis_type="datetime" if of.dated else "linear",
-        )  # fmt: skip
+            height=260,
+            sizing_mode="stretch_width",
+            tools="xpan,xwheel_zoom,reset,save",
+            active_drag=None,
+            active_scroll=None,
+            output_backend="canvas",
+            x_axis_type="datetime" if bars.dated else "linear",
+        )
         _style(fig, "Mean adhesion coefficient [-]")
-        fig.xaxis.axis_label = of.label
-        data = {name: [getattr(bar, name) for bar in of.bars] for name in Bar._fields}
-        data["left"] = [0.95 * bar.begin + 0.05 * bar.end for bar in of.bars]
-        data["right"] = [0.05 * bar.begin + 0.95 * bar.end for bar in of.bars]
-        data["at"] = [0.5 * (bar.begin + bar.end) for bar in of.bars]
-        if of.named:
-            fig.xaxis.ticker = FixedTicker(ticks=data["at"])
-            fig.xaxis.major_label_overrides = dict(zip(data["at"], data["name"], strict=True))
+        fig.xaxis.axis_label = bars.label
+        data = {name: [getattr(bar, name) for bar in bars.bars] for name in Bar._fields}
+        data["left"] = [0.95 * bar.begin + 0.05 * bar.stop for bar in bars.bars]
+        data["right"] = [0.05 * bar.begin + 0.95 * bar.stop for bar in bars.bars]
+        data["centre"] = [0.5 * (bar.begin + bar.stop) for bar in bars.bars]
+        if bars.named:
+            fig.xaxis.ticker = FixedTicker(ticks=data["centre"])
+            fig.xaxis.major_label_overrides = dict(zip(data["centre"], data["name"], strict=True))
         source = ColumnDataSource(data)
         span = fig.quad(
-            left="left", right="right", bottom="low", top="high", source=source,
-            fill_color=palette.BLUE, fill_alpha=0.25, line_color=None,
-        )  # fmt: skip
+            left="left",
+            right="right",
+            bottom="lower",
+            top="upper",
+            source=source,
+            fill_color=palette.BLUE,
+            fill_alpha=0.25,
+            line_color=None,
+        )
         middle = fig.segment(
-            x0="left", x1="right", y0="middle", y1="middle", source=source,
-            line_color=palette.BLUE, line_width=2.5,
-        )  # fmt: skip
+            x0="left",
+            x1="right",
+            y0="middle",
+            y1="middle",
+            source=source,
+            line_color=palette.BLUE,
+            line_width=2.5,
+        )
         items = {"5 % to 95 %": [span], "median": [middle]}
         if any(np.isfinite(data["slid"])):
-            slid = fig.scatter("at", "slid", source=source, size=9, color=palette.RED)
+            slid = fig.scatter("centre", "slid", source=source, size=9, color=palette.RED)
             items["median of those with slides"] = [slid]
-        fig.y_range = Range1d(0.0, 1.05 * max(*data["high"], *np.nan_to_num(data["slid"])) or 1.0)
+        fig.y_range = Range1d(0.0, 1.05 * max(*data["upper"], *np.nan_to_num(data["slid"])) or 1.0)
         _legend(fig, items)
-        tips = [(of.label, "@name"), ("brake applications", "@number")]
-        tips += [("5 %, median, 95 %", "@low{0.000}, @middle{0.000}, @high{0.000}")]
+        tips = [(bars.label, "@name"), ("brake applications", "@number")]
+        tips += [("5 %, median, 95 %", "@lower{0.000}, @middle{0.000}, @upper{0.000}")]
         fig.add_tools(HoverTool(renderers=[span], tooltips=tips))
         return self._place(fig, place)
 
-    def at(self, places: Iterable[str]) -> list[figure]:
+    def figures_of(self, places: Iterable[str]) -> list[figure]:
         """The figures in these places."""
         return [self._places[place] for place in places]
 
@@ -158,10 +175,10 @@ class Figures:
         with document.models.freeze():  # else each figure costs a walk through all of them
             for fig in self._places.values():
                 document.add_root(fig)
-        of = document.to_json(deferred=False)
+        fields = document.to_json(deferred=False)
         names: dict[str, str] = {}
         roots = {fig.id: place for place, fig in self._places.items()}
-        packed = _renamed({"doc": of, "roots": roots, "root_ids": list(roots)}, names)
+        packed = _renamed({"doc": fields, "roots": roots, "root_ids": list(roots)}, names)
         return json.dumps(packed, separators=(",", ":"))
 
     # ---- figures
@@ -180,13 +197,14 @@ class Figures:
             name = f"axle {axle.number}" if i == 0 else f"{axle.number}"
             style = {"color": colour, "line_width": 1.3, "source": source}
             items[name] = [
-                speed.line("t", "rim", **style), adhesion.line("t", "mu", **style),
-            ]  # fmt: skip
-        of_train = [a for a in run.axles if a.known("train")][:1]
+                speed.line("t", "rim", **style),
+                adhesion.line("t", "mu", **style),
+            ]
+        of_train = [a for a in run.axles if a.has_values("train")][:1]
         for axle in of_train:
             line = _line(speed, sources[axle.number], "train", palette.BLACK, 2.0)
             items[run.train] = [line]
-        speed.y_range = _range([_column(s, "rim") for s in sources.values()], whole=True)
+        speed.y_range = _range([_column(s, "rim") for s in sources.values()], is_full=True)
         adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
         return [self._place(speed, "overview-speed"), self._place(adhesion, "overview-adhesion")]
@@ -195,27 +213,27 @@ class Figures:
         N, slides = axle.number, _slides(axle)
         speed = self._figure("Speed [km/h]", 180, time)
         items = {"wheel": [_line(speed, source, "rim", palette.BLUE)]}
-        if axle.known("train"):
+        if axle.has_values("train"):
             items[train] = [_line(speed, source, "train", palette.BLACK)]
-        speed.y_range = _range([_column(source, "rim"), _column(source, "train")], whole=True)
+        speed.y_range = _range([_column(source, "rim"), _column(source, "train")], is_full=True)
         _finish(speed, items, slides, source, "km/h", {train: "train", "wheel": "rim"})
 
-        by_pressure = axle.known("pressure")
+        by_pressure = axle.has_values("pressure")
         name, unit = ("Pressure", "bar") if by_pressure else ("Clamping", "kN")
         brake = self._figure(f"{name} [{unit}]", 130, time)
         _line(brake, source, "brake", palette.GREEN)
-        brake.y_range = _range([_column(source, "brake")], whole=True)
+        brake.y_range = _range([_column(source, "brake")], is_full=True)
         _finish(brake, {}, slides, source, unit, {name.lower(): "brake"})
 
         force = self._figure("Adhesion force [kN]", 230, time)
         band = force.varea("t", "lower", "upper", source=source, color=palette.GREY, alpha=0.35)
         items = {"95 % band": [band], "reference": [_line(force, source, "force", palette.BLACK)]}
-        if axle.known("truth"):
+        if axle.has_values("truth"):
             items["truth"] = [_line(force, source, "truth", palette.GREEN)]
         edges = (axle.lower, axle.upper, axle.force, axle.truth)
         force.y_range = _range([_braked(axle, edge) * 1e-3 for edge in edges])
-        shown = {"force": "force", "from": "lower", "to": "upper"}
-        _finish(force, items, slides, source, "kN", shown)
+        column_names = {"force": "force", "from": "lower", "to": "upper"}
+        _finish(force, items, slides, source, "kN", column_names)
         figures = [speed, brake, force]
 
         if axle.errors:
@@ -231,30 +249,37 @@ class Figures:
         figures[-1].xaxis.axis_label = "time after the start of the log [s]"
         figures[-1].height += 20
         places = [self._place(f, f"axle-{N}-{i}") for i, f in enumerate(figures)]
-        if axle.known("slip"):
+        if axle.has_values("slip"):
             places.append(self._place(self._curve(axle), f"axle-{N}-curve"))
         return places
 
     def _curve(self, axle: Axle) -> figure:
         """µ over slip while braked: where the wheel rolls, and where it slides."""
         fig = figure(
-            height=300, sizing_mode="stretch_width", tools="box_zoom,pan,wheel_zoom,reset,save",
-            active_drag="box_zoom", active_scroll=None, output_backend="canvas",
-        )  # fmt: skip
+            height=300,
+            sizing_mode="stretch_width",
+            tools="box_zoom,pan,wheel_zoom,reset,save",
+            active_drag="box_zoom",
+            active_scroll=None,
+            output_backend="canvas",
+        )
         _style(fig, "Adhesion coefficient [-]")
         fig.xaxis.axis_label = "slip [%]"
         braked = _inside(axle.t, [(o.start_s, o.end_s) for o in axle.applications])
         sliding = _inside(axle.t, _slides(axle))
         items = {}
-        for name, where, colour in (
+        for name, selected, colour in (
             ("wheel rolls", braked & ~sliding, palette.BLUE),
             ("wheel slides", braked & sliding, palette.RED),
         ):
-            at = np.flatnonzero(where & np.isfinite(axle.slip) & np.isfinite(axle.force))
-            if len(at):
-                at = at[:: -(-len(at) // _POINTS)]
-                points = {"slip": 100.0 * axle.slip[at], "mu": axle.force[at] / axle.weight}
-                source = ColumnDataSource({k: _short(x) for k, x in points.items()})
+            indices = np.flatnonzero(selected & np.isfinite(axle.slip) & np.isfinite(axle.force))
+            if len(indices):
+                indices = indices[:: -(-len(indices) // _POINTS)]
+                points = {
+                    "slip": 100.0 * axle.slip[indices],
+                    "mu": axle.force[indices] / axle.weight,
+                }
+                source = ColumnDataSource({k: _rounded_float(x) for k, x in points.items()})
                 items[name] = [
                     fig.scatter("slip", "mu", source=source, size=4, color=colour, alpha=0.6)
                 ]
@@ -263,10 +288,14 @@ class Figures:
 
     def _figure(self, label: str, height: int, time: Range1d) -> figure:
         fig = figure(
-            height=height, sizing_mode="stretch_width", x_range=time,
-            tools="xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save", active_drag="xbox_zoom",
-            active_scroll=None, output_backend="canvas",
-        )  # fmt: skip
+            height=height,
+            sizing_mode="stretch_width",
+            x_range=time,
+            tools="xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save",
+            active_drag="xbox_zoom",
+            active_scroll=None,
+            output_backend="canvas",
+        )
         fig.add_tools(CrosshairTool(overlay=self._cursor))
         _style(fig, label)
         return fig
@@ -293,14 +322,23 @@ def _style(fig: figure, label: str) -> None:
 
 def _legend(fig: figure, items: Mapping[str, Sequence[Any]]) -> None:
     if items:
-        made = [LegendItem(label=name, renderers=list(of)) for name, of in items.items()]
-        short = sum(map(len, items)) + _SIGN * len(items) <= _NARROW
-        columns = len(items) if short else 3
+        items_shown = [
+            LegendItem(label=name, renderers=list(renderers)) for name, renderers in items.items()
+        ]
+        fits = sum(map(len, items)) + _SIGN * len(items) <= _NARROW
+        columns = len(items) if fits else 3
         legend = Legend(
-            items=made, orientation="horizontal", click_policy="hide", ncols=columns,
-            border_line_color=None, padding=0, margin=2, label_text_font_size=_FONT, spacing=5,
+            items=items_shown,
+            orientation="horizontal",
+            click_policy="hide",
+            ncols=columns,
+            border_line_color=None,
+            padding=0,
+            margin=2,
+            label_text_font_size=_FONT,
+            spacing=5,
             location="top_left",
-        )  # fmt: skip
+        )
         fig.add_layout(legend, "above")
 
 
@@ -311,29 +349,39 @@ def _line(
 
 
 def _finish(
-    fig: figure, items: Mapping[str, Sequence[Any]], slides: Sequence[tuple[float, float]],
-    source: ColumnDataSource, unit: str, shown: Mapping[str, str],
-) -> None:  # fmt: skip
+    fig: figure,
+    items: Mapping[str, Sequence[Any]],
+    slides: Sequence[tuple[float, float]],
+    source: ColumnDataSource,
+    unit: str,
+    column_names: Mapping[str, str],
+) -> None:
     """Legend, the slides as shades, and values under the pointer."""
     lines = list(fig.renderers)
     _shade(fig, slides, _WEAK)
     _legend(fig, items)
     tips = [("time", "@t{0.00} s")]
     tips += [
-        (name, f"@{column}{{0.00}} {unit}") for name, column in shown.items()
+        (name, f"@{column}{{0.00}} {unit}")
+        for name, column in column_names.items()
         if column != "train" or np.isfinite(_column(source, column)).any()
-    ]  # fmt: skip
+    ]
     fig.add_tools(HoverTool(renderers=lines[-1:], tooltips=tips, mode="vline"))
 
 
 def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> None:
     if spans:
-        begin, end = ([span[i] for span in spans] for i in (0, 1))
-        source = ColumnDataSource({"begin": begin, "end": end})
+        begin, stops = ([span[i] for span in spans] for i in (0, 1))
+        source = ColumnDataSource({"begin": begin, "end": stops})
         fig.vstrip(
-            x0="begin", x1="end", source=source, fill_color=palette.RED, fill_alpha=alpha,
-            line_color=None, level="underlay",
-        )  # fmt: skip
+            x0="begin",
+            x1="end",
+            source=source,
+            fill_color=palette.RED,
+            fill_alpha=alpha,
+            line_color=None,
+            level="underlay",
+        )
 
 
 # ---- data
@@ -341,134 +389,145 @@ def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> N
 
 def _common_time(runs: Sequence[Run]) -> tuple[float, float]:
     """Before and after the start of braking, as far as brake applications reach [s]."""
-    ends = [o.end_s - r.brake_s for r in runs for a in r.axles for o in a.applications]
+    times = [o.end_s - r.brake_s for r in runs for a in r.axles for o in a.applications]
     latest = [float(a.t[-1]) - r.brake_s for r in runs for a in r.axles if len(a.t)]
-    return -_BEFORE, max(ends or latest, default=1.0) + _BEFORE
+    return -_LEAD_TIME, max(times or latest, default=1.0) + _LEAD_TIME
 
 
-def _source(axle: Axle, most: int, zero: float = 0.0) -> tuple[ColumnDataSource, float]:
+def _source(axle: Axle, limit: int, zero: float = 0.0) -> tuple[ColumnDataSource, float]:
     """The columns of an axle that are drawn over time, as many rows as there is room for.
 
     Args:
         axle: with its columns.
-        most: numbers, about.
+        limit: numbers, about.
         zero: where time counts from, after the log's start [s].
 
     Returns:
         them, and the usual interval between rows in brake applications, 0 if all are there [s].
     """
-    brake = axle.pressure * 1e-5 if axle.known("pressure") else axle.clamping * 1e-3
+    brake = axle.pressure * 1e-5 if axle.has_values("pressure") else axle.clamping * 1e-3
     columns = {
-        "rim": axle.rim * 3.6, "train": axle.train * 3.6, "brake": brake,
-        "force": axle.force * 1e-3, "mu": axle.force / axle.weight,
-        "lower": axle.lower * 1e-3, "upper": axle.upper * 1e-3, "truth": axle.truth * 1e-3,
+        "rim": axle.rim * 3.6,
+        "train": axle.train * 3.6,
+        "brake": brake,
+        "force": axle.force * 1e-3,
+        "mu": axle.force / axle.weight,
+        "lower": axle.lower * 1e-3,
+        "upper": axle.upper * 1e-3,
+        "truth": axle.truth * 1e-3,
         **{f"{_ERRORS}{algo}": error * 1e-3 for algo, error in axle.errors.items()},
-    }  # fmt: skip
+    }
     empty = [name for name, c in columns.items() if not np.isfinite(c).any()]
-    room = most // (1 + len(columns) - len(empty))
+    room = limit // (1 + len(columns) - len(empty))
     judged = [
         columns[n] for n in columns if n not in (*empty, "mu", "lower", "upper", "truth")
     ]  # what follows from another column, or from noise around it, is left out
     braked = [(o.start_s - _MARGIN, o.end_s + _MARGIN) for o in axle.applications]
-    kept = decimate.rows(axle.t, judged, [_slides(axle), braked], room)
-    at, flat = _edged(
-        decimate.with_gaps(axle.t, kept), np.isfinite(axle.lower) & np.isfinite(axle.upper)
+    chosen = decimate.rows(axle.t, judged, [_slides(axle), braked], room)
+    indices, flat = _edged(
+        decimate.with_gaps(axle.t, chosen), np.isfinite(axle.lower) & np.isfinite(axle.upper)
     )
-    data: dict[str, NDArray[np.float32]] = {"t": _seconds(axle.t - zero, at)}
+    data: dict[str, NDArray[np.float32]] = {"t": _seconds(axle.t - zero, indices)}
     for name, column in columns.items():
         if name not in empty:
-            data[name] = _short(np.where(at < 0, np.nan, column[at]))
+            data[name] = _rounded_float(np.where(indices < 0, np.nan, column[indices]))
     if flat.any():
         data["upper"][flat] = data["lower"][flat]
     for name in {"rim", "train"} & set(empty):
-        data[name] = np.full(len(at), np.nan, np.float32)
-    left_out = _inside(axle.t, braked).sum() - _inside(axle.t[kept], braked).sum()
-    steps = np.diff(axle.t[kept])[_inside(axle.t[kept[1:]], braked)]
-    return ColumnDataSource(data), float(np.quantile(steps, 0.9)) if left_out else 0.0
+        data[name] = np.full(len(indices), np.nan, np.float32)
+    omitted = _inside(axle.t, braked).sum() - _inside(axle.t[chosen], braked).sum()
+    steps = np.diff(axle.t[chosen])[_inside(axle.t[chosen[1:]], braked)]
+    return ColumnDataSource(data), float(np.quantile(steps, 0.9)) if omitted else 0.0
 
 
-def _edged(at: decimate.Rows, known: NDArray[np.bool_]) -> tuple[decimate.Rows, NDArray[np.bool_]]:
+def _edged(
+    indices: decimate.Rows, finite: NDArray[np.bool_]
+) -> tuple[decimate.Rows, NDArray[np.bool_]]:
     """The rows, with one more on each side of a stretch where the band is not known.
 
     Bokeh draws an area past points that are not known. It shows nothing there if the band has no
     height at both sides.
 
     Args:
-        at: rows, −1 where a line is broken.
-        known: whether a row has a band.
+        indices: rows, −1 where a line is broken.
+        finite: whether a row has a band.
 
     Returns:
         rows with those at the sides twice, and whether a row is such a second one.
     """
-    has = (at >= 0) & known[at]
-    inner = np.flatnonzero(has)
-    ends = inner[:-1][np.diff(inner) > 1]
+    has_value = (indices >= 0) & finite[indices]
+    inner = np.flatnonzero(has_value)
+    gaps = inner[:-1][np.diff(inner) > 1]
     begins = inner[1:][np.diff(inner) > 1]
-    places = np.concatenate([ends + 1, begins])
+    places = np.concatenate([gaps + 1, begins])
     order = np.argsort(places, kind="stable")
-    values = at[np.concatenate([ends, begins])][order]
-    flat = np.insert(np.zeros(len(at), np.bool_), places[order], True)
-    return np.insert(at, places[order], values), flat
+    values = indices[np.concatenate([gaps, begins])][order]
+    flat = np.insert(np.zeros(len(indices), np.bool_), places[order], True)
+    return np.insert(indices, places[order], values), flat
 
 
-def _seconds(t: Floats, at: decimate.Rows) -> Any:
+def _seconds(t: Floats, indices: decimate.Rows) -> Any:
     """Times, with that of the row before where a line is broken."""
-    places = np.where(at < 0, np.roll(at, 1), at)
-    found = t[places]
-    return found if len(t) and t[-1] > 8192.0 else found.astype(np.float32)  # to the millisecond
+    places = np.where(indices < 0, np.roll(indices, 1), indices)
+    seconds = t[places]
+    return (
+        seconds if len(t) and t[-1] > 8192.0 else seconds.astype(np.float32)
+    )  # to the millisecond
 
 
-def _short(values: Floats) -> NDArray[np.float32]:
+def _rounded_float(values: Floats) -> NDArray[np.float32]:
     """The values with the digits that a picture shows; what is not shown costs no space."""
     bits = np.ascontiguousarray(values, np.float32).view(np.uint32)
-    half = np.uint32(1 << (22 - _BITS))
+    rounding = np.uint32(1 << (22 - _BITS))
     mask = np.uint32(0xFFFFFFFF << (23 - _BITS) & 0xFFFFFFFF)
-    known = np.isfinite(values)
-    rounded: NDArray[np.float32] = np.where(known, (bits + half) & mask, bits).view(np.float32)
+    finite = np.isfinite(values)
+    rounded: NDArray[np.float32] = np.where(finite, (bits + rounding) & mask, bits).view(np.float32)
     return rounded
 
 
 def _column(source: ColumnDataSource, name: str) -> Floats:
-    found: Floats = np.asarray(source.data.get(name, np.empty(0)), np.float64)
-    return found
+    values: Floats = np.asarray(source.data.get(name, np.empty(0)), np.float64)
+    return values
 
 
 def _slides(axle: Axle) -> list[tuple[float, float]]:
-    return [(a, b) for one in axle.applications for a, b in one.slide_spans]
+    return [(a, b) for application in axle.applications for a, b in application.slide_spans]
 
 
 def _inside(t: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_]:
-    found = np.zeros(len(t), np.bool_)
-    for begin, end in spans:
-        found |= (t >= begin) & (t <= end)
-    return found
+    inside = np.zeros(len(t), np.bool_)
+    for begin, stop in spans:
+        inside |= (t >= begin) & (t <= stop)
+    return inside
 
 
 def _braked(axle: Axle, column: Floats) -> Floats:
     """A column in brake applications, or all of it without one."""
-    found: Floats = column[_inside(axle.t, [(o.start_s, o.end_s) for o in axle.applications])]
-    return found if len(found) else column
+    values: Floats = column[_inside(axle.t, [(o.start_s, o.end_s) for o in axle.applications])]
+    return values if len(values) else column
 
 
-def _range(columns: Sequence[Floats], whole: bool = False) -> Range1d:
-    """All values but the rarest spikes, and zero; with `whole` all."""
-    known = [c[np.isfinite(c)] for c in columns]
-    ends = [0.0]
-    for values in known:
+def _range(columns: Sequence[Floats], is_full: bool = False) -> Range1d:
+    """All values but the rarest spikes, and zero; with `is_full` all."""
+    finite = [c[np.isfinite(c)] for c in columns]
+    extremes = [0.0]
+    for values in finite:
         if len(values):
-            ends += np.quantile(values, [0.0, 1.0] if whole else [_RARE, 1.0 - _RARE]).tolist()
-    margin = 0.05 * (max(ends) - min(ends)) or 1.0
-    return Range1d(min(ends) - margin, max(ends) + margin)
+            extremes += np.quantile(
+                values, [0.0, 1.0] if is_full else [_RARE, 1.0 - _RARE]
+            ).tolist()
+    margin = 0.05 * (max(extremes) - min(extremes)) or 1.0
+    return Range1d(min(extremes) - margin, max(extremes) + margin)
 
 
 def _renamed(value: Any, names: dict[str, str]) -> Any:
     """The document with its models numbered from the first: Bokeh counts on in a process."""
     if isinstance(value, dict):
-        return {_new(k, names): _renamed(v, names) for k, v in value.items()}
+        return {_unused_name(k, names): _renamed(v, names) for k, v in value.items()}
     if isinstance(value, list):
         return [_renamed(v, names) for v in value]
-    return _new(value, names) if isinstance(value, str) else value
+    return _unused_name(value, names) if isinstance(value, str) else value
 
 
-def _new(text: str, names: dict[str, str]) -> str:
+def _unused_name(text: str, names: dict[str, str]) -> str:
     return names.setdefault(text, f"m{len(names)}") if _ID.fullmatch(text) else text

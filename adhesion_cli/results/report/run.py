@@ -63,7 +63,7 @@ class Axle:
         """What the estimators are measured against."""
         return next((s.against for s in self.summary.estimators), "reference")
 
-    def known(self, column: str) -> bool:
+    def has_values(self, column: str) -> bool:
         """Whether a column has a value anywhere."""
         return bool(np.isfinite(getattr(self, column)).any())
 
@@ -88,8 +88,8 @@ class Run:
     @property
     def train(self) -> str:
         """What the train's speed is called: measured, or estimated from the axles."""
-        made = any(f.code == "reference-speed" for f in self.findings)
-        return "reference speed (estimated)" if made else "train"
+        is_estimated = any(f.code == "reference-speed" for f in self.findings)
+        return "reference speed (estimated)" if is_estimated else "train"
 
     @property
     def brake_s(self) -> float:
@@ -130,9 +130,12 @@ def read(path: Path, name: str = "") -> Run:
 
 
 def _run(
-    file: str, summary: ResultSummary, axles: tuple[Axle, ...], settings: Mapping[str, str],
+    file: str,
+    summary: ResultSummary,
+    axles: tuple[Axle, ...],
+    settings: Mapping[str, str],
     provenance: Mapping[str, str],
-) -> Run:  # fmt: skip
+) -> Run:
     log, findings, channels = summary.log, summary.findings, summary.channels
     return Run(file, log, axles, findings, channels, settings, provenance)
 
@@ -155,7 +158,7 @@ def of_result(result: Result, summary: ResultSummary) -> Run:
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
     """The columns of an axle by topic and field, as a result file has them."""
     record, ref = axle.record, axle.reference
-    known = {
+    units_by_column = {
         ("input", "brake_cylinder_pressure"): record.pressure,
         ("input", "clamping_force"): record.clamping_force,
         ("input", "wheel_speed"): record.wheel_speed,
@@ -167,7 +170,9 @@ def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
         ("slip", "slip"): axle.slip,
         **{(f"estimate/{algo}", "force"): force for algo, force in axle.estimates.items()},
     }
-    return {k: Column(record.t, x, np.isfinite(x)) for k, x in known.items() if x is not None}
+    return {
+        k: Column(record.t, x, np.isfinite(x)) for k, x in units_by_column.items() if x is not None
+    }
 
 
 def _entry(path: Path, source: Source) -> Json:
@@ -180,12 +185,12 @@ def _entry(path: Path, source: Source) -> Json:
         raise UserError(f"{path}: a comparison of several logs, not one result", _TWO_LOGS)
     carried = source.metadata.get(METRICS, {}).get("json", "{}")
     try:
-        found = json.loads(carried)
+        loaded = json.loads(carried)
     except ValueError:
-        found = {}
-    if not isinstance(found, dict) or found.get("schema") != "adhesion.result/1":
+        loaded = {}
+    if not isinstance(loaded, dict) or loaded.get("schema") != "adhesion.result/1":
         raise _no_result(path)
-    if len(entries := found.get("results", [])) != 1:
+    if len(entries := loaded.get("results", [])) != 1:
         raise UserError(f"{path}: not the result of one log", _TWO_LOGS)
     entry: Json = entries[0]
     return entry
@@ -232,15 +237,17 @@ _WANTED = {
 
 
 def _axle(
-    summary: AxleSummary, columns: Mapping[tuple[str, str], Column], start: int,
+    summary: AxleSummary,
+    columns: Mapping[tuple[str, str], Column],
+    start: int,
     settings: Mapping[str, str],
-) -> Axle:  # fmt: skip
+) -> Axle:
     wheel = columns["input", "wheel_speed"]
     t = wheel.t
 
     def column(topic: str, field: str) -> Floats:
-        found = columns.get((topic, field))
-        return np.full(len(t), np.nan) if found is None else _at(t, found)
+        series = columns.get((topic, field))
+        return np.full(len(t), np.nan) if series is None else _interpolate(t, series)
 
     force, truth = column("reference", "force"), column("truth", "force")
     against = {s.algo: s.against for s in summary.estimators}
@@ -252,21 +259,30 @@ def _axle(
     radius = _stated_radius(settings, summary.axle)
     rim = wheel.value * _rolling_radius(wheel.value, train, slip, radius)
     return Axle(
-        summary, (t - start) * np.float64(1e-9), train, rim,
-        column("input", "brake_cylinder_pressure"), column("input", "clamping_force"),
-        force, column("reference", "lower"), column("reference", "upper"), slip, truth, errors,
+        summary,
+        (t - start) * np.float64(1e-9),
+        train,
+        rim,
+        column("input", "brake_cylinder_pressure"),
+        column("input", "clamping_force"),
+        force,
+        column("reference", "lower"),
+        column("reference", "upper"),
+        slip,
+        truth,
+        errors,
         physics.G * float(json.loads(settings["vehicle.axle_mass.value"])),
-    )  # fmt: skip
+    )
 
 
-def _at(t: Times, column: Column) -> Floats:
+def _interpolate(t: Times, column: Column) -> Floats:
     """A column at other times: its own values where it has them, else the line between them."""
     if np.array_equal(t, column.t):
         return column.value
     if not len(column.t) or (np.diff(column.t) < 0).any() or (np.diff(t) < 0).any():
         return np.full(len(t), np.nan)
-    found: Floats = np.interp(t, column.t, column.value, np.nan, np.nan)
-    return found
+    values: Floats = np.interp(t, column.t, column.value, np.nan, np.nan)
+    return values
 
 
 def _stated_radius(settings: Mapping[str, str], axle: int) -> float:
@@ -276,7 +292,11 @@ def _stated_radius(settings: Mapping[str, str], axle: int) -> float:
     return float(json.loads(settings["vehicle.wheel_radius.value"]))
 
 
-def _rolling_radius(wheel: Floats, train: Floats, slip: Floats, stated: float) -> float:
+def _rolling_radius(wheel: Floats, train: Floats, slip: Floats, nominal: float) -> float:
     """The radius that the slip was computed with, by (2), else the stated one [m]."""
-    used = np.flatnonzero(np.isfinite(slip) & (train > _FAST) & (wheel > 1.0) & (slip < 0.5))
-    return float(np.median(train[used] * (1.0 - slip[used]) / wheel[used])) if len(used) else stated
+    rolling = np.flatnonzero(np.isfinite(slip) & (train > _FAST) & (wheel > 1.0) & (slip < 0.5))
+    return (
+        float(np.median(train[rolling] * (1.0 - slip[rolling]) / wheel[rolling]))
+        if len(rolling)
+        else nominal
+    )

@@ -12,7 +12,7 @@ from .run import Axle, Run
 
 Mark = Literal["good", "slid", "locked", "unknown"]
 Cells = Mapping[str, str]
-NONE = "–"
+DASH = "–"
 _NO_FORCE = ("pressure-below-spring", "pressure-unit-suspect", "brake-unknown")
 _LOCKED = 0.995  # slip of a wheel that stands while the train moves
 
@@ -30,7 +30,7 @@ class Verdict:
 
 def number(value: float | None, digits: int = 0) -> str:
     """A number with fixed digits; a dash where there is none."""
-    return NONE if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+    return DASH if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def percent(share: float | None, digits: int = 0) -> str:
@@ -38,15 +38,15 @@ def percent(share: float | None, digits: int = 0) -> str:
     return number(share if share is None else 100.0 * share, digits)
 
 
-def span(begin: float, end: float, digits: int = 1) -> str:
+def span(begin: float, stop: float, digits: int = 1) -> str:
     """From and to, in seconds."""
-    return f"{begin:.{digits}f}–{end:.{digits}f}"
+    return f"{begin:.{digits}f}–{stop:.{digits}f}"
 
 
 def measured(pair: tuple[float, float] | None, factor: float, digits: int) -> str:
     """A value with its expanded uncertainty; a dash where there is none."""
     if not pair:
-        return NONE
+        return DASH
     return " ± ".join(by_uncertainty(factor * pair[0], factor * pair[1], digits))
 
 
@@ -65,18 +65,18 @@ def plural(count: int, name: str) -> str:
 
 def listed(names: Sequence[object]) -> str:
     """A list as a sentence has it."""
-    *first, last = map(str, names)
-    return f"{', '.join(first)} and {last}" if first else last
+    *leading, final = map(str, names)
+    return f"{', '.join(leading)} and {final}" if leading else final
 
 
 def slides_known(axle: Axle) -> bool:
     """Whether the log shows slip: it has a train speed, or one was made of several axles."""
-    return axle.known("slip")
+    return axle.has_values("slip")
 
 
-def _seen(axle: Axle, one: BrakeApplication) -> bool:
+def _is_observed(axle: Axle, application: BrakeApplication) -> bool:
     """Whether a slide in this brake application would have been seen."""
-    return slides_known(axle) and one.slip_unknown_s < HIDDEN_TIME
+    return slides_known(axle) and application.slip_unknown_s < HIDDEN_TIME
 
 
 def headline(run: Run) -> tuple[Mark, str]:
@@ -84,62 +84,82 @@ def headline(run: Run) -> tuple[Mark, str]:
     marks = {a.number: verdict(a).mark for a in run.axles}
     count = max((len(a.applications) for a in run.axles), default=0)
     if not count:
-        why = [of.title for of in told(run.findings) if of.code in _NO_FORCE]
-        return "unknown", ". ".join(["The log shows no brake application", *why]) + "."
+        reasons = [
+            axles_with.title
+            for axles_with in finding_groups(run.findings)
+            if axles_with.code in _NO_FORCE
+        ]
+        return "unknown", ". ".join(["The log shows no brake application", *reasons]) + "."
     braked = "the brake application" if count == 1 else f"{count} brake applications"
     by_mark: dict[Mark, list[int]] = {}
     for axle, mark in marks.items():
         by_mark.setdefault(mark, []).append(axle)
 
-    def of(mark: Mark) -> str:
+    def axles_with(mark: Mark) -> str:
         return f"{'Axle' if len(by_mark[mark]) == 1 else 'Axles'} {listed(by_mark[mark])}"
 
     if "locked" in by_mark:
-        others = f" {of('slid')} slid." if "slid" in by_mark else ""
-        return "locked", f"{of('locked')} locked: the wheel stood while the train moved.{others}"
+        slid_text = f" {axles_with('slid')} slid." if "slid" in by_mark else ""
+        return (
+            "locked",
+            f"{axles_with('locked')} locked: the wheel stood while the train moved.{slid_text}",
+        )
     if "slid" in by_mark:
         slid = [len(_slid(a)) for a in run.axles if marks[a.number] == "slid"]
         share = f"{'up to ' * (min(slid) < max(slid))}{max(slid)} of " * (count > 1)
-        return "slid", f"{of('slid')} slid in {share}{braked}."
+        return "slid", f"{axles_with('slid')} slid in {share}{braked}."
     if "unknown" in by_mark:
         if any(slides_known(a) for a in run.axles):
-            return "unknown", f"{of('unknown')} may have slid: parts have no train speed."
+            return "unknown", f"{axles_with('unknown')} may have slid: parts have no train speed."
         return "unknown", "The log does not show whether wheels slid: there is no train speed."
     return "good", f"No wheel slid in {braked}."
 
 
 def _slid(axle: Axle) -> list[BrakeApplication]:
     """The brake applications of an axle that have slides."""
-    return [one for one in axle.applications if one.slides]
+    return [application for application in axle.applications if application.slides]
 
 
 def verdict(axle: Axle) -> Verdict:
     """The verdict on one axle."""
-    title, every = f"Axle {axle.number}", axle.applications
+    title, applications = f"Axle {axle.number}", axle.applications
     slid = _slid(axle)
-    if not every:
-        return Verdict(title, "unknown", "not braked", "The log shows no brake application.", NONE)
-    worst = max(slid, key=lambda one: one.max_slip or 0.0) if slid else _most_adhesion(every)
+    if not applications:
+        return Verdict(title, "unknown", "not braked", "The log shows no brake application.", DASH)
+    worst = (
+        max(slid, key=lambda application: application.max_slip or 0.0)
+        if slid
+        else _most_adhesion(applications)
+    )
     adhesion = measured(_mean(worst.coefficient), 1.0, 3)
     if slid:
         locked = (worst.max_slip or 0.0) > _LOCKED
-        text = " ".join(_of_slides(slid, len(every), worst))
-        state = "locked" if locked else f"slid {_times(sum(one.slides for one in slid))}"
+        text = " ".join(_of_slides(slid, len(applications), worst))
+        state = (
+            "locked"
+            if locked
+            else f"slid {_times(sum(application.slides for application in slid))}"
+        )
         return Verdict(title, "locked" if locked else "slid", state, text, adhesion)
     if not slides_known(axle):
         text = "Without a train speed, slides cannot be seen."
         return Verdict(title, "unknown", "slides not known", text, adhesion)
-    if not all(_seen(axle, one) for one in every):
+    if not all(_is_observed(axle, application) for application in applications):
         text = "No slide seen. Without a train speed in parts of the braking, slides may be hidden."
         return Verdict(title, "unknown", "slides not known", text, adhesion)
-    least = "The rail gave at least this adhesion." if worst.coefficient else ""
-    braked = "No slide" + (f" in {len(every)} brake applications." if len(every) > 1 else ".")
-    return Verdict(title, "good", "did not slide", f"{braked} {least}".strip(), adhesion)
+    bound_text = "The rail gave at least this adhesion." if worst.coefficient else ""
+    braked = "No slide" + (
+        f" in {len(applications)} brake applications." if len(applications) > 1 else "."
+    )
+    return Verdict(title, "good", "did not slide", f"{braked} {bound_text}".strip(), adhesion)
 
 
-def _most_adhesion(every: Sequence[BrakeApplication]) -> BrakeApplication:
+def _most_adhesion(applications: Sequence[BrakeApplication]) -> BrakeApplication:
     """The brake application with the highest mean adhesion coefficient, if any has one."""
-    return max(every, key=lambda one: one.coefficient.mean if one.coefficient else -1.0)
+    return max(
+        applications,
+        key=lambda application: application.coefficient.mean if application.coefficient else -1.0,
+    )
 
 
 def _times(count: int) -> str:
@@ -149,58 +169,66 @@ def _times(count: int) -> str:
 def _of_slides(
     slid: Sequence[BrakeApplication], braked: int, worst: BrakeApplication
 ) -> Iterator[str]:
-    least = "at least " if worst.at_least else ""
-    who = "it"
+    bound_text = "at least " if worst.at_least else ""
+    subject = "it"
     if braked > 1:
         yield f"Slid in {len(slid)} of {braked} brake applications."
         yield f"The one with the most slip is at {span(worst.start_s, worst.end_s)} s."
-        who = "there it"
+        subject = "there it"
     total = number(worst.slide_s, 1)
     if (worst.max_slip or 0.0) > _LOCKED:
-        yield f"The wheel stood still while the train moved; {who} slid for {least}{total} s."
+        slid_for = f"{subject} slid for {bound_text}{total} s."
+        yield f"The wheel stood still while the train moved; {slid_for}"
     else:
         slip = f"{percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
-        yield f"{who.capitalize()} slid for {least}{total} s, with slip up to {slip}."
+        yield f"{subject.capitalize()} slid for {bound_text}{total} s, with slip up to {slip}."
     if worst.utilisation is not None:
-        used = percent(worst.utilisation)
-        yield f"In the slides it used {used}\N{NO-BREAK SPACE}% of the adhesion that the rail gave."
+        utilisation = percent(worst.utilisation)
+        share = f"{utilisation}\N{NO-BREAK SPACE}%"
+        yield f"In the slides it used {share} of the adhesion that the rail gave."
     else:
         yield "The slides are too short to show how much adhesion the rail gave."
 
 
 def application_rows(run: Run) -> list[tuple[Mark, Cells]]:
     """One row per axle and brake application, in the order of time."""
-    every = [(axle, one) for axle in run.axles for one in axle.applications]
-    every.sort(key=lambda pair: (round(pair[1].start_s), pair[0].number))
-    return [(_mark(axle, one), _application(axle, one)) for axle, one in every]
+    applications = [(axle, application) for axle in run.axles for application in axle.applications]
+    applications.sort(key=lambda pair: (round(pair[1].start_s), pair[0].number))
+    return [
+        (_mark(axle, application), _application(axle, application))
+        for axle, application in applications
+    ]
 
 
-def _mark(axle: Axle, one: BrakeApplication) -> Mark:
-    if not one.slides:
-        return "good" if _seen(axle, one) else "unknown"
-    return "locked" if (one.max_slip or 0.0) > _LOCKED else "slid"
+def _mark(axle: Axle, application: BrakeApplication) -> Mark:
+    if not application.slides:
+        return "good" if _is_observed(axle, application) else "unknown"
+    return "locked" if (application.max_slip or 0.0) > _LOCKED else "slid"
 
 
-def _application(axle: Axle, one: BrakeApplication) -> Cells:
-    kmh = [number(v if v is None else 3.6 * v) for v in (one.from_mps, one.to_mps)]
-    slid, least = bool(one.slides), "≥ " if one.at_least else ""
+def _application(axle: Axle, application: BrakeApplication) -> Cells:
+    kmh = [number(v if v is None else 3.6 * v) for v in (application.from_mps, application.to_mps)]
+    slid, bound_sign = bool(application.slides), "≥ " if application.at_least else ""
 
     def if_slid(text: str) -> str:
-        return NONE if not slid or text == NONE else f"{least}{text}"
+        return DASH if not slid or text == DASH else f"{bound_sign}{text}"
 
-    energy = one.slide_energy_j
+    energy = application.slide_energy_j
     return {
-        "Axle": str(axle.number), "Time [s]": span(one.start_s, one.end_s),
+        "Axle": str(axle.number),
+        "Time [s]": span(application.start_s, application.end_s),
         "Speed [km/h]": "–".join(kmh),
-        "Adhesion coefficient, mean": measured(_mean(one.coefficient), 1.0, 3),
-        "highest": measured(_highest(one.coefficient), 1.0, 3),
-        "Force, mean [kN]": measured(_mean(one.force_n), 1e-3, 2),
-        "Slides": str(one.slides) if one.slides or _seen(axle, one) else "?",
-        "Sliding for [s]": if_slid(number(one.slide_s, 1)),
-        "Most slip [%]": if_slid(percent(min(one.max_slip or 0.0, 1.0), 1)),
+        "Adhesion coefficient, mean": measured(_mean(application.coefficient), 1.0, 3),
+        "highest": measured(_highest(application.coefficient), 1.0, 3),
+        "Force, mean [kN]": measured(_mean(application.force_n), 1e-3, 2),
+        "Slides": str(application.slides)
+        if application.slides or _is_observed(axle, application)
+        else "?",
+        "Sliding for [s]": if_slid(number(application.slide_s, 1)),
+        "Most slip [%]": if_slid(percent(min(application.max_slip or 0.0, 1.0), 1)),
         "Heat [kJ]": if_slid(number(energy and 1e-3 * energy, 1)),
-        "Used of the available adhesion [%]": percent(one.utilisation),
-    }  # fmt: skip
+        "Used of the available adhesion [%]": percent(application.utilisation),
+    }
 
 
 def score_rows(axle: Axle) -> list[Cells]:
@@ -208,62 +236,68 @@ def score_rows(axle: Axle) -> list[Cells]:
     return [
         {
             "Estimator": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
-            "RMSE [N]": number(s.rmse_n), "Bias [N]": number(s.bias_n),
-            "Largest error [N]": number(s.max_error_n), "Delay [s]": number(s.lag_s, 3),
+            "RMSE [N]": number(s.rmse_n),
+            "Bias [N]": number(s.bias_n),
+            "Largest error [N]": number(s.max_error_n),
+            "Delay [s]": number(s.lag_s, 3),
             "Gain": number(s.gain, 3),
             "Its own 95 % band [N]": number(s.band_n),
             "holds [%]": percent(s.within),
         }
         for s in axle.summary.estimators
-    ]  # fmt: skip
+    ]
 
 
-def budget_rows(one: BrakeApplication) -> list[Cells]:
+def budget_rows(application: BrakeApplication) -> list[Cells]:
     """What each quantity adds to the uncertainty of a mean force, the largest first."""
     rows: list[Cells] = []
-    for row in one.budget or ():
+    for row in application.budget or ():
         unit = "" if row.unit == "-" else f" {row.unit}"
-        value = NONE if row.value is None else f"{row.value:.5g}{unit}"
-        rows.append({
-            "Quantity": row.quantity.replace("_", " "), "Type": row.type, "Value": value,
-            "Standard uncertainty": f"{row.u:.3g}{unit}",
-            "Sensitivity [N per unit]": f"{row.sensitivity:.3g}",
-            "Adds [N]": number(row.contribution_n, 1),
-            "Share [%]": percent(row.share, 1),
-        })  # fmt: skip
+        value = DASH if row.value is None else f"{row.value:.5g}{unit}"
+        rows.append(
+            {
+                "Quantity": row.quantity.replace("_", " "),
+                "Type": row.type,
+                "Value": value,
+                "Standard uncertainty": f"{row.u:.3g}{unit}",
+                "Sensitivity [N per unit]": f"{row.sensitivity:.3g}",
+                "Adds [N]": number(row.contribution_n, 1),
+                "Share [%]": percent(row.share, 1),
+            }
+        )
     return rows
 
 
-def combined(one: BrakeApplication) -> str:
+def combined(application: BrakeApplication) -> str:
     """The last line of a budget."""
-    coverage, force = one.coverage, one.force_n
+    coverage, force = application.coverage, application.force_n
     assert coverage
     assert force
     freedom = coverage.degrees_of_freedom
-    many = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
+    freedom_text = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
     return (
         f"F = {force.mean:.0f} ± {force.mean_u95:.0f} N (95 %); combined standard "
         f"uncertainty {coverage.u_n:.1f} N, coverage factor {coverage.k:.2f}, effective degrees of "
-        f"freedom: {many}."
+        f"freedom: {freedom_text}."
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class FindingGroup:
     """All findings of one code, with the words of the catalogue."""
 
     code: str
     severity: str
     title: str
     lines: list[tuple[str, str, str]]  # channel, time, message
-    parts: list[tuple[str, str]]  # heading, text
+    sections: list[tuple[str, str]]  # heading, text
 
 
 _SEVERITIES = ("error", "warning", "info")
-_PARTS = {"cause": "Cause", "effect": "Effect on the result", "limits": "Cannot see"}
+_SECTION_TITLES = {"cause": "Cause", "effect": "Effect on the result", "limits": "Cannot see"}
 
 
-def told(findings: Sequence[FindingSummary]) -> list[Told]:
+def finding_groups(findings: Sequence[FindingSummary]) -> list[FindingGroup]:
     """The findings by code, errors first; as the result has them where a code is not known."""
     by_code: dict[tuple[str, str], list[FindingSummary]] = {}
     for severity in _SEVERITIES:
@@ -271,35 +305,40 @@ def told(findings: Sequence[FindingSummary]) -> list[Told]:
             if f.severity == severity:
                 by_code.setdefault((severity, f.code), []).append(f)
     return [
-        _told(severity, catalogue().get(code), code, of) for (severity, code), of in by_code.items()
+        _finding_group(severity, catalogue().get(code), code, group)
+        for (severity, code), group in by_code.items()
     ]
 
 
 def explained(code: str) -> tuple[str, list[tuple[str, str]]]:
     """Title of a code, and what the catalogue says of it: headings and texts."""
-    words = catalogue().get(code)
-    if words is None:
+    entry = catalogue().get(code)
+    if entry is None:
         return code, []
-    parts = [(name, str(getattr(words, key))) for key, name in _PARTS.items()]
-    parts.append(("What to do", f"`adhesion explain {code}` and the page of each log say it."))
-    return words.title, [p for p in parts if p[1]]
+    sections = [(name, str(getattr(entry, key))) for key, name in _SECTION_TITLES.items()]
+    sections.append(("What to do", f"`adhesion explain {code}` and the page of each log say it."))
+    return entry.title, [p for p in sections if p[1]]
 
 
-def _told(
-    severity: str, words: CatalogueEntry | None, code: str, of: Sequence[FindingSummary]
-) -> Told:  # fmt: skip
-    lines = [(f.channel, _when(f), f.message) for f in of]
-    hints = list(dict.fromkeys(f.hint for f in of if f.hint))
-    parts = [(name, getattr(words, key)) for key, name in _PARTS.items()] if words else []
-    parts.insert(2 if parts else 0, ("What to do", " ".join(hints)))
-    return Told(code, severity, words.title if words else code, lines, [p for p in parts if p[1]])
+def _finding_group(
+    severity: str, entry: CatalogueEntry | None, code: str, findings: Sequence[FindingSummary]
+) -> FindingGroup:
+    lines = [(f.channel, _times_text(f), f.message) for f in findings]
+    hints = list(dict.fromkeys(f.hint for f in findings if f.hint))
+    sections = (
+        [(name, getattr(entry, key)) for key, name in _SECTION_TITLES.items()] if entry else []
+    )
+    sections.insert(2 if sections else 0, ("What to do", " ".join(hints)))
+    return FindingGroup(
+        code, severity, entry.title if entry else code, lines, [p for p in sections if p[1]]
+    )
 
 
-def _when(f: FindingSummary) -> str:
+def _times_text(f: FindingSummary) -> str:
     """The first time span, and how many more there are."""
     spans = f.spans
     if not spans:
         return f"{f.count} ×" if f.count > 1 else ""
-    begin, end = spans[0]
-    first = f"{begin:.2f} s" if end - begin < 0.005 else f"{span(begin, end, 2)} s"
-    return f"{first} and {len(spans) - 1} more" if len(spans) > 1 else first
+    begin, stop = spans[0]
+    first_span = f"{begin:.2f} s" if stop - begin < 0.005 else f"{span(begin, stop, 2)} s"
+    return f"{first_span} and {len(spans) - 1} more" if len(spans) > 1 else first_span

@@ -16,11 +16,14 @@ _SCATTER = 20_000  # points of one slip-adhesion scatter
 _POINTS = 4_000  # places of its moving operating point
 _WIDTH, _HEIGHT = 200.0, 100.0  # of the plotted area, in scene units; y points down
 _LABEL = 6.0  # by which the viewer puts a label below its point, about
-_LEAST, _MOST = -0.1, 1.0  # slips shown; a wheel at the limit of observation can say anything
+_LOWEST_SLIP, _HIGHEST_SLIP = (
+    -0.1,
+    1.0,
+)  # slips shown; a wheel at the limit of observation can say anything
 _BACKGROUND = [16, 18, 20]
 _LINES = 17.0, 29.0  # heights of what stands below it
-_NOW, _PEAK, _FIT = 0xFFFFFFFF, 0xE45756FF, 0xF2A33AFF
-_ABOVE = 60.0  # of what is drawn above the scatter
+_NOW_COLOUR, _PEAK_COLOUR, _FIT_COLOUR = 0xFFFFFFFF, 0xE45756FF, 0xF2A33AFF
+_TOP_LAYER = 60.0  # of what is drawn above the scatter
 _TEXT = 0xD0D0D0FF
 _AGES = ([70, 70, 255], [110, 200, 210], [230, 150, 70])  # red, green, blue over time
 
@@ -35,27 +38,34 @@ class Fitted(NamedTuple):
 class _Frame(NamedTuple):
     """The plotted area: slip from left to right, µ from low to high."""
 
-    left: float
-    right: float
-    low: float
-    high: float
+    slip_min: float
+    slip_max: float
+    mu_min: float
+    mu_max: float
 
     def place(self, slip: Floats, mu: Floats) -> Floats:
         """Points of the picture, shape (n, 2)."""
-        x = (slip - self.left) / (self.right - self.left) * _WIDTH
-        return np.stack([x, (mu - self.low) / (self.low - self.high) * _HEIGHT], axis=-1)
+        x = (slip - self.slip_min) / (self.slip_max - self.slip_min) * _WIDTH
+        return np.stack([x, (mu - self.mu_min) / (self.mu_min - self.mu_max) * _HEIGHT], axis=-1)
 
-    def holds(self, slip: Floats, mu: Floats) -> Bools:
+    def contains(self, slip: Floats, mu: Floats) -> Bools:
         """Which of the points lie inside; none that is NaN."""
-        inside: Bools = (slip >= self.left) & (slip <= self.right)
-        return inside & (mu >= self.low) & (mu <= self.high)
+        inside: Bools = (slip >= self.slip_min) & (slip <= self.slip_max)
+        return inside & (mu >= self.mu_min) & (mu <= self.mu_max)
 
 
 def send_curve(  # noqa: PLR0913 (columns of one picture)
-    rec: rr.RecordingStream, path: str, times: Clock, t: Times, slip: Floats, mu: Floats,
-    bands: Bands | None, peak: tuple[Floats, Floats] | None = None, fitted: Fitted | None = None,
+    rec: rr.RecordingStream,
+    path: str,
+    times: Clock,
+    t: Times,
+    slip: Floats,
+    mu: Floats,
+    bands: Bands | None,
+    peak: tuple[Floats, Floats] | None = None,
+    fitted: Fitted | None = None,
     judged: str = "",
-) -> None:  # fmt: skip
+) -> None:
     """The scatter, the slip band of the AND-test, the operating point as it moves.
 
     Args:
@@ -74,76 +84,82 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
     notes = "blue: start, yellow: end, white: now" + (", red: the rail's peak" if peak else "")
     if fitted:
         notes += _send_fit(rec, path, frame, fitted)
-    below = [notes]
+    notes_shown = [notes]
     if bands:
-        ends = np.array([bands.slip_low, bands.slip_high])
-        low, high = (100.0 * ends).tolist()
-        below.append(f"green: slip band {low:g} to {high:g} %{judged}")
-        drawn = ends[(ends > frame.left) & (ends < frame.right)]
-        edges = [frame.place(np.full(2, s), np.array([frame.low, frame.high])) for s in drawn]
+        slip_bounds = np.array([bands.slip_low, bands.slip_high])
+        percent_low, percent_high = (100.0 * slip_bounds).tolist()
+        notes_shown.append(f"green: slip band {percent_low:g} to {percent_high:g} %{judged}")
+        visible_bounds = slip_bounds[
+            (slip_bounds > frame.slip_min) & (slip_bounds < frame.slip_max)
+        ]
+        edges = [
+            frame.place(np.full(2, s), np.array([frame.mu_min, frame.mu_max]))
+            for s in visible_bounds
+        ]
         band = rr.LineStrips2D(edges, colors=REGION_STATES[2][1], radii=0.3)
         rec.log(f"{path}/band", band, static=True)
-    spots = [(_WIDTH / 2, y) for y in _LINES[: len(below)]]
-    told = rr.Points2D(spots, labels=below, radii=0.0, show_labels=True, colors=_TEXT)
-    rec.log(f"{path}/notes", told, static=True)
-    moving = [("peak", 2.0, _PEAK, peak)] if peak else []
-    moving += [("now", 2.4, _NOW, (slip, mu))]
+    spots = [(_WIDTH / 2, y) for y in _LINES[: len(notes_shown)]]
+    labels_shown = rr.Points2D(spots, labels=notes_shown, radii=0.0, show_labels=True, colors=_TEXT)
+    rec.log(f"{path}/notes", labels_shown, static=True)
+    moving = [("peak", 2.0, _PEAK_COLOUR, peak)] if peak else []
+    moving += [("now", 2.4, _NOW_COLOUR, (slip, mu))]
     for name, size, colour, (s, m) in moving:
-        style = rr.Points2D.from_fields(radii=size, colors=colour, draw_order=_ABOVE)
+        style = rr.Points2D.from_fields(radii=size, colors=colour, draw_order=_TOP_LAYER)
         rec.log(f"{path}/{name}", style, static=True)
-        at = np.flatnonzero(np.isfinite(s) & np.isfinite(m))
-        at = at[:: max(1, -(-len(at) // _POINTS))]
-        inside = frame.holds(s[at], m[at])  # outside there is nothing to see
+        finite = np.flatnonzero(np.isfinite(s) & np.isfinite(m))
+        finite = finite[:: max(1, -(-len(finite) // _POINTS))]
+        inside = frame.contains(s[finite], m[finite])  # outside there is nothing to see
         if inside.any():
-            seen = at[inside]
-            points = rr.Points2D.columns(positions=frame.place(s[seen], m[seen]))
+            visible = finite[inside]
+            points = rr.Points2D.columns(positions=frame.place(s[visible], m[visible]))
             points = points.partition(inside.astype(np.int64))
-            rec.send_columns(f"{path}/{name}", times(t[at]), points)
+            rec.send_columns(f"{path}/{name}", times(t[finite]), points)
 
 
 def _send_fit(rec: rr.RecordingStream, path: str, frame: _Frame, fitted: Fitted) -> str:
     """The likeliest curve, and the peak with its 95 % interval; returns what they are."""
     rail = fitted.rail
-    slip = np.geomspace(1e-4, frame.right, 200)
+    slip = np.geomspace(1e-4, frame.slip_max, 200)
     mu = fit.curve(rail.best, rail.speed, slip, fitted.vehicle)
-    inside = frame.holds(slip, mu)
+    inside = frame.contains(slip, mu)
     strips, note = [frame.place(slip[inside], mu[inside])], f", orange: fit at {rail.speed:.1f} m/s"
     if rail.peak_slip and rail.peak_mu:
-        ends = np.clip(np.array(rail.peak_slip), frame.left, frame.right)
-        height = np.full(3, min(max(rail.peak_mu.value, frame.low), frame.high))
-        value, *interval = frame.place(ends, height)
+        peak_range = np.clip(np.array(rail.peak_slip), frame.slip_min, frame.slip_max)
+        height = np.full(3, min(max(rail.peak_mu.value, frame.mu_min), frame.mu_max))
+        value, *interval = frame.place(peak_range, height)
         strips.append(np.array(interval))
-        dot = rr.Points2D([value], radii=1.6, colors=_PEAK, draw_order=_ABOVE)
+        dot = rr.Points2D([value], radii=1.6, colors=_PEAK_COLOUR, draw_order=_TOP_LAYER)
         rec.log(f"{path}/fit/peak", dot, static=True)
         note += ", red: its peak, 95 %"
-    drawn = rr.LineStrips2D(
-        strips, colors=[_FIT, _PEAK][: len(strips)], radii=0.4, draw_order=_ABOVE
+    fit_strips = rr.LineStrips2D(
+        strips, colors=[_FIT_COLOUR, _PEAK_COLOUR][: len(strips)], radii=0.4, draw_order=_TOP_LAYER
     )
-    rec.log(f"{path}/fit/curve", drawn, static=True)
+    rec.log(f"{path}/fit/curve", fit_strips, static=True)
     return note
 
 
-def curve_view(origin: str, who: str) -> rrb.View:
+def curve_view(origin: str, title: str) -> rrb.View:
     """The picture that `send_curve` sends."""
     return rrb.Spatial2DView(
-        origin=origin, name=f"{who}: adhesion coefficient µ over slip [%]",
+        origin=origin,
+        name=f"{title}: adhesion coefficient µ over slip [%]",
         visual_bounds=rrb.VisualBounds2D(x_range=[-20, _WIDTH + 6], y_range=[-_HEIGHT - 16, 46]),
         background=_BACKGROUND,
-    )  # fmt: skip
+    )
 
 
 def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) -> _Frame:
     """Points of µ over slip on their axes; returns what these hold."""
-    known = np.flatnonzero(np.isfinite(slip) & np.isfinite(mu))
-    shown = known[(slip[known] >= _LEAST) & (slip[known] <= _MOST)]
-    outside = len(known) - len(shown)
-    shown = shown[:: max(1, -(-len(shown) // _SCATTER))]
-    s, mu = slip[shown], mu[shown]
-    (left, right, xs), (low, high, ys) = _axis(s, 0.05), _axis(mu, 0.05)
-    frame = _Frame(left, right, low, high)
+    finite = np.flatnonzero(np.isfinite(slip) & np.isfinite(mu))
+    visible = finite[(slip[finite] >= _LOWEST_SLIP) & (slip[finite] <= _HIGHEST_SLIP)]
+    outside = len(finite) - len(visible)
+    visible = visible[:: max(1, -(-len(visible) // _SCATTER))]
+    s, mu = slip[visible], mu[visible]
+    (x_min, x_max, xs), (y_min, y_max, ys) = _axis(s, 0.05), _axis(mu, 0.05)
+    frame = _Frame(x_min, x_max, y_min, y_max)
 
-    x = frame.place(xs, np.full(len(xs), low))[:, 0]
-    y = frame.place(np.full(len(ys), left), ys)[:, 1]
+    x = frame.place(xs, np.full(len(xs), y_min))[:, 0]
+    y = frame.place(np.full(len(ys), x_min), ys)[:, 1]
     border = [(0, 0), (0, -_HEIGHT), (_WIDTH, -_HEIGHT), (_WIDTH, 0), (0, 0)]
     grid = [[(a, 0), (a, -_HEIGHT)] for a in x] + [[(0, b), (_WIDTH, b)] for b in y]
     strips = rr.LineStrips2D([*grid, border], colors=0x4A4A4AFF, radii=0.15)
@@ -151,7 +167,9 @@ def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) 
     texts = [f"{100.0 * v:g}" for v in xs] + [f"{v:g}" for v in ys]
     places = [(a, 2.0) for a in x] + [(-9.0, b - _LABEL) for b in y]
     if outside:
-        texts.append(f"{outside} points outside {_LEAST:.0%} to {_MOST:.0%} slip not shown")
+        texts.append(
+            f"{outside} points outside {_LOWEST_SLIP:.0%} to {_HIGHEST_SLIP:.0%} slip not shown"
+        )
         places.append((_WIDTH / 2, -_HEIGHT - 7.0 - _LABEL))
     labels = rr.Points2D(places, labels=texts, radii=0.0, show_labels=True, colors=_TEXT)
     rec.log(f"{path}/labels", labels, static=True)
@@ -162,13 +180,16 @@ def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) 
     return frame
 
 
-def _axis(values: Floats, least: float) -> tuple[float, float, Floats]:
-    """Ends of an axis that holds all values and 0, at least `least` long, and its round numbers."""
-    low = min(0.0, float(values.min(initial=0.0)))
-    high = max(least, float(values.max(initial=0.0)))
-    rough = (high - low) / 5
+def _axis(values: Floats, smallest_span: float) -> tuple[float, float, Floats]:
+    """Ends and round numbers of an axis that holds all values and 0.
+
+    It is at least `smallest_span` long.
+    """
+    lowest = min(0.0, float(values.min(initial=0.0)))
+    highest = max(smallest_span, float(values.max(initial=0.0)))
+    rough = (highest - lowest) / 5
     step = 10.0 ** math.floor(math.log10(rough))
     step *= next(m for m in (1.0, 2.0, 5.0, 10.0) if m * step >= rough)
-    low, high = low - 0.02 * (high - low), high + 0.03 * (high - low)
-    numbers = np.arange(math.ceil(low / step), math.floor(high / step) + 1, dtype=np.float64)
-    return low, high, numbers * step
+    lowest, highest = lowest - 0.02 * (highest - lowest), highest + 0.03 * (highest - lowest)
+    numbers = np.arange(math.ceil(lowest / step), math.floor(highest / step) + 1, dtype=np.float64)
+    return lowest, highest, numbers * step

@@ -45,24 +45,28 @@ class LiveRecording:
     """
 
     def __init__(
-        self, name: str, vehicle: Vehicle, axles: Sequence[int], algos: Sequence[str],
-        to: Path | str,
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        vehicle: Vehicle,
+        axles: Sequence[int],
+        algos: Sequence[str],
+        target: Path | str,
+    ) -> None:
         self._vehicle, self._axles, self._algos = vehicle, list(axles), list(algos)
         self._start: int | None = None
         self._known: set[str] = set()  # entities with their style, and names of lines
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
-        self._file = Piped(to.open("wb", buffering=0)) if isinstance(to, Path) else None
+        self._file = Piped(target.open("wb", buffering=0)) if isinstance(target, Path) else None
         layout = self._layout()
         if self._file:
             with self._file:
                 self._rec.set_sinks(rr.FileSink(self._file.place), default_blueprint=layout)
         else:
-            self._rec.set_sinks(rr.GrpcSink(str(to)), default_blueprint=layout)
+            self._rec.set_sinks(rr.GrpcSink(str(target)), default_blueprint=layout)
         self._rec.send_recording_name(name)
 
-    def add(self, new: Mapping[int, Samples]) -> None:
+    def add(self, samples: Mapping[int, Samples]) -> None:
         """Sends the new samples of some axles.
 
         Raises:
@@ -70,16 +74,16 @@ class LiveRecording:
         """
         if self._file:
             self._file.check()
-        if came := [axle for axle in new if axle not in self._axles]:
-            self._axles += came
+        if arrived := [axle for axle in samples if axle not in self._axles]:
+            self._axles += arrived
             self._rec.send_blueprint(self._layout())
-        for axle, x in new.items():
+        for axle, x in samples.items():
             if self._start is None:
                 self._start = int(x.t[0])
             for path, plot in self._plots(axle, x):
-                first = path not in self._known
-                parts.send_plot(self._rec, path, self._times, x.t, plot, first)
-                if first:
+                is_first = path not in self._known
+                parts.send_plot(self._rec, path, self._times, x.t, plot, is_first)
+                if is_first:
                     self._known.add(path)
                     self._name(
                         "lines/all" if path.startswith("all/") else f"lines/axle/{axle}", plot
@@ -88,9 +92,9 @@ class LiveRecording:
     def _name(self, path: str, plot: parts.Plot) -> None:
         """Sends the names of lines that are not in their list yet."""
         lines = zip(plot.series, plot.colours, strict=True)
-        if new := [(name, c) for name, c in lines if f"{path}/{name}" not in self._known]:
-            self._known |= {f"{path}/{name}" for name, _ in new}
-            parts.send_names(self._rec, path, self._times, self._start or 0, new)
+        if fresh := [(name, c) for name, c in lines if f"{path}/{name}" not in self._known]:
+            self._known |= {f"{path}/{name}" for name, _ in fresh}
+            parts.send_names(self._rec, path, self._times, self._start or 0, fresh)
 
     def finish(self) -> None:
         """Ends the recording; a viewer that does not answer is not waited for.
@@ -111,34 +115,37 @@ class LiveRecording:
         force, sigma, tolerance = x.estimates[self._algos[0]]
         rim = x.wheel_speed * self._vehicle.radius(axle).value
 
-        def line(of: str, values: Floats, colour: int = colour) -> parts.Plot:
-            return parts.lines("", [(of, colour, values)])
+        def line(line_name: str, values: Floats, colour: int = colour) -> parts.Plot:
+            return parts.lines("", [(line_name, colour, values)])
 
-        found = [
+        plots = [
             (f"all/speed/{axle}", line(name, 3.6 * rim)),
             (f"all/force/{axle}", line(name, force / 1e3)),
             (f"all/coefficient/{axle}", line(name, physics.coefficient(force, self._vehicle))),
         ]
         if np.isfinite(x.train_speed).any():
-            found.append((f"all/slip/{axle}", line(name, 100.0 * x.slip)))
+            plots.append((f"all/slip/{axle}", line(name, 100.0 * x.slip)))
             if axle == self._axles[0]:
                 train = line("train", 3.6 * x.train_speed, parts.TRAIN)
-                found.append(("all/speed/train", train))
-        own = f"axle/{axle}"
+                plots.append(("all/speed/train", train))
+        axle_path = f"axle/{axle}"
         if np.isfinite(sigma).any():
             band = parts.Plot(
-                "", (f"{self._algos[0]}, 95 % band",), (palette.rgba(palette.GREY),),
-                force[:, None] / 1e3, Z95 * np.hypot(sigma, tolerance)[:, None] / 1e3,
-            )  # fmt: skip
-            found.append((f"{own}/force/band", band))
+                "",
+                (f"{self._algos[0]}, 95 % band",),
+                (palette.rgba(palette.GREY),),
+                force[:, None] / 1e3,
+                Z95 * np.hypot(sigma, tolerance)[:, None] / 1e3,
+            )
+            plots.append((f"{axle_path}/force/band", band))
         # One entity for all estimators: each has a price, whatever it holds.
         methods = [
             (algo, palette.rgba(palette.of_method(algo)), x.estimates[algo][0] / 1e3)
             for algo in self._algos
         ]
-        found.append((f"{own}/force/estimates", parts.lines("", methods)))
+        plots.append((f"{axle_path}/force/estimates", parts.lines("", methods)))
         clamping = line("clamping force", x.clamping / 1e3, parts.CLAMPING)
-        return [*found, (f"{own}/clamping", clamping)]
+        return [*plots, (f"{axle_path}/clamping", clamping)]
 
     def _times(self, t: Times) -> list[rr.TimeColumn]:
         since = (t - (self._start or 0)).astype("timedelta64[ns]")
@@ -160,5 +167,5 @@ class LiveRecording:
 
 def _tab(name: str, charts: Sequence[rrb.View], lines: str, heights: list[int]) -> rrb.Container:
     """Charts with the names of their lines beside them."""
-    shown = rrb.Vertical(*charts, row_shares=heights), parts.names_view(lines)
-    return rrb.Horizontal(*shown, column_shares=[6, 1], name=name)
+    contents = rrb.Vertical(*charts, row_shares=heights), parts.names_view(lines)
+    return rrb.Horizontal(*contents, column_shares=[6, 1], name=name)

@@ -15,7 +15,7 @@ from .. import palette
 from . import parts, rows
 
 _SLIP = 3.0  # least range of slip [%]
-_MOST = 20  # slides that are listed
+_LISTED_SLIDES = 20  # slides that are listed
 
 
 Slides = Mapping[int, Sequence[Slide]]  # of each axle, by its number
@@ -28,17 +28,17 @@ def worst(slides: Sequence[Slide]) -> float:
 
 def listed(slides: Slides, start_ns: int) -> str:
     """Slides as Markdown, the deepest first; their times count from the start of the log."""
-    found = [(axle, x) for axle, of in slides.items() for x in of]
-    if not found:
+    entries = [(axle, x) for axle, axle_slides in slides.items() for x in axle_slides]
+    if not entries:
         return "none"
-    found.sort(key=lambda of: -of[1].max_slip)
+    entries.sort(key=lambda axle_slides: -axle_slides[1].max_slip)
     lines = ["| axle | at [s] | for [s] | distance [m] | max slip [%] |", "|---|---|---|---|---|"]
-    for axle, x in found[:_MOST]:
-        at, bound = (x.start - start_ns) / 1e9, "≥ " * x.is_lower_bound
+    for axle, x in entries[:_LISTED_SLIDES]:
+        seconds, bound = (x.start - start_ns) / 1e9, "≥ " * x.is_lower_bound
         numbers = f"{x.duration:.2f}", f"{x.distance:.1f}", f"{100.0 * min(x.max_slip, 1.0):.1f}"
-        lines.append(f"| {axle} | {at:.2f} | {' | '.join(bound + n for n in numbers)} |")
-    if len(found) > _MOST:
-        lines.append(f"\n{len(found) - _MOST} slides more are in the result file.")
+        lines.append(f"| {axle} | {seconds:.2f} | {' | '.join(bound + n for n in numbers)} |")
+    if len(entries) > _LISTED_SLIDES:
+        lines.append(f"\n{len(entries) - _LISTED_SLIDES} slides more are in the result file.")
     return "\n".join(lines)
 
 
@@ -92,55 +92,57 @@ def _send(
     """Sends lines of an axle, each below the entity of its chart."""
     for lane in rows.of_axle(axle):
         _, t, index, inside = lane
-        first = rows.spans(index, -(-2 * len(t) // rows.OVERVIEW))
+        bucket_starts = rows.spans(index, -(-2 * len(t) // rows.OVERVIEW))
         for chart, key, name, colour, values in lines:
-            known = (index >= 0) & (inside | (chart == "speed"))
-            plot = parts.lines(key, [(name, colour, np.where(known, values[index], np.nan))])
-            entity = lane.below(f"{path}/{chart}/{key}")
-            parts.send_plot(rec, entity, times, *rows.envelope(t, plot, first))
+            is_valid = (index >= 0) & (inside | (chart == "speed"))
+            plot = parts.lines(key, [(name, colour, np.where(is_valid, values[index], np.nan))])
+            entity = lane.path_under(f"{path}/{chart}/{key}")
+            parts.send_plot(rec, entity, times, *rows.envelope(t, plot, bucket_starts))
 
 
 def _values(result: Result, axle: AxleResult) -> dict[str, Floats]:
     """The values of an axle, (n,), by chart."""
     record, F = axle.record, axle.reference.force
-    found = {
+    columns = {
         "speed": record.wheel_speed * result.vehicle.radius(record.axle).value * 3.6,
         "force": F / 1e3,
         "coefficient": physics.coefficient(F, result.vehicle),
     }
-    return found if axle.slip is None else {**found, "slip": 100.0 * axle.slip}
+    return columns if axle.slip is None else {**columns, "slip": 100.0 * axle.slip}
 
 
-def titles(of: str) -> dict[str, str]:
-    """Quantity and unit of each chart; `of` says whose force it is."""
+def titles(chart: str) -> dict[str, str]:
+    """Quantity and unit of each chart; `chart` says whose force it is."""
     return {
-        "speed": "speed [km/h]", "force": f"adhesion force, {of} [kN]",
-        "coefficient": "adhesion coefficient µ", "slip": "slip [%]",
-    }  # fmt: skip
+        "speed": "speed [km/h]",
+        "force": f"adhesion force, {chart} [kN]",
+        "coefficient": "adhesion coefficient µ",
+        "slip": "slip [%]",
+    }
 
 
 def _charts(
-    path: str, who: str, drawn: Sequence[tuple[Result, AxleResult]], slides: Sequence[Slide]
+    path: str, axle_title: str, pairs: Sequence[tuple[Result, AxleResult]], slides: Sequence[Slide]
 ) -> list[rrb.View]:
     """A chart per quantity of some axles, on one time axis."""
-    values = [_values(*of) for of in drawn]
+    values = [_values(*pair) for pair in pairs]
     charts = []
     for name, title in titles("reference").items():
-        of = [v[name] for v in values if name in v]
+        pair = [v[name] for v in values if name in v]
         if name == "slip":  # at the limit of observation a wheel can say anything
             top = max(100.0 * min(worst(slides), 1.0), _SLIP)
             span: tuple[float, float] | None = (-0.1 * top, 1.1 * top)
         else:
-            span = parts.span_of([], of) if name != "speed" else None
-        if of:
-            charts.append(parts.chart(f"{path}/{name}", f"{who}: {title}", span))
+            span = parts.span_of([], pair) if name != "speed" else None
+        if pair:
+            charts.append(parts.chart(f"{path}/{name}", f"{axle_title}: {title}", span))
     return charts
 
 
 def tab(root: str, result: Result, slides: Slides) -> rrb.Container:
     """Speeds, forces, coefficients and slips of all axles, one chart each."""
-    every = [x for of in slides.values() for x in of]
-    charts = _charts(f"{root}/all", "All axles", [(result, a) for a in result.axles], every)
+    all_slides = [x for axle_slides in slides.values() for x in axle_slides]
+    charts = _charts(f"{root}/all", "All axles", [(result, a) for a in result.axles], all_slides)
     summary = rrb.TextDocumentView(origin=f"{root}/summary", name="Summary")
     texts = rrb.Vertical(parts.names_view(f"{root}/lines/all"), summary, row_shares=[1, 4])
     return rrb.Horizontal(rrb.Vertical(*charts), texts, column_shares=[2, 1], name="All axles")
@@ -168,8 +170,8 @@ class Runs:
     def __init__(self, runs: Sequence[Run]) -> None:
         self.runs = runs
         self.root = rr.new_entity_path([distinct([*(run.name for run in runs), "runs"])[-1]])
-        found = {a.record.axle for run in runs for a in run.result.axles}
-        self.axles = sorted(found, key=lambda N: (-worst(self._slides(N)), N))
+        axle_numbers = {a.record.axle for run in runs for a in run.result.axles}
+        self.axles = sorted(axle_numbers, key=lambda N: (-worst(self._slides(N)), N))
 
     def _slides(self, axle: int) -> list[Slide]:
         return [x for run in self.runs for x in run.slides.get(axle, ())]
@@ -181,17 +183,19 @@ class Runs:
                 path = f"{self.root}/axle/{axle.record.axle}"
                 lines = _lines(run.result, axle, str(i + 1), run.name, i)
                 _send(rec, path, run.times, axle, lines)
-        drawn = [(run.name, palette.rgba(palette.nth(i))) for i, run in enumerate(self.runs)]
+        line_styles = [(run.name, palette.rgba(palette.nth(i))) for i, run in enumerate(self.runs)]
         (run, *_) = self.runs
-        parts.send_names(rec, f"{self.root}/lines", run.times, run.result.log.start_ns(), drawn)
+        parts.send_names(
+            rec, f"{self.root}/lines", run.times, run.result.log.start_ns(), line_styles
+        )
 
     def layout(self) -> rrb.Container:
         """A tab per axle, the one with the worst slide first."""
         tabs = []
         for N in self.axles:
-            drawn = [(r.result, a) for r in self.runs for a in r.result.axles if a.record.axle == N]
-            charts = _charts(f"{self.root}/axle/{N}", f"Axle {N}", drawn, self._slides(N))
+            pairs = [(r.result, a) for r in self.runs for a in r.result.axles if a.record.axle == N]
+            charts = _charts(f"{self.root}/axle/{N}", f"Axle {N}", pairs, self._slides(N))
             lines = parts.names_view(f"{self.root}/lines")
-            shown = rrb.Vertical(*charts), lines
-            tabs.append(rrb.Horizontal(*shown, column_shares=[6, 1], name=f"Axle {N}"))
+            charts_shown = rrb.Vertical(*charts), lines
+            tabs.append(rrb.Horizontal(*charts_shown, column_shares=[6, 1], name=f"Axle {N}"))
         return rrb.Tabs(*tabs, name="All logs")

@@ -38,14 +38,14 @@ class Page(Protocol):
 
 
 def write(
-    path: Path, name: str, made_from: str, pages: Sequence[Page], timeline: str = "time"
+    path: Path, name: str, source_identity: str, pages: Sequence[Page], timeline: str = "time"
 ) -> None:
     """Writes a recording; its old content is lost.
 
     Args:
         path: the file.
         name: shown for it.
-        made_from: whatever tells it from other recordings.
+        source_identity: whatever tells it from other recordings.
         pages: a tab for each.
         timeline: that is shown.
 
@@ -54,7 +54,7 @@ def write(
         UserError: it does not read back.
     """
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
-    identity = hashlib.sha256(made_from.encode()).hexdigest()
+    identity = hashlib.sha256(source_identity.encode()).hexdigest()
     rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
     piped = Piped(verified(path))
     layout = Layout([page.layout() for page in pages], timeline)
@@ -78,13 +78,13 @@ def write(
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """Series that share an entity: values of shape (n, k), as a band where `half` is given."""
+    """Series of one entity: values of shape (n, k), as a band where `half_width` is given."""
 
     name: str
     series: tuple[str, ...]
     colours: tuple[int, ...]
     values: Floats
-    half: Floats | None = None  # half width of a band around the values, shape (n, k)
+    half_width: Floats | None = None  # half width of a band around the values, shape (n, k)
     widths: tuple[float, ...] = ()
 
 
@@ -100,7 +100,7 @@ def send_text(rec: rr.RecordingStream, path: str, text: str) -> None:
     rec.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def plain(text: str) -> str:
+def escape_markdown(text: str) -> str:
     """Text from a log that must not become markup, a link or a picture."""
     return re.sub(r"([\\`*_{}\[\]()<>#+!|~&:-])", r"\\\1", printable(text))
 
@@ -108,7 +108,7 @@ def plain(text: str) -> str:
 def settings_table(settings: Mapping[str, Any]) -> str:
     """Nested settings as Markdown, a row each; a long list is cut off."""
     rows = (
-        f"| {plain(k)} | {plain(v if len(v) <= _CELL else f'{v[:_CELL]} …')} |"
+        f"| {escape_markdown(k)} | {escape_markdown(v if len(v) <= _CELL else f'{v[:_CELL]} …')} |"
         for k, v in names.flat(dict(settings)).items()
     )
     return "\n".join(["## Settings\n", "| setting | value |\n|---|---|", *rows])
@@ -122,13 +122,15 @@ def send_plot(
 ) -> None:
     """Sends a plot, and with `styled` what it looks like."""
     if styled:
-        style = rr.SeriesLines if plot.half is None else rr.Measurements.from_fields
+        style = rr.SeriesLines if plot.half_width is None else rr.Measurements.from_fields
         series, colours = list(plot.series), np.array(plot.colours, np.uint32)
         rec.log(path, style(names=series, colors=colours, widths=list(plot.widths)), static=True)
-    if plot.half is None:
+    if plot.half_width is None:
         data = rr.Scalars.columns(scalars=plot.values)
     else:
-        data = rr.Measurements.columns(values=plot.values.ravel(), variances=plot.half.ravel() ** 2)
+        data = rr.Measurements.columns(
+            values=plot.values.ravel(), variances=plot.half_width.ravel() ** 2
+        )
     rec.send_columns(path, times(t), data)
 
 
@@ -144,34 +146,38 @@ def send_names(
 
 
 _State = tuple[str, int]  # name and colour
-OFF = 0x4A4E54FF  # of a state in which nothing is the matter
-BRAKE: tuple[_State, ...] = (("released", OFF), ("applied", 0x4C78A8FF))
+OFF_COLOUR = 0x4A4E54FF  # of a state in which nothing is the matter
+BRAKE: tuple[_State, ...] = (("released", OFF_COLOUR), ("applied", 0x4C78A8FF))
 REGION_STATES: tuple[_State, ...] = tuple(
-    zip(REGION_TITLES, (OFF, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
+    zip(REGION_TITLES, (OFF_COLOUR, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
 )
-WHEELS: tuple[_State, ...] = (("rolls", OFF), ("slides", 0xF2A33AFF), ("locked", 0xE45756FF))
+WHEELS: tuple[_State, ...] = (("rolls", OFF_COLOUR), ("slides", 0xF2A33AFF), ("locked", 0xE45756FF))
 VALVES: tuple[_State, ...] = (("apply", 0x54A24BFF), ("hold", 0xF2A33AFF), ("vent", 0xE45756FF))
 
 
 def send_states(
-    rec: rr.RecordingStream, path: str, times: Clock, t: Times, codes: NDArray[np.int8],
+    rec: rr.RecordingStream,
+    path: str,
+    times: Clock,
+    t: Times,
+    codes: NDArray[np.int8],
     states: Sequence[_State],
-) -> None:  # fmt: skip
+) -> None:
     """States by their code, −1 for none, a row per change."""
     names_, colours = zip(*states, strict=True)
     style = rr.StateConfiguration(values=list(names_), colors=np.array(colours, np.uint32))
     rec.log(path, style, static=True)
-    at = np.flatnonzero(np.diff(codes, prepend=-2))
-    told = [states[c][0] if c >= 0 else "" for c in codes[at].tolist()]
-    rec.send_columns(path, times(t[at]), rr.StateChange.columns(state=told))
+    change_rows = np.flatnonzero(np.diff(codes, prepend=-2))
+    labels = [states[c][0] if c >= 0 else "" for c in codes[change_rows].tolist()]
+    rec.send_columns(path, times(t[change_rows]), rr.StateChange.columns(state=labels))
 
 
 def send_band(
-    rec: rr.RecordingStream, path: str, times: Clock, t: Times, low: float, high: float
+    rec: rr.RecordingStream, path: str, times: Clock, t: Times, lower: float, upper: float
 ) -> None:
     """Sends the edges of a band of the AND-test, from the first time to the last."""
-    colour, ends = REGION_STATES[2][1], np.ones(2)
-    edges = [("least", colour, low * ends), ("most", colour, high * ends)]
+    colour, band_edges = REGION_STATES[2][1], np.ones(2)
+    edges = [("least", colour, lower * band_edges), ("most", colour, upper * band_edges)]
     send_plot(rec, f"{path}/band", times, t[[0, -1]], lines("", edges, 1.0))
 
 
@@ -215,21 +221,23 @@ def chart(origin: str, name: str, span: tuple[float, float] | None = None) -> rr
     A legend would lie on the lines: the title has the colours, or `names_view`.
     """
     return rrb.TimeSeriesView(
-        origin=origin, name=name, axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        origin=origin,
+        name=name,
+        axis_x=rrb.TimeAxis(link="LinkToGlobal"),
         axis_y=None if span is None else rrb.ScalarAxis(range=span),
         plot_legend=rrb.PlotLegend(visible=False),
-    )  # fmt: skip
+    )
 
 
-def slope_charts(path: str, who: str, slope: Floats, bands: Bands | None) -> list[rrb.View]:
+def slope_charts(path: str, title: str, slope: Floats, bands: Bands | None) -> list[rrb.View]:
     """Slope and confidence; the steep slopes, at next to no slip, would flatten the rest."""
     green = f", green: band {bands.slope_low:g} to {bands.slope_high:g}" if bands else ""
-    known = slope[np.isfinite(slope)]
-    ends = np.quantile(known, [0.05, 0.9]) if len(known) else np.zeros(2)
-    span = span_of([np.clip(ends, -5.0, 5.0), np.array([-0.25, 0.25])], [])
+    finite = slope[np.isfinite(slope)]
+    quantiles = np.quantile(finite, [0.05, 0.9]) if len(finite) else np.zeros(2)
+    span = span_of([np.clip(quantiles, -5.0, 5.0), np.array([-0.25, 0.25])], [])
     return [
-        chart(f"{path}/slope", f"{who}: slope of µ over slip{green}", span),
-        chart(f"{path}/confidence", f"{who}: confidence in the slope", (0.0, 1.05)),
+        chart(f"{path}/slope", f"{title}: slope of µ over slip{green}", span),
+        chart(f"{path}/confidence", f"{title}: confidence in the slope", (0.0, 1.05)),
     ]
 
 
@@ -247,9 +255,11 @@ def list_view(
     """Rows of text; their times stand in them."""
     time = rrb.encodings.TimelineColumn("time", visible=False)
     return rrb.TextLogView(
-        origin=origin, name=name, contents=contents,
+        origin=origin,
+        name=name,
+        contents=contents,
         columns=rrb.TextLogColumns(timeline_columns=[time], text_log_columns=list(columns)),
-    )  # fmt: skip
+    )
 
 
 def states_view(origin: str, name: str) -> rrb.View:
@@ -259,21 +269,23 @@ def states_view(origin: str, name: str) -> rrb.View:
 
 
 def span_of(
-    whole: Sequence[Floats], most: Sequence[Floats], bands: Sequence[Floats] = ()
+    full_columns: Sequence[Floats], limited_columns: Sequence[Floats], bands: Sequence[Floats] = ()
 ) -> tuple[float, float] | None:
     """Range of a chart: all of some series, of others all but their rarest spikes, most of bands.
 
     The viewer's own range leaves out the bands, and one wild sample flattens everything else.
     """
 
-    def ends(values: Floats, quantiles: list[float]) -> Floats:
+    def extremes_of(values: Floats, quantiles: list[float]) -> Floats:
         finite = values[np.isfinite(values)]
         return np.quantile(finite, quantiles) if len(finite) else np.empty(0)
 
-    extremes = [ends(v, [0.0, 1.0]) for v in whole]
-    extremes += [ends(v[:: max(1, len(v) // JUDGED)], [0.001, 0.999]) for v in most]
-    extremes += [ends(v[:: max(1, len(v) // JUDGED)], [0.02, 0.98]) for v in bands]
-    every = np.concatenate([*extremes, [0.0]])
-    low, high = float(every.min()), float(every.max())
-    margin = 0.05 * (high - low)
-    return (low - margin, high + margin) if margin > 0.0 else None
+    extremes = [extremes_of(v, [0.0, 1.0]) for v in full_columns]
+    extremes += [
+        extremes_of(v[:: max(1, len(v) // JUDGED)], [0.001, 0.999]) for v in limited_columns
+    ]
+    extremes += [extremes_of(v[:: max(1, len(v) // JUDGED)], [0.02, 0.98]) for v in bands]
+    all_values = np.concatenate([*extremes, [0.0]])
+    lowest, highest = float(all_values.min()), float(all_values.max())
+    margin = 0.05 * (highest - lowest)
+    return (lowest - margin, highest + margin) if margin > 0.0 else None

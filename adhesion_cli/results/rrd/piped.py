@@ -22,8 +22,8 @@ class Piped:
         place: what the SDK writes to.
     """
 
-    def __init__(self, to: AbstractContextManager[BinaryIO]) -> None:
-        self._to = to
+    def __init__(self, target: AbstractContextManager[BinaryIO]) -> None:
+        self._to = target
         self._source, self._sink = os.pipe()
         self.place = f"/dev/fd/{self._sink}"
         self._error: BaseException | None = None

@@ -58,13 +58,13 @@ def write_comparison(path: Path, results: Sequence[Result], full: bool = False) 
 def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], full: bool) -> None:
     pages = [_Page(name, result, notes, full) for name, result in logs]
     title = ", ".join(page.title for page in pages)
-    made_from = " ".join(r.log.sha256 for _, r in logs)
+    identity = " ".join(r.log.sha256 for _, r in logs)
     if len(pages) == 1:
-        parts.write(path, title, made_from, pages)
+        parts.write(path, title, identity, pages)
         return
     named = zip((name for name, _ in logs), pages, strict=True)
     runs = [overview.Run(name, page.result, page.times, page.slides) for name, page in named]
-    parts.write(path, title, made_from, [overview.Runs(runs), *pages], "brake")
+    parts.write(path, title, identity, [overview.Runs(runs), *pages], "brake")
 
 
 class _Page:
@@ -79,18 +79,20 @@ class _Page:
             self.zeros["brake"] = result.brake_ns()
         self.spans = [self._spans(a) for a in result.axles]
         self.slides = {a.record.axle: slip.slides(a) for a in result.axles}
-        drawn = list(zip(self.spans, result.axles, strict=True))
-        points = [sum(map(len, s)) for s, _ in drawn]
-        shown = sum(n * (2 * len(a.estimates) + 9) for n, (_, a) in zip(points, drawn, strict=True))
-        self.large = shown > OVERVIEW_FROM
-        self.thinned = any(n < len(a.record) for n, (_, a) in zip(points, drawn, strict=True))
-        self.lists: dict[str, list[log_events.Told]] = {}  # by the list's entity
+        pairs = list(zip(self.spans, result.axles, strict=True))
+        points = [sum(map(len, s)) for s, _ in pairs]
+        point_count = sum(
+            n * (2 * len(a.estimates) + 9) for n, (_, a) in zip(points, pairs, strict=True)
+        )
+        self.large = point_count > OVERVIEW_FROM
+        self.thinned = any(n < len(a.record) for n, (_, a) in zip(points, pairs, strict=True))
+        self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity
         for x in log_events.of_result(result):
             kind = "findings" if x.code in catalogue() else "events"
-            of = f"/{kind}/log" if x.axle is None else f"/{kind}/axle/{x.axle}"
-            self.lists.setdefault(of, []).append(x)
-        stated = result.settings.get("bands")
-        self.bands = Bands(**stated) if stated else None
+            series_path = f"/{kind}/log" if x.axle is None else f"/{kind}/axle/{x.axle}"
+            self.lists.setdefault(series_path, []).append(x)
+        bands_table = result.settings.get("bands")
+        self.bands = Bands(**bands_table) if bands_table else None
 
     # -- data
 
@@ -99,9 +101,9 @@ class _Page:
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
             lines: list[tuple[str, int]] = []
-            for lane, drawn in zip(rows.of_axle(axle), self.spans[n], strict=True):
-                found = self._send_lane(rec, path, axle, lane, drawn)
-                lines = lines or found
+            for lane, bucket_rows in zip(rows.of_axle(axle), self.spans[n], strict=True):
+                lane_lines = self._send_lane(rec, path, axle, lane, bucket_rows)
+                lines = lines or lane_lines
             parts.send_names(
                 rec, f"{self.root}/lines/{path}", self.times, self.zeros["time"], lines
             )
@@ -118,9 +120,13 @@ class _Page:
         parts.send_text(rec, f"{self.root}/about", about)
 
     def _send_lane(
-        self, rec: rr.RecordingStream, path: str, axle: AxleResult, lane: rows.Lane,
-        drawn: NDArray[np.int64],
-    ) -> list[tuple[str, int]]:  # fmt: skip
+        self,
+        rec: rr.RecordingStream,
+        path: str,
+        axle: AxleResult,
+        lane: rows.Lane,
+        bucket_rows: NDArray[np.int64],
+    ) -> list[tuple[str, int]]:
         """The charts of an axle, by parts of a long log; returns names and colours of forces.
 
         Args:
@@ -128,28 +134,28 @@ class _Page:
             path: of the axle.
             axle: that is shown.
             lane: its rows.
-            drawn: first row of each span of them, see `_spans`.
+            bucket_rows: first row of each span of them, see `_spans`.
         """
         _, t, index, inside = lane
         span = -(-2 * len(t) // rows.OVERVIEW)
         step = max(_ROWS // span, 1) * span
         lines: list[tuple[str, int]] = []
-        for at in range(0, len(t), step):
-            part = slice(at, at + step)
-            first = drawn[(drawn > at) & (drawn < at + step)] - at
-            first = np.insert(first, 0, 0)
-            for plot in self._plots(axle, index[part], inside[part]):
-                whole = lane.below(f"{self.root}/{path}/{plot.name}")
-                thin = rows.envelope(t[part], plot, first)
-                if len(drawn) < len(t):
+        for offset in range(0, len(t), step):
+            piece = slice(offset, offset + step)
+            starts = bucket_rows[(bucket_rows > offset) & (bucket_rows < offset + step)] - offset
+            starts = np.insert(starts, 0, 0)
+            for plot in self._plots(axle, index[piece], inside[piece]):
+                full_path = lane.path_under(f"{self.root}/{path}/{plot.name}")
+                thin = rows.envelope(t[piece], plot, starts)
+                if len(bucket_rows) < len(t):
                     thin = rows.without_repeats(*thin)
-                parts.send_plot(rec, whole, self.times, *thin, at == 0)
-                if at == 0 and plot.name.startswith("force/"):
+                parts.send_plot(rec, full_path, self.times, *thin, offset == 0)
+                if offset == 0 and plot.name.startswith("force/"):
                     lines += zip(plot.series, plot.colours, strict=True)
                 if self.large:
-                    over = lane.below(f"{self.root}/overview/{path}/{plot.name}")
-                    short = rows.envelope(t[part], plot, rows.spans(index[part], span))
-                    parts.send_plot(rec, over, self.times, *short, at == 0)
+                    overview_path = lane.path_under(f"{self.root}/overview/{path}/{plot.name}")
+                    envelope = rows.envelope(t[piece], plot, rows.spans(index[piece], span))
+                    parts.send_plot(rec, overview_path, self.times, *envelope, offset == 0)
             rec.flush()  # or the SDK queues the whole log
         return lines
 
@@ -159,7 +165,7 @@ class _Page:
         In and around brake applications and slides that is every row, and in short logs.
         """
         lanes = rows.of_axle(axle)
-        if self.full or not thinning.is_long(axle):
+        if self.full or not thinning.needs_thinning(axle):
             return [np.arange(len(lane.t)) for lane in lanes]
         return [_thinned(axle, lane) for lane in lanes]
 
@@ -208,58 +214,78 @@ class _Page:
         yield from self._measured(record, column)
         lower, upper = computed(reference.lower), computed(reference.upper)
         yield parts.Plot(
-            "force/band", ("95 % band",), (parts.REFERENCE,),
+            "force/band",
+            ("95 % band",),
+            (parts.REFERENCE,),
             rounding.rounded((lower + upper) / 2, noise)[:, None],
-            rounding.digits((upper - lower) / 2)[:, None], (0.0,),
-        )  # fmt: skip
+            rounding.digits((upper - lower) / 2)[:, None],
+            (0.0,),
+        )
         yield parts.Plot(
-            "force/reference", ("reference ± 1 sigma",), (parts.REFERENCE,),
-            force(reference.force)[:, None], rounding.digits(computed(reference.sigma))[:, None],
+            "force/reference",
+            ("reference ± 1 sigma",),
+            (parts.REFERENCE,),
+            force(reference.force)[:, None],
+            rounding.digits(computed(reference.sigma))[:, None],
             (1.0,),
-        )  # fmt: skip
+        )
         if record.truth is not None:
             yield parts.lines("force/truth", [("truth", parts.TRUTH, force(record.truth))])
         colours = {a: palette.rgba(palette.of_method(a)) for a in sorted(axle.estimates)}
-        own = {a: column(axle.sigma(a)) for a in colours}
-        estimates = [(a, c, force(axle.estimates[a], own[a])) for a, c in colours.items()]
+        axle_columns = {a: column(axle.sigma(a)) for a in colours}
+        estimates = [(a, c, force(axle.estimates[a], axle_columns[a])) for a, c in colours.items()]
         errors = [
             (a, c, np.where(inside, rounding.rounded(axle.error(a, index), noise), np.nan))
             for a, c in colours.items()
         ]
         bands = [a for a in colours if a in axle.sigmas]
         if bands:
-            half = [rounding.digits(Z95 * computed(axle.sigmas[a])) for a in bands]
+            half_widths = [rounding.digits(Z95 * computed(axle.sigmas[a])) for a in bands]
             yield parts.Plot(
-                "force/own", tuple(f"{a}: own 95 % band" for a in bands),
+                "force/own",
+                tuple(f"{a}: own 95 % band" for a in bands),
                 tuple(colours[a] for a in bands),
-                np.stack([force(axle.estimates[a], own[a]) for a in bands], axis=1),
-                np.stack(half, axis=1), (0.0,) * len(bands),
-            )  # fmt: skip
+                np.stack([force(axle.estimates[a], axle_columns[a]) for a in bands], axis=1),
+                np.stack(half_widths, axis=1),
+                (0.0,) * len(bands),
+            )
         if colours:
             yield parts.lines("force/estimates", estimates)
             yield parts.lines("error", errors)
         if axle.slope is not None and axle.slope_confidence is not None:
-            slope, sure = (
+            slope, slope_sigma = (
                 rounding.digits(computed(x)) for x in (axle.slope, axle.slope_confidence)
             )
             yield parts.lines("slope", [("slope dµ/ds", parts.SLOPE, slope)])
-            yield parts.lines("confidence", [("confidence", parts.REFERENCE, sure)])
+            yield parts.lines("confidence", [("confidence", parts.REFERENCE, slope_sigma)])
 
     def _send_slip(
-        self, rec: rr.RecordingStream, path: str, axle: AxleResult, slip: Floats,
+        self,
+        rec: rr.RecordingStream,
+        path: str,
+        axle: AxleResult,
+        slip: Floats,
         rail: fit.RailFit | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """The operating point on its curve; brake, region and wheel as states."""
         vehicle = self.result.vehicle
         mu, lanes = physics.coefficient(axle.reference.force, vehicle), rows.of_axle(axle)
         send_curve(
-            rec, f"{path}/slip", self.times, axle.record.t, slip, mu, self.bands,
+            rec,
+            f"{path}/slip",
+            self.times,
+            axle.record.t,
+            slip,
+            mu,
+            self.bands,
             fitted=Fitted(rail, vehicle) if rail else None,
-        )  # fmt: skip
+        )
         if axle.slope is not None and self.bands:
             for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
-                of, b = f"{root}/axle/{axle.record.axle}/slope", self.bands
-                parts.send_band(rec, of, self.times, axle.record.t, b.slope_low, b.slope_high)
+                slope_path, b = f"{root}/axle/{axle.record.axle}/slope", self.bands
+                parts.send_band(
+                    rec, slope_path, self.times, axle.record.t, b.slope_low, b.slope_high
+                )
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:
@@ -274,15 +300,15 @@ class _Page:
             ("wheel", slides, parts.WHEELS),
         ):
             for lane in lanes:
-                shown = np.where(lane.inside, codes[lane.row], -1)
-                entity = lane.below(f"{path}/state/{name}")
-                parts.send_states(rec, entity, self.times, lane.t, shown, states)
+                states_shown = np.where(lane.inside, codes[lane.row], -1)
+                entity = lane.path_under(f"{path}/state/{name}")
+                parts.send_states(rec, entity, self.times, lane.t, states_shown, states)
 
     def _send_lists(self, rec: rr.RecordingStream) -> None:
         """Findings and events; each text wrapped: the viewer shows only the first line of a row."""
-        for path, told in self.lists.items():
+        for path, list_text in self.lists.items():
             rows = []
-            for x in sorted(told, key=lambda e: e.t):
+            for x in sorted(list_text, key=lambda e: e.t):
                 code = f"{x.code}: " if x.code in catalogue() else ""
                 text = f"{(x.t - self.zeros['time']) / 1e9:.2f} s  {code}{x.message}"
                 rows += [
@@ -305,11 +331,15 @@ class _Page:
         if len(axles) > 1:
             tabs.insert(0, overview.tab(self.root, self.result, self.slides))
         if self.large:
-            full = [self._axle_tab(a, "") for a in axles]
-            tabs.append(rrb.Tabs(*full, name="Brake applications" if self.thinned else "Full data"))
+            axle_tabs = [self._axle_tab(a, "") for a in axles]
+            tabs.append(
+                rrb.Tabs(*axle_tabs, name="Brake applications" if self.thinned else "Full data")
+            )
         summary = rrb.TextDocumentView(origin=f"{self.root}/summary", name="Summary")
-        first = 1 if self.notes and len(axles) > 1 else 0  # the slip of an axle, where asked for
-        return rrb.Tabs(*tabs, summary, self._about(), name=self.title, active_tab=first)
+        first_tab = (
+            1 if self.notes and len(axles) > 1 else 0
+        )  # the slip of an axle, where asked for
+        return rrb.Tabs(*tabs, summary, self._about(), name=self.title, active_tab=first_tab)
 
     def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
         N = axle.record.axle
@@ -335,10 +365,12 @@ class _Page:
             rrb.Vertical(
                 rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"),
                 parts.names_view(f"{self.root}/lines/axle/{N}"),
-                *self._lists(N), row_shares=[2.9, 2.9, 2.1, 2.1],
+                *self._lists(N),
+                row_shares=[2.9, 2.9, 2.1, 2.1],
             ),
-            column_shares=[2, 1], name=title if axle.slip is None else "Force",
-        )  # fmt: skip
+            column_shares=[2, 1],
+            name=title if axle.slip is None else "Force",
+        )
         if axle.slip is None:
             return forces
         slip = self._slip_tab(axle, path, exact)
@@ -358,17 +390,19 @@ class _Page:
             rrb.Vertical(
                 curve_view(f"{exact}/slip", f"Axle {N}"),
                 rrb.TextDocumentView(origin=f"{exact}/note", name=f"Axle {N}: rail and slides"),
-                *self._lists(N), row_shares=heights,
+                *self._lists(N),
+                row_shares=heights,
             ),
-            column_shares=[6, 4], name="Slip",
-        )  # fmt: skip
+            column_shares=[6, 4],
+            name="Slip",
+        )
 
     def _about(self) -> rrb.View:
         return rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made, settings")
 
     def _lists(self, axle: int) -> list[rrb.View]:
         """Findings and events of an axle; the findings on the whole log are among them."""
-        contents = [f"$origin/{of}" for of in ("log", f"axle/{axle}")]
+        contents = [f"$origin/{list_name}" for list_name in ("log", f"axle/{axle}")]
         return [
             parts.list_view(f"{self.root}/{kind}", f"Axle {axle}: {kind}", contents)
             for kind in ("findings", "events")
@@ -379,9 +413,11 @@ def _thinned(axle: AxleResult, lane: rows.Lane) -> NDArray[np.int64]:
     """First row of each span: a row near a brake application, a break, or so long elsewhere."""
     t = lane.t
     exact = (lane.row < 0) | thinning.near_brakes(axle, t)
-    new = np.diff(t // thinning.EVERY, prepend=t[0] // thinning.EVERY - 1) != 0
-    new |= exact | np.append(False, exact[:-1])
-    return np.flatnonzero(new)
+    is_new = (
+        np.diff(t // thinning.SAMPLE_INTERVAL, prepend=t[0] // thinning.SAMPLE_INTERVAL - 1) != 0
+    )
+    is_new |= exact | np.append(False, exact[:-1])
+    return np.flatnonzero(is_new)
 
 
 def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
@@ -400,15 +436,15 @@ def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
 
 
 def _summary(result: Result, slides: overview.Slides) -> str:
-    found = [
-        f"- **{f.severity}** {parts.plain(f'{f.code}: {log_events.text(f)}')}"
+    entries = [
+        f"- **{f.severity}** {parts.escape_markdown(f'{f.code}: {log_events.text(f)}')}"
         for f in result.findings
     ]
     lines = [
-        f"# {parts.plain(Path(result.log.path).name)}\n\n## Slides\n",
+        f"# {parts.escape_markdown(Path(result.log.path).name)}\n\n## Slides\n",
         overview.listed(slides, result.log.start_ns()),
     ]
-    lines += ["\n## Findings\n", *(found or ["none"])]
+    lines += ["\n## Findings\n", *(entries or ["none"])]
     lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
     return "\n".join(lines)
 
@@ -426,7 +462,7 @@ The log is long. The overviews show the lowest and the highest value of each of
 """
 _THINNED = f"""
 Every sample is drawn in brake applications and slides and {thinning.AROUND / 1e9:g} s around them.
-Between them each {thinning.EVERY / 1e9:g} s is drawn by its lowest and its highest value.
+Between them each {thinning.SAMPLE_INTERVAL / 1e9:g} s is drawn by its lowest and its highest value.
 `--full` draws every sample.
 """
 
@@ -434,37 +470,43 @@ Between them each {thinning.EVERY / 1e9:g} s is drawn by its lowest and its high
 def _about(result: Result, large: bool, thinned: bool) -> str:
     methods = sorted({a.reference.method for a in result.axles})
     lines = [
-        f"Reference: {', '.join(map(parts.plain, methods))}.",
+        f"Reference: {', '.join(map(parts.escape_markdown, methods))}.",
         _LINES,
         _OVERVIEW * large,
         _THINNED * thinned,
         parts.settings_table(result.settings),
         "\n## Sources\n",
-        *(f"- {parts.plain(s)}" for s in result.sources),
+        *(f"- {parts.escape_markdown(s)}" for s in result.sources),
         f"\nSHA-256 of the log: `{result.log.sha256}`",
     ]
     return "\n".join(lines)
 
 
 _SCORES = {  # field of a score and its digits, by the head of its column
-    "RMSE [N]": ("rmse_n", 1), "bias [N]": ("bias_n", 1), "max [N]": ("max_error_n", 0),
-    "lag [s]": ("lag_s", 2), "gain": ("gain", 3), "response [s]": ("response_s", 2),
-    "relative": ("relative", 2), "band [N]": ("band_n", 0), "holds": ("within", 2),
-}  # fmt: skip
+    "RMSE [N]": ("rmse_n", 1),
+    "bias [N]": ("bias_n", 1),
+    "max [N]": ("max_error_n", 0),
+    "lag [s]": ("lag_s", 2),
+    "gain": ("gain", 3),
+    "response [s]": ("response_s", 2),
+    "relative": ("relative", 2),
+    "band [N]": ("band_n", 0),
+    "holds": ("within", 2),
+}
 _BAND = "band: half of the estimator's own 95 % band; holds: share of the samples inside."
 
 
 def _scores(scores: Sequence[Score]) -> str:
     """Scores as Markdown, the best first; a column without values would push others out of view."""
-    shown = {
+    score_columns = {
         head: (name, digits)
         for head, (name, digits) in _SCORES.items()
         if any(getattr(s, name) is not None for s in scores)
     }
-    rows = [["estimator", "against", *shown], ["---"] * (2 + len(shown))]
+    rows = [["estimator", "against", *score_columns], ["---"] * (2 + len(score_columns))]
     for s in sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n):
-        known = ((getattr(s, name), digits) for name, digits in shown.values())
-        cells = ("–" if x is None else f"{x:.{digits}f}" for x, digits in known)
-        rows.append([parts.plain(s.algo), s.against, *cells])
+        score_values = ((getattr(s, name), digits) for name, digits in score_columns.values())
+        cells = ("–" if x is None else f"{x:.{digits}f}" for x, digits in score_values)
+        rows.append([parts.escape_markdown(s.algo), s.against, *cells])
     table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-    return f"{table}\n\n{_BAND}" if "band [N]" in shown else table
+    return f"{table}\n\n{_BAND}" if "band [N]" in score_columns else table

@@ -27,7 +27,7 @@ class Lane(NamedTuple):
     row: NDArray[np.int64]
     inside: Bools
 
-    def below(self, path: str) -> str:
+    def path_under(self, path: str) -> str:
         """The entity of these rows; a chart shows what is below its own, too."""
         return f"{path}/again/{self.place}" if self.place else path
 
@@ -42,26 +42,29 @@ def of_axle(axle: AxleResult) -> list[Lane]:
     inside = np.zeros(len(t), bool)
     for s in axle.record.segments:
         inside[s] = True
-    back = np.flatnonzero(np.diff(t) < 0) + 1
-    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)} | {*back.tolist()}
+    backward = np.flatnonzero(np.diff(t) < 0) + 1
+    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)} | {*backward.tolist()}
     edges = np.array(sorted(bounds - {0, len(t)}), np.int64)
     index = np.insert(np.arange(len(t)), edges, -1)
     times, inside = np.insert(t, edges, t[edges - 1] + 1), np.insert(inside, edges, False)
-    of = _places(times)
-    each = [np.flatnonzero(of == k) for k in range(int(of.max(initial=0)) + 1)]
-    return [Lane(k, times[at], index[at], inside[at]) for k, at in enumerate(each)]
+    lane_of = _places(times)
+    lane_rows = [np.flatnonzero(lane_of == k) for k in range(int(lane_of.max(initial=0)) + 1)]
+    return [
+        Lane(k, times[rows_of_lane], index[rows_of_lane], inside[rows_of_lane])
+        for k, rows_of_lane in enumerate(lane_rows)
+    ]
 
 
 def _places(t: Times) -> NDArray[np.int64]:
     """The lane of each row: of each stretch of rising times the first that has ended by then."""
     starts = np.append(0, np.flatnonzero(np.diff(t) < 0) + 1)
     stops = np.append(starts[1:], len(t))
-    places, ends = np.zeros(len(t), np.int64), [int(t[0]) - 1] if len(t) else []
+    places, lane_ends = np.zeros(len(t), np.int64), [int(t[0]) - 1] if len(t) else []
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
         if start == stop:
             continue
-        k = next((k for k, end in enumerate(ends) if end < t[start]), len(ends))
-        ends[k : k + 1] = [int(t[stop - 1])]
+        k = next((k for k, lane_end in enumerate(lane_ends) if lane_end < t[start]), len(lane_ends))
+        lane_ends[k : k + 1] = [int(t[stop - 1])]
         places[start:stop] = k
     return places
 
@@ -74,43 +77,48 @@ def spans(index: NDArray[np.int64], size: int) -> NDArray[np.int64]:
         size: of a span.
     """
     breaks = np.flatnonzero(index < 0)
-    first = np.concatenate([np.arange(0, len(index), size), breaks, breaks + 1])
-    return np.unique(first[first < len(index)])
+    starts = np.concatenate([np.arange(0, len(index), size), breaks, breaks + 1])
+    return np.unique(starts[starts < len(index)])
 
 
-def envelope(t: Times, plot: Plot, first: NDArray[np.int64]) -> tuple[Times, Plot]:
+def envelope(t: Times, plot: Plot, starts: NDArray[np.int64]) -> tuple[Times, Plot]:
     """The lowest and the highest value of each span of rows, in the order in which the line goes.
 
     Args:
         t: of the rows [ns], shape (n,).
         plot: their values.
-        first: row of each span, rising from 0, shape (k,). A span of one row stays that row.
+        starts: row of each span, rising from 0, shape (k,). A span of one row stays that row.
     """
-    if len(first) == len(t):
+    if len(starts) == len(t):
         return t, plot
-    below, above = plot.values, plot.values
-    if plot.half is not None:
-        below, above = below - plot.half, above + plot.half
-    low = np.fmin.reduceat(below, first, axis=0)  # fmin, fmax pass over NaN
-    high = np.fmax.reduceat(above, first, axis=0)
-    size = np.diff(first, append=len(t))
-    each = np.repeat(np.arange(len(first)), np.minimum(size, 2))
-    second = np.diff(each, prepend=-1) == 0
-    at = first[each] + np.where(second, size[each] // 2, 0)
-    if plot.half is not None:
-        values, half = (low + high)[each] / 2, (high - low)[each] / 2
-        return t[at], replace(plot, values=values, half=half)
-    rises = plot.values[first + size - 1] >= plot.values[first]
-    top = rises[each] == second[:, None]
-    return t[at], replace(plot, values=np.where(top, high[each], low[each]))
+    lower, upper = plot.values, plot.values
+    if plot.half_width is not None:
+        lower, upper = lower - plot.half_width, upper + plot.half_width
+    minima = np.fmin.reduceat(lower, starts, axis=0)  # fmin, fmax pass over NaN
+    maxima = np.fmax.reduceat(upper, starts, axis=0)
+    size = np.diff(starts, append=len(t))
+    bucket_index = np.repeat(np.arange(len(starts)), np.minimum(size, 2))
+    second = np.diff(bucket_index, prepend=-1) == 0
+    rows_chosen = starts[bucket_index] + np.where(second, size[bucket_index] // 2, 0)
+    if plot.half_width is not None:
+        values, half_width = (
+            (minima + maxima)[bucket_index] / 2,
+            (maxima - minima)[bucket_index] / 2,
+        )
+        return t[rows_chosen], replace(plot, values=values, half_width=half_width)
+    rises = plot.values[starts + size - 1] >= plot.values[starts]
+    top = rises[bucket_index] == second[:, None]
+    return t[rows_chosen], replace(
+        plot, values=np.where(top, maxima[bucket_index], minima[bucket_index])
+    )
 
 
 def without_repeats(t: Times, plot: Plot) -> tuple[Times, Plot]:
     """The rows that change the lines: of a run of equal rows the first and the last."""
-    columns = [x for x in (plot.values, plot.half) if x is not None]
+    columns = [x for x in (plot.values, plot.half_width) if x is not None]
     bits = np.concatenate(columns, axis=1).view(np.int64)
-    same = (bits[1:] == bits[:-1]).all(axis=1)
-    kept = np.ones(len(t), bool)
-    kept[1:-1] = ~(same[:-1] & same[1:])
-    half = None if plot.half is None else plot.half[kept]
-    return t[kept], replace(plot, values=plot.values[kept], half=half)
+    is_repeat = (bits[1:] == bits[:-1]).all(axis=1)
+    is_kept = np.ones(len(t), bool)
+    is_kept[1:-1] = ~(is_repeat[:-1] & is_repeat[1:])
+    half_width = None if plot.half_width is None else plot.half_width[is_kept]
+    return t[is_kept], replace(plot, values=plot.values[is_kept], half_width=half_width)

@@ -37,9 +37,13 @@ class Said(NamedTuple):
 
 
 def write_stops(
-    path: Path, name: str, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands],
+    path: Path,
+    name: str,
+    stops: Sequence[Stop],
+    weight: float,
+    bands: Mapping[str, Bands],
     said: Said,
-) -> None:  # fmt: skip
+) -> None:
     """Write stops of one train under several controllers, side by side, a tab for each axle.
 
     Args:
@@ -67,8 +71,8 @@ class _Stops:
 
     def send(self, rec: rr.RecordingStream) -> None:
         """Send everything."""
-        told = self.said.verdict.replace("`", "'")  # a log's words do not end the block
-        parts.send_text(rec, "verdict", f"```\n{told}\n```")
+        verdict_text = self.said.verdict.replace("`", "'")  # a log's words do not end the block
+        parts.send_text(rec, "verdict", f"```\n{verdict_text}\n```")
         parts.send_text(rec, "about", parts.settings_table(self.said.settings))
         colours = {x.controller: palette.rgba(palette.of_method(x.controller)) for x in self.stops}
         start = int(self.stops[0].t[0])
@@ -84,7 +88,7 @@ class _Stops:
                 self._send_axle(rec, f"{stop.controller}/axle/{i + 1}", stop, i)
 
     def _send_axle(self, rec: rr.RecordingStream, path: str, stop: Stop, i: int) -> None:
-        shown = {
+        series = {
             "speed": [
                 ("train", parts.TRAIN, stop.train_speed * 3.6),
                 ("wheel", parts.WHEEL, stop.rim_speed[:, i] * 3.6),
@@ -105,26 +109,30 @@ class _Stops:
             "slope": [("slope dµ/ds", parts.SLOPE, stop.slope[:, i])],
             "confidence": [("confidence", parts.REFERENCE, stop.confidence[:, i])],
         }
-        for name, columns in shown.items():
+        for name, columns in series.items():
             plot = parts.lines(name, columns)
             parts.send_plot(rec, f"{path}/{name}", _since_start, stop.t, plot)
 
-        over = np.append(stop.t, 2 * stop.t[-1] - stop.t[-2])  # a state lasts until the next
+        times_extended = np.append(
+            stop.t, 2 * stop.t[-1] - stop.t[-2]
+        )  # a state lasts until the next
         for name, codes, states in (
             ("valve", stop.valve, parts.VALVES),
             ("region", stop.region, parts.REGION_STATES),
             ("wheel", stop.sliding(), parts.WHEELS),
-        ):  # fmt: skip
+        ):
             lane = f"{path}/state/{name}"
-            parts.send_states(rec, lane, _since_start, over, np.append(codes[:, i], -1), states)
+            parts.send_states(
+                rec, lane, _since_start, times_extended, np.append(codes[:, i], -1), states
+            )
 
         bands = self.bands.get(stop.controller)
         if bands:
-            for name, low, high in (
+            for name, lower, upper in (
                 ("judged", 100.0 * bands.slip_low, 100.0 * bands.slip_high),
                 ("slope", bands.slope_low, bands.slope_high),
             ):
-                parts.send_band(rec, f"{path}/{name}", _since_start, stop.t, low, high)
+                parts.send_band(rec, f"{path}/{name}", _since_start, stop.t, lower, upper)
         slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
         peak = stop.peak_slip[:, i], stop.peak[:, i] / self.weight
         send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, bands, peak, judged=_AHEAD)
@@ -133,48 +141,53 @@ class _Stops:
         """Tabs: the verdict, one per axle with a column per controller, the settings."""
         speed = parts.chart("train", "Train speed [km/h]"), parts.names_view("lines")
         verdict = rrb.TextDocumentView(origin="verdict", name="Verdict")
-        first = rrb.Vertical(
+        first_tab = rrb.Vertical(
             verdict, rrb.Horizontal(*speed, column_shares=[8, 1]), row_shares=[1, 1], name="Verdict"
         )
         axles = (self._axle_tab(i + 1) for i in range(self.stops[0].pressure.shape[1]))
-        return rrb.Tabs(first, *axles, rrb.TextDocumentView(origin="about", name="Settings"))
+        return rrb.Tabs(first_tab, *axles, rrb.TextDocumentView(origin="about", name="Settings"))
 
     def _axle_tab(self, axle: int) -> rrb.Container:
         """Two tabs: where the wheel and its brake were, and what the unit made of it."""
-        wheel, judged, i, every = [], [], axle - 1, self.stops
-        speed = parts.span_of([x.train_speed * 3.6 for x in every], [])  # the same range in each
-        pressures = [x * 1e-5 for s in every for x in (s.demand, s.pressure[:, i])]
+        wheel, judged, i, all_stops = [], [], axle - 1, self.stops
+        speed = parts.span_of(
+            [x.train_speed * 3.6 for x in all_stops], []
+        )  # the same range in each
+        pressures = [x * 1e-5 for s in all_stops for x in (s.demand, s.pressure[:, i])]
         pressure = parts.span_of(pressures, [])
-        forces = [s.force[:, i] for s in every]
+        forces = [s.force[:, i] for s in all_stops]
         top = 1.2 * max(float(np.nanmax(F)) for F in forces)  # what dry rail gives is far more
-        near = [np.minimum(s.peak[:, i], top) for s in every]
-        known = [np.clip(s.estimate[:, i], -0.1 * top, top) for s in every]  # locked: anything
-        force = parts.span_of([*forces, *near], known)
-        for stop in every:
-            who, path = stop.controller, f"{stop.controller}/axle/{axle}"
+        limited_peaks = [np.minimum(s.peak[:, i], top) for s in all_stops]
+        estimates = [
+            np.clip(s.estimate[:, i], -0.1 * top, top) for s in all_stops
+        ]  # locked: anything
+        force = parts.span_of([*forces, *limited_peaks], estimates)
+        for stop in all_stops:
+            title, path = stop.controller, f"{stop.controller}/axle/{axle}"
             views = [
-                parts.chart(f"{path}/speed", f"{who}: speed [km/h], {_SPEEDS}", speed),
-                parts.chart(f"{path}/pressure", f"{who}: pressure [bar], {_PRESSURES}", pressure),
-                parts.states_view(f"{path}/state", f"{who}: valves, region on the curve, wheel"),
-                curve_view(f"{path}/slip", who),
+                parts.chart(f"{path}/speed", f"{title}: speed [km/h], {_SPEEDS}", speed),
+                parts.chart(f"{path}/pressure", f"{title}: pressure [bar], {_PRESSURES}", pressure),
+                parts.states_view(f"{path}/state", f"{title}: valves, region on the curve, wheel"),
+                curve_view(f"{path}/slip", title),
             ]
             wheel.append(rrb.Vertical(*views, row_shares=[2.6, 2.5, 2.6, 4.0]))
             views = [
-                parts.chart(f"{path}/force", f"{who}: force [N], {_FORCES}", force),
-                parts.chart(f"{path}/judged", f"{who}: slip [%], {_JUDGED}", _SLIPS),
-                *parts.slope_charts(path, who, stop.slope[:, i], self.bands.get(who)),
+                parts.chart(f"{path}/force", f"{title}: force [N], {_FORCES}", force),
+                parts.chart(f"{path}/judged", f"{title}: slip [%], {_JUDGED}", _SLIPS),
+                *parts.slope_charts(path, title, stop.slope[:, i], self.bands.get(title)),
             ]
             judged.append(rrb.Vertical(*views, row_shares=[2.0, 2.0, 2.0, 1.0]))
         return rrb.Tabs(
             rrb.Horizontal(*wheel, name="Wheel, valves, slip"),
-            rrb.Horizontal(*judged, name="Force, slip, slope"), name=f"Axle {axle}",
-        )  # fmt: skip
+            rrb.Horizontal(*judged, name="Force, slip, slope"),
+            name=f"Axle {axle}",
+        )
 
 
 def _widths(names: Sequence[str]) -> dict[str, float]:
     """Widths of lines that may coincide: the viewer draws by name, so the last is the thinnest."""
-    last = len(names) - 1
-    return {name: 1.5 + 2.0 * (last - i) for i, name in enumerate(sorted(names))}
+    last_column = len(names) - 1
+    return {name: 1.5 + 2.0 * (last_column - i) for i, name in enumerate(sorted(names))}
 
 
 def _since_start(t: Times) -> list[rr.TimeColumn]:

@@ -33,7 +33,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
 
 
 def test_of_a_run_and_itself_only_noise_is_left(pair: list[Run]) -> None:
-    for d in differences.every([pair[0], pair[0]]):
+    for d in differences.compare([pair[0], pair[0]]):
         assert (d.difference, d.alike) == (0.0, True)
         one = pair[0].axles[d.axle - 1].applications[0]
         noise = next(r.contribution_n for r in one.budget or () if r.quantity == "noise")
@@ -47,7 +47,7 @@ def test_of_a_run_and_itself_only_noise_is_left(pair: list[Run]) -> None:
 def test_the_uncertainty_is_that_of_drawn_errors(pair: list[Run]) -> None:
     """Errors of the parameters are drawn once for both runs, those of noise for each."""
     rng, n = np.random.default_rng(5), 400_000
-    found = {(d.axle, d.quantity): d for d in differences.every(pair)}
+    found = {(d.axle, d.quantity): d for d in differences.compare(pair)}
     for axle in (1, 2):
         ones = [run.axles[axle - 1].applications[0] for run in pair]
         of = [{row.quantity: row for row in one.budget or ()} for one in ones]
@@ -75,8 +75,8 @@ def test_what_runs_state_differently_does_not_cancel(pair: list[Run], tmp_path: 
     run = made(tmp_path / "x.mcap", other, axles=2, n=4500)
     assert differences.same_vehicle(pair[0], pair[1])
     assert not differences.same_vehicle(pair[0], run)
-    same = {d[:4]: d for d in differences.every(pair)}
-    for d in differences.every([pair[0], run]):
+    same = {d[:4]: d for d in differences.compare(pair)}
+    for d in differences.compare([pair[0], run]):
         if d.quantity == "force":
             assert d.u95 > 3.0 * same[d[:4]].u95
 
@@ -109,7 +109,7 @@ def test_brackets_are_explained_only_where_there_are_some(pair: list[Run]) -> No
 
 def test_axles_that_only_one_run_has_are_left_out(pair: list[Run], tmp_path: Path) -> None:
     run = made(tmp_path / "x.mcap", axles=1, n=3000)
-    assert {d.axle for d in differences.every([run, pair[1]])} == {1}
+    assert {d.axle for d in differences.compare([run, pair[1]])} == {1}
     assert differences.unpaired([run, pair[1]])
     assert not differences.unpaired(pair)
 
@@ -133,7 +133,7 @@ def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
 
 
 def test_a_small_difference_has_the_digits_of_its_uncertainty(pair: list[Run]) -> None:
-    found = [d for d in differences.every([pair[0], pair[0]]) if d.quantity == "coefficient"]
+    found = [d for d in differences.compare([pair[0], pair[0]]) if d.quantity == "coefficient"]
     for d, row in zip(found, comparison._rows(found), strict=True):
         shown = float(row["Adhesion coefficient, mean"].split()[3])
         assert shown == pytest.approx(d.u95, rel=0.06)

@@ -201,9 +201,9 @@ def test_words_of_a_log_never_become_markup(tmp_path: Path) -> None:
 
 
 def test_findings_stand_with_their_explanation(run: Run, text: str) -> None:
-    (told,) = [of for of in words.told(run.findings) if of.code == "gap"]
+    (told,) = [of for of in words.finding_groups(run.findings) if of.code == "gap"]
     assert told.severity == "warning"
-    assert {name for name, _ in told.parts} >= {"Cause", "Effect on the result", "What to do"}
+    assert {name for name, _ in told.sections} >= {"Cause", "Effect on the result", "What to do"}
     assert told.lines[0][0] == "speed 2"
     links = {a.get("href") for tag, a in Elements(text).elements if tag == "a"}
     assert "#finding-gap" in links  # on the first screen, as it is a warning
@@ -240,7 +240,7 @@ def test_a_speed_that_the_log_does_not_have_is_not_called_that_of_the_train(run:
     for of in (run, replace(run, findings=[made])):
         drawn = Figures()
         shown = drawn.of_run(of)
-        every = drawn.at([*shown.overview, *shown.axles[1]])
+        every = drawn.figures_of([*shown.overview, *shown.axles[1]])
         items = [i for fig in every for legend in fig.legend for i in legend.items]
         labels.append({i.label.value for i in items})
     assert "train" in labels[0]
@@ -292,7 +292,7 @@ def test_the_band_has_no_height_where_nothing_is_known(run: Run) -> None:
     drawn = Figures()
     places = drawn.of_run(replace(run, axles=(of,))).axles[axle.number]
     (area,) = [
-        r for fig in drawn.at(places) for r in fig.renderers if isinstance(r.glyph, VArea)
+        r for fig in drawn.figures_of(places) for r in fig.renderers if isinstance(r.glyph, VArea)
     ]  # fmt: skip
     t, low, high = (np.asarray(area.data_source.data[k], float) for k in ("t", "lower", "upper"))
     known = np.isfinite(low)  # Bokeh's area goes past the others
