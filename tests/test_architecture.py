@@ -22,11 +22,17 @@ def test_the_contracts_between_packages_hold() -> None:
 
 
 def test_no_function_is_longer_than_a_screen() -> None:
+    """Below its signature and its docstring, which state shapes, units and errors a line each."""
+
+    def body_lines(node: ast.FunctionDef) -> int:
+        first = node.body[1 if ast.get_docstring(node) and len(node.body) > 1 else 0]
+        return (node.end_lineno or 0) - first.lineno
+
     long = [
         f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
         for path in sorted(ROOT.glob("adhesion_cli/**/*.py"))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno >= 60
+        if isinstance(node, ast.FunctionDef) and body_lines(node) >= 60
     ]
     assert not long
 

@@ -146,10 +146,10 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
         """The guesses of this meaning whose names have such a word, and the others."""
         indices = [i for i in guesses if meant[i].meaning == meaning]
         fields = {i: meant[i].field for i in indices}
-        name_words = {
+        words_by_index = {
             i: name_words(f"{f.channel} {f.path} {f.label} {f.group}") for i, f in fields.items()
         }
-        named = [i for i in indices if word_of_kind(kind, name_words[i])]
+        named = [i for i in indices if word_of_kind(kind, words_by_index[i])]
         return named, [i for i in indices if i not in set(named)]
 
     named, unqualified = split("pressure", "cylinder")

@@ -10,12 +10,12 @@ from ..analysis import outputs
 from ..analysis.outputs import Pair
 from ..analysis.outputs import named as named
 from ..analysis.outputs import stem as stem
-from ..core.summary import FailedLog, ResultSummary
 from .options import Shared, check, check_settings, places
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
     from ..core.model import Result
+    from ..core.summary import FailedLog, ResultSummary
     from ..results.rrd.results import Note
 
 Attach = Callable[[Path, Path], None]
@@ -53,6 +53,7 @@ def analysed_or_failed(
         UserError: as `analysed`; for a log that fails with --strict; where every log fails.
     """
     from ..core.errors import as_user_error
+    from ..core.summary import FailedLog
 
     analyze = _analyzer(shared, logs, paths, train_speed=True)
     outcomes: list[Result | FailedLog] = []
@@ -74,7 +75,7 @@ def analysed_or_failed(
     return outcomes
 
 
-def show_failed(failed: Sequence[FailedLog]) -> None:
+def show_failed(failed: "Sequence[FailedLog]") -> None:
     """The failed logs on stderr, each with error and hint."""
     from . import terminal
 
@@ -102,7 +103,7 @@ def write(
     shared: Shared,
     results: "Sequence[Result]",
     sets: Sequence[Sequence[Path]],
-    summaries: Sequence[ResultSummary],
+    summaries: "Sequence[ResultSummary]",
     slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
     attachments: Mapping[Path, Attach] = MappingProxyType({}),
 ) -> None:

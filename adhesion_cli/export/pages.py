@@ -91,7 +91,8 @@ def readme(facts: Facts) -> str:
         title,
         f"Made by adhesion {interface.version}: C99, `{interface.number.c}`. "
         f"The C is translated from the Python source of {kind}. "
-        "The caller owns all memory. There is no allocation, no global variable and no unbounded loop.\n",
+        "The caller owns all memory. "
+        "There is no allocation, no global variable and no unbounded loop.\n",
         _files(interface),
         _usage(interface),
         _statuses(facts),

@@ -225,42 +225,28 @@ def _vehicle(
     C, M = gain * S
     piston = d.top / force_line(v).per_pascal * math.pi * v.cylinder_diameter.value**2 / 4.0
     x = posterior.mean
-    speed, fade0 = d.mean, prior[model.FADE]
+    speed = d.mean
     phi = v.friction.value * model.friction_share(v, speed)
     friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
     spring = max(v.spring_force.value + piston * float(x[model.OFFSET]), 0.0)
     kappa0, kappa = (math.exp(y) for y in (prior[model.STIFFNESS].value, x[model.STIFFNESS]))
+    spring_u = piston * prior[model.OFFSET].tolerance
+    kappa_u = kappa0 * prior[model.STIFFNESS].tolerance
+
+    def unscaled(place: int, unit: str) -> tuple[int, float, float, float, float, str]:
+        return place, 1.0, *prior[place], float(x[place]), unit
+
     # name: place in `joint`, factor to its unit, prior, 1 sigma of it, posterior
     table: dict[str, tuple[int, float, float, float, float, str]] = {
         "force_over_mass": (0, math.exp(S), 1.0, math.sqrt(scale_variance), math.exp(S), "-"),
         "friction": (n, friction, phi, phi * math.sqrt(stated_covariance[0, 0]), friction, "-"),
         "axle_mass": (n + 1, m, *v.axle_mass, m, "kg"),
-        "spring_force": (
-            model.OFFSET,
-            piston,
-            v.spring_force.value,
-            piston * prior[model.OFFSET].tolerance,
-            spring,
-            "N",
-        ),
-        "friction_fade": (model.FADE, 1.0, *fade0, float(x[model.FADE]), "s/m"),
-        "pressure_delay": (model.DELAY, 1.0, *prior[model.DELAY], float(x[model.DELAY]), "s"),
-        "creep_stiffness": (
-            model.STIFFNESS,
-            kappa,
-            kappa0,
-            kappa0 * prior[model.STIFFNESS].tolerance,
-            kappa,
-            "-",
-        ),
-        "running_resistance": (
-            model.RESISTANCE,
-            1.0,
-            *prior[model.RESISTANCE],
-            float(x[model.RESISTANCE]),
-            "m/s²",
-        ),
-        "air_drag": (model.DRAG, 1.0, *prior[model.DRAG], float(x[model.DRAG]), "1/m"),
+        "spring_force": (model.OFFSET, piston, v.spring_force.value, spring_u, spring, "N"),
+        "friction_fade": unscaled(model.FADE, "s/m"),
+        "pressure_delay": unscaled(model.DELAY, "s"),
+        "creep_stiffness": (model.STIFFNESS, kappa, kappa0, kappa_u, kappa, "-"),
+        "running_resistance": unscaled(model.RESISTANCE, "m/s²"),
+        "air_drag": unscaled(model.DRAG, "1/m"),
     }
     places = [place for place, *_ in table.values()]
     sigma = np.sqrt(np.maximum(np.diag(joint), 1e-30))

@@ -272,12 +272,8 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
     length.
     """
     n, M = len(t), len(follow)
-    mixture, updated, pair, W = (
-        np.empty((M, 6)),
-        np.empty((M, 6)),
-        np.empty((M, M, 5)),
-        np.empty((M, M)),
-    )
+    mixture, updated = np.empty((M, 6)), np.empty((M, 6))
+    pair, W = np.empty((M, M, 5)), np.empty((M, M))
     T, nu, half_chi2 = np.empty((M, M)), np.empty((M, M)), np.empty((M, M))
     for j in range(M):
         mixture[j, 0], mixture[j, 1] = y[0], 0.0
@@ -294,14 +290,8 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
         smallest = math.inf
         for i in range(M):
             # Loaded once: what is stored below might change `now`, for all the compiler knows.
-            f0, f1, F00, F01, F11 = (
-                mixture[i, 0],
-                mixture[i, 1],
-                mixture[i, 2],
-                mixture[i, 3],
-                mixture[i, 4],
-            )
-            p = mixture[i, 5]
+            f0, f1, p = mixture[i, 0], mixture[i, 1], mixture[i, 5]
+            F00, F01, F11 = mixture[i, 2], mixture[i, 3], mixture[i, 4]
             for j in range(M):
                 q = rough[j] + (coupling * abs(ds) / h if j == 0 else 0.0)
                 m0, m1, P00, P01, P11 = _predict(f0, f1, F00, F01, F11, h, gain, ds, follow[j], q)
@@ -393,13 +383,8 @@ def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
 ) -> None:
     """Backward pass over what `_filter` kept; fills out (n, 4): level, its sigma, δ, its sigma."""
     n, M = len(t), len(follow)
-    mixture, updated, pair, W = (
-        states[n - 1].copy(),
-        np.empty((M, 6)),
-        np.empty((M, M, 5)),
-        np.empty((M, M)),
-    )
-    T = np.empty((M, M))
+    mixture, updated = states[n - 1].copy(), np.empty((M, 6))
+    pair, W, T = np.empty((M, M, 5)), np.empty((M, M)), np.empty((M, M))
     last_h = -1.0
     for k in range(n - 1, -1, -1):
         if k < n - 1:
@@ -412,13 +397,8 @@ def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
                 q = rough[j] + (coupling * abs(ds) / h if j == 0 else 0.0)
                 top = -math.inf
                 for i in range(M):  # before it
-                    f0, f1, F00, F01, F11 = (
-                        states[k, i, 0],
-                        states[k, i, 1],
-                        states[k, i, 2],
-                        states[k, i, 3],
-                        states[k, i, 4],
-                    )
+                    f0, f1 = states[k, i, 0], states[k, i, 1]
+                    F00, F01, F11 = states[k, i, 2], states[k, i, 3], states[k, i, 4]
                     m0, m1, P00, P01, P11 = _predict(
                         f0, f1, F00, F01, F11, h, gain, ds, follow[j], q
                     )

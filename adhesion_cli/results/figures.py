@@ -108,73 +108,60 @@ def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -
     """
     longest = max(float(s.t[-1]) * 1e-9 for s in stops)
     time, largest_demand = (0.0, longest), max(float(np.nanmax(s.demand)) for s in stops) * 1.05e-5
-    rows: list[list[Panel]] = [[], [], [], []]
-    for stop in stops:
-        t, controller, controller_bands = (
-            stop.t * np.float64(1e-9),
-            stop.controller,
-            bands.get(stop.controller),
+    columns = [
+        (
+            _speeds(stop, time),
+            _pressures(stop, time, largest_demand),
+            _operating_points(stop, weight, bands.get(stop.controller)),
+            _slope_of_stop(stop, time, bands.get(stop.controller)),
         )
-        slip, mu, bar = stop.slip[:, 0], stop.force[:, 0] / weight, stop.pressure[:, 0] * 1e-5
-        speeds = [
-            Line("train", t, stop.train_speed * 3.6, GREY),
-            Line("wheel", t, stop.rim_speed[:, 0] * 3.6, BLUE),
-        ]
-        rows[0].append(
-            Panel(f"{controller}: speed, axle 1", _TIME, "speed [km/h]", speeds, x_range=time)
-        )
-        pressures = [
-            Line("demand", t, stop.demand * 1e-5, GREY, dashed=True),
-            *(
-                Line(name, t, np.where(stop.valve[:, 0] == code, bar, np.nan), colour, dots=_DOT)
-                for name, code, colour in _OF_VALVE
-            ),
-        ]
-        rows[1].append(
-            Panel(
-                f"{controller}: cylinder, by valve",
-                _TIME,
-                "pressure [bar]",
-                pressures,
-                x_range=time,
-                y_range=(0.0, largest_demand),
-            )
-        )
-        points = [
-            Line("operating point", 100.0 * slip, mu, BLUE, dots=_DOT),
-            Line("the rail's peak", 100.0 * stop.peak_slip[:, 0], stop.peak[:, 0] / weight, RED),
-        ]
-        span = (
-            [
-                Band(
-                    "slip band",
-                    100.0 * controller_bands.slip_low,
-                    100.0 * controller_bands.slip_high,
-                    GREEN,
-                )
-            ]
-            if controller_bands
-            else []
-        )
-        slip_range = 0.0, 105.0 * min(float(np.nanmax(slip)), 1.0)
-        rows[2].append(
-            Panel(f"{controller}: µ over slip", _SLIP, _MU, points, x_range=slip_range, bands=span)
-        )
-        rows[3].append(
-            Panel(
-                f"{controller}: slope, confidence",
-                _TIME,
-                "[-]",
-                [
-                    Line("slope dµ/ds", t, stop.slope[:, 0], BLACK),
-                    Line("confidence", t, stop.confidence[:, 0], ORANGE),
-                ],
-                x_range=time,
-                y_range=(-0.3, 1.0),
-                bands=_slope_band(controller_bands) if controller_bands else [],
-            )
-        )
-    return [panel for row in rows for panel in row]
+        for stop in stops
+    ]
+    return [panel for row in zip(*columns, strict=True) for panel in row]
+
+
+def _speeds(stop: Stop, time: tuple[float, float]) -> Panel:
+    t = stop.t * np.float64(1e-9)
+    lines = [
+        Line("train", t, stop.train_speed * 3.6, GREY),
+        Line("wheel", t, stop.rim_speed[:, 0] * 3.6, BLUE),
+    ]
+    return Panel(f"{stop.controller}: speed, axle 1", _TIME, "speed [km/h]", lines, x_range=time)
+
+
+def _pressures(stop: Stop, time: tuple[float, float], largest_demand: float) -> Panel:
+    t, bar = stop.t * np.float64(1e-9), stop.pressure[:, 0] * 1e-5
+    lines = [Line("demand", t, stop.demand * 1e-5, GREY, dashed=True)]
+    for name, code, colour in _OF_VALVE:
+        pressure = np.where(stop.valve[:, 0] == code, bar, np.nan)
+        lines.append(Line(name, t, pressure, colour, dots=_DOT))
+    title, y_range = f"{stop.controller}: cylinder, by valve", (0.0, largest_demand)
+    return Panel(title, _TIME, "pressure [bar]", lines, x_range=time, y_range=y_range)
+
+
+def _operating_points(stop: Stop, weight: float, bands: Bands | None) -> Panel:
+    slip, mu = stop.slip[:, 0], stop.force[:, 0] / weight
+    lines = [
+        Line("operating point", 100.0 * slip, mu, BLUE, dots=_DOT),
+        Line("the rail's peak", 100.0 * stop.peak_slip[:, 0], stop.peak[:, 0] / weight, RED),
+    ]
+    spans = []
+    if bands:
+        spans = [Band("slip band", 100.0 * bands.slip_low, 100.0 * bands.slip_high, GREEN)]
+    slip_range = 0.0, 105.0 * min(float(np.nanmax(slip)), 1.0)
+    title = f"{stop.controller}: µ over slip"
+    return Panel(title, _SLIP, _MU, lines, x_range=slip_range, bands=spans)
+
+
+def _slope_of_stop(stop: Stop, time: tuple[float, float], bands: Bands | None) -> Panel:
+    t = stop.t * np.float64(1e-9)
+    lines = [
+        Line("slope dµ/ds", t, stop.slope[:, 0], BLACK),
+        Line("confidence", t, stop.confidence[:, 0], ORANGE),
+    ]
+    spans = _slope_band(bands) if bands else []
+    title = f"{stop.controller}: slope, confidence"
+    return Panel(title, _TIME, "[-]", lines, x_range=time, y_range=(-0.3, 1.0), bands=spans)
 
 
 _OF_SWEEP = (

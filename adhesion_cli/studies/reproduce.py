@@ -393,26 +393,16 @@ def panels(reproduction: Reproduction) -> list[Panel]:
     t, record, reference = _since_start(braked), braked.record, braked.reference
     assert record.pressure is not None
     radius = reproduction.results[2].vehicle.radius(record.axle).value
-    force, force_range = "adhesion force [kN]", (0.0, 8.0)
+    time, force, kilonewtons = "time [s]", "adhesion force [kN]", (0.0, 8.0)
     neso = 1e-3 * braked.estimates["neso"]
     return [
         Panel(
-            "Constant adhesion (Fig. 2)",
-            "time [s]",
-            force,
-            forces(constant, 4.0),
-            y_range=force_range,
+            "Constant adhesion (Fig. 2)", time, force, forces(constant, 4.0), y_range=kilonewtons
         ),
-        Panel(
-            "Varying adhesion (Fig. 3)",
-            "time [s]",
-            force,
-            forces(varying, 10.0),
-            y_range=force_range,
-        ),
+        Panel("Varying adhesion (Fig. 3)", time, force, forces(varying, 10.0), y_range=kilonewtons),
         Panel(
             "Field test, simulated (Fig. 5)",
-            "time [s]",
+            time,
             "speed [km/h], pressure [0.1 bar]",
             [
                 Line("wheel speed", t, 3.6 * radius * record.wheel_speed, BLUE),
@@ -423,7 +413,7 @@ def panels(reproduction: Reproduction) -> list[Panel]:
         Panel("Varying: lag", "frequency [Hz]", "lag [s]", over_frequency("lag_s"), log_x=True),
         Panel(
             "Field test, simulated (Fig. 6)",
-            "time [s]",
+            time,
             force,
             [
                 Line("reference", t, 1e-3 * reference.force, BLACK, dashed=True),

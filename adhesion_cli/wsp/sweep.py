@@ -91,12 +91,12 @@ def compared(
         by_law: stops by controller, the same in each place.
         average: as in `interval`.
     """
-    run = {law: [v.stopping_distance_m for v in stops] for law, stops in by_law.items()}
-    smallest = np.min(list(run.values()), axis=0)
-    is_unique = np.sum(np.array(list(run.values())) == smallest, axis=0) == 1
+    distances = {law: [v.stopping_distance_m for v in stops] for law, stops in by_law.items()}
+    smallest = np.min(list(distances.values()), axis=0)
+    is_unique = np.sum(np.array(list(distances.values())) == smallest, axis=0) == 1
     answers = {}
-    for law, runs in run.items():
-        saving = np.subtract(run["patent"], runs).tolist()
+    for law, runs in distances.items():
+        saving = np.subtract(distances["patent"], runs).tolist()
         first_share = float(np.mean((np.array(runs) == smallest) & is_unique))
         answers[law] = Compared(interval(saving, average) if law != "patent" else None, first_share)
     return answers

@@ -74,7 +74,7 @@ def followed(
 def test_a_replay_gives_what_analyze_gives(log: Path) -> None:
     settings = load()
     found, _ = followed(Replay(log, settings.read, 0.0), settings)
-    result = analyze(log, load)
+    result = analyze(log, load())
     assert sorted(found) == [a.record.axle for a in result.axles]
     for axle in result.axles:
         of = {s.t: s for s in found[axle.record.axle]}
@@ -146,7 +146,7 @@ def test_a_file_that_grows_and_begins_anew_is_followed(tmp_path: Path) -> None:
     assert t == pytest.approx([float(row.split(",")[0]) for row in text[1:161]])
     assert {one["status"] for one in second} == {"ok"}
     assert set(first[0]) >= {"t", "axle", "force_n", "coefficient", "u95_n", "algo", "status"}
-    again = analyze(tmp_path / "out" / "brake.live.mcap", load)
+    again = analyze(tmp_path / "out" / "brake.live.mcap", load())
     assert len(again.axles[0].record.t) == 160
 
 
@@ -241,7 +241,7 @@ def test_datagrams_are_taken_and_kept_through_a_kill(tmp_path: Path) -> None:
         process.kill()
     steps = np.diff([float(str(one["t"])) for one in seen])
     assert np.allclose(steps, 0.01)
-    kept = analyze(tmp_path / "out" / f"udp-127-0-0-1-{port}.live.mcap", load)
+    kept = analyze(tmp_path / "out" / f"udp-127-0-0-1-{port}.live.mcap", load())
     assert len(kept.axles[0].record.t) >= 200
 
 
@@ -278,7 +278,7 @@ def test_an_axle_that_boots_later_is_taken_in(tmp_path: Path) -> None:
     assert set(lines[0]) <= set(second[0])
     assert all(one["force_n"] is not None for one in second)
     stem = tmp_path / "out" / f"udp-127-0-0-1-{port}.live"
-    kept = {a.record.axle: a.record for a in analyze(stem.with_suffix(".live.mcap"), load).axles}
+    kept = {a.record.axle: a.record for a in analyze(stem.with_suffix(".live.mcap"), load()).axles}
     assert kept.keys() == {1, 2}
     assert len(kept[2].t) == len(second)
     times, force = recordings.column(
@@ -324,7 +324,7 @@ def test_times_before_zero_are_recorded(tmp_path: Path, then: tuple[float, ...])
     with record.open("rb") as file:
         (own,) = [m for m in make_reader(file).iter_metadata() if m.name.endswith("provenance")]
     assert own.metadata["time_shift_ns"] == "3000000000"
-    kept = analyze(record, load)
+    kept = analyze(record, load())
     assert len(kept.axles[0].record.t) == 500
     assert kept.log.start_ns() == 0
 
@@ -335,7 +335,7 @@ def test_the_file_goes_on_where_nobody_reads_the_lines(tmp_path: Path) -> None:
         assert process.stdout
         process.stdout.close()
         assert process.wait(timeout=120) == 0
-    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load)
+    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load())
     assert len(whole.axles[0].record.t) == 2601
 
 
@@ -348,7 +348,7 @@ def test_the_file_goes_on_where_the_reader_of_the_lines_stands_still(tmp_path: P
     dropped = re.search(r"--json: (\d+) lines were dropped", told)
     assert dropped
     assert 500 < int(dropped[1]) < 2596  # a pipe holds some hundred
-    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load)
+    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load())
     assert len(whole.axles[0].record.t) == 2601
 
 
@@ -361,7 +361,7 @@ def test_a_full_disk_ends_the_run_and_what_was_written_can_be_read(tmp_path: Pat
         assert str(failed["error"]).startswith("out/low-adhesion.live.mcap: cannot be written"), (
             told
         )
-        whole = analyze(disk / "out" / "low-adhesion.live.mcap", load)
+        whole = analyze(disk / "out" / "low-adhesion.live.mcap", load())
     assert [f.code for f in whole.findings if f.severity == "error"] == ["mcap-damaged"]
     kept = sum(len(a.record.t) for a in whole.axles)
     assert 100 < kept <= len(lines)
@@ -591,7 +591,7 @@ def test_faults_are_found_as_analyze_finds_them(
     tmp_path: Path, column: int, value: str | None, to: float, code: str, sees: float
 ) -> None:
     log = faulty(tmp_path, column, value, to)
-    assert code in {f.code for f in analyze(log, load).findings}
+    assert code in {f.code for f in analyze(log, load()).findings}
     with log.open() as rows, running(tmp_path, "-", "--json", "-a", "imm") as process:
         out, told = process.communicate(rows.read(), timeout=60)
     assert (process.returncode, code in told) == (3, True)

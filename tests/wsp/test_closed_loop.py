@@ -882,7 +882,7 @@ def test_a_receiver_of_1_hz_where_every_wheel_slides_has_no_known_delay(
         lines.append(f"{t[j]:.3f},{own}" + "".join(f",{x:.4f},{K:.1f}" for x, K in pairs))
     log = tmp_path / "gnss.csv"
     log.write_text("\n".join(lines) + "\n")
-    stated = settings.load(folder=False)(None, [])
+    stated = settings.load(folder=False)
     one = read(open_source(log, stated.read), (), vehicle)
     records = prepare(one, vehicle).records
     assert [record.train_speed_late for record in records] == [None] * 4
