@@ -175,7 +175,7 @@ import numpy as np
 from adhesion_cli.core import threads
 from adhesion_cli.core.model import Channel, Column, Log
 from adhesion_cli.results import csv, mcap, parquet, wide_table
-threads.most = 1  # each processor has buffers of its own
+threads.max_threads = 1  # each processor has buffers of its own
 mcap.CHUNK, wide_table._ROWS = 1 << 18, 1 << 14
 write_log = {".mcap": mcap, ".csv": csv, ".parquet": parquet}[path.suffix].write_log
 t = np.arange(n) * 10**6
@@ -193,7 +193,7 @@ WRITE_RESULT = """
 from made_results import result
 from adhesion_cli.core import threads
 from adhesion_cli.results import mcap, rrd
-threads.most = 1  # each processor has buffers of its own
+threads.max_threads = 1  # each processor has buffers of its own
 mcap.CHUNK, rrd.results._ROWS = 1 << 18, 1 << 12
 def write(n):
     whole = result(axles=1, n=n)

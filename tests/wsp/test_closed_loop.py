@@ -575,13 +575,15 @@ def test_a_wheel_is_a_witness_until_its_valves_move_and_again_when_it_has_run_up
         return x
 
     held = 3e3 / w.phi  # a brake that the rail's 3 kN just hold
-    assert after(x, 19.9, held, 3e3, APPLY, 100).given == 0.0
-    assert after(x, 19.0, held, 3e3, APPLY).given == 3e3  # it lags
+    assert after(x, 19.9, held, 3e3, APPLY, 100).recent_force == 0.0
+    assert after(x, 19.0, held, 3e3, APPLY).recent_force == 3e3  # it lags
     slides = after(x, 19.9, held, 3e3, HOLD)
-    assert slides.given == 3e3
-    assert after(slides, 19.0, held, 3e3, HOLD, 100).given == 3e3  # even, but all the rail gives
-    assert after(slides, 19.0, 0.3 * held, 2e3, HOLD, 20).given > 0.0  # less, but it runs up
-    assert after(slides, 19.9, 0.5 * held, 1.5e3, HOLD, 5).given == 0.0
+    assert slides.recent_force == 3e3
+    assert (
+        after(slides, 19.0, held, 3e3, HOLD, 100).recent_force == 3e3
+    )  # even, but all the rail gives
+    assert after(slides, 19.0, 0.3 * held, 2e3, HOLD, 20).recent_force > 0.0  # less, but it runs up
+    assert after(slides, 19.9, 0.5 * held, 1.5e3, HOLD, 5).recent_force == 0.0
 
 
 def test_same_seed_same_stop() -> None:

@@ -182,7 +182,7 @@ def test_a_refusal_says_what_is_missing_and_what_helps(
         result.log, result.vehicle, (result.axles[0], *result.axles[2:]), result.findings,
         result.settings,
     )  # fmt: skip
-    under = replay.replay_rail.under
+    under = replay.replay_rail.rail_under_axle
 
     def refused(axle: AxleResult, *of: Any) -> Any:
         with monkeypatch.context() as m:
