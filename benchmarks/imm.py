@@ -177,7 +177,9 @@ def compared(
         )  # fmt: skip
 
 
-def forward(run: smoother.Run, regimes: smoother.Regimes, noise: smoother.Noise) -> smoother.Smooth:
+def forward(
+    run: smoother.UnbrokenRun, regimes: smoother.Regimes, noise: smoother.MeasurementNoise
+) -> smoother.Smooth:
     """`smoother.smooth` from the samples so far."""
     kept = np.empty((len(run.t), len(regimes.follow), 6))
     smoother._forward(run, regimes, noise, kept)

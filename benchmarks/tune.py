@@ -67,7 +67,7 @@ def aim(law: str, x: Point, seed: int) -> float:
     """What is to be small, see above; infinite where a train does not stand at last."""
     found: list[Verdict] = []
     for speed in SPEEDS:
-        case = replace(scenario.load("slippery-stop"), train=scenario.Train(speed=speed))
+        case = replace(scenario.load("slippery-stop"), train=scenario.ScenarioTrain(speed=speed))
         try:
             stops = sweep.verdicts(case, RAILS, [law], [seed], settings=settings(x))
         except UserError:

@@ -109,7 +109,7 @@ def settings_page() -> str:
         *(
             f"## [{section}]\n\n{text}{_table(_annotated(of))}"
             for section, of, text in (
-                ("analysis", settings.Analysis, ""), ("slope", Params, _IN_LOOP),
+                ("analysis", settings.AnalysisSettings, ""), ("slope", Params, _IN_LOOP),
                 ("bands", Bands, "Of `slip`; those of `antiskid` stand in `[patent]`.\n\n"),
             )
         ),

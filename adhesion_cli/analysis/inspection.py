@@ -21,7 +21,7 @@ from .settings import Settings
 from .summarise import summarise_channel, summarise_finding
 
 
-class Inspection(NamedTuple):
+class LogInspection(NamedTuple):
     """One log, whatever is wrong with it."""
 
     summary: InspectedLog
@@ -30,7 +30,7 @@ class Inspection(NamedTuple):
     log: Log | None = None  # None where it cannot be read
 
 
-def inspect(path: Path, settings: Settings, debug: bool = False) -> Inspection:
+def inspect(path: Path, settings: Settings, debug: bool = False) -> LogInspection:
     """What is in a log, also where it cannot be read.
 
     Args:
@@ -48,12 +48,12 @@ def inspect(path: Path, settings: Settings, debug: bool = False) -> Inspection:
             path=str(path), format=kind(path) or None, status="error",
             error=user_error.text, hint=user_error.hint,
         )  # fmt: skip
-        return Inspection(summary, user_error.code)
+        return LogInspection(summary, user_error.code)
     assert inspection.log is not None
     return inspection._replace(log=replace(inspection.log, channels=()))
 
 
-def inspect_log(path: Path | Signals, settings: Settings) -> Inspection:
+def inspect_log(path: Path | Signals, settings: Settings) -> LogInspection:
     """What is in a log, with its channels.
 
     Raises:
@@ -76,7 +76,7 @@ def inspect_log(path: Path | Signals, settings: Settings) -> Inspection:
         channels=tuple(map(_inspect_channel, log.channels)),
         findings=tuple(map(summarise_finding, findings)),
     )
-    return Inspection(summary, 3 if any(f.lossy for f in findings) else 0, findings, log)
+    return LogInspection(summary, 3 if any(f.lossy for f in findings) else 0, findings, log)
 
 
 def _inspect_channel(c: Channel) -> InspectedChannel:

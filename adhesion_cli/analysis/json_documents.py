@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..wsp.plant import Track
     from ..wsp.replay import Answer, Case
     from ..wsp.scenario import Limit, Scenario
-    from ..wsp.sweep import Row
+    from ..wsp.sweep import SweepRow
 
 
 def tagged(kind: str, **body: Any) -> Json:
@@ -238,7 +238,7 @@ def sweep_document(
     seeds: int,
     algo: str,
     parameters: Mapping[str, Mapping[str, float]],
-    rows: "Sequence[Row]",
+    rows: "Sequence[SweepRow]",
 ) -> Json:
     """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None.
 

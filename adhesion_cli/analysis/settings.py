@@ -1,6 +1,6 @@
 """Settings: flag > `--set` > later `-c` > earlier `-c` > `./adhesion.toml` > default, checked once.
 
-The keys are the fields of `Vehicle`, of `ReadOptions`, `Mapping` and `Analysis`, and the
+The keys are the fields of `Vehicle`, of `ReadOptions`, `Mapping` and `AnalysisSettings`, and the
 parameters of each estimator and controller: nothing is listed here a second time.
 """
 
@@ -56,7 +56,7 @@ MEANINGS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Analysis:
+class AnalysisSettings:
     """What `analyze` does with a log once it is read."""
 
     reference: Annotated[str, Quantity("", "offline reference: smoother or butterworth")] = (
@@ -83,7 +83,7 @@ class Settings:
     vehicle: Vehicle = field(default_factory=Vehicle)
     mappings: tuple[Mapping, ...] = ()
     read: ReadOptions = field(default_factory=ReadOptions)
-    analysis: Analysis = field(default_factory=Analysis)
+    analysis: AnalysisSettings = field(default_factory=AnalysisSettings)
     slope: Params = field(default_factory=Params)
     bands: Bands = field(default_factory=Bands)
     overrides: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -370,10 +370,10 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
         **_files(_fields("can", tree.get("can", {}), CAN_KEYS)),
         **{k: v for k, v in read.items() if v is not None},
     }
-    kinds = {f.name: type(f.default) for f in dataclasses.fields(Analysis)}
+    kinds = {f.name: type(f.default) for f in dataclasses.fields(AnalysisSettings)}
     analysis = _fields("analysis", tree.get("analysis", {}), kinds)
     for name in analysis.keys() - {"reference"}:
-        quantities(Analysis)[name].check(f"analysis.{name}", analysis[name])
+        quantities(AnalysisSettings)[name].check(f"analysis.{name}", analysis[name])
     checks = tree.get("diagnostics", {})
     for name in checks.keys() - tunable().keys():
         raise unknown("check", f"diagnostics.{name}", [f"diagnostics.{k}" for k in tunable()])
@@ -381,7 +381,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
         _vehicle(tree.get("vehicle", {})),
         tuple(mappings),
         ReadOptions(**options),
-        Analysis(**analysis),
+        AnalysisSettings(**analysis),
         Params(**overrides.get("slope", {})),
         check_bands(bands, "bands"),
         overrides,

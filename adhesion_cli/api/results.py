@@ -488,7 +488,7 @@ class Inspection(_Tables):
     `to_arrow` and `to_pandas` give the tables ``channels`` and ``findings``.
     """
 
-    _inspected: inspection.Inspection
+    _inspected: inspection.LogInspection
     _tables = ("channels", "findings")
 
     @property
@@ -541,7 +541,7 @@ class Calibration(_Tables):
     `to_arrow` and `to_pandas` give the table ``parameters``.
     """
 
-    _calibration: calibrate.Calibration
+    _calibration: calibrate.CalibrationRun
     _tables = ("parameters",)
 
     @property

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..core.stop import Stop
     from ..wsp.plant import Track
     from ..wsp.scenario import Scenario
-    from ..wsp.sweep import Compared, Row
+    from ..wsp.sweep import Compared, SweepRow
     from ..wsp.wsp_controller import Settings as Stated
 
 TrainSpeed = Literal["measured", "axles"]
@@ -292,7 +292,7 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
             [outcome.text, _EPILOG, terminal.findings(outcome.findings, terminal.NARROW)]
         ).rstrip()
         origin["antiskid"] = {k: v for k, v in origin["antiskid"].items() if k != "controller"}
-        said = rrd.Said(verdict, origin)
+        said = rrd.StopTexts(verdict, origin)
         rrd.write_stops(recording, case.name, stops, weight, curve_bands, said)
         for place in places[len(stops) :]:
             draw(shared, place, title, of_stops(stops, weight, curve_bands))
@@ -355,10 +355,10 @@ def _verdicts(
     return table(["", *verdicts], rows, width=NARROW)
 
 
-def _rails(rows: "Sequence[Row]") -> str:
+def _rails(rows: "Sequence[SweepRow]") -> str:
     from .terminal import table
 
-    by_rail: dict[str, dict[str, Row]] = {}
+    by_rail: dict[str, dict[str, SweepRow]] = {}
     for r in rows:
         by_rail.setdefault(r.rail, {})[r.controller] = r
     sections = [

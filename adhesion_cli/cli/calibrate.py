@@ -18,7 +18,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..studies.calibrate import Calibration
+    from ..studies.calibrate import CalibrationRun
 
 
 @shared("config", "set_", "dbc", "json", "force", "strict", "figure")
@@ -63,7 +63,7 @@ def command(
     return 3 if terminal.lossy(calibration.findings) else 0
 
 
-def report(calibration: "Calibration") -> str:
+def report(calibration: "CalibrationRun") -> str:
     """The table prior → posterior, and the band before and after."""
     from ..studies.calibrate import as_rows
     from .terminal import folded, records

@@ -27,7 +27,7 @@ Json = dict[str, Any]  # what `json.dumps` takes
 T = TypeVar("T")
 
 
-class Column(NamedTuple):
+class FieldColumn(NamedTuple):
     """One number, text or truth value of a class, also deep inside of it."""
 
     name: str  # names of all fields on the way, joined with `_`
@@ -58,7 +58,7 @@ def from_json(cls: type[T], document: Mapping[str, Any]) -> T:
 
 
 @cache
-def columns(cls: Any) -> tuple[Column, ...]:
+def columns(cls: Any) -> tuple[FieldColumn, ...]:
     """The columns of a table whose rows are such objects; lists are left out.
 
     A pair of numbers, as the limits of an interval, gives two columns that end with `_low` and
@@ -123,7 +123,7 @@ def _read(hint: Any, value: Any) -> Any:
     return value
 
 
-def _columns(cls: type, unit: str, path: tuple[str, ...]) -> Iterator[Column]:
+def _columns(cls: type, unit: str, path: tuple[str, ...]) -> Iterator[FieldColumn]:
     for name in _names(cls):
         kind, quantity = _plain(_hints(cls)[name])
         unit_here, text = (quantity.unit, quantity.text) if quantity else (unit, "")
@@ -133,11 +133,11 @@ def _columns(cls: type, unit: str, path: tuple[str, ...]) -> Iterator[Column]:
         elif get_origin(kind) is tuple and len(get_args(kind)) == 2 and get_args(kind)[1] is float:
             for place, end in enumerate(("low", "high")):
                 full = (*here, str(place))
-                yield Column("_".join((*here, end)), float, unit_here, text, full)
+                yield FieldColumn("_".join((*here, end)), float, unit_here, text, full)
         elif isinstance(kind, type) and get_origin(kind) is None:
-            yield Column("_".join(here), kind, unit_here if kind is float else "", text, here)
+            yield FieldColumn("_".join(here), kind, unit_here if kind is float else "", text, here)
         elif get_origin(kind) not in (tuple, dict, Mapping):  # a Literal
-            yield Column("_".join(here), str, "", text, here)
+            yield FieldColumn("_".join(here), str, "", text, here)
 
 
 def _follow(value: Any, path: tuple[str, ...]) -> Any:

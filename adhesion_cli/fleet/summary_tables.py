@@ -5,7 +5,7 @@ from datetime import datetime
 from math import isfinite, nan
 
 from ..core.finding import catalogue
-from ..results.report.campaign import Bar, Bars, Campaign, Table
+from ..results.report.campaign import Bar, Bars, Campaign, PageTable
 from ..results.text_tables import number
 from .summary import Day, Distribution, FleetSummary, SettingsGroup, SlidApplication, SpeedBand
 
@@ -38,7 +38,7 @@ def head(fleet: FleetSummary) -> str:
     )
 
 
-def tables(fleet: FleetSummary) -> list[Table]:
+def tables(fleet: FleetSummary) -> list[PageTable]:
     """Adhesion by speed, settings and day, the worst slides, the findings; those with rows."""
     days = fleet.by_day
     scope = f", last {DAYS} of {len(days)} days" if len(days) > DAYS else ""
@@ -65,20 +65,20 @@ def tables(fleet: FleetSummary) -> list[Table]:
         for row in fleet.findings
     ]
     all_tables = (
-        Table(
+        PageTable(
             "Mean adhesion coefficient by mean speed of the application",
             speeds,
             figure=_by_speed(fleet.by_speed),
             note=_OF_SPREAD,
         ),
-        Table("By settings", vehicles, 2, _by_settings(fleet.by_settings)),
-        Table(
+        PageTable("By settings", vehicles, 2, _by_settings(fleet.by_settings)),
+        PageTable(
             f"By day{scope}",
             [{"day": r.day, **_spread(r)} for r in days[-DAYS:]],
             figure=_by_day(days),
         ),
-        Table(_WORST, list(map(_slid, fleet.worst_slides)), note=_OF_SLIDES),
-        Table(_FINDINGS, codes, 3),
+        PageTable(_WORST, list(map(_slid, fleet.worst_slides)), note=_OF_SLIDES),
+        PageTable(_FINDINGS, codes, 3),
     )
     return [table for table in all_tables if table.rows]
 
@@ -116,7 +116,7 @@ def verdict(fleet: FleetSummary) -> str:
     )
 
 
-def lists(fleet: FleetSummary) -> list[Table]:
+def lists(fleet: FleetSummary) -> list[PageTable]:
     """Failed logs with error and hint, and those whose numbers are doubtful; those with rows."""
     failed = [{k: str(v) for k, v in row.items()} for row in fleet.failed]
     check = [
@@ -125,13 +125,13 @@ def lists(fleet: FleetSummary) -> list[Table]:
     ]
     marks = [("slid", "severity")] * len(check)
     all_lists = (
-        Table("Failed logs", failed, 3),
-        Table("Damaged logs and suspect units", check, 4, links=_links(fleet), marks=marks),
+        PageTable("Failed logs", failed, 3),
+        PageTable("Damaged logs and suspect units", check, 4, links=_links(fleet), marks=marks),
     )
     return [table for table in all_lists if table.rows]
 
 
-def _on_page(table: Table, fleet: FleetSummary) -> Table:
+def _on_page(table: PageTable, fleet: FleetSummary) -> PageTable:
     """A table as the page has it: with titles of findings, and marks of doubtful logs."""
     if table.title == _FINDINGS:
         rows = [{**row, "finding": _title(row["finding"])} for row in table.rows]

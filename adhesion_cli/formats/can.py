@@ -20,7 +20,7 @@ from ..core.errors import UserError
 from ..core.model import Bools, Floats, Times
 from .can_files import Problems, blf_prefix, checked_lines
 from .source import Field, ReadOptions
-from .tables import YEAR_1990, Columns, Contents, Named, Note, Samples, fields
+from .tables import YEAR_1990, Columns, Contents, NamedColumn, Note, TableSamples, fields
 
 _NO_VALUE = re.compile(  # texts of a value table that say that there is no value
     r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
@@ -57,7 +57,7 @@ class _Frames:
         return np.unpackbits(octets, axis=1, bitorder="little")
 
 
-class _Signal(NamedTuple):
+class _CanSignal(NamedTuple):
     """A signal of the messages of a key, with its multiplexers."""
 
     key: _Key
@@ -86,7 +86,7 @@ class Reader:
         if not keys:
             raise self._nothing(messages, problems)
         self._signals = [
-            _Signal(key, messages[key.identifier, key.extended], signal)
+            _CanSignal(key, messages[key.identifier, key.extended], signal)
             for key in sorted(keys)
             for signal in messages[key.identifier, key.extended].signals
         ]
@@ -177,7 +177,7 @@ class Reader:
         for key, message, signal in self._signals:
             bus = f", CAN {key.bus + 1}" if len(buses) > 1 else ""
             group = f"{message.name}{bus}"
-            named.append(Named(group, signal.name, signal.unit or "", group))
+            named.append(NamedColumn(group, signal.name, signal.unit or "", group))
         return fields(named, "DBC")
 
     def read(self, wanted: Sequence[int]) -> Columns:
@@ -201,7 +201,7 @@ class Reader:
             value, no_value = _decoded(bits[key][rows], signal)
             too_short = 8 * sizes.astype(np.int64) <= max(_positions(signal))
             masks = {"value-missing": too_short, "value-is-text": no_value & ~too_short}
-            series.append(Samples(places[place], value, masks))
+            series.append(TableSamples(places[place], value, masks))
         return Columns(axes, series, [])
 
 
@@ -251,7 +251,8 @@ class FrameDecoder:
             return {}
         if id(message) not in self._fields:
             named = [
-                Named(message.name, s.name, s.unit or "", message.name) for s in message.signals
+                NamedColumn(message.name, s.name, s.unit or "", message.name)
+                for s in message.signals
             ]
             self._fields[id(message)] = list(
                 zip(message.signals, fields(named, "DBC"), strict=True)

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..core.errors import UserError, installed_by
 from .source import Field, ReadOptions
-from .tables import Columns, Contents, Note, Reader, Samples, TableSource
+from .tables import Columns, Contents, Note, Reader, TableSamples, TableSource
 
 _MEMORY = 3 << 30, 24  # bytes that reading a log may take, and for each byte of the file
 _SECONDS = 120, 2e-6  # of processor time, and for each byte of the file
@@ -75,7 +75,7 @@ class _Remote:
         header, arrays = self._ask(wanted=list(wanted))
         axes = [arrays.pop(0) for _ in range(header["axes"])]
         series = [
-            Samples(axis, arrays.pop(0), {code: arrays.pop(0) for code in masks})
+            TableSamples(axis, arrays.pop(0), {code: arrays.pop(0) for code in masks})
             for axis, masks in header["series"]
         ]
         return Columns(axes, series, [Note(**note) for note in header["notes"]])

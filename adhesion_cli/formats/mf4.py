@@ -11,7 +11,16 @@ import numpy as np
 from ..core.errors import UserError
 from ..core.model import Bools, Floats
 from .source import Field, ReadOptions
-from .tables import YEAR_1990, Columns, Contents, Named, Note, Samples, fields, nanoseconds
+from .tables import (
+    YEAR_1990,
+    Columns,
+    Contents,
+    NamedColumn,
+    Note,
+    TableSamples,
+    fields,
+    nanoseconds,
+)
 
 _EPOCH, _ZERO = datetime(1970, 1, 1), timedelta(0)
 _TIME = 1  # type of a master channel: time, and no angle, distance or index
@@ -22,7 +31,7 @@ _PLAIN_CONVERSIONS = {True: tuple(range(7)), False: (0, 1, 2, 6, 7, 8, 9, 10, 65
 _TEXTS = {True: (7, 8), False: (11, 12)}
 
 
-class _Place(NamedTuple):
+class _ChannelPlace(NamedTuple):
     """Where a channel is in the file."""
 
     group: int
@@ -46,7 +55,7 @@ class Reader:
             raise ValueError(text) from error
         self._new = self._mdf.version >= "4"
         self._start, zone = self._begin()
-        self._places: list[_Place] = []
+        self._places: list[_ChannelPlace] = []
         self._kept: dict[int, int] = {}  # whole rows of each group
         self._names: dict[int, str] = {}
         notes: list[Note] = []
@@ -70,7 +79,7 @@ class Reader:
                 if i == master:
                     continue
                 if self._is_number(group, i):
-                    self._places.append(_Place(g, i))
+                    self._places.append(_ChannelPlace(g, i))
                 else:
                     texts.append(channel.name)
         if timeless:
@@ -131,7 +140,7 @@ class Reader:
         for g, i in self._places:
             name = self._mdf.groups[g].channels[i].name or f"channel {i + 1}"
             unit = (self._mdf.get_channel_unit(group=g, index=i) or "").strip()
-            named.append(Named(self._names[g], name, unit, f"{g + 1} {self._names[g]}"))
+            named.append(NamedColumn(self._names[g], name, unit, f"{g + 1} {self._names[g]}"))
         return fields(named, "channel's unit")
 
     def _whole_rows(self, group: Any) -> tuple[int, str]:
@@ -209,7 +218,7 @@ class Reader:
                     masks["value-marked-invalid"] = np.asarray(signal.invalidation_bits, bool)[ok]
                 if text is not None:
                     masks["value-is-text"] = text[ok]
-                series[place] = Samples(a, value[ok], masks)
+                series[place] = TableSamples(a, value[ok], masks)
         return Columns(axes, [series[place] for place in places], notes)
 
 

@@ -13,7 +13,7 @@ from ..core.model import Bools, Floats, Times
 from ..core.text import distinct
 from . import time_columns
 from .source import Field, ReadOptions
-from .tables import Columns, Contents, Note, Samples, TableSource
+from .tables import Columns, Contents, Note, TableSamples, TableSource
 from .time_columns import HEAD
 
 _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
@@ -143,7 +143,7 @@ class Reader:
             value, null, bad = (
                 np.concatenate([piece.series[k][x] for piece in pieces]) for x in range(3)
             )
-            series.append(Samples(0, value, {"value-missing": null, "value-damaged": bad}))
+            series.append(TableSamples(0, value, {"value-missing": null, "value-damaged": bad}))
         return Columns([np.concatenate([piece.t for piece in pieces])], series, notes)
 
     def _column(self, group: int, name: str) -> Any:

@@ -68,7 +68,7 @@ class Contents:
         return self.start_ns >= YEAR_1990
 
 
-class Samples(NamedTuple):
+class TableSamples(NamedTuple):
     """One series: which time axis it has, its values, and masks over them, shape (n,)."""
 
     axis: int
@@ -80,7 +80,7 @@ class Columns(NamedTuple):
     """The wanted series, in their order, on the axes they name."""
 
     axes: list[Times]
-    series: list[Samples]
+    series: list[TableSamples]
     notes: list[Note]
 
 
@@ -167,7 +167,7 @@ def nanoseconds(seconds: Floats, start: int) -> tuple[Times, Bools]:
     return np.rint(np.where(ok, ticks, 0.0)).astype(np.int64) + start, ok
 
 
-class Named(NamedTuple):
+class NamedColumn(NamedTuple):
     """What a file says of one channel."""
 
     group: str  # with one time axis
@@ -176,7 +176,7 @@ class Named(NamedTuple):
     folder: str  # the group, distinct from others of its name
 
 
-def fields(named: Sequence[Named], unit_from: str) -> list[Field]:
+def fields(named: Sequence[NamedColumn], unit_from: str) -> list[Field]:
     """A field for each channel of numbers.
 
     Args:

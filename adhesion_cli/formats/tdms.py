@@ -13,7 +13,16 @@ from . import time_columns
 from .csv.clock import Clock
 from .prefix import Prefix
 from .source import Field, ReadOptions
-from .tables import YEAR_1990, Columns, Contents, Named, Note, Samples, fields, nanoseconds
+from .tables import (
+    YEAR_1990,
+    Columns,
+    Contents,
+    NamedColumn,
+    Note,
+    TableSamples,
+    fields,
+    nanoseconds,
+)
 
 _LEAD = 28  # bytes before each segment
 _UNFINISHED = 0xFFFF_FFFF_FFFF_FFFF  # length of a segment that the logger did not close
@@ -165,7 +174,7 @@ class Reader:
         named = []
         for c, axis in self._channels:
             folder = f"{axes.index((c.group_name, axis))} {c.group_name}"
-            named.append(Named(c.group_name, c.name or "(no name)", _unit(c), folder))
+            named.append(NamedColumn(c.group_name, c.name or "(no name)", _unit(c), folder))
         return fields(named, "channel's unit")
 
     def read(self, wanted: Sequence[int]) -> Columns:
@@ -191,7 +200,7 @@ class Reader:
                 axes.append(t[:n][ok[:n]])
             is_missing = np.arange(n)[ok[:n]] >= sample_count
             masks = {"value-damaged": is_missing} if sample_count < n else {}
-            series.append(Samples(places[key], value[:n][ok[:n]], masks))
+            series.append(TableSamples(places[key], value[:n][ok[:n]], masks))
         return Columns(axes, series, notes)
 
     def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:

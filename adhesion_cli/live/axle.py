@@ -34,7 +34,7 @@ Status = Literal[
 ]
 
 
-class Estimate(NamedTuple):
+class LiveEstimate(NamedTuple):
     """What an estimator says of a sample."""
 
     force: float  # [N]
@@ -48,7 +48,7 @@ class Estimate(NamedTuple):
         return Z95 * math.hypot(self.sigma, self.tolerance)
 
 
-class Sample(NamedTuple):
+class LiveSample(NamedTuple):
     """One sample of one axle, and what the estimators say of it; NaN is not known."""
 
     t: int  # [ns]
@@ -58,7 +58,7 @@ class Sample(NamedTuple):
     speed: float  # ω [rad/s]
     train: float  # [m/s]
     slip: float  # [-]
-    estimates: Mapping[str, Estimate]  # by name, empty without speed or pressure
+    estimates: Mapping[str, LiveEstimate]  # by name, empty without speed or pressure
     status: Status
     regime: str = ""  # rolling or sliding by the slip; without slip as `imm` says, or changing
 
@@ -102,7 +102,7 @@ class _Clock:
         return self.last is not None and (t - self.last) * 1e-9 <= self.limit
 
 
-class Axle:
+class LiveAxle:
     """An axle.
 
     Args:
@@ -175,7 +175,7 @@ class Axle:
         self._train = value
         self._speed_stuck.train(t, value)
 
-    def wheel(self, t: int, y: float, start: int) -> Sample | None:
+    def wheel(self, t: int, y: float, start: int) -> LiveSample | None:
         """A wheel speed [rad/s]; None where its stamp is not later than the one before."""
         if not self._in_order(t, start):
             return None
@@ -183,7 +183,7 @@ class Axle:
         v = self._train if self._run.fresh(t) else math.nan
         if self._speed_leaps.leaps(t, y):
             self._report("speed-outlier", t, start)
-            return Sample(
+            return LiveSample(
                 t, self.number, self._pressure, math.nan, y, v, math.nan, {}, "speed-outlier"
             )
         h = math.nan if self._used is None else (t - self._used) * 1e-9
@@ -196,12 +196,12 @@ class Axle:
         if status in ("no-pressure", "pressure-stuck", "speed-stuck"):
             self._states.clear()
             pressure = math.nan if status == "no-pressure" else self._pressure
-            return Sample(t, self.number, pressure, math.nan, y, v, slip, {}, status)
+            return LiveSample(t, self.number, pressure, math.nan, y, v, slip, {}, status)
         if not self._states:
             status = "start"
         estimates = {name: self._stepped(name, h, K, y) for name in self._algos}
         regime = self._regime(slip, y * self._wheelset.radius if math.isnan(v) else v)
-        return Sample(t, self.number, self._pressure, K, y, v, slip, estimates, status, regime)
+        return LiveSample(t, self.number, self._pressure, K, y, v, slip, estimates, status, regime)
 
     def _in_order(self, t: int, start: int) -> bool:
         """Whether the stamp of a wheel speed can be used; begins anew after a gap."""
@@ -267,13 +267,13 @@ class Axle:
         if fresh:
             self._lost, self._lasting["no-pressure"] = None, False
 
-    def _stepped(self, name: str, h: float, K: float, y: float) -> Estimate:
+    def _stepped(self, name: str, h: float, K: float, y: float) -> LiveEstimate:
         est, p = self._algos[name]
         state = estimator.advance(est, p, self._wheelset, self._states.get(name), h, K, y)
         self._states[name] = state
         if not est.has_sigma:
-            return Estimate(state.F, math.nan)
-        return Estimate(state.F, state.sigma, *self._tolerance(K, state.F, y))
+            return LiveEstimate(state.F, math.nan)
+        return LiveEstimate(state.F, state.sigma, *self._tolerance(K, state.F, y))
 
     def _tolerance(self, K: float, F: float, y: float) -> tuple[float, float]:
         """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""

@@ -18,14 +18,14 @@ T = TypeVar("T")
 AddSource = Callable[[Source], None]
 
 
-class Row(NamedTuple):
+class FeedRow(NamedTuple):
     """What was measured at one time."""
 
     t: int  # [ns]
     values: dict[int, float]  # by place among the wanted fields; NaN is no value
 
 
-def rows_of(columns: Mapping[int, Column]) -> Iterator[Row]:
+def rows_of(columns: Mapping[int, Column]) -> Iterator[FeedRow]:
     """The rows of columns, by places: in the order of time, or their own if one clock has all."""
     clocks: dict[int, dict[int, Column]] = {}
     for place, column in columns.items():
@@ -33,13 +33,13 @@ def rows_of(columns: Mapping[int, Column]) -> Iterator[Row]:
     return merge(*map(_rows, clocks.values()), key=lambda row: row.t)
 
 
-def _rows(columns: dict[int, Column]) -> Iterator[Row]:
+def _rows(columns: dict[int, Column]) -> Iterator[FeedRow]:
     """The rows of columns with one clock; a cell without a number has no value."""
     t = next(iter(columns.values())).t.tolist()
     values = {place: c.value.tolist() for place, c in columns.items()}
     valid = {place: c.valid for place, c in columns.items() if not c.valid.all()}
     for n, stamp in enumerate(t):
-        yield Row(
+        yield FeedRow(
             stamp,
             {p: x[n] for p, x in values.items() if p not in valid or valid[p][n]},
         )
@@ -62,7 +62,7 @@ class Feed(Protocol):
         """
         ...
 
-    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[FeedRow | None]:
         """The rows from the first on, as they arrive; None where none came for `TICK`.
 
         Args:

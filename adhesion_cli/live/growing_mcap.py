@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..formats.mcap.arriving import Arriving
+from ..formats.mcap.arriving import ArrivingMcap
 from ..formats.source import Field, ReadOptions, Source
-from .feed import PAUSE, TICK, AddSource, Row, rows_of
+from .feed import PAUSE, TICK, AddSource, FeedRow, rows_of
 
 
 class GrowingMcap:
@@ -22,7 +22,7 @@ class GrowingMcap:
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.name = str(path)
-        self._arriving = Arriving(path, options)
+        self._arriving = ArrivingMcap(path, options)
 
     def head(self) -> Source:
         """See `Feed`."""
@@ -35,7 +35,7 @@ class GrowingMcap:
             raise UserError(f"{self.name}: ended without a message", "check what records it")
         return self._arriving.head()
 
-    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[FeedRow | None]:
         """See `Feed`."""
         while True:
             columns = self._arriving.columns(wanted, add_source)

@@ -14,7 +14,7 @@ from ..core.finding import Finding
 from ..core.model import Column, Reject
 from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
 from ..formats.source import Field, ReadOptions
-from .feed import PAUSE, AddSource, Pump, Row
+from .feed import PAUSE, AddSource, FeedRow, Pump
 
 MOST_BYTES = 1 << 20  # of one message
 _DEEPEST, _MOST_VALUES = 8, 1000
@@ -104,16 +104,16 @@ class Messages:
         self._known |= dict.fromkeys(values)
         return True
 
-    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[FeedRow | None]:
         """See `Feed`."""
         place = {f: i for i, f in enumerate(wanted)}
 
-        def row(sample: Values) -> Row:
+        def row(sample: Values) -> FeedRow:
             t, values = sample
             if not self._known.keys() >= values.keys() and self._learn(values):
                 add_source(Fields(Path(self.name), list(self._known)))
                 place.update((f, i) for i, f in enumerate(wanted))
-            return Row(t, {place[f]: x for f, x in values.items() if f in place})
+            return FeedRow(t, {place[f]: x for f, x in values.items() if f in place})
 
         yield from map(row, self._first)
         self._first.clear()

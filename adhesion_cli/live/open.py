@@ -10,7 +10,7 @@ from . import bytes_arriving
 from .feed import Feed
 from .growing_mcap import GrowingMcap
 from .messages import Messages, lines
-from .table import Table
+from .table import LiveTable
 
 SOURCES = (
     "a growing CSV, JSON or MCAP file, - for standard input, udp://HOST:PORT, mqtt://HOST/TOPIC or "
@@ -72,4 +72,4 @@ def _text(pieces: bytes_arriving.Pieces, options: ReadOptions, path: Path | None
     if pieces.peek().startswith(b"{"):
         return Messages(pieces.name, lines(iter(pieces)), options)
     reopen = (lambda: bytes_arriving.growing(path)) if path else None
-    return Table(pieces, options, reopen)
+    return LiveTable(pieces, options, reopen)

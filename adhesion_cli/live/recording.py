@@ -15,10 +15,10 @@ from ..core.text import printable
 from ..results.mcap import GrowingResult
 from ..results.rrd.live import LiveRecording
 from ..results.samples import Samples
-from .axle import Estimate, Sample
+from .axle import LiveEstimate, LiveSample
 
 _WAITING_SAMPLES = 100_000  # samples that wait for a file before the sender has to
-_NOTHING = Estimate(float("nan"), float("nan"))
+_NOTHING = LiveEstimate(float("nan"), float("nan"))
 
 
 class Target(Protocol):
@@ -47,14 +47,14 @@ class Batches:
         self, target: Target, algos: Sequence[str], axles: Sequence[int], interval: float
     ) -> None:
         self._target, self._algos, self._axles, self._every = target, list(algos), axles, interval
-        self._waiting: list[Sample] = []
+        self._waiting: list[LiveSample] = []
         self._change = threading.Condition()
         self._ends = False
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
         with self._change:
             while len(self._waiting) > _WAITING_SAMPLES and not self._error:  # a slow disk
@@ -93,8 +93,8 @@ class Batches:
                 self._error = error
                 self._change.notify()
 
-    def _send(self, samples: Sequence[Sample]) -> None:
-        by_axle: dict[int, list[Sample]] = {axle: [] for axle in self._axles}
+    def _send(self, samples: Sequence[LiveSample]) -> None:
+        by_axle: dict[int, list[LiveSample]] = {axle: [] for axle in self._axles}
         for s in samples:
             by_axle.setdefault(s.axle, []).append(s)  # an axle may begin later
         if batch := {n: columns(rows, self._algos) for n, rows in by_axle.items() if rows}:
@@ -188,7 +188,7 @@ class LiveView:
             self._tell(getattr(error, "strerror", None) or str(error))
 
 
-def columns(samples: Sequence[Sample], algos: Sequence[str]) -> Samples:
+def columns(samples: Sequence[LiveSample], algos: Sequence[str]) -> Samples:
     """The samples of one axle as columns."""
     pressure, clamping, speed, train, slip = (
         np.array([getattr(s, name) for s in samples], np.float64)

@@ -7,7 +7,7 @@ from pathlib import Path
 from ..core.finding import Finding
 from ..formats.open import open_source
 from ..formats.source import Field, ReadOptions, Source
-from .feed import TICK, AddSource, Row, rows_of
+from .feed import TICK, AddSource, FeedRow, rows_of
 
 
 class Replay:
@@ -27,7 +27,7 @@ class Replay:
         """See `Feed`."""
         return self._source
 
-    def rows(self, wanted: list[Field], _: AddSource) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], _: AddSource) -> Iterator[FeedRow | None]:
         """See `Feed`."""
         all_rows = rows_of(dict(enumerate(self._source.columns(wanted))))
         begin, first_stamp = time.monotonic(), None

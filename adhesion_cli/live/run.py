@@ -11,9 +11,9 @@ from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..diagnostics.diagnosis import sensor_thresholds
 from ..formats.source import Source
-from .axle import Axle, Measuring, Sample
-from .feed import Feed, Row
-from .wheels import Places, Wheels
+from .axle import LiveAxle, LiveSample, Measuring
+from .feed import Feed, FeedRow
+from .wheels import LiveWheels, Places
 
 _SPANS = 20  # of a finding that grows
 
@@ -21,7 +21,7 @@ _SPANS = 20  # of a finding that grows
 class Sink(Protocol):
     """What takes samples."""
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[LiveSample]) -> None:
         """The samples of one row, in the order of the axles."""
         ...
 
@@ -85,18 +85,18 @@ class Tally:
         return list(self._kinds.values())
 
 
-def wheels_of(feed: Feed, settings: Settings, axles: Sequence[int]) -> Wheels:
+def wheels_of(feed: Feed, settings: Settings, axles: Sequence[int]) -> LiveWheels:
     """What a sender measures, by its header or its first messages; waits for them.
 
     Raises:
         UserError: where they cannot be understood.
     """
-    return Wheels(feed.head(), settings.mappings, settings.vehicle, axles)
+    return LiveWheels(feed.head(), settings.mappings, settings.vehicle, axles)
 
 
 def follow(
     feed: Feed,
-    wheels: Wheels,
+    wheels: LiveWheels,
     settings: Settings,
     algos: Mapping[str, tuple[Estimator, Any]],
     sinks: Sequence[Sink],
@@ -116,7 +116,7 @@ def follow(
         UserError: where the sender cannot be read on.
     """
     tally.add(wheels.findings)
-    start, axles = None, list[Axle]()
+    start, axles = None, list[LiveAxle]()
 
     def add_source(source: Source) -> None:
         tally.add(wheels.add_source(source))
@@ -125,7 +125,7 @@ def follow(
         tally.add(feed.findings())
         tally.add(wheels.lacking())
         for p in wheels.axles[len(axles) :]:
-            axles.append(Axle(_measuring(p, settings), settings.vehicle, algos))
+            axles.append(LiveAxle(_measuring(p, settings), settings.vehicle, algos))
         if row is not None:
             start = row.t if start is None else start
             if samples := axle_samples(row, wheels, axles, start):
@@ -146,7 +146,9 @@ def _measuring(p: Places, settings: Settings) -> Measuring:
     return Measuring(p.axle, analysis.slowest, analysis.max_gap, pressure, p.of_rim, thresholds)
 
 
-def axle_samples(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[Sample]:
+def axle_samples(
+    row: FeedRow, wheels: LiveWheels, axles: Sequence[LiveAxle], start: int
+) -> list[LiveSample]:
     """What the axles make of one row: the brake and the train first, then the wheel."""
     si, samples = wheels.si(row), []
     for p, axle in zip(wheels.axles, axles, strict=True):

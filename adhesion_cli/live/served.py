@@ -7,7 +7,7 @@ from ..core.errors import UserError, installed_by
 from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..results import descriptors
-from .axle import Sample
+from .axle import LiveSample
 
 _INSTALL = installed_by("live")
 _HOST = "127.0.0.1"  # nobody else is let in
@@ -73,7 +73,7 @@ class Served:
         """Where Foxglove finds it."""
         return f"ws://{_HOST}:{self._server.port}"
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
         for s in samples:
             topics = self._axle_topics(s.axle)

@@ -16,7 +16,7 @@ from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..core.text import drop_output
 from ..reference.budget import coefficient_u95
-from .axle import Estimate, Sample
+from .axle import LiveEstimate, LiveSample
 
 _STATE_INTERVAL = 0.2  # between two states of the line [s]
 _USUAL = 80  # columns of a terminal that does not say
@@ -51,7 +51,7 @@ class JsonLines:
             self._waiting = queue.Queue(_WAITING_ROWS)
             threading.Thread(target=self._run, args=(self._waiting,), daemon=True).start()
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
         if self._gone:
             return
@@ -77,8 +77,8 @@ class JsonLines:
             self._gone = True
             drop_output()
 
-    def _line(self, s: Sample, algo: str) -> str:
-        e = s.estimates.get(algo, Estimate(math.nan, math.nan))
+    def _line(self, s: LiveSample, algo: str) -> str:
+        e = s.estimates.get(algo, LiveEstimate(math.nan, math.nan))
         said: dict[str, Any] = {
             "axle": s.axle,
             "force_n": _or_null(e.force),
@@ -113,7 +113,7 @@ class Counts:
     def __init__(self) -> None:
         self._all, self._known = Counter[int](), Counter[int]()
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
         for s in samples:
             self._all[s.axle] += 1
@@ -151,7 +151,7 @@ class Waiting:
         self._timer.daemon = True
         self._timer.start()
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
         self._came = time.monotonic()
         if self._waits:
@@ -179,12 +179,12 @@ class StatusLine:
 
     def __init__(self, algo: str, vehicle: Vehicle) -> None:
         self._algo, self._vehicle = algo, vehicle
-        self._newest: dict[int, Sample] = {}
+        self._newest: dict[int, LiveSample] = {}
         self._count, self._since = 0, time.monotonic()
         self._rate, self._came = 0.0, 0.0
         self._drawn = False
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
         self._newest |= {s.axle: s for s in samples}
         self._count += len(samples)
@@ -220,7 +220,7 @@ class StatusLine:
             line = " | ".join([*(text for _, text in worst[:count]), *remainder])
         return line[: max(width, 0)]
 
-    def _axle(self, s: Sample, brief: bool = False) -> str:
+    def _axle(self, s: LiveSample, brief: bool = False) -> str:
         if not (e := s.estimates.get(self._algo)):
             return f"{s.axle}: {s.status.replace('-', ' ')}"
         u95 = coefficient_u95(e.u95, e.force, self._vehicle, e.mass)
@@ -254,7 +254,7 @@ def _columns() -> int:
         return shutil.get_terminal_size((_USUAL, 24)).columns
 
 
-def _badness(s: Sample) -> tuple[bool, float]:
+def _badness(s: LiveSample) -> tuple[bool, float]:
     """What an engineer looks at first: a sensor without a value, then the largest slip."""
     return not s.estimates, s.slip if math.isfinite(s.slip) else 0.0
 

@@ -8,17 +8,17 @@ from pathlib import Path
 
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..formats.csv.arriving import Arriving
+from ..formats.csv.arriving import ArrivingCsv
 from ..formats.csv.reader import CsvSource, open_csv
 from ..formats.source import Field, ReadOptions, Source
 from .bytes_arriving import Pieces
-from .feed import PAUSE, AddSource, Row
+from .feed import PAUSE, AddSource, FeedRow
 
 _HEAD_LINES = 20  # lines that show how a table is written
 _FEWEST = 4  # lines that must do where no more come for `PAUSE`
 
 
-class Table:
+class LiveTable:
     """Rows of a table of text.
 
     Args:
@@ -34,7 +34,7 @@ class Table:
         self._pieces, self._options, self._again = pieces, options, reopen
         self._head, self._restarts = b"", 0
         self._source: CsvSource | None = None
-        self._rows: Arriving | None = None
+        self._rows: ArrivingCsv | None = None
 
     def head(self) -> Source:
         """See `Feed`."""
@@ -64,17 +64,17 @@ class Table:
         source.table = replace(source.table, path=source.path)
         return source
 
-    def rows(self, wanted: list[Field], _: AddSource) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], _: AddSource) -> Iterator[FeedRow | None]:
         """See `Feed`."""
         assert self._source, "head comes first"
-        self._rows = Arriving(self._source, wanted)
-        yield from (Row(*row) for row in self._rows.rows(self._head))
+        self._rows = ArrivingCsv(self._source, wanted)
+        yield from (FeedRow(*row) for row in self._rows.rows(self._head))
         while True:
             for piece in self._pieces:
                 if piece is None:
                     yield None
                 else:
-                    yield from (Row(*row) for row in self._rows.rows(piece))
+                    yield from (FeedRow(*row) for row in self._rows.rows(piece))
             if not self._again:
                 return
             self._pieces = self._again()

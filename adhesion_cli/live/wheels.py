@@ -14,7 +14,7 @@ from ..core.finding import Finding
 from ..core.model import Vehicle
 from ..formats.source import Field, Source
 from ..records.choose import Key, axle_numbers, brake_of, find, incomplete
-from .feed import PAUSE, Row
+from .feed import PAUSE, FeedRow
 
 _COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 16, 24, 32))  # where counters start anew
 _LARGEST_TURN = 0.25  # of such a range in one interval: more is a reset
@@ -31,7 +31,7 @@ class Places(NamedTuple):
     of_rim: bool  # the wheel speed is ωR, and was divided by the vehicle's R
 
 
-class Wheels:
+class LiveWheels:
     """What a sender measures, by its fields.
 
     Args:
@@ -146,7 +146,7 @@ class Wheels:
             self._scales.append(_Total(factor, size) if total else _Scale(factor, unit.offset))
         return self._places[key]
 
-    def si(self, row: Row) -> dict[int, tuple[int, float]]:
+    def si(self, row: FeedRow) -> dict[int, tuple[int, float]]:
         """Time [ns] and value in SI of each place that has one."""
         values = {}
         for place, x in row.values.items():

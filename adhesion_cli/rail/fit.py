@@ -338,7 +338,7 @@ def fit(
     return _summarise_draws(points, setup, _rail(best.x), straight_draws, curves, scales)
 
 
-def _best(search: "_Search") -> "tuple[_Optimum, float] | None":
+def _best(search: "_FitSearch") -> "tuple[_Optimum, float] | None":
     """The best curve and the noise of μ; None where the residuals are too large."""
     p = search.setup.p
     level = _largest_mu(p)
@@ -431,7 +431,7 @@ class _Optimum(NamedTuple):
         return math.sqrt(float(self.residuals @ self.residuals) / len(self.residuals))
 
 
-class _Search(NamedTuple):
+class _FitSearch(NamedTuple):
     """Least squares of the residuals and of the prior."""
 
     setup: Setup
@@ -465,7 +465,7 @@ class _LocalSearch:
         start: the unknowns, shape (unknowns,).
     """
 
-    def __init__(self, search: _Search, sigma: float, start: Floats) -> None:
+    def __init__(self, search: _FitSearch, sigma: float, start: Floats) -> None:
         self._search, self._start = search, start
         self._errors, self._slopes = compiled.function(_errors), compiled.function(_slopes)
         setup, n = search.setup, len(search.setup.p.t)
@@ -538,12 +538,12 @@ class _LocalSearch:
         )
 
 
-def _search(setup: Setup) -> _Search:
+def _search(setup: Setup) -> _FitSearch:
     """The search among curves (3)."""
     size = len(_PRIOR_SIGMA) + 2
     prior_mean, prior_sigma = np.zeros(size), np.ones(size)
     prior_mean[:_RADIUS], prior_sigma[:_RADIUS] = _encode(_PRIOR_RAIL), _PRIOR_SIGMA
-    return _Search(setup, prior_mean, prior_sigma)
+    return _FitSearch(setup, prior_mean, prior_sigma)
 
 
 def _bend(p: Points) -> Bend:
@@ -555,7 +555,11 @@ def _bend(p: Points) -> Bend:
 
 
 def _draw_curves(
-    straight_search: _Search, sigma: float, draws: Floats, best: Floats, random: np.random.Generator
+    straight_search: _FitSearch,
+    sigma: float,
+    draws: Floats,
+    best: Floats,
+    random: np.random.Generator,
 ) -> Floats | None:
     """Draws among all curves, (3) or not, shape (draws, unknowns); None for points of two rails.
 

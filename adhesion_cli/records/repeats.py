@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..core.model import Bools, Channel, Floats
 
 
-class Runs(NamedTuple):
+class RepeatedRuns(NamedTuple):
     """Stretches of equal values without a gap, shape (k,)."""
 
     start: NDArray[np.int64]  # index of its first sample
@@ -31,7 +31,7 @@ class Runs(NamedTuple):
         return inside
 
 
-def runs(c: Channel) -> Runs:
+def runs(c: Channel) -> RepeatedRuns:
     """The stretches of a channel."""
     t, x = c.data.t, c.data.value
     changed = np.ones(len(t) + 1, dtype=np.bool_)
@@ -40,4 +40,4 @@ def runs(c: Channel) -> Runs:
     edges = np.flatnonzero(changed)
     start, final = edges[:-1], edges[1:] - 1
     leap = np.abs(np.append(x[start[1:]], np.inf) - x[final])
-    return Runs(start, final, x[start], (t[final] - t[start]) / 1e9, leap)
+    return RepeatedRuns(start, final, x[start], (t[final] - t[start]) / 1e9, leap)

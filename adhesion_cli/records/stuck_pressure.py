@@ -13,7 +13,7 @@ import numpy as np
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity
 from .faults import Fault
-from .repeats import Runs, runs
+from .repeats import RepeatedRuns, runs
 
 ABOUT = About("Stuck and saturated pressures", "the chance of equal samples of white noise")
 _SHORT_RUN = 30  # samples: so long a stretch is no noise
@@ -72,7 +72,7 @@ def _all_vary(p: Params, other_brakes: Sequence[Channel]) -> bool:
     return bool(other_brakes) and all(np.ptp(c.data.value) > p.varies * top for c in other_brakes)
 
 
-def _flat_top(p: Params, brake: Channel, equal_runs: Runs, silent: Bools) -> Bools:
+def _flat_top(p: Params, brake: Channel, equal_runs: RepeatedRuns, silent: Bools) -> Bools:
     """Silent stretches at the highest value, reached steeply or more than once; shape (k,)."""
     x = brake.data.value
     top = float(x.max())
@@ -84,7 +84,7 @@ def _flat_top(p: Params, brake: Channel, equal_runs: Runs, silent: Bools) -> Boo
     return flat
 
 
-def _range_ends_low(p: Params, brake: Channel, equal_runs: Runs) -> bool:
+def _range_ends_low(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> bool:
     """Whether the sensor reads nothing below its lowest value: it is there often, not by chance."""
     lowest, highest = float(brake.data.value.min()), float(brake.data.value.max())
     value = equal_runs.value[equal_runs.length < _SHORT_RUN]
@@ -92,7 +92,7 @@ def _range_ends_low(p: Params, brake: Channel, equal_runs: Runs) -> bool:
     return bool(near_lowest < _ENOUGH_SAMPLES or (value == lowest).sum() > 0.1 * near_lowest)
 
 
-def _silent(p: Params, brake: Channel, equal_runs: Runs) -> Bools:
+def _silent(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> Bools:
     """Stretches longer than the channel's noise allows, none where it has no noise; shape (k,).
 
     Noise is small changes up and down. Where there are steps, it is two of them at least: a quiet

@@ -15,7 +15,7 @@ from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity
 from .faults import Fault
 from .outliers import noise
-from .repeats import Runs, runs
+from .repeats import RepeatedRuns, runs
 
 ABOUT = About("Stuck speeds", "the other speeds of the train, or the usual effect of its brake")
 Indices = NDArray[np.int64]
@@ -158,7 +158,7 @@ def _relative_change(
     return change_share
 
 
-def _expected(p: Params, speed: Channel, clamping: Floats, equal_runs: Runs) -> Floats:
+def _expected(p: Params, speed: Channel, clamping: Floats, equal_runs: RepeatedRuns) -> Floats:
     """By how much K would have slowed the wheel within each stretch, by its own rate; (k,)."""
     t, y = speed.data.t, speed.data.value
     applied = (clamping > p.applied * np.nanmax(clamping, initial=0.0)) & (y > 0.0)

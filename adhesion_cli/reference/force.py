@@ -67,7 +67,7 @@ class RunEstimate(NamedTuple):
     squares: Floats | None = None  # normalised innovations squared, where the filter has a sample
 
 
-class Method(NamedTuple):
+class ReferenceMethod(NamedTuple):
     """A way to compute the reference."""
 
     source: str
@@ -228,14 +228,18 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         informative = [
             _pulse_means(r, x, run, counts) for r, x, run in zip(runs, ripples, wheel, strict=True)
         ]
-        fitted_to = [smoother.Run(*(column[::2].copy() for column in run)) for run in informative]
+        fitted_to = [
+            smoother.UnbrokenRun(*(column[::2].copy() for column in run)) for run in informative
+        ]
         rounding, slack, white = step**2 / 6.0 / counts**2, _COUNTER_SLACK, fitted_to
     else:
         informative = fitted_to = [_informative_samples(run) for run in wheel]
         rounding = float(np.mean([np.mean(r.wheel_speed_steps**2) for r in runs])) / 12.0
         slack, white = _SLACK, wheel
     noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
-    prior = smoother.Noise(noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0]))
+    prior = smoother.MeasurementNoise(
+        noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0])
+    )
     fitted, regimes = _fit_regimes(fitted_to, _step(wheel), scale, prior, slack)
     rates = [_rate(*pair, regimes, fitted) for pair in zip(wheel, informative, strict=True)]
     averaged, judged = 0.0, (fitted_to, fitted)
@@ -298,7 +302,10 @@ def _between_samples(c: _Clamping, rate: _Estimate, w: Wheelset) -> _Estimate:
 
 
 def _rate(
-    all_samples: smoother.Run, run: smoother.Run, regimes: smoother.Regimes, noise: smoother.Noise
+    all_samples: smoother.UnbrokenRun,
+    run: smoother.UnbrokenRun,
+    regimes: smoother.Regimes,
+    noise: smoother.MeasurementNoise,
 ) -> _Estimate:
     """ω̇ and its 1 sigma at the times of `all_samples`, estimated from `run`; shape (n,)."""
     x = smoother.smooth(run, regimes, noise)
@@ -324,12 +331,12 @@ def _sparse(runs: list[AxleRecord]) -> bool:
 
 
 def _probability_of_means(
-    instants: list[smoother.Run],
-    means: list[smoother.Run],
-    noise: smoother.Noise,
+    instants: list[smoother.UnbrokenRun],
+    means: list[smoother.UnbrokenRun],
+    noise: smoother.MeasurementNoise,
     regimes: smoother.Regimes,
-    prior: smoother.Noise,
-) -> tuple[float, smoother.Noise]:
+    prior: smoother.MeasurementNoise,
+) -> tuple[float, smoother.MeasurementNoise]:
     """Probability that readings are means since the one before, and the noise levels for that.
 
     The effect of K on ω̇ shows it: at once, or half an interval later.
@@ -350,14 +357,16 @@ def _mixture(instant_estimate: _Estimate, mean_estimate: _Estimate, share: float
     return chosen, np.sqrt((1.0 - share) * variances[0] + share * variances[1])
 
 
-def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> smoother.Run:
+def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> smoother.UnbrokenRun:
     """The run as a rolling wheel: ω̇ known from K except δ."""
     t = _seconds(run)
     u = -rolling_deceleration(w) * K
     input_variance = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
     y, own_variance = _remove_steps(t, run.wheel_speed, run.wheel_speed_steps)
     s = w.a * w.phi * w.rolling * K
-    return smoother.Run(t, y - ripple, u, s, input_variance**2, own_variance, np.zeros(len(t)))
+    return smoother.UnbrokenRun(
+        t, y - ripple, u, s, input_variance**2, own_variance, np.zeros(len(t))
+    )
 
 
 def _counts_together(run: AxleRecord) -> int:
@@ -410,7 +419,9 @@ def _pulses(run: AxleRecord) -> float:
     return pulses if pulses < _PULSES and (mean < step or _counts_together(run) > 0) else math.inf
 
 
-def _pulse_means(run: AxleRecord, ripple: Floats, rolling: smoother.Run, m: int) -> smoother.Run:
+def _pulse_means(
+    run: AxleRecord, ripple: Floats, rolling: smoother.UnbrokenRun, m: int
+) -> smoother.UnbrokenRun:
     """A counter's run in means over m samples, at their middle, of the level without ∫u.
 
     The only error is the rounding at both ends of a mean. A sample counts the interval before it,
@@ -429,7 +440,9 @@ def _pulse_means(run: AxleRecord, ripple: Floats, rolling: smoother.Run, m: int)
     input_variance = np.diff(np.interp(middle, t, np.cumsum(rolling.input_variance)), prepend=0.0)
     own_variance = np.full(len(y), run.wheel_speed_step**2 / 6.0 / m**2)
     s = np.interp(middle, t, rolling.s)
-    return smoother.Run(middle, y, np.zeros(len(y)), s, input_variance, own_variance, stop - start)
+    return smoother.UnbrokenRun(
+        middle, y, np.zeros(len(y)), s, input_variance, own_variance, stop - start
+    )
 
 
 def _integral(t: Floats, u: Floats) -> Floats:
@@ -485,7 +498,7 @@ def _remove_steps(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
     return np.where(dither, y, level), np.where(dither, variance, own_variance)
 
 
-def _informative_samples(run: smoother.Run, mean: bool = False) -> smoother.Run:
+def _informative_samples(run: smoother.UnbrokenRun, mean: bool = False) -> smoother.UnbrokenRun:
     """The informative samples, of the level without ∫u; the run itself if all are.
 
     A step of the smoother without a measurement would only blur its regimes. With `mean`, each
@@ -499,7 +512,7 @@ def _informative_samples(run: smoother.Run, mean: bool = False) -> smoother.Run:
     gained = np.mean([np.interp(x, t, _integral(t, run.u)) for x in (start, t)], axis=0)
     middle = (start + t) / 2.0
     input_variance = np.interp(middle, t, np.cumsum(run.input_variance))[informative]
-    return smoother.Run(
+    return smoother.UnbrokenRun(
         middle[informative],
         (run.y - gained)[informative],
         np.zeros(np.sum(informative)),
@@ -518,12 +531,12 @@ def _bend(x: Floats) -> Floats:
 
 
 def _fit_regimes(
-    runs: list[smoother.Run],
+    runs: list[smoother.UnbrokenRun],
     interval: float,
     scale: float,
-    prior: smoother.Noise,
+    prior: smoother.MeasurementNoise,
     slack: tuple[float, ...],
-) -> tuple[smoother.Noise, smoother.Regimes]:
+) -> tuple[smoother.MeasurementNoise, smoother.Regimes]:
     """Noise levels for a wheel that only rolls, or also slides if that is clearly more likely.
 
     A slow log only rolls: a slide of a few samples cannot be recognised.
@@ -545,12 +558,12 @@ def _fit_regimes(
 
 
 def _fit(
-    runs: list[smoother.Run],
+    runs: list[smoother.UnbrokenRun],
     regimes: smoother.Regimes,
-    prior: smoother.Noise,
+    prior: smoother.MeasurementNoise,
     slack: tuple[float, ...],
-    start_noise: smoother.Noise | None = None,
-) -> tuple[smoother.Noise, float]:
+    start_noise: smoother.MeasurementNoise | None = None,
+) -> tuple[smoother.MeasurementNoise, float]:
     """Noise levels of these regimes, the first of the prior, and their log posterior."""
     M = len(regimes.start)
     guess = prior._replace(rough=prior.rough[:M])
@@ -573,7 +586,9 @@ def _clamping(runs: list[AxleRecord]) -> list[_Clamping]:
     step = _step(all_pieces)
     floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
     rough = scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
-    guess = smoother.Noise(max(white_noise((r.t, r.y) for r in all_pieces), floor), 0.0, rough)
+    guess = smoother.MeasurementNoise(
+        max(white_noise((r.t, r.y) for r in all_pieces), floor), 0.0, rough
+    )
     regimes = smoother.Regimes(np.zeros(3), _SWITCHING_RATES, _START_PROBABILITIES, 3.0 * scale)
     prior = smoother.Prior(guess, [2.0, 0.0, 2.0, 2.0, 0.0], floor)
     noise, _ = smoother.fit(_sample(all_pieces), regimes, prior)
@@ -603,7 +618,7 @@ def _braked_spans(run: AxleRecord) -> list[slice]:
     return [s for s in spans if s.stop - s.start > 1]
 
 
-def _piece(run: AxleRecord, s: slice) -> smoother.Run:
+def _piece(run: AxleRecord, s: slice) -> smoother.UnbrokenRun:
     """The pressure's own samples of a piece, not those interpolated to the wheel's times.
 
     A slow pressure that repeats its value is taken as sampled as often as where it changes.
@@ -620,7 +635,9 @@ def _piece(run: AxleRecord, s: slice) -> smoother.Run:
             count = max(round((t[stop - 1] - t[start]) / interval), 1) + 1
             is_sample[start + np.round(np.linspace(0, stop - 1 - start, count)).astype(int)] = True
     is_sample[[0, -1]] = True
-    return smoother.Run((t - t[0])[is_sample], K[is_sample], *np.zeros((5, np.sum(is_sample))))
+    return smoother.UnbrokenRun(
+        (t - t[0])[is_sample], K[is_sample], *np.zeros((5, np.sum(is_sample)))
+    )
 
 
 def _line_error(t: Floats, knots: Floats, x: Floats) -> Floats:
@@ -636,12 +653,12 @@ def _seconds(run: AxleRecord) -> Floats:
     return since
 
 
-def _step(runs: list[smoother.Run]) -> float:
+def _step(runs: list[smoother.UnbrokenRun]) -> float:
     """Median interval [s]."""
     return float(np.median(np.concatenate([np.diff(r.t) for r in runs])))
 
 
-def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
+def _sample(runs: list[smoother.UnbrokenRun]) -> list[smoother.UnbrokenRun]:
     """The runs, or blocks of a long log for the fit: half spread evenly, half the roughest.
 
     Slides are rare, and noise levels fitted without them would be wrong for them.
@@ -649,7 +666,7 @@ def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
     if sum(len(r.t) for r in runs) <= _FITTED_SAMPLES:
         return runs
     blocks = [
-        smoother.Run(*(column[i : i + _BLOCK] for column in r))
+        smoother.UnbrokenRun(*(column[i : i + _BLOCK] for column in r))
         for r in runs
         for i in range(0, len(r.t), _BLOCK)
     ]
@@ -694,10 +711,10 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
     return estimates
 
 
-METHODS: dict[str, Method] = {
-    "smoother": Method(
+METHODS: dict[str, ReferenceMethod] = {
+    "smoother": ReferenceMethod(
         "Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Barber, J. Mach. Learn. Res. 7 (2006) 2515",
         _smoother,
     ),
-    "butterworth": Method("Wu, Peng, Li, section 4", _butterworth),
+    "butterworth": ReferenceMethod("Wu, Peng, Li, section 4", _butterworth),
 }

@@ -30,7 +30,7 @@ from ..core.innovations import ROOT_TAU, score
 from ..core.model import Z95, Floats
 
 
-class Run(NamedTuple):
+class UnbrokenRun(NamedTuple):
     """Measurements without interruption; columns of shape (n,)."""
 
     t: Floats  # [s], rising strictly
@@ -53,7 +53,7 @@ class Regimes(NamedTuple):
     spread: float  # standard deviation of δ at the first sample
 
 
-class Noise(NamedTuple):
+class MeasurementNoise(NamedTuple):
     """Noise levels: what `fit` finds."""
 
     measurement: float  # r, variance of y
@@ -67,7 +67,7 @@ class Prior(NamedTuple):
     It decides only what the measurements do not show.
     """
 
-    guess: Noise  # its centre
+    guess: MeasurementNoise  # its centre
     decades: Sequence[float]  # its 1 sigma, for measurement, coupling, each regime; 0 holds a value
     floor: float  # least variance of the measurement noise; the excess over it is fitted
     # Nats below the maximum to which coupling and the first regimes are loosened. 0.5 is one
@@ -85,8 +85,11 @@ class Smooth(NamedTuple):
 
 
 def fit(
-    runs: Sequence[Run], regimes: Regimes, prior: Prior, start_noise: Noise | None = None
-) -> tuple[Noise, float]:
+    runs: Sequence[UnbrokenRun],
+    regimes: Regimes,
+    prior: Prior,
+    start_noise: MeasurementNoise | None = None,
+) -> tuple[MeasurementNoise, float]:
     """The most likely noise levels and their log posterior.
 
     Args:
@@ -97,15 +100,15 @@ def fit(
     """
     width, guess, floor = np.array(prior.decades) * math.log(10.0), prior.guess, prior.floor
 
-    def logarithms(noise: Noise) -> Floats:
+    def logarithms(noise: MeasurementNoise) -> Floats:
         excess = max(noise.measurement - floor, 1e-3 * floor)
         return np.log(np.maximum([excess, noise.coupling, *noise.rough], 1e-300))
 
     centre = logarithms(guess)
 
-    def noise(x: Floats) -> Noise:
+    def noise(x: Floats) -> MeasurementNoise:
         e = np.exp(x)
-        return Noise(floor + float(e[0]), float(e[1]), e[2:])
+        return MeasurementNoise(floor + float(e[0]), float(e[1]), e[2:])
 
     def posterior(x: Floats) -> float:
         fitted = width > 0.0
@@ -119,19 +122,19 @@ def fit(
     return noise(_loosen(posterior, best, value, width, prior.slack)), value
 
 
-def likelihood(runs: Sequence[Run], regimes: Regimes, noise: Noise) -> float:
+def likelihood(runs: Sequence[UnbrokenRun], regimes: Regimes, noise: MeasurementNoise) -> float:
     """Logarithm of how likely the measurements are at these noise levels."""
     return sum(_forward(run, regimes, noise, None) for run in runs)
 
 
-def innovations(run: Run, regimes: Regimes, noise: Noise) -> Floats:
+def innovations(run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise) -> Floats:
     """Each sample as a standard normal value, by what the samples before it predict; (n − 1,)."""
     scores = np.empty(len(run.t))
     _forward(run, regimes, noise, None, scores)
     return scores[1:]
 
 
-def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
+def smooth(run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise) -> Smooth:
     """Level and rate at every sample, from all samples."""
     n, M = len(run.t), len(regimes.follow)
     states = np.empty((n, M, 6))
@@ -179,7 +182,9 @@ def _loosen(
     return x
 
 
-def _arguments(run: Run, regimes: Regimes, noise: Noise) -> tuple[Floats | float, ...]:
+def _arguments(
+    run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise
+) -> tuple[Floats | float, ...]:
     return (
         run.t,
         run.u,
@@ -193,7 +198,11 @@ def _arguments(run: Run, regimes: Regimes, noise: Noise) -> tuple[Floats | float
 
 
 def _forward(
-    run: Run, regimes: Regimes, noise: Noise, states: Floats | None, scores: Floats | None = None
+    run: UnbrokenRun,
+    regimes: Regimes,
+    noise: MeasurementNoise,
+    states: Floats | None,
+    scores: Floats | None = None,
 ) -> float:
     """Log-likelihood of the run; fills `states` (n, M, 6) and `scores` (n,) where given."""
     table = np.empty((0, len(regimes.follow), 6)) if states is None else states

@@ -16,7 +16,7 @@ from .charts import Band, Line, Panel
 from .palette import BLACK, BLUE, GREEN, GREY, ORANGE, RED, of_method
 
 if TYPE_CHECKING:
-    from ..wsp.sweep import Row  # with the whole closed loop, which `slip` has no use for
+    from ..wsp.sweep import SweepRow  # with the whole closed loop, which `slip` has no use for
 
 _OF_REGION = dict(zip(REGION_TITLES, (GREY, BLUE, GREEN, RED), strict=True))
 _OF_VALVE = (("apply", APPLY, GREEN), ("hold", HOLD, ORANGE), ("dump", DUMP, RED))
@@ -171,7 +171,7 @@ _OF_SWEEP = (
 )
 
 
-def of_sweep(rows: "Sequence[Row]") -> list[Panel]:
+def of_sweep(rows: "Sequence[SweepRow]") -> list[Panel]:
     """Distance, utilisation and air on every rail: means with 2.5 to 97.5 % over the seeds."""
     rails = list(dict.fromkeys(r.rail for r in rows))
     laws = list(dict.fromkeys(r.controller for r in rows))

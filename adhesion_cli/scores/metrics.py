@@ -29,7 +29,7 @@ _BLOCK = 2.0  # errors of the target further apart than this count as independen
 
 
 @dataclass(frozen=True)
-class Comparison:
+class EstimateAndTarget:
     """An estimate and its target, one column per brake application; at least one sample each.
 
     Only samples at which both are finite.
@@ -82,7 +82,7 @@ class Comparison:
         return (lag, gain) if unexplained < 0.5 else None
 
 
-def _unexplained(c: Comparison, lag: float, stride: int) -> tuple[float, float]:
+def _unexplained(c: EstimateAndTarget, lag: float, stride: int) -> tuple[float, float]:
     """Share of the estimate's variance that the target shifted by `lag` leaves, and the gain.
 
     What goes against the target explains nothing.
@@ -115,7 +115,7 @@ def _golden(f: Callable[[float], float], lower: float, upper: float) -> float:
     return (lower + upper) / 2.0
 
 
-def response(c: Comparison) -> float | None:
+def response(c: EstimateAndTarget) -> float | None:
     """Time from a step of the target until the estimate has made 95 % of it for good.
 
     Of each application the largest step; the median of those the estimate made. It may overshoot.
@@ -164,7 +164,7 @@ def _step(t: Floats, y: Floats, peak: float) -> tuple[int, int, float, float] | 
     return k, settled + int(departures[0]) if len(departures) else n, level, level_after
 
 
-def ripple(c: Comparison) -> float | None:
+def ripple(c: EstimateAndTarget) -> float | None:
     """What moves in the estimate quicker than 0.5 s and is not in the target, rms.
 
     The error less its centred moving mean over that time; the median over stretches of that
@@ -192,7 +192,7 @@ def ripple(c: Comparison) -> float | None:
     return math.sqrt(float(np.median(squares))) if squares else None
 
 
-def measure(c: Comparison) -> dict[str, float | None]:
+def measure(c: EstimateAndTarget) -> dict[str, float | None]:
     """Every metric by its name in `Score`."""
     lag, gain = c.fit or (None, None)
     return {
@@ -208,7 +208,7 @@ def measure(c: Comparison) -> dict[str, float | None]:
 
 def compare(
     record: AxleRecord, estimate: Floats, target: Floats, applications: Iterable[slice]
-) -> Comparison | None:
+) -> EstimateAndTarget | None:
     """Estimate [N] and target [N], shape (n,), in the applications; None without a sample."""
     pairs = [
         (s, finite)
@@ -217,7 +217,7 @@ def compare(
     ]
     if not pairs:
         return None
-    return Comparison(
+    return EstimateAndTarget(
         tuple((record.t[s] - record.t[s.start])[finite] * 1e-9 for s, finite in pairs),
         tuple(estimate[s][finite] for s, finite in pairs),
         tuple(target[s][finite] for s, finite in pairs),

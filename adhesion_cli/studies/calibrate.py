@@ -64,7 +64,7 @@ class UsedLog(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-class Calibration(NamedTuple):
+class CalibrationRun(NamedTuple):
     """The result."""
 
     settings: Settings  # as stated, with the calibrated vehicle
@@ -78,7 +78,7 @@ def calibrate(
     paths: Sequence[Path | Signals],
     settings: Settings,
     progress: Callable[[str], None] = lambda _: None,
-) -> Calibration:
+) -> CalibrationRun:
     """Calibrates one vehicle.
 
     Args:
@@ -108,7 +108,7 @@ def calibrate(
     applications = _applications(rolling, designs, posterior)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))
     settings = replace(all_settings[0], vehicle=calibrated.vehicle)
-    return Calibration(settings, tuple(logs), calibrated, applications, findings)
+    return CalibrationRun(settings, tuple(logs), calibrated, applications, findings)
 
 
 # Logs
@@ -336,7 +336,7 @@ def _predict_loss(d: Design, x: Floats) -> Floats:
     return np.array(rows)
 
 
-def as_toml(calibration: Calibration) -> str:
+def as_toml(calibration: CalibrationRun) -> str:
     """The vehicle, and how its logs were read, as `-c` takes it; comments say what it is from."""
     lines = ["# Vehicle by `adhesion calibrate`; tolerances are 1 sigma."]
     lines += ["# Only products of friction, discs, efficiency and ratios are known: friction has"]
@@ -353,7 +353,7 @@ def as_toml(calibration: Calibration) -> str:
     return "\n".join([*lines, ""])
 
 
-def as_tables(calibration: Calibration) -> dict[str, dict[str, Any]]:
+def as_tables(calibration: CalibrationRun) -> dict[str, dict[str, Any]]:
     """The vehicle, and how its logs were read, as tables of settings."""
     calibrated_tree, default_tree = tree(calibration.settings, []), tree(Settings(), [])
     section_names = ("vehicle", "channels", "csv", "mcap", "can")
@@ -364,7 +364,7 @@ def as_tables(calibration: Calibration) -> dict[str, dict[str, Any]]:
     }
 
 
-def document(calibration: Calibration, outputs: dict[str, str]) -> dict[str, Any]:
+def document(calibration: CalibrationRun, outputs: dict[str, str]) -> dict[str, Any]:
     """The document of `calibrate`.
 
     Args:
@@ -389,7 +389,7 @@ def document(calibration: Calibration, outputs: dict[str, str]) -> dict[str, Any
     )
 
 
-def as_rows(calibration: Calibration) -> list[dict[str, str]]:
+def as_rows(calibration: CalibrationRun) -> list[dict[str, str]]:
     """Each parameter before and after with 1 sigma, as text."""
     return [
         {

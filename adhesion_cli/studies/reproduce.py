@@ -74,7 +74,7 @@ READINGS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class PaperReading:
     """One way to read the text, as far as it differs from `READINGS`."""
 
     text: str
@@ -89,24 +89,24 @@ class Reading:
 
 _ALL = tuple(PUBLISHED)
 _A = wheelset(Vehicle(), 1).a
-AS_READ = Reading("as read", _ALL)
+AS_READ = PaperReading("as read", _ALL)
 ALTERNATIVES = (
-    Reading("state not scaled: (9) as printed", ("leso", "neso"), {"beta2": 216.0 * _A}),
-    Reading("(14) as printed", ("gradient",), {"p": 10.0 * _A**2 / 4.0}),
-    Reading("noise power is a spectral density", _ALL, variance=POWER / INTERVAL),
-    Reading("sample interval 1 ms", _ALL, interval=1e-3),
-    Reading("sample interval 2 ms", _ALL, interval=2e-3),
-    Reading("sample interval 5 ms", _ALL, interval=5e-3),
-    Reading("started with the brake, delay not counted", _ALL, coasting=0.0),
-    Reading("settled within 5 %", ("leso", "neso", "gradient", "kalman"), settled=True),
-    Reading("maximum error of the last 4 s", _ALL, error_seconds=4.0),
-    Reading("started at y0", ("td",), {"from_zero": 0.0}),
-    Reading("h0 = 2h", ("td",), {"h0": 2.0 * INTERVAL}),
-    Reading("h0 = 3h", ("td",), {"h0": 3.0 * INTERVAL}),
-    Reading("h0 = 4h", ("td",), {"h0": 4.0 * INTERVAL}),
-    Reading("exact steps", ("td", "leso", "neso", "gradient"), {"euler": 0.0}),
-    Reading("kept alive by process noise q = 1e-5", ("kalman",), {"q": 1e-5}),
-    Reading("R = 100, not the noise's", ("kalman",), {"R": 100.0 * INTERVAL / 1e-3}),
+    PaperReading("state not scaled: (9) as printed", ("leso", "neso"), {"beta2": 216.0 * _A}),
+    PaperReading("(14) as printed", ("gradient",), {"p": 10.0 * _A**2 / 4.0}),
+    PaperReading("noise power is a spectral density", _ALL, variance=POWER / INTERVAL),
+    PaperReading("sample interval 1 ms", _ALL, interval=1e-3),
+    PaperReading("sample interval 2 ms", _ALL, interval=2e-3),
+    PaperReading("sample interval 5 ms", _ALL, interval=5e-3),
+    PaperReading("started with the brake, delay not counted", _ALL, coasting=0.0),
+    PaperReading("settled within 5 %", ("leso", "neso", "gradient", "kalman"), settled=True),
+    PaperReading("maximum error of the last 4 s", _ALL, error_seconds=4.0),
+    PaperReading("started at y0", ("td",), {"from_zero": 0.0}),
+    PaperReading("h0 = 2h", ("td",), {"h0": 2.0 * INTERVAL}),
+    PaperReading("h0 = 3h", ("td",), {"h0": 3.0 * INTERVAL}),
+    PaperReading("h0 = 4h", ("td",), {"h0": 4.0 * INTERVAL}),
+    PaperReading("exact steps", ("td", "leso", "neso", "gradient"), {"euler": 0.0}),
+    PaperReading("kept alive by process noise q = 1e-5", ("kalman",), {"q": 1e-5}),
+    PaperReading("R = 100, not the noise's", ("kalman",), {"R": 100.0 * INTERVAL / 1e-3}),
 )
 
 
@@ -222,7 +222,7 @@ def _table_2(
     }
 
 
-def _measure_constant(reading: Reading, algo: str, seeds: Sequence[int]) -> dict[str, Any]:
+def _measure_constant(reading: PaperReading, algo: str, seeds: Sequence[int]) -> dict[str, Any]:
     """Response time and maximum error, each with the interval that holds 95 % of the seeds."""
     settled = reading.settled or algo == "td"
     parameters = {**printed(algo, reading.interval), **reading.parameters}

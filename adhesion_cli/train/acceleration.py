@@ -74,7 +74,7 @@ class Integrated(NamedTuple):
         return np.where(inside, np.maximum(v, 0.0), np.nan), np.where(inside, sigma, np.nan)
 
 
-class _Samples(NamedTuple):
+class _AccelerationSamples(NamedTuple):
     """What the filter takes, on the grid."""
 
     h: float  # step [s]
@@ -87,7 +87,7 @@ class _Samples(NamedTuple):
     level: Floats  # mean of a there (n,) [m/s²]
 
 
-def _filter(s: _Samples, moments: Floats) -> None:
+def _filter(s: _AccelerationSamples, moments: Floats) -> None:
     """Kalman's filter.
 
     `moments` (n, 10) is filled: v, b, P_vv, P_vb, P_bb before the wheels of a step were heard, and
@@ -142,7 +142,7 @@ def _filter(s: _Samples, moments: Floats) -> None:
         )
 
 
-def _smooth(s: _Samples, moments: Floats, smoothed: Floats) -> None:
+def _smooth(s: _AccelerationSamples, moments: Floats, smoothed: Floats) -> None:
     """Rauch, Tung and Striebel's pass back; fills `smoothed` (n, 3): v, b, P_vv."""
     n, h = len(moments), s.h
     v, b, Svv, Svb, Sbb = moments[n - 1, 5:]
@@ -221,7 +221,9 @@ def _sign(g: Grid, gain: Floats, released: Bools, standstill: Bools) -> int:
     )
 
 
-def _samples(g: Grid, gain: Floats, a: Channel, released: Bools, standstill: Bools) -> _Samples:
+def _samples(
+    g: Grid, gain: Floats, a: Channel, released: Bools, standstill: Bools
+) -> _AccelerationSamples:
     """What the filter takes.
 
     Args:
@@ -259,7 +261,7 @@ def _samples(g: Grid, gain: Floats, a: Channel, released: Bools, standstill: Boo
     level = np.zeros(n)
     for start, stop in true_runs(standstill):
         level[start:stop] = np.mean(step_gain[start:stop]) / h
-    return _Samples(
+    return _AccelerationSamples(
         h,
         step_gain,
         walk,

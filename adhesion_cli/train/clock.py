@@ -57,7 +57,7 @@ _CLEAR_RATIO = 1.5  # the same of τ and o
 _MOST_SAMPLES = 4000  # samples of the fit
 
 
-class _Samples(NamedTuple):
+class _ClockSamples(NamedTuple):
     """What is fitted: shape (n,), and (axles, n)."""
 
     t: Floats  # [s]
@@ -71,7 +71,7 @@ class _Samples(NamedTuple):
     factors: Floats  # of c and q, 0 where not known (axles, 2, n)
     products: Floats  # of these: c², c q, q² (axles, 3, n)
 
-    def select(self, axles: Bools) -> "_Samples":
+    def select(self, axles: Bools) -> "_ClockSamples":
         """Those of some axles."""
         of_axles = ("rim", "released", "usable", "fast", "factors", "products")
         return self._replace(**{name: getattr(self, name)[axles] for name in of_axles})
@@ -92,7 +92,7 @@ class ClockOffset(NamedTuple):
     offset: Parameter | None = None  # o [m/s], where τ is none or does not explain it better
 
 
-class _Likeliest(NamedTuple):
+class _LikeliestClock(NamedTuple):
     """The likeliest τ or o."""
 
     value: Parameter
@@ -135,7 +135,7 @@ def compare_clocks(g: Grid, interval: float) -> ClockOffset:
     return ClockOffset(clear_delay, offset.value if both_fit else None)
 
 
-def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -> _Samples:
+def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -> _ClockSamples:
     """Every so many samples of a grid, at times t; with what all fits share."""
     rim, slowing = g.rim[:, ::stride], -g.slope(g.rim)[:, ::stride]
     train_slows = np.zeros(len(t), dtype=np.bool_)
@@ -145,7 +145,7 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
     c = np.where(usable, rim, 0.0)
     q = np.where(usable, rim * np.maximum(slowing, 0.0), 0.0)
     fast = np.array([x > 0.3 * np.nanmax(x) for x in rim])
-    return _Samples(
+    return _ClockSamples(
         t,
         rim,
         g.clamping[:, ::stride] <= 0.0,
@@ -160,12 +160,12 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
 
 
 def _likeliest(
-    s: _Samples,
+    s: _ClockSamples,
     candidates: Floats,
     speed_by: Callable[[float], Floats],
     model_sigma: float,
     unknown: float,
-) -> _Likeliest | None:
+) -> _LikeliestClock | None:
     """The value at which most of the samples fit; None where the wheels do not show it.
 
     Args:
@@ -202,10 +202,10 @@ def _likeliest(
     slides |= 2 * f.rolling[rolling].sum() < rolling.sum()
     other_losses = losses[np.abs(candidates - value) > _SEPARATION]
     clear = not (other_losses.min() < _LOSS_RATIO * losses[place] or slides or sigma > unknown)
-    return _Likeliest(Parameter(value, sigma), f.loss, clear)
+    return _LikeliestClock(Parameter(value, sigma), f.loss, clear)
 
 
-def _start(s: _Samples, v: Floats) -> Floats:
+def _start(s: _ClockSamples, v: Floats) -> Floats:
     """First c and q: a wheel coasts without slip, and one that rolls is the faster one."""
     c = np.append(np.zeros(len(s.rim)), _CREEPAGE[0])
     runs = v > CRAWL
@@ -220,7 +220,7 @@ def _start(s: _Samples, v: Floats) -> Floats:
     return inside
 
 
-def _fit(s: _Samples, v: Floats) -> _Fit:
+def _fit(s: _ClockSamples, v: Floats) -> _Fit:
     """Least squares of c and q over what is no slide, by the train's true speed (n,) [m/s]."""
     k = len(s.rim)
     usable = s.usable & np.isfinite(v) & (v > CRAWL)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..core.model import Floats, Parameter
 
 
-class Line(NamedTuple):
+class OtherForceLine(NamedTuple):
     """Another force line: K is s (K − o)."""
 
     scale: float  # s
@@ -56,7 +56,7 @@ class Explanation(NamedTuple):
     pressure_delay: (
         Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
     )
-    line: Line | None  # None where it is as stated
+    line: OtherForceLine | None  # None where it is as stated
     delay_or_line: bool = False  # it is one of both, and nothing says which
     # By the vehicle as stated: the gradient that would explain what the pressure does not, above 0
     # where it drives the train [m/s²].

@@ -47,7 +47,7 @@ from ..core.model import Bools, Floats, Parameter, Vehicle
 from ..core.physics import CRAWL, RELEASED_SHARE, G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from ..records.axle_channels import AxleChannels
-from .explanation import AS_STATED, Design, Explanation, Line, Piece
+from .explanation import AS_STATED, Design, Explanation, OtherForceLine, Piece
 from .grid import FEWEST, Grid, erode, grid
 
 UNITS = {
@@ -405,7 +405,7 @@ def _speed_loss(d: Design, x: Floats, delayed: Floats) -> Floats:
     return loss
 
 
-class Brake:
+class BrakeDeceleration:
     """What the brake takes from the speed in one design, at the points of a search.
 
     A search asks for the same point more than once, and most points share their delay. So the
@@ -466,7 +466,7 @@ class Brake:
 
 def residual(d: Design, x: Floats, gradients: Floats) -> Floats:
     """What the model leaves of the speed, (m,) [m/s]."""
-    return Brake(d).residual(x, gradients)
+    return BrakeDeceleration(d).residual(x, gradients)
 
 
 def gradients(designs: Sequence[Design], x: Floats) -> list[Floats]:
@@ -478,7 +478,7 @@ def gradients(designs: Sequence[Design], x: Floats) -> list[Floats]:
 class _Problem(NamedTuple):
     """Designs with weights, and the prior of all unknowns."""
 
-    brakes: Sequence[Brake]  # of each design
+    brakes: Sequence[BrakeDeceleration]  # of each design
     sample_counts: Sequence[Floats]  # independent samples of each piece
     mean: Floats  # of shared parameters, then of gradients
     information: Floats  # inverse of its covariance
@@ -489,7 +489,9 @@ class _Problem(NamedTuple):
 
 
 def _problem(
-    brakes: Sequence[Brake], sample_counts: Sequence[Floats], prior: Mapping[int, Parameter]
+    brakes: Sequence[BrakeDeceleration],
+    sample_counts: Sequence[Floats],
+    prior: Mapping[int, Parameter],
 ) -> _Problem:
     total = _SHARED + sum(len(b.d.size) for b in brakes)
     mean, information = np.zeros(total), np.zeros((total, total))
@@ -553,7 +555,9 @@ def fit(
         prior: of each shared parameter; an infinite tolerance frees it.
         starts: points to begin at: shared parameters, or these and the gradients.
     """
-    return _search([Brake(d) for d in designs], sample_counts, prior, starts).posterior()
+    return _search(
+        [BrakeDeceleration(d) for d in designs], sample_counts, prior, starts
+    ).posterior()
 
 
 class _Likeliest(NamedTuple):
@@ -573,7 +577,7 @@ class _Likeliest(NamedTuple):
 
 
 def _search(
-    brakes: Sequence[Brake],
+    brakes: Sequence[BrakeDeceleration],
     sample_counts: Sequence[Floats],
     prior: Mapping[int, Parameter],
     starts: Sequence[Floats],
@@ -655,7 +659,7 @@ def independent_samples(d: Design, residuals: Floats) -> Floats:
     return d.size * (1.0 - correlation) / (1.0 + correlation)
 
 
-def _starts(brake: Brake, prior: Mapping[int, Parameter]) -> list[Floats]:
+def _starts(brake: BrakeDeceleration, prior: Mapping[int, Parameter]) -> list[Floats]:
     """Where to look: with what is free, each by itself."""
     d = brake.d
     base = np.array([prior[i].value for i in range(_SHARED)])
@@ -674,7 +678,7 @@ def _starts(brake: Brake, prior: Mapping[int, Parameter]) -> list[Floats]:
     return starts
 
 
-def _likeliest_scale(brake: Brake, x: Floats) -> float:
+def _likeliest_scale(brake: BrakeDeceleration, x: Floats) -> float:
     """The ln s that fits best with any gradients."""
     d = brake.d
     u, v = _without_slope(d, brake.speed_loss(x)), _without_slope(d, d.v)
@@ -731,7 +735,7 @@ def _explain(d: Design, vehicle: Vehicle) -> Explanation:
     any_delay = {DELAY: Parameter(0.0, math.inf)}
     any_line = {SCALE: Parameter(0.0, math.inf), OFFSET: offset}
     free_prior = {**prior, **any_delay, **any_line}
-    brake = Brake(d, _STARTS)
+    brake = BrakeDeceleration(d, _STARTS)
     start = np.array([prior[i].value for i in range(_SHARED)])
     stated_fit = _search([brake], [d.size], prior, [start])
     pieces = _gradients(d, stated_fit.posterior())
@@ -761,7 +765,7 @@ def _explain(d: Design, vehicle: Vehicle) -> Explanation:
 
 
 def _best(
-    brake: Brake,
+    brake: BrakeDeceleration,
     sample_counts: Sequence[Floats],
     prior: Mapping[int, Parameter],
     starts: Sequence[Floats],
@@ -840,7 +844,7 @@ def _judge(
         return AS_STATED
     return Explanation(
         tau if is_delayed else AS_STATED.pressure_delay,
-        Line(s, o * d.top, s * (1.0 - o)) if line_differs else None,
+        OtherForceLine(s, o * d.top, s * (1.0 - o)) if line_differs else None,
         is_delayed and line_differs and not needs_both,
     )
 

@@ -23,7 +23,7 @@ from ..core.stop import JUDGED_FROM, LOCKED, ROLLS, Stop, Verdict
 from ..rail import slope
 from ..rail.slope import region
 from . import plant as plants
-from .plant import Demand, Plant, Track, Train, Wheels, adhesion, advance_to, rail_under
+from .plant import Demand, MovingTrain, Plant, Track, WheelStates, adhesion, advance_to, rail_under
 from .scenario import Limit, Rail, Scenario, Section
 from .wsp_controller import Constants, Settings, bands, choose, initial_wheels, slip_of, start, tick
 
@@ -66,7 +66,7 @@ class _World(NamedTuple):
     plant: Plant
     track: Track
     demand: Demand
-    wheels: Wheels
+    wheels: WheelStates
     dt: float  # of the plant [s]
     stride: int  # steps of the plant between ticks
     delay: int  # steps: age of measured values
@@ -81,7 +81,7 @@ class _World(NamedTuple):
     trace: _Trace
 
 
-def _drive(world: _World, train: Train, j: int) -> Train:
+def _drive(world: _World, train: MovingTrain, j: int) -> MovingTrain:
     """The train at tick j, from the tick before; fills row j except the controller's part."""
     trace, wheels, stride = world.trace, world.wheels, world.stride
     if j == 0:
@@ -107,7 +107,7 @@ def _drive(world: _World, train: Train, j: int) -> Train:
     return train
 
 
-def _remember(world: _World, train: Train, k: int) -> None:
+def _remember(world: _World, train: MovingTrain, k: int) -> None:
     """Stores the state at step k, to be measured later."""
     wheels, row = world.wheels, k % len(world.v_past)
     world.v_past[row] = train.v
@@ -132,7 +132,7 @@ def _measure(world: _World, j: int) -> None:
     trace.measured_train_speed[j] = v
 
 
-def _march(world: _World, train: Train, c: Constants, bands: slope.Bands) -> int:
+def _march(world: _World, train: MovingTrain, c: Constants, bands: slope.Bands) -> int:
     """Brakes until the train stands, or the trace is full.
 
     Returns:
@@ -270,7 +270,7 @@ def _stopped(name: str, trace: _Trace, stop_index: int, h: float) -> _Trace:
     return _Trace._make(column[:stop_index].copy() for column in trace)
 
 
-def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, Train]:
+def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, MovingTrain]:
     """Train, rail and sensors of a scenario at the start, with an empty trace."""
     antiskid, axles, dt = s.antiskid, s.train.axles, s.dt
     stride, delay, dead = (

@@ -124,7 +124,7 @@ def track_of(s: Scenario) -> Track:
     )
 
 
-class Train(NamedTuple):
+class MovingTrain(NamedTuple):
     """Where a train in motion is; `advance_to` gives the next one."""
 
     t: float  # [s]
@@ -135,7 +135,7 @@ class Train(NamedTuple):
     track_knot: int  # likewise, of a rail that changes with time
 
 
-class Wheels(NamedTuple):
+class WheelStates(NamedTuple):
     """Its wheels and their brakes, shape (axles,); `advance_to` changes them in place."""
 
     w: Floats  # rim speeds ωR [m/s]
@@ -150,7 +150,7 @@ class Wheels(NamedTuple):
     newton: Floats  # shape (axles, 3)
 
 
-def rolling(v: float, axles: int) -> tuple[Train, Wheels]:
+def rolling(v: float, axles: int) -> tuple[MovingTrain, WheelStates]:
     """A train of that many axles that rolls at v [m/s], brakes released."""
 
     def zeros(*shape: int) -> Floats:
@@ -158,7 +158,7 @@ def rolling(v: float, axles: int) -> tuple[Train, Wheels]:
 
     valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
     rims = np.full(axles, v)
-    return Train(0.0, v, 0.0, 0.0, 0, 0), Wheels(
+    return MovingTrain(0.0, v, 0.0, 0.0, 0, 0), WheelStates(
         rims, zeros(), zeros(), valve, knot, zeros(5), zeros(), zeros(), zeros(), zeros(3)
     )
 
@@ -226,7 +226,7 @@ def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float)
     return max(p1, p - plant.vent_rate * h) if plant.vent_rate < math.inf else p1
 
 
-def _stage(plant: Plant, s: Wheels, h: float, v_from: float, v: float) -> float:
+def _stage(plant: Plant, s: WheelStates, h: float, v_from: float, v: float) -> float:
     """Implicit stage: v = v_from − h ΣF/M, w = w_from + h R² (F − B)/I (rim speeds), none below 0.
 
     Newton's method with an arrow Jacobian. F is very steep about zero sliding. An iterate that
@@ -265,8 +265,8 @@ def _stage(plant: Plant, s: Wheels, h: float, v_from: float, v: float) -> float:
 
 
 def advance_to(
-    plant: Plant, track: Track, demand: Demand, s: Train, wheels: Wheels, t_stop: float
-) -> Train:
+    plant: Plant, track: Track, demand: Demand, s: MovingTrain, wheels: WheelStates, t_stop: float
+) -> MovingTrain:
     """The train at time `t_stop` [s]; a step ends at every jump and kink of demand or rail."""
     t, v, x, demand_pressure, i, j = s.t, s.v, s.x, s.demand_pressure, s.demand_knot, s.track_knot
     while t < t_stop - SOON:
@@ -282,13 +282,13 @@ def advance_to(
         demand_pressure = cylinder(plant, APPLY, demand_pressure, c0, c0 + rise * h, h)
         solution = _step(plant, track, wheels, c0, rise, t, h, v, x)
         if math.isnan(solution):
-            return Train(t, solution, x, demand_pressure, i, j)
+            return MovingTrain(t, solution, x, demand_pressure, i, j)
         x += 0.5 * h * (v + solution)
         v, t = solution, stop
-    return Train(t_stop, v, x, demand_pressure, i, j)
+    return MovingTrain(t_stop, v, x, demand_pressure, i, j)
 
 
-def settle(plant: Plant, demand: Demand, s: Train, wheels: Wheels) -> None:
+def settle(plant: Plant, demand: Demand, s: MovingTrain, wheels: WheelStates) -> None:
     """Applies a jump of the demand at the train's time to cylinders without lag."""
     k = s.demand_knot
     while demand.t[k + 1] <= s.t + SOON:
@@ -307,7 +307,7 @@ def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
 def _step(  # noqa: PLR0913 (compiled: plain floats)
     plant: Plant,
     track: Track,
-    s: Wheels,
+    s: WheelStates,
     demand: float,
     rise: float,
     t: float,

@@ -39,7 +39,7 @@ from ..train.longitudinal import STATED_SIGMAS, tolerance
 from . import closed_loop, replay_rail
 from .plant import Track
 from .replay_rail import RailUnderAxle
-from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
+from .scenario import INF, Antiskid, Command, Scenario, ScenarioBrake, ScenarioTrain
 from .sweep import Compared, Values, compared, intervals, on_all_cores
 from .wsp_controller import Settings
 
@@ -125,8 +125,8 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         "a stop of a log",
         closed_loop.LONGEST,
         closed_loop.DRY,
-        train=Train(float(braking.speed[0]), len(radii)),
-        brake=Brake(_commands(braking, demand)),
+        train=ScenarioTrain(float(braking.speed[0]), len(radii)),
+        brake=ScenarioBrake(_commands(braking, demand)),
         vehicle=replace(result.vehicle, wheel_radius=radii),
     ).with_train_speed(train_speed)
     rails = [x and x.rail for x in axle_rails]
@@ -214,7 +214,9 @@ def _draws(
         excess = (dry_force / np.maximum(demand_force, _FILLED_FORCE)) ** max(
             random.uniform(-1.0, 1.0), 0.0
         )
-        brake = Brake(_commands(braking, np.where(demand_known, 1.0, excess) * demand_force))
+        brake = ScenarioBrake(
+            _commands(braking, np.where(demand_known, 1.0, excess) * demand_force)
+        )
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
     return draws
 

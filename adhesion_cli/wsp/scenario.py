@@ -33,7 +33,7 @@ _UNITS: dict[Signal, tuple[tuple[Dimension, ...], str]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Train:
+class ScenarioTrain:
     """The train at the start, and where its axles run."""
 
     speed: Annotated[float, Quantity("m/s", "speed at the start", 0.0, 150.0)] = 20.0
@@ -60,7 +60,7 @@ class Command:
 
 
 @dataclass(frozen=True, slots=True)
-class Brake:
+class ScenarioBrake:
     """Brake demand and how the cylinder follows it: later, with a lag, no faster than its rate."""
 
     command: tuple[Command, ...] = ()
@@ -235,8 +235,8 @@ class Scenario:
     duration: Annotated[float, Quantity("s", "simulated time", 1e-3, 1e6)]
     rail: Rail
     sensor: tuple[Sensor, ...] = ()
-    train: Train = field(default_factory=Train)
-    brake: Brake = field(default_factory=Brake)
+    train: ScenarioTrain = field(default_factory=ScenarioTrain)
+    brake: ScenarioBrake = field(default_factory=ScenarioBrake)
     vehicle: Vehicle = field(default_factory=Vehicle)
     contact: Contact = field(default_factory=Contact)
     wsp: Wsp | None = None

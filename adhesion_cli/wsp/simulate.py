@@ -19,7 +19,18 @@ from ..core.model import Channel, Column, Floats, Log, Times
 from ..core.units import UNITS
 from ..rail.creep_law import CREEP_FROM
 from . import plant as plants
-from .plant import SOON, Demand, Plant, Track, Train, Wheels, advance_to, radii, rolling, settle
+from .plant import (
+    SOON,
+    Demand,
+    MovingTrain,
+    Plant,
+    Track,
+    WheelStates,
+    advance_to,
+    radii,
+    rolling,
+    settle,
+)
 from .scenario import INF, Scenario, Sensor, Signal, Wsp, load, scenarios
 
 __all__ = ["Recording", "Scenario", "Simulation", "as_log", "load", "log", "run", "scenarios"]
@@ -40,7 +51,7 @@ _NAMES: dict[Signal, str] = {
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def _decide(wsp: Wsp, v: float, wheels: Wheels, previous: Floats) -> None:
+def _decide(wsp: Wsp, v: float, wheels: WheelStates, previous: Floats) -> None:
     """Sets each axle's valve by its true slip; `previous` is the rim speed at the last decision."""
     w = wheels.w
     for i in range(len(w)):
@@ -59,8 +70,8 @@ def _integrate(  # noqa: PLR0913 (compiled: one array each)
     track: Track,
     demand: Demand,
     wsp: Wsp,
-    train: Train,
-    wheels: Wheels,
+    train: MovingTrain,
+    wheels: WheelStates,
     dt: float,
     pressure: Floats,
     rim_speed: Floats,

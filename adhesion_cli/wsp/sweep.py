@@ -45,7 +45,7 @@ class Compared(NamedTuple):
     shortest: float  # share of the stops in which it has the shortest distance
 
 
-class Row(NamedTuple):
+class SweepRow(NamedTuple):
     """One controller on one rail; each value as mean over the seeds, 2.5 % and 97.5 % quantile."""
 
     rail: str
@@ -62,7 +62,7 @@ def sweep(
     algo: str = ESTIMATOR,
     settings: Settings | None = None,
     progress: Callable[[str], None] = lambda _: None,
-) -> list[Row]:
+) -> list[SweepRow]:
     """Every controller on every rail of `RAILS`, with seeds from 0; arguments as in `verdicts`."""
     by_case = verdicts(
         scenario, list(RAILS), list(registry()), range(seeds), algo, settings, progress
@@ -77,7 +77,7 @@ def sweep(
             )
             limits = tuple(zip(scenario.limit, limit_shares.tolist(), strict=True))
             rows.append(
-                Row(rail, controller, dry, intervals(stops), comparison[controller], limits)
+                SweepRow(rail, controller, dry, intervals(stops), comparison[controller], limits)
             )
     return rows
 

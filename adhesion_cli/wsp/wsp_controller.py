@@ -47,14 +47,14 @@ Settings = Mapping[str, Mapping[str, float]]
 Values = Floats | Sequence[float]
 
 
-class Named(NamedTuple):
+class ParameterSet(NamedTuple):
     """Something with parameters that is no method."""
 
     name: str
     Params: type[Any]
 
 
-SLOPE = Named("slope", slope.Params)
+SLOPE = ParameterSet("slope", slope.Params)
 # Found by benchmarks/tune.py: faster than for a log, forgetting by time only, and in slip itself,
 # as in the patent. The law needs the slope at the present slip.
 SLOPE_IN_LOOP = {
@@ -86,7 +86,7 @@ class Wheel(NamedTuple):
     free_time: float  # time without brake and near the train's speed [s]
 
 
-class Axle(NamedTuple):
+class ControlledAxle(NamedTuple):
     """State of one axle."""
 
     wheel: Wheel
@@ -192,7 +192,7 @@ def observed(  # noqa: PLR0913 (compiled: plain floats)
 
 def start(
     c: Constants, wheels: list[Wheel], v: float, y: Values, K: Values
-) -> tuple[TrainEstimate, list[Axle]]:
+) -> tuple[TrainEstimate, list[ControlledAxle]]:
     """The train and the state of every axle at the first tick.
 
     `wheels` is from `initial_wheels`, or from before an interruption; the others are as in `tick`.
@@ -211,19 +211,19 @@ def start(
         F, wheel = estimates[i].F, calibrated(wheels[i], 0.0, train, y[i], K[i])
         o = observed(sets[i], train, y[i], K[i], F, slowing, k, c.speed_noise, APPLY)
         law = control_init(c.controller, o)
-        axles.append(Axle(wheel, estimates[i], k, Witness(0.0, 0.0), law))
+        axles.append(ControlledAxle(wheel, estimates[i], k, Witness(0.0, 0.0), law))
     return train, axles
 
 
 def tick(  # noqa: PLR0913 (compiled: state, interval and measured values)
     c: Constants,
     train: TrainEstimate,
-    previous: list[Axle],
+    previous: list[ControlledAxle],
     h: float,
     v: float,
     y: Values,
     K: Values,
-) -> tuple[TrainEstimate, list[Axle]]:
+) -> tuple[TrainEstimate, list[ControlledAxle]]:
     """The train and the state of every axle one tick later.
 
     Args:
@@ -270,7 +270,7 @@ def tick(  # noqa: PLR0913 (compiled: state, interval and measured values)
         o = observed(w, train, y[i], K[i], F, slowing, k, c.speed_noise, pilot_valve)
         law = control_step(c.controller, previous[i].controller, h, o)  # [S4] [S5]
         wheel = calibrated(previous[i].wheel, h, train, y[i], K[i])
-        axles.append(Axle(wheel, estimates[i], k, x, law))
+        axles.append(ControlledAxle(wheel, estimates[i], k, x, law))
     return train, axles
 
 
@@ -337,7 +337,11 @@ def online(
     """
     start_step, tick_step = (bind(f, unit.stand_ins()) for f in (start, tick))
     c = unit.constants
-    train, axles, wheels = TrainEstimate(math.nan, 0.0, NO_PILOT), list[Axle](), list[Wheel]()
+    train, axles, wheels = (
+        TrainEstimate(math.nan, 0.0, NO_PILOT),
+        list[ControlledAxle](),
+        list[Wheel](),
+    )
     previous: float = -math.inf
     with ExitStack() as stack:
         for drive in drives:

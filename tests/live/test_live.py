@@ -32,7 +32,7 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
-from adhesion_cli.live.axle import Axle, Measuring, Sample
+from adhesion_cli.live.axle import LiveAxle, LiveSample, Measuring
 from adhesion_cli.live.feed import Feed
 from adhesion_cli.live.open import open_feed
 from adhesion_cli.live.replay import Replay
@@ -46,9 +46,9 @@ class Kept:
     """A sink that keeps every sample, by axle."""
 
     def __init__(self) -> None:
-        self.of: dict[int, list[Sample]] = {}
+        self.of: dict[int, list[LiveSample]] = {}
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[LiveSample]) -> None:
         for s in samples:
             self.of.setdefault(s.axle, []).append(s)
 
@@ -61,7 +61,7 @@ class Kept:
 
 def followed(
     feed: Feed, settings: Settings, algos: Sequence[str] = ()
-) -> tuple[dict[int, list[Sample]], list[Finding]]:
+) -> tuple[dict[int, list[LiveSample]], list[Finding]]:
     """Every sample of a sender by axle, and the findings."""
     kept, tally = Kept(), Tally(lambda _: None)
     own = {e.name: (e, settings.params(e)) for e in choose_estimators(algos)}
@@ -557,7 +557,7 @@ def test_foxglove_gets_the_topics_of_an_axle_that_comes_later() -> None:
     assert topics == {f"/axle/{n}/{t}" for n in (1, 2) for t in of}
 
 
-def samples_of(count: int) -> list[Sample]:
+def samples_of(count: int) -> list[LiveSample]:
     one = axle()
     for k in range(count):
         one.brake(k * 10_000_000, 2e5, 0)
@@ -668,9 +668,9 @@ def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
 # ---- one axle
 
 
-def axle() -> Axle:
+def axle() -> LiveAxle:
     algos = {e.name: (e, Settings().params(e)) for e in choose_estimators(["td", "imm"])}
-    return Axle(Measuring(1), Vehicle(), algos)
+    return LiveAxle(Measuring(1), Vehicle(), algos)
 
 
 def test_gaps_repeats_and_late_samples_are_found_as_they_happen() -> None:

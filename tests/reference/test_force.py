@@ -266,7 +266,7 @@ def test_sigma_knows_what_few_pulses_miss_of_a_long_slide(rate: float, teeth: in
 def test_a_counts_interval_ends_at_its_stamp_and_a_totals_lies_about_it() -> None:
     record, _ = logged("service-brake", 20.0, teeth=60)
     t, zero = record.t * 1e-9, np.zeros(len(record))
-    whole = smoother.Run(t, zero, zero, zero, zero, zero, zero)
+    whole = smoother.UnbrokenRun(t, zero, zero, zero, zero, zero, zero)
     ends = force._pulse_means(record, zero, whole, 2)
     about = force._pulse_means(
         replace(record, of_totals=True), zero, whole._replace(t=t - 0.025), 2
@@ -619,7 +619,7 @@ def test_the_cylinder_does_not_matter_where_the_log_has_the_clamping_force() -> 
 # --- smoother -----------------------------------------------------------------------------------
 
 
-def random_run(seed: int, n: int, r: float, q: float) -> tuple[smoother.Run, Floats]:
+def random_run(seed: int, n: int, r: float, q: float) -> tuple[smoother.UnbrokenRun, Floats]:
     """A level whose rate is u plus a random walk, on irregular steps; and its true rate."""
     random = np.random.default_rng(seed)
     t = np.cumsum(random.uniform(0.2, 1.8, n)) * 0.05
@@ -630,7 +630,7 @@ def random_run(seed: int, n: int, r: float, q: float) -> tuple[smoother.Run, Flo
     step += random.normal(0.0, np.sqrt(q * h**3 / 12.0))
     level = np.concatenate([[5.0], 5.0 + np.cumsum(step)])
     y = level + random.normal(0.0, math.sqrt(r), n)
-    return smoother.Run(t, y, u, s, s, s, s), u + delta
+    return smoother.UnbrokenRun(t, y, u, s, s, s, s), u + delta
 
 
 ONE = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), 10.0)
@@ -657,7 +657,7 @@ def test_one_regime_is_the_exact_gaussian_posterior() -> None:
     gain = C.T @ np.linalg.inv(C[:, 2::2] + r * np.eye(n - 1))
     mean = mean + gain @ (run.y[1:] - mean[2::2])
     sigma = np.sqrt(np.diag(cov - gain @ C))
-    found = smoother.smooth(run, ONE, smoother.Noise(r, 0.0, np.array([q])))
+    found = smoother.smooth(run, ONE, smoother.MeasurementNoise(r, 0.0, np.array([q])))
     assert found.level == pytest.approx(mean[::2], abs=1e-8)
     assert found.rate == pytest.approx(run.u + mean[1::2], abs=1e-8)
     assert found.level_sigma == pytest.approx(sigma[::2], rel=1e-5)
@@ -671,8 +671,8 @@ def test_regimes_that_do_not_differ_are_one(seed: int, M: int) -> None:
     leave = np.random.default_rng(seed).uniform(0.1, 5.0, (M, M))
     np.fill_diagonal(leave, 0.0)
     many = smoother.Regimes(np.zeros(M), leave, np.full(M, 1.0 / M), 10.0)
-    one = smoother.smooth(run, ONE, smoother.Noise(0.01, 0.0, np.array([0.5])))
-    same = smoother.smooth(run, many, smoother.Noise(0.01, 0.0, np.full(M, 0.5)))
+    one = smoother.smooth(run, ONE, smoother.MeasurementNoise(0.01, 0.0, np.array([0.5])))
+    same = smoother.smooth(run, many, smoother.MeasurementNoise(0.01, 0.0, np.full(M, 0.5)))
     for a, b in zip(one, same, strict=True):
         assert a == pytest.approx(b, rel=0.02, abs=1e-7)  # sigma: bisected to 1 %
     assert one.rate == pytest.approx(same.rate, abs=1e-8)
@@ -680,7 +680,7 @@ def test_regimes_that_do_not_differ_are_one(seed: int, M: int) -> None:
 
 def test_the_fit_finds_the_noise_levels() -> None:
     runs = [random_run(seed, 1500, 0.004, 0.2)[0] for seed in (1, 2)]
-    guess = smoother.Noise(1.0, 1e-3, np.array([10.0]))
+    guess = smoother.MeasurementNoise(1.0, 1e-3, np.array([10.0]))
     noise, _ = smoother.fit(runs, ONE, smoother.Prior(guess, [2.0, 0.0, 2.0], 1e-6))
     assert noise.measurement == pytest.approx(0.004, rel=0.1)
     assert noise.rough[0] == pytest.approx(0.2, rel=0.25)
@@ -688,7 +688,7 @@ def test_the_fit_finds_the_noise_levels() -> None:
 
 def test_the_fit_never_goes_below_the_quantisation() -> None:
     run, _ = random_run(1, 300, 1e-8, 0.2)
-    guess = smoother.Noise(1e-8, 1e-3, np.array([0.1]))
+    guess = smoother.MeasurementNoise(1e-8, 1e-3, np.array([0.1]))
     noise, _ = smoother.fit([run], ONE, smoother.Prior(guess, [2.0, 0.0, 2.0], 0.003))
     assert noise.measurement >= 0.003
 
@@ -697,8 +697,8 @@ def test_the_fit_never_goes_below_the_quantisation() -> None:
 def test_what_follows_a_ramp_does_not_depend_on_the_rate(n: int) -> None:
     t = np.linspace(0.0, 1.0, n)
     zero = np.zeros(n)
-    run = smoother.Run(t, zero, zero, 3.0 * t, zero, np.full(n, 1e9), zero)  # says nothing
-    found = smoother.smooth(run, ONE, smoother.Noise(1e9, 0.5, np.zeros(1)))
+    run = smoother.UnbrokenRun(t, zero, zero, 3.0 * t, zero, np.full(n, 1e9), zero)  # says nothing
+    found = smoother.smooth(run, ONE, smoother.MeasurementNoise(1e9, 0.5, np.zeros(1)))
     assert found.rate_sigma[-1] ** 2 == pytest.approx(ONE.spread**2 + 0.5 * 3.0, rel=1e-3)
 
 
@@ -712,10 +712,10 @@ def test_sigma_tells_calm_from_rough() -> None:
     level = np.concatenate([[0.0], np.cumsum(h * (delta[1:] + delta[:-1]) / 2.0)])
     zero = np.zeros(n)
     y = level + random.normal(0.0, math.sqrt(r), n)
-    run = smoother.Run(t, y, zero, zero, zero, zero, zero)
+    run = smoother.UnbrokenRun(t, y, zero, zero, zero, zero, zero)
     leave = np.array([[0.0, 0.1], [0.1, 0.0]])
     two = smoother.Regimes(np.zeros(2), leave, np.array([0.5, 0.5]), 10.0)
-    guess = smoother.Noise(1e-3, 0.0, np.array([1e-3, 1.0]))
+    guess = smoother.MeasurementNoise(1e-3, 0.0, np.array([1e-3, 1.0]))
     noise, _ = smoother.fit([run], two, smoother.Prior(guess, [2.0, 0.0, 2.0, 2.0], 1e-9))
     found = smoother.smooth(run, two, noise)
     inside = np.abs(found.rate - delta) < 1.96 * found.rate_sigma
@@ -744,7 +744,7 @@ def test_compiled_and_plain_loops_agree() -> None:
     leave = np.array([[0.0, 0.3], [1.0, 0.0]])
     two = smoother.Regimes(np.array([0.0, 1.0]), leave, np.array([0.5, 0.5]), 10.0)
     run = run._replace(s=np.cos(run.t), input_variance=np.full(30, 1e-5), span=np.full(30, 0.05))
-    noise = smoother.Noise(0.01, 0.2, np.array([0.1, 2.0]))
+    noise = smoother.MeasurementNoise(0.01, 0.2, np.array([0.1, 2.0]))
     plain_kept, plain, scores = np.empty((30, 2, 6)), np.empty((30, 4)), np.empty(30)
     arguments = smoother._arguments(run, two, noise)
     smoother._filter(
@@ -760,10 +760,10 @@ def test_compiled_and_plain_loops_agree() -> None:
 
 def test_innovations_of_a_right_model_are_white_and_of_variance_one() -> None:
     run, _ = random_run(1, 4000, 0.01, 0.5)
-    right = smoother.innovations(run, ONE, smoother.Noise(0.01, 0.0, np.array([0.5])))
+    right = smoother.innovations(run, ONE, smoother.MeasurementNoise(0.01, 0.0, np.array([0.5])))
     assert np.mean(right**2) == pytest.approx(1.0, abs=0.07)
     assert abs(np.mean(right[1:] * right[:-1])) < 0.05
-    sure = smoother.innovations(run, ONE, smoother.Noise(0.0025, 0.0, np.array([0.125])))
+    sure = smoother.innovations(run, ONE, smoother.MeasurementNoise(0.0025, 0.0, np.array([0.125])))
     assert np.mean(sure**2) == pytest.approx(4.0, abs=0.3)
 
 

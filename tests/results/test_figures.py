@@ -14,13 +14,13 @@ from adhesion_cli.rail import slip
 from adhesion_cli.rail.slope import REGION_TITLES, Bands
 from adhesion_cli.results import charts, figures
 from adhesion_cli.wsp import closed_loop, scenario, wsp_controller
-from adhesion_cli.wsp.sweep import Compared, Row
+from adhesion_cli.wsp.sweep import Compared, SweepRow
 
 
 @pytest.fixture(scope="module")
 def stops() -> list[Stop]:
     long = scenario.load("slippery-stop")
-    short = replace(long, train=scenario.Train(speed=9.0), name="short")
+    short = replace(long, train=scenario.ScenarioTrain(speed=9.0), name="short")
     return [closed_loop.run(short, law) for law in registry()]
 
 
@@ -86,7 +86,7 @@ def test_points_of_slip_have_the_colour_of_their_region() -> None:
 
 def test_a_sweep_is_drawn_with_its_intervals(tmp_path: Path) -> None:
     rows = [
-        Row(
+        SweepRow(
             rail, law, 500.0,
             {"stopping_distance_m": (700.0 + n, 650.0, 800.0 + n), "utilisation": None,
              "air_nl": (100.0, 90.0, 120.0)}, Compared(None, 0.5),

@@ -43,7 +43,7 @@ def record(
     )  # fmt: skip
 
 
-def compared(t: Floats, estimate: Floats, target: Floats) -> metrics.Comparison:
+def compared(t: Floats, estimate: Floats, target: Floats) -> metrics.EstimateAndTarget:
     r = record(t, force(t) / 0.27)
     c = metrics.compare(r, estimate, target, brake_applications.find_applications(r))
     assert c is not None

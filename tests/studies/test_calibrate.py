@@ -16,11 +16,11 @@ from adhesion_cli.core.physics import wheelset
 from adhesion_cli.studies import calibrate
 
 
-def found(*paths: Path, vehicle: Vehicle = STATED) -> calibrate.Calibration:
+def found(*paths: Path, vehicle: Vehicle = STATED) -> calibrate.CalibrationRun:
     return calibrate.calibrate(paths, settings.Settings(vehicle=vehicle), lambda _: None)
 
 
-def bands(of: calibrate.Calibration) -> list[float]:
+def bands(of: calibrate.CalibrationRun) -> list[float]:
     """Standard uncertainty of the force as stated and calibrated, relative."""
     return [u / Z95 / F for u, F in zip(of.result.band, of.result.force, strict=True)]
 
@@ -36,11 +36,11 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def calibrated(logs: list[Path]) -> calibrate.Calibration:
+def calibrated(logs: list[Path]) -> calibrate.CalibrationRun:
     return found(*logs)
 
 
-def test_the_logs_show_force_over_mass(calibrated: calibrate.Calibration) -> None:
+def test_the_logs_show_force_over_mass(calibrated: calibrate.CalibrationRun) -> None:
     row = calibrated.result.rows["force_over_mass"]
     at = calibrated.settings.vehicle.friction_speed.value
     assert row.posterior == pytest.approx(0.8 * (1.0 - 0.004 * (at - 20.0)), rel=0.03)
@@ -50,7 +50,7 @@ def test_the_logs_show_force_over_mass(calibrated: calibrate.Calibration) -> Non
     assert fade.posterior_u < 0.5 * fade.prior_u
 
 
-def test_the_force_is_no_better_than_the_mass(calibrated: calibrate.Calibration) -> None:
+def test_the_force_is_no_better_than_the_mass(calibrated: calibrate.CalibrationRun) -> None:
     """The share of the mass's variance is by linear regression: 5 % against 10.4 %."""
     chain, mass = math.hypot(0.1, 0.03, 0.002), 0.05
     rows, w = calibrated.result.rows, wheelset(STATED, 1).rolling
@@ -65,7 +65,7 @@ def test_the_force_is_no_better_than_the_mass(calibrated: calibrate.Calibration)
 
 
 def test_a_weighed_train_gives_a_narrower_band(
-    logs: list[Path], calibrated: calibrate.Calibration
+    logs: list[Path], calibrated: calibrate.CalibrationRun
 ) -> None:
     weighed = replace(STATED, axle_mass=Parameter(4797.0, 47.97))
     one = found(*logs, vehicle=weighed)
@@ -74,7 +74,7 @@ def test_a_weighed_train_gives_a_narrower_band(
 
 
 def test_analyze_takes_the_toml_and_has_that_band(
-    logs: list[Path], calibrated: calibrate.Calibration, tmp_path: Path
+    logs: list[Path], calibrated: calibrate.CalibrationRun, tmp_path: Path
 ) -> None:
     path = tmp_path / "train.toml"
     path.write_text(calibrate.as_toml(calibrated))
@@ -119,7 +119,7 @@ def test_a_gradient_that_begins_with_the_brake_is_in_the_uncertainty(tmp_path: P
 
 
 def test_analyze_says_what_calibrate_would_give(
-    logs: list[Path], calibrated: calibrate.Calibration
+    logs: list[Path], calibrated: calibrate.CalibrationRun
 ) -> None:
     (told,) = narrows(logs[0], STATED)
     before, after = (Z95 * u for u in bands(found(logs[0])))
@@ -137,7 +137,7 @@ def narrows(path: Path, vehicle: Vehicle) -> list[Finding]:
 
 
 def test_a_calibrated_vehicle_calibrates_to_itself(
-    logs: list[Path], calibrated: calibrate.Calibration
+    logs: list[Path], calibrated: calibrate.CalibrationRun
 ) -> None:
     again = found(*logs, vehicle=calibrated.settings.vehicle)
     row = again.result.rows["force_over_mass"]
@@ -146,7 +146,7 @@ def test_a_calibrated_vehicle_calibrates_to_itself(
     assert bands(again)[1] < 1.05 * bands(calibrated)[1]
 
 
-def test_each_application_has_its_decelerations(calibrated: calibrate.Calibration) -> None:
+def test_each_application_has_its_decelerations(calibrated: calibrate.CalibrationRun) -> None:
     assert len(calibrated.applications) == 9
     for a in calibrated.applications:
         left = a.calibrated_mps2 - a.gradient_mps2 - a.measured_mps2
@@ -155,7 +155,7 @@ def test_each_application_has_its_decelerations(calibrated: calibrate.Calibratio
 
 
 def test_the_picture_names_each_log_once_and_has_bars(
-    calibrated: calibrate.Calibration,
+    calibrated: calibrate.CalibrationRun,
 ) -> None:
     over, off = calibrate.panels(calibrated.applications)
     assert off.x_names == ["0", "", "", "1", "", "", "2", "", ""]
@@ -170,7 +170,7 @@ def test_the_picture_names_each_log_once_and_has_bars(
 
 
 def test_logs_of_one_name_are_named_with_their_folders(
-    calibrated: calibrate.Calibration,
+    calibrated: calibrate.CalibrationRun,
 ) -> None:
     one = calibrated.applications[0]
     two = [one._replace(log=f"day{i}/stop.csv") for i in (1, 1, 2)]

@@ -50,7 +50,7 @@ def case(name: str) -> Scenario:
 def short() -> Scenario:
     """One axle from 9 m/s on a slippery rail."""
     long = case("slippery-stop")
-    return replace(long, train=scenario.Train(speed=9.0), name="short")
+    return replace(long, train=scenario.ScenarioTrain(speed=9.0), name="short")
 
 
 @cache
@@ -447,7 +447,7 @@ def uses_the_rail(verdicts: list[Verdict]) -> None:
 
 
 def test_patent_law_uses_the_rail_and_locks_no_wheel() -> None:
-    one = replace(case("slippery-stop"), train=scenario.Train(speed=30.0))
+    one = replace(case("slippery-stop"), train=scenario.ScenarioTrain(speed=30.0))
     rails = ["low", "very-low", "early-peak", "late-peak", "sudden", "film"]
     found = sweep.verdicts(one, rails, ["patent", "rule"], [7])
     uses_the_rail([found[r, "patent"][0] for r in rails])
@@ -496,7 +496,7 @@ def test_no_wheel_locks_on_leaf_film() -> None:
 @pytest.mark.parametrize(("name", "worth"), [("low", 0.03), ("early-peak", 0.1)])
 def test_slope_decides_where_the_peak_is(name: str, worth: float) -> None:
     """Slip alone does not know it: the law's slip band is wide."""
-    one = replace(case("slippery-stop"), train=scenario.Train(speed=15.0))
+    one = replace(case("slippery-stop"), train=scenario.ScenarioTrain(speed=15.0))
 
     def utilisation(parameters: dict[str, dict[str, float]]) -> float:
         found = sweep.verdicts(one, [name], ["patent"], [3], settings=parameters)
@@ -676,10 +676,10 @@ def test_a_unit_may_take_its_vehicle_for_another(key: str, field: str) -> None:
     assert on_dry == closed_loop.run(replace(short(), rail=closed_loop.DRY), "none").distance[-1]
 
 
-NO_HOLD = {"brake": scenario.Brake((scenario.Command(0.0, 1e3),))}
+NO_HOLD = {"brake": scenario.ScenarioBrake((scenario.Command(0.0, 1e3),))}
 AT_ONCE = {
-    "train": scenario.Train(speed=1e-3),
-    "brake": scenario.Brake((scenario.Command(0.0, 8e5),)),
+    "train": scenario.ScenarioTrain(speed=1e-3),
+    "brake": scenario.ScenarioBrake((scenario.Command(0.0, 8e5),)),
     "antiskid": scenario.Antiskid(fill_rate=1e8),
 }
 
@@ -696,7 +696,7 @@ AT_ONCE = {
         ({}, "patent", "kalman", {"slope": {"delta": -1.0}}, "out of range"),
         ({"dt": 0.015}, "none", "kalman", {}, "dt"),
         ({}, "none", "leso", {"leso": {"euler": 1.0}}, "longest stable"),
-        ({"brake": scenario.Brake()}, "none", "kalman", {}, "no train that brakes"),
+        ({"brake": scenario.ScenarioBrake()}, "none", "kalman", {}, "no train that brakes"),
         (AT_ONCE, "none", "kalman", {}, "stands at once"),
         (NO_HOLD, "none", "kalman", {}, "does not stop within"),
     ],
@@ -709,7 +709,7 @@ def test_bad_requests_are_refused(change, controller, algo, settings, says) -> N
 
 
 def test_a_train_too_slow_to_be_judged_has_a_distance_and_no_slip() -> None:
-    crawl = replace(short(), train=scenario.Train(speed=0.5))
+    crawl = replace(short(), train=scenario.ScenarioTrain(speed=0.5))
     dry = closed_loop.dry_distance(crawl)
     v = closed_loop.verdict(closed_loop.run(crawl, "patent"), crawl, dry)
     assert v.stopping_distance_m >= dry > 0.0
@@ -738,7 +738,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rrd") / "stops.rrd"
     stops, bands = [stopped("short", c) for c in registry()], {"patent": wsp_controller.bands({})}
     weight = short().vehicle.axle_mass.value * physics.G
-    said = rrd.Said("75 m on dry rail\n```\n![](http://evil)", {"rule": {"slip": "a|b"}})
+    said = rrd.StopTexts("75 m on dry rail\n```\n![](http://evil)", {"rule": {"slip": "a|b"}})
     rrd.write_stops(path, "short", stops, weight, bands, said)
     return path
 

@@ -20,7 +20,16 @@ from adhesion_cli.core.model import Floats
 from adhesion_cli.rail import creep_law
 from adhesion_cli.wsp import scenario, simulate
 from adhesion_cli.wsp.plant import demand_of, plant_of, track_of
-from adhesion_cli.wsp.scenario import Brake, Command, Rail, Scenario, Section, Sensor, Train, Wsp
+from adhesion_cli.wsp.scenario import (
+    Command,
+    Rail,
+    Scenario,
+    ScenarioBrake,
+    ScenarioTrain,
+    Section,
+    Sensor,
+    Wsp,
+)
 from adhesion_cli.wsp.simulate import Recording, Simulation
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
@@ -40,7 +49,7 @@ def braked(pressure: float = 6e5, condition: str = "dry", **changes: object) -> 
         description="",
         duration=10.0,
         rail=Rail((Section(0.0, condition),)),
-        brake=Brake((Command(0.0, pressure=pressure),)),
+        brake=ScenarioBrake((Command(0.0, pressure=pressure),)),
     )
     return dataclasses.replace(s, **changes)  # type: ignore[arg-type]
 
@@ -190,7 +199,7 @@ def test_compiled_equals_plain_python() -> None:
     s = dataclasses.replace(
         s,
         rail=Rail((Section(0.0, "low"),), blend=0.1),
-        brake=Brake((Command(0.0, pressure=9e5),)),
+        brake=ScenarioBrake((Command(0.0, pressure=9e5),)),
     )
     fast = simulate.run(s)
     n = len(fast.t)
@@ -214,7 +223,7 @@ def test_compiled_equals_plain_python() -> None:
 
 
 def test_a_locked_wheel_stays_locked_and_the_train_stops_for_good() -> None:
-    s = braked(9e5, "very-low", duration=120.0, train=Train(speed=10.0))
+    s = braked(9e5, "very-low", duration=120.0, train=ScenarioTrain(speed=10.0))
     r = simulate.run(s)
     locked = r.wheel_speed[:, 0] == 0.0
     first = int(np.argmax(locked))
@@ -239,7 +248,7 @@ def test_a_locked_wheel_stays_locked_and_the_train_stops_for_good() -> None:
 
 @pytest.mark.parametrize("dt", [5e-3, 1e-3, 2e-4])
 def test_a_rolling_train_stops_at_zero(dt: float) -> None:
-    r = simulate.run(braked(train=Train(speed=3.0)), dt=dt)
+    r = simulate.run(braked(train=ScenarioTrain(speed=3.0)), dt=dt)
     assert r.train_speed[-1] == 0.0
     assert r.wheel_speed[-1, 0] == 0.0
     braking = 0.3 * r.clamping_force[0, 0] / (1.0 + 145.0 / (4797.0 * 0.42**2)) / 4797.0
@@ -247,8 +256,8 @@ def test_a_rolling_train_stops_at_zero(dt: float) -> None:
 
 
 def test_wheels_turn_again_when_the_brake_is_released() -> None:
-    brake = Brake((Command(0.0, pressure=9e5), Command(6.0, pressure=0.0)))
-    r = simulate.run(braked(9e5, "low", brake=brake, train=Train(speed=10.0)))
+    brake = ScenarioBrake((Command(0.0, pressure=9e5), Command(6.0, pressure=0.0)))
+    r = simulate.run(braked(9e5, "low", brake=brake, train=ScenarioTrain(speed=10.0)))
     assert r.wheel_speed[5900, 0] == 0.0
     assert r.wheel_speed[-1, 0] * 0.42 == pytest.approx(r.train_speed[-1], rel=1e-6)
     assert r.train_speed[-1] > 1.0
@@ -301,8 +310,9 @@ def test_any_brake_on_any_rail_has_a_solution(
         commands.append(Command(t + wait, pressure=pressure, ramp=ramp))
         t += wait + ramp
     s = braked(
-        rail=Rail(tuple(on)), brake=Brake(tuple(commands), vent_time=0.2), wsp=wsp, duration=5.0,
-        train=Train(speed, 2, cleaning=(1.0, 1.7)),
+        rail=Rail(tuple(on)),
+        brake=ScenarioBrake(tuple(commands), vent_time=0.2), wsp=wsp, duration=5.0,
+        train=ScenarioTrain(speed, 2, cleaning=(1.0, 1.7)),
         contact=creep_law.Contact(lateral_creep=creep_y),
     )  # fmt: skip
     r = simulate.run(s, dt=dt)
@@ -317,7 +327,7 @@ def test_any_brake_on_any_rail_has_a_solution(
 
 
 def test_cylinder_fills_after_the_dead_time_with_its_time_constant() -> None:
-    brake = Brake(
+    brake = ScenarioBrake(
         (Command(1.0, pressure=4e5), Command(5.0, pressure=0.0)),
         dead_time=0.25, fill_time=0.4, vent_time=0.7,
     )  # fmt: skip
@@ -330,14 +340,14 @@ def test_cylinder_fills_after_the_dead_time_with_its_time_constant() -> None:
 
 
 def test_cylinder_is_no_faster_than_its_rate() -> None:
-    brake = Brake((Command(1.0003, pressure=3e5),), fill_rate=2e5)
+    brake = ScenarioBrake((Command(1.0003, pressure=3e5),), fill_rate=2e5)
     r = simulate.run(braked(brake=brake))
     t = r.t * 1e-9
     np.testing.assert_allclose(r.pressure[:, 0], np.clip((t - 1.0003) * 2e5, 0.0, 3e5), atol=1e-3)
 
 
 def test_clamping_force_may_be_demanded_instead_of_pressure() -> None:
-    brake = Brake((Command(0.0, clamping_force=15000.0, ramp=2.0),))
+    brake = ScenarioBrake((Command(0.0, clamping_force=15000.0, ramp=2.0),))
     r = simulate.run(braked(brake=brake))
     assert r.clamping_force[4000, 0] == pytest.approx(15000.0)
     np.testing.assert_array_equal(
@@ -348,7 +358,7 @@ def test_clamping_force_may_be_demanded_instead_of_pressure() -> None:
 def test_each_axle_meets_a_film_where_it_runs() -> None:
     film = scenario.Film("very-low", first=50.0, length=5.0, pitch=20.0, count=2)
     on = Rail((Section(0.0, "dry"),), film=film, blend=0.05)
-    s = braked(7e5, rail=on, train=Train(20.0, 2, (0.0, 4.0)))
+    s = braked(7e5, rail=on, train=ScenarioTrain(20.0, 2, (0.0, 4.0)))
     r = simulate.run(s)
     for axle, behind in ((0, 0.0), (1, 4.0)):
         x = r.distance - behind

@@ -10,7 +10,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import Field
 from .block_parser import ParsedBlock, Parser
-from .lines import MAX_LINE, Block, Lines
+from .lines import MAX_LINE, LineBlock, Lines
 from .losses import Losses
 from .reader import CsvSource
 from .rows import Groups, classify_untimed
@@ -20,7 +20,7 @@ _NEW_FILE = "let the logger begin a new file where its columns change; start `li
 Row = tuple[int, dict[int, float]]  # time [ns]; values by place in what was wanted
 
 
-class Arriving:
+class ArrivingCsv:
     """The rows after header and preamble.
 
     Args:
@@ -71,7 +71,7 @@ class Arriving:
         self._line, self._skip = self._line + skipped, self._skip - skipped
         if complete := complete[skipped:]:
             raw = ("\n".join(complete) + "\n").encode()
-            block = Block(self._lines.as_utf8(raw), self._line, len(complete))
+            block = LineBlock(self._lines.as_utf8(raw), self._line, len(complete))
             self._line += len(complete)
             yield from self._parsed(block)
 
@@ -81,7 +81,7 @@ class Arriving:
         except UserError as error:  # nobody can split a log that still grows
             raise UserError(error.text, _NEW_FILE) from None
 
-    def _parsed(self, block: Block) -> Iterator[Row]:
+    def _parsed(self, block: LineBlock) -> Iterator[Row]:
         parsed = self._parser.parse(block)
         if not parsed.timed.all():
             self._classify_untimed(parsed)

@@ -20,14 +20,14 @@ from ..source import ReadOptions
 from .cells import floats
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment
-from .lines import Block
+from .lines import LineBlock
 
 _EXAMPLE_BYTES = 100_000  # bytes of a row that are looked at
 Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class CsvTable:
     """What a text log is read as; the same for all passes over it."""
 
     path: Path
@@ -42,7 +42,7 @@ class Table:
 class ParsedBlock:
     """What one block holds; arrays of its n rows of the right width, each of shape (n,)."""
 
-    block: Block
+    block: LineBlock
     times: Times
     timed: Bools  # which times hold
     values: dict[int, Floats]
@@ -65,11 +65,11 @@ class ParsedBlock:
 class Parser:
     """Parses blocks, several at a time; only the table's `types` change."""
 
-    table: Table
+    table: CsvTable
     indices: list[int]  # columns of numbers
     keys: tuple[int, ...]  # columns that separate series
 
-    def parse(self, block: Block) -> ParsedBlock:
+    def parse(self, block: LineBlock) -> ParsedBlock:
         """The columns of one block.
 
         Raises:
@@ -104,7 +104,7 @@ class Parser:
             dropped,
         )
 
-    def _sieved(self, block: Block) -> tuple[bytes, Rows, dict[str, Rows]]:
+    def _sieved(self, block: LineBlock) -> tuple[bytes, Rows, dict[str, Rows]]:
         """The block without lines of another width, the lines that are left, and the others.
 
         A line in which a quote does not close has too few cells, and so has what follows it.

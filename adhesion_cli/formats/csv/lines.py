@@ -28,7 +28,7 @@ _MAX_TEXT = 2_000  # characters of a row in the list of rejects
 
 
 @dataclass(slots=True)
-class Block:
+class LineBlock:
     """Whole lines of the file, each ended by a line feed."""
 
     data: bytes
@@ -46,7 +46,7 @@ class Lines:
     is_unfinished: bool = False  # the last line has no line end
     damage: str = ""  # of gzip; the rows before it are read
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[LineBlock]:
         """The rows in blocks, in order.
 
         Raises:
@@ -78,7 +78,7 @@ class Lines:
                 offset = data.find(b"\n", offset) + 1
             line, skip, lines = line + skipped, skip - skipped, lines - skipped
             if lines:
-                yield Block(self.as_utf8(data[offset:]), line, lines)
+                yield LineBlock(self.as_utf8(data[offset:]), line, lines)
                 line += lines
 
     def as_utf8(self, rows: bytes) -> bytes:

@@ -14,7 +14,7 @@ from ...core import toml
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Times
-from .block_parser import Table
+from .block_parser import CsvTable
 from .dialect import Dialect
 from .header_words import GROUP, SIGNAL, UNITS, is_named, is_units_row
 from .rows import Key, read_rows
@@ -25,7 +25,7 @@ _MAX_SIGNALS = 1_000
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class LongSeries:
     """What the rows of one key are."""
 
     group: str = ""  # device or axle
@@ -44,11 +44,11 @@ class Keys:
     """The columns that separate the series of a long table; none in a wide one."""
 
     columns: tuple[int, ...] = ()
-    series: dict[Key, Series] = field(default_factory=dict)  # those that are read
+    series: dict[Key, LongSeries] = field(default_factory=dict)  # those that are read
     findings: tuple[Finding, ...] = ()
 
 
-def find_keys(table: Table) -> Keys:
+def find_keys(table: CsvTable) -> Keys:
     """Finds the columns that separate series: stated, or known by their name and contents.
 
     Raises:
@@ -67,7 +67,7 @@ def find_keys(table: Table) -> Keys:
     return Keys()
 
 
-def _stated_keys(table: Table, i: int, named: list[int]) -> Keys:
+def _stated_keys(table: CsvTable, i: int, named: list[int]) -> Keys:
     """The series of the stated column. Further columns may separate those of its one value."""
     dialect, path, equals = table.dialect, table.path, table.options.group_equals
     name = dialect.names[i]
@@ -106,7 +106,7 @@ def _stated_keys(table: Table, i: int, named: list[int]) -> Keys:
         if _is_long_table(read.times[rows], read.codes[rows], len(matching)):
             keys = _keys(dialect, columns, [read.met[k] for k in matching])
             return replace(keys, findings=(finding, *keys.findings))
-    return Keys((i,), {(equals,): Series(equals)}, (finding,))
+    return Keys((i,), {(equals,): LongSeries(equals)}, (finding,))
 
 
 def _is_key(dialect: Dialect, i: int) -> bool:
@@ -134,7 +134,7 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
         if ungrouped and len({tuple(key[q] for q in ungrouped) for key in keys}) == len(keys):
             group.remove(p)
     series = {
-        key: Series(
+        key: LongSeries(
             ", ".join(key[p] for p in group),
             key[signal] if signal is not None else "",
             key[unit] if unit is not None else "",

@@ -16,12 +16,12 @@ from ...core.time_axis import earliest
 from ...core.units import in_name
 from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions
-from .block_parser import Table
+from .block_parser import CsvTable
 from .clock import Clock
 from .detect_dialect import detect_dialect
 from .dialect import Dialect, is_stamp
 from .lines import read_head
-from .long_table import Series, find_keys, interleaved
+from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
 from .rows import read_rows
 from .time_column import find_clock
@@ -76,9 +76,9 @@ class CsvSource:
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
         types = dict.fromkeys(clock.columns, clock.type)
-        self.table = Table(path, options, dialect, clock, types, round(1.06 * rows))
+        self.table = CsvTable(path, options, dialect, clock, types, round(1.06 * rows))
         self.keys = find_keys(self.table)
-        self._series = list(self.keys.series.values()) or [Series()]
+        self._series = list(self.keys.series.values()) or [LongSeries()]
         self.findings += self.keys.findings
         names = dialect.names
         reserved = {*clock.columns, *self.keys.columns}

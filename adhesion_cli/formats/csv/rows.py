@@ -15,7 +15,7 @@ from ...core import toml
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from . import arrow as pc
-from .block_parser import ParsedBlock, Parser, Table
+from .block_parser import CsvTable, ParsedBlock, Parser
 from .cells import is_missing
 from .dialect import is_comment, is_null, split
 from .lines import Lines
@@ -29,7 +29,7 @@ _T, _SERIES = -1, -2  # what a pass gives besides its columns
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class CsvRows:
     """What one pass gave: rows that have a time and a wanted key; arrays of shape (n,)."""
 
     times: Times
@@ -41,8 +41,8 @@ class Reading:
 
 
 def read_rows(
-    table: Table, indices: list[int], keys: tuple[int, ...] = (), wanted: list[Key] | None = None
-) -> Reading:
+    table: CsvTable, indices: list[int], keys: tuple[int, ...] = (), wanted: list[Key] | None = None
+) -> CsvRows:
     """One pass over the file.
 
     Args:
@@ -85,7 +85,7 @@ def read_rows(
     losses.lines["used"] = row_count
     for column in by_column.values():
         column.resize(row_count, refcheck=False)
-    return Reading(by_column.pop(_T), by_column.pop(_SERIES), by_column, groups.met, losses, lines)
+    return CsvRows(by_column.pop(_T), by_column.pop(_SERIES), by_column, groups.met, losses, lines)
 
 
 def _parsed_blocks(lines: Lines, parser: Parser) -> Iterator[ParsedBlock]:
@@ -101,7 +101,7 @@ def _parsed_blocks(lines: Lines, parser: Parser) -> Iterator[ParsedBlock]:
             yield waiting.popleft().result()
 
 
-def classify_untimed(table: Table, parsed: ParsedBlock) -> None:
+def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:
     """Notes the rows that have no time by class.
 
     Raises:

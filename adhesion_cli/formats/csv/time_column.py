@@ -51,7 +51,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     if unit is not None and unit not in TIME_UNITS:
         hint = f"{_stated_time('')}; known: {', '.join(TIME_UNITS)}"
         raise UserError(f"unknown time unit {unit!r}", hint, code=2)
-    search = _Search(dialect, unit, rows, path)
+    search = _ClockSearch(dialect, unit, rows, path)
     if options.time_channel is not None:
         i = column_index(dialect, options.time_channel, path)
         if clock := search.clock(i, "stated"):
@@ -122,7 +122,7 @@ def _unreadable(dialect: Dialect, i: int, path: Path) -> UserError:
 
 
 @dataclass(frozen=True, slots=True)
-class _Search:
+class _ClockSearch:
     """Reads columns as times."""
 
     dialect: Dialect

@@ -22,7 +22,7 @@ _HAS_MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
 _END_OPCODES = (Opcode.DATA_END, Opcode.FOOTER)
 
 
-class Arriving:
+class ArrivingMcap:
     """An MCAP that grows.
 
     Each part that was appended is read as a log of its own, with all schemas and channels that were

@@ -30,7 +30,7 @@ _MESSAGE_INDEX = struct.Struct("<HI")  # channel, and bytes of the entries that 
 
 
 @dataclass(slots=True)
-class Block:
+class RecordBlock:
     """A chunk, or a run of records outside chunks."""
 
     offset: int
@@ -107,7 +107,7 @@ class BlockReader:
         self._spent = 0  # of this
         self.compressions: set[str] = set()
 
-    def records(self, block: Block) -> Records:
+    def records(self, block: RecordBlock) -> Records:
         """The records of a block, inflated, checked, and its messages found.
 
         Raises:
@@ -130,7 +130,7 @@ class BlockReader:
             raise DamageError(block.offset, damage)
         return records
 
-    def run(self, offset: int, size: int) -> tuple[Block, Records]:
+    def run(self, offset: int, size: int) -> tuple[RecordBlock, Records]:
         """The records outside chunks from an offset on, in as many bytes or less.
 
         Raises:
@@ -141,9 +141,9 @@ class BlockReader:
         search = self._search(data, size)
         if not (stop := search.walk(0, size, outside=True)):
             raise DamageError(offset, "no whole message, schema or channel")
-        return Block(offset, offset + stop, False), self._counted(search, offset)
+        return RecordBlock(offset, offset + stop, False), self._counted(search, offset)
 
-    def disguised(self, offset: int, length: int) -> tuple[Block, Records] | None:
+    def disguised(self, offset: int, length: int) -> tuple[RecordBlock, Records] | None:
         """A chunk whose record has a wrong opcode, None for any other record.
 
         Raises:
@@ -151,7 +151,7 @@ class BlockReader:
         """
         if not _like_chunk(self._file.read(offset, min(HEADER.size + length, _CHUNK_START))):
             return None
-        block = Block(offset, offset + HEADER.size + length, True)
+        block = RecordBlock(offset, offset + HEADER.size + length, True)
         try:
             _, _, compression, packed, spare = self._fields(block)
         except DamageError:
@@ -166,7 +166,7 @@ class BlockReader:
             raise
         return (block, records) if len(records.start) or records.definitions else None
 
-    def next_chunk(self, offset: int) -> Block | None:
+    def next_chunk(self, offset: int) -> RecordBlock | None:
         """The first whole chunk from an offset on."""
         for piece in range(offset, self._file.size, PIECE):
             size = min(PIECE + _CHUNK_START - 1, self._file.size - piece)
@@ -174,16 +174,16 @@ class BlockReader:
                 begin = piece + candidate.start()
                 try:
                     length = self._file.head(begin)[1]
-                    self.records(block := Block(begin, begin + HEADER.size + length, True))
+                    self.records(block := RecordBlock(begin, begin + HEADER.size + length, True))
                 except DamageError:
                     continue
                 return block
         return None
 
-    def _search(self, data: Bytes, size: int) -> "_Search":
-        return _Search(data, size, (self._allowed - self._spent) // _UNUSUAL + 1)
+    def _search(self, data: Bytes, size: int) -> "_RecordSearch":
+        return _RecordSearch(data, size, (self._allowed - self._spent) // _UNUSUAL + 1)
 
-    def _counted(self, search: "_Search", offset: int) -> Records:
+    def _counted(self, search: "_RecordSearch", offset: int) -> Records:
         limit = search.size // HEADER.size - search.count
         damage = "more records than a file of this size holds"
         self._spend(offset, damage, _UNUSUAL * search.count, _UNUSUAL * limit)
@@ -196,7 +196,7 @@ class BlockReader:
             limit = self._most + self._spent + extra - self._allowed
             raise DamageError(offset, damage, RAISE_LIMIT.format("max_inflated", limit))
 
-    def _fields(self, block: Block) -> tuple[int, int, str, bytes, int]:
+    def _fields(self, block: RecordBlock) -> tuple[int, int, str, bytes, int]:
         """A chunk's inflated size, CRC, compression and packed bytes, and the bytes behind them."""
         length = block.length - HEADER.size
         content = self._file.content(block.offset, length)
@@ -206,7 +206,7 @@ class BlockReader:
         packed = content.read(content.read8())
         return size, crc, compression, packed, length - content.count
 
-    def _inflate(self, block: Block) -> tuple[Bytes, int]:
+    def _inflate(self, block: RecordBlock) -> tuple[Bytes, int]:
         """The bytes in a chunk with PADDING more, and how many they are."""
         size, crc, compression, packed, _ = self._fields(block)
         if size > self._most:
@@ -234,7 +234,7 @@ class BlockReader:
         self.compressions.add(compression or "none")
         return data, size
 
-    def _message_indexes(self, block: Block, size: int) -> "Index | None":
+    def _message_indexes(self, block: RecordBlock, size: int) -> "Index | None":
         """What the message indexes behind a chunk say."""
         places: list[tuple[int, int]] = []
         index_entries, counts, offset = list[bytes](), list[int](), block.stop
@@ -257,7 +257,7 @@ class BlockReader:
         return Index([channel for channel, _ in places], counts, entries)
 
 
-class _Search:
+class _RecordSearch:
     """Looks for the records in a buffer.
 
     Args:

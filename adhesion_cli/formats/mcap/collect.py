@@ -10,7 +10,7 @@ from ...core.model import Bools, Column, Floats, Times
 from ...core.time_axis import spans_of
 from ..source import TimeSource
 from .blocks import Offsets, Records
-from .columns import Fault, Wanted
+from .columns import MessageFault, Wanted
 from .series import Series
 
 # From one run of rising times to another in the order of time, per fall of the time in the file.
@@ -93,14 +93,16 @@ class Collector:
         begins, stops = t[np.append(0, cuts + 1)], t[np.append(cuts, -1)]
         return spans_of(np.minimum(begins, stops), np.maximum(begins, stops), self._log_start)
 
-    def _without_stamp(self, has_stamp: Bools, rows: slice, faults: list[Fault]) -> list[Fault]:
+    def _without_stamp(
+        self, has_stamp: Bools, rows: slice, faults: list[MessageFault]
+    ) -> list[MessageFault]:
         """Takes out messages without a stamp; says which, but for those that do not decode."""
         self._values[:, rows][:, ~has_stamp] = np.nan
         lacking = ~has_stamp
         for fault in faults:
             if fault.code == "mcap-bad-message":
                 lacking[fault.rows] = False
-        return [Fault("mcap-no-stamp", np.flatnonzero(lacking))] if lacking.any() else []
+        return [MessageFault("mcap-no-stamp", np.flatnonzero(lacking))] if lacking.any() else []
 
     def columns(self) -> list[Column]:
         """One column per path, all with the same time array.

@@ -14,7 +14,7 @@ from .stamps import Stamp
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class MessageFault:
     """What decoding had to leave out, and the messages of the batch that it concerns."""
 
     code: str
@@ -24,7 +24,7 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class FirstText:
     """A string of the first message that gives wanted numbers their unit or name."""
 
     text: str
@@ -37,7 +37,7 @@ class Wanted:
 
     numbers: Sequence[Steps]  # the numbers asked for, then those of the stamp
     lengths: dict[Steps, int]  # of the arrays that hold wanted numbers, or are empty at first
-    said: dict[Steps, Said]
+    said: dict[Steps, FirstText]
     shape: Tree  # what the first messages hold, all taken together
     iso: Steps | None = None  # the one of `leaves` that is a time as text
 
@@ -51,11 +51,11 @@ class Wanted:
             for i, step in enumerate(steps):
                 if isinstance(step, int):
                     lengths[steps[:i]] = len(node_at(tree, steps[:i]))
-        said: dict[Steps, Said] = {}
+        said: dict[Steps, FirstText] = {}
         for i, leaf in enumerate(wanted):
             for place, text in ((leaf.label_at, leaf.label), (leaf.unit_at, leaf.unit)):
                 if place:
-                    said.setdefault(place, Said(text, [])).places.append(i)
+                    said.setdefault(place, FirstText(text, [])).places.append(i)
         iso = stamp.places[0] if stamp and stamp.text else None
         return cls(tuple(places), lengths, said, tree, iso)
 
@@ -88,7 +88,7 @@ class Decoder(Protocol):
 
     def columns(
         self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[Fault]]:
+    ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once.
 
         Args:
@@ -119,7 +119,7 @@ class Batch:
         self.values = np.full((len(wanted.numbers), count), np.nan)
         self.lengths = {steps: np.zeros(count, np.bool_) for steps in wanted.lengths}
         self.texts = {steps: np.zeros(count, np.bool_) for steps in wanted.said}
-        self.faults: list[Fault] = []
+        self.faults: list[MessageFault] = []
         self._bad: dict[str, list[int]] = {}  # messages that do not decode, by the reason
 
     def put_tree(self, row: int, tree: Tree) -> None:
@@ -136,12 +136,12 @@ class Batch:
         """Leaves a message out that does not decode."""
         self._bad.setdefault(reason, []).append(row)
 
-    def finish(self) -> tuple[Floats, list[Fault]]:
+    def finish(self) -> tuple[Floats, list[MessageFault]]:
         """The values and the faults, see Decoder.columns."""
         is_sound = np.ones(self.values.shape[1], np.bool_)
         for reason, bad in self._bad.items():
             is_sound[bad] = False
-            self.faults.append(Fault("mcap-bad-message", np.array(bad), reason=reason))
+            self.faults.append(MessageFault("mcap-bad-message", np.array(bad), reason=reason))
         self.values[:, ~is_sound] = np.nan
         for steps, differs in self.texts.items():
             rows = self._add("mcap-text-change", differs & is_sound, steps)
@@ -152,5 +152,5 @@ class Batch:
 
     def _add(self, code: str, affected: Bools, steps: Steps) -> Offsets:
         if len(rows := np.flatnonzero(affected)):
-            self.faults.append(Fault(code, rows, path(steps)))
+            self.faults.append(MessageFault(code, rows, path(steps)))
         return rows

@@ -10,10 +10,10 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, Footer, MetadataIndex, SummaryOffset
 
 from ...core.model import Times
-from .blocks import Block, Records
+from .blocks import RecordBlock, Records
 from .records import Content, DamageError
 
-Place = Block | AttachmentIndex | MetadataIndex  # where a record is: offset and length
+Place = RecordBlock | AttachmentIndex | MetadataIndex  # where a record is: offset and length
 
 #: Records that stand behind the data only.
 OF_SUMMARY = (
@@ -46,7 +46,7 @@ class Indexes:
         self._left: dict[int, dict[int, Place]] = {}  # by kind and offset: not yet listed
         self._groups: dict[int, tuple[int, int]] = {}  # of the summary: first byte, byte behind
 
-    def messages(self, block: Block, records: Records, log_time: Times) -> None:
+    def messages(self, block: RecordBlock, records: Records, log_time: Times) -> None:
         """Compares the message indexes behind a chunk with its messages; it may have none."""
         if not block.index[0]:
             return
@@ -105,7 +105,7 @@ class Indexes:
             raise DamageError(position, f"index lists no {name}, or one again: at byte {offset}")
         if place.length != length:
             raise DamageError(position, f"index gives the {name} at byte {offset} {length} bytes")
-        if index and isinstance(place, Block) and place.index != index:
+        if index and isinstance(place, RecordBlock) and place.index != index:
             damage = f"index does not lead to the message indexes of the chunk at byte {offset}"
             raise DamageError(position, damage)
 

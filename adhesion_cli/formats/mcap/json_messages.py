@@ -12,7 +12,7 @@ import orjson
 
 from ...core.model import Floats
 from .blocks import Bytes, Offsets
-from .columns import Batch, Fault, Wanted
+from .columns import Batch, MessageFault, Wanted
 from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, path
 from .stamps import microseconds
 
@@ -82,11 +82,11 @@ class JsonDecoder:
 
     def columns(
         self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[Fault]]:
+    ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once, see Decoder: as many as may stand in memory together."""
         batch = np.cumsum(stop - start) // _TOGETHER
         cuts = [0, *(np.flatnonzero(np.diff(batch)) + 1).tolist(), len(start)]
-        values, faults = np.empty((len(wanted.numbers), len(start))), list[Fault]()
+        values, faults = np.empty((len(wanted.numbers), len(start))), list[MessageFault]()
         for a, b in pairwise(cuts):
             values[:, a:b], batch_faults = self._together(buffer, start[a:b], stop[a:b], wanted)
             faults += [replace(fault, rows=fault.rows + a) for fault in batch_faults]
@@ -94,7 +94,7 @@ class JsonDecoder:
 
     def _together(
         self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[Fault]]:
+    ) -> tuple[Floats, list[MessageFault]]:
         raw, loads = buffer.data, orjson.loads
         spans = list(zip(start.tolist(), stop.tolist(), strict=True))
         batch, rows = Batch(wanted, len(spans)), np.arange(len(spans))
@@ -143,7 +143,7 @@ class _Spread:
 
     def _fault(self, code: str, rows: Offsets, place: str) -> None:
         if len(rows):
-            self._batch.faults.append(Fault(code, rows, place or "message"))
+            self._batch.faults.append(MessageFault(code, rows, place or "message"))
 
     def _of_type(
         self, kind: type, nodes: list[Tree], rows: Offsets, steps: Steps

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats
 from .blocks import Bytes, Offsets
-from .columns import Batch, Fault, Wanted
+from .columns import Batch, MessageFault, Wanted
 from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, UndecodableError
 
 _VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
@@ -119,7 +119,7 @@ class ProtobufDecoder:
 
     def columns(
         self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[Fault]]:
+    ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once, see Decoder."""
         return _LockStep(self, buffer, start, stop, wanted).columns()
 
@@ -295,7 +295,7 @@ class _LockStep:
             slot.inside[element] = self._node(f.message_type, path, inner_places)
         return slot
 
-    def columns(self) -> tuple[Floats, list[Fault]]:
+    def columns(self) -> tuple[Floats, list[MessageFault]]:
         """The columns, see Decoder."""
         self._message(self._root, np.arange(len(self._start)), self._start, self._end)
         for slot in self._slots:

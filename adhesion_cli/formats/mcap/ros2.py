@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.model import Floats
 from .blocks import Bytes, Offsets
-from .columns import Batch, Fault, Wanted
+from .columns import Batch, MessageFault, Wanted
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
 _CODES = {  # of struct and numpy
@@ -117,7 +117,7 @@ class Ros2Decoder:
 
     def columns(
         self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[Fault]]:
+    ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once, see Decoder."""
         batch, pending = Batch(wanted, len(start)), np.arange(len(start))
         layouts = self._layouts.setdefault(wanted, [])

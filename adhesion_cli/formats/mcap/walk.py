@@ -16,7 +16,7 @@ from mcap.records import AttachmentIndex, Footer, Header, Metadata, MetadataInde
 from ...core.errors import UserError
 from ...core.model import RECOVERED, Times
 from ..source import ReadOptions
-from .blocks import Block, BlockReader, Offsets, Records
+from .blocks import BlockReader, Offsets, RecordBlock, Records
 from .definitions import Definitions, FirstMessages
 from .indexes import OF_SUMMARY, Indexes, Place
 from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
@@ -48,7 +48,7 @@ class Walk:
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self._options = path, options
         self.counts: Counter[int] = Counter()  # messages by channel
-        self.blocks: list[Block] = []
+        self.blocks: list[RecordBlock] = []
         self.damage: list[DamageError] = []
         self.times = (1 << 63, -1)  # first and last log time
         self.profile = self.library = ""
@@ -135,7 +135,7 @@ class Walk:
 
     # ------------------------------------------------------------------ what is whole, again
 
-    def reread(self) -> Iterator[tuple[Block, Records]]:
+    def reread(self) -> Iterator[tuple[RecordBlock, Records]]:
         """The whole blocks a second time, with their records.
 
         Raises:
@@ -361,7 +361,7 @@ class Walk:
     # ------------------------------------------------------------------ blocks
 
     def _chunk(self, offset: int, length: int) -> None:
-        block = Block(offset, offset + HEADER.size + length, True)
+        block = RecordBlock(offset, offset + HEADER.size + length, True)
         self._take(block, self._reader.records(block))
 
     def _refuse_chunk(self, opcode: int, offset: int, length: int) -> None:
@@ -385,7 +385,7 @@ class Walk:
             self._note(damage)
         return block.stop
 
-    def _take(self, block: Block, records: Records) -> None:
+    def _take(self, block: RecordBlock, records: Records) -> None:
         """Takes up a block's definitions and counts its messages.
 
         Raises:

@@ -44,7 +44,7 @@ class Bars(NamedTuple):
     named: bool = False
 
 
-class Table(NamedTuple):
+class PageTable(NamedTuple):
     """A table and its figure.
 
     Attributes:
@@ -81,6 +81,6 @@ class Campaign(NamedTuple):
     name: str
     verdict: str
     lead: str
-    tables: Sequence[Table]
+    tables: Sequence[PageTable]
     codes: Sequence[str] = ()
     about: Mapping[str, str] = {}

@@ -7,7 +7,7 @@ from ...core.text import by_uncertainty
 from . import differences, sections, words
 from .differences import Difference
 from .markup import element, paragraph, table, text
-from .run import Run
+from .run import ReportRun
 
 if TYPE_CHECKING:
     from .plots import Figures
@@ -36,7 +36,7 @@ _QUANTITIES = {  # heading, factor and decimals at most
 }
 
 
-def body(runs: Sequence[Run], figures: "Figures") -> Iterator[str]:
+def body(runs: Sequence[ReportRun], figures: "Figures") -> Iterator[str]:
     """The page's content: differences first, then the overlays, then every run."""
     all_differences = differences.compare(runs)
     yield element("h1", f"Comparison of {len(runs)} runs")
@@ -72,7 +72,7 @@ def body(runs: Sequence[Run], figures: "Figures") -> Iterator[str]:
     yield paragraph("`adhesion report RESULT` shows all of one run.", "note")
 
 
-def _distinctions(runs: Sequence[Run]) -> Iterator[str]:
+def _distinctions(runs: Sequence[ReportRun]) -> Iterator[str]:
     """That a difference comes from the settings and not from the train, where it may."""
     items = []
     for i, run in enumerate(runs[1:], 2):
@@ -97,7 +97,7 @@ def _distinctions(runs: Sequence[Run]) -> Iterator[str]:
         yield element("div", f"{head}<ul>{listed}</ul>", "care")
 
 
-def _headline(runs: Sequence[Run], all_differences: Sequence[Difference]) -> str:
+def _headline(runs: Sequence[ReportRun], all_differences: Sequence[Difference]) -> str:
     """How many mean adhesion coefficients differ clearly, and which way."""
     coefficients = [d for d in all_differences if d.quantity == "coefficient"]
     if not coefficients:
@@ -114,7 +114,7 @@ def _headline(runs: Sequence[Run], all_differences: Sequence[Difference]) -> str
     return f"{log}Adhesion used, against run 1: {', '.join(phrases)} of {braked}."
 
 
-def _run(place: int, run: Run) -> dict[str, str]:
+def _run(place: int, run: ReportRun) -> dict[str, str]:
     """One row of the table of runs."""
     applications = [(axle, application) for axle in run.axles for application in axle.applications]
     means = [

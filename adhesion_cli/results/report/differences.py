@@ -13,7 +13,7 @@ from typing import NamedTuple
 from ...core.model import Vehicle
 from ...core.signals import coverage_factor
 from ...core.summary import BrakeApplication
-from .run import Axle, Run
+from .run import ReportAxle, ReportRun
 
 _NOISE = "noise"
 _MASS = "axle_mass"
@@ -45,7 +45,7 @@ class Difference(NamedTuple):
     alike: bool
 
 
-def compare(runs: Sequence[Run]) -> list[Difference]:
+def compare(runs: Sequence[ReportRun]) -> list[Difference]:
     """All runs against the first one: brake applications by their order, axles by their number."""
     reference, *others_runs = runs
     differences: list[Difference] = []
@@ -57,13 +57,13 @@ def compare(runs: Sequence[Run]) -> list[Difference]:
     return differences
 
 
-def unpaired(runs: Sequence[Run]) -> bool:
+def unpaired(runs: Sequence[ReportRun]) -> bool:
     """Whether a brake application or an axle of a run has none to be compared with."""
     counts = [{a.number: len(a.applications) for a in run.axles} for run in runs]
     return any(count != counts[0] for count in counts)
 
 
-def settings_apart(run_a: Run, run_b: Run) -> list[str]:
+def settings_apart(run_a: ReportRun, run_b: ReportRun) -> list[str]:
     """The settings that two runs do not have in common, and the version if that differs."""
     keys = sorted(run_a.settings.keys() | run_b.settings.keys())
     differing = [k for k in keys if run_a.settings.get(k) != run_b.settings.get(k)]
@@ -73,12 +73,12 @@ def settings_apart(run_a: Run, run_b: Run) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def same_log(run_a: Run, run_b: Run) -> bool:
+def same_log(run_a: ReportRun, run_b: ReportRun) -> bool:
     """Whether two runs are of one log."""
     return bool(run_a.log.sha256) and run_a.log.sha256 == run_b.log.sha256
 
 
-def same_vehicle(run_a: Run, run_b: Run) -> bool:
+def same_vehicle(run_a: ReportRun, run_b: ReportRun) -> bool:
     """Whether two runs state the same vehicle."""
     vehicles = [
         {k: v for k, v in r.settings.items() if k.startswith("vehicle.")} for r in (run_a, run_b)
@@ -86,7 +86,9 @@ def same_vehicle(run_a: Run, run_b: Run) -> bool:
     return vehicles[0] == vehicles[1]
 
 
-def _of_axle(place: int, axle_a: Axle, axle_b: Axle, run: Run) -> Iterator[Difference]:
+def _of_axle(
+    place: int, axle_a: ReportAxle, axle_b: ReportAxle, run: ReportRun
+) -> Iterator[Difference]:
     pairs = zip(axle_a.applications, axle_b.applications, strict=False)
     for k, (a, b) in enumerate(pairs, 1):
 
@@ -114,7 +116,7 @@ def _of_axle(place: int, axle_a: Axle, axle_b: Axle, run: Run) -> Iterator[Diffe
 
 
 def _of_force(
-    a: BrakeApplication, b: BrakeApplication, run: Run, by_weight: float = 0.0
+    a: BrakeApplication, b: BrakeApplication, run: ReportRun, by_weight: float = 0.0
 ) -> tuple[float, float]:
     """Expanded uncertainty of a difference of mean forces: with shared parameters, without [N].
 
@@ -163,7 +165,7 @@ def _factor(u: float, noise: Sequence[float], freedom: Sequence[float]) -> float
     return coverage_factor(u**4 / spent if spent else math.inf)
 
 
-def _correlation(run: Run) -> tuple[tuple[str, str, float], ...]:
+def _correlation(run: ReportRun) -> tuple[tuple[str, str, float], ...]:
     """Of the errors of two parameters, as the settings state it."""
     head = "vehicle.correlation."
     correlations = {

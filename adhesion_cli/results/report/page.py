@@ -11,7 +11,7 @@ from ..verified import verified
 from . import comparison, sections, words
 from .campaign import Campaign
 from .markup import element, packed, paragraph, prose, table, text
-from .run import Axle, Run
+from .run import ReportAxle, ReportRun
 
 if TYPE_CHECKING:
     from .plots import Figures
@@ -34,7 +34,7 @@ _OF_BUDGETS = (
 )
 
 
-def write(path: Path, runs: Sequence[Run]) -> None:
+def write(path: Path, runs: Sequence[ReportRun]) -> None:
     """Writes a report.
 
     Args:
@@ -49,7 +49,7 @@ def write(path: Path, runs: Sequence[Run]) -> None:
         file.write(page(runs).encode("utf-8"))
 
 
-def page(runs: Sequence[Run]) -> str:
+def page(runs: Sequence[ReportRun]) -> str:
     """The whole page; the same runs give the same text."""
     from .plots import VALUES, Figures  # Bokeh is slow to import
 
@@ -139,7 +139,7 @@ def _document(name: str, body: list[str]) -> str:
     return "\n".join([*fragments, "</body>\n</html>\n"])
 
 
-def _single(run: Run, figures: "Figures") -> Iterator[str]:
+def _single(run: ReportRun, figures: "Figures") -> Iterator[str]:
     plots = figures.of_run(run)
     yield from _first_screen(run, plots.overview)
     for axle in run.axles:
@@ -155,7 +155,7 @@ def _single(run: Run, figures: "Figures") -> Iterator[str]:
     yield from _about(run)
 
 
-def _first_screen(run: Run, overview: Sequence[str]) -> Iterator[str]:
+def _first_screen(run: ReportRun, overview: Sequence[str]) -> Iterator[str]:
     log, start = run.log, run.log.start
     yield element("h1", text(run.name))
     begun = f", {start.replace('T', ' ').replace('Z', ' UTC')}" if start else ""
@@ -178,7 +178,7 @@ def _first_screen(run: Run, overview: Sequence[str]) -> Iterator[str]:
 # ---- behind it
 
 
-def _axle(axle: Axle, places: Sequence[str]) -> Iterator[str]:
+def _axle(axle: ReportAxle, places: Sequence[str]) -> Iterator[str]:
     yield element("h2", f"Axle {axle.number}", "page", id=f"axle-{axle.number}")
     yield from sections.places(places)
     if scores := words.score_rows(axle):
@@ -186,7 +186,7 @@ def _axle(axle: Axle, places: Sequence[str]) -> Iterator[str]:
         yield element("div", heading + table(scores) + paragraph(_OF_SCORES, "note"), "whole")
 
 
-def _budgets(run: Run) -> Iterator[str]:
+def _budgets(run: ReportRun) -> Iterator[str]:
     yield element("h2", "Uncertainty of the mean force", id="budget")
     with_budget = [
         (axle, application)
@@ -220,7 +220,7 @@ def _budgets(run: Run) -> Iterator[str]:
         )
 
 
-def _findings(run: Run) -> Iterator[str]:
+def _findings(run: ReportRun) -> Iterator[str]:
     yield element("h2", "Findings", id="findings")
     groups = words.finding_groups(run.findings)
     if not groups:
@@ -251,7 +251,7 @@ def _findings(run: Run) -> Iterator[str]:
         )
 
 
-def _about(run: Run) -> Iterator[str]:
+def _about(run: ReportRun) -> Iterator[str]:
     yield element("h2", "How this was made", id="about")
     provenance = run.provenance
     facts = {
@@ -289,7 +289,7 @@ def _about(run: Run) -> Iterator[str]:
     yield element("ul", "".join(sources))
 
 
-def _vehicle(run: Run) -> list[dict[str, str]]:
+def _vehicle(run: ReportRun) -> list[dict[str, str]]:
     """The vehicle's parameters with their standard uncertainties."""
     values_by_name: dict[str, dict[str, str]] = {}
     for key, value in sorted(run.settings.items()):

@@ -11,7 +11,7 @@ from bokeh.resources import INLINE
 
 from ..verified import verified
 from .plots import Figures
-from .run import Run
+from .run import ReportRun
 
 _FRAME = 60  # pixels around all figures
 
@@ -27,7 +27,7 @@ class Plot:
         layout: the Bokeh layout, as `bokeh.io.show` takes it.
     """
 
-    def __init__(self, run: Run, axles: Sequence[int] = ()) -> None:
+    def __init__(self, run: ReportRun, axles: Sequence[int] = ()) -> None:
         figures = Figures()
         figure_set = figures.of_run(run)
         places = [

@@ -27,7 +27,7 @@ from ...core.model import Floats
 from .. import palette
 from . import decimate
 from .campaign import Bar, Bars
-from .run import Axle, Run
+from .run import ReportAxle, ReportRun
 
 VALUES = 800_000, 550_000, 380_000, 200_000  # numbers in all figures: what is tried, in turn
 _BITS = 12  # of a number's mantissa that a picture shows
@@ -64,7 +64,7 @@ class Figures:
         self._values, self._places = values, dict[str, Any]()
         self._cursor = Span(dimension="height", line_color="#888888", line_dash="dotted")
 
-    def of_run(self, run: Run) -> RunFigures:
+    def of_run(self, run: ReportRun) -> RunFigures:
         """Overview, then four or five figures per axle, all with one time axis."""
         earliest, latest = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
         time = Range1d(earliest, latest, bounds=(earliest, latest))
@@ -77,7 +77,7 @@ class Figures:
             overview, axles, max((step for _, step in axle_sources.values()), default=0.0)
         )
 
-    def of_runs(self, runs: Sequence[Run]) -> dict[int, list[str]]:
+    def of_runs(self, runs: Sequence[ReportRun]) -> dict[int, list[str]]:
         """Speed and adhesion coefficient of each axle, all runs from the start of their braking.
 
         Returns:
@@ -184,7 +184,7 @@ class Figures:
     # ---- figures
 
     def _overview(
-        self, run: Run, sources: Mapping[int, ColumnDataSource], time: Range1d
+        self, run: ReportRun, sources: Mapping[int, ColumnDataSource], time: Range1d
     ) -> list[str]:
         speed = self._figure("Speed [km/h]", 240, time)
         adhesion = self._figure("Adhesion coefficient [-]", 190, time)
@@ -209,7 +209,9 @@ class Figures:
         _legend(speed, items)
         return [self._place(speed, "overview-speed"), self._place(adhesion, "overview-adhesion")]
 
-    def _axle(self, axle: Axle, source: ColumnDataSource, time: Range1d, train: str) -> list[str]:
+    def _axle(
+        self, axle: ReportAxle, source: ColumnDataSource, time: Range1d, train: str
+    ) -> list[str]:
         N, slides = axle.number, _slides(axle)
         speed = self._figure("Speed [km/h]", 180, time)
         items = {"wheel": [_line(speed, source, "rim", palette.BLUE)]}
@@ -253,7 +255,7 @@ class Figures:
             places.append(self._place(self._curve(axle), f"axle-{N}-curve"))
         return places
 
-    def _curve(self, axle: Axle) -> figure:
+    def _curve(self, axle: ReportAxle) -> figure:
         """µ over slip while braked: where the wheel rolls, and where it slides."""
         fig = figure(
             height=300,
@@ -387,14 +389,14 @@ def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> N
 # ---- data
 
 
-def _common_time(runs: Sequence[Run]) -> tuple[float, float]:
+def _common_time(runs: Sequence[ReportRun]) -> tuple[float, float]:
     """Before and after the start of braking, as far as brake applications reach [s]."""
     times = [o.end_s - r.brake_s for r in runs for a in r.axles for o in a.applications]
     latest = [float(a.t[-1]) - r.brake_s for r in runs for a in r.axles if len(a.t)]
     return -_LEAD_TIME, max(times or latest, default=1.0) + _LEAD_TIME
 
 
-def _source(axle: Axle, limit: int, zero: float = 0.0) -> tuple[ColumnDataSource, float]:
+def _source(axle: ReportAxle, limit: int, zero: float = 0.0) -> tuple[ColumnDataSource, float]:
     """The columns of an axle that are drawn over time, as many rows as there is room for.
 
     Args:
@@ -490,7 +492,7 @@ def _column(source: ColumnDataSource, name: str) -> Floats:
     return values
 
 
-def _slides(axle: Axle) -> list[tuple[float, float]]:
+def _slides(axle: ReportAxle) -> list[tuple[float, float]]:
     return [(a, b) for application in axle.applications for a, b in application.slide_spans]
 
 
@@ -501,7 +503,7 @@ def _inside(t: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_
     return inside
 
 
-def _braked(axle: Axle, column: Floats) -> Floats:
+def _braked(axle: ReportAxle, column: Floats) -> Floats:
     """A column in brake applications, or all of it without one."""
     values: Floats = column[_inside(axle.t, [(o.start_s, o.end_s) for o in axle.applications])]
     return values if len(values) else column

@@ -31,7 +31,7 @@ _TWO_LOGS = "name the *.adhesion.mcap of each log"
 
 
 @dataclass(frozen=True, slots=True)
-class Axle:
+class ReportAxle:
     """One axle: its summary, and columns of shape (n,); NaN where not known."""
 
     summary: AxleSummary
@@ -69,12 +69,12 @@ class Axle:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ReportRun:
     """One result file."""
 
     file: str  # its name
     log: LogSummary
-    axles: tuple[Axle, ...]
+    axles: tuple[ReportAxle, ...]
     findings: Sequence[FindingSummary]
     channels: Sequence[ChannelSummary]
     settings: Mapping[str, str]  # dotted keys with JSON values
@@ -97,7 +97,7 @@ class Run:
         return min((o.start_s for a in self.axles for o in a.applications), default=0.0)
 
 
-def read(path: Path, name: str = "") -> Run:
+def read(path: Path, name: str = "") -> ReportRun:
     """Reads a result file.
 
     Args:
@@ -132,15 +132,15 @@ def read(path: Path, name: str = "") -> Run:
 def _run(
     file: str,
     summary: ResultSummary,
-    axles: tuple[Axle, ...],
+    axles: tuple[ReportAxle, ...],
     settings: Mapping[str, str],
     provenance: Mapping[str, str],
-) -> Run:
+) -> ReportRun:
     log, findings, channels = summary.log, summary.findings, summary.channels
-    return Run(file, log, axles, findings, channels, settings, provenance)
+    return ReportRun(file, log, axles, findings, channels, settings, provenance)
 
 
-def of_result(result: Result, summary: ResultSummary) -> Run:
+def of_result(result: Result, summary: ResultSummary) -> ReportRun:
     """An analysed log that no file holds, as a report shows it.
 
     Args:
@@ -206,7 +206,7 @@ def _no_result(path: Path) -> UserError:
 
 def _axles(
     source: Source, summaries: Sequence[AxleSummary], start: int, settings: Mapping[str, str]
-) -> tuple[Axle, ...]:
+) -> tuple[ReportAxle, ...]:
     """Every axle of the result; the file is read once."""
     by_number = {a.axle: _numbered(a) for a in summaries}
     wanted: dict[tuple[int, str, str], Field] = {}
@@ -241,7 +241,7 @@ def _axle(
     columns: Mapping[tuple[str, str], Column],
     start: int,
     settings: Mapping[str, str],
-) -> Axle:
+) -> ReportAxle:
     wheel = columns["input", "wheel_speed"]
     t = wheel.t
 
@@ -258,7 +258,7 @@ def _axle(
     train, slip = column("input", "train_speed"), column("slip", "slip")
     radius = _stated_radius(settings, summary.axle)
     rim = wheel.value * _rolling_radius(wheel.value, train, slip, radius)
-    return Axle(
+    return ReportAxle(
         summary,
         (t - start) * np.float64(1e-9),
         train,

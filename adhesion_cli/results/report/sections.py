@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from . import words
 from .markup import element, paragraph, table, text
-from .run import Run
+from .run import ReportRun
 
 VISIBLE_ROWS = 12  # rows of a table that are shown without scrolling, about
 MAX_ROWS = 500  # rows of a table: more would need too much room
@@ -23,7 +23,7 @@ _BOUND_NOTE = "≥: the true value is at least this, as the train speed was esti
 BROWSER_NOTE = "This browser is too old to draw the figures. The tables are whole."
 
 
-def verdict(run: Run) -> Iterator[str]:
+def verdict(run: ReportRun) -> Iterator[str]:
     """One line, a card for each axle, and what to take care of."""
     mark, said = words.headline(run)
     yield element("p", text(said), f"headline {mark}")
@@ -48,7 +48,7 @@ def verdict(run: Run) -> Iterator[str]:
     yield element("div", "\n".join(cards), "cards")
 
 
-def applications(run: Run) -> str:
+def applications(run: ReportRun) -> str:
     """One row per axle and brake application."""
     rows = words.application_rows(run)
     rows_shown, note = rows, ""
@@ -65,7 +65,7 @@ def applications(run: Run) -> str:
     return table([row for _, row in rows_shown], marks=marks, css=css) + note
 
 
-def notes(runs: Sequence[Run]) -> str:
+def notes(runs: Sequence[ReportRun]) -> str:
     """What the columns of `applications` mean."""
     slid = [
         application
@@ -78,7 +78,7 @@ def notes(runs: Sequence[Run]) -> str:
     return paragraph(" ".join([NOTE, OF_SLIDES, *[_BOUND_NOTE] * has_bound]), "note")
 
 
-def care(run: Run, title: str = "") -> Iterator[str]:
+def care(run: ReportRun, title: str = "") -> Iterator[str]:
     """Warnings and errors, where a reader who leaves early sees them.
 
     Args:

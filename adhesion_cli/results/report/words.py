@@ -8,7 +8,7 @@ from ...core.finding import CatalogueEntry, catalogue
 from ...core.summary import BrakeApplication, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
-from .run import Axle, Run
+from .run import ReportAxle, ReportRun
 
 Mark = Literal["good", "slid", "locked", "unknown"]
 Cells = Mapping[str, str]
@@ -18,7 +18,7 @@ _LOCKED = 0.995  # slip of a wheel that stands while the train moves
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class AxleVerdict:
     """What one axle did, for a reader in a hurry."""
 
     title: str
@@ -69,17 +69,17 @@ def listed(names: Sequence[object]) -> str:
     return f"{', '.join(leading)} and {final}" if leading else final
 
 
-def slides_known(axle: Axle) -> bool:
+def slides_known(axle: ReportAxle) -> bool:
     """Whether the log shows slip: it has a train speed, or one was made of several axles."""
     return axle.has_values("slip")
 
 
-def _is_observed(axle: Axle, application: BrakeApplication) -> bool:
+def _is_observed(axle: ReportAxle, application: BrakeApplication) -> bool:
     """Whether a slide in this brake application would have been seen."""
     return slides_known(axle) and application.slip_unknown_s < HIDDEN_TIME
 
 
-def headline(run: Run) -> tuple[Mark, str]:
+def headline(run: ReportRun) -> tuple[Mark, str]:
     """The verdict on a run in one line."""
     marks = {a.number: verdict(a).mark for a in run.axles}
     count = max((len(a.applications) for a in run.axles), default=0)
@@ -115,17 +115,19 @@ def headline(run: Run) -> tuple[Mark, str]:
     return "good", f"No wheel slid in {braked}."
 
 
-def _slid(axle: Axle) -> list[BrakeApplication]:
+def _slid(axle: ReportAxle) -> list[BrakeApplication]:
     """The brake applications of an axle that have slides."""
     return [application for application in axle.applications if application.slides]
 
 
-def verdict(axle: Axle) -> Verdict:
+def verdict(axle: ReportAxle) -> AxleVerdict:
     """The verdict on one axle."""
     title, applications = f"Axle {axle.number}", axle.applications
     slid = _slid(axle)
     if not applications:
-        return Verdict(title, "unknown", "not braked", "The log shows no brake application.", DASH)
+        return AxleVerdict(
+            title, "unknown", "not braked", "The log shows no brake application.", DASH
+        )
     worst = (
         max(slid, key=lambda application: application.max_slip or 0.0)
         if slid
@@ -140,18 +142,18 @@ def verdict(axle: Axle) -> Verdict:
             if locked
             else f"slid {_times(sum(application.slides for application in slid))}"
         )
-        return Verdict(title, "locked" if locked else "slid", state, text, adhesion)
+        return AxleVerdict(title, "locked" if locked else "slid", state, text, adhesion)
     if not slides_known(axle):
         text = "Without a train speed, slides cannot be seen."
-        return Verdict(title, "unknown", "slides not known", text, adhesion)
+        return AxleVerdict(title, "unknown", "slides not known", text, adhesion)
     if not all(_is_observed(axle, application) for application in applications):
         text = "No slide seen. Without a train speed in parts of the braking, slides may be hidden."
-        return Verdict(title, "unknown", "slides not known", text, adhesion)
+        return AxleVerdict(title, "unknown", "slides not known", text, adhesion)
     bound_text = "The rail gave at least this adhesion." if worst.coefficient else ""
     braked = "No slide" + (
         f" in {len(applications)} brake applications." if len(applications) > 1 else "."
     )
-    return Verdict(title, "good", "did not slide", f"{braked} {bound_text}".strip(), adhesion)
+    return AxleVerdict(title, "good", "did not slide", f"{braked} {bound_text}".strip(), adhesion)
 
 
 def _most_adhesion(applications: Sequence[BrakeApplication]) -> BrakeApplication:
@@ -190,7 +192,7 @@ def _of_slides(
         yield "The slides are too short to show how much adhesion the rail gave."
 
 
-def application_rows(run: Run) -> list[tuple[Mark, Cells]]:
+def application_rows(run: ReportRun) -> list[tuple[Mark, Cells]]:
     """One row per axle and brake application, in the order of time."""
     applications = [(axle, application) for axle in run.axles for application in axle.applications]
     applications.sort(key=lambda pair: (round(pair[1].start_s), pair[0].number))
@@ -200,13 +202,13 @@ def application_rows(run: Run) -> list[tuple[Mark, Cells]]:
     ]
 
 
-def _mark(axle: Axle, application: BrakeApplication) -> Mark:
+def _mark(axle: ReportAxle, application: BrakeApplication) -> Mark:
     if not application.slides:
         return "good" if _is_observed(axle, application) else "unknown"
     return "locked" if (application.max_slip or 0.0) > _LOCKED else "slid"
 
 
-def _application(axle: Axle, application: BrakeApplication) -> Cells:
+def _application(axle: ReportAxle, application: BrakeApplication) -> Cells:
     kmh = [number(v if v is None else 3.6 * v) for v in (application.from_mps, application.to_mps)]
     slid, bound_sign = bool(application.slides), "≥ " if application.at_least else ""
 
@@ -231,7 +233,7 @@ def _application(axle: Axle, application: BrakeApplication) -> Cells:
     }
 
 
-def score_rows(axle: Axle) -> list[Cells]:
+def score_rows(axle: ReportAxle) -> list[Cells]:
     """How well each estimator follows, the best first."""
     return [
         {

@@ -5,6 +5,6 @@ viewer and can be made again. Everything is sent by columns.
 """
 
 from .results import write_comparison, write_result
-from .stops import Said, write_stops
+from .stops import StopTexts, write_stops
 
-__all__ = ["Said", "write_comparison", "write_result", "write_stops"]
+__all__ = ["StopTexts", "write_comparison", "write_result", "write_stops"]

@@ -89,7 +89,7 @@ class LiveRecording:
                         "lines/all" if path.startswith("all/") else f"lines/axle/{axle}", plot
                     )
 
-    def _name(self, path: str, plot: parts.Plot) -> None:
+    def _name(self, path: str, plot: parts.SeriesPlot) -> None:
         """Sends the names of lines that are not in their list yet."""
         lines = zip(plot.series, plot.colours, strict=True)
         if fresh := [(name, c) for name, c in lines if f"{path}/{name}" not in self._known]:
@@ -108,14 +108,14 @@ class LiveRecording:
             self._file.wait(_PATIENCE)
             self._file.check()
 
-    def _plots(self, axle: int, x: Samples) -> list[tuple[str, parts.Plot]]:
+    def _plots(self, axle: int, x: Samples) -> list[tuple[str, parts.SeriesPlot]]:
         """Entity and plot of each chart."""
         name = f"axle {axle}"
         colour = palette.rgba(palette.nth(self._axles.index(axle)))
         force, sigma, tolerance = x.estimates[self._algos[0]]
         rim = x.wheel_speed * self._vehicle.radius(axle).value
 
-        def line(line_name: str, values: Floats, colour: int = colour) -> parts.Plot:
+        def line(line_name: str, values: Floats, colour: int = colour) -> parts.SeriesPlot:
             return parts.lines("", [(line_name, colour, values)])
 
         plots = [
@@ -130,7 +130,7 @@ class LiveRecording:
                 plots.append(("all/speed/train", train))
         axle_path = f"axle/{axle}"
         if np.isfinite(sigma).any():
-            band = parts.Plot(
+            band = parts.SeriesPlot(
                 "",
                 (f"{self._algos[0]}, 95 % band",),
                 (palette.rgba(palette.GREY),),

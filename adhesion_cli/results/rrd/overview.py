@@ -148,7 +148,7 @@ def tab(root: str, result: Result, slides: Slides) -> rrb.Container:
     return rrb.Horizontal(rrb.Vertical(*charts), texts, column_shares=[2, 1], name="All axles")
 
 
-class Run(NamedTuple):
+class ComparedRun(NamedTuple):
     """A log among several.
 
     Attributes:
@@ -164,10 +164,10 @@ class Run(NamedTuple):
     slides: Slides
 
 
-class Runs:
+class ComparedRuns:
     """The first tab of several logs: laid over each other from the start of braking, by axles."""
 
-    def __init__(self, runs: Sequence[Run]) -> None:
+    def __init__(self, runs: Sequence[ComparedRun]) -> None:
         self.runs = runs
         self.root = rr.new_entity_path([distinct([*(run.name for run in runs), "runs"])[-1]])
         axle_numbers = {a.record.axle for run in runs for a in run.result.axles}

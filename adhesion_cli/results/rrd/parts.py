@@ -77,7 +77,7 @@ def write(
 
 
 @dataclass(frozen=True, slots=True)
-class Plot:
+class SeriesPlot:
     """Series of one entity: values of shape (n, k), as a band where `half_width` is given."""
 
     name: str
@@ -88,11 +88,11 @@ class Plot:
     widths: tuple[float, ...] = ()
 
 
-def lines(name: str, columns: list[tuple[str, int, Floats]], width: float = 1.5) -> Plot:
+def lines(name: str, columns: list[tuple[str, int, Floats]], width: float = 1.5) -> SeriesPlot:
     """Plain lines, each of (what the legend says, colour, values of shape (n,))."""
     series, colours, values = zip(*columns, strict=True)
     matrix = np.stack(values, axis=1)
-    return Plot(name, series, colours, matrix, widths=(width,) * len(series))
+    return SeriesPlot(name, series, colours, matrix, widths=(width,) * len(series))
 
 
 def send_text(rec: rr.RecordingStream, path: str, text: str) -> None:
@@ -118,7 +118,12 @@ Clock = Callable[[Times], list[rr.TimeColumn]]
 
 
 def send_plot(
-    rec: rr.RecordingStream, path: str, times: Clock, t: Times, plot: Plot, styled: bool = True
+    rec: rr.RecordingStream,
+    path: str,
+    times: Clock,
+    t: Times,
+    plot: SeriesPlot,
+    styled: bool = True,
 ) -> None:
     """Sends a plot, and with `styled` what it looks like."""
     if styled:

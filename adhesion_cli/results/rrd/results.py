@@ -63,8 +63,10 @@ def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], fu
         parts.write(path, title, identity, pages)
         return
     named = zip((name for name, _ in logs), pages, strict=True)
-    runs = [overview.Run(name, page.result, page.times, page.slides) for name, page in named]
-    parts.write(path, title, identity, [overview.Runs(runs), *pages], "brake")
+    runs = [
+        overview.ComparedRun(name, page.result, page.times, page.slides) for name, page in named
+    ]
+    parts.write(path, title, identity, [overview.ComparedRuns(runs), *pages], "brake")
 
 
 class _Page:
@@ -181,7 +183,7 @@ class _Page:
 
     def _measured(
         self, record: AxleRecord, column: Callable[[Floats, float], Floats]
-    ) -> Iterator[parts.Plot]:
+    ) -> Iterator[parts.SeriesPlot]:
         """What the sensors say."""
         radius = self.result.vehicle.radius(record.axle).value
         speeds = [("wheel", parts.WHEEL, column(record.wheel_speed, radius * 3.6))]
@@ -196,7 +198,7 @@ class _Page:
 
     def _plots(
         self, axle: AxleResult, index: NDArray[np.int64], inside: Bools
-    ) -> Iterator[parts.Plot]:
+    ) -> Iterator[parts.SeriesPlot]:
         """What is drawn of some rows, see `rows.Lane`."""
         record, reference = axle.record, axle.reference
 
@@ -213,7 +215,7 @@ class _Page:
 
         yield from self._measured(record, column)
         lower, upper = computed(reference.lower), computed(reference.upper)
-        yield parts.Plot(
+        yield parts.SeriesPlot(
             "force/band",
             ("95 % band",),
             (parts.REFERENCE,),
@@ -221,7 +223,7 @@ class _Page:
             rounding.digits((upper - lower) / 2)[:, None],
             (0.0,),
         )
-        yield parts.Plot(
+        yield parts.SeriesPlot(
             "force/reference",
             ("reference ± 1 sigma",),
             (parts.REFERENCE,),
@@ -241,7 +243,7 @@ class _Page:
         bands = [a for a in colours if a in axle.sigmas]
         if bands:
             half_widths = [rounding.digits(Z95 * computed(axle.sigmas[a])) for a in bands]
-            yield parts.Plot(
+            yield parts.SeriesPlot(
                 "force/own",
                 tuple(f"{a}: own 95 % band" for a in bands),
                 tuple(colours[a] for a in bands),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.model import AxleResult, Bools, Times
-from .parts import Plot
+from .parts import SeriesPlot
 
 OVERVIEW = 10_000  # rows of an overview: two for each column of the finest screens
 
@@ -81,7 +81,7 @@ def spans(index: NDArray[np.int64], size: int) -> NDArray[np.int64]:
     return np.unique(starts[starts < len(index)])
 
 
-def envelope(t: Times, plot: Plot, starts: NDArray[np.int64]) -> tuple[Times, Plot]:
+def envelope(t: Times, plot: SeriesPlot, starts: NDArray[np.int64]) -> tuple[Times, SeriesPlot]:
     """The lowest and the highest value of each span of rows, in the order in which the line goes.
 
     Args:
@@ -113,7 +113,7 @@ def envelope(t: Times, plot: Plot, starts: NDArray[np.int64]) -> tuple[Times, Pl
     )
 
 
-def without_repeats(t: Times, plot: Plot) -> tuple[Times, Plot]:
+def without_repeats(t: Times, plot: SeriesPlot) -> tuple[Times, SeriesPlot]:
     """The rows that change the lines: of a run of equal rows the first and the last."""
     columns = [x for x in (plot.values, plot.half_width) if x is not None]
     bits = np.concatenate(columns, axis=1).view(np.int64)

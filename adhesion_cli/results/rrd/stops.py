@@ -24,7 +24,7 @@ _JUDGED = "blue: measured, orange: judged"
 _AHEAD = " of the slip judged ahead; points: true slip"
 
 
-class Said(NamedTuple):
+class StopTexts(NamedTuple):
     """What is said of the stops.
 
     Attributes:
@@ -42,7 +42,7 @@ def write_stops(
     stops: Sequence[Stop],
     weight: float,
     bands: Mapping[str, Bands],
-    said: Said,
+    said: StopTexts,
 ) -> None:
     """Write stops of one train under several controllers, side by side, a tab for each axle.
 
@@ -65,7 +65,7 @@ class _Stops:
     """Stops under several controllers and the views that show them."""
 
     def __init__(
-        self, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands], said: Said
+        self, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands], said: StopTexts
     ) -> None:
         self.stops, self.weight, self.bands, self.said = stops, weight, bands, said
 

@@ -14,25 +14,25 @@ from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
 from adhesion_cli.results.report import comparison, differences, page
 from adhesion_cli.results.report.plots import Figures
-from adhesion_cli.results.report.run import Run, read
+from adhesion_cli.results.report.run import ReportRun, read
 
 RELATED = Vehicle(correlation=(("friction", "axle_mass", 0.8),))
 
 
-def made(path: Path, vehicle: Vehicle = RELATED, **of: Any) -> Run:
+def made(path: Path, vehicle: Vehicle = RELATED, **of: Any) -> ReportRun:
     result = made_results.result(**of)
     settings = tree(Settings(vehicle), [])
     return read(written(path, replace(result, vehicle=vehicle, settings=settings)))
 
 
 @pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
+def pair(tmp_path_factory: pytest.TempPathFactory) -> list[ReportRun]:
     """The same train twice; axle 2 slides, and brakes for another time."""
     folder = tmp_path_factory.mktemp("runs")
     return [made(folder / f"{n}.mcap", axles=2, n=n) for n in (3000, 4500)]
 
 
-def test_of_a_run_and_itself_only_noise_is_left(pair: list[Run]) -> None:
+def test_of_a_run_and_itself_only_noise_is_left(pair: list[ReportRun]) -> None:
     for d in differences.compare([pair[0], pair[0]]):
         assert (d.difference, d.alike) == (0.0, True)
         one = pair[0].axles[d.axle - 1].applications[0]
@@ -44,7 +44,7 @@ def test_of_a_run_and_itself_only_noise_is_left(pair: list[Run]) -> None:
             assert d.u95 < 0.5 * d.u95_apart
 
 
-def test_the_uncertainty_is_that_of_drawn_errors(pair: list[Run]) -> None:
+def test_the_uncertainty_is_that_of_drawn_errors(pair: list[ReportRun]) -> None:
     """Errors of the parameters are drawn once for both runs, those of noise for each."""
     rng, n = np.random.default_rng(5), 400_000
     found = {(d.axle, d.quantity): d for d in differences.compare(pair)}
@@ -70,7 +70,7 @@ def test_the_uncertainty_is_that_of_drawn_errors(pair: list[Run]) -> None:
         assert Z95 * np.std(difference / weight) == pytest.approx(d.u95, rel=0.02)
 
 
-def test_what_runs_state_differently_does_not_cancel(pair: list[Run], tmp_path: Path) -> None:
+def test_what_runs_state_differently_does_not_cancel(pair: list[ReportRun], tmp_path: Path) -> None:
     other = replace(RELATED, friction=Parameter(0.31, 0.03))
     run = made(tmp_path / "x.mcap", other, axles=2, n=4500)
     assert differences.same_vehicle(pair[0], pair[1])
@@ -81,13 +81,15 @@ def test_what_runs_state_differently_does_not_cancel(pair: list[Run], tmp_path: 
             assert d.u95 > 3.0 * same[d[:4]].u95
 
 
-def test_a_difference_by_the_settings_alone_is_said_first(pair: list[Run], tmp_path: Path) -> None:
+def test_a_difference_by_the_settings_alone_is_said_first(
+    pair: list[ReportRun], tmp_path: Path
+) -> None:
     other = replace(RELATED, friction=Parameter(0.31, 0.03), axle_mass=Parameter(9e3, 100.0))
     same = made(tmp_path / "x.mcap", other, axles=2, n=3000)
     apart = replace(same, log=same.log._replace(sha256="other"))
     first = replace(pair[0], log=pair[0].log._replace(sha256=same.log.sha256))
 
-    def care(*runs: Run) -> list[str]:
+    def care(*runs: ReportRun) -> list[str]:
         every = list(comparison.body(runs, Figures()))
         return [part for part in every[:4] if 'class="care"' in part]
 
@@ -100,14 +102,14 @@ def test_a_difference_by_the_settings_alone_is_said_first(pair: list[Run], tmp_p
     assert not care(first, replace(pair[1], log=pair[1].log._replace(sha256="third")))
 
 
-def test_brackets_are_explained_only_where_there_are_some(pair: list[Run]) -> None:
+def test_brackets_are_explained_only_where_there_are_some(pair: list[ReportRun]) -> None:
     for runs in (pair, [pair[0], replace(pair[0], log=pair[0].log._replace(sha256="x"))]):
         text = "".join(comparison.body(runs, Figures()))
         shown = re.search(r"± [\d.]+ \(", text) is not None
         assert ("brackets" in text) == shown
 
 
-def test_axles_that_only_one_run_has_are_left_out(pair: list[Run], tmp_path: Path) -> None:
+def test_axles_that_only_one_run_has_are_left_out(pair: list[ReportRun], tmp_path: Path) -> None:
     run = made(tmp_path / "x.mcap", axles=1, n=3000)
     assert {d.axle for d in differences.compare([run, pair[1]])} == {1}
     assert differences.unpaired([run, pair[1]])
@@ -115,7 +117,7 @@ def test_axles_that_only_one_run_has_are_left_out(pair: list[Run], tmp_path: Pat
 
 
 def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
-    pair: list[Run], tmp_path: Path
+    pair: list[ReportRun], tmp_path: Path
 ) -> None:
     log = pair[1].log._replace(path=EVIL)
     runs = [pair[0], replace(pair[1], log=log)]
@@ -132,7 +134,7 @@ def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
     assert runs[0].brake_s != runs[1].brake_s
 
 
-def test_a_small_difference_has_the_digits_of_its_uncertainty(pair: list[Run]) -> None:
+def test_a_small_difference_has_the_digits_of_its_uncertainty(pair: list[ReportRun]) -> None:
     found = [d for d in differences.compare([pair[0], pair[0]]) if d.quantity == "coefficient"]
     for d, row in zip(found, comparison._rows(found), strict=True):
         shown = float(row["Adhesion coefficient, mean"].split()[3])

@@ -16,7 +16,7 @@ from PIL import Image
 from test_report import analysed, written
 
 from adhesion_cli.results.report import page
-from adhesion_cli.results.report.campaign import Bar, Bars, Campaign, Table
+from adhesion_cli.results.report.campaign import Bar, Bars, Campaign, PageTable
 from adhesion_cli.results.report.run import read
 
 pytestmark = [
@@ -86,7 +86,7 @@ def test_the_figures_of_a_fleet_are_drawn(tab: Tab, tmp_path: Path) -> None:
     day = 86_400_000.0
     bars = [Bar(str(i), i * day, (i + 1) * day, 0.05, 0.1, 0.15, 0.04, 3) for i in range(4)]
     figures = Bars("speed", bars), Bars("day", bars, dated=True), Bars("by", bars, named=True)
-    tables = [Table(of.label, [{"a": "b"}], 1, of) for of in figures]
+    tables = [PageTable(of.label, [{"a": "b"}], 1, of) for of in figures]
     path = tmp_path / "fleet.html"
     page.write_tables(path, Campaign("fleet", "three figures", "", tables))
     tab.open(path)

@@ -25,7 +25,7 @@ from adhesion_cli.core.summary import BrakeApplication, FindingSummary
 from adhesion_cli.results import mcap
 from adhesion_cli.results.report import decimate, page, sections, words
 from adhesion_cli.results.report.plots import Figures
-from adhesion_cli.results.report.run import Axle, Run, read
+from adhesion_cli.results.report.run import ReportAxle, ReportRun, read
 
 EVIL = '<img src=x onerror="alert(1)">\'"</script><b>'
 
@@ -40,20 +40,22 @@ def written(path: Path, result: Result) -> Path:
     return path
 
 
-def with_applications(axle: Axle, *braked: BrakeApplication, number: int | None = None) -> Axle:
+def with_applications(
+    axle: ReportAxle, *braked: BrakeApplication, number: int | None = None
+) -> ReportAxle:
     """An axle with other brake applications, and another number."""
     number = number or axle.number
     return replace(axle, summary=axle.summary._replace(axle=number, applications=braked))
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory: pytest.TempPathFactory) -> ReportRun:
     path = tmp_path_factory.mktemp("report") / "stop.adhesion.mcap"
     return read(written(path, analysed(axles=2, n=3000)))
 
 
 @pytest.fixture(scope="module")
-def text(run: Run) -> str:
+def text(run: ReportRun) -> str:
     return page.page([run])
 
 
@@ -80,7 +82,7 @@ def figures(text: str) -> dict[str, object]:
     return found
 
 
-def test_a_result_is_read_as_it_was_written(run: Run) -> None:
+def test_a_result_is_read_as_it_was_written(run: ReportRun) -> None:
     made = analysed(axles=2, n=3000)
     assert [a.number for a in run.axles] == [1, 2]
     for axle, of in zip(run.axles, made.axles, strict=True):
@@ -112,7 +114,7 @@ def test_times_count_from_the_start_of_the_log_and_not_of_what_was_analysed(tmp_
     assert run.axles[0].pressure[~on].max() < 2e4 < run.axles[0].pressure[on].max()
 
 
-def test_the_same_result_gives_the_same_bytes(run: Run, text: str, tmp_path: Path) -> None:
+def test_the_same_result_gives_the_same_bytes(run: ReportRun, text: str, tmp_path: Path) -> None:
     page.write(tmp_path / "a.html", [run])  # Bokeh counts its models on
     assert (tmp_path / "a.html").read_text("utf-8") == text
     assert not re.search(r'"p\d{4}"', json.dumps(figures(text)))
@@ -138,7 +140,7 @@ def test_every_figure_has_its_place_and_shares_the_time(text: str) -> None:
     assert len(set(axes)) == 1 + 2  # of time, and of each curve over slip
 
 
-def test_the_axle_that_slid_is_named_and_the_other_is_not(run: Run) -> None:
+def test_the_axle_that_slid_is_named_and_the_other_is_not(run: ReportRun) -> None:
     first, second = map(words.verdict, run.axles)
     assert (first.mark, second.mark) == ("good", "slid")
     assert words.headline(run) == ("slid", "Axle 2 slid in the brake application.")
@@ -200,7 +202,7 @@ def test_words_of_a_log_never_become_markup(tmp_path: Path) -> None:
     assert any(EVIL in t for t in found.texts)  # it is there, as text
 
 
-def test_findings_stand_with_their_explanation(run: Run, text: str) -> None:
+def test_findings_stand_with_their_explanation(run: ReportRun, text: str) -> None:
     (told,) = [of for of in words.finding_groups(run.findings) if of.code == "gap"]
     assert told.severity == "warning"
     assert {name for name, _ in told.sections} >= {"Cause", "Effect on the result", "What to do"}
@@ -210,7 +212,7 @@ def test_findings_stand_with_their_explanation(run: Run, text: str) -> None:
     assert "#finding-no-application" not in links
 
 
-def test_the_first_screen_says_where_a_warning_is(run: Run) -> None:
+def test_the_first_screen_says_where_a_warning_is(run: ReportRun) -> None:
     def said(*findings: FindingSummary) -> str:
         return "".join(sections.care(replace(run, findings=findings)))
 
@@ -223,7 +225,7 @@ def test_the_first_screen_says_where_a_warning_is(run: Run) -> None:
     assert len(many) < 400
 
 
-def test_a_page_without_a_brake_application_points_to_the_reason(run: Run) -> None:
+def test_a_page_without_a_brake_application_points_to_the_reason(run: ReportRun) -> None:
     axles = tuple(map(with_applications, run.axles))
     none = words.headline(replace(run, axles=axles))
     finding = Finding("pressure-below-spring", "warning", "p").code
@@ -234,7 +236,7 @@ def test_a_page_without_a_brake_application_points_to_the_reason(run: Run) -> No
     assert catalogue()[finding].title in why[1]
 
 
-def test_a_speed_that_the_log_does_not_have_is_not_called_that_of_the_train(run: Run) -> None:
+def test_a_speed_that_the_log_does_not_have_is_not_called_that_of_the_train(run: ReportRun) -> None:
     made = replace(run.findings[0], code="reference-speed", severity="info")
     labels = []
     for of in (run, replace(run, findings=[made])):
@@ -280,7 +282,7 @@ def test_a_line_is_broken_at_a_gap_and_where_time_was_set_back() -> None:
     assert np.flatnonzero(kept < 0).tolist() == [100, 201]
 
 
-def test_the_band_has_no_height_where_nothing_is_known(run: Run) -> None:
+def test_the_band_has_no_height_where_nothing_is_known(run: ReportRun) -> None:
     (axle, *_) = run.axles
     force, lower, upper = (np.full(3000, x) for x in (5e3, 4e3, 6e3))
     unknown = (slice(700, 1200), slice(1300, 1301), slice(2000, 2900))
@@ -338,7 +340,7 @@ def test_what_is_no_result_is_refused_with_the_remedy(kind: str, tmp_path: Path)
         assert "adhesion analyze" in refused.value.hint
 
 
-def test_a_day_of_brake_applications_has_room(run: Run) -> None:
+def test_a_day_of_brake_applications_has_room(run: ReportRun) -> None:
     """Thousands of rows: those with slides stay in the table, whenever they were."""
     calm, slid = run.axles
     (one,) = calm.applications
@@ -353,7 +355,7 @@ def test_a_day_of_brake_applications_has_room(run: Run) -> None:
 
 
 @pytest.mark.slow
-def test_an_hour_of_four_axles_has_room(run: Run) -> None:
+def test_an_hour_of_four_axles_has_room(run: ReportRun) -> None:
     """Numbers of pure noise, which nothing can pack, with sixty brake applications."""
     rng, n = np.random.default_rng(3), 360_000
     (one,) = run.axles[1].applications
