@@ -16,8 +16,7 @@ from dataclasses import replace
 
 from table import Row, show
 
-from adhesion_cli.core import controller
-from adhesion_cli.wsp import closed_loop, scenario, sweep
+from adhesion_cli.wsp import closed_loop, controller, scenario, sweep
 
 
 def rows() -> Iterator[Row]:

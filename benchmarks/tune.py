@@ -21,9 +21,9 @@ from dataclasses import replace
 import numpy as np
 
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.stop import Verdict
 from adhesion_cli.wsp import scenario, sweep, wsp_controller
 from adhesion_cli.wsp.closed_loop import ESTIMATOR
+from adhesion_cli.wsp.stop import Verdict
 
 FINALISTS = 10
 HOPELESS = 0.01

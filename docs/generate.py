@@ -15,12 +15,13 @@ import typer.main
 from adhesion_cli.analysis import settings
 from adhesion_cli.cli.app import app
 from adhesion_cli.cli.explain import entry
-from adhesion_cli.core import controller, estimator, methods, units
+from adhesion_cli.core import estimator, methods, units
 from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Quantity, Vehicle, quantities
 from adhesion_cli.diagnostics.registry import tunable
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.rail.slope import Bands, Params
+from adhesion_cli.wsp import controller
 from adhesion_cli.wsp.wsp_controller import SLOPE_IN_LOOP
 
 DOCS = Path(__file__).parent

@@ -7,7 +7,7 @@ import numpy as np
 from ..core import physics, signals
 from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Reference, Vehicle
-from ..core.stop import STANDING
+from ..core.physics import STANDING
 from ..core.time_axis import spans_of
 from ..rail import slip
 from ..rail.events import HIDDEN_TIME

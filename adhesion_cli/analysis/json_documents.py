@@ -15,13 +15,13 @@ from ..core.text import utf8
 from .summarise import summarise_finding
 
 if TYPE_CHECKING:
-    from ..core.stop import Stop
     from ..rail.fit import Interval
     from ..rail.slip import Summary
     from ..wsp import wsp_controller
     from ..wsp.plant import Track
     from ..wsp.replay import Answer, Case
     from ..wsp.scenario import Limit, Scenario
+    from ..wsp.stop import Stop
     from ..wsp.sweep import SweepRow
 
 

@@ -18,13 +18,14 @@ from typing import Annotated, Any, NamedTuple, get_args
 import numpy as np
 
 from ..channels.meaning import Mapping
-from ..core import controller, estimator, methods, toml
+from ..core import estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.model import Parameter, Quantity, Vehicle, quantities
 from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
+from ..wsp import controller
 
 Table = toml.Table
 Tables = Tree[str, Any]  # of TOML, read only

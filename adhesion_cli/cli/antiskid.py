@@ -24,9 +24,9 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
-    from ..core.stop import Stop
     from ..wsp.plant import Track
     from ..wsp.scenario import Scenario
+    from ..wsp.stop import Stop
     from ..wsp.sweep import Compared, SweepRow
     from ..wsp.wsp_controller import Settings as Stated
 
@@ -127,9 +127,9 @@ def _on_rails(
 ) -> int:
     """The stops of --rails, their table and picture."""
     from ..analysis.json_documents import dumps, sweep_document
-    from ..core.controller import registry
     from ..results import atomic_files
     from ..results.figures import of_sweep
+    from ..wsp.controller import registry
     from ..wsp.sweep import RAILS, sweep
     from ..wsp.wsp_controller import parameters
     from . import terminal
@@ -155,8 +155,8 @@ def _on_own_rail(
 ) -> int:
     """The stops of every controller on the scenario's rail."""
     from ..analysis.json_documents import antiskid_document, limits_document
-    from ..core.controller import registry
     from ..wsp import closed_loop
+    from ..wsp.controller import registry
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
@@ -190,8 +190,8 @@ def _on_own_rail(
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
     from ..analysis.json_documents import replay_document
-    from ..core.controller import registry
     from ..core.text import printable
+    from ..wsp.controller import registry
     from ..wsp.replay import answers, case
     from ..wsp.wsp_controller import parameters
     from . import terminal
@@ -240,7 +240,7 @@ def _tells_of_compiling(shared: Shared) -> None:
 
 def _paths(shared: Shared, name: str) -> list[Path]:
     """The files of every controller's stop, and the recording of all."""
-    from ..core.controller import registry
+    from ..wsp.controller import registry
 
     names = [f"{name}.antiskid.rrd", *(f"{name}.{law}.antiskid.mcap" for law in registry())]
     return [(shared.out or Path()) / n for n in names]
@@ -263,10 +263,11 @@ class _Outcome:
 def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcome) -> int:
     """Writes the files and prints the outcome; returns the exit code."""
     from ..analysis.json_documents import dumps, stop_settings
-    from ..core import controller, estimator
+    from ..core import estimator
     from ..core.physics import G
     from ..results import atomic_files, mcap, rrd
     from ..results.figures import of_stops
+    from ..wsp import controller
     from ..wsp.wsp_controller import bands
     from . import terminal
 

@@ -22,6 +22,10 @@ CRAWL = 1.0  # below it a wheel may stand, and a slip is mostly an error of the 
 RELEASED_SHARE = 0.05  # share of the highest clamping force: less is no braking
 LEAST_SHARE = 0.1  # of friction that every pad keeps at any speed
 NO_FORCE = 60.0  # clamping force that does not brake: the pads just touch [N]
+JUDGED_FROM = 1.0  # slower trains are not judged, and slip is relative to at least this [m/s]
+SLIDE = 0.05  # slip from which a wheel slides [-]
+STANDING = 0.1  # a rim or a train slower than this stands [m/s]
+ROLLS, SLIDES, LOCKED = 0, 1, 2
 
 
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:

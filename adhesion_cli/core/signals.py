@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .model import Z95, AxleRecord, Bools, Floats, Times
-from .physics import GRADIENT, RISE
-from .stop import SLIDE
+from .physics import GRADIENT, RISE, SLIDE
 
 _RELEASED_SHARE = 0.2  # share of the largest clamping force: below it a brake is released
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]

@@ -5,10 +5,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from .. import __version__
-from ..core import controller, estimator, physics
+from ..core import estimator, physics
 from ..core.errors import UserError, unknown
 from ..core.methods import Method, validate
 from ..core.model import Vehicle
+from ..wsp import controller
 from ..wsp.wsp_controller import Settings, bands
 from . import check_program, pages, vectors
 from .c_types import Number

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from types import FunctionType
 from typing import Any, NamedTuple, cast
 
-from ..core.controller import Observed
 from ..core.estimator import KIND, Estimator, Sample
 from ..core.methods import Method
 from ..core.model import Quantity, Vehicle, Wheelset, quantities
 from ..core.physics import wheelset_of
+from ..wsp.controller import Observed
 from .ascii_text import ascii_text
 from .c_types import INT, Kind, Number, Scalar, Struct, c_name, declaration
 from .expressions import Cost

@@ -12,13 +12,13 @@ import numpy as np
 from ..analysis.prepare import prepare
 from ..channels.log import read
 from ..core import bundled, physics
-from ..core.controller import Observed
 from ..core.estimator import Estimator, check_step
 from ..core.methods import Method
 from ..core.model import AxleRecord, Vehicle, Wheelset
 from ..formats.open import open_source
 from ..formats.source import ReadOptions
 from ..wsp import wsp_controller
+from ..wsp.controller import Observed
 from .single_precision import Single, values
 
 LOG = "low-adhesion.csv"  # it has slides

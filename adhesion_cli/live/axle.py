@@ -11,7 +11,7 @@ from ..core import estimator, physics, time_axis
 from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.model import Z95, Vehicle
-from ..core.stop import SLIDE
+from ..core.physics import SLIDE
 from ..rail.events import END_SLIP
 from ..records import screen
 from ..reference.force import by_tolerances

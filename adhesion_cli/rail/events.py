@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Bools, Event, Floats, Regions, Times
+from ..core.physics import SLIDE
 from ..core.signals import true_runs
-from ..core.stop import SLIDE
 from .slope import REGION_TITLES
 
 HIDDEN_TIME = 0.5  # a slide may be hidden in as long a time without slip [s]

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core import physics
-from ..core.controller import APPLY, DUMP, HOLD
 from ..core.model import AxleResult, Floats, Result, Vehicle
-from ..core.stop import Stop
 from ..rail.fit import RailFit, curve
 from ..rail.slip import Summary
 from ..rail.slope import REGION_TITLES, Bands
+from ..wsp.controller import APPLY, DUMP, HOLD
+from ..wsp.stop import Stop
 from .charts import Band, Line, Panel
 from .palette import BLACK, BLUE, GREEN, GREY, ORANGE, RED, of_method
 

@@ -33,10 +33,11 @@ from ..core.model import (
     Times,
     Vehicle,
 )
-from ..core.stop import LOCKED, Stop
+from ..core.physics import LOCKED
 from ..core.text import printable
 from ..rail import events
 from ..rail.slope import REGIONS
+from ..wsp.stop import Stop
 from . import descriptors, mcap_container, names, thinning
 from .log_events import LogEvent, of_result
 from .mcap_container import Offsets

@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import physics
-from ..core.controller import registry
 from ..core.errors import UserError
 from ..core.estimator import check_step
 from ..core.model import Floats, Vehicle
-from ..core.physics import clamping
-from ..core.stop import JUDGED_FROM, LOCKED, ROLLS, Stop, Verdict
+from ..core.physics import JUDGED_FROM, LOCKED, ROLLS, clamping
 from ..rail import slope
 from ..rail.slope import region
 from . import plant as plants
+from .controller import registry
 from .plant import Demand, MovingTrain, Plant, Track, WheelStates, adhesion, advance_to, rail_under
 from .scenario import Limit, Rail, Scenario, Section
+from .stop import Stop, Verdict
 from .wsp_controller import Constants, Settings, bands, choose, initial_wheels, slip_of, start, tick
 
 DRY = Rail((Section(0.0, "dry"),))

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import physics
-from ..core.controller import APPLY, DUMP, HOLD
 from ..core.model import Floats
 from ..core.physics import ForceLine, clamping
 from ..rail.creep_law import Condition, Patch, condition, creep_force
+from .controller import APPLY, DUMP, HOLD
 from .scenario import INF, Scenario, Wave
 
 GAMMA = 1.0 - math.sqrt(0.5)  # of the method: L-stable, order 2

@@ -20,9 +20,9 @@ Plain Python that compiles. The constants are ours; their influence is small
 import math
 from typing import NamedTuple
 
-from ..core.controller import APPLY, DUMP, HOLD
 from ..core.model import Wheelset
 from ..core.physics import GRADIENT, HARDER, reference_speed
+from .controller import APPLY, DUMP, HOLD
 
 _SHARE = 0.1  # error of the estimated deceleration, as φ alone often has
 _DOUBTFUL = 0.05  # share of v

@@ -29,7 +29,7 @@ from ..core import physics
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Result, Times, Vehicle
-from ..core.stop import JUDGED_FROM, STANDING, Stop, Verdict
+from ..core.physics import JUDGED_FROM, STANDING
 from ..core.text import printable
 from ..rail import fit, slip
 from ..rail.creep_law import Condition, condition
@@ -40,6 +40,7 @@ from . import closed_loop, replay_rail
 from .plant import Track
 from .replay_rail import RailUnderAxle
 from .scenario import INF, Antiskid, Command, Scenario, ScenarioBrake, ScenarioTrain
+from .stop import Stop, Verdict
 from .sweep import Compared, Values, compared, intervals, on_all_cores
 from .wsp_controller import Settings
 

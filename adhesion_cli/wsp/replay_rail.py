@@ -18,8 +18,8 @@ from ..core import physics
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import AxleResult, Bools, Vehicle
+from ..core.physics import JUDGED_FROM
 from ..core.signals import true_runs
-from ..core.stop import JUDGED_FROM
 from ..rail import fit, slip
 from ..rail.creep_law import Condition
 from ..rail.events import Slide

@@ -13,12 +13,12 @@ from hashlib import sha256
 import numpy as np
 
 from ..core import physics
-from ..core.controller import APPLY, DUMP, HOLD
 from ..core.errors import UserError
 from ..core.model import Channel, Column, Floats, Log, Times
 from ..core.units import UNITS
 from ..rail.creep_law import CREEP_FROM
 from . import plant as plants
+from .controller import APPLY, DUMP, HOLD
 from .plant import (
     SOON,
     Demand,

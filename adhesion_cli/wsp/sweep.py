@@ -7,10 +7,10 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..core.controller import registry
-from ..core.stop import Verdict
 from .closed_loop import ESTIMATOR, against, dry_distance, run, verdict
+from .controller import registry
 from .scenario import Film, Limit, Rail, Scenario, Section
+from .stop import Verdict
 from .wsp_controller import Settings
 
 _EVEN_RAILS = "dry", "wet", "low", "very-low", "early-peak", "late-peak"

@@ -13,20 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core import physics
-from ..core.controller import APPLY, DUMP, Drives, Observed
-from ..core.controller import registry as controllers
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.estimator import registry as estimators
 from ..core.methods import Method, bind, validate
 from ..core.model import Floats, Vehicle, Wheelset
-from ..core.physics import NO_FORCE, G, on_radius, slip_over
-from ..core.stop import JUDGED_FROM
+from ..core.physics import JUDGED_FROM, NO_FORCE, G, on_radius, slip_over
 from ..estimators.kalman import init as estimate_init
 from ..estimators.kalman import step as estimate_step
 from ..rail import slope
 from ..rail.slope import init as slope_init
 from ..rail.slope import step as slope_step
+from .controller import APPLY, DUMP, Drives, Observed
+from .controller import registry as controllers
 from .controllers.none import init as control_init
 from .controllers.none import step as control_step
 from .reference_speed import (

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core import bundled, estimator
-from adhesion_cli.core.controller import Observed
 from adhesion_cli.core.estimator import Sample
 from adhesion_cli.core.methods import Method, validate
 from adhesion_cli.core.model import Vehicle, quantities
 from adhesion_cli.export import files, vectors
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.wsp.controller import Observed
 
 METHODS = files.methods()
 VEHICLE = Vehicle()

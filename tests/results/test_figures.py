@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from made_results import result
 
-from adhesion_cli.core.controller import registry
-from adhesion_cli.core.stop import Stop
 from adhesion_cli.rail import slip
 from adhesion_cli.rail.slope import REGION_TITLES, Bands
 from adhesion_cli.results import charts, figures
 from adhesion_cli.wsp import closed_loop, scenario, wsp_controller
+from adhesion_cli.wsp.controller import registry
+from adhesion_cli.wsp.stop import Stop
 from adhesion_cli.wsp.sweep import Compared, SweepRow
 
 

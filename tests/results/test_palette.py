@@ -6,9 +6,10 @@ from pathlib import Path
 from made_results import result
 from test_rrd import static
 
-from adhesion_cli.core import controller, estimator
+from adhesion_cli.core import estimator
 from adhesion_cli.results import palette, rrd
 from adhesion_cli.studies.response import Response, panels
+from adhesion_cli.wsp import controller
 
 
 def test_every_method_has_its_own_colour() -> None:

@@ -21,24 +21,26 @@ from adhesion_cli.analysis import analyze, json_documents, settings
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.cli.app import app
-from adhesion_cli.core import controller, estimator, methods, physics
-from adhesion_cli.core.controller import APPLY, DUMP, HOLD, Observed, registry
+from adhesion_cli.core import estimator, methods, physics
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
-from adhesion_cli.core.stop import LOCKED, Stop, Verdict
+from adhesion_cli.core.physics import LOCKED
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.rail import creep_law, slip, slope
 from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import (
     closed_loop,
+    controller,
     reference_speed,
     scenario,
     sweep,
     wsp_controller,  # fmt: skip
 )
+from adhesion_cli.wsp.controller import APPLY, DUMP, HOLD, Observed, registry
 from adhesion_cli.wsp.controllers import patent, rule
 from adhesion_cli.wsp.plant import Track
 from adhesion_cli.wsp.scenario import Limit, Scenario
+from adhesion_cli.wsp.stop import Stop, Verdict
 
 
 @cache
@@ -152,7 +154,7 @@ def test_slip_rate_is_the_derivative_of_slip() -> None:
 LAZY = '''
 from typing import NamedTuple
 
-from adhesion_cli.core.controller import HOLD, Observed
+from adhesion_cli.wsp.controller import HOLD, Observed
 from adhesion_cli.core.methods import About
 
 
@@ -206,7 +208,7 @@ def test_a_broken_controller_is_named(tmp_path: Path, change: tuple[str, str], s
     with pytest.raises(UserError, match=says) as caught:
         methods.scan(controller.KIND, tmp_path)
     assert "lazy.py" in caught.value.text
-    assert "adhesion_cli.core.controller" in caught.value.hint
+    assert "adhesion_cli.wsp.controller" in caught.value.hint
 
 
 # --- the loop -----------------------------------------------------------------------------------

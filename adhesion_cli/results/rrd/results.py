@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core import physics, rounding, signals
 from ...core.finding import catalogue
 from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
-from ...core.stop import SLIDES
+from ...core.physics import SLIDES
 from ...core.text import printable
 from ...rail import fit, slip
 from ...rail.slope import Bands

@@ -9,9 +9,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...core.model import Times
-from ...core.stop import Stop
 from ...core.text import printable
 from ...rail.slope import Bands
+from ...wsp.stop import Stop
 from .. import palette
 from . import parts
 from .curve import curve_view, send_curve

@@ -1,1 +1,1 @@
-"""The controllers: one law per file. What a file holds: `adhesion_cli.core.controller`."""
+"""The controllers: one law per file. What a file holds: `adhesion_cli.wsp.controller`."""

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from ...core.controller import APPLY, Observed
 from ...core.methods import About
+from ..controller import APPLY, Observed
 
 
 class Params(NamedTuple):

@@ -15,10 +15,10 @@ rail with the pressure of a bad one.
 
 from typing import Annotated, NamedTuple
 
-from ...core.controller import APPLY, DUMP, HOLD, Observed
 from ...core.methods import About
 from ...core.model import Quantity
 from ...rail.slope import Bands, region
+from ..controller import APPLY, DUMP, HOLD, Observed
 
 
 class Params(NamedTuple):

@@ -10,9 +10,9 @@ law's.
 import math
 from typing import Annotated, NamedTuple
 
-from ...core.controller import APPLY, DUMP, HOLD, Observed
 from ...core.methods import About
 from ...core.model import Quantity
+from ..controller import APPLY, DUMP, HOLD, Observed
 
 
 class Params(NamedTuple):

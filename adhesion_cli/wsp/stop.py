@@ -6,12 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import Floats, Times
-
-JUDGED_FROM = 1.0  # slower trains are not judged, and slip is relative to at least this [m/s]
-SLIDE = 0.05  # slip from which a wheel slides [-]
-STANDING = 0.1  # a rim or a train slower than this stands [m/s]
-ROLLS, SLIDES, LOCKED = 0, 1, 2
+from ..core.model import Floats, Times
+from ..core.physics import JUDGED_FROM, LOCKED, ROLLS, SLIDE, SLIDES, STANDING
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +29,7 @@ class Stop:
     slip: Floats  # true slip, NaN below `JUDGED_FROM`
     valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `DUMP`
     measured_train_speed: Floats  # by its sensors, or estimated from the axles
-    train_speed_doubt: Floats  # `reference_speed.Known.doubt`
+    train_speed_doubt: Floats  # `reference_speed.TrainEstimate.doubt`
     measured_wheel_speed: Floats  # [rad/s]
     measured_pressure: Floats
     measured_clamping_force: Floats  # K of that pressure

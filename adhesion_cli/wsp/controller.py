@@ -10,9 +10,9 @@ Its `State` ends with `judged`, the slip that it decided on, and `valve`, the co
 
 from typing import Annotated, NamedTuple, Protocol
 
-from . import methods
-from .methods import About, Kind, Method
-from .model import Quantity
+from ..core import methods
+from ..core.methods import About, Kind, Method
+from ..core.model import Quantity
 
 APPLY, HOLD, DUMP = 0, 1, 2  # the three states of a WSP dump valve, with ever less air
 
@@ -52,7 +52,7 @@ KIND = Kind(
     About,
     ("judged", "valve"),
     "the slip it decided on and the command",
-    "core.controller",
+    "wsp.controller",
 )
 
 
