@@ -1,4 +1,4 @@
-"""Write settings.md, cli.md and findings.md from the program itself: python docs/generate.py.
+"""Write settings.md, cli.md, findings.md and reference/json.md: python docs/generate.py.
 
 Each fact has one source: the annotated types, the registry, each command's --help, and the
 catalogue of findings. A test compares the pages with what this program writes.
@@ -15,9 +15,10 @@ import typer.main
 from adhesion_cli.analysis import settings
 from adhesion_cli.cli.app import app
 from adhesion_cli.cli.explain import entry
-from adhesion_cli.core import estimator, methods, units
+from adhesion_cli.core import annotated, estimator, methods, units
 from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Quantity, Vehicle, quantities
+from adhesion_cli.core.summary import InspectedLog, ResultSummary, SlipSummary
 from adhesion_cli.diagnostics.registry import tunable
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.rail.slope import Bands, Params
@@ -25,6 +26,11 @@ from adhesion_cli.wsp import controller
 from adhesion_cli.wsp.wsp_controller import SLOPE_IN_LOOP
 
 DOCS = Path(__file__).parent
+_DOCUMENTS = (  # schema, key, class of what stands there
+    ("adhesion.result/1", "results[]", ResultSummary),
+    ("adhesion.slip/1", "axles[]", SlipSummary),
+    ("adhesion.inspect/1", "logs[]", InspectedLog),
+)
 _HEAD = "<!-- written by docs/generate.py -->\n"
 _TEXTS = {
     "key of a channel": {
@@ -188,6 +194,25 @@ def findings_page() -> str:
     return "\n".join(parts).rstrip() + "\n"
 
 
+def json_page() -> str:
+    """The keys of the documents whose classes are in `core/summary.py`."""
+    parts = [
+        _HEAD,
+        "# Keys of the JSON documents",
+        "A number that a log does not show is null, never NaN. `[]` stands for each entry of a"
+        " list, `.NAME` for each name of a table. `…_u95` is an expanded uncertainty (95 %).",
+    ]
+    for schema, key, cls in _DOCUMENTS:
+        parts.append(f"## `{schema}`: `{key}`")
+        rows = [
+            f"| `{k.path}` | {k.kind} | {k.unit} | {_cell(k.text)} |"
+            for k in annotated.json_keys(cls)
+        ]
+        parts.append("\n".join(["| key | is | unit | what |", "|---|---|---|---|", *rows]))
+    parts.append("[Result files](files.md) says which command prints which document.")
+    return "\n\n".join(parts) + "\n"
+
+
 def _anchor(section: str) -> str:
     """The place of a section in settings.md, as its heading makes it."""
     return "settings.md#" + section.replace(".", "")
@@ -242,7 +267,12 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-PAGES = {"settings.md": settings_page, "cli.md": cli_page, "findings.md": findings_page}
+PAGES = {
+    "settings.md": settings_page,
+    "cli.md": cli_page,
+    "findings.md": findings_page,
+    "reference/json.md": json_page,
+}
 
 if __name__ == "__main__":
     for name, page in PAGES.items():

@@ -12,6 +12,7 @@ from types import UnionType
 from typing import (
     Annotated,
     Any,
+    Literal,
     NamedTuple,
     TypeVar,
     Union,
@@ -25,6 +26,7 @@ from .model import Quantity
 
 Json = dict[str, Any]  # what `json.dumps` takes
 T = TypeVar("T")
+_WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
 
 class FieldColumn(NamedTuple):
@@ -55,6 +57,38 @@ def from_json(cls: type[T], document: Mapping[str, Any]) -> T:
         KeyError: names what is missing.
     """
     return cast("T", _read(cls, document))
+
+
+class JsonKey(NamedTuple):
+    """A key of a JSON document."""
+
+    path: str  # `axles[].reference.band_n`
+    kind: str  # what stands there, in words
+    unit: str
+    text: str
+
+
+def json_keys(cls: Any, path: str = "", unit: str = "") -> Iterator[JsonKey]:
+    """The keys of the document of a class, each table after the key that leads to it."""
+    hints = _hints(cls)
+    for name in _names(cls):
+        kind, quantity = _plain(hints[name])
+        inner, words, brackets = kind, _WORDS.get(kind, ""), ""
+        if get_origin(kind) in (Mapping, dict):
+            inner, words, brackets = get_args(kind)[1], "table", ".NAME"
+        elif get_origin(kind) is tuple:
+            inner, is_list = get_args(kind)[0], get_args(kind)[-1] is Ellipsis
+            words, brackets = ("list", "[]") if is_list else ("[from, to]", "")
+            words = "list of [from, to]" if get_origin(inner) is tuple else words
+        elif get_origin(kind) is Literal:
+            words = " or ".join(f"`{x}`" for x in get_args(kind))
+        brackets = brackets if _is_class(inner) else ""
+        text = quantity.text if quantity else (inner.__doc__ or "") if _is_class(inner) else ""
+        unit_here = quantity.unit or unit if quantity else unit
+        shown = "" if _is_class(inner) else unit_here
+        yield JsonKey(f"{path}{name}{brackets}", words or "table", shown, text.partition("\n")[0])
+        if _is_class(inner):
+            yield from json_keys(inner, f"{path}{name}{brackets}.", unit_here)
 
 
 @cache
@@ -126,7 +160,7 @@ def _read(hint: Any, value: Any) -> Any:
 def _columns(cls: type, unit: str, path: tuple[str, ...]) -> Iterator[FieldColumn]:
     for name in _names(cls):
         kind, quantity = _plain(_hints(cls)[name])
-        unit_here, text = (quantity.unit, quantity.text) if quantity else (unit, "")
+        unit_here, text = (quantity.unit or unit, quantity.text) if quantity else (unit, "")
         here = (*path, name)
         if _is_class(kind):
             yield from _columns(kind, unit_here, here)

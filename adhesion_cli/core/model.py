@@ -317,9 +317,11 @@ class Nis:
     It is 1 if the filter's model is right, and larger if the filter is too sure of itself.
     """
 
-    mean: float
-    low: float  # 95 % interval of the mean if the model is right, with correlated innovations
-    high: float
+    mean: Annotated[float, Quantity("", "mean over the log")]
+    low: Annotated[
+        float, Quantity("", "lower limit of the mean if the model is right (95 % interval)")
+    ]
+    high: Annotated[float, Quantity("", "its upper limit; correlated innovations are counted")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -376,8 +378,10 @@ class Score:
     rmse_n: Annotated[float | None, Quantity("N", "root mean square error")] = None
     bias_n: Annotated[float | None, Quantity("N", "mean error")] = None
     max_error_n: Annotated[float | None, Quantity("N", "largest error, with its sign")] = None
-    lag_s: Annotated[float | None, Quantity("s", "delay")] = None
-    gain: Annotated[float | None, Quantity("-", "of its changes over those of the target")] = None
+    lag_s: Annotated[float | None, Quantity("s", "delay behind the target")] = None
+    gain: Annotated[
+        float | None, Quantity("-", "changes of the estimate over those of the target")
+    ] = None
     response_s: Annotated[float | None, Quantity("s", "time to 95 % of a step")] = None
     ripple_n: Annotated[float | None, Quantity("N", "what moves quicker than 0.5 s, rms")] = None
     relative: Annotated[float | None, Quantity("-", "rmse over the least rmse")] = None

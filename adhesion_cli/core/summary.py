@@ -15,19 +15,23 @@ Number = float | None
 class MeanAndHighest(NamedTuple):
     """Mean and highest value, each with its expanded uncertainty (95 %)."""
 
-    mean: float
-    mean_u95: float
-    max: float
-    max_u95: float
+    mean: Annotated[float, Quantity("", "mean over the brake application")]
+    mean_u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
+    max: Annotated[float, Quantity("", "highest value")]
+    max_u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
 
 
 class Contribution(NamedTuple):
     """What one quantity contributes to the uncertainty of a force."""
 
-    quantity: Annotated[str, Quantity("", "a parameter of the vehicle, or noise")]
-    value: Annotated[Number, Quantity("", "of the quantity; none of the noise")]
-    unit: Annotated[str, Quantity("", "of value and u")]
-    type: Annotated[Literal["A", "B"], Quantity("", "A by the samples, B as stated")]
+    quantity: Annotated[
+        str, Quantity("", "a parameter of the vehicle, or `noise` of speed and pressure")
+    ]
+    value: Annotated[Number, Quantity("", "as used; null for the noise")]
+    unit: Annotated[str, Quantity("", "unit of `value` and `u`")]
+    type: Annotated[
+        Literal["A", "B"], Quantity("", "A: by the samples. B: tolerance of the vehicle")
+    ]
     u: Annotated[float, Quantity("", "standard uncertainty")]
     sensitivity: Annotated[float, Quantity("N per unit", "∂F/∂q, mean over the samples")]
     contribution_n: Annotated[float, Quantity("N", "standard uncertainty of F by it")]
@@ -42,7 +46,7 @@ class Coverage(NamedTuple):
     u_n: Annotated[float, Quantity("N", "combined standard uncertainty")]
     k: Annotated[float, Quantity("-", "coverage factor of 95 %")]
     degrees_of_freedom: Annotated[
-        Number, Quantity("-", "effective ones; none where noise has no part")
+        Number, Quantity("-", "by Welch and Satterthwaite; null where noise has no part")
     ]
 
 
@@ -51,33 +55,38 @@ class BrakeApplication:
     """One brake application of one axle."""
 
     axle: Annotated[int, Quantity("", "number, from 1")] = field(default=0, metadata=NOT_IN_JSON)
-    start_s: Annotated[float, Quantity("s", "from here, after the start of the log")]
-    end_s: Annotated[float, Quantity("s", "to here")]
+    start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
+    end_s: Annotated[float, Quantity("s", "end, after the start of the log")]
     from_mps: Annotated[
         Number, Quantity("m/s", "speed at the start: the train's, else that of the wheel's rim")
     ]
-    to_mps: Annotated[Number, Quantity("m/s", "speed at the end")]
-    force_n: Annotated[MeanAndHighest | None, Quantity("N", "adhesion force")]
+    to_mps: Annotated[Number, Quantity("m/s", "the same speed at the end")]
+    force_n: Annotated[
+        MeanAndHighest | None, Quantity("N", "adhesion force; null without a reference")
+    ]
     coefficient: Annotated[MeanAndHighest | None, Quantity("-", "adhesion coefficient µ")]
-    slides: Annotated[int, Quantity("", "how many begin in it")]
+    slides: Annotated[int, Quantity("", "number of slides that begin in it")]
     slide_spans: Annotated[
-        tuple[tuple[float, float], ...], Quantity("s", "from and to of each slide")
+        tuple[tuple[float, float], ...], Quantity("s", "begin and end of each slide")
     ]
     slide_s: Annotated[float, Quantity("s", "duration of all slides together")]
     slide_distance_m: Annotated[float, Quantity("m", "distance of the train in them")]
-    max_slip: Annotated[Number, Quantity("-", "the largest slip")]
-    slide_energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
-    at_least: Annotated[bool, Quantity("", "whether the numbers of slides are lower bounds")]
+    max_slip: Annotated[Number, Quantity("-", "largest slip; null without a slide")]
+    slide_energy_j: Annotated[Number, Quantity("J", "friction energy; null where a wheel locked")]
+    at_least: Annotated[
+        bool, Quantity("", "slides are lower bounds: the train speed is estimated or slow")
+    ]
     utilisation: Annotated[
         Number, Quantity("-", "mean adhesion in the slides over the highest that the rail gives")
     ]
     utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
     budget: Annotated[
-        tuple[Contribution, ...] | None, Quantity("", "what adds to the uncertainty of the force")
+        tuple[Contribution, ...] | None,
+        Quantity("", "contributions to the uncertainty of the mean force"),
     ]
-    coverage: Annotated[Coverage | None, Quantity("", "what they give together")]
+    coverage: Annotated[Coverage | None, Quantity("", "the combined uncertainty of the mean force")]
     slip_unknown_s: Annotated[
-        float, Quantity("s", "the wheel turns, and no train speed shows its slip")
+        float, Quantity("s", "no train speed shows the slip: a slide may be hidden")
     ] = 0.0
 
 
@@ -102,10 +111,10 @@ class AxleSummary(NamedTuple):
 class LogSummary(NamedTuple):
     """The log that was analysed."""
 
-    path: Annotated[str, Quantity("", "as it was named")]
-    format: Annotated[str, Quantity("", "of the file")]
-    sha256: Annotated[str, Quantity("", "of its bytes")]
-    start: Annotated[str | None, Quantity("", "ISO 8601, UTC; none without a calendar")]
+    path: Annotated[str, Quantity("", "path of the log, as it was named")]
+    format: Annotated[str, Quantity("", "format of the log")]
+    sha256: Annotated[str, Quantity("", "SHA-256 of its bytes")]
+    start: Annotated[str | None, Quantity("", "ISO 8601, UTC; null without a calendar")]
     duration_s: Annotated[float, Quantity("s", "from the first to the last sample")]
     rows_read: Annotated[int, Quantity("", "rows or messages in the file")]
     rows_used: Annotated[int, Quantity("", "those that some axle's record holds")]
@@ -117,9 +126,9 @@ class ChannelSummary:
 
     name: Annotated[str, Quantity("", "topic or column header")]
     field: Annotated[str, Quantity("", "place inside a message")]
-    meaning: Annotated[str | None, Quantity("", "what it measures")]
-    axle: Annotated[int | None, Quantity("", "number; none for the train's")]
-    unit: Annotated[str, Quantity("", "in the log")]
+    meaning: Annotated[str | None, Quantity("", "what it measures; null where nobody knows")]
+    axle: Annotated[int | None, Quantity("", "number; null for the whole train")]
+    unit: Annotated[str, Quantity("", "unit in the log")]
     reason: Annotated[str, Quantity("", "why it was taken for that")]
 
 
@@ -129,14 +138,19 @@ class FindingSummary:
 
     code: Annotated[str, Quantity("", "`adhesion explain CODE` explains it")]
     severity: Annotated[str, Quantity("", "info, warning or error")]
-    channel: Annotated[str, Quantity("", "where")]
-    count: Annotated[int, Quantity("", "of samples or things")]
-    first_s: Annotated[Number, Quantity("s", "begin of the first span")]
-    spans: Annotated[tuple[tuple[float, float], ...], Quantity("s", "from and to of each span")]
-    values: Annotated[Mapping[str, float], Quantity("", "numbers; the name ends with the unit")]
-    names: Annotated[Mapping[str, str], Quantity("", "texts: a column, a unit")]
+    channel: Annotated[str, Quantity("", "name in the log, or `axle N`")]
+    count: Annotated[int, Quantity("", "number of samples, rows or messages")]
+    first_s: Annotated[Number, Quantity("s", "when it first occurs; null where it has no time")]
+    spans: Annotated[
+        tuple[tuple[float, float], ...], Quantity("s", "begin and end of each stretch")
+    ]
+    values: Annotated[
+        Mapping[str, float],
+        Quantity("", "numbers that the message quotes; the name ends with the unit"),
+    ]
+    names: Annotated[Mapping[str, str], Quantity("", "texts that the message quotes")]
     message: Annotated[str, Quantity("", "what is wrong, in one line")]
-    hint: Annotated[str | None, Quantity("", "what to do")]
+    hint: Annotated[str | None, Quantity("", "remedy, or null")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,9 +168,9 @@ class ResultSummary:
 class FailedLog:
     """A log that has no result."""
 
-    path: str
-    error: str
-    hint: str
+    path: Annotated[str, Quantity("", "path of the log")]
+    error: Annotated[str, Quantity("", "what is wrong, in one line")]
+    hint: Annotated[str, Quantity("", "remedy")]
     sha256: str | None = None
 
 
@@ -164,8 +178,8 @@ class SlideSummary(NamedTuple):
     """One slide of one axle."""
 
     start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
-    duration_s: Annotated[float, Quantity("s", "of the slide")]
-    distance_m: Annotated[float, Quantity("m", "of the train in it")]
+    duration_s: Annotated[float, Quantity("s", "duration of the slide")]
+    distance_m: Annotated[float, Quantity("m", "distance of the train in it")]
     max_slip: Annotated[float, Quantity("-", "the largest slip")]
     energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
     at_least: Annotated[bool, Quantity("", "whether the numbers are lower bounds")]
@@ -174,8 +188,8 @@ class SlideSummary(NamedTuple):
 class Constant(NamedTuple):
     """A constant of the creep law, with its 95 % interval."""
 
-    value: float
-    ci: tuple[float, float]
+    value: Annotated[float, Quantity("", "the likeliest one")]
+    ci: Annotated[tuple[float, float], Quantity("", "its 95 % interval")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,9 +198,11 @@ class SlipSummary:
 
     log: Annotated[str, Quantity("", "path of the log")]
     axle: Annotated[int, Quantity("", "number, from 1")]
-    peak_slip: Annotated[Number, Quantity("-", "slip of the highest adhesion")]
+    peak_slip: Annotated[Number, Quantity("-", "slip at the peak of the curve; null if not shown")]
     peak_slip_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
-    peak_slip_below: Annotated[Number, Quantity("-", "its upper limit (97.5 %)")]
+    peak_slip_below: Annotated[
+        Number, Quantity("-", "slip below which the peak lies (97.5 %), where only that is known")
+    ]
     peak_mu: Annotated[Number, Quantity("-", "the highest adhesion coefficient")]
     peak_mu_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
     peak_speed_mps: Annotated[Number, Quantity("m/s", "train speed at which the peak is given")]
@@ -197,7 +213,10 @@ class SlipSummary:
     utilisation: Annotated[Number, Quantity("-", "adhesion used over the highest, in the slides")]
     utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
     slides: tuple[SlideSummary, ...]
-    fit: Annotated[Mapping[str, Constant] | None, Quantity("", "constants of the creep law")]
+    fit: Annotated[
+        Mapping[str, Constant] | None,
+        Quantity("", "constants of the creep law; null without a fit"),
+    ]
     fit_curve: Annotated[str | None, Quantity("", "the creep law")]
 
 
@@ -217,15 +236,19 @@ class InspectedChannel(ChannelSummary):
 class InspectedLog:
     """What is in a log, whatever is wrong with it."""
 
-    path: str
-    format: str | None = None
-    status: Literal["ok", "damaged", "error"] = "ok"
-    error: str | None = None
-    hint: str | None = None
-    rows_read: int = 0
-    start: str | None = None
+    path: Annotated[str, Quantity("", "path of the log, as it was named")]
+    format: Annotated[str | None, Quantity("", "format of the log")] = None
+    status: Annotated[Literal["ok", "damaged", "error"], Quantity("", "whether it can be read")] = (
+        "ok"
+    )
+    error: Annotated[str | None, Quantity("", "why it cannot be read")] = None
+    hint: Annotated[str | None, Quantity("", "remedy")] = None
+    rows_read: Annotated[int, Quantity("", "rows or messages in the file")] = 0
+    start: Annotated[str | None, Quantity("", "ISO 8601, UTC; null without a calendar")] = None
     duration_s: Annotated[float, Quantity("s", "from the first to the last sample")] = 0.0
-    time: str = ""
-    stated: Mapping[str, object] = field(default_factory=dict)
+    time: Annotated[str, Quantity("", "which clock, and why")] = ""
+    stated: Annotated[
+        Mapping[str, object], Quantity("", "what was decided about the format, and why")
+    ] = field(default_factory=dict)
     channels: tuple[InspectedChannel, ...] = ()
     findings: tuple[FindingSummary, ...] = ()
