@@ -125,7 +125,7 @@ import signal
 from dataclasses import replace
 from adhesion_cli.wsp import closed_loop, scenario
 case = scenario.load("slippery-stop")
-closed_loop.run(replace(case, train=scenario.Train(1.0)), "none")  # compiled
+closed_loop.run(replace(case, train=scenario.ScenarioTrain(1.0)), "none")  # compiled
 signal.signal(signal.SIGALRM, signal.default_int_handler)
 signal.setitimer(signal.ITIMER_REAL, 0.02, 0.02)  # one alone may come where Python ignores it
 try:
