@@ -120,7 +120,8 @@ def _viewer(shared: Shared, connect: str) -> str:
         check_viewer(connect)
     if not shared.view or connect:
         return connect
-    from .view import check_display, start_viewer
+    from .display import check_display
+    from .view import start_viewer
 
     check_display("adhesion live ... -o DIR")
     return start_viewer()

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
+from .display import check_display
+
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
     from ..core.model import Log
@@ -211,8 +213,6 @@ def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
     from ..results import atomic_files
 
     if shared.view:
-        from .view import check_display
-
         check_display("adhesion view RESULT --serve")
     if shared.figure:
         from ..results.charts import kind

@@ -13,9 +13,9 @@ from typing import Annotated
 
 import typer
 
+from .display import check_display, no_window_error
 from .options import Shared, option, shared
 
-_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 _PORTS = 9090, 9876  # of page and data, as Rerun has them
 _RERUN = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1"]
 _STARTS = 2.0  # after which a viewer that runs has opened its window [s]
@@ -86,26 +86,6 @@ def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> N
         rrd.write_result(picture, analysed)
 
 
-def check_display(serves: str) -> None:
-    """Refuses where the viewer cannot open a window.
-
-    Args:
-        serves: the command that shows the result in a browser.
-
-    Raises:
-        UserError: on Linux without a display.
-    """
-    if sys.platform == "linux" and not any(map(os.environ.get, _DISPLAYS)):
-        raise _no_window("there is no display", serves)
-
-
-def _no_window(reason: str, serves: str) -> Exception:
-    from ..core.errors import UserError
-
-    hint = f"in a browser: `{serves}`; or copy the .rrd to a computer with a display"
-    return UserError(f"the viewer cannot open a window: {reason}", hint)
-
-
 def show_recording(recording: Path) -> None:
     """Starts the viewer on a recording and returns; the viewer keeps running.
 
@@ -141,7 +121,7 @@ def _started(command: list[str], serves: str) -> None:
     except subprocess.TimeoutExpired:
         return
     if code:
-        raise _no_window(f"it ended with exit code {code}", serves)
+        raise no_window_error(f"it ended with exit code {code}", serves)
 
 
 def serve_recording(recording: Path) -> None:
