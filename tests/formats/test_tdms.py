@@ -114,7 +114,7 @@ def test_texts_and_nan_times(tmp_path: Path) -> None:
     ))  # fmt: skip
     assert len(found["p"].t) == N - 5
     assert findings["time-unreadable"].count == 5
-    assert source.stated["not numeric"] == "note"
+    assert source.reasons["not numeric"] == "note"
 
 
 def test_a_segment_that_was_not_closed(tmp_path: Path) -> None:

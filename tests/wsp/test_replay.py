@@ -191,7 +191,7 @@ def test_a_refusal_says_what_is_missing_and_what_helps(
                 m.setattr(fit, "SHORTEST_FIT", 1e3)
             return under(axle, *of)
 
-    monkeypatch.setattr(replay.replay_rail, "under", refused)
+    monkeypatch.setattr(replay.replay_rail, "rail_under_axle", refused)
     with pytest.raises(UserError, match=r"under axle 1: .* of slip .* 1000 s are needed") as told:
         replay.case(one)
     assert "--axle" not in told.value.hint
