@@ -15,6 +15,7 @@ from ..analysis import settings
 from ..analysis.request import check_request
 from ..core import toml
 from ..core.errors import UserError, unknown
+from ..core.toml import Table
 from ..formats.memory import Signals
 
 Source = str | os.PathLike[str] | Signals | Any
@@ -51,7 +52,7 @@ class Choices(NamedTuple):
 
 def choices(  # noqa: PLR0913 (the keywords of a call)
     sources: SettingsSources,
-    sections: Mapping[str, Any],
+    sections: Table,
     *,
     algos: str | Iterable[str] = (),
     reference: str | None = None,
@@ -164,7 +165,7 @@ def _keywords(option: re.Match[str]) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in tables.items())
 
 
-def _table(origin: str, tables: Mapping[str, Any]) -> dict[str, Any]:
+def _table(origin: str, tables: Mapping[str, Any]) -> Table:
     return toml.bounded(_as_toml(tables), origin)
 
 

@@ -31,6 +31,7 @@ from ..core.model import (
     quantities,
 )
 from ..core.summary import BrakeApplication, ResultSummary
+from ..core.toml import Table
 from ..rail.slip import Summary
 from ..rail.slope import REGIONS
 from ..reference.calibrated_vehicle import CalibratedParameter
@@ -265,7 +266,7 @@ class Analysis(_Tables):
         return self.result.findings
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def settings(self) -> Table:
         """Every parameter that was used, as tables of a settings file."""
         return self.result.settings
 
@@ -555,7 +556,7 @@ class Calibration(_Tables):
         return self._calibration.settings.vehicle
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def settings(self) -> Table:
         """Tables that `analyze(log, settings=...)` takes."""
         return calibrate.as_tables(self._calibration)
 

@@ -4,8 +4,9 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from ..core.annotated import Json
 from . import results
 from .options import (
     ScenarioName,
@@ -253,7 +254,7 @@ class _Outcome:
     case: "Scenario"
     settings: "Stated"
     stops: "Sequence[Stop]"
-    document: dict[str, Any]
+    document: Json
     text: str
     findings: "Sequence[Finding]" = ()
     track: "Track | None" = None  # the rail that was fitted to a log
@@ -283,7 +284,7 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
         recording,
         *places,
     ):
-        origin: dict[str, Any] = {}
+        origin: Json = {}
         for record, stop in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
             carried = stop_settings(stop, case, outcome.settings, outcome.track, **outcome.origin)

@@ -1,8 +1,8 @@
 """`adhesion reproduce`: the paper's tables and figures compared with ours."""
 
 from pathlib import Path
-from typing import Any
 
+from ..core.annotated import Json
 from . import results
 from .options import Shared, check, shared
 
@@ -40,7 +40,7 @@ def command(shared: Shared) -> int:
     return results.finished(shared, paths[1], [])
 
 
-def report(doc: dict[str, Any]) -> list[str]:
+def report(doc: Json) -> list[str]:
     """The document as people read it, part by part."""
     from .terminal import number, table
 
@@ -88,7 +88,7 @@ def report(doc: dict[str, Any]) -> list[str]:
     return sections
 
 
-def _table_2(doc: dict[str, Any]) -> str:
+def _table_2(doc: Json) -> str:
     from .terminal import number, table
 
     rows = [

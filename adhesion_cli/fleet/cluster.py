@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from typing import Any
 
 from .. import __version__
+from ..core.annotated import Json
 from ..core.errors import UserError
 from ..core.text import printable
 from . import work
@@ -82,8 +83,8 @@ class Cluster:
         self._calls.shutdown(wait=False)
         self._client.close()
 
-    def _workers(self) -> dict[str, Any]:
-        workers: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+    def _workers(self) -> Json:
+        workers: Json = self._client.scheduler_info(n_workers=-1)["workers"]
         return workers
 
     def _check(self) -> None:

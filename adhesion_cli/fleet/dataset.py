@@ -9,11 +9,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pyarrow as pa
 from pyarrow import dataset, parquet
 
+from ..core.annotated import Json
 from ..core.errors import UserError
 from ..core.text import printable, utf8
 from ..results import atomic_files, tables
@@ -57,7 +58,7 @@ class Dataset:
         self._folder, self._settings = folder, settings
         self._end = f"-{settings}-{version}.parquet"
 
-    def prepare(self, settings: Mapping[str, Any]) -> None:
+    def prepare(self, settings: Json) -> None:
         """Makes the folders, writes the settings, and removes what killed runs left.
 
         Args:
@@ -129,7 +130,7 @@ def _rows(files: list[str]) -> list[DoneLog]:
     return rows
 
 
-def hashed(settings: Mapping[str, Any]) -> str:
+def hashed(settings: Json) -> str:
     """A hash of all that a result depends on, except the log and the version."""
     return sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:_DIGITS]
 

@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow import dataset
 
+from ..core.annotated import Json
 from ..core.errors import UserError
 from ..core.finding import is_lossy
 from ..core.model import Floats
@@ -251,7 +252,7 @@ def _column(table: Any, name: str) -> Floats:
     return column
 
 
-def _spread(table: Any, rows: NDArray[np.bool_] | NDArray[np.int64]) -> dict[str, Any]:
+def _spread(table: Any, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Json:
     """The fields of a `Distribution`."""
     mu, slides = _column(table, "coefficient_mean")[rows], _column(table, "slides")[rows]
     finite, sliding = mu[np.isfinite(mu)], mu[np.isfinite(mu) & (slides > 0)]
@@ -275,7 +276,7 @@ def _by_speed(table: Any) -> list[SpeedBand]:
     return bands
 
 
-def _grouped(table: Any, names: Sequence[str]) -> list[tuple[str, dict[str, Any]]]:
+def _grouped(table: Any, names: Sequence[str]) -> list[tuple[str, Json]]:
     """Each name with the spread of its rows, in the order of the names."""
     groups, group = np.unique(np.array(names, dtype=np.str_), return_inverse=True)
     order = np.argsort(group, kind="stable")

@@ -15,6 +15,7 @@ from ..analysis.analyze import analyze
 from ..analysis.outputs import stem, write_result
 from ..analysis.summarise import summarise
 from ..core import bundled, threads
+from ..core.annotated import Json
 from ..core.errors import UserError, as_user_error
 from ..core.model import Result
 from ..core.summary import FailedLog, ResultSummary
@@ -44,7 +45,7 @@ class Job(NamedTuple):
         recordings: folder for recordings, empty for none.
     """
 
-    stated: dict[str, Any]
+    stated: Json
     strict: bool
     algos: tuple[str, ...]
     axles: tuple[int, ...]
@@ -53,7 +54,7 @@ class Job(NamedTuple):
     settings: str = ""
     recordings: str = ""
 
-    def depends(self) -> dict[str, Any]:
+    def depends(self) -> Json:
         """All that a result depends on, except the log and the version."""
         excluded = {"version", "settings", "recordings"}
         return {name: value for name, value in self._asdict().items() if name not in excluded}

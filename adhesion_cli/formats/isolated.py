@@ -17,13 +17,14 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
+from ..core.annotated import Json
 from ..core.errors import UserError, installed_by
 from .source import Field, ReadOptions
 from .tables import Columns, Contents, Note, Reader, TableSamples, TableSource
@@ -80,7 +81,7 @@ class _Remote:
         ]
         return Columns(axes, series, [Note(**note) for note in header["notes"]])
 
-    def _ask(self, **more: Any) -> tuple[dict[str, Any], list[Any]]:
+    def _ask(self, **more: Any) -> tuple[Json, list[Any]]:
         """The answer to a request; what went wrong there is raised here.
 
         Raises:
@@ -125,16 +126,16 @@ class _Server:
     owner: int  # the process that started it: another one must not use its pipes
     lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def send(self, request: Mapping[str, Any]) -> None:
+    def send(self, request: Json) -> None:
         pipe = self._pipe(self.process.stdin)
         pipe.write(json.dumps(request).encode() + b"\n")
         pipe.flush()
 
-    def header(self) -> dict[str, Any]:
+    def header(self) -> Json:
         line = self._pipe(self.process.stdout).readline()
         if not line.endswith(b"\n"):
             raise EOFError
-        answer: dict[str, Any] = json.loads(line)
+        answer: Json = json.loads(line)
         return answer
 
     def array(self, kind: str, length: int) -> Any:
@@ -218,7 +219,7 @@ def serve(kind: str) -> None:
             _write(output, {"error": answer}, [])
 
 
-def _open_reader(kind: str, request: Mapping[str, Any]) -> Reader:
+def _open_reader(kind: str, request: Json) -> Reader:
     """The format's reader on this log."""
     options = request["options"] | {"dbc": tuple(request["options"]["dbc"])}
     path = Path(request["path"])
@@ -242,7 +243,7 @@ def _answer(output: IO[bytes], reader: Reader, wanted: Sequence[int] | None) -> 
     _write(output, {"axes": len(axes), "series": places, "notes": note_tables}, arrays)
 
 
-def _write(output: IO[bytes], header: Mapping[str, Any], arrays: Sequence[Any]) -> None:
+def _write(output: IO[bytes], header: Json, arrays: Sequence[Any]) -> None:
     shapes = [(a.dtype.str, len(a)) for a in arrays]
     output.write(json.dumps({**header, "arrays": shapes}, default=str).encode() + b"\n")
     for array in arrays:

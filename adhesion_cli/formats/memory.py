@@ -142,7 +142,7 @@ class MemorySource:
         self.findings: list[Finding] = []
         self.metadata: dict[str, dict[str, str]] = {}
         self.account: dict[str, str] = {}
-        self.reasons: dict[str, Any] = {}
+        self.reasons: dict[str, object] = {}
         self.rejects: Iterable[Reject] = ()
         several = len(axes) > 1  # then each signal has rows of its own
         self.fields: Sequence[Field] = [

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 from ..core.errors import UserError
 from ..core.finding import Finding
@@ -99,7 +99,7 @@ class Source(Protocol):
     findings: list[Finding]  # grows while reading
     metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
     account: dict[str, str]  # what an MCAP has lost, which what is made of it must say as well
-    reasons: dict[str, Any]  # dialect decisions and why, for `inspect`
+    reasons: dict[str, object]  # dialect decisions and why, for `inspect`
     rejects: Iterable[Reject]  # rows and cells left out; complete after `columns`
 
     @property

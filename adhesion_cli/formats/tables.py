@@ -7,7 +7,7 @@ columns and findings of them, the same way for every format.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class Contents:
     start_ns: int  # of the log since 1970; 0 where it states none
     time_reason: str
     rows: int
-    reasons: dict[str, Any] = field(default_factory=dict)
+    reasons: dict[str, object] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
 

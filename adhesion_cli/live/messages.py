@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ..core.annotated import Json
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Column, Reject
@@ -45,7 +46,7 @@ class Fields:
     findings: list[Finding] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     account: dict[str, str] = field(default_factory=dict)
-    reasons: dict[str, Any] = field(default_factory=dict)
+    reasons: dict[str, object] = field(default_factory=dict)
     rejects: Iterable[Reject] = ()
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
@@ -184,7 +185,7 @@ class Messages:
         self._stamped = self._stamped and bool(stamp)
         return t, values
 
-    def _stamp_name(self, flat: dict[str, Any]) -> str:
+    def _stamp_name(self, flat: Json) -> str:
         """The name of the time, "" where no value is one."""
         if time_channel := self._options.time_channel:
             if time_channel not in flat:
@@ -213,7 +214,7 @@ class Messages:
         return round(exact)
 
 
-def _flat(said: dict[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
+def _flat(said: Json, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
     """Names and values of an object and those in it, names joined by points."""
     if depth > _DEEPEST:
         raise UnreadableError("nested too deeply")

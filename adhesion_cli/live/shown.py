@@ -10,8 +10,8 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any
 
+from ..core.annotated import Json
 from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..core.text import drop_output
@@ -79,7 +79,7 @@ class JsonLines:
 
     def _line(self, s: LiveSample, algo: str) -> str:
         e = s.estimates.get(algo, LiveEstimate(math.nan, math.nan))
-        said: dict[str, Any] = {
+        said: Json = {
             "axle": s.axle,
             "force_n": _or_null(e.force),
             "coefficient": _or_null(float(coefficient(e.force, self._vehicle))),  # type: ignore[arg-type]

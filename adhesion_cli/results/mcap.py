@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -35,6 +35,7 @@ from ..core.model import (
 )
 from ..core.physics import LOCKED
 from ..core.text import printable
+from ..core.toml import Table
 from ..rail import events
 from ..rail.slope import REGIONS
 from ..wsp.stop import Stop
@@ -152,7 +153,7 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
     name: str,
     stop: Stop,
     vehicle: Vehicle,
-    settings: dict[str, Any],
+    settings: Table,
     metrics: str,
     sources: Sequence[str],
 ) -> None:
@@ -212,7 +213,7 @@ class GrowingResult:
         self,
         file: BinaryIO,
         log: str,
-        settings: dict[str, Any],
+        settings: Table,
         vehicle: Vehicle,
         nothing: Mapping[int, Samples],
     ) -> None:

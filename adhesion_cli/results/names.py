@@ -4,10 +4,10 @@ import json
 import re
 from collections.abc import Sequence
 from pathlib import PurePath
-from typing import Any
 
 from ..core.model import Channel, Log, Meaning, Result
 from ..core.text import distinct, printable
+from ..core.toml import Table
 
 SETTINGS = "adhesion.settings"  # metadata record with every parameter used
 PROVENANCE = "adhesion.provenance"  # version, name and hash of the log, sources
@@ -46,7 +46,7 @@ def logs(results: Sequence[Result]) -> list[str]:
     return distinct([printable(PurePath(r.log.path).stem) for r in results])
 
 
-def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, str]:
+def flat(settings: Table, prefix: str = "") -> dict[str, str]:
     """Nested settings as dotted keys with JSON values, sorted."""
     dotted: dict[str, str] = {}
     for key, value in sorted(settings.items()):

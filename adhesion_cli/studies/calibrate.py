@@ -18,6 +18,7 @@ from ..analysis.request import open_log
 from ..analysis.settings import Settings, tree
 from ..channels.log import read
 from ..core import toml
+from ..core.annotated import Json
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle
@@ -353,7 +354,7 @@ def as_toml(calibration: CalibrationRun) -> str:
     return "\n".join([*lines, ""])
 
 
-def as_tables(calibration: CalibrationRun) -> dict[str, dict[str, Any]]:
+def as_tables(calibration: CalibrationRun) -> dict[str, Json]:
     """The vehicle, and how its logs were read, as tables of settings."""
     calibrated_tree, default_tree = tree(calibration.settings, []), tree(Settings(), [])
     section_names = ("vehicle", "channels", "csv", "mcap", "can")
@@ -364,7 +365,7 @@ def as_tables(calibration: CalibrationRun) -> dict[str, dict[str, Any]]:
     }
 
 
-def document(calibration: CalibrationRun, outputs: dict[str, str]) -> dict[str, Any]:
+def document(calibration: CalibrationRun, outputs: dict[str, str]) -> Json:
     """The document of `calibrate`.
 
     Args:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from ..analysis.analyze import analyze
 from ..analysis.json_documents import tagged
 from ..analysis.settings import Settings
 from ..core import compiled
+from ..core.annotated import Json
 from ..core.estimator import registry
 from ..core.model import AxleResult, Floats, Result, Vehicle
 from ..core.physics import wheelset
@@ -114,7 +114,7 @@ ALTERNATIVES = (
 class Reproduction:
     """Everything that was measured."""
 
-    document: dict[str, Any]  # `adhesion.reproduce/1`
+    document: Json  # `adhesion.reproduce/1`
     results: tuple[Result, Result, Result]  # constant, varying, field test
 
 
@@ -200,9 +200,7 @@ def printed(algo: str, interval: float) -> dict[str, float]:
 # --- constant condition -------------------------------------------------------------------------
 
 
-def _table_2(
-    algo: str, seeds: Sequence[int], alternatives: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
+def _table_2(algo: str, seeds: Sequence[int], alternatives: Sequence[Json]) -> Json:
     """One row of Table 2 with the printed one, and a reading that gives its error."""
     row = _measure_constant(AS_READ, algo, seeds)
     response, error = PUBLISHED[algo]
@@ -222,7 +220,7 @@ def _table_2(
     }
 
 
-def _measure_constant(reading: PaperReading, algo: str, seeds: Sequence[int]) -> dict[str, Any]:
+def _measure_constant(reading: PaperReading, algo: str, seeds: Sequence[int]) -> Json:
     """Response time and maximum error, each with the interval that holds 95 % of the seeds."""
     settled = reading.settled or algo == "td"
     parameters = {**printed(algo, reading.interval), **reading.parameters}
@@ -313,7 +311,7 @@ def _swinging(frequency: float) -> Scenario:
 
 def _measure_varying(
     algo: str, seeds: Sequence[int], changed: Mapping[str, float] | None = None
-) -> dict[str, Any]:
+) -> Json:
     """Rmse, lag and gain at the scenario's own frequency, and lag and gain over frequency."""
     parameters = {**printed(algo, INTERVAL), **(changed or {})}
     rows = []
@@ -349,7 +347,7 @@ def _analyze_scenario(path: Path, scenario: Scenario, settings: Settings) -> Res
     return replace(result, log=replace(result.log, path=path.name))
 
 
-def _field_test(result: Result) -> dict[str, Any]:
+def _field_test(result: Result) -> Json:
     """NESO against the reference over the brake application, as in the paper's figure 6."""
     (axle,) = result.axles
     comparison = metrics.compare(

@@ -25,6 +25,7 @@ from ..analysis.json_documents import findings_document, tagged
 from ..analysis.request import choose_estimators
 from ..analysis.settings import Settings
 from ..core import compiled, methods, physics, toml
+from ..core.annotated import Json
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
@@ -163,10 +164,10 @@ def as_toml(tuned: Tuned) -> str:
     return "\n".join([*lines, ""])
 
 
-def document(tuned: Tuned, outputs: dict[str, str]) -> dict[str, Any]:
+def document(tuned: Tuned, outputs: dict[str, str]) -> Json:
     """The document of `tune`; `outputs` are the files written, by format."""
 
-    def errors(share: Errors) -> dict[str, Any]:
+    def errors(share: Errors) -> Json:
         return {
             "logs": len(share.logs),
             "rmse_n": share.rmse,

@@ -4,7 +4,7 @@ import inspect
 import math
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, is_dataclass, replace
 from itertools import chain, pairwise
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from ..core import toml
 from ..core.errors import UserError, unknown
 from ..core.model import Parameter, Quantity, Vehicle
+from ..core.toml import Table
 from ..core.units import UNITS, Dimension
 from ..rail.creep_law import Condition, Contact, condition
 
@@ -279,7 +280,7 @@ def load(name_or_path: str | Path) -> Scenario:
     return s
 
 
-def _table(kind: Any, table: Mapping[str, Any], place: str) -> Any:
+def _table(kind: Any, table: Table, place: str) -> Any:
     hints = typing.get_type_hints(kind, include_extras=True)
     for key in table:
         if key not in hints:

@@ -4,7 +4,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -86,7 +85,7 @@ class CsvSource:
         numeric = [i for i in data_columns if self._is_numeric(i)]
         self.places = self._fields(numeric)  # number of the series, and column
         self.fields: list[Field] = list(self.places)
-        self.reasons: dict[str, Any] = dict(dialect.reasons)
+        self.reasons: dict[str, object] = dict(dialect.reasons)
         self.reasons["time"] = clock.reason
         if text := [i for i in data_columns if i not in numeric]:
             self.reasons["not numeric"] = ", ".join(names[i] for i in text)

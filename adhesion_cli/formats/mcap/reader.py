@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -54,7 +53,7 @@ class McapSource:
             for s in self._series
             for p, leaf in s.fields.items()
         ]
-        self.reasons: dict[str, Any] = {
+        self.reasons: dict[str, object] = {
             "profile": walk.profile,
             "library": walk.library,
             "chunks": walk.chunks,

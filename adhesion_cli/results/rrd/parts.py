@@ -2,10 +2,10 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import rerun as rr
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.model import Floats, Times
 from ...core.text import printable
+from ...core.toml import Table
 from ...rail.slope import REGION_TITLES, Bands
 from .. import names
 from ..verified import verified
@@ -105,7 +106,7 @@ def escape_markdown(text: str) -> str:
     return re.sub(r"([\\`*_{}\[\]()<>#+!|~&:-])", r"\\\1", printable(text))
 
 
-def settings_table(settings: Mapping[str, Any]) -> str:
+def settings_table(settings: Table) -> str:
     """Nested settings as Markdown, a row each; a long list is cut off."""
     rows = (
         f"| {escape_markdown(k)} | {escape_markdown(v if len(v) <= _CELL else f'{v[:_CELL]} …')} |"

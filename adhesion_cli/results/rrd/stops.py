@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 
 from ...core.model import Times
 from ...core.text import printable
+from ...core.toml import Table
 from ...rail.slope import Bands
 from ...wsp.stop import Stop
 from .. import palette
@@ -33,7 +34,7 @@ class StopTexts(NamedTuple):
     """
 
     verdict: str
-    settings: Mapping[str, Any]
+    settings: Table
 
 
 def write_stops(
