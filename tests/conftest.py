@@ -1,9 +1,10 @@
+import functools
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from commands import in_process
 from hypothesis import settings
 
 from adhesion_cli.core import finding
@@ -22,14 +23,10 @@ def every_field_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(finding._Fields, "__missing__", refuse)
 
 
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
 @pytest.fixture
-def run(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """The command in a process of its own, in an empty folder."""
-
-    def adhesion(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "adhesion_cli", *map(str, arguments)],
-            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
-        )  # fmt: skip
-
-    return adhesion
+def run(tmp_path: Path) -> Run:
+    """The command in this process, in an empty folder."""
+    return functools.partial(in_process, tmp_path)

@@ -1,10 +1,9 @@
 """Slip, slides, peak and rail against simulations that know them."""
 
+import functools
 import json
 import math
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from commands import in_process
 from simulated import changed, late, recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
@@ -569,11 +569,7 @@ def test_slope_settings_are_checked() -> None:
 def test_the_command(tmp_path: Path) -> None:
     log = write(tmp_path / "stop.csv", recordings("low-adhesion"))
 
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "adhesion_cli", "slip", *arguments],
-            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
-        )  # fmt: skip
+    run = functools.partial(in_process, tmp_path, "slip")
 
     done = run(log.name, "--json", "--axle", "1", "--axle", "3")
     assert done.returncode == 0, done.stderr

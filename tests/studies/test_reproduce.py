@@ -1,15 +1,15 @@
 """What `reproduce` must show of the paper."""
 
+import functools
 import json
 import math
 import re
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import in_process
 
 from adhesion_cli.cli.reproduce import report
 from adhesion_cli.core import estimator, methods
@@ -136,11 +136,7 @@ def test_the_page_on_the_paper_shows_what_comes_out(
 
 
 def test_command_writes_and_states_everything(tmp_path: Path) -> None:
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "adhesion_cli", "reproduce", *arguments],
-            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
-        )  # fmt: skip
+    run = functools.partial(in_process, tmp_path, "reproduce")
 
     done = run("--json")
     assert done.returncode == 0, done.stderr

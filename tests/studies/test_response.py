@@ -1,14 +1,14 @@
 """Frequency responses against transfer functions worked out by hand, and what the command shows."""
 
+import functools
 import json
 import math
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import in_process
 
 from adhesion_cli.core import estimator
 from adhesion_cli.core.model import Vehicle
@@ -61,11 +61,7 @@ def test_harmonic_is_exact_beside_a_slope() -> None:
 
 
 def test_command_shows_and_draws_the_settings_stated(tmp_path: Path) -> None:
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "adhesion_cli", "estimators", "--response", *arguments],
-            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
-        )  # fmt: skip
+    run = functools.partial(in_process, tmp_path, "estimators", "--response")
 
     done = run("-a", "leso", "--set", "leso.beta2=2160", "--json")
     assert done.returncode == 0, done.stderr

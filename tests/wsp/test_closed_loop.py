@@ -1,9 +1,8 @@
 """The closed loop against the laws of its own plant, and the controllers against each other."""
 
+import functools
 import json
 import math
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from commands import in_process
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from recordings import batches, column, static
@@ -894,11 +894,7 @@ def test_a_receiver_of_1_hz_where_every_wheel_slides_has_no_known_delay(
 
 
 def test_antiskid_command(tmp_path: Path) -> None:
-    def adhesion(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "adhesion_cli", "antiskid", *arguments],
-            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
-        )  # fmt: skip
+    adhesion = functools.partial(in_process, tmp_path, "antiskid")
 
     done = adhesion("leaf-film", "--json", "--figure", "stop.svg")
     assert done.returncode == 0, done.stderr
