@@ -20,8 +20,8 @@ from table import Row
 from adhesion_cli.core.model import AxleRecord, Floats
 from adhesion_cli.reference import force
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "reference"))
-from test_force import (
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from helpers.reference_runs import (
     HARD,
     HARD_SLIDING,
     ROLLING,

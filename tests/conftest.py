@@ -1,10 +1,8 @@
 import functools
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from commands import in_process
+from helpers.commands import Run, in_process
 from hypothesis import settings
 
 from adhesion_cli.core import finding
@@ -21,9 +19,6 @@ def every_field_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyError(key)
 
     monkeypatch.setattr(finding._Fields, "__missing__", refuse)
-
-
-Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from test_read_mcap_damage import HOSTILE, RIGHT
+from helpers.hostile_mcap import HOSTILE, RIGHT
 
 ROWS = b"t [s],p 1 [bar],v 1 [km/h]\n" + b"".join(b"%.2f,3,50\n" % (k / 100) for k in range(3000))
 HALF = ROWS.rindex(b"\n", 0, len(ROWS) // 2) + 1

@@ -11,8 +11,8 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
+from helpers.mcap_logs import MAGIC, START, double_message, proto_file, proto_schema, record
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header
-from mcap_logs import MAGIC, START, double_message, proto_file, proto_schema, record
 
 TESTS = Path(__file__).parent
 PRELUDE = """
@@ -190,7 +190,7 @@ write(n)
 print(peak() - before)
 """
 WRITE_RESULT = """
-from made_results import result
+from helpers.made_results import result
 from adhesion_cli.core import threads
 from adhesion_cli.results import mcap, rrd
 threads.max_threads = 1  # each processor has buffers of its own

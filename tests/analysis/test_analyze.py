@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import simulated
+from helpers import simulated
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze

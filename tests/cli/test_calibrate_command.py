@@ -5,8 +5,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from test_cli import Run
-from vehicle_logs import STATED, log, true
+from helpers.commands import Run
+from helpers.vehicle_logs import STATED, log, true
 
 SET = ["--set", f"vehicle.lever_ratio={STATED.lever_ratio.value}"]
 

@@ -7,12 +7,12 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from trains import rows, three_trains
+from helpers.commands import Run
+from helpers.trains import rows, three_trains
 
 from adhesion_cli.analysis import inspection, settings
 from adhesion_cli.cli.app import app
@@ -22,8 +22,6 @@ from adhesion_cli.formats.source import ReadOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_logs"
-
-Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def test_analyze_writes_both_files_and_says_so(run: Run, tmp_path: Path) -> None:

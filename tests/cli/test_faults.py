@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.mounts import mounted
+from helpers.write_faults import FAULTS
 from rerun.chunk import RrdReader
-from test_atomic_files import FAULTS
-from test_writing import mounted
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = """

@@ -7,8 +7,8 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+from helpers.trains import rows
 from pyarrow import parquet
-from trains import rows
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from trains import rows
+from helpers.trains import rows
 
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.errors import UserError

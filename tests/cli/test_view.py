@@ -11,7 +11,7 @@ from pathlib import Path
 from urllib.error import URLError
 
 import pytest
-from made_results import result
+from helpers.made_results import result
 
 from adhesion_cli.cli import view
 from adhesion_cli.cli.app import app

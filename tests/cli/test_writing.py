@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from trains import rows
+from helpers.mounts import mounted
+from helpers.trains import rows
 
 from adhesion_cli.cli.app import app
 
@@ -185,18 +186,6 @@ def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path,
                 os.truncate(folder / ".filler", (folder / ".filler").stat().st_size - 4096)
 
         yield folder, fill
-
-
-@contextlib.contextmanager
-def mounted(folder: Path, options: str) -> Iterator[Path]:
-    """A file system in memory on this folder; the test is left out where none can be had."""
-    mount = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
-    if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("no file system can be mounted here")
-    try:
-        yield folder
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
 
 
 @pytest.mark.parametrize("name", EACH)

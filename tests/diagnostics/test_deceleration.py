@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import simulated
+from helpers import simulated
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.core.finding import Finding

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import simulated
-from simulated import Recordings
+from helpers import simulated
+from helpers.simulated import Recordings
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.core.finding import Finding

@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers.brake_signals import REGISTRY, STEADY, W, rolling_brake, simulated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -16,16 +17,12 @@ from scipy.linalg import expm
 
 from adhesion_cli.core import compiled, estimator, methods
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import AxleRecord, Vehicle, Wheelset
-from adhesion_cli.core.physics import clamping_force, wheelset
+from adhesion_cli.core.model import Wheelset
+from adhesion_cli.core.physics import clamping_force
 from adhesion_cli.estimators._han import fhan
 from adhesion_cli.records import brake_applications
 from adhesion_cli.scores import metrics
 from adhesion_cli.wsp import scenario, simulate
-
-W = wheelset(Vehicle(), 1)
-REGISTRY = estimator.registry()
-STEADY = W.rolling * W.phi * 21e3  # 5378 N
 
 PAPERS = "gradient", "kalman", "leso", "neso", "td"
 
@@ -47,14 +44,6 @@ def online(name, t, K, y, **overrides):
     p = methods.validate(est, overrides)
     samples = zip(ns(t).tolist(), K.tolist(), y.tolist(), strict=True)
     return np.array(list(estimator.online(est, p, W, samples)))
-
-
-def rolling_brake(t, ramp=2.5, y0=20 / 0.42):
-    """Exact signals of (1) without slip: 2 s coasting, K to 21 kN along `ramp` [s], then held."""
-    x = np.clip((t - 2.0) / ramp, 0.0, None)
-    K = 21e3 * np.minimum(x, 1.0)
-    impulse = 21e3 * ramp * np.where(x < 1.0, 0.5 * x**2, x - 0.5)
-    return K, y0 - W.a * W.phi * (1.0 - W.rolling) * impulse, W.rolling * W.phi * K
 
 
 def slide(t):
@@ -412,22 +401,6 @@ def test_printed_kalman_goes_blind():
 
 
 # what it claims
-
-
-def simulated(name, seed):
-    """The record of every axle of a bundled scenario, as its sensors give it, with the truth."""
-    simulation = simulate.run(scenario.load(name), seed=seed)
-    vehicle = simulation.scenario.vehicle
-    log = {(r.signal, r.axle): r for r in simulate.log(simulation)}
-    for axle in range(1, simulation.scenario.train.axles + 1):
-        speed, pressure = log["wheel_speed", axle], log["pressure", axle]
-        held = pressure.value[np.searchsorted(pressure.t, speed.t, side="right") - 1]
-        K = clamping_force(held * 1e5, vehicle)
-        yield AxleRecord(
-            axle, speed.t, K, K, speed.value / 3.6 / vehicle.radius(axle).value,
-            (slice(0, len(speed.t)),),
-            truth=np.interp(speed.t, simulation.t, simulation.signal("truth", axle)),
-        )  # fmt: skip
 
 
 @cache

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from test_estimators import REGISTRY, STEADY, W, rolling_brake, simulated
+from helpers.brake_signals import REGISTRY, STEADY, W, rolling_brake, simulated
 
 from adhesion_cli.core import compiled, methods
 from adhesion_cli.core.model import Z95

@@ -6,7 +6,7 @@ from functools import cache
 from itertools import pairwise
 
 import pytest
-from c_library import CMethod, W
+from helpers.c_library import CMethod, W
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from c_library import tool
+from helpers.c_library import tool
 
 from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError

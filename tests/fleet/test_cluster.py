@@ -12,8 +12,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import logs_of_fleet
 import pytest
+from helpers import logs_of_fleet
 
 COUNT = 10
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import logs_of_fleet
 import pytest
+from helpers import logs_of_fleet
 from pyarrow import parquet
 
 pytestmark = pytest.mark.slow

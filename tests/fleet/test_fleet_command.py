@@ -5,8 +5,8 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
-import logs_of_fleet
 import pytest
+from helpers import logs_of_fleet
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 TABLES = ("applications", "estimators", "findings", "logs")

@@ -9,8 +9,8 @@ import time
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
-import logs_of_fleet
 import pytest
+from helpers import logs_of_fleet
 
 from adhesion_cli.fleet.processes import Processes
 

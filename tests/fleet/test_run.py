@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import logs_of_fleet
 import pytest
+from helpers import logs_of_fleet
 from pyarrow import dataset, parquet
 
 from adhesion_cli.analysis.analyze import analyze

@@ -6,8 +6,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import logs_of_fleet
 import pytest
+from helpers import logs_of_fleet
 from pyarrow import dataset
 
 pytestmark = pytest.mark.slow

@@ -8,9 +8,9 @@ from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
 
-import brakes
 import numpy as np
 import pytest
+from helpers import brakes
 
 from adhesion_cli.channels.log import unchanged
 from adhesion_cli.core.errors import UserError

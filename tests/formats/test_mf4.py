@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import brakes
 import numpy as np
 import pytest
 from asammdf import MDF, Signal
+from helpers import brakes
 
 from adhesion_cli.channels.log import needed, survey
 from adhesion_cli.core.errors import UserError

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-import brakes
 import numpy as np
 import pytest
+from helpers import brakes
 from nptdms import ChannelObject, RootObject, TdmsWriter
 
 from adhesion_cli.analysis.inspection import inspect_log

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from helpers.live_runs import LOGS, followed, running
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from test_live import LOGS, followed, running
 
 from adhesion_cli.analysis.settings import load
 from adhesion_cli.core.errors import UserError

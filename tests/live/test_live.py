@@ -13,61 +13,30 @@ import sys
 import termios
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import recordings
+from helpers import recordings
+from helpers.live_runs import LOGS, Kept, followed, running
+from helpers.mounts import mounted
 from mcap.reader import make_reader
-from test_writing import mounted
 
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.request import choose_estimators
 from adhesion_cli.analysis.settings import Settings, load
-from adhesion_cli.core import bundled
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
 from adhesion_cli.live.axle import LiveAxle, LiveSample, Measuring
-from adhesion_cli.live.feed import Feed
 from adhesion_cli.live.open import open_feed
 from adhesion_cli.live.replay import Replay
 from adhesion_cli.live.run import Tally, follow, wheels_of
 
-LOGS = bundled.folder("sample_logs")
 SERVICE, LOW = LOGS / "service-brake.csv", LOGS / "low-adhesion.csv"
-
-
-class Kept:
-    """A sink that keeps every sample, by axle."""
-
-    def __init__(self) -> None:
-        self.of: dict[int, list[LiveSample]] = {}
-
-    def take(self, samples: Sequence[LiveSample]) -> None:
-        for s in samples:
-            self.of.setdefault(s.axle, []).append(s)
-
-    def idle(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-
-def followed(
-    feed: Feed, settings: Settings, algos: Sequence[str] = ()
-) -> tuple[dict[int, list[LiveSample]], list[Finding]]:
-    """Every sample of a sender by axle, and the findings."""
-    kept, tally = Kept(), Tally(lambda _: None)
-    own = {e.name: (e, settings.params(e)) for e in choose_estimators(algos)}
-    follow(feed, wheels_of(feed, settings, ()), settings, own, [kept], tally)
-    feed.close()
-    return kept.of, tally.findings
 
 
 @pytest.mark.parametrize("log", [SERVICE, LOW, LOW.with_suffix(".mcap")], ids=lambda p: p.name)
@@ -96,18 +65,6 @@ def lines_of(text: str) -> list[dict[str, object]]:
 def message(t: float, axle: int, kmh: float, bar: float | None = 1.0) -> str:
     said = {"t": t, "axle": axle, "speed [km/h]": kmh, "bc pressure [bar]": bar}
     return json.dumps({k: x for k, x in said.items() if x is not None})
-
-
-@contextmanager
-def running(folder: Path, *arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
-    """`adhesion live` in the background; it is killed if it still runs at the end."""
-    command = [sys.executable, "-m", "adhesion_cli", "live", *map(str, arguments)]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, cwd=folder, text=True, **pipes) as process:  # type: ignore[call-overload]
-        try:
-            yield process
-        finally:
-            process.kill()
 
 
 def taken(process: "subprocess.Popen[str]", count: int) -> list[dict[str, object]]:

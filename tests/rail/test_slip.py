@@ -11,8 +11,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from commands import in_process
-from simulated import changed, late, recordings, simulation, write
+from helpers.commands import in_process
+from helpers.simulated import changed, late, recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.cli.app import app

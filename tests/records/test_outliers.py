@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import simulated
+from helpers import simulated
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from helpers.write_faults import FAULTS
 from mcap.reader import make_reader
 
 from adhesion_cli.core.errors import UserError
@@ -566,16 +567,6 @@ except UserError as error:
     assert names(tmp_path) == set()
 
 
-FAULTS = [
-    f"{call}:{what}"
-    for call, faults in {
-        "write": ["error=ENOSPC", "error=EIO", "signal=KILL"],
-        "fsync": ["error=EIO", "signal=KILL"],
-        "rename": ["error=EIO", "signal=KILL"],
-        "unlink": ["error=EIO", "signal=KILL"],
-    }.items()
-    for what in faults
-]
 RESULT = """
 from tests.made_results import result
 from adhesion_cli.results import mcap

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_results import result
+from helpers.made_results import result
 
 from adhesion_cli.rail import slip
 from adhesion_cli.rail.slope import REGION_TITLES, Bands

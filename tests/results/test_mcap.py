@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.unknown_fields import UnknownFieldSet
+from helpers.made_results import EPOCH, near, result
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_results import EPOCH, near, result
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Message, Statistics
 from mcap.stream_reader import StreamReader

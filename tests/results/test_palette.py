@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from made_results import result
-from test_rrd import static
+from helpers.made_results import result
+from helpers.recordings import static
 
 from adhesion_cli.core import estimator
 from adhesion_cli.results import palette, rrd

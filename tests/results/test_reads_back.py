@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_results import EPOCH, result
+from helpers.made_results import EPOCH, result
 
 from adhesion_cli.channels.meaning import understood
 from adhesion_cli.core.model import Channel, Column, Log

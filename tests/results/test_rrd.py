@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import rerun.blueprint as rrb
+from helpers.made_results import EPOCH, near, result
+from helpers.recordings import batches, column, static
 from hypothesis import given
 from hypothesis import strategies as st
-from made_results import EPOCH, near, result
-from recordings import batches, column, static
 from rerun.chunk import RrdReader
 
 from adhesion_cli.core.finding import Finding

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_results import result
-from recordings import batches, column, static
+from helpers.made_results import result
+from helpers.recordings import batches, column, static
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
-from made_results import result
+from helpers.made_results import result
 from pyarrow import parquet
 
 from adhesion_cli.analysis.summarise import summarise

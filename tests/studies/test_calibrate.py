@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from vehicle_logs import STATED, log, true
+from helpers.vehicle_logs import STATED, log, true
 
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.core.errors import UserError

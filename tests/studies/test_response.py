@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import in_process
+from helpers.commands import in_process
 
 from adhesion_cli.core import estimator
 from adhesion_cli.core.model import Vehicle

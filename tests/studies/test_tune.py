@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import simulated
+from helpers import simulated
 
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.core.errors import UserError

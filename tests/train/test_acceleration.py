@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated import Recordings, simulation, write
+from helpers.simulated import Recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.analysis.prepare import Window, prepare

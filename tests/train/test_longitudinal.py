@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-import simulated
-from test_checks import DEFAULT, VEHICLES, clean, found
-from test_force import share_inside
+from helpers import simulated
+from helpers.diagnosed import DEFAULT, VEHICLES, clean, found
+from helpers.reference_runs import share_inside
 
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.analysis.prepare import prepare

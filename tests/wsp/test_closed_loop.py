@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from commands import in_process
+from helpers.commands import in_process
+from helpers.recordings import batches, column, static
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from recordings import batches, column, static
 
 from adhesion_cli.analysis import analyze, json_documents, settings
 from adhesion_cli.analysis.prepare import prepare

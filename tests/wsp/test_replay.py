@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recordings import static
-from simulated import recordings, simulation, write
+from helpers.recordings import static
+from helpers.simulated import recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.cli.app import app

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.simulated import friction_force
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated import friction_force
 
 from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError

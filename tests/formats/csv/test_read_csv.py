@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trains import START, three_trains
+from helpers.trains import START, three_trains
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.core.errors import UserError

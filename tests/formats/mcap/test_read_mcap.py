@@ -20,8 +20,7 @@ from google.protobuf.descriptor_pb2 import (
     OneofDescriptorProto,
 )
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F
-from mcap.records import Channel, Schema
-from mcap_logs import (
+from helpers.mcap_logs import (
     START,
     Log,
     cdr,
@@ -31,6 +30,7 @@ from mcap_logs import (
     proto_schema,
     scalar_log,
 )
+from mcap.records import Channel, Schema
 
 from adhesion_cli.channels.log import unchanged
 from adhesion_cli.channels.meaning import understood

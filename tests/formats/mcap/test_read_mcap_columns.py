@@ -16,10 +16,10 @@ from google.protobuf.descriptor_pb2 import (
 )
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
+from helpers.mcap_logs import START, Log, cdr, message, proto_file, proto_schema
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.records import Channel, Schema
-from mcap_logs import START, Log, cdr, message, proto_file, proto_schema
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2Factory
 
@@ -430,8 +430,8 @@ def test_several_channels_come_in_order_of_log_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize("index", [True, False])
 def test_an_index_that_lies_changes_nothing(tmp_path: Path, index: bool) -> None:
     """Indexes that skip messages, repeat them or point elsewhere are only hints."""
+    from helpers.mcap_logs import chunk, record
     from mcap.records import MessageIndex
-    from mcap_logs import chunk, record
 
     log = Log([], [Channel(1, "/c", "json", {}, 0)], per_chunk=100)
     log.messages = [message(1, START + i, b'{"x": %d}' % i) for i in range(20)]

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from helpers.mcap_logs import MAGIC, START, record
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
@@ -22,7 +23,6 @@ from mcap.records import (
     SummaryOffset,
 )
 from mcap.writer import Writer
-from mcap_logs import MAGIC, START, record
 
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats.mcap.reader import open_mcap

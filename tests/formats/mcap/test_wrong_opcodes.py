@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from helpers.mcap_logs import START, Log, message, record, scalar_log
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Attachment, ChunkIndex, MessageIndex, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
-from mcap_logs import START, Log, message, record, scalar_log
 
 from adhesion_cli.formats.mcap.walk import Walk
 from adhesion_cli.formats.source import ReadOptions

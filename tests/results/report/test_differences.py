@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import made_results
 import numpy as np
 import pytest
-from test_report import EVIL, Elements, figures, written
+from helpers import made_results
+from helpers.pages import EVIL, Elements, figures, written
 
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.core.model import Z95, Parameter, Vehicle

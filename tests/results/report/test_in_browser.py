@@ -8,12 +8,12 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-import browser
 import numpy as np
 import pytest
-from browser import Tab
+from helpers import browser
+from helpers.browser import Tab
+from helpers.pages import analysed, written
 from PIL import Image
-from test_report import analysed, written
 
 from adhesion_cli.results.report import page
 from adhesion_cli.results.report.campaign import Bar, Bars, Campaign, PageTable

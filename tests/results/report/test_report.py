@@ -2,42 +2,24 @@
 
 import json
 import re
-import zlib
-from base64 import b64decode
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
-import made_results
 import numpy as np
 import pytest
 from bokeh.models import VArea
+from helpers.pages import EVIL, Elements, analysed, figures, written
 
 from adhesion_cli.analysis.json_documents import dumps, embedded, tagged
-from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.annotated import as_json
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, catalogue
-from adhesion_cli.core.model import Result, Vehicle
 from adhesion_cli.core.summary import BrakeApplication, FindingSummary
 from adhesion_cli.results import mcap
 from adhesion_cli.results.report import decimate, page, sections, words
 from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import ReportAxle, ReportRun, read
-
-EVIL = '<img src=x onerror="alert(1)">\'"</script><b>'
-
-
-def analysed(**of: Any) -> Result:
-    """A made result with the settings of a real one."""
-    return replace(made_results.result(**of), settings=tree(Settings(Vehicle()), []))
-
-
-def written(path: Path, result: Result) -> Path:
-    mcap.write_result(path, result, embedded([summarise(result, {})]))
-    return path
 
 
 def with_applications(
@@ -46,40 +28,6 @@ def with_applications(
     """An axle with other brake applications, and another number."""
     number = number or axle.number
     return replace(axle, summary=axle.summary._replace(axle=number, applications=braked))
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> ReportRun:
-    path = tmp_path_factory.mktemp("report") / "stop.adhesion.mcap"
-    return read(written(path, analysed(axles=2, n=3000)))
-
-
-@pytest.fixture(scope="module")
-def text(run: ReportRun) -> str:
-    return page.page([run])
-
-
-class Elements(HTMLParser):
-    """The elements of a page, and the text between them."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.texts: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_data(self, data: str) -> None:
-        self.texts.append(data)
-
-
-def figures(text: str) -> dict[str, object]:
-    packed = re.search(r'id="figures">([^<]*)<', text)
-    assert packed
-    found: dict[str, object] = json.loads(zlib.decompress(b64decode(packed[1])))
-    return found
 
 
 def test_a_result_is_read_as_it_was_written(run: ReportRun) -> None:

@@ -4,6 +4,7 @@ import contextlib
 import io
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import cast
 
@@ -11,6 +12,8 @@ import pytest
 
 from adhesion_cli import __main__
 from adhesion_cli.cli import app
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def in_process(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
