@@ -159,13 +159,13 @@ class _Run:
 
         self._feed, self._settings, self._shared, self._screens = feed, settings, shared, screens
         self._algos = {e.name: (e, settings.params(e)) for e in choose_estimators(shared.algo)}
-        self._shown = list(dict.fromkeys(shared.algo)) or [_BAND_ESTIMATOR]
+        self._algos_shown = list(dict.fromkeys(shared.algo)) or [_BAND_ESTIMATOR]
         self._tally = Tally(self._report, feed.name, shared.strict)
         self._status: StatusLine | None = None
         self._counts, self._files = Counts(), list[Path]()
         self._waiting = Waiting(feed.name, self._say)
         if not shared.json and not shared.quiet and sys.stderr.isatty():
-            self._status = StatusLine(self._shown[0], settings.vehicle)
+            self._status = StatusLine(self._algos_shown[0], settings.vehicle)
 
     def go(self) -> int:
         """Follows the sender to its end, or to Ctrl-C; returns the exit code."""
@@ -219,7 +219,10 @@ class _Run:
         """Who takes the samples: the file first, so that it has what the others fail on."""
         from ..live.shown import JsonLines
 
-        names = [*self._shown, *(a for a in sorted(self._algos) if a not in self._shown)]
+        names = [
+            *self._algos_shown,
+            *(a for a in sorted(self._algos) if a not in self._algos_shown),
+        ]
         yield from self._recordings(axles, names)
         if self._screens.serve is not None:
             from ..live.served import Served
@@ -229,7 +232,7 @@ class _Run:
             yield server
         if self._shared.json:
             lines_only = not self._files and self._screens == _Screens("", None)
-            yield JsonLines(self._shown, self._settings.vehicle, lines_only, self._say)
+            yield JsonLines(self._algos_shown, self._settings.vehicle, lines_only, self._say)
         elif self._status:
             yield self._status
 

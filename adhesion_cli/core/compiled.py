@@ -102,7 +102,7 @@ def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
 
     Args:
         est: the estimator.
-        p: its parameters, from `methods.validated`.
+        p: its parameters, from `methods.validate`.
         w: constants of the wheelset.
         t_ns: times [ns], rising strictly within each segment, shape (n,).
         K: clamping force [N], shape (n,).

@@ -107,7 +107,7 @@ def online(
 
     Args:
         est: the estimator.
-        p: its parameters, from `methods.validated`.
+        p: its parameters, from `methods.validate`.
         w: constants of the wheelset.
         samples: (time [ns], K [N], y [rad/s]), time rising strictly.
 

@@ -78,7 +78,7 @@ class Types:
         self.real = Scalar(real)
         self.structs: list[Struct] = []
         self._prefix = prefix
-        self._of: dict[Any, Struct] = {}
+        self._structs: dict[Any, Struct] = {}
 
     def kind(self, hint: Any) -> Kind:
         """The C type of a Python annotation.
@@ -103,20 +103,22 @@ class Types:
             name: its name in C; its own name if empty.
             public: whether the header declares it, and what it holds.
         """
-        if source in self._of and (self._of[source].public or not public):
-            return self._of[source]
+        if source in self._structs and (self._structs[source].public or not public):
+            return self._structs[source]
         hints, notes = get_type_hints(source), _notes(source)
         fields = tuple((c_name(x), self._inner(hints[x], public)) for x in source._fields)
         name = name or source.__name__.lower()
-        if any(s.c == f"{self._prefix}_{name}" for s in self.structs if s != self._of.get(source)):
+        if any(
+            s.c == f"{self._prefix}_{name}" for s in self.structs if s != self._structs.get(source)
+        ):
             name = f"{stem(source)}_{name}"
         text = ascii_text((inspect.getdoc(source) or "").splitlines()[0])
         return self._add(source, Struct(f"{self._prefix}_{name}", fields, text, notes, public))
 
     def pair(self, kinds: tuple[Kind, ...]) -> Struct:
         """The struct of a tuple of these types."""
-        if kinds in self._of:
-            return self._of[kinds]
+        if kinds in self._structs:
+            return self._structs[kinds]
         fields = tuple((f"v{i}", kind) for i, kind in enumerate(kinds))
         suffix = "_".join(k.c.removeprefix(f"{self._prefix}_") for k in kinds)
         notes = ("",) * len(kinds)
@@ -128,9 +130,9 @@ class Types:
         return self.named(hint, public=public) if hasattr(hint, "_fields") else self.kind(hint)
 
     def _add(self, key: Any, struct: Struct) -> Struct:
-        if key in self._of:
-            self.structs.remove(self._of[key])
-        self._of[key] = struct
+        if key in self._structs:
+            self.structs.remove(self._structs[key])
+        self._structs[key] = struct
         self.structs.append(struct)
         return struct
 

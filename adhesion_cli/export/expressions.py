@@ -115,7 +115,7 @@ class Expressions:
         self.local: dict[str, Kind] = {}
         self.pointers: set[str] = set()  # arguments that are structs
         self.ahead: list[str] = []  # statements that must come before this one
-        self._kept = 0
+        self._temporaries = 0
 
     def __call__(self, node: ast.expr) -> Expr:
         """The expression in C.
@@ -272,8 +272,8 @@ class Expressions:
         """An argument: a struct by its address. One that a function returns is kept for that."""
         if isinstance(x.kind, Scalar) or x.address:
             return x.address if isinstance(x.kind, Struct) else x.text
-        self._kept += 1
-        name = f"kept_{self._kept}"
+        self._temporaries += 1
+        name = f"kept_{self._temporaries}"
         self.ahead.append(f"const {x.kind.c} {name} = {x.text};")
         return f"&{name}"
 

@@ -67,7 +67,7 @@ class Facts(NamedTuple):
     interface: Interface
     code: Code
     vectors: Vectors
-    wheelset: dict[str, float]  # the vehicle's values by the names of `STATED`
+    wheelset: dict[str, float]  # the vehicle's values by the names of `WHEELSET_INPUTS`
     vehicle: Vehicle  # K follows from its brake
 
 

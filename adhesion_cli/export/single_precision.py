@@ -25,7 +25,7 @@ class Single:
     """
 
     def __init__(self, seed: int = 0) -> None:
-        self._done: dict[FunctionType, FunctionType] = {}
+        self._copies: dict[FunctionType, FunctionType] = {}
         self._math = ModuleType("math")
         draw = random.Random(seed)
         for name, x in vars(math).items():
@@ -35,16 +35,16 @@ class Single:
     def __call__(self, f: Any) -> FunctionType:
         """The function on float32."""
         assert isinstance(f, FunctionType)
-        if f not in self._done:
+        if f not in self._copies:
             names = dict(f.__globals__)
             consts = tuple(_single(x) for x in f.__code__.co_consts)
             copy = FunctionType(f.__code__.replace(co_consts=consts), names, f.__name__)
-            self._done[f] = copy
+            self._copies[f] = copy
             for name in f.__code__.co_names:
                 names[name] = self._bound(name, f.__globals__)
                 if names[name] is None:
                     del names[name]
-        return self._done[f]
+        return self._copies[f]
 
     def _bound(self, name: str, names: dict[str, Any]) -> Any:
         x = names.get(name, np.float32 if name == "float" else None)

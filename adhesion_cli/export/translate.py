@@ -61,7 +61,7 @@ class Translation:
         self.constants: dict[str, tuple[str, str]] = {}  # value and comment by name
         self.functions: list[str] = []
         self.read: set[tuple[str, str]] = set()  # struct and field
-        self._done: dict[tuple[FunctionType, tuple[Kind, ...]], Function] = {}
+        self._translated: dict[tuple[FunctionType, tuple[Kind, ...]], Function] = {}
         self._under_way: list[FunctionType] = []
         self._helpers: set[str] = set()
 
@@ -71,8 +71,8 @@ class Translation:
         Raises:
             UserError: for what is not in the subset.
         """
-        if (f, kinds) not in self._done:
-            names = {x.name for x in self._done.values()}
+        if (f, kinds) not in self._translated:
+            names = {x.name for x in self._translated.values()}
             name = f"{stem(f)}_{f.__name__.strip('_')}"
             name = next(x for x in (name, *(f"{name}_{i}" for i in range(2, 99))) if x not in names)
             body = _Body(self, f, kinds)
@@ -82,8 +82,8 @@ class Translation:
             text, entry = body.translated(name)
             self._under_way.pop()
             self.functions.append(text)
-            self._done[f, kinds] = entry
-        return self._done[f, kinds]
+            self._translated[f, kinds] = entry
+        return self._translated[f, kinds]
 
     def constant(self, f: FunctionType, name: str, value: float) -> str:
         """The macro of a number at module level."""

@@ -50,13 +50,13 @@ class Cluster:
             raise
         self._calls = self._client.get_executor(pure=False)
         self._warm = False
-        self._count, self._asked = 1, -math.inf
+        self._count, self._last_check = 1, -math.inf
 
     @property
     def capacity(self) -> int:
         """Logs that are in work at once: one for each worker that is there."""
-        if time.monotonic() > self._asked + _AGE:
-            self._count, self._asked = max(1, len(self._workers())), time.monotonic()
+        if time.monotonic() > self._last_check + _AGE:
+            self._count, self._last_check = max(1, len(self._workers())), time.monotonic()
         return self._count
 
     def map_jobs(self, do: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:

@@ -56,7 +56,7 @@ class Dataset:
 
     def __init__(self, folder: Path, settings: str, version: str) -> None:
         self._folder, self._settings = folder, settings
-        self._end = f"-{settings}-{version}.parquet"
+        self._suffix = f"-{settings}-{version}.parquet"
 
     def prepare(self, settings: Json) -> None:
         """Makes the folders, writes the settings, and removes what killed runs left.
@@ -81,10 +81,10 @@ class Dataset:
 
     def finished_logs(self) -> dict[str, list[DoneLog]]:
         """What `run` asks of the logs that are there, by key; a damaged file is not there."""
-        files = sorted(str(path) for path in (self._folder / "logs").glob(f"*{self._end}"))
+        files = sorted(str(path) for path in (self._folder / "logs").glob(f"*{self._suffix}"))
         by_key: dict[str, list[DoneLog]] = {}
         for row in _rows(files):
-            key = Path(row.file).name.removesuffix(self._end)
+            key = Path(row.file).name.removesuffix(self._suffix)
             by_key.setdefault(key, []).append(row)
         return by_key
 
@@ -113,7 +113,7 @@ class Dataset:
         self._path("logs", key).unlink(missing_ok=True)
 
     def _path(self, table: str, key: str) -> Path:
-        return self._folder / table / f"{key}{self._end}"
+        return self._folder / table / f"{key}{self._suffix}"
 
 
 def _rows(files: list[str]) -> list[DoneLog]:

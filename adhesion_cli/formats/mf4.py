@@ -53,10 +53,10 @@ class Reader:
                 raise
             text = "a link leads behind the end of the file; it was cut off, or a link is wrong"
             raise ValueError(text) from error
-        self._new = self._mdf.version >= "4"
+        self._is_version_4 = self._mdf.version >= "4"
         self._start, zone = self._begin()
         self._places: list[_ChannelPlace] = []
-        self._kept: dict[int, int] = {}  # whole rows of each group
+        self._row_counts: dict[int, int] = {}  # whole rows of each group
         self._names: dict[int, str] = {}
         notes: list[Note] = []
         rows, timeless, texts = 0, [], []
@@ -69,12 +69,15 @@ class Reader:
             if not self._is_time(group, master):
                 timeless.append(self._names[g])
                 continue
-            self._kept[g], damage = self._whole_rows(group)
+            self._row_counts[g], damage = self._whole_rows(group)
             if damage:
-                values = {"kept_rows": self._kept[g], "lost_rows": count - self._kept[g]}
+                values = {
+                    "kept_rows": self._row_counts[g],
+                    "lost_rows": count - self._row_counts[g],
+                }
                 subject = f"group {self._names[g]!r}, {damage}"
                 notes.append(Note("log-damaged", "error", "", 1, values, {"damage": subject}))
-            rows += self._kept[g]
+            rows += self._row_counts[g]
             for i, channel in enumerate(group.channels):
                 if i == master:
                     continue
@@ -89,7 +92,7 @@ class Reader:
         reason += f" after the start of the log ({zone})" if self._start else "; no start stated"
         reasons = {
             "version": self._mdf.version,
-            "groups": len(self._kept),
+            "groups": len(self._row_counts),
             "not numeric": ", ".join(dict.fromkeys(texts)),
         }
         self.contents = Contents(self._fields(), self._start, reason, rows, reasons, notes=notes)
@@ -97,7 +100,7 @@ class Reader:
     def _begin(self) -> tuple[int, str]:
         """Start of the log since 1970 [ns], 0 where the file states none, and its zone."""
         header = self._mdf.header
-        if not self._new:
+        if not self._is_version_4:
             start = header.start_time
             since = (start.replace(tzinfo=None) - _EPOCH) - (start.utcoffset() or _ZERO)
             ticks = round(since.total_seconds() * 1e6) * 1000
@@ -110,29 +113,29 @@ class Reader:
     def _name(self, g: int) -> str:
         """A group's name for people."""
         group = self._mdf.groups[g]
-        name = group.channel_group.acq_name if self._new else ""
+        name = group.channel_group.acq_name if self._is_version_4 else ""
         return name or f"group {g + 1}"
 
     def _is_time(self, group: Any, master: int | None) -> bool:
         if master is None:
             return False
-        return not self._new or group.channels[master].sync_type == _TIME
+        return not self._is_version_4 or group.channels[master].sync_type == _TIME
 
     def _is_number(self, group: Any, i: int) -> bool:
         """Whether a channel holds one number in each row."""
         channel = group.channels[i]
         if group.channel_dependencies[i]:  # arrays and structures
             return False
-        if channel.data_type not in _NUMBERS[self._new]:
+        if channel.data_type not in _NUMBERS[self._is_version_4]:
             return False
         conversion = channel.conversion
         if conversion is None:
             return True
         kind = conversion.conversion_type
-        if kind in _TEXTS[self._new]:
+        if kind in _TEXTS[self._is_version_4]:
             blocks = (conversion.referenced_blocks or {}).values()
             return any(hasattr(block, "convert") for block in blocks)
-        return kind in _PLAIN_CONVERSIONS[self._new]
+        return kind in _PLAIN_CONVERSIONS[self._is_version_4]
 
     def _fields(self) -> list[Field]:
         """A field for each channel of numbers."""
@@ -147,7 +150,7 @@ class Reader:
         """Rows of a group whose bytes are whole, and what is wrong with those after them."""
         count = int(group.channel_group.cycles_nr)
         record = group.channel_group.samples_byte_nr + (
-            group.channel_group.invalidation_bytes_nr if self._new else 0
+            group.channel_group.invalidation_bytes_nr if self._is_version_4 else 0
         )
         if not group.sorted or not record:
             return count, ""
@@ -156,7 +159,7 @@ class Reader:
             if damage := self._damage(block):
                 break
             complete_bytes += block.original_size
-        if self._new and damage:
+        if self._is_version_4 and damage:
             group.data_blocks = _before_damage(group.data_blocks, complete_bytes)
         rows = min(complete_bytes // record, count)
         if rows < count:
@@ -193,12 +196,12 @@ class Reader:
                 [(None, *place) for place in group_places],
                 raw=True,
                 copy_master=False,
-                record_count=self._kept[g],
+                record_count=self._row_counts[g],
             )
             t, ok = nanoseconds(signals[0].timestamps, self._start)
             rows = len(t)
-            if rows < self._kept[g]:
-                values = {"kept_rows": rows, "lost_rows": self._kept[g] - rows}
+            if rows < self._row_counts[g]:
+                values = {"kept_rows": rows, "lost_rows": self._row_counts[g] - rows}
                 note_values = {"damage": f"group {self._names[g]!r}, its data end early"}
                 notes.append(Note("log-damaged", "error", "", 1, values, note_values))
             if not ok.all():
@@ -212,7 +215,7 @@ class Reader:
                         f"{len(signal.samples)} samples at {rows} times",
                         "copy the log again from its source",
                     )
-                value, text = _physical(signal, _TEXTS[self._new])
+                value, text = _physical(signal, _TEXTS[self._is_version_4])
                 masks = {}
                 if signal.invalidation_bits is not None:
                     masks["value-marked-invalid"] = np.asarray(signal.invalidation_bits, bool)[ok]

@@ -78,10 +78,10 @@ class _Clock:
     """The stamps of one channel: which interval is a gap, and which stamp is old."""
 
     def __init__(self, longest: float) -> None:
-        self._stated, self.limit = longest, longest or _LONGEST_FIRST_INTERVAL
+        self._longest, self.limit = longest, longest or _LONGEST_FIRST_INTERVAL
         self._steps: deque[int] = deque(maxlen=_MEDIAN_WINDOW)  # [ns]
         self.last: int | None = None
-        self._seen = 0
+        self._count = 0
 
     def step(self, t: int) -> float:
         """Seconds since the stamp before, which this one follows; NaN for the first."""
@@ -89,12 +89,12 @@ class _Clock:
         if previous is None:
             return math.nan
         h = (t - previous) * 1e-9
-        if h > 0.0 and (h <= self.limit or not self._stated):
+        if h > 0.0 and (h <= self.limit or not self._longest):
             self._steps.append(t - previous)
-            self._seen += 1
-            if not self._stated and (self._seen < 20 or self._seen % _MEDIAN_WINDOW == 0):
+            self._count += 1
+            if not self._longest and (self._count < 20 or self._count % _MEDIAN_WINDOW == 0):
                 limit = time_axis.gap_limit(np.array(self._steps)) * 1e-9
-                self.limit = limit if self._seen > 2 else _LONGEST_FIRST_INTERVAL
+                self.limit = limit if self._count > 2 else _LONGEST_FIRST_INTERVAL
         return h
 
     def fresh(self, t: int) -> bool:
@@ -106,7 +106,7 @@ class LiveAxle:
     """An axle.
 
     Args:
-        of: how it is measured.
+        measuring: how it is measured.
         vehicle: its constants.
         algos: estimators with their parameters.
     """
@@ -114,7 +114,7 @@ class LiveAxle:
     def __init__(
         self, measuring: Measuring, vehicle: Vehicle, algos: Mapping[str, tuple[Estimator, Any]]
     ) -> None:
-        self.number, self._of, self._vehicle, self._algos = (
+        self.number, self._measuring, self._vehicle, self._algos = (
             measuring.axle,
             measuring,
             vehicle,
@@ -125,8 +125,8 @@ class LiveAxle:
         self._states: dict[str, Any] = {}
         self._wheel, self._brake, self._run = (_Clock(measuring.max_gap) for _ in range(3))
         self._force, self._pressure, self._train = math.nan, math.nan, math.nan
-        self._used: int | None = None  # time of the newest sample that was used [ns]
-        self._first: int | None = None  # and of the first one
+        self._last_time: int | None = None  # time of the newest sample that was used [ns]
+        self._first_time: int | None = None  # and of the first one
         self._slides = False
         p = measuring.thresholds
         self._speed_leaps, self._pressure_leaps = (
@@ -139,12 +139,12 @@ class LiveAxle:
         )
         self._vacuum = p.outliers.vacuum
         self._lasting = dict[str, bool]()  # faults that last, and whether they are reported
-        self._lost: int | None = None  # since when no pressure is known [ns]
+        self._pressure_lost_since: int | None = None  # since when no pressure is known [ns]
         self.findings: list[Finding] = []  # whoever reads them may empty the list
 
     def brake(self, t: int, value: float, start: int) -> None:
         """A pressure [Pa], or a clamping force [N]."""
-        clock, is_pressure = self._brake, self._of.pressure is not None
+        clock, is_pressure = self._brake, self._measuring.pressure is not None
         if clock.last is not None and 0 < clock.last - t < _CLOCK_SET_BACK * 1e9:
             self._report("time-out-of-order", t, start)
             return
@@ -186,11 +186,11 @@ class LiveAxle:
             return LiveSample(
                 t, self.number, self._pressure, math.nan, y, v, math.nan, {}, "speed-outlier"
             )
-        h = math.nan if self._used is None else (t - self._used) * 1e-9
+        h = math.nan if self._last_time is None else (t - self._last_time) * 1e-9
         if not h <= self._wheel.limit:
             self._states.clear()
-        self._used = t
-        self._first = t if self._first is None else self._first
+        self._last_time = t
+        self._first_time = t if self._first_time is None else self._first_time
         K, slip = self._force * self._share(y), self._slip(v, y)
         status = self._fault(t, y, K, start)
         if status in ("no-pressure", "pressure-stuck", "speed-stuck"):
@@ -212,13 +212,13 @@ class LiveAxle:
                 self._report(code, t, start)
                 return False
             self._report("time-backward", t, start, most_s=(previous - t) * 1e-9)
-            self._wheel.last = self._used = self._first = None
+            self._wheel.last = self._last_time = self._first_time = None
         limit = self._wheel.limit
         h = self._wheel.step(t)
         if h > limit:
             self._report("gap", t, start, longest_s=h)
         if not h <= limit:
-            self._used = None
+            self._last_time = None
             self._speed_leaps.restart()
             self._speed_stuck.restart()
         return True
@@ -248,24 +248,24 @@ class LiveAxle:
 
         At the ends of a log it may last for some gaps, as in `records.resample`.
         """
-        if fresh and self._lost is None:
+        if fresh and self._pressure_lost_since is None:
             return
-        if self._lost is None:
-            self._lost = t
-        began = self._brake.last is not None and self._lost != self._first
-        is_gap = (t - self._lost) * 1e-9 > _EDGE_GAPS * max(
+        if self._pressure_lost_since is None:
+            self._pressure_lost_since = t
+        began = self._brake.last is not None and self._pressure_lost_since != self._first_time
+        is_gap = (t - self._pressure_lost_since) * 1e-9 > _EDGE_GAPS * max(
             self._brake.limit if began else 0.0, self._wheel.limit
         )
         if (is_gap or (fresh and began)) and not self._lasting.get("no-pressure"):
-            quantity = "clamping force" if self._of.pressure is None else "pressure"
-            gap_seconds = (self._lost - start) * 1e-9, (t - start) * 1e-9
+            quantity = "clamping force" if self._measuring.pressure is None else "pressure"
+            gap_seconds = (self._pressure_lost_since - start) * 1e-9, (t - start) * 1e-9
             names, channel = {"quantity": quantity}, f"axle {self.number}"
             self.findings.append(
                 Finding("no-pressure", "warning", channel, spans=(gap_seconds,), names=names)
             )
             self._lasting["no-pressure"] = True
         if fresh:
-            self._lost, self._lasting["no-pressure"] = None, False
+            self._pressure_lost_since, self._lasting["no-pressure"] = None, False
 
     def _stepped(self, name: str, h: float, K: float, y: float) -> LiveEstimate:
         est, p = self._algos[name]
@@ -279,7 +279,7 @@ class LiveAxle:
         """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""
         w, vehicle = self._wheelset, self._vehicle
         columns: Any = (K, w.a * (F - w.phi * K), y * w.radius)  # (1)
-        variance, mass = by_tolerances(self._of, vehicle, *columns)
+        variance, mass = by_tolerances(self._measuring, vehicle, *columns)
         return math.sqrt(max(float(variance), 0.0)), float(mass)
 
     def _regime(self, slip: float, speed: float) -> str:
@@ -291,7 +291,7 @@ class LiveAxle:
             self._slides = slip > (END_SLIP if self._slides else SLIDE)
             return "sliding" if self._slides else "rolling"
         self._slides = False
-        if not speed >= self._of.slowest:
+        if not speed >= self._measuring.slowest:
             return ""
         for name, state in self._states.items():
             if self._algos[name][0].State._fields[: len(_REGIMES)] == _REGIMES:
@@ -306,9 +306,9 @@ class LiveAxle:
         return float(physics.friction_share(rim, self._vehicle))  # type: ignore[arg-type]
 
     def _slip(self, v: float, y: float) -> float:
-        if not v >= self._of.slowest:
+        if not v >= self._measuring.slowest:
             return math.nan
-        return float(physics.slip_over(v, y * self._wheelset.radius, self._of.slowest))
+        return float(physics.slip_over(v, y * self._wheelset.radius, self._measuring.slowest))
 
     def _report(self, code: str, t: int, start: int = 0, **values: float) -> None:
         seconds = (t - start) * 1e-9

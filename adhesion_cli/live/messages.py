@@ -76,8 +76,8 @@ class Messages:
     ) -> None:
         self.name = name
         self._arriving, self._options, self._dropped = arriving, options, dropped
-        self._first: list[Values] = []
-        self._known: dict[Field, None] = {}  # every field that came
+        self._head: list[Values] = []
+        self._fields: dict[Field, None] = {}  # every field that came
         self._bad, self._why, self._example = 0, "", ""
         self._stamped = True
 
@@ -87,22 +87,22 @@ class Messages:
         for message in self._arriving:
             if message is not None and (sample := self._sample(message)):
                 begin = begin or time.monotonic()
-                self._first.append(sample)
+                self._head.append(sample)
                 self._learn(sample[1])
             is_late = begin and time.monotonic() - begin > PAUSE
-            if is_late or len(self._first) >= _HEAD_MESSAGES:
+            if is_late or len(self._head) >= _HEAD_MESSAGES:
                 break
-        if not self._known:
+        if not self._fields:
             reason = f" ({self._why}: {self._example})" if self._bad else ""
             hint = 'send objects such as {"t": 12.34, "axle 1 speed [km/h]": 80.2}'
             raise UserError(f"{self.name}: no message holds a number{reason}", hint)
-        return Fields(Path(self.name), list(self._known))
+        return Fields(Path(self.name), list(self._fields))
 
     def _learn(self, values: dict[Field, float]) -> bool:
         """Remembers the fields of a message; a sender that invents ever more is not followed."""
-        if len(self._known) >= _MOST_FIELDS:
+        if len(self._fields) >= _MOST_FIELDS:
             return False
-        self._known |= dict.fromkeys(values)
+        self._fields |= dict.fromkeys(values)
         return True
 
     def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[FeedRow | None]:
@@ -111,13 +111,13 @@ class Messages:
 
         def row(sample: Values) -> FeedRow:
             t, values = sample
-            if not self._known.keys() >= values.keys() and self._learn(values):
-                add_source(Fields(Path(self.name), list(self._known)))
+            if not self._fields.keys() >= values.keys() and self._learn(values):
+                add_source(Fields(Path(self.name), list(self._fields)))
                 place.update((f, i) for i, f in enumerate(wanted))
             return FeedRow(t, {place[f]: x for f, x in values.items() if f in place})
 
-        yield from map(row, self._first)
-        self._first.clear()
+        yield from map(row, self._head)
+        self._head.clear()
         for message in self._arriving:
             if message is None:
                 yield None

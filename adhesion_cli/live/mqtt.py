@@ -38,7 +38,7 @@ class Mqtt(Messages):
             from paho.mqtt.enums import CallbackAPIVersion
         except ImportError:
             raise UserError(f"{name}: paho-mqtt is not installed", _INSTALL) from None
-        self._came: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._arrived: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._answered, self._refused = threading.Event(), ""
         self._client: Any = client.Client(CallbackAPIVersion.VERSION2)
         self._client.on_connect, self._client.on_message = self._connected, self._message
@@ -52,7 +52,7 @@ class Mqtt(Messages):
             self.close()
             text = f"{name}: the broker refuses: {self._refused or 'no answer'}"
             raise UserError(text, "check that it lets this computer read the topic")
-        pump = Pump(self._came.get, patient=False)
+        pump = Pump(self._arrived.get, patient=False)
         super().__init__(name, in_datagrams(pump), options, pump.dropped_count)
 
     def _connected(self, client: Any, _: Any, __: Any, reason: Any, ___: Any) -> None:
@@ -62,10 +62,10 @@ class Mqtt(Messages):
         self._answered.set()
 
     def _message(self, _: Any, __: Any, message: Any) -> None:
-        self._came.put(message.payload[: MOST_BYTES + 1])
+        self._arrived.put(message.payload[: MOST_BYTES + 1])
 
     def close(self) -> None:
         """See `Feed`."""
         self._client.disconnect()
         self._client.loop_stop()
-        self._came.put(None)
+        self._arrived.put(None)

@@ -40,16 +40,21 @@ class Batches:
         target: what takes them.
         algos: names of the estimators.
         axles: numbers of the axles.
-        every: between two batches [s].
+        interval: between two batches [s].
     """
 
     def __init__(
         self, target: Target, algos: Sequence[str], axles: Sequence[int], interval: float
     ) -> None:
-        self._target, self._algos, self._axles, self._every = target, list(algos), axles, interval
+        self._target, self._algos, self._axles, self._interval = (
+            target,
+            list(algos),
+            axles,
+            interval,
+        )
         self._waiting: list[LiveSample] = []
         self._change = threading.Condition()
-        self._ends = False
+        self._is_ending = False
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -69,7 +74,7 @@ class Batches:
     def close(self) -> None:
         """See `Sink`."""
         with self._change:
-            self._ends = True
+            self._is_ending = True
             self._change.notify()
         self._thread.join()
         self._target.finish()
@@ -84,7 +89,7 @@ class Batches:
             is_ending = False
             while not is_ending:
                 with self._change:
-                    is_ending = self._change.wait_for(lambda: self._ends, self._every)
+                    is_ending = self._change.wait_for(lambda: self._is_ending, self._interval)
                     waiting, self._waiting = self._waiting, []
                     self._change.notify()
                 self._send(waiting)
@@ -163,7 +168,7 @@ class LiveView:
 
     Args:
         recording: that shows them.
-        tell: called once with what went wrong.
+        report: called once with what went wrong.
     """
 
     def __init__(self, recording: LiveRecording, report: Any) -> None:

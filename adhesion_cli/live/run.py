@@ -38,7 +38,7 @@ class Tally:
     """Findings as they come, those of one kind together.
 
     Args:
-        tell: called with the findings of new kinds, those that come together at once.
+        report: called with the findings of new kinds, those that come together at once.
         name: of the sender.
         strict: whether damaged data end the run.
     """
@@ -46,7 +46,7 @@ class Tally:
     def __init__(
         self, report: Callable[[Sequence[Finding]], None], name: str = "", strict: bool = False
     ) -> None:
-        self._tell, self._name, self._strict = report, name, strict
+        self._report, self._name, self._strict = report, name, strict
         self._kinds: dict[tuple[str, ...], Finding] = {}
         self._lock = threading.Lock()  # files are written in threads of their own
 
@@ -77,7 +77,7 @@ class Tally:
                 previous, count=previous.count + f.count, spans=spans, values=values
             )
         if fresh:
-            self._tell(fresh)
+            self._report(fresh)
 
     @property
     def findings(self) -> list[Finding]:

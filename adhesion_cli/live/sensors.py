@@ -115,36 +115,36 @@ class Leaps:
     def __init__(self, meaning: Meaning, limits: Callable[[Channel], Limits]) -> None:
         self._limits_of, self._window = limits, Window(meaning, _NOISE)
         self._limits, self._age = limits(self._window.channel(0.0)), _JUDGED
-        self._good: _Track | None = None
-        self._other: _Track | None = None
+        self._level: _Track | None = None
+        self._rival: _Track | None = None
 
     def restart(self) -> None:
         """After a gap anything may follow."""
-        self._good = self._other = None
+        self._level = self._rival = None
 
     def leaps(self, t: int, x: float) -> bool:
         """Whether this sample must not be used."""
         self._window.add(t, x)
         self._age += 1
-        if self._good is None or t <= self._good.t:
-            self._good, self._other = _Track(t, t, t, x, 1.0), None
+        if self._level is None or t <= self._level.t:
+            self._level, self._rival = _Track(t, t, t, x, 1.0), None
             return False
-        if not self._continues(x) and self._reaches(self._good, t, x):
-            self._good, self._other = self._good.extended(t, x), None
+        if not self._continues(x) and self._reaches(self._level, t, x):
+            self._level, self._rival = self._level.extended(t, x), None
             return False
-        rival = self._other
+        rival = self._rival
         if rival is None or not self._reaches(rival, t, x):
             rival = _Track(t, t, t, x, 0.0)
-        self._other = rival.extended(t, x)
+        self._rival = rival.extended(t, x)
         is_new_level = (t - rival.begin) * 1e-9 > _NEW_LEVEL_TIME
-        if not is_new_level and self._other.weight <= self._good.weight:
+        if not is_new_level and self._rival.weight <= self._level.weight:
             return True
-        self._good, self._other = self._other, None
+        self._level, self._rival = self._rival, None
         return False
 
     def _continues(self, x: float) -> bool:
         """Whether it is one piece with others that leaped; by now the good ones might reach it."""
-        return self._other is not None and abs(x - self._other.x) <= self._limits.free_change / 2.0
+        return self._rival is not None and abs(x - self._rival.x) <= self._limits.free_change / 2.0
 
     def _reaches(self, track: _Track, t: int, x: float) -> bool:
         if track.can_reach(t, x, self._limits) or len(self._window) < _JUDGED:
@@ -176,7 +176,7 @@ class StuckSpeed:
     def __init__(self, p: stuck_speed.Params) -> None:
         self._p, self._window = p, Window("wheel_speed", _WINDOW_SAMPLES // 2)
         self._train = Window("train_speed", _WINDOW_SAMPLES // 2)
-        self._next, self._stuck = 0.0, False
+        self._next_length, self._stuck = 0.0, False
 
     def restart(self) -> None:
         """After a gap."""
@@ -198,10 +198,10 @@ class StuckSpeed:
         window = self._window
         window.add(t, y, force)
         if window.same < 3:
-            self._next, self._stuck = self._p.lasts, False
+            self._next_length, self._stuck = self._p.lasts, False
         lasts = (t - window.since) * 1e-9
-        if not self._stuck and lasts > self._next and y > self._p.slow:
-            self._next = _GROWTH * lasts
+        if not self._stuck and lasts > self._next_length and y > self._p.slow:
+            self._next_length = _GROWTH * lasts
             K = np.nan_to_num(window.force())
             companions = [self._train.channel(_LONGEST_STEP)] if len(self._train) > _FEWEST else []
             self._stuck = bool(stuck_speed.stuck(self._p, window.channel(gap), K, companions)[-1])
@@ -213,7 +213,7 @@ class StuckPressure:
 
     def __init__(self, p: stuck_pressure.Params) -> None:
         self._p, self._window = p, Window("pressure", _WINDOW_SAMPLES)
-        self._next, self.stuck, self.saturated = float(_STUCK_SAMPLES), False, False
+        self._next_length, self.stuck, self.saturated = float(_STUCK_SAMPLES), False, False
 
     def restart(self) -> None:
         """After a gap."""
@@ -224,9 +224,9 @@ class StuckPressure:
         window = self._window
         window.add(t, x)
         if window.same == 1:
-            self._next, self.stuck, self.saturated = float(_STUCK_SAMPLES), False, False
-        if window.same >= self._next:
-            self._next = _GROWTH * window.same
+            self._next_length, self.stuck, self.saturated = float(_STUCK_SAMPLES), False, False
+        if window.same >= self._next_length:
+            self._next_length = _GROWTH * window.same
             stretches = stuck_pressure.standing(self._p, window.channel(gap))
             self.stuck |= bool(stretches.stuck[-1])
             self.saturated = bool(stretches.saturated[-1]) and not self.stuck

@@ -31,9 +31,10 @@ class JsonLines:
     Args:
         algos: estimators that are printed.
         vehicle: for the coefficient.
-        alone: whether nobody else takes the samples; else they go on without a reader, and without
+        single_axle: whether nobody else takes the samples; else they go on without a reader,
+            and without
             the lines that one who reads no more leaves.
-        tell: called at the end with how many lines were dropped, if any.
+        report: called at the end with how many lines were dropped, if any.
     """
 
     def __init__(
@@ -43,8 +44,8 @@ class JsonLines:
         single_axle: bool,
         report: Callable[[str], None],
     ) -> None:
-        self._algos, self._vehicle, self._tell = algos, vehicle, report
-        self._gone = self._stalled = False
+        self._algos, self._vehicle, self._report = algos, vehicle, report
+        self._reader_gone = self._stalled = False
         self._dropped = 0
         self._waiting: queue.Queue[bytes] | None = None
         if not single_axle:
@@ -53,7 +54,7 @@ class JsonLines:
 
     def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
-        if self._gone:
+        if self._reader_gone:
             return
         lines = [self._line(s, algo) for s in samples for algo in self._algos]
         text = "\n".join([*lines, ""]).encode()
@@ -74,7 +75,7 @@ class JsonLines:
                 _print(waiting.get())
                 waiting.task_done()
         except BrokenPipeError:
-            self._gone = True
+            self._reader_gone = True
             drop_output()
 
     def _line(self, s: LiveSample, algo: str) -> str:
@@ -97,27 +98,27 @@ class JsonLines:
     def close(self) -> None:
         """See `Sink`."""
         deadline = time.monotonic() + _PATIENCE
-        while self._waiting and self._waiting.unfinished_tasks and not self._gone:
+        while self._waiting and self._waiting.unfinished_tasks and not self._reader_gone:
             if time.monotonic() > deadline:
                 with self._waiting.mutex:
                     self._dropped += sum(text.count(b"\n") for text in self._waiting.queue)
                 break
             time.sleep(0.01)
-        if self._dropped and not self._gone:
-            self._tell(f"--json: {self._dropped} lines were dropped: nobody read them")
+        if self._dropped and not self._reader_gone:
+            self._report(f"--json: {self._dropped} lines were dropped: nobody read them")
 
 
 class Counts:
     """How many samples came of each axle, and how many of them have a force."""
 
     def __init__(self) -> None:
-        self._all, self._known = Counter[int](), Counter[int]()
+        self._all, self._with_estimate = Counter[int](), Counter[int]()
 
     def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
         for s in samples:
             self._all[s.axle] += 1
-            self._known[s.axle] += bool(s.estimates)
+            self._with_estimate[s.axle] += bool(s.estimates)
 
     def idle(self) -> None:
         """See `Sink`."""
@@ -131,7 +132,10 @@ class Counts:
             return ["no sample came"]
         return [
             f"axle {n}: {count} sample{'s' * (count != 1)}"
-            + (f", {count - self._known[n]} of them without a force" * (count > self._known[n]))
+            + (
+                f", {count - self._with_estimate[n]} of them without a force"
+                * (count > self._with_estimate[n])
+            )
             for n, count in sorted(self._all.items())
         ]
 
@@ -146,21 +150,21 @@ class Waiting:
 
     def __init__(self, name: str, say: Callable[[str], None]) -> None:
         self._name, self._say = name, say
-        self._came, self._waits = time.monotonic(), False
+        self._last_arrival, self._waits = time.monotonic(), False
         self._timer = threading.Timer(_SILENCE, self.idle)  # for the first sample
         self._timer.daemon = True
         self._timer.start()
 
     def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
-        self._came = time.monotonic()
+        self._last_arrival = time.monotonic()
         if self._waits:
             self._waits = False
             self._say(f"samples come from {self._name}")
 
     def idle(self) -> None:
         """See `Sink`."""
-        if not self._waits and time.monotonic() - self._came >= _SILENCE:
+        if not self._waits and time.monotonic() - self._last_arrival >= _SILENCE:
             self._waits = True
             self._say(f"waiting for samples from {self._name}")
 
@@ -181,14 +185,14 @@ class StatusLine:
         self._algo, self._vehicle = algo, vehicle
         self._newest: dict[int, LiveSample] = {}
         self._count, self._since = 0, time.monotonic()
-        self._rate, self._came = 0.0, 0.0
-        self._drawn = False
+        self._rate, self._last_arrival = 0.0, 0.0
+        self._is_drawn = False
 
     def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
         self._newest |= {s.axle: s for s in samples}
         self._count += len(samples)
-        self._came = time.monotonic()
+        self._last_arrival = time.monotonic()
 
     def idle(self) -> None:
         """See `Sink`."""
@@ -197,7 +201,7 @@ class StatusLine:
             return
         self._rate = self._count / len(self._newest) / (clock - self._since)  # of an axle
         self._since, self._count = clock, 0
-        tail = f"{self._rate:.0f} Hz, {1e3 * (clock - self._came):.0f} ms ago"
+        tail = f"{self._rate:.0f} Hz, {1e3 * (clock - self._last_arrival):.0f} ms ago"
         self._write(self._fitted(tail, _columns() - 1))
 
     def _fitted(self, tail: str, width: int) -> str:
@@ -232,13 +236,13 @@ class StatusLine:
         return f"{s.axle}: µ {mu[0]:.3f}{band}{slip} {s.regime}".rstrip()
 
     def _write(self, text: str) -> None:
-        self._drawn = bool(text)
+        self._is_drawn = bool(text)
         sys.stderr.write(f"\r\x1b[2K{text}")
         sys.stderr.flush()
 
     def clear(self) -> None:
         """Makes room for other text; the line comes again below it."""
-        if self._drawn:
+        if self._is_drawn:
             self._write("")
 
     def close(self) -> None:

@@ -24,14 +24,14 @@ class LiveTable:
     Args:
         pieces: its bytes.
         options: how to read it.
-        again: gives the bytes of the file that took its place, if it can be replaced.
+        reopen: gives the bytes of the file that took its place, if it can be replaced.
     """
 
     def __init__(
         self, pieces: Pieces, options: ReadOptions, reopen: Callable[[], Pieces] | None = None
     ) -> None:
         self.name = pieces.name
-        self._pieces, self._options, self._again = pieces, options, reopen
+        self._pieces, self._options, self._reopen = pieces, options, reopen
         self._head, self._restarts = b"", 0
         self._source: CsvSource | None = None
         self._rows: ArrivingCsv | None = None
@@ -75,9 +75,9 @@ class LiveTable:
                     yield None
                 else:
                     yield from (FeedRow(*row) for row in self._rows.rows(piece))
-            if not self._again:
+            if not self._reopen:
                 return
-            self._pieces = self._again()
+            self._pieces = self._reopen()
             self._restarts += 1
             self._rows.restart()
 

@@ -52,7 +52,7 @@ class LiveWheels:
     def __init__(
         self, source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, axles: Sequence[int]
     ) -> None:
-        self._mappings, self._vehicle, self._asked = mappings, vehicle, tuple(axles)
+        self._mappings, self._vehicle, self._axle_numbers = mappings, vehicle, tuple(axles)
         self._places: dict[Key, int] = {}
         self._scales: list[_Scale | _Total] = []
         self._by_key: dict[Key, Meant] = {}
@@ -104,8 +104,8 @@ class LiveWheels:
 
     def _numbers(self, source: Source) -> Sequence[int]:
         titles = [m.title for m in self._by_key.values()]
-        numbers = axle_numbers(str(source.path), self._by_key, self._asked, titles)
-        return self._asked or numbers
+        numbers = axle_numbers(str(source.path), self._by_key, self._axle_numbers, titles)
+        return self._axle_numbers or numbers
 
     def _find_axles(self, numbers: Sequence[int]) -> list[Finding]:
         """Gives places to the axles that have speed and brake; says what the others lack."""
@@ -170,17 +170,17 @@ class _Total:
     """A counter of pulses or angle: its speed is the mean over an interval, at its middle.
 
     Args:
-        turn: angle of one count [rad].
+        counter_range: angle of one count [rad].
         size: the counter starts anew there; 0: at a power of two.
     """
 
     def __init__(self, counter_range: float, size: float) -> None:
-        self._turn, self._sizes = counter_range, (size,) if size else _COUNTERS
-        self._before: tuple[int, float] | None = None
+        self._range, self._sizes = counter_range, (size,) if size else _COUNTERS
+        self._previous: tuple[int, float] | None = None
 
     def convert(self, t: int, x: float) -> tuple[int, float] | None:
         """Time and speed [rad/s]; None for the first count, after a reset or without time."""
-        previous, self._before = self._before, (t, x)
+        previous, self._previous = self._previous, (t, x)
         if previous is None or t <= previous[0]:
             return None
         rise = x - previous[1]
@@ -191,4 +191,4 @@ class _Total:
             if rise > _LARGEST_TURN * smallest:
                 return None
         dt = t - previous[0]
-        return previous[0] + dt // 2, rise * self._turn / (dt / 1e9)
+        return previous[0] + dt // 2, rise * self._range / (dt / 1e9)

@@ -124,7 +124,7 @@ def _measured(
         axle: with its reference.
         vehicle: with its tolerances.
         pieces: of the application in which the wheel turns.
-        contributions: what each parameter adds, from `budget.by_parameter`.
+        contributions: what each parameter adds, from `budget.contributions_by_parameter`.
 
     The highest force is that with the highest lower limit of its noise: no outlier of the noise.
     """

@@ -88,7 +88,7 @@ def axle_events(
         slides: its slides.
         segments: of `t` and `code`.
         t: [ns], shape (n,).
-        code: index into `slope.SHOWN`, shape (n,).
+        code: index into `slope.REGION_TITLES`, shape (n,).
     """
     name = f"axle {axle}"
     events = [

@@ -475,13 +475,13 @@ class _LocalSearch:
         compiled.function(_mean_mu)(setup, clipped, 0.0, factors, mean, variance)
         self.noise: Floats = np.sqrt(sigma * sigma + setup.p.swing**2 + variance)
         self._scale, self._prior = -search.weight / self.noise, np.diag(1.0 / search.prior_sigma)
-        self._first = (setup.p.mu - mean) / self.noise
+        self._first_residual = (setup.p.mu - mean) / self.noise
         self._first_slopes = self._computed(start)
 
     def residuals(self, x: Floats) -> Floats:
         """Errors of the points, in sigma, shape (n,)."""
         if np.array_equal(x, self._start):
-            return self._first
+            return self._first_residual
         errors = np.empty(len(self.noise))
         self._errors(self._search.setup, x.clip(*_UNKNOWN_RANGE), self.noise, errors)
         return errors

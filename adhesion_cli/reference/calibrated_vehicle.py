@@ -143,7 +143,7 @@ def calibrate_vehicle(
     Args:
         vehicle: as stated.
         record: any of the logs.
-        designs: of the logs, from `longitudinal.joined`.
+        designs: of the logs, from `longitudinal.join_designs`.
         prior: of the shared parameters, from `prior`.
         posterior: their posterior.
     """

@@ -229,7 +229,7 @@ class GrowingResult:
         self.lost = 0
         streams = self._streams({})
         self._schemas, self._defined = _schemas(streams), len(streams)
-        self._out = _begun(file, streams, {names.SETTINGS: names.flat(settings)})
+        self._container = _begun(file, streams, {names.SETTINGS: names.flat(settings)})
         file.flush()
 
     def add(self, samples: Mapping[int, Samples]) -> None:
@@ -252,21 +252,21 @@ class GrowingResult:
         streams = self._streams(selection)
         slices = [slice(0, len(s.t)) for s in streams]
         if any(p.stop for p in slices):
-            self._out.chunk(_packed(streams, slices, self._shift))
+            self._container.chunk(_packed(streams, slices, self._shift))
         self._file.flush()
 
     def finish(self) -> None:
         """Writes the end of the file."""
         if self._shift is None:
             self._begin(0)
-        self._out.finish()
+        self._container.finish()
         self._file.flush()
 
     def _begin(self, shift: int) -> None:
         """Says what is added to each stamp [ns], before the first one."""
         self._shift = shift
         added = {"time_shift_ns": str(shift)} if shift else {}
-        self._out.metadata(names.PROVENANCE, {**self._provenance, **added})
+        self._container.metadata(names.PROVENANCE, {**self._provenance, **added})
 
     def _define(self, samples: Mapping[int, Samples]) -> None:
         """Adds the topics of axles that are new."""
@@ -274,7 +274,7 @@ class GrowingResult:
             return
         self._nothing |= {n: x.rows(slice(0)) for n, x in samples.items() if n not in self._nothing}
         streams = self._streams({})
-        self._out.define([], _channels(streams, self._schemas)[self._defined :])
+        self._container.define([], _channels(streams, self._schemas)[self._defined :])
         self._defined = len(streams)
 
     def _streams(self, samples: Mapping[int, Samples]) -> list[_Stream]:

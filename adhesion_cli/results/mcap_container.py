@@ -77,7 +77,7 @@ class Container:
     """
 
     def __init__(self, file: BinaryIO, profile: str, library: str) -> None:
-        self._file, self._at, self._crc = file, 0, 0
+        self._file, self._offset, self._crc = file, 0, 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunks = bytearray()  # their indexes as written: as objects they take ten times that
@@ -106,7 +106,7 @@ class Container:
             index: what the other file's index says, or should say, of it.
             pieces: the whole record, in order.
         """
-        index = replace(index, offset=self._at)
+        index = replace(index, offset=self._offset)
         for piece in pieces:
             self._append(piece)
         if isinstance(index, AttachmentIndex):
@@ -136,7 +136,7 @@ class Container:
                 compressed_size=len(chunk.data),
                 message_start_time=times[0],
                 message_end_time=times[1],
-                message_index_length=self._at - start - length,
+                message_index_length=self._offset - start - length,
                 message_index_offsets=places,
                 uncompressed_size=chunk.uncompressed_size,
             )
@@ -164,7 +164,7 @@ class Container:
             Opcode.ATTACHMENT_INDEX: written(*self._attachments),
             Opcode.METADATA_INDEX: written(*self._metadata),
         }
-        start, summary, offsets = self._at, b"", []
+        start, summary, offsets = self._offset, b"", []
         for opcode, group in groups.items():
             if group:
                 offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
@@ -176,10 +176,10 @@ class Container:
 
     def _append(self, data: bytes) -> tuple[int, int]:
         """Writes; returns where it went, as (offset, length)."""
-        offset = self._at
+        offset = self._offset
         self._file.write(data)
         self._crc = zlib.crc32(data, self._crc)
-        self._at += len(data)
+        self._offset += len(data)
         return offset, len(data)
 
 

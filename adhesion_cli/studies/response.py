@@ -50,7 +50,7 @@ def responses(
 
     Args:
         est: the estimator.
-        p: its parameters, from `methods.validated`.
+        p: its parameters, from `methods.validate`.
         w: constants of the wheelset.
         frequencies: rising, below half of 1/`STEP` [Hz].
     """

@@ -229,19 +229,19 @@ class _Space:
 
     Args:
         est: the estimator.
-        before: its parameters; those that are 0 by default stay.
+        default_parameters: its parameters; those that are 0 by default stay.
     """
 
     def __init__(self, est: Estimator, default_parameters: Any) -> None:
         quantity_by_name = quantities(est.Params)
         searched = [name for name in quantity_by_name if getattr(est.Params(), name) != 0.0]
-        self._est, self._before = est, default_parameters
+        self._est, self._defaults = est, default_parameters
         self._highest = {name: quantity_by_name[name].maximum for name in searched}
-        self._wide = {
+        self._widths = {
             name: quantity_by_name[name].maximum > 1.0 for name in searched
         }  # else a share
         self.low = self._coded(
-            {n: max(quantity_by_name[n].minimum, 1e-12 * self._wide[n]) for n in searched}
+            {n: max(quantity_by_name[n].minimum, 1e-12 * self._widths[n]) for n in searched}
         )
         self.high = self._coded(self._highest)
         self.start = np.clip(
@@ -249,19 +249,19 @@ class _Space:
             self.low,
             self.high,
         )
-        spans_decades = np.array(list(self._wide.values()))
+        spans_decades = np.array(list(self._widths.values()))
         self.spread = np.where(spans_decades, _DECADE, _SHARE * (self.high - self.low))
 
     def _coded(self, values: dict[str, float]) -> Floats:
-        return np.array([math.log10(x) if self._wide[n] else x for n, x in values.items()])
+        return np.array([math.log10(x) if self._widths[n] else x for n, x in values.items()])
 
     def parameters(self, x: Floats) -> Any:
         """What the estimator takes, to as many digits as are told."""
         values = {
             name: min(float(f"{10.0**v if spans_decades else v:.{_DIGITS}g}"), self._highest[name])
-            for (name, spans_decades), v in zip(self._wide.items(), x.tolist(), strict=True)
+            for (name, spans_decades), v in zip(self._widths.items(), x.tolist(), strict=True)
         }
-        return methods.validate(self._est, self._before._asdict() | values)
+        return methods.validate(self._est, self._defaults._asdict() | values)
 
 
 def _search(

@@ -236,11 +236,11 @@ class _Cells:
         t, half_step = times.t[self.inside], times.step / 2.0
         left, right = (np.clip(t + x, u[0], u[-1]) for x in (-half_step, half_step))
         self._width = right - left
-        self._low, self._high = _Place.locate(u, left), _Place.locate(u, right)
+        self._lower, self._upper = _Place.locate(u, left), _Place.locate(u, right)
 
     def means(self, area: Floats) -> Floats:
         """Means over the steps inside, by the integral up to each sample (m,)."""
-        mean: Floats = (self._high.interpolate(area) - self._low.interpolate(area)) / self._width
+        mean: Floats = (self._upper.interpolate(area) - self._lower.interpolate(area)) / self._width
         return mean
 
 
@@ -248,9 +248,9 @@ class _Means:
     """Means of an axle's channels over the steps of grids that begin at `first` [ns]."""
 
     def __init__(self, start_ns: int, evens: Sequence[_GridTimes]) -> None:
-        self._first, self._evens = start_ns, evens
-        self._own = np.empty(0)  # times of the latest axle [s]
-        self._of: AxleRecord | None = None
+        self._start_ns, self._evens = start_ns, evens
+        self._axle_times = np.empty(0)  # times of the latest axle [s]
+        self._record: AxleRecord | None = None
         self._cells: dict[int, list[_Cells]] = {}  # of whole segments, by their beginning
 
     def average(self, record: AxleRecord, x: Floats) -> list[Floats]:
@@ -258,7 +258,7 @@ class _Means:
         self._take(record)
         rows = [np.full(len(e.t), np.nan) for e in self._evens]
         for s in record.segments:
-            t, finite = self._own[s], np.isfinite(x[s])
+            t, finite = self._axle_times[s], np.isfinite(x[s])
             complete = bool(finite.all())
             u, y = (t, x[s]) if complete else (t[finite], x[s][finite])
             if len(u) < 2:
@@ -291,12 +291,12 @@ class _Means:
 
     def _take(self, r: AxleRecord) -> None:
         """Takes the times of an axle; columns of one table share them."""
-        previous, self._of = self._of, r
+        previous, self._record = self._record, r
         if previous is r or (
             previous and previous.segments == r.segments and np.array_equal(previous.t, r.t)
         ):
             return
-        self._own, self._cells = (r.t - self._first) / 1e9, {}
+        self._axle_times, self._cells = (r.t - self._start_ns) / 1e9, {}
 
 
 def _integral(u: Floats, y: Floats) -> Floats:

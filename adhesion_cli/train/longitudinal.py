@@ -413,7 +413,7 @@ class BrakeDeceleration:
 
     Args:
         d: the design.
-        kept: so many points.
+        capacity: points that are kept.
     """
 
     def __init__(self, d: Design, capacity: int = len(_STEP_SHARES)) -> None:

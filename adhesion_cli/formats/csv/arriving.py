@@ -36,8 +36,8 @@ class ArrivingCsv:
             self._table.types.setdefault(i, pa.float64())
         self._parser = Parser(self._table, indices, self._keys)
         self._lines = Lines(self._table.path, self._table.dialect, 0)
-        self._first: int | None = None  # time of the first row [ns]
-        self._last = 0  # and of the newest
+        self._first_time: int | None = None  # time of the first row [ns]
+        self._newest_time = 0  # and of the newest
         self.lost: list[Finding] = []  # what was left out; whoever reads it may empty it
         self.restart()
         self._skip = self._table.dialect.first_line - 1
@@ -88,12 +88,12 @@ class ArrivingCsv:
         timed = parsed.timed.copy()
         codes = Groups(self._keys, self._series).codes(parsed, timed)
         row_times = parsed.times[timed]
-        if self._first is None:
-            self._first = self._last = int(row_times[0]) if len(row_times) else 0
+        if self._first_time is None:
+            self._first_time = self._newest_time = int(row_times[0]) if len(row_times) else 0
         losses = Losses(self._table.dialect, self._lines, False)
         losses.add(parsed, timed, 1)
-        self.lost += losses.findings(np.append(self._last, row_times), self._first)
-        self._last = int(row_times[-1]) if len(row_times) else self._last
+        self.lost += losses.findings(np.append(self._newest_time, row_times), self._first_time)
+        self._newest_time = int(row_times[-1]) if len(row_times) else self._newest_time
         times, series = parsed.times.tolist(), codes.tolist()
         values = {i: column.tolist() for i, column in parsed.values.items()}
         for n in np.flatnonzero(timed).tolist():

@@ -113,13 +113,13 @@ class _Groups:
     """What the named groups of a pattern match in each text."""
 
     def __init__(self, text: Any, pattern: str) -> None:
-        self._found = pc.extract_regex(text, pattern=f"^(?:{pattern})$")
-        self.ok: Bools = np.asarray(self._found.is_valid())
-        kind = self._found.type
+        self._matches = pc.extract_regex(text, pattern=f"^(?:{pattern})$")
+        self.ok: Bools = np.asarray(self._matches.is_valid())
+        kind = self._matches.type
         self.names = {kind.field(k).name for k in range(kind.num_fields)}
 
     def text(self, name: str) -> Any:
-        return pc.fill_null(pc.struct_field(self._found, name), "")
+        return pc.fill_null(pc.struct_field(self._matches, name), "")
 
     def number(self, name: str) -> Times:
         cells = self.text(name)

@@ -52,9 +52,9 @@ class ArrivingMcap:
             pass
 
     def _restart(self) -> None:
-        self._at, self.ended = len(MAGIC), False
+        self._offset, self.ended = len(MAGIC), False
         self._header, self._defined = b"", list[Schema | Channel]()
-        self._raw, self._has_messages, self._from = b"", False, self._at
+        self._raw, self._has_messages, self._raw_start = b"", False, self._offset
 
     def head(self) -> McapSource:
         """The log up to now, with its fields."""
@@ -75,8 +75,8 @@ class ArrivingMcap:
         """
         if not self.arrived():
             return {}
-        raw, start = self._raw, self._from
-        self._raw, self._has_messages, self._from = b"", False, self._at
+        raw, start = self._raw, self._raw_start
+        self._raw, self._has_messages, self._raw_start = b"", False, self._offset
         with tempfile.TemporaryDirectory() as folder:
             try:
                 source = self._source(folder, raw)
@@ -133,22 +133,22 @@ class ArrivingMcap:
                 if opcode in _KEPT_OPCODES:
                     pieces.append(data[begin:stop])
                     self._has_messages |= opcode in _HAS_MESSAGES
-            self._at += stop
+            self._offset += stop
             self._raw += b"".join(pieces)
         return self._has_messages
 
     def _block(self, file: LogFile) -> bytes:
         """The next bytes of the file: many records, or one that is longer."""
-        size = file.size - self._at
+        size = file.size - self._offset
         if size < HEADER.size:
             return b""
-        opcode, length = HEADER.unpack(file.read(self._at, HEADER.size))
+        opcode, length = HEADER.unpack(file.read(self._offset, HEADER.size))
         if opcode == Opcode.ATTACHMENT:  # of any length, and nobody asked for it
             if HEADER.size + length <= size:
-                self._at += HEADER.size + length
+                self._offset += HEADER.size + length
             return b""
-        record_size = HEADER.size + (self._checked(length, self._at) if opcode else 0)
-        return file.read(self._at, min(size, max(record_size, _PIECE_SIZE)))
+        record_size = HEADER.size + (self._checked(length, self._offset) if opcode else 0)
+        return file.read(self._offset, min(size, max(record_size, _PIECE_SIZE)))
 
     def _records(self, data: bytes) -> Iterator[tuple[int, int, int]]:
         """Kind, begin and end of each whole record in the bytes that come next in the file."""
@@ -160,7 +160,7 @@ class ArrivingMcap:
             if opcode in _END_OPCODES:
                 self.ended = True
                 return
-            stop = offset + HEADER.size + self._checked(length, self._at + offset)
+            stop = offset + HEADER.size + self._checked(length, self._offset + offset)
             if stop > len(data):
                 return
             yield opcode, offset, stop
@@ -175,7 +175,7 @@ class ArrivingMcap:
 
     def _is_another(self, file: LogFile) -> None:
         """Begins anew where the file was cut, or another one has its name."""
-        if self._id is not None and (self._id != file.id or file.size < self._at):
+        if self._id is not None and (self._id != file.id or file.size < self._offset):
             self.lost.append(Finding("source-restarted", "info", count=1))
             self._restart()
         self._id = file.id

@@ -102,7 +102,7 @@ class BlockReader:
     """
 
     def __init__(self, file: LogFile, options: ReadOptions) -> None:
-        self._file, self._most = file, options.max_inflated
+        self._file, self._limit = file, options.max_inflated
         self._allowed = options.max_inflated + _UNUSUAL * file.size
         self._spent = 0  # of this
         self.compressions: set[str] = set()
@@ -193,7 +193,7 @@ class BlockReader:
         """Refuses a block that costs more than is left; `extra` is what may come besides."""
         self._spent += cost
         if self._spent > self._allowed:
-            limit = self._most + self._spent + extra - self._allowed
+            limit = self._limit + self._spent + extra - self._allowed
             raise DamageError(offset, damage, RAISE_LIMIT.format("max_inflated", limit))
 
     def _fields(self, block: RecordBlock) -> tuple[int, int, str, bytes, int]:
@@ -209,10 +209,10 @@ class BlockReader:
     def _inflate(self, block: RecordBlock) -> tuple[Bytes, int]:
         """The bytes in a chunk with PADDING more, and how many they are."""
         size, crc, compression, packed, _ = self._fields(block)
-        if size > self._most:
+        if size > self._limit:
             hint = RAISE_LIMIT.format("max_inflated", size)
             raise DamageError(
-                block.offset, f"a chunk of {size} inflated bytes, limit {self._most}", hint
+                block.offset, f"a chunk of {size} inflated bytes, limit {self._limit}", hint
             )
         self._spend(
             block.offset, "too many inflated bytes in all for such a file", len(packed) + size
@@ -263,11 +263,11 @@ class _RecordSearch:
     Args:
         data: the buffer, with PADDING more bytes.
         size: bytes of the buffer.
-        most: records after which it stops.
+        limit: records after which it stops.
     """
 
     def __init__(self, data: Bytes, size: int, limit: int) -> None:
-        self._data, self.size, self._most = data, size, limit
+        self._data, self.size, self._limit = data, size, limit
         self._starts, self._definitions = array("q"), array("q")
         self._hinted = np.empty(0, np.int64)
         self._unknown = 0  # records of unknown kinds
@@ -304,7 +304,7 @@ class _RecordSearch:
         """
         unpack, add, view = HEADER.unpack_from, self._starts.append, self._data.data
         message, definitions = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
-        for _ in range(self._most - self.count):
+        for _ in range(self._limit - self.count):
             if p > stop - HEADER.size:
                 break
             opcode, length = unpack(view, p)

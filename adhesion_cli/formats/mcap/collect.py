@@ -60,7 +60,7 @@ class Collector:
         self._stamp_at = [places.index(steps) for steps in s.stamp.places] if s.stamp else []
         self._t: Times = np.empty(s.rows, np.int64)
         self._values: Floats = np.empty((len(paths), s.rows))
-        self._late: Finding | None = None
+        self._backward_finding: Finding | None = None
 
     def take(self, records: Records, offset: int) -> None:
         """Adds its messages of the block at an offset of the file."""
@@ -121,15 +121,17 @@ class Collector:
                 finding = self.series.finding(
                     "mcap-unordered", "warning", len(out_of_order), values, clock=self._source
                 )
-                self._late = replace(finding, spans=self._spans(out_of_order, t[out_of_order]))
+                self._backward_finding = replace(
+                    finding, spans=self._spans(out_of_order, t[out_of_order])
+                )
                 for array in (t, *self._values):
                     array[:] = array[order]  # in place, to save memory
         return [Column(t, v, np.isfinite(v)) for v in self._values]
 
     def findings(self) -> Iterator[Finding]:
         """What was found on the way; to be asked after `columns`."""
-        if self._late:
-            yield self._late
+        if self._backward_finding:
+            yield self._backward_finding
         for (code, place, reason), faulty in sorted(self._faults.items()):
             names = {k: v for k, v in (("field", place), ("reason", reason)) if v}
             finding = self.series.finding(

@@ -43,7 +43,7 @@ class Indexes:
     def __init__(self, met: Callable[[int], Iterable[Place]]) -> None:
         self.wrong: list[DamageError] = []
         self._met = met
-        self._left: dict[int, dict[int, Place]] = {}  # by kind and offset: not yet listed
+        self._unlisted: dict[int, dict[int, Place]] = {}  # by kind and offset: not yet listed
         self._groups: dict[int, tuple[int, int]] = {}  # of the summary: first byte, byte behind
 
     def messages(self, block: RecordBlock, records: Records, log_time: Times) -> None:
@@ -88,8 +88,8 @@ class Indexes:
             self.wrong.append(damage)
 
     def _listed(self, opcode: int, position: int, content: Content) -> None:
-        if opcode not in self._left:
-            self._left[opcode] = {place.offset: place for place in self._met(opcode)}
+        if opcode not in self._unlisted:
+            self._unlisted[opcode] = {place.offset: place for place in self._met(opcode)}
         name, index = _NAMES[opcode], None
         if opcode == Opcode.CHUNK_INDEX:
             chunk = ChunkIndex.read(content)
@@ -100,7 +100,7 @@ class Indexes:
             read = AttachmentIndex if opcode == Opcode.ATTACHMENT_INDEX else MetadataIndex
             entry = read.read(content)
             offset, length = entry.offset, entry.length
-        place = self._left[opcode].pop(offset, None)
+        place = self._unlisted[opcode].pop(offset, None)
         if place is None:
             raise DamageError(position, f"index lists no {name}, or one again: at byte {offset}")
         if place.length != length:
@@ -125,7 +125,7 @@ class Indexes:
             damage = f"summary offsets begin at byte {offsets}, "
             damage += f"the footer says {said.summary_offset_start}"
             self.wrong.append(DamageError(position, damage))
-        for opcode, unlisted in self._left.items():
+        for opcode, unlisted in self._unlisted.items():
             for offset in list(unlisted)[:1]:
                 damage = f"index does not list {len(unlisted)} {_NAMES[opcode]}s, at first this one"
                 self.wrong.append(DamageError(offset, damage))

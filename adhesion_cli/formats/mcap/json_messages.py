@@ -42,14 +42,14 @@ class JsonDecoder:
 
     Args:
         schema: the JSON schema, or b"".
-        most: bytes of one message; a message takes up to twenty times that when it is read.
+        limit: bytes of one message; a message takes up to twenty times that when it is read.
 
     Raises:
         UndecodableError: where the schema is no JSON object.
     """
 
     def __init__(self, schema: bytes, limit: int) -> None:
-        self._most = limit
+        self._limit = limit
         try:
             self._schema = orjson.loads(schema) if schema.strip() else {}
         except orjson.JSONDecodeError as e:
@@ -57,9 +57,9 @@ class JsonDecoder:
 
     def tree(self, message: bytes) -> Tree:
         """One message as plain values."""
-        if len(message) > self._most:
+        if len(message) > self._limit:
             raise UndecodableError(
-                f"a JSON message of {len(message)} bytes, limit {self._most}; if the log is "
+                f"a JSON message of {len(message)} bytes, limit {self._limit}; if the log is "
                 f"trusted, raise it with --set mcap.max_record={32 * len(message)}"
             )
         return _loads(message)

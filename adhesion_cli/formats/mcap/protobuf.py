@@ -245,11 +245,11 @@ class _LockStep:
         self, decoder: ProtobufDecoder, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> None:
         self._decoder, self._buffer = decoder, buffer
-        self._start, self._end = start, stop
-        self._words: Uint64s = np.ndarray((len(buffer) - 7,), "<u8", buffer, 0, (1,))
+        self._start, self._stop = start, stop
+        self._eight_bytes: Uint64s = np.ndarray((len(buffer) - 7,), "<u8", buffer, 0, (1,))
         self._batch = Batch(wanted, len(start))
         self._values = self._batch.values
-        self._odd = np.zeros(len(start), np.bool_)  # unusual: the library decides
+        self._unusual = np.zeros(len(start), np.bool_)  # unusual: the library decides
         self._rounds = 0
         self._slots: list[_Slot] = []  # with elements that are counted
         places: list[_Place] = [*enumerate(wanted.numbers)]
@@ -297,13 +297,13 @@ class _LockStep:
 
     def columns(self) -> tuple[Floats, list[MessageFault]]:
         """The columns, see Decoder."""
-        self._message(self._root, np.arange(len(self._start)), self._start, self._end)
+        self._message(self._root, np.arange(len(self._start)), self._start, self._stop)
         for slot in self._slots:
             if slot.expected:
                 count, differs = slot.expected
                 differs |= slot.count != count
-        for row in np.flatnonzero(self._odd).tolist():
-            message = self._buffer[self._start[row] : self._end[row]].tobytes()
+        for row in np.flatnonzero(self._unusual).tolist():
+            message = self._buffer[self._start[row] : self._stop[row]].tobytes()
             try:
                 self._batch.put_tree(row, self._decoder.present(message))
             except UndecodableError as e:
@@ -312,7 +312,7 @@ class _LockStep:
 
     def _varint(self, p: Offsets) -> tuple[Uint64s, Offsets]:
         """Varints at p, and the offsets after them (_NOWHERE where one does not end)."""
-        x = self._words[p]
+        x = self._eight_bytes[p]
         if not (x & np.uint64(0x80)).any():
             return x & np.uint64(0x7F), p + 1
         stop = ~x & np.uint64(0x8080808080808080)
@@ -339,7 +339,7 @@ class _LockStep:
 
     def _message(self, node: _Node, rows: Offsets, p: Offsets, stop: Offsets) -> None:
         if node.present.any():  # a message in pieces
-            self._odd[rows] |= node.present[rows]
+            self._unusual[rows] |= node.present[rows]
         for i in node.zeros:
             self._values[i, rows] = 0.0
         node.present[rows] = True
@@ -351,7 +351,7 @@ class _LockStep:
                 return
             self._rounds += 1
             if self._rounds > _MOST_ROUNDS:
-                self._odd[rows] = True
+                self._unusual[rows] = True
                 return
             tag, q = self._varint(p)
             lowest = tag.min()
@@ -361,9 +361,9 @@ class _LockStep:
             else:
                 p = p.copy()
                 p[is_due] = self._field(node, int(lowest), rows[is_due], q[is_due], stop[is_due])
-            if len(strange := np.flatnonzero((p > stop) | self._odd[rows])):
-                self._odd[rows[strange]] = True
-                p = np.where(self._odd[rows], stop, p)
+            if len(strange := np.flatnonzero((p > stop) | self._unusual[rows])):
+                self._unusual[rows[strange]] = True
+                p = np.where(self._unusual[rows], stop, p)
 
     def _field(self, node: _Node, tag: int, rows: Offsets, q: Offsets, stop: Offsets) -> Offsets:
         """Reads one field of the messages that have it next; returns the offsets after it."""
@@ -376,7 +376,7 @@ class _LockStep:
         if wire != slot.wire and not packed:
             next_field = np.full(len(q), _NOWHERE)
         if not (is_whole := next_field <= stop).all():
-            self._odd[rows[~is_whole]] = True
+            self._unusual[rows[~is_whole]] = True
             rows, q, stop = rows[is_whole], q[is_whole], next_field[is_whole]
             value = value if value is None else value[is_whole]
         else:
@@ -435,7 +435,7 @@ class _LockStep:
         count_before = slot.count[rows]
         size = 8 if slot.wire == _FIXED64 else 4
         count, remainder = np.divmod(stop - q, size)
-        self._odd[rows[remainder > 0]] = True
+        self._unusual[rows[remainder > 0]] = True
         for k, i in slot.columns.items():
             holds_element = (count_before <= k) & (k < count_before + count)
             element_start = (q + (k - count_before) * size)[holds_element]

@@ -36,8 +36,8 @@ class DamageError(Exception):
     """Bytes that contradict the specification or the file itself.
 
     Args:
-        at: offset in the file.
-        what: what is wrong there.
+        offset: offset in the file.
+        damage: what is wrong there.
         hint: remedy other than recovering.
     """
 
@@ -51,18 +51,20 @@ class Content(ReadDataStream):
 
     Args:
         data: the record without its header.
-        at: offset of the record in the file.
+        offset: offset of the record in the file.
     """
 
     def __init__(self, data: bytes, offset: int) -> None:
         super().__init__(BytesIO(data))
-        self._left, self._at = len(data), offset
+        self._remaining, self._offset = len(data), offset
 
     def read(self, length: int) -> bytes:
         """The next bytes."""
-        if length > self._left:
-            raise DamageError(self._at, f"a field of {length} bytes does not fit into its record")
-        self._left -= length
+        if length > self._remaining:
+            raise DamageError(
+                self._offset, f"a field of {length} bytes does not fit into its record"
+            )
+        self._remaining -= length
         return super().read(length)
 
     def read_prefixed_string(self) -> str:
@@ -70,7 +72,7 @@ class Content(ReadDataStream):
         try:
             return super().read_prefixed_string()
         except UnicodeDecodeError:
-            raise DamageError(self._at, "text is not UTF-8") from None
+            raise DamageError(self._offset, "text is not UTF-8") from None
 
 
 class LogFile:
@@ -92,7 +94,7 @@ class LogFile:
         self._max_record = max_record
         status = os.fstat(self._file.fileno())
         self.size, self.id = status.st_size, (status.st_dev, status.st_ino)
-        self._window, self._from = b"", 0
+        self._window, self._window_start = b"", 0
 
     def __enter__(self) -> "LogFile":
         return self
@@ -106,7 +108,7 @@ class LogFile:
         Raises:
             DamageError: where the file has become shorter.
         """
-        place = offset - self._from
+        place = offset - self._window_start
         if 0 <= place <= len(self._window) - size:
             return self._window[place : place + size]
         data = os.pread(self._file.fileno(), size, offset)
@@ -126,9 +128,9 @@ class LogFile:
         remaining = self.size - offset - HEADER.size
         if remaining < 0:
             raise DamageError(offset, "file ends without a footer")
-        if not 0 <= offset - self._from <= len(self._window) - HEADER.size:
-            self._window, self._from = os.pread(self._file.fileno(), PIECE, offset), offset
-        opcode, length = HEADER.unpack_from(self._window, offset - self._from)
+        if not 0 <= offset - self._window_start <= len(self._window) - HEADER.size:
+            self._window, self._window_start = os.pread(self._file.fileno(), PIECE, offset), offset
+        opcode, length = HEADER.unpack_from(self._window, offset - self._window_start)
         if opcode == 0:
             raise DamageError(offset, "a record of kind 0, which does not exist")
         if length > remaining:

@@ -56,7 +56,7 @@ class Walk:
         self.metadata_records: list[MetadataIndex] = []
         self.attachments: list[AttachmentIndex] = []  # the whole ones
         self._definitions = Definitions(options.max_part)
-        self._first = FirstMessages()
+        self._first_messages = FirstMessages()
         self._data_end = 0
         self._all_checked = False  # by the CRC of the data section
         self._sought = 0  # how far chunks after damage were looked for
@@ -74,7 +74,7 @@ class Walk:
         if self.misindexed and options.strict:
             raise self._error(self.misindexed[0])
         self.compressions = self._reader.compressions
-        self.heads = self._first.of  # by channel: log time of the first, first messages
+        self.heads = self._first_messages.of  # by channel: log time of the first, first messages
         self.schemas, self.channels = self._definitions.schemas, self._definitions.channels
         #: Messages of channels that the file defines, and of others.
         self.rows = sum(n for channel, n in self.counts.items() if channel in self.channels)
@@ -409,12 +409,14 @@ class Walk:
                 raise DamageError(block.offset, "a log time beyond the year 2262")
             self.times = min(self.times[0], int(log.min())), max(self.times[1], int(log.max()))
         self.counts.update(dict(zip(met, counts[met].tolist(), strict=True)))
-        if unmet := [channel for channel in met if channel not in self._first.full]:
+        if unmet := [channel for channel in met if channel not in self._first_messages.full]:
             order = np.argsort(records.channel.astype(np.uint16), kind="stable")
             run_ends = np.cumsum(counts).tolist()
             for channel in unmet:
                 stop = run_ends[channel]
-                self._first.add(channel, records, order[stop - int(counts[channel]) : stop])
+                self._first_messages.add(
+                    channel, records, order[stop - int(counts[channel]) : stop]
+                )
         self._indexes.messages(block, records, log)
         block.rows = len(records.start)
         self.blocks.append(block)

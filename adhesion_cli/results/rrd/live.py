@@ -41,7 +41,7 @@ class LiveRecording:
         vehicle: for rim speed and coefficient.
         axles: numbers of the axles that are known; others may come.
         algos: estimators; the first is shown for all axles.
-        to: a file, or the address of a viewer.
+        target: a file, or the address of a viewer.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class LiveRecording:
     ) -> None:
         self._vehicle, self._axles, self._algos = vehicle, list(axles), list(algos)
         self._start: int | None = None
-        self._known: set[str] = set()  # entities with their style, and names of lines
+        self._sent: set[str] = set()  # entities with their style, and names of lines
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
         self._file = Piped(target.open("wb", buffering=0)) if isinstance(target, Path) else None
@@ -81,10 +81,10 @@ class LiveRecording:
             if self._start is None:
                 self._start = int(x.t[0])
             for path, plot in self._plots(axle, x):
-                is_first = path not in self._known
+                is_first = path not in self._sent
                 parts.send_plot(self._rec, path, self._times, x.t, plot, is_first)
                 if is_first:
-                    self._known.add(path)
+                    self._sent.add(path)
                     self._name(
                         "lines/all" if path.startswith("all/") else f"lines/axle/{axle}", plot
                     )
@@ -92,8 +92,8 @@ class LiveRecording:
     def _name(self, path: str, plot: parts.SeriesPlot) -> None:
         """Sends the names of lines that are not in their list yet."""
         lines = zip(plot.series, plot.colours, strict=True)
-        if fresh := [(name, c) for name, c in lines if f"{path}/{name}" not in self._known]:
-            self._known |= {f"{path}/{name}" for name, _ in fresh}
+        if fresh := [(name, c) for name, c in lines if f"{path}/{name}" not in self._sent]:
+            self._sent |= {f"{path}/{name}" for name, _ in fresh}
             parts.send_names(self._rec, path, self._times, self._start or 0, fresh)
 
     def finish(self) -> None:

@@ -16,14 +16,14 @@ class Piped:
     has opened it.
 
     Args:
-        to: gives the file when it is entered.
+        target: gives the file when it is entered.
 
     Attributes:
         place: what the SDK writes to.
     """
 
     def __init__(self, target: AbstractContextManager[BinaryIO]) -> None:
-        self._to = target
+        self._target = target
         self._source, self._sink = os.pipe()
         self.place = f"/dev/fd/{self._sink}"
         self._error: BaseException | None = None
@@ -39,7 +39,7 @@ class Piped:
     def _copy(self) -> None:
         with open(self._source, "rb", buffering=0) as pipe:
             try:
-                with self._to as file:
+                with self._target as file:
                     while data := pipe.read(_BLOCK):
                         while data:
                             data = data[file.write(data) :]
