@@ -32,8 +32,7 @@ class JsonLines:
         algos: estimators that are printed.
         vehicle: for the coefficient.
         single_axle: whether nobody else takes the samples; else they go on without a reader,
-            and without
-            the lines that one who reads no more leaves.
+            and without the lines that one who reads no more leaves.
         report: called at the end with how many lines were dropped, if any.
     """
 
