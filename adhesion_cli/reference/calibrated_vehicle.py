@@ -31,6 +31,7 @@ from ..core.model import Z95, AxleRecord, Floats, Parameter, Vehicle
 from ..core.physics import RELEASED_SHARE, force_line, wheelset
 from ..diagnostics.scene import Scene
 from ..train import longitudinal as model
+from ..train import pieces, solve
 from ..train.explanation import Design
 from ..train.grid import FEWEST
 from . import force
@@ -105,7 +106,7 @@ def evidence(
     spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1])) for s in applications)
     explanation = scene.explanation
     return Evidence(
-        model.along_track(explanation.design) if explanation.design else None,
+        pieces.along_track(explanation.design) if explanation.design else None,
         spans,
         explanation.pressure_delay.value,
     )
@@ -123,10 +124,10 @@ def band_shares(
     log_evidence = evidence(scene, record, applications, vehicle)
     if log_evidence.design is None or len(log_evidence.applications()) < 2:
         return None
-    designs = model.join_designs([log_evidence.design], vehicle)
+    designs = pieces.join_designs([log_evidence.design], vehicle)
     log_prior = prior(designs, vehicle, log_evidence.delay)
     calibration = calibrate_vehicle(
-        vehicle, record, designs, log_prior, model.joint(designs, log_prior)
+        vehicle, record, designs, log_prior, solve.joint(designs, log_prior)
     )
     return calibration.band[0] / calibration.force[0], calibration.band[1] / calibration.force[1]
 
@@ -136,7 +137,7 @@ def calibrate_vehicle(
     record: AxleRecord,
     designs: Sequence[Design],
     prior: dict[int, Parameter],
-    posterior: model.Posterior,
+    posterior: solve.Posterior,
 ) -> Calibrated:
     """The vehicle of a posterior, which the next log's error from log to log widens.
 
@@ -197,7 +198,7 @@ def force_gradient(designs: Sequence[Design]) -> Floats:
 
 
 def _vehicle(
-    v: Vehicle, d: Design, prior: dict[int, Parameter], posterior: model.Posterior, radius: bool
+    v: Vehicle, d: Design, prior: dict[int, Parameter], posterior: solve.Posterior, radius: bool
 ) -> tuple[Vehicle, dict[str, CalibratedParameter], Floats]:
     """The calibrated vehicle, the table, and the correlation of its rows.
 

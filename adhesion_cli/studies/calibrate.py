@@ -29,6 +29,7 @@ from ..reference import calibrated_vehicle as reference
 from ..results.charts import Line, Panel
 from ..results.palette import BLACK, BLUE, GREY, ORANGE
 from ..train import longitudinal as model
+from ..train import pieces, solve
 from ..train.explanation import Design
 
 _FALSE_REFUSAL = 0.01  # probability that logs of one vehicle are refused
@@ -101,9 +102,10 @@ def calibrate(
     vehicle = _one_vehicle(all_settings)
     rolling = _rolling_logs(logs)
     progress("fitting all brake applications")
-    designs = model.join_designs([u.evidence.design for u in rolling if u.evidence.design], vehicle)
+    with_design = [u.evidence.design for u in rolling if u.evidence.design]
+    designs = pieces.join_designs(with_design, vehicle)
     prior = reference.prior(designs, vehicle, max(abs(u.evidence.delay) for u in rolling))
-    posterior = model.joint(designs, prior)
+    posterior = solve.joint(designs, prior)
     _check_agreement(rolling, designs, prior, posterior)
     calibrated = reference.calibrate_vehicle(vehicle, rolling[0].record, designs, prior, posterior)
     applications = _applications(rolling, designs, posterior)
@@ -184,7 +186,7 @@ def _check_agreement(
     logs: Sequence[UsedLog],
     designs: Sequence[Design],
     prior: dict[int, Parameter],
-    joint: model.Posterior,
+    joint: solve.Posterior,
 ) -> None:
     """Whether each log's force, at its own brakes, agrees with that of all others.
 
@@ -201,11 +203,11 @@ def _check_agreement(
     means, informations = [], []
     P = np.diag([prior[i].tolerance ** -2.0 for i in range(n)])
     origin = np.array([prior[i].value for i in range(n)])
-    slopes = model.gradients(designs, joint.mean)
+    slopes = solve.gradients(designs, joint.mean)
     for d, log_gradients in zip(designs, slopes, strict=True):
-        posterior = model.fit(
+        posterior = solve.fit(
             [d],
-            [model.independent_samples(d, model.residual(d, joint.mean, log_gradients))],
+            [solve.independent_samples(d, solve.residual(d, joint.mean, log_gradients))],
             prior,
             [joint.mean[:n]],
         )
@@ -242,7 +244,7 @@ def _check_agreement(
 
 
 def _applications(
-    logs: Sequence[UsedLog], designs: Sequence[Design], posterior: model.Posterior
+    logs: Sequence[UsedLog], designs: Sequence[Design], posterior: solve.Posterior
 ) -> tuple[ApplicationDeceleration, ...]:
     """All brake applications, in the order of the logs."""
     rows: list[ApplicationDeceleration] = []
@@ -274,7 +276,7 @@ class _FittedLog(NamedTuple):
 
 
 def _decelerations(
-    u: UsedLog, d: Design, posterior: model.Posterior, fitted_log: _FittedLog
+    u: UsedLog, d: Design, posterior: solve.Posterior, fitted_log: _FittedLog
 ) -> list[ApplicationDeceleration]:
     """The decelerations of each brake application, by straight lines through its samples."""
     x = posterior.mean[: len(model.UNITS)]
@@ -324,7 +326,7 @@ def _predict_loss(d: Design, x: Floats) -> Floats:
     squared_integral = np.cumsum(u * u)[d.samples] * (d.t[1] - d.t[0])
 
     def loss(y: Floats) -> Floats:
-        of_brake = math.exp(y[model.SCALE]) * model.speed_loss(d, y)
+        of_brake = math.exp(y[model.SCALE]) * solve.speed_loss(d, y)
         total: Floats = of_brake + y[model.RESISTANCE] * t + y[model.DRAG] * squared_integral
         return total
 

@@ -14,7 +14,7 @@ from ..core.finding import Finding
 from ..core.model import Z95, Channel, Parameter, Vehicle
 from ..records.axle_channels import AxleChannels
 from ..records.faults import View
-from . import acceleration, clock, longitudinal
+from . import acceleration, clock, explain, longitudinal
 from .explanation import AS_STATED, Explanation
 from .grid import STEP, Grid, grid, grids, with_train
 
@@ -54,7 +54,7 @@ def align(
     findings += clock_findings
     if clock_findings:  # the train speed is another one
         coarse_grid, fine_grid = with_train(coarse_grid, axles), with_train(fine_grid, axles)
-    explanation = longitudinal.explain(axles, coarse_grid, vehicle, fine_grid)
+    explanation = explain.explain(axles, coarse_grid, vehicle, fine_grid)
     delayed = [
         a._replace(record=replace(a.record, pressure_late=explanation.pressure_delay))
         for a in axles

@@ -35,7 +35,8 @@ from ..rail import fit, slip
 from ..rail.creep_law import Condition, condition
 from ..rail.events import Slide
 from ..rail.fit import RailFit
-from ..train.longitudinal import STATED_SIGMAS, tolerance
+from ..train.explain import STATED_SIGMAS
+from ..train.longitudinal import tolerance
 from . import closed_loop, replay_rail
 from .plant import Track
 from .replay_rail import RailUnderAxle

@@ -16,7 +16,7 @@ from adhesion_cli.core.model import AxleRecord, Channel, Column, Floats
 from adhesion_cli.core.physics import G, clamping_force, force_line, rolling_deceleration, wheelset
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.records.axle_channels import AxleChannels
-from adhesion_cli.train import longitudinal
+from adhesion_cli.train import explain, solve
 from adhesion_cli.train.explanation import AS_STATED, Explanation
 from adhesion_cli.train.grid import grid
 
@@ -80,7 +80,7 @@ def axle(
 
 
 def told(one: AxleChannels) -> Explanation:
-    e = longitudinal.explain([one], grid([one], VEHICLE), VEHICLE)
+    e = explain.explain([one], grid([one], VEHICLE), VEHICLE)
     return e._replace(pieces=(), design=None)
 
 
@@ -197,12 +197,12 @@ def test_a_brake_that_a_log_hardly_shows_fails_nothing(
 def test_sigma_where_hardly_anything_tells_is_no_rounding() -> None:
     J = np.array([[3.0, 4.0, 0.0], [1.0, 2.0, 5.0]])
     A = J @ J.T
-    assert longitudinal.invert_normal(A) == pytest.approx(np.linalg.inv(A))
+    assert solve.invert_normal(A) == pytest.approx(np.linalg.inv(A))
     scaled = np.diag([1e-10, 1e3]) @ A @ np.diag([1e-10, 1e3])
-    assert longitudinal.invert_normal(scaled)[0, 0] == pytest.approx(1e20 * np.linalg.inv(A)[0, 0])
+    assert solve.invert_normal(scaled)[0, 0] == pytest.approx(1e20 * np.linalg.inv(A)[0, 0])
     same = np.array([J[0], 7.0 * J[0] + 1e-12 * J[1]])
-    assert longitudinal.invert_normal(same @ same.T)[0, 0] == np.inf
-    assert longitudinal.invert_normal(np.zeros((2, 2)))[0, 0] == np.inf
+    assert solve.invert_normal(same @ same.T)[0, 0] == np.inf
+    assert solve.invert_normal(np.zeros((2, 2)))[0, 0] == np.inf
 
 
 def seeded(seed: int) -> None:

@@ -1,0 +1,246 @@
+"""The pieces of a log in which the train rolls: one design of the longitudinal model."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.model import Bools, Floats, Vehicle
+from ..core.physics import CRAWL, RELEASED_SHARE, braked, force_line, wheelset
+from ..core.signals import true_runs, white_noise
+from ..records.axle_channels import AxleChannels
+from .explanation import Design
+from .grid import FEWEST, Grid, erode
+from .longitudinal import FINE_STEP, FLOOR, friction_share
+
+_GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
+_GRADIENT_CHANGE = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
+_TRACK_GRADIENT = 0.05  # 1 sigma of gradients along the track: 5 per mille, assumed [m/s²]
+_CORRELATION_LENGTH = 1000.0  # they are correlated by exp(-x) over so many [m], assumed
+_UNCORRELATED_GRADIENT = 0.005  # 1 sigma of what is not correlated: curves, wind [m/s²]
+_CHANGE = 0.1  # of the highest K within a second: a build-up, a release
+_CHANGE_MARGIN = 6.0  # before and after a change [s]
+_PIECE = 12.0  # longest piece [s]
+_SHORT_PIECE = 3.0  # the same where gradients are along the track [s]
+_FEWEST_BENT = 20  # samples: with fewer, γ is not known from what happens between two
+
+
+def build_design(
+    axles: Sequence[AxleChannels],
+    vehicle: Vehicle,
+    coarse_grid: Grid,
+    fine_grid: Grid,
+    train: bool = False,
+) -> Design | None:
+    """The pieces of a log; None where no brake application of wheels that roll is seen.
+
+    Args:
+        axles: all axles of the log.
+        vehicle: what is stated of it.
+        coarse_grid: the axles on one time axis, for what rolls.
+        fine_grid: the same on a step as fine as the brakes change.
+        train: whether the train speed is taken, not the mean of the rims.
+    """
+    v = fine_grid.train if train and fine_grid.train is not None else np.mean(fine_grid.rim, axis=0)
+    t: Floats = fine_grid.step * np.arange(fine_grid.rim.shape[1], dtype=np.float64)
+    K, top = _relative_force(axles, vehicle, fine_grid, t)
+    finite = np.isfinite(np.mean(fine_grid.clamping, axis=0))
+    if top <= 0.0:
+        return None
+    pieces, run_starts = _pieces(
+        np.maximum(K, 0.0), np.nan_to_num(v), finite, coarse_grid, fine_grid
+    )
+    if not pieces:
+        return None
+    samples, piece_start = np.concatenate(pieces), np.cumsum([0, *map(len, pieces[:-1])])
+    same_run = np.array(run_starts)[:, None] == np.array(run_starts)
+    gradient_covariance = _GRADIENT**2 * same_run + _GRADIENT_CHANGE**2 * np.eye(len(run_starts))
+    noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
+    interval = max(longer_interval(a) for a in axles)
+    rounding = max(_rounding_sigma(a) * vehicle.radius(a.record.axle).value for a in axles)
+    mean = float(v[samples].mean())
+    c = float(braked(top, wheelset(vehicle, axles[0].record.axle))) * friction_share(vehicle, mean)
+    floor = math.hypot(FLOOR, rounding, c * _missed_impulse(t, np.maximum(K, 0.0), interval))
+    complete_speed = np.interp(t, t[np.isfinite(v)], v[np.isfinite(v)])
+    d = Design(
+        t=t,
+        K=K,
+        relative_speed=complete_speed - mean,
+        top=top,
+        samples=samples,
+        piece_start=piece_start,
+        size=np.zeros(0),
+        gradient_covariance=gradient_covariance,
+        has_quadratic=True,
+        time=v[samples],
+        measured=v[samples],
+        v=v[samples],
+        speed=v[samples],
+        squared=v[samples],
+        c=c,
+        noise=noise,
+        floor=floor,
+        shows_slides=fine_grid.train is not None,
+        interval=interval,
+        mean=mean,
+        creeps=not (train and fine_grid.train is not None),
+    )
+    return _with_pieces(d, piece_start)
+
+
+def _with_pieces(d: Design, piece_start: NDArray[np.int64]) -> Design:
+    """The design with pieces that begin at these places in `at`."""
+    d = d._replace(
+        piece_start=piece_start, size=np.diff(piece_start, append=len(d.samples)).astype(np.float64)
+    )
+    t, u = d.t[d.samples], d.relative_speed + d.mean
+    d = d._replace(time=t - repeat_by_piece(d, sum_by_piece(d, t) / d.size))
+    unbent = _without_bend(d, d.measured)
+    smooth = d.measured - without_slope(d, unbent)
+    return d._replace(
+        v=unbent, speed=smooth, squared=_without_bend(d, integral(d, u * u)[d.samples])
+    )
+
+
+def along_track(d: Design) -> Design:
+    """The design in short pieces, whose gradients are correlated along the track."""
+    step = float(d.t[1] - d.t[0])
+    runs = [0, *(np.flatnonzero(np.diff(d.samples) > 1) + 1), len(d.samples)]
+    pieces_per_run = [
+        max(1, min(round(n * step / _SHORT_PIECE), n // FEWEST)) for n in np.diff(runs)
+    ]
+    edges = [
+        np.linspace(*bounds, n + 1)[:-1]
+        for bounds, n in zip(pairwise(runs), pieces_per_run, strict=True)
+    ]
+    d = _with_pieces(d._replace(has_quadratic=False), np.concatenate(edges).astype(np.int64))
+    distance = sum_by_piece(d, integral(d, d.relative_speed + d.mean)[d.samples]) / d.size
+    separation = np.abs(distance[:, None] - distance) / _CORRELATION_LENGTH
+    return d._replace(
+        gradient_covariance=_TRACK_GRADIENT**2 * np.exp(-separation)
+        + _UNCORRELATED_GRADIENT**2 * np.eye(len(distance))
+    )
+
+
+def join_designs(designs: Sequence[Design], vehicle: Vehicle) -> list[Design]:
+    """The designs of several logs with one highest K and one mean speed, for one fit."""
+    top = max(d.top for d in designs)
+    mean = float(np.average([d.mean for d in designs], weights=[len(d.samples) for d in designs]))
+    rescaled = []
+    for d in designs:
+        c = d.c * top / d.top * friction_share(vehicle, mean) / friction_share(vehicle, d.mean)
+        K, faster = d.K * d.top / top, d.relative_speed + d.mean - mean
+        rescaled.append(d._replace(K=K, relative_speed=faster, top=top, c=c, mean=mean))
+    return rescaled
+
+
+def _relative_force(
+    axles: Sequence[AxleChannels], vehicle: Vehicle, fine_grid: Grid, t: Floats
+) -> tuple[Floats, float]:
+    """Mean K over its highest value (n,), and that [N]; 0 where there is none."""
+    K: Floats = np.mean(fine_grid.clamping, axis=0)
+    line = force_line(vehicle)
+    if all(a.brake.meaning == "pressure" for a in axles):  # known below the spring's force, too
+        negative_force = line.per_pascal * np.mean(fine_grid.pressure, axis=0) - line.at_zero
+        K = np.where(K > 0.0, K, np.minimum(negative_force, 0.0))
+    finite = np.isfinite(K)
+    top = float(np.nanmax(K, initial=0.0))
+    if finite.sum() < FEWEST or top <= 0.0:
+        return K, 0.0
+    return np.interp(t, t[finite], K[finite]) / top, top
+
+
+def _pieces(
+    force_share: Floats, v: Floats, finite: Bools, coarse_grid: Grid, fine_grid: Grid
+) -> tuple[list[NDArray[np.int64]], list[int]]:
+    """Samples of brakes and around them where all wheels roll; and each piece's run."""
+    t: Floats = fine_grid.step * np.arange(len(force_share), dtype=np.float64)
+    change = np.abs(np.interp(t + 0.5, t, force_share) - np.interp(t - 0.5, t, force_share))
+    near_change = ~erode(
+        (change < _CHANGE) & (force_share < RELEASED_SHARE), round(_CHANGE_MARGIN / fine_grid.step)
+    )
+    rolling: Bools = np.all(coarse_grid.rolling, axis=0)
+    place = np.clip(np.rint(t / coarse_grid.step).astype(int), 0, len(rolling) - 1)
+    usable: Bools = near_change & rolling[place] & finite & (v > CRAWL)
+    pieces: list[NDArray[np.int64]] = []
+    run: list[int] = []
+    for start, stop in true_runs(usable):
+        piece_count = max(1, round((stop - start) * fine_grid.step / _PIECE))
+        edges: list[int] = np.linspace(start, stop, piece_count + 1).astype(int).tolist()
+        for i, j in pairwise(edges):
+            if j - i >= FEWEST:
+                pieces.append(np.arange(i, j))
+                run.append(start)
+    return pieces, run
+
+
+def longer_interval(a: AxleChannels) -> float:
+    """The longer of both channels' usual intervals [s]."""
+    t, x = a.brake.data.t, a.brake.data.value
+    change_times = t[np.flatnonzero(np.diff(x) != 0.0)]
+    pressure = float(np.median(np.diff(change_times))) if len(change_times) > 1 else 0.0
+    return max(float(np.median(np.diff(a.record.t))), pressure) * 1e-9
+
+
+def _missed_impulse(t: Floats, K: Floats, interval: float) -> float:
+    """What straight lines through samples so far apart miss of ∫K dt, by a kink half way."""
+    earlier, later = (np.interp(t + x, t, K) for x in (-interval, interval))
+    return interval * float(np.max(np.abs(earlier - 2.0 * K + later))) / 8.0
+
+
+def _rounding_sigma(a: AxleChannels) -> float:
+    """1 sigma of the rounding that is no noise [rad/s]: of a speed that stays on its levels."""
+    t, y = a.record.t * 1e-9, a.record.wheel_speed
+    durations = np.diff(t[np.flatnonzero(np.diff(y, prepend=np.nan))], append=t[-1])
+    constant_share = float(durations[durations > 2.0 * FINE_STEP].sum() / (t[-1] - t[0]))
+    return constant_share * a.speed.coarsest / math.sqrt(12.0)
+
+
+def sum_by_piece(d: Design, x: Floats) -> Floats:
+    """Sums over each piece, (..., p)."""
+    total: Floats = np.add.reduceat(x, d.piece_start, axis=-1)
+    return total
+
+
+def repeat_by_piece(d: Design, x: Floats) -> Floats:
+    """What each piece has, for each of its samples."""
+    return np.repeat(x, d.size.astype(int), axis=-1)
+
+
+def _without_bend(d: Design, x: Floats) -> Floats:
+    """What is left of x without α and γ of its piece, (m,): gradients change within it."""
+    return without_bend_by(d, x, quadratic(d))
+
+
+def quadratic(d: Design) -> tuple[Floats, Floats]:
+    """t² without its mean in each piece (m,), and the sums of its squares (p,)."""
+    bent = d.time**2
+    bent -= repeat_by_piece(
+        d, sum_by_piece(d, bent) / d.size
+    )  # times are even: a straight line leaves it
+    return bent, np.maximum(sum_by_piece(d, bent**2), 1e-30)
+
+
+def without_bend_by(d: Design, x: Floats, bend: tuple[Floats, Floats]) -> Floats:
+    """`_without_bend`, with what `quadratic` gives."""
+    x = np.subtract(x, repeat_by_piece(d, sum_by_piece(d, x) / d.size))
+    if not d.has_quadratic:
+        return x
+    bent, squares = bend
+    factor = np.where(d.size >= _FEWEST_BENT, sum_by_piece(d, x * bent) / squares, 0.0)
+    unbent: Floats = x - repeat_by_piece(d, factor) * bent
+    return unbent
+
+
+def integral(d: Design, k: Floats) -> Floats:
+    """∫ k dt, (n,) [s]."""
+    step = float(d.t[1] - d.t[0])
+    area: Floats = np.concatenate([[0.0], np.cumsum((k[1:] + k[:-1]) * (0.5 * step))])
+    return area
+
+
+def without_slope(d: Design, x: Floats) -> Floats:
+    """What is left of x without a straight slope of its piece, (m,)."""
+    return x - repeat_by_piece(d, sum_by_piece(d, x * d.time) / sum_by_piece(d, d.time**2)) * d.time
