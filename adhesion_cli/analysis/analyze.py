@@ -11,7 +11,7 @@ from ..core import threads
 from ..core.finding import Finding
 from ..core.model import AxleRecord, AxleResult, Result
 from ..formats.memory import Signals
-from ..rail import slip
+from ..rail import wheel_calibration
 from . import settings as settings_module
 from .axle import analyze_axle
 from .prepare import Window, prepare
@@ -53,7 +53,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     prepared = prepare(log, vehicle, axles, window, settings.checks)
     records, findings = prepared.records, [*prepared.findings]
     if train_speed and all(r.train_speed is None for r in records):
-        records, speed_findings = slip.with_reference_speed(
+        records, speed_findings = wheel_calibration.with_reference_speed(
             records, prepared.all_records, vehicle, start_ns
         )
         findings += speed_findings

@@ -9,7 +9,7 @@ from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Reference, Vehicle
 from ..core.physics import STANDING
 from ..core.time_axis import spans_of
-from ..rail import slip
+from ..rail import rail_under_slides
 from ..rail.events import HIDDEN_TIME
 from ..records import brake_applications
 
@@ -60,7 +60,7 @@ def find_axle_findings(
     if record.train_speed is not None:
         unknown, unknown_s = np.zeros(len(record), dtype=np.bool_), 0.0
         for s in applications:
-            unknown[s], lasts = slip.unknown_slip(record, s, vehicle)
+            unknown[s], lasts = rail_under_slides.unknown_slip(record, s, vehicle)
             unknown_s += lasts
         if unknown_s > HIDDEN_TIME:
             yield Finding(

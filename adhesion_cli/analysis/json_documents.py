@@ -16,7 +16,7 @@ from .summarise import summarise_finding
 
 if TYPE_CHECKING:
     from ..rail.fit import Interval
-    from ..rail.slip import Summary
+    from ..rail.rail_under_slides import Summary
     from ..wsp import wsp_controller
     from ..wsp.plant import Track
     from ..wsp.replay import Answer, Case

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..core.finding import Finding
 from ..core.model import Result
-from ..rail.slip import Summary, summary
+from ..rail.rail_under_slides import Summary, summary
 from ..results.slip_text import note
 from .json_documents import dumps, slip_document
 

@@ -32,7 +32,7 @@ from ..core.model import (
 )
 from ..core.summary import BrakeApplication, ResultSummary
 from ..core.toml import Table
-from ..rail.slip import Summary
+from ..rail.rail_under_slides import Summary
 from ..rail.slope import REGIONS
 from ..reference.calibrated_vehicle import CalibratedParameter
 from ..results import atomic_files, result_rows, slip_text, tables

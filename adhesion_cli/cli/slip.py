@@ -8,7 +8,7 @@ from . import results
 from .options import ALL_NAMES, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
-    from ..rail.slip import Summary
+    from ..rail.rail_under_slides import Summary
     from ..results.charts import Panel
 
 

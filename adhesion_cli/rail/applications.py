@@ -17,7 +17,7 @@ from ..core.signals import coverage_factor
 from ..core.summary import MeanAndHighest
 from ..reference import budget
 from ..reference.budget import Budget
-from . import slip
+from . import rail_under_slides, sliding
 from .events import Slide
 from .fit import Interval
 
@@ -60,13 +60,13 @@ def find_applications(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
         axle: with its slip, where the log has a train speed.
         vehicle: for the coefficient and its tolerance.
     """
-    slides, merged = slip.slides(axle), list[list[slice]]()
+    slides, merged = sliding.slides(axle), list[list[slice]]()
     for s in axle.applications:
         if merged and _locked(axle.record, slice(merged[-1][-1].stop, s.start)):
             merged[-1].append(s)
         else:
             merged.append([s])
-    context = slip.AxleContext(axle, vehicle)
+    context = rail_under_slides.AxleContext(axle, vehicle)
     contributions = (
         budget.contributions_by_parameter(axle.record, vehicle, axle.reference) if merged else {}
     )
@@ -84,7 +84,7 @@ def _locked(record: AxleRecord, pause: slice) -> bool:
 
 
 def _application(
-    context: slip.AxleContext,
+    context: rail_under_slides.AxleContext,
     pieces: Sequence[slice],
     slides: Sequence[Slide],
     contributions: Mapping[str, Floats],
@@ -109,9 +109,9 @@ def _application(
         force,
         force and _coefficient(force, weight, vehicle, _mass(axle, samples)),
         own_slides,
-        slip.utilisation(context, own_slides),
+        rail_under_slides.utilisation(context, own_slides),
         own_budget,
-        slip.unknown_slip(record, samples, vehicle)[1],
+        rail_under_slides.unknown_slip(record, samples, vehicle)[1],
     )
 
 

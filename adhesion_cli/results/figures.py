@@ -8,7 +8,7 @@ import numpy as np
 from ..core import physics
 from ..core.model import AxleResult, Floats, Result, Vehicle
 from ..rail.fit import RailFit, curve
-from ..rail.slip import Summary
+from ..rail.rail_under_slides import Summary
 from ..rail.slope import REGION_TITLES, Bands
 from ..wsp.controller import APPLY, DUMP, HOLD
 from ..wsp.stop import Stop

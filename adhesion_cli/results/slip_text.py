@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from ..rail.fit import RailFit
-from ..rail.slip import Summary
+from ..rail.rail_under_slides import Summary
 from .text_tables import NARROW, bounded_number, folded, number, records, table
 
 OF_CURVE = (

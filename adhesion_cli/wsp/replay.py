@@ -31,7 +31,7 @@ from ..core.finding import Finding
 from ..core.model import Bools, Floats, Result, Times, Vehicle
 from ..core.physics import JUDGED_FROM, STANDING
 from ..core.text import printable
-from ..rail import fit, slip
+from ..rail import fit, sliding
 from ..rail.creep_law import Condition, condition
 from ..rail.events import Slide
 from ..rail.fit import RailFit
@@ -101,7 +101,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         UserError: where the log does not show the rail, with the reason.
     """
     name = printable(Path(result.log.path).name)
-    slides = [slip.slides(axle) for axle in result.axles]
+    slides = [sliding.slides(axle) for axle in result.axles]
     if not any(slides):
         raise UserError(
             f"{name}: no axle slides, so the adhesion available is not known",

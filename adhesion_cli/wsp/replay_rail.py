@@ -20,7 +20,7 @@ from ..core.finding import Finding
 from ..core.model import AxleResult, Bools, Vehicle
 from ..core.physics import JUDGED_FROM
 from ..core.signals import true_runs
-from ..rail import fit, slip
+from ..rail import fit, rail_under_slides, sliding
 from ..rail.creep_law import Condition
 from ..rail.events import Slide
 
@@ -51,8 +51,8 @@ def rail_under_axle(
     Raises:
         UserError: the slides show no rail, with the reason.
     """
-    context = slip.AxleContext(axle, vehicle)
-    rail, findings = slip.fit_rail(context, slides)
+    context = rail_under_slides.AxleContext(axle, vehicle)
+    rail, findings = rail_under_slides.fit_rail(context, slides)
     better: int | None = None
     if rail is None:
         if findings[0].code not in ("slides-too-short", "rail-changes"):
@@ -67,7 +67,7 @@ def rail_under_axle(
 
 
 def _shortcomings(
-    context: slip.AxleContext, slides: Sequence[Slide]
+    context: rail_under_slides.AxleContext, slides: Sequence[Slide]
 ) -> tuple[fit.RailFit, int | None, list[Finding]]:
     """A fit to the slides up to where the rail gets better, and when that is [ns].
 
@@ -75,7 +75,7 @@ def _shortcomings(
         UserError: too little slip, or no curve fits.
     """
     record, radius = context.axle.record, context.radius
-    points, mu_error = slip.points(context, slides)
+    points, mu_error = rail_under_slides.points(context, slides)
     peak_passed = _gets_better(points)
     better = (
         None
@@ -147,11 +147,11 @@ def _spans(axle: AxleResult, exceeds: Bools, begin: int, stop: int) -> list[tupl
     record, spans = axle.record, list[tuple[int, int | None]]()
     t, creeping = record.t, np.zeros(len(record), dtype=np.bool_)
     assert axle.slip is not None
-    for x in (*slip.find_creep(record, axle.slip), *(x.samples for x in slip.slides(axle))):
+    for x in (*sliding.find_creep(record, axle.slip), *(x.samples for x in sliding.slides(axle))):
         creeping[x] = True
     runs = [(int(t[a]), int(t[b - 1])) for a, b in true_runs(exceeds) if t[a] < stop]
     position = begin
-    while (limit_start := slip.limited_from(axle, position, stop)) is not None:
+    while (limit_start := sliding.limited_from(axle, position, stop)) is not None:
         lasting = [max(a, limit_start) for a, b in runs if b - max(a, limit_start) >= _LASTS * 1e9]
         if not lasting:
             return [*spans, (limit_start, None)]

@@ -4,7 +4,7 @@ import re
 
 from adhesion_cli.cli.slip import table
 from adhesion_cli.rail.events import Slide
-from adhesion_cli.rail.slip import Summary
+from adhesion_cli.rail.rail_under_slides import Summary
 from adhesion_cli.rail.slope import REGION_TITLES, REGIONS
 from adhesion_cli.results.slip_text import note
 

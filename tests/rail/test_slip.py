@@ -22,7 +22,16 @@ from adhesion_cli.core.model import AxleRecord, AxleResult, Parameter, Reference
 from adhesion_cli.core.physics import G
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.rail import creep_law, fit, slip, slope
+from adhesion_cli.rail import (
+    creep_law,
+    fit,
+    rail_under_slides,
+    sliding,
+    slip,
+    slope,
+    speed_errors,
+    wheel_calibration,
+)
 from adhesion_cli.results import mcap
 from adhesion_cli.wsp.simulate import Recording
 
@@ -36,9 +45,9 @@ def analysed(name: str, train: bool | None = None, *stated: str) -> Result:
 
 
 @cache
-def told(name: str, axle: int, *stated: str) -> slip.Summary:
+def told(name: str, axle: int, *stated: str) -> rail_under_slides.Summary:
     result = analysed(name, None, *stated)
-    return slip.summary(result.axles[axle - 1], result.vehicle)[0]
+    return rail_under_slides.summary(result.axles[axle - 1], result.vehicle)[0]
 
 
 def true_slip(name: str, axle: AxleResult) -> np.ndarray:
@@ -100,15 +109,15 @@ def test_slope_follows_the_true_curve_on_a_roller_rig() -> None:
 def test_slides_are_those_of_the_simulation() -> None:
     name = "low-adhesion"
     true = simulation(name)
-    found = slip.slides(analysed(name).axles[0])
+    found = sliding.slides(analysed(name).axles[0])
     first = found[0]
     i, j = np.searchsorted(true.t, [first.start, first.start + int(first.duration * 1e9)])
-    sliding = true.train_speed - true.wheel_speed[:, 0] * 0.42
-    energy = np.trapezoid((true.adhesion_force[:, 0] * sliding)[i:j], true.t[i:j] * 1e-9)
+    sliding_speed = true.train_speed - true.wheel_speed[:, 0] * 0.42
+    energy = np.trapezoid((true.adhesion_force[:, 0] * sliding_speed)[i:j], true.t[i:j] * 1e-9)
     assert first.energy == pytest.approx(energy, rel=0.03)
     assert first.distance == pytest.approx(true.distance[j] - true.distance[i], rel=0.01)
     assert first.max_slip == pytest.approx(true.slip[i:j, 0].max(), abs=0.01)
-    assert not slip.slides(analysed(name).axles[2])
+    assert not sliding.slides(analysed(name).axles[2])
 
 
 @pytest.mark.parametrize(("axle", "cleaning"), [(1, 1.0), (2, 1.15)])
@@ -152,7 +161,7 @@ def test_a_wheel_of_known_radius_tells_the_whole_rail() -> None:
 
 def test_what_the_log_does_not_show_is_refused() -> None:
     result = analysed("low-adhesion")
-    summary, findings = slip.summary(result.axles[2], result.vehicle)
+    summary, findings = rail_under_slides.summary(result.axles[2], result.vehicle)
     assert summary.rail is None
     assert not summary.slides
     assert [(f.code, f.channel) for f in findings] == [("no-slide", "axle 3")]
@@ -228,13 +237,13 @@ def test_utilisation_knows_that_slides_may_begin_and_end_elsewhere() -> None:
     t, creep, mu = swinging(0.12)
     clock, zero = 0.01, 0.0 * t
     seen = creep - clock + np.random.default_rng(3).normal(0.0, 5e-4, len(t))
-    sliding = seen - 2.0 * clock > 0.01  # as slides are found
-    points = fit.Points(t, zero + 15.0, seen, mu, zero + 5e-4, zero, zero + clock, sliding)
+    slides = seen - 2.0 * clock > 0.01  # as slides are found
+    points = fit.Points(t, zero + 15.0, seen, mu, zero + 5e-4, zero, zero + clock, slides)
     found = fit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.utilisation is not None
     true = mu[creep > 0.01].mean() / true_curve("low", 1.0, 15.0)[1]
-    assert abs(mu[sliding].mean() / mu[creep > 0.01].mean() - 1.0) > 0.02
+    assert abs(mu[slides].mean() / mu[creep > 0.01].mean() - 1.0) > 0.02
     assert found.utilisation.lower < true < found.utilisation.upper
     assert found.utilisation.upper < 1.2 * found.utilisation.lower
 
@@ -259,7 +268,7 @@ def test_a_wheel_that_swings_about_the_peak_tells_it(
     for law in ("rule", "patent"):
         log = tmp_path / f"slippery-stop.{law}.antiskid.mcap"
         result = analyze.analyze(log, settings.load(folder=False), ["leso"])
-        found, _ = slip.summary(result.axles[0], result.vehicle)
+        found, _ = rail_under_slides.summary(result.axles[0], result.vehicle)
         assert sum(x.duration for x in found.slides) < 2.0 * fit.SHORTEST
         assert found.rail is not None
         at, height = true_curve("low", 1.0, found.rail.speed)
@@ -272,7 +281,7 @@ def test_a_wheel_that_swings_about_the_peak_tells_it(
 def test_wheel_diameters_come_from_coasting() -> None:
     result = analysed("four-axles")
     for axle in result.axles:
-        radius, _ = slip.calibrate_radius(axle.record, result.vehicle)
+        radius, _ = wheel_calibration.calibrate_radius(axle.record, result.vehicle)
         true = simulation("four-axles").scenario.vehicle.radius(axle.record.axle).value
         assert abs(radius.value - true) < 3.0 * radius.tolerance + 1e-3
     calibrated = [f.channel for f in result.findings if f.code == "wheel-calibrated"]
@@ -309,7 +318,7 @@ def test_a_wheel_is_no_other_than_stated_by_few_readings_of_the_train() -> None:
         noise = np.random.default_rng(seed).normal(0.0, 0.05, len(every))
         v = 25.0 + np.interp(t, every + 0.5, noise)
         record = AxleRecord(1, *columns, (slice(0, len(t)),), train_speed=v, train_speed_interval=1)
-        found = slip.calibration(record, 0.42)
+        found = wheel_calibration.calibration(record, 0.42)
         assert found is not None
         inside.append(abs(found[0] - 1.0) < 1.96 * found[1])
     assert 0.91 < np.mean(inside) < 0.98
@@ -322,7 +331,7 @@ def test_the_noise_of_the_speeds_is_not_that_of_a_train_that_stands() -> None:
     v = np.maximum(true + random.normal(0.0, 0.03, len(t)), 0.0) * (true > 0.0)
     columns = np.round(t * 1e9).astype(np.int64), K, K, true / 0.42
     record = AxleRecord(1, *columns, (slice(0, len(t)),), train_speed=v)
-    level = np.median(slip.speed_noise(record, 0.42)[true > 1.0])
+    level = np.median(speed_errors.speed_noise(record, 0.42)[true > 1.0])
     assert level == pytest.approx(0.03, rel=0.1)
 
 
@@ -330,8 +339,8 @@ def test_a_speed_made_of_the_axles_tells_no_wheel_from_itself() -> None:
     t = np.arange(0, 8 * 10**9, 2 * 10**7)
     y, K = np.full(len(t), 25.0 / 0.42), np.zeros(len(t))
     records = [AxleRecord(n, t, K, K, y, (slice(0, len(t)),)) for n in (1, 2)]
-    made, _ = slip.with_reference_speed(records, records, Vehicle(), 0)
-    assert slip.calibrate_radius(made[0], Vehicle())[1] == []
+    made, _ = wheel_calibration.with_reference_speed(records, records, Vehicle(), 0)
+    assert wheel_calibration.calibrate_radius(made[0], Vehicle())[1] == []
 
 
 def test_without_a_train_speed_the_fastest_axle_is_the_train() -> None:
@@ -342,11 +351,11 @@ def test_without_a_train_speed_the_fastest_axle_is_the_train() -> None:
     (axle, *_) = result.axles
     v = np.interp(axle.record.t, true.t, true.train_speed)
     assert np.abs(axle.record.train_speed - v).max() < 0.15
-    summary, findings = slip.summary(axle, result.vehicle)
+    summary, findings = rail_under_slides.summary(axle, result.vehicle)
     assert summary.rail is None
     assert [f.code for f in findings] == ["rail-needs-train-speed"]
-    assert slip.slides(axle)[0].energy == pytest.approx(
-        slip.slides(analysed("low-adhesion").axles[0])[0].energy, rel=0.1
+    assert sliding.slides(axle)[0].energy == pytest.approx(
+        sliding.slides(analysed("low-adhesion").axles[0])[0].energy, rel=0.1
     )
 
 
@@ -359,7 +368,7 @@ def test_all_axles_sliding_is_told() -> None:
     records = [
         AxleRecord(n, t, K, K, v * (1.0 - slide) / 0.42, (slice(0, len(t)),)) for n in (1, 2)
     ]
-    made, findings = slip.with_reference_speed(records, records, Vehicle(), 0)
+    made, findings = wheel_calibration.with_reference_speed(records, records, Vehicle(), 0)
     assert [f.code for f in findings] == ["reference-speed", "all-axles-slide"]
     assert findings[0].values == {"axles": 2}
     ((begin, end),) = findings[1].spans
@@ -373,7 +382,7 @@ def test_all_axles_sliding_is_told() -> None:
         ref = Reference("none", "none", force, 0.0 * force, 0.0 * force)
         axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
         axle, _ = slip.observe_slip(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
-        summary, _ = slip.summary(axle, Vehicle())
+        summary, _ = rail_under_slides.summary(axle, Vehicle())
         shown.append((summary.slides[0], table([summary], 0)))
     (bound, text), (whole, plain) = shown
     assert (bound.is_lower_bound, whole.is_lower_bound) == (True, False)
@@ -394,7 +403,7 @@ def test_a_locked_wheel_slides_at_an_unknown_force() -> None:
     ref = Reference("none", "none", force, 0.0 * force, 0.0 * force)
     axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
     axle, _ = slip.observe_slip(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
-    (slide,) = slip.slides(axle)
+    (slide,) = sliding.slides(axle)
     assert slide.energy is None
     assert slide.max_slip == 1.0
     assert slide.duration == pytest.approx(4.0, abs=0.05)
@@ -419,7 +428,7 @@ def test_a_rolling_wheel_has_no_slope_of_noise(noise: float, rate: float) -> Non
         1, np.round(t * 1e9).astype(np.int64), 8000.0 * slowing, 8000.0 * slowing, wheel,
         (slice(0, len(t)),), train_speed=train, train_speed_interval=1.0 / rate,
     )  # fmt: skip
-    level = np.median(slip.speed_noise(record, 0.42))
+    level = np.median(speed_errors.speed_noise(record, 0.42))
     true = math.hypot(noise * (math.sqrt(2.0 / 3.0) if rate < 50.0 else 1.0), 0.42 * 0.003)
     assert level == pytest.approx(true, rel=0.5)
     force = mu * Vehicle().axle_mass.value * G
@@ -431,12 +440,12 @@ def test_a_rolling_wheel_has_no_slope_of_noise(noise: float, rate: float) -> Non
 
 
 @cache
-def late_by(name: str, seconds: float, axle: int) -> tuple[Result, slip.Summary]:
+def late_by(name: str, seconds: float, axle: int) -> tuple[Result, rail_under_slides.Summary]:
     """The log with another clock for the train speed, analysed, and one axle's summary."""
     with TemporaryDirectory() as folder:
         log = write(Path(folder) / "late.csv", late(recordings(name), "train_speed", seconds))
         result = analyze.analyze(log, settings.load(), ["leso"])
-    return result, slip.summary(result.axles[axle - 1], result.vehicle)[0]
+    return result, rail_under_slides.summary(result.axles[axle - 1], result.vehicle)[0]
 
 
 @pytest.mark.parametrize("seconds", [-0.5, 0.1, 0.3, 1.0, 2.0])
@@ -449,12 +458,12 @@ def test_a_late_train_speed_is_shifted(seconds: float) -> None:
     assert removed is not None
     assert removed.value == pytest.approx(seconds, abs=3.0 * removed.tolerance)
     assert removed.tolerance < 0.05
-    true = slip.slides(analysed("low-adhesion").axles[0])
+    true = sliding.slides(analysed("low-adhesion").axles[0])
     for mine, its in zip(found.slides, true, strict=True):
         assert mine.start == pytest.approx(its.start, abs=2e8)
         assert mine.duration == pytest.approx(its.duration, abs=0.5)
         assert mine.max_slip == pytest.approx(its.max_slip, abs=0.03)
-    assert not slip.slides(result.axles[2])
+    assert not sliding.slides(result.axles[2])
     assert found.rail is not None
     assert found.rail.peak_slip is not None
     peak, _ = true_curve("low", 1.0, found.rail.speed)
@@ -499,7 +508,7 @@ def test_on_a_receiver_that_nothing_times_slides_are_at_least_as_told(seconds: f
     (found,) = (f for f in result.findings if f.code == "train-speed-slow")
     assert found.severity == "warning"
     assert found.values["delay_s"] == pytest.approx(2.0, rel=0.05)
-    found, _ = slip.summary(axle, result.vehicle)
+    found, _ = rail_under_slides.summary(axle, result.vehicle)
     assert found.rail is None
     assert axle.record.true_slip is not None
     for x in found.slides:
@@ -522,8 +531,8 @@ def test_a_wheel_that_no_brake_slows_does_not_slide() -> None:
     t = np.arange(0.0, 40.0, 0.05)
     v = 0.4 * t
     rim = np.interp(t - 0.3, t, v)  # a sensor that averages
-    assert slip.slides(seen(t, v, rim, np.full(len(t), 1e4)))
-    assert not slip.slides(seen(t, v, rim, np.where(t < 1.0, 1e4, 0.0)))
+    assert sliding.slides(seen(t, v, rim, np.full(len(t), 1e4)))
+    assert not sliding.slides(seen(t, v, rim, np.where(t < 1.0, 1e4, 0.0)))
 
 
 def test_a_wheel_that_a_motor_spins_tells_no_diameter() -> None:
@@ -543,7 +552,7 @@ def test_what_the_noise_of_a_speed_makes_of_slip_is_no_slide() -> None:
         random.normal(0.0, 0.05, len(t) + 19), np.ones(20) / math.sqrt(20.0), "valid"
     )
     rim = v * np.where((t > 10.0) & (t < 11.0), 0.8, 1.0)
-    found = slip.slides(seen(t, v + slow, rim, np.full(len(t), 1e4)))
+    found = sliding.slides(seen(t, v + slow, rim, np.full(len(t), 1e4)))
     assert [round(x.start * 1e-9) for x in found] == [10]
 
 
@@ -552,7 +561,7 @@ def test_a_spike_does_not_become_the_train() -> None:
     wheel, K = np.full(len(t), 40.0), np.zeros(len(t))
     wheel[250] = 80.0
     record = AxleRecord(1, t, K, K, wheel, (slice(0, len(t)),))
-    ((made,), _) = slip.with_reference_speed([record], [record], Vehicle(), 0)
+    ((made,), _) = wheel_calibration.with_reference_speed([record], [record], Vehicle(), 0)
     assert np.abs(made.train_speed - 40.0 * 0.42).max() < 0.1
 
 
@@ -650,7 +659,7 @@ def test_a_result_is_told_as_its_log_was(tmp_path: Path, lag: float | None) -> N
         assert one.train_speed_late == other.train_speed_late
         assert one.train_speed == pytest.approx(other.train_speed, nan_ok=True)
         assert a.slip == pytest.approx(b.slip, nan_ok=True)
-        assert [x[:5] for x in slip.slides(a)] == [x[:5] for x in slip.slides(b)]
+        assert [x[:5] for x in sliding.slides(a)] == [x[:5] for x in sliding.slides(b)]
     assert [f.code for f in again.findings] == [
         f.code for f in first.findings if not f.code.startswith("csv-")
     ]

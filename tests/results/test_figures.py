@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.made_results import result
 
-from adhesion_cli.rail import slip
+from adhesion_cli.rail import rail_under_slides
 from adhesion_cli.rail.slope import REGION_TITLES, Bands
 from adhesion_cli.results import charts, figures
 from adhesion_cli.wsp import closed_loop, scenario, wsp_controller
@@ -72,7 +72,7 @@ def test_points_of_slip_have_the_colour_of_their_region() -> None:
         s = 0.05 * np.sin(np.arange(n) / 50.0)
         axles.append(replace(axle, slip=s, region=(np.arange(n) % 4).astype(np.int8)))
     made = replace(analysed, axles=tuple(axles))
-    of = [slip.Summary(a.record.axle, {}, [], None, None, None) for a in axles]
+    of = [rail_under_slides.Summary(a.record.axle, {}, [], None, None, None) for a in axles]
     panels = figures.of_slip(made, of, Bands())
     assert len(panels) == 6  # none slid: all are drawn
     _, lines = by_title(panels, "axle 1: µ over slip, by region")

@@ -20,7 +20,7 @@ from rerun.chunk import RrdReader
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Floats, Result, Vehicle
 from adhesion_cli.core.physics import G
-from adhesion_cli.rail import slip
+from adhesion_cli.rail import sliding
 from adhesion_cli.rail.creep_law import Contact, condition, creep_force
 from adhesion_cli.rail.fit import Interval, RailFit
 from adhesion_cli.results import palette, rrd, thinning
@@ -209,7 +209,7 @@ def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
         for a, x in zip(analysed.axles, (rolls, slides), strict=True)
     )
     path, made = tmp_path / "a.rrd", replace(analysed, axles=axles)
-    assert [overview.worst(slip.slides(a)) for a in axles] == [0.0, 0.3]
+    assert [overview.worst(sliding.slides(a)) for a in axles] == [0.0, 0.3]
     rrd.write_result(path, made)
     (text,) = static(path, "/summary", "text")
     (line,) = [x for x in text.splitlines() if x.startswith("| 2 | ")]

@@ -14,7 +14,7 @@ from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import AxleRecord
 from adhesion_cli.core.physics import G
 from adhesion_cli.formats.open import open_source
-from adhesion_cli.rail import slip
+from adhesion_cli.rail import sliding
 from adhesion_cli.results import mcap
 from adhesion_cli.wsp import simulate
 from adhesion_cli.wsp.scenario import Sensor
@@ -184,4 +184,4 @@ def test_a_result_analysed_again_is_told_as_its_log_was(tmp_path: Path) -> None:
         error = r.train_speed - np.interp(r.t, true.t, true.train_speed)
         off.append(np.sqrt(np.nanmean(error[s > 0.02] ** 2)))
     assert off[0] < 0.5 * off[1]
-    assert slip.slides(first.axles[0])
+    assert sliding.slides(first.axles[0])

@@ -26,7 +26,7 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import LOCKED
 from adhesion_cli.formats.open import open_source
-from adhesion_cli.rail import creep_law, slip, slope
+from adhesion_cli.rail import creep_law, sliding, slope
 from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import (
     closed_loop,
@@ -844,7 +844,7 @@ def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
     np.testing.assert_array_equal(axle.record.truth, stop.force[:, 0])
     moves = stop.train_speed > 2.0
     assert np.abs(axle.slip - stop.slip[:, 0])[moves].max() < 0.05  # one is what sensors say
-    assert len(slip.slides(axle)) > 0
+    assert len(sliding.slides(axle)) > 0
     with path.open("rb") as file:
         stated = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
     assert stated["adhesion.provenance"]["sources"] == "a book"

@@ -15,7 +15,7 @@ from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import AxleResult, Parameter, Result
-from adhesion_cli.rail import creep_law, fit, slip
+from adhesion_cli.rail import creep_law, fit, sliding
 from adhesion_cli.wsp import closed_loop, replay, replay_rail, scenario, simulate
 from adhesion_cli.wsp.scenario import Command, Rail, Section, Wsp
 
@@ -104,12 +104,13 @@ def test_the_rail_does_not_end_while_the_train_stops(log: Path) -> None:
     force = np.where(last, 2.0 * np.nanmax(first.reference.force), first.reference.force)
     more = replace(first, reference=replace(first.reference, force=force))
     of = first, more
-    spans = [
-        replay_rail.rail_under_axle(a, result.vehicle, slip.slides(a), begin, int(a.record.t[-1]))[
-            0
-        ].spans
+    rails = [
+        replay_rail.rail_under_axle(
+            a, result.vehicle, sliding.slides(a), begin, int(a.record.t[-1])
+        )[0]
         for a in of
     ]
+    spans = [rail.spans for rail in rails]
     assert spans[0] == spans[1]
     assert [f.code for f in replay.case(replace(result, axles=(more, *rest))).findings] == [
         "rail-parameters-unknown"
@@ -207,7 +208,7 @@ def test_where_every_axle_slides_the_demand_is_the_largest_so_far(log: Path) -> 
     assert [f.severity for f in case.findings if f.code == "demand-unknown"] == ["warning"]
     assert not case.demanded  # they slide while the brake fills
     asked = np.array([c.clamping_force for c in case.scenario.brake.command])
-    first = min(x.start for a in two.axles for x in slip.slides(a))
+    first = min(x.start for a in two.axles for x in sliding.slides(a))
     begin = case.start_s * 1e9 + result.log.start_ns()
     after = asked[int((first - begin) * 1e-9 / replay._KNOT_INTERVAL) + 1 :]
     assert (np.diff(after) >= 0.0).all()

@@ -15,7 +15,7 @@ from ...core.finding import catalogue
 from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
 from ...core.physics import SLIDES
 from ...core.text import printable
-from ...rail import fit, slip
+from ...rail import fit, sliding
 from ...rail.slope import Bands
 from .. import log_events, names, palette, thinning
 from . import overview, parts, rows
@@ -80,7 +80,7 @@ class _Page:
         if name:  # the logs of a comparison, by their own brakes
             self.zeros["brake"] = result.brake_ns()
         self.spans = [self._spans(a) for a in result.axles]
-        self.slides = {a.record.axle: slip.slides(a) for a in result.axles}
+        self.slides = {a.record.axle: sliding.slides(a) for a in result.axles}
         pairs = list(zip(self.spans, result.axles, strict=True))
         points = [sum(map(len, s)) for s, _ in pairs]
         point_count = sum(

@@ -1,0 +1,225 @@
+"""The rail under the slides of an axle: points, fit, utilisation, and a summary."""
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import physics
+from ..core.finding import Finding
+from ..core.model import (
+    AxleRecord,
+    AxleResult,
+    Bools,
+    Floats,
+    Parameter,
+    Vehicle,
+)
+from . import fit
+from .events import Slide
+from .sliding import find_creep, slides
+from .slope import REGIONS
+from .speed_errors import DELAY_SIGMA, has_slow_receiver, speed_error, speed_noise
+from .wheel_calibration import calibrate_radius
+
+_SAME_RAIL_PAUSE = 5.0  # after a longer pause a slide may be on another rail [s]
+_SMEARING_TIME = 0.1  # over this time the smoother of the force spreads an error [s]
+_FEW_DRAWS = 40  # draws for the utilisation of one brake application
+
+
+def shares(axle: AxleResult) -> dict[str, float]:
+    """Share of the braked time, above the speed limit for slip, in each region."""
+    if axle.region is None or axle.slip is None:
+        return {}
+    time = np.zeros(len(REGIONS))
+    for s in axle.applications:
+        h = np.diff(axle.record.t[s], append=axle.record.t[s.stop - 1]) * 1e-9
+        h = np.where(np.isfinite(axle.slip[s]), h, 0.0)
+        time += np.bincount(axle.region[s], weights=h, minlength=len(REGIONS))
+    total = float(time.sum())
+    if total == 0.0:
+        return {}
+    return {name: float(x) / total for name, x in zip(REGIONS, time, strict=True)}
+
+
+class Summary(NamedTuple):
+    """What `adhesion slip` reports of one axle; None where the log does not show it."""
+
+    axle: int
+    regions: dict[str, float]  # shares of the braked time
+    slides: list[Slide]
+    rail: fit.RailFit | None
+    slip_rmse: float | None  # against the log's own true slip, while braked
+    delay: Parameter | None  # delay of the train speed, corrected [s]; None: not known
+
+
+def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
+    """Slides, shares, rail, peak and adhesion utilisation of an axle."""
+    axle_slides = slides(axle)
+    rail, findings = fit_rail(AxleContext(axle, vehicle), axle_slides)
+    delay = None if axle.record.train_speed_made else axle.record.train_speed_late
+    return Summary(axle.record.axle, shares(axle), axle_slides, rail, _rmse(axle), delay), findings
+
+
+class AxleContext:
+    """What a fit needs of the whole axle, computed once for all its brake applications.
+
+    Args:
+        axle: with its slip and a train speed, before anything is asked for.
+        vehicle: for μ and the wheel radius.
+    """
+
+    def __init__(self, axle: AxleResult, vehicle: Vehicle) -> None:
+        self.axle, self.vehicle = axle, vehicle
+
+    @cached_property
+    def radius(self) -> Parameter:
+        """At which it coasts without slip [m]."""
+        return calibrate_radius(self.axle.record, self.vehicle)[0]
+
+    @cached_property
+    def noise(self) -> Floats:
+        """1 sigma of v − ωR [m/s], (n,)."""
+        return speed_noise(self.axle.record, self.radius.value)
+
+    @cached_property
+    def clock(self) -> Floats:
+        """1 sigma of slip by the train speed, (n,)."""
+        return speed_error(self.axle.record, DELAY_SIGMA)
+
+    @cached_property
+    def swing(self) -> Floats:
+        """1 sigma of μ by the reference, (n,)."""
+        return physics.coefficient(
+            _around(self.axle.record, self.axle.reference.sigma), self.vehicle
+        )
+
+    @cached_property
+    def creep(self) -> list[slice]:
+        """Where it creeps, as `find_creep`."""
+        assert self.axle.slip is not None
+        return find_creep(self.axle.record, self.axle.slip)
+
+
+def unknown_slip(record: AxleRecord, samples: slice, vehicle: Vehicle) -> tuple[Bools, float]:
+    """Where the wheel turns and the train speed is not known, and for how long [s].
+
+    Args:
+        record: the axle's record.
+        samples: a brake application.
+        vehicle: for the radius.
+
+    Returns:
+        A mask of the brake application, shape (m,), and its time.
+    """
+    mask: Bools = record.wheel_speed[samples] * vehicle.radius(record.axle).value > physics.CRAWL
+    if record.train_speed is not None:
+        mask &= ~np.isfinite(record.train_speed[samples])
+    h = np.diff(record.t[samples], append=record.t[samples.stop - 1])
+    typical = np.minimum(h, 2.0 * np.median(h))  # without the time of a gap
+    return mask, float(typical[mask].sum()) * 1e-9
+
+
+def utilisation(context: AxleContext, axle_slides: Sequence[Slide]) -> fit.Interval | None:
+    """Adhesion utilisation in these slides of an axle, by the rail under them; None if not known.
+
+    As in `summary`, with fewer draws: it takes about half a second.
+    """
+    rail, _ = fit_rail(context, axle_slides, _FEW_DRAWS)
+    return rail.utilisation if rail else None
+
+
+def fit_rail(
+    context: AxleContext, axle_slides: Sequence[Slide], draws: int | None = None
+) -> tuple[fit.RailFit | None, list[Finding]]:
+    """The rail under slides of an axle, and findings about what they do not show."""
+    record, vehicle = context.axle.record, context.vehicle
+    name = f"axle {record.axle}"
+    if not axle_slides:
+        return None, [Finding("no-slide", "info", channel=name)]
+    if record.train_speed_made:
+        return None, [Finding("rail-needs-train-speed", "info", channel=name)]
+    if has_slow_receiver(record):
+        return None, [Finding("rail-needs-train-clock", "info", channel=name)]
+    radius = context.radius
+    observed, mu_error = points(context, axle_slides)
+    if fit.clear_time(observed) < fit.SHORTEST:
+        needed = {"needed_s": fit.SHORTEST}
+        return None, [Finding("slides-too-short", "info", channel=name, values=needed)]
+    rail = fit.fit(observed, vehicle, radius.tolerance / radius.value, mu_error, draws or fit.DRAWS)
+    if rail is None:
+        return None, [Finding("rail-changes", "info", channel=name)]
+    findings = []
+    if rail.peak_slip_limit is None:
+        findings.append(Finding("peak-unknown", "info", channel=name))
+    elif rail.peak_slip is None:
+        values = {"share": rail.peak_slip_limit}
+        findings.append(Finding("peak-below", "info", channel=name, values=values))
+    if missing := ", ".join(n for n in rail.best._fields if n not in rail.constants):
+        names = {"parameters": missing}
+        findings.append(Finding("rail-parameters-unknown", "info", channel=name, names=names))
+    return rail, findings
+
+
+def _rmse(axle: AxleResult) -> float | None:
+    """Rms error of slip against the log's true slip, while braked; None without a true slip."""
+    true_slip, s = axle.record.true_slip, axle.slip
+    if true_slip is None or s is None:
+        return None
+    error = np.concatenate([(s - true_slip)[x] for x in axle.applications] or [np.empty(0)])
+    error = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(error**2))) if len(error) else None
+
+
+def points(context: AxleContext, axle_slides: Sequence[Slide]) -> tuple[fit.Points, float]:
+    """Operating points of slides and of creep close to them; 1 sigma of μ's scale.
+
+    After a long pause the rail may be another one.
+    """
+    axle, vehicle = context.axle, context.vehicle
+    record, ref = axle.record, axle.reference
+    assert axle.slip is not None
+    assert record.train_speed is not None
+    sliding, on_same_rail = np.zeros((2, len(record)), dtype=np.bool_)
+    for x in axle_slides:
+        sliding[x.samples] = True
+    runs = {x.start: x for x in (*context.creep, *(x.samples for x in axle_slides))}
+    for segment in record.segments:
+        inside = [runs[i] for i in sorted(runs) if segment.start <= i < segment.stop]
+        group = slice(0, 0)
+        for run, following in pairwise([*inside, slice(0, 0)]):
+            group = slice(group.start if group.stop else run.start, run.stop)
+            pause = record.t[following.start] - record.t[run.stop - 1]
+            if following.stop and pause < _SAME_RAIL_PAUSE * 1e9:
+                continue
+            on_same_rail[group] = sliding[group].any()
+            group = slice(0, 0)
+    indices = np.flatnonzero(on_same_rail & np.isfinite(ref.force) & np.isfinite(axle.slip))
+    mu = physics.coefficient(ref.force[indices], vehicle)
+    force, mass = np.maximum(ref.force[indices], 1.0), vehicle.axle_mass
+    common = 0.0 if ref.mass is None else ref.mass[indices] / force  # error of force and mass
+    scale = (ref.tolerance[indices] / force) ** 2 - 2.0 * common
+    variance = (float(np.median(scale)) if len(indices) else 0.0) + (
+        mass.tolerance / mass.value
+    ) ** 2
+    error = math.sqrt(max(variance, 0.0))
+    t = (record.t[indices] - record.t[0]) * 1e-9
+    v = record.train_speed[indices]
+    noise = context.noise[indices] / v  # of (2)
+    columns = context.swing[indices], context.clock[indices], sliding[indices]
+    return fit.Points(t, v, axle.slip[indices], mu, noise, *columns), error
+
+
+def _around(record: AxleRecord, sigma: Floats) -> Floats:
+    """Largest sigma of the reference within `_SMEARING_TIME`, shape (n,).
+
+    Between two readings of a changing pressure, K is unknown. Its error goes into ω̇, and the
+    smoother spreads it over correct readings nearby.
+    """
+    h = float(np.median(np.diff(record.t))) * 1e-9
+    m = max(1, round(_SMEARING_TIME / h))
+    padded = np.pad(np.nan_to_num(sigma), m)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * m + 1).max(axis=-1))

@@ -1,0 +1,75 @@
+"""When an axle slides, and when it creeps at the rail's limit."""
+
+import numpy as np
+
+from ..core import signals
+from ..core.model import (
+    AxleRecord,
+    AxleResult,
+    Floats,
+)
+from . import events
+from .events import END_SLIP, Slide
+from .speed_errors import CLEAR_SIGMAS, has_slow_receiver, speed_error
+
+_SHORTEST_CREEP = 0.5  # least duration of creep that is no oscillation of the speeds [s]
+
+
+def slides(axle: AxleResult) -> list[Slide]:
+    """Slides of a braked axle, in the order of time; none reaches across segments.
+
+    Slip within the error and noise of the train speed is no slide. With an unknown delay of a slow
+    receiver, the slides have the least slip that is certain.
+    """
+    if axle.slip is None:
+        return []
+    clear = _certain_slip(axle.record, axle.slip)
+    return find_slides(axle, clear if has_slow_receiver(axle.record) else axle.slip, clear)
+
+
+def find_slides(axle: AxleResult, s: Floats, certain: Floats) -> list[Slide]:
+    """The same of a slip, and of the part of it that is certain, shape (n,).
+
+    The brake is applied in a slide, or was a second before.
+    """
+    record, slides = axle.record, []
+    assert record.train_speed is not None
+    columns = record.t, record.train_speed, s, certain, axle.reference.force
+    is_lower_bound = record.train_speed_made or has_slow_receiver(record)
+    depth = None if axle.slip_noise is None else CLEAR_SIGMAS * axle.slip_noise
+    for segment in record.segments:
+        for x in events.slides(segment, *columns, is_lower_bound, depth):
+            earlier_t = record.t[: x.samples.start]
+            brake_start = int(np.searchsorted(earlier_t, record.t[x.samples.start] - 1_000_000_000))
+            if (record.clamping_force[brake_start : x.samples.stop] > 0.0).any():
+                slides.append(x)
+    return slides
+
+
+def _certain_slip(record: AxleRecord, s: Floats) -> Floats:
+    """Slip minus the possible error of the train speed, shape (n,)."""
+    return s - 2.0 * speed_error(record)
+
+
+def limited_from(axle: AxleResult, start_ns: int, end_ns: int) -> int | None:
+    """When adhesion first limits the wheel, between two times [ns]; None where it does not.
+
+    With a WSP this is before the first slide: at the first lasting creep above a rolling wheel's.
+    """
+    record, s = axle.record, axle.slip
+    if s is None or record.train_speed is None:
+        return None
+    runs = [x.samples for x in slides(axle)] + find_creep(record, s)
+    starts = [int(record.t[x.start]) for x in runs]
+    return min((t for t in starts if start_ns <= t <= end_ns), default=None)
+
+
+def find_creep(record: AxleRecord, s: Floats) -> list[slice]:
+    """Where a braked wheel has lasting slip above a rolling wheel's, in the order of time."""
+    is_creeping, runs = (_certain_slip(record, s) > END_SLIP) & (record.clamping_force > 0.0), []
+    for segment in record.segments:
+        for start, stop in signals.true_runs(is_creeping[segment]):
+            run = slice(segment.start + start, segment.start + stop)
+            if record.t[run.stop - 1] - record.t[run.start] >= _SHORTEST_CREEP * 1e9:
+                runs.append(run)
+    return runs

@@ -1,0 +1,152 @@
+"""The wheel's radius from rolling, and a train speed from the axles."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..core import compiled, physics, signals
+from ..core.finding import Finding, merge_spans
+from ..core.model import (
+    Z95,
+    AxleRecord,
+    Floats,
+    Parameter,
+    Vehicle,
+)
+from ..core.physics import reference_speed
+from .speed_errors import COASTING_RATE, DELAY_SIGMA, delay_error
+
+_DRIVING_RATE = 0.1  # and largest acceleration: a driven wheel creeps [m/s²]
+_CALIBRATION_SPEED = 3.0  # least speed of a calibration, below which (2) is mostly noise [m/s]
+_SHORTEST_COASTING = 2.0  # least time of coasting for a calibration [s]
+_LARGEST_CORRECTION = 0.1  # largest correction of a wheel radius: beyond it, a unit is wrong
+_SLIDING_SHARE = 0.03  # where all axles are this far below the reference speed, all slide
+
+
+def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
+    """True over stated wheel radius, and its 1 sigma, from coasting; None without coasting.
+
+    A wheel that is neither braked nor driven rolls: v = ωR. Acceleration shows a driven one. The
+    uncertainty of the train speed's delay is one error of all readings.
+    """
+    if record.train_speed is None:
+        return None
+    v, rim = record.train_speed, record.wheel_speed * radius
+    ratios, delay_errors, seconds = [], [], 0.0
+    error_by_delay = delay_error(record, DELAY_SIGMA)
+    for s in record.segments:
+        t = (record.t[s] - record.t[s.start]) * 1e-9
+        change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])
+        coasting = (
+            (record.clamping_force[s] < physics.NO_FORCE)
+            & (change > -COASTING_RATE)
+            & (change < _DRIVING_RATE)
+        )
+        coasting &= (rim[s] > _CALIBRATION_SPEED) & (v[s] > _CALIBRATION_SPEED)
+        ratios.append(v[s][coasting] / rim[s][coasting])
+        delay_errors.append(error_by_delay[s][coasting])
+        seconds += float(np.diff(t, prepend=t[0])[coasting].sum())
+    ratio = np.concatenate(ratios)
+    if seconds < _SHORTEST_COASTING or len(ratio) < 10:
+        return None
+    # At most one value a second is independent: interpolated values repeat. A line between readings
+    # has 2/3 of their variance. The spread of few values is itself uncertain.
+    interval, step = record.train_speed_interval, seconds / len(ratio)
+    sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
+    sigma *= signals.coverage_factor(max(seconds / max(interval, step) - 1.0, 1.0)) / Z95
+    sigma /= math.sqrt(max(seconds / max(interval, 1.0), 1.0))
+    return float(np.median(ratio)), math.hypot(
+        sigma, float(np.median(np.concatenate(delay_errors)))
+    )
+
+
+def calibrate_radius(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Finding]]:
+    """Wheel radius [m] at which the axle coasts without slip, and findings about it."""
+    stated_radius, name = vehicle.radius(record.axle), f"axle {record.axle}"
+    radius = stated_radius.value
+    measured = calibration(record, radius)
+    if measured is None:
+        return stated_radius, [Finding("wheel-not-calibrated", "info", channel=name)]
+    ratio, sigma = measured
+    if abs(ratio - 1.0) > _LARGEST_CORRECTION:
+        return stated_radius, []
+    if abs(ratio - 1.0) <= 2.0 * sigma:
+        return Parameter(radius, min(radius * sigma, stated_radius.tolerance)), []
+    values = {"share": ratio - 1.0, "share_u95": Z95 * sigma, "diameter_m": 2.0 * radius * ratio}
+    rolling = Parameter(radius * ratio, radius * sigma)
+    return rolling, [Finding("wheel-calibrated", "info", channel=name, values=values)]
+
+
+def _follow(t: Floats, fastest: Floats, braking: Floats, v: Floats) -> None:
+    """Fills v by `physics.reference_speed`; starts anew after unknown values."""
+    v[0] = fastest[0]
+    for i in range(1, len(t)):
+        v[i] = fastest[i]
+        if math.isfinite(v[i - 1]) and math.isfinite(fastest[i]):
+            v[i] = reference_speed(v[i - 1], fastest[i], braking[i], t[i] - t[i - 1])
+
+
+def with_reference_speed(
+    records: Sequence[AxleRecord],
+    all_records: Sequence[AxleRecord],
+    vehicle: Vehicle,
+    start_ns: int,
+) -> tuple[list[AxleRecord], list[Finding]]:
+    """Records without a train speed get one estimated from all axles: `physics.reference_speed`.
+
+    Args:
+        records: the axles that need it.
+        all_records: all axles of the log.
+        vehicle: for the brake's deceleration, and the radii.
+        start_ns: the log's start.
+    """
+    if any((np.diff(r.t) <= 0).any() for r in all_records):
+        return list(records), [Finding("no-train-speed", "warning")]
+    t = np.unique(np.concatenate([r.t for r in all_records]))
+    rim, K = np.full((2, len(all_records), len(t)), np.nan)
+    for i, r in enumerate(all_records):
+        for s in r.segments:
+            inside = (t >= r.t[s.start]) & (t <= r.t[s.stop - 1])
+            rims = r.wheel_speed[s] * vehicle.radius(r.axle).value
+            rim[i, inside] = np.interp(t[inside], r.t[s], rims)
+            K[i, inside] = np.interp(t[inside], r.t[s], r.clamping_force[s])
+    middle = signals.finite_median(rim)
+    for i, r in enumerate(all_records):
+        trial = replace(r, train_speed=np.interp(r.t, t, middle))
+        measured = (
+            calibration(trial, vehicle.radius(r.axle).value) if len(all_records) > 1 else None
+        )
+        if measured and abs(measured[0] - 1.0) < _LARGEST_CORRECTION:
+            rim[i] *= measured[0]
+    finite = np.isfinite(rim).any(axis=0)
+    fastest = np.where(finite, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
+    w = physics.wheelset(vehicle, all_records[0].axle)
+    braking = physics.braked(np.nan_to_num(signals.finite_median(K)), w)
+    v = np.empty(len(t))
+    seconds = (t - t[0]) * 1e-9
+    compiled.function(_follow)(seconds, fastest, braking, v)
+    findings = [Finding("reference-speed", "info", values={"axles": len(all_records)})]
+    sliding = (fastest < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
+    if sliding.any():
+        seconds_of_log = (t - start_ns) * 1e-9
+        spans = merge_spans(
+            [
+                (float(seconds_of_log[a]), float(seconds_of_log[b - 1]))
+                for a, b in signals.true_runs(sliding)
+            ]
+        )
+        findings.append(
+            Finding("all-axles-slide", "warning", count=int(sliding.sum()), spans=spans)
+        )
+    completed = [
+        replace(
+            r,
+            train_speed=np.interp(r.t, t, v),
+            train_speed_late=Parameter(0.0, 0.0),
+            train_speed_made=True,
+        )
+        for r in records
+    ]
+    return completed, findings
