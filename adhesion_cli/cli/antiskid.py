@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from ..core.annotated import Json
 from . import results
 from .options import (
     ScenarioName,
@@ -24,6 +23,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
+    from ..core.annotated import Json
     from ..core.finding import Finding
     from ..wsp.plant import Track
     from ..wsp.scenario import Scenario
@@ -254,7 +254,7 @@ class _Outcome:
     case: "Scenario"
     settings: "Stated"
     stops: "Sequence[Stop]"
-    document: Json
+    document: "Json"
     text: str
     findings: "Sequence[Finding]" = ()
     track: "Track | None" = None  # the rail that was fitted to a log

@@ -1,10 +1,13 @@
 """`adhesion reproduce`: the paper's tables and figures compared with ours."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..core.annotated import Json
 from . import results
 from .options import Shared, check, shared
+
+if TYPE_CHECKING:
+    from ..core.annotated import Json
 
 
 @shared("out", "json", "force", "view")
@@ -40,7 +43,7 @@ def command(shared: Shared) -> int:
     return results.finished(shared, paths[1], [])
 
 
-def report(doc: Json) -> list[str]:
+def report(doc: "Json") -> list[str]:
     """The document as people read it, part by part."""
     from .terminal import number, table
 
@@ -88,7 +91,7 @@ def report(doc: Json) -> list[str]:
     return sections
 
 
-def _table_2(doc: Json) -> str:
+def _table_2(doc: "Json") -> str:
     from .terminal import number, table
 
     rows = [

@@ -9,15 +9,11 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from adhesion_cli.analysis.json_documents import embedded
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.model import Result, Vehicle
 from adhesion_cli.results import mcap
-from adhesion_cli.results.report import page
-from adhesion_cli.results.report.run import ReportRun, read
 from helpers import made_results
 
 EVIL = '<img src=x onerror="alert(1)">\'"</script><b>'
@@ -31,17 +27,6 @@ def analysed(**of: Any) -> Result:
 def written(path: Path, result: Result) -> Path:
     mcap.write_result(path, result, embedded([summarise(result, {})]))
     return path
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> ReportRun:
-    path = tmp_path_factory.mktemp("report") / "stop.adhesion.mcap"
-    return read(written(path, analysed(axles=2, n=3000)))
-
-
-@pytest.fixture(scope="module")
-def text(run: ReportRun) -> str:
-    return page.page([run])
 
 
 class Elements(HTMLParser):

@@ -22,6 +22,17 @@ from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import ReportAxle, ReportRun, read
 
 
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> ReportRun:
+    path = tmp_path_factory.mktemp("report") / "stop.adhesion.mcap"
+    return read(written(path, analysed(axles=2, n=3000)))
+
+
+@pytest.fixture(scope="module")
+def text(run: ReportRun) -> str:
+    return page.page([run])
+
+
 def with_applications(
     axle: ReportAxle, *braked: BrakeApplication, number: int | None = None
 ) -> ReportAxle:
