@@ -31,7 +31,7 @@ from adhesion_cli.core.model import (
     Vehicle,
     quantities,
 )
-from adhesion_cli.reference import force, smoother
+from adhesion_cli.reference import force, pulses, smoother
 
 
 def averaged(record: AxleRecord, name: str, seed: int = 1) -> AxleRecord:
@@ -112,9 +112,9 @@ def test_a_wheel_that_rolls_shows_the_pressure_between_its_samples(name: str) ->
 def test_a_long_level_beside_dither_counts_once() -> None:
     """A wheel that turns back near the edge of a step: its level of a second is no white noise."""
     y = np.repeat([18.0, 19.0, 20.0, 19.0, 20.0, 19.0, 18.0], [30, 57, 2, 1, 26, 44, 20])
-    level, variance = force._remove_steps(np.arange(len(y)) * 0.005, y, np.ones(len(y)))
+    level, variance = pulses.remove_steps(np.arange(len(y)) * 0.005, y, np.ones(len(y)))
     for run in (slice(30, 87), slice(90, 116)):
-        assert np.isfinite(variance[run]).sum() <= force._KNOTS + 2
+        assert np.isfinite(variance[run]).sum() <= pulses._KNOTS + 2
     assert np.abs(level - y).max() <= 0.5
 
 
@@ -145,8 +145,8 @@ def test_a_counts_interval_ends_at_its_stamp_and_a_totals_lies_about_it() -> Non
     record, _ = logged("service-brake", 20.0, teeth=60)
     t, zero = record.t * 1e-9, np.zeros(len(record))
     whole = smoother.UnbrokenRun(t, zero, zero, zero, zero, zero, zero)
-    ends = force._pulse_means(record, zero, whole, 2)
-    about = force._pulse_means(
+    ends = pulses.pulse_means(record, zero, whole, 2)
+    about = pulses.pulse_means(
         replace(record, of_totals=True), zero, whole._replace(t=t - 0.025), 2
     )
     assert about.t == pytest.approx(ends.t)
@@ -175,7 +175,7 @@ def test_a_mean_lies_beside_the_middle_of_a_random_walks_integral() -> None:
 )  # fmt: skip
 def test_a_pulse_counter_is_known_by_its_pulses(sensor: dict[str, float], counts: bool) -> None:
     for name in ("service-brake", "leaf-film"):
-        assert (force._counts_together(logged(name, 100.0, **sensor)[0]) > 0) == counts
+        assert (pulses.counts_together(logged(name, 100.0, **sensor)[0]) > 0) == counts
 
 
 @pytest.mark.parametrize(("kmh", "rates"), [(1.0, (10.0, 50.0, 200.0)), (0.2, (50.0, 1000.0))])
@@ -209,7 +209,7 @@ def test_sigma_covers_what_a_slow_pressure_does_not_show(pressure_rate: float) -
 def test_a_rounded_ramp_is_known_within_its_motion(rise: float, start: float, way: float) -> None:
     t = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 300))
     ramp = 100.0 + start + way * rise * t
-    level, variance = force._remove_steps(t, np.round(ramp), np.ones(len(ramp)))
+    level, variance = pulses.remove_steps(t, np.round(ramp), np.ones(len(ramp)))
     told = np.isfinite(variance)
     assert np.all(np.abs(level - ramp)[told] <= 0.5 + 1e-9)
     sharp = variance < 1.0 / 12.0
@@ -222,7 +222,7 @@ def test_a_rounded_ramp_is_known_within_its_motion(rise: float, start: float, wa
 def test_a_pulse_counter_is_not_a_staircase() -> None:
     """5 5 6 5 5 6: the mean is 5.33, not half way between the two levels."""
     y = np.tile([5.0, 5.0, 6.0], 50)
-    level, variance = force._remove_steps(np.arange(150.0), y, np.ones(150))
+    level, variance = pulses.remove_steps(np.arange(150.0), y, np.ones(150))
     assert np.average(level, weights=1.0 / variance) == pytest.approx(y.mean(), abs=0.02)
 
 

@@ -1,0 +1,154 @@
+"""The noise of measured samples, fitted, and what a smoother makes of it."""
+
+import math
+
+import numpy as np
+
+from ..core.model import AxleRecord, Floats
+from . import smoother
+
+_FITTED_SAMPLES = 20_000  # samples that the noise levels are fitted to
+_BLOCK = 2_000  # consecutive samples fitted together
+FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
+NO_BRAKING = 100.0  # clamping force below which there is no braking [N]
+SLACK: tuple[float, ...] = (0.5, 0.5)  # slack of coupling and rolling [nats], see `smoother.Prior`
+_SLOWEST = 0.2  # longest interval at which slides are looked for [s]
+_CLEAR_NATS = 15.0  # nats by which slides must be more likely
+_NATS = 3.0  # of a likelihood without correlated errors that count as one
+NEVER, LIKELY = 1e-3, 0.8  # probabilities below which, and above which, a case is taken as sure
+SWITCHING_RATES = np.array(
+    [[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]]
+)  # regimes [1/s]
+START_PROBABILITIES = np.array([0.9, 0.05, 0.05])
+_DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)  # 1 sigma of the prior of noise, coupling, each roughness
+ValueAndSigma = tuple[Floats, Floats]  # a column and its 1 sigma, shape (n,)
+
+
+def rate_of_change(
+    all_samples: smoother.UnbrokenRun,
+    run: smoother.UnbrokenRun,
+    regimes: smoother.Regimes,
+    noise: smoother.MeasurementNoise,
+) -> ValueAndSigma:
+    """ω̇ and its 1 sigma at the times of `all_samples`, estimated from `run`; shape (n,)."""
+    x = smoother.smooth(run, regimes, noise)
+    if run.t is all_samples.t:
+        return x.rate, x.rate_sigma
+    missed = line_error(all_samples.t, run.t, x.rate)
+    rate: Floats = all_samples.u + np.interp(all_samples.t, run.t, x.rate)
+    return rate, np.hypot(np.interp(all_samples.t, run.t, x.rate_sigma), missed)
+
+
+def probability_of_means(
+    instants: list[smoother.UnbrokenRun],
+    means: list[smoother.UnbrokenRun],
+    noise: smoother.MeasurementNoise,
+    regimes: smoother.Regimes,
+    prior: smoother.MeasurementNoise,
+) -> tuple[float, smoother.MeasurementNoise]:
+    """Probability that readings are means since the one before, and the noise levels for that.
+
+    The effect of K on ω̇ shows it: at once, or half an interval later.
+    """
+    instant_sample, mean_sample = take_samples(instants), take_samples(means)
+    instant_likelihood = smoother.likelihood(instant_sample, regimes, noise)
+    if smoother.likelihood(mean_sample, regimes, noise) < instant_likelihood - _CLEAR_NATS:
+        return 0.0, noise
+    noise, _ = _fit(mean_sample, regimes, prior, SLACK, noise)
+    gain = smoother.likelihood(mean_sample, regimes, noise) - instant_likelihood
+    return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise
+
+
+def mix_estimates(
+    instant_estimate: ValueAndSigma, mean_estimate: ValueAndSigma, share: float
+) -> ValueAndSigma:
+    """The first one, or the other if that is clearly more likely; 1 sigma contains both."""
+    chosen = mean_estimate[0] if share > LIKELY else instant_estimate[0]
+    variances = [sigma**2 + (x - chosen) ** 2 for x, sigma in (instant_estimate, mean_estimate)]
+    return chosen, np.sqrt((1.0 - share) * variances[0] + share * variances[1])
+
+
+def largest_bend(x: Floats) -> Floats:
+    """The larger second difference at i − 1 and i, shape (n,)."""
+    bend = np.abs(np.diff(x, 2, prepend=x[0], append=x[-1])) if len(x) else x
+    larger: Floats = np.maximum(bend, np.concatenate([bend[:1], bend[:-1]]))
+    return larger
+
+
+def fit_regimes(
+    runs: list[smoother.UnbrokenRun],
+    interval: float,
+    scale: float,
+    prior: smoother.MeasurementNoise,
+    slack: tuple[float, ...],
+) -> tuple[smoother.MeasurementNoise, smoother.Regimes]:
+    """Noise levels for a wheel that only rolls, or also slides if that is clearly more likely.
+
+    A slow log only rolls: a slide of a few samples cannot be recognised.
+    """
+    sample = take_samples(runs)
+    rolling_only = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
+    rolling_noise, rolling_value = _fit(sample, rolling_only, prior, slack)
+    if interval > _SLOWEST:
+        return rolling_noise, rolling_only
+    switching = smoother.Regimes(
+        np.array([0.0, 1.0, 1.0]), SWITCHING_RATES, START_PROBABILITIES, scale + 1.0
+    )
+    switching_noise, switching_value = _fit(sample, switching, prior, slack)
+    return (
+        (switching_noise, switching)
+        if switching_value - rolling_value > _CLEAR_NATS
+        else (rolling_noise, rolling_only)
+    )
+
+
+def _fit(
+    runs: list[smoother.UnbrokenRun],
+    regimes: smoother.Regimes,
+    prior: smoother.MeasurementNoise,
+    slack: tuple[float, ...],
+    start_noise: smoother.MeasurementNoise | None = None,
+) -> tuple[smoother.MeasurementNoise, float]:
+    """Noise levels of these regimes, the first of the prior, and their log posterior."""
+    M = len(regimes.start)
+    guess = prior._replace(rough=prior.rough[:M])
+    return smoother.fit(
+        runs, regimes, smoother.Prior(guess, _DECADES[: 2 + M], FLOOR, slack), start_noise
+    )
+
+
+def line_error(t: Floats, knots: Floats, x: Floats) -> Floats:
+    """Possible error at the times t of straight lines between x at `knots`, shape (n,)."""
+    right = np.clip(np.searchsorted(knots, t), 1, len(knots) - 1)
+    fraction = (t - knots[right - 1]) / (knots[right] - knots[right - 1])
+    error: Floats = largest_bend(x)[right] * fraction * (1.0 - fraction)
+    return error
+
+
+def seconds_of(run: AxleRecord) -> Floats:
+    """Times since the first sample [s], shape (n,)."""
+    since: Floats = (run.t - run.t[0]) * 1e-9
+    return since
+
+
+def median_step(runs: list[smoother.UnbrokenRun]) -> float:
+    """Median interval [s]."""
+    return float(np.median(np.concatenate([np.diff(r.t) for r in runs])))
+
+
+def take_samples(runs: list[smoother.UnbrokenRun]) -> list[smoother.UnbrokenRun]:
+    """The runs, or blocks of a long log for the fit: half spread evenly, half the roughest.
+
+    Slides are rare, and noise levels fitted without them would be wrong for them.
+    """
+    if sum(len(r.t) for r in runs) <= _FITTED_SAMPLES:
+        return runs
+    blocks = [
+        smoother.UnbrokenRun(*(column[i : i + _BLOCK] for column in r))
+        for r in runs
+        for i in range(0, len(r.t), _BLOCK)
+    ]
+    count = min(_FITTED_SAMPLES // _BLOCK // 2, len(blocks))
+    roughest = np.argsort([-np.sum(np.diff(b.y, 2) ** 2) for b in blocks], kind="stable")[:count]
+    spread = np.linspace(0, len(blocks) - 1, count).astype(int)
+    return [blocks[i] for i in sorted({*roughest, *spread})]
