@@ -11,14 +11,14 @@ from ..channels.meaning import name
 from ..core.errors import UserError, as_user_error
 from ..core.finding import Finding, Severity
 from ..core.model import Channel, Log
-from ..core.summary import InspectedChannel, InspectedLog
+from ..core.summary import InspectedChannel, InspectedLog, summarise_finding
 from ..core.text import iso
 from ..formats.memory import Signals
 from ..formats.open import kind, open_source
 from ..formats.source import Source
 from .prepare import prepare
 from .settings import Settings
-from .summarise import summarise_channel, summarise_finding
+from .summarise import summarise_channel
 
 
 class LogInspection(NamedTuple):

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..core.document import dumps
 from ..core.finding import Finding
 from ..core.model import Result
 from ..rail.rail_under_slides import Summary, summary
 from ..results.slip_text import note
-from .json_documents import dumps, slip_document
+from .json_documents import slip_document
 
 if TYPE_CHECKING:
     from ..results.rrd.results import Note

@@ -6,17 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.finding import Finding
 from ..core.model import AxleResult, Channel, Floats, Result
 from ..core.summary import (
     AxleSummary,
     BrakeApplication,
     ChannelSummary,
     Coverage,
-    FindingSummary,
     LogSummary,
     ReferenceSummary,
     ResultSummary,
+    summarise_finding,
 )
 from ..core.text import iso
 
@@ -75,14 +74,6 @@ def summarise_channel(channel: Channel) -> ChannelSummary:
     return ChannelSummary(
         channel.name, channel.field, meaning, channel.axle, channel.unit, channel.reason
     )
-
-
-def summarise_finding(f: Finding) -> FindingSummary:
-    """A finding with its words."""
-    return FindingSummary(
-        f.code, f.severity, f.channel, f.count, f.first_s, f.spans, f.values, f.names, f.message,
-        f.hint,
-    )  # fmt: skip
 
 
 def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]]:

@@ -14,7 +14,7 @@ import numpy as np
 from ..analysis import inspection, json_documents, outputs
 from ..analysis.slip_of_log import SlipOfLog, carried
 from ..analysis.summarise import brake_applications, summarise
-from ..core import physics, toml
+from ..core import document, physics, toml
 from ..core.annotated import Json, as_json
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
@@ -511,7 +511,7 @@ class Inspection(_Tables):
     @property
     def document(self) -> Json:
         """What `adhesion inspect --json` prints."""
-        return json_documents.tagged("inspect", logs=[as_json(self._inspected.summary)])
+        return document.tagged("inspect", logs=[as_json(self._inspected.summary)])
 
     def _table(self, name: str) -> Any:
         if name == "channels":

@@ -45,9 +45,10 @@ def command(  # noqa: PLR0913 (one option each)
 
     Example: adhesion analyze sample_logs/service-brake.csv
     """
-    from ..analysis.json_documents import dumps, result_document
+    from ..analysis.json_documents import result_document
     from ..analysis.outputs import write_report
     from ..analysis.summarise import summarise
+    from ..core.document import dumps
     from ..core.summary import FailedLog
 
     _check_table(table, decimal)

@@ -127,10 +127,11 @@ def _on_rails(
     shared: Shared, source: Path, case: "Scenario", seeds: int, algo: str, settings: "Stated"
 ) -> int:
     """The stops of --rails, their table and picture."""
-    from ..analysis.json_documents import dumps, sweep_document
+    from ..core.document import dumps
     from ..results import atomic_files
     from ..results.figures import of_sweep
     from ..wsp.controller import registry
+    from ..wsp.documents import sweep_document
     from ..wsp.sweep import RAILS, sweep
     from ..wsp.wsp_controller import parameters
     from . import terminal
@@ -155,9 +156,9 @@ def _on_own_rail(
     shared: Shared, source: Path, case: "Scenario", seed: int | None, algo: str, settings: "Stated"
 ) -> int:
     """The stops of every controller on the scenario's rail."""
-    from ..analysis.json_documents import antiskid_document, limits_document
     from ..wsp import closed_loop
     from ..wsp.controller import registry
+    from ..wsp.documents import antiskid_document, limits_document
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
@@ -190,9 +191,9 @@ def _on_own_rail(
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
-    from ..analysis.json_documents import replay_document
     from ..core.text import printable
     from ..wsp.controller import registry
+    from ..wsp.documents import replay_document
     from ..wsp.replay import answers, case
     from ..wsp.wsp_controller import parameters
     from . import terminal
@@ -263,12 +264,14 @@ class _Outcome:
 
 def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcome) -> int:
     """Writes the files and prints the outcome; returns the exit code."""
-    from ..analysis.json_documents import dumps, stop_settings
+    from ..analysis.settings import Settings, tree
     from ..core import estimator
+    from ..core.document import dumps
     from ..core.physics import G
     from ..results import atomic_files, mcap, rrd
     from ..results.figures import of_stops
     from ..wsp import controller
+    from ..wsp.documents import stop_settings
     from ..wsp.wsp_controller import bands
     from . import terminal
 
@@ -279,6 +282,7 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
         {"patent": bands(outcome.settings)},
         f"{case.name}: axle 1 under every controller",
     )
+    stated = tree(Settings(case.vehicle, bands=bands(outcome.settings)), [])
     all_paths = [*paths, *pictures(shared)]
     with atomic_files.outputs(all_paths, shared.force, inputs=inputs(shared, source)) as (
         recording,
@@ -287,7 +291,9 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
         origin: Json = {}
         for record, stop in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
-            carried = stop_settings(stop, case, outcome.settings, outcome.track, **outcome.origin)
+            carried = stop_settings(
+                stop, case, outcome.settings, stated, outcome.track, **outcome.origin
+            )
             origin |= carried
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, metrics, sources)
         verdict = "\n".join(

@@ -37,7 +37,7 @@ def command(
 
     Example: adhesion calibrate sample_logs/service-brake.csv leaf-film.mcap
     """
-    from ..analysis.json_documents import dumps
+    from ..core.document import dumps
     from ..results import atomic_files
     from ..studies import calibrate
     from . import terminal

@@ -25,9 +25,10 @@ def command(
 
     Example: adhesion compare sample_logs/low-adhesion.mcap -a neso -a leso
     """
-    from ..analysis.json_documents import dumps, result_document
+    from ..analysis.json_documents import result_document
     from ..analysis.outputs import write_comparison
     from ..analysis.summarise import summarise
+    from ..core.document import dumps
     from ..core.text import printable
     from ..scores.metrics import pool_scores
     from . import terminal

@@ -26,8 +26,8 @@ def command(
 
     Example: adhesion estimators --response --set neso.beta1=100
     """
-    from ..analysis.json_documents import dumps, tagged
     from ..analysis.request import choose_estimators
+    from ..core.document import dumps, tagged
     from ..core.errors import UserError
 
     chosen, settings = choose_estimators(shared.algo), load_settings(shared)
@@ -45,7 +45,7 @@ def command(
 
 
 def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
-    from ..analysis.json_documents import finite
+    from ..core.document import finite
     from ..core.methods import parameters
 
     return {
@@ -81,7 +81,7 @@ def _text(e: "Estimator", values: dict[str, float]) -> str:
 
 
 def _response(chosen: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
-    from ..analysis.json_documents import dumps, finite, tagged
+    from ..core.document import dumps, finite, tagged
     from ..core.physics import wheelset
     from ..results import atomic_files, charts
     from ..studies.response import FREQUENCIES, panels, responses

@@ -43,7 +43,7 @@ def command(
 
     Example: adhesion export-c kalman -o bcu --float
     """
-    from ..analysis.json_documents import dumps, tagged
+    from ..core.document import dumps, tagged
     from ..export import files
     from ..results import atomic_files
     from . import terminal

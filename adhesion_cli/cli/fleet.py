@@ -84,7 +84,7 @@ def command(  # noqa: PLR0913 (one option each)
 def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers", records: bool) -> int:
     import time
 
-    from ..analysis.json_documents import dumps, tagged
+    from ..core.document import dumps, tagged
     from ..fleet.dataset import RECORDINGS, Dataset
     from ..fleet.locations import find
     from ..fleet.run import run
@@ -189,8 +189,8 @@ def _show_failed(state: "State", quiet: bool) -> None:
 
 
 def _summary(paths: list[str], shared: Shared) -> int:
-    from ..analysis.json_documents import dumps, tagged
     from ..core.annotated import as_json
+    from ..core.document import dumps, tagged
     from ..core.errors import UserError
     from ..fleet.summary import summarise_fleet
 

@@ -22,8 +22,8 @@ def command(logs: Logs, shared: Shared) -> int:
     Example: adhesion inspect sample_logs/low-adhesion.mcap
     """
     from ..analysis.inspection import inspect
-    from ..analysis.json_documents import dumps, tagged
     from ..core.annotated import as_json
+    from ..core.document import dumps, tagged
     from ..core.errors import UserError
 
     if shared.force and not shared.rejects:

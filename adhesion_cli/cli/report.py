@@ -38,7 +38,7 @@ def command(
 
     Example: adhesion report service-brake.adhesion.mcap -o brake.html
     """
-    from ..analysis.json_documents import dumps, tagged
+    from ..core.document import dumps, tagged
     from ..core.errors import UserError
     from ..results import atomic_files
     from ..results.report import differences, page, run

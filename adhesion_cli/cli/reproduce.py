@@ -19,7 +19,7 @@ def command(shared: Shared) -> int:
 
     Example: adhesion reproduce
     """
-    from ..analysis.json_documents import dumps
+    from ..core.document import dumps
     from ..results import atomic_files, charts, mcap
     from ..studies.reproduce import panels, reproduce
     from .terminal import progress, wrote

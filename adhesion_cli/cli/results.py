@@ -141,7 +141,7 @@ def single(
     shared: Shared, kind: str, out: Path, findings: "Sequence[Finding]", **counts: int
 ) -> int:
     """Says that one file was written and what was found; returns the exit code."""
-    from ..analysis.json_documents import dumps, findings_document, tagged
+    from ..core.document import dumps, findings_document, tagged
     from . import terminal
 
     if shared.json:

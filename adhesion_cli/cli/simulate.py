@@ -24,7 +24,7 @@ def command(
 
     Example: adhesion simulate leaf-film -o leaf-film.mcap
     """
-    from ..analysis.json_documents import dumps, tagged
+    from ..core.document import dumps, tagged
     from ..core.errors import UserError
     from ..results import atomic_files
     from ..results.log_writer import writer

@@ -24,9 +24,10 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion slip sample_logs/low-adhesion.mcap --axle 1
     """
-    from ..analysis.json_documents import dumps, slip_document
+    from ..analysis.json_documents import slip_document
     from ..analysis.slip_of_log import carried, slip_of
     from ..analysis.summarise import summarise
+    from ..core.document import dumps
     from ..core.errors import UserError
     from ..core.text import printable
     from ..rail.slope import Bands

@@ -41,7 +41,7 @@ def command(
 
     Example: adhesion tune sample_logs/service-brake.csv leaf-film.mcap -a leso
     """
-    from ..analysis.json_documents import dumps
+    from ..core.document import dumps
     from ..core.errors import UserError
     from ..results import atomic_files
     from ..studies import tune

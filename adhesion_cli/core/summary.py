@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
+from .finding import Finding
 from .model import NOT_IN_JSON, Nis, Quantity, Score
 
 Number = float | None
@@ -252,3 +253,11 @@ class InspectedLog:
     ] = field(default_factory=dict)
     channels: tuple[InspectedChannel, ...] = ()
     findings: tuple[FindingSummary, ...] = ()
+
+
+def summarise_finding(f: Finding) -> FindingSummary:
+    """A finding with its words."""
+    return FindingSummary(
+        f.code, f.severity, f.channel, f.count, f.first_s, f.spans, f.values, f.names, f.message,
+        f.hint,
+    )  # fmt: skip

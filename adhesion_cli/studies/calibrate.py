@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.json_documents import findings_document, tagged
 from ..analysis.prepare import prepare
 from ..analysis.request import open_log
 from ..analysis.settings import Settings, tree
 from ..channels.log import read
 from ..core import toml
 from ..core.annotated import Json
+from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.analyze import analyze
-from ..analysis.json_documents import tagged
 from ..analysis.settings import Settings
 from ..core import compiled
 from ..core.annotated import Json
+from ..core.document import tagged
 from ..core.estimator import registry
 from ..core.model import AxleResult, Floats, Result, Vehicle
 from ..core.physics import wheelset

@@ -21,11 +21,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..analysis.analyze import analyze
-from ..analysis.json_documents import findings_document, tagged
 from ..analysis.request import choose_estimators
 from ..analysis.settings import Settings
 from ..core import compiled, methods, physics, toml
 from ..core.annotated import Json
+from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding

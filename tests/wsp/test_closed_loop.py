@@ -17,7 +17,7 @@ from helpers.recordings import batches, column, static
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from adhesion_cli.analysis import analyze, json_documents, settings
+from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.cli.app import app
@@ -31,6 +31,7 @@ from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import (
     closed_loop,
     controller,
+    documents,
     reference_speed,
     scenario,
     sweep,
@@ -655,7 +656,7 @@ def test_sweep_is_every_controller_on_every_rail() -> None:
     ]
     assert by["low", "rule"].compared.patent_less_this_m == sweep.interval(less)
     assert by["low", "patent"].compared.patent_less_this_m is None
-    doc = json_documents.sweep_document("short", 2, "kalman", {}, rows)
+    doc = documents.sweep_document("short", 2, "kalman", {}, rows)
     assert doc["rails"]["low"]["rule"]["patent_less_this_m"] == sweep.interval(less)
     kept = {(x["rail"], x["controller"], x["quantity"]): x["kept"] for x in doc["limits"]}
     assert len(kept) == 2 * len(rows)

@@ -1,0 +1,166 @@
+"""The JSON documents of `antiskid`; their keys are a contract."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from ..core.annotated import Json
+from ..core.document import findings_document, finite, tagged
+from ..core.finding import Finding
+from . import wsp_controller
+from .plant import Track
+from .replay import Answer, Case
+from .scenario import Limit, Scenario
+from .stop import Stop
+from .sweep import SweepRow
+
+
+def antiskid_document(
+    stop: Stop,
+    scenario: str,
+    parameters: Mapping[str, Mapping[str, float]],
+    dry: float | None,
+    controllers: Mapping[str, Mapping[str, float | None]],
+    **more: Any,
+) -> Json:
+    """The `adhesion.antiskid/1` document.
+
+    Args:
+        stop: one of the stops: they share estimator and seed.
+        scenario: its name.
+        parameters: in force, from `wsp_controller.parameters`.
+        dry: stopping distance on dry rail [m], None where it is not known.
+        controllers: fields of each controller's `Verdict`.
+        more: limits, or entries of a replayed log.
+    """
+    return tagged(
+        "antiskid",
+        scenario=scenario,
+        seed=stop.seed,
+        estimator=stop.algo,
+        parameters=parameters,
+        dry_distance_m=dry,
+        controllers=controllers,
+        **more,
+    )
+
+
+def replay_document(
+    log: str,
+    case: Case,
+    parameters: Mapping[str, Mapping[str, float]],
+    dry: float | None,
+    answers: dict[str, Answer],
+    findings: Sequence[Finding],
+) -> Json:
+    """The `adhesion.antiskid/1` document; medians of the draws with their 95 % intervals."""
+    median = {law: {k: x and x[0] for k, x in a.values.items()} for law, a in answers.items()}
+    spread = {
+        law: {k: x and list(x[1:]) for k, x in a.values.items()} for law, a in answers.items()
+    }
+    stop = next(iter(answers.values())).stop
+    return antiskid_document(
+        stop,
+        case.scenario.name,
+        parameters,
+        dry,
+        median,
+        log=log,
+        draws=len(case.draws),
+        start_s=case.start_s,
+        logged_distance_m=case.logged_m,
+        intervals=spread,
+        compared={law: a.compared._asdict() for law, a in answers.items()},
+        findings=findings_document(findings),
+    )
+
+
+def limits_document(rows: Sequence[tuple[str, Limit, bool | float]]) -> list[Json]:
+    """Which controller keeps which limit, or in what share; an end that is not stated is None."""
+    return [
+        {
+            "controller": law,
+            "quantity": x.quantity,
+            "least": finite(x.least),
+            "most": finite(x.most),
+            "source": x.source,
+            "kept": ok,
+        }
+        for law, x, ok in rows
+    ]
+
+
+def stop_settings(
+    stop: Stop,
+    case: Scenario,
+    settings: wsp_controller.Settings,
+    settings_tree: Json,
+    track: Track | None = None,
+    **more: str,
+) -> Json:
+    """All that a stop was made from, as the settings its file carries.
+
+    Args:
+        stop: the stop.
+        case: its scenario.
+        settings: as stated.
+        settings_tree: those of the vehicle and the bands, from `settings.tree`.
+        track: the fitted rail, where that is not the scenario's.
+        more: on the log it was fitted to.
+    """
+    unused = ("vehicle", "sensor", "wsp", "limit")  # the vehicle has its own section
+    loop: Json = {"controller": stop.controller, "estimator": stop.algo, **more}
+    scenario = {k: v for k, v in asdict(case).items() if k not in unused}
+    if track:  # its last knot is at infinity
+        knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
+        scenario["rail"] = {"knots": knots, "conditions": conditions}
+    loop["scenario"] = _as_json({**scenario, "seed": stop.seed})
+    return {
+        **settings_tree,
+        **wsp_controller.parameters([stop.controller], stop.algo, settings),
+        "antiskid": loop,
+    }
+
+
+def _as_json(value: Any) -> Any:
+    """As JSON has it; what is not stated, or without a limit, is left out."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, dict):
+        return {k: _as_json(v) for k, v in value.items() if v is not None and v != math.inf}
+    if isinstance(value, list | tuple):
+        return [_as_json(v) for v in value]
+    return value
+
+
+def sweep_document(
+    scenario: str,
+    seeds: int,
+    algo: str,
+    parameters: Mapping[str, Mapping[str, float]],
+    rows: Sequence[SweepRow],
+) -> Json:
+    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None.
+
+    `kept` of a limit is the share of the seeds.
+    """
+    rails: dict[str, Json] = {}
+    for r in rows:
+        rails.setdefault(r.rail, {})[r.controller] = {**r.values, **r.compared._asdict()}
+    limits = [
+        {"rail": r.rail, **x}
+        for r in rows
+        for x in limits_document([(r.controller, *row_limit) for row_limit in r.limits])
+    ]
+    return tagged(
+        "antiskid-sweep",
+        scenario=scenario,
+        seeds=seeds,
+        estimator=algo,
+        parameters=parameters,
+        dry_distance_m=rows[0].dry_distance_m,
+        rails=rails,
+        limits=limits,
+        outputs={},
+    )
