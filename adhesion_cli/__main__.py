@@ -66,7 +66,17 @@ def main() -> NoReturn:
         sys.stdout.flush()
     except (Exception, KeyboardInterrupt, _Terminated) as error:
         code = _told(error)
+        _flush_output()
     sys.exit(code)
+
+
+def _flush_output() -> None:
+    """Prints what waits; on a full disk it goes nowhere, else Python fails on it again at exit."""
+    try:
+        if sys.stdout:
+            sys.stdout.flush()
+    except OSError:
+        drop_output()
 
 
 def _fit_memory() -> None:

@@ -543,7 +543,7 @@ def test_file_size_limit(tmp_path: Path, kind: str) -> None:
     """What a full disk looks like: writing fails in the middle."""
     code = f"""
 import resource
-from tests.made_results import result
+from tests.helpers.made_results import result
 from adhesion_cli.results import {kind}
 from adhesion_cli.core.errors import UserError
 big = result(1, 20_000)
@@ -568,7 +568,7 @@ except UserError as error:
 
 
 RESULT = """
-from tests.made_results import result
+from tests.helpers.made_results import result
 from adhesion_cli.results import mcap
 if force:
     try:
