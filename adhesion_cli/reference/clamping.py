@@ -20,7 +20,7 @@ from .noise_fit import (
 _SHORTEST_ZERO = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 
 
-class Clamping(NamedTuple):
+class SmoothedClamping(NamedTuple):
     """The clamping force without its noise; columns of shape (n,)."""
 
     K: Floats  # [N]
@@ -29,7 +29,7 @@ class Clamping(NamedTuple):
     measured: Bools  # the samples of the speed that are nearest to its own
 
 
-def smooth_clamping(runs: list[AxleRecord]) -> list[Clamping]:
+def smooth_clamping(runs: list[AxleRecord]) -> list[SmoothedClamping]:
     """K without its noise: constant, moving, or stepping (then as measured).
 
     K = 0 is a bound of (15), not a measurement with noise: there it is exact.
@@ -38,7 +38,7 @@ def smooth_clamping(runs: list[AxleRecord]) -> list[Clamping]:
     all_pieces = [one for run_pieces in pieces for one in run_pieces]
     if not all_pieces:
         zeros = [np.zeros(len(r)) for r in runs]
-        return [Clamping(x, x, x, np.ones(len(x), bool)) for x in zeros]
+        return [SmoothedClamping(x, x, x, np.ones(len(x), bool)) for x in zeros]
     scale = max(max(float(np.max(np.abs(r.y))) for r in all_pieces), NO_BRAKING)
     step = median_step(all_pieces)
     floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
@@ -61,7 +61,7 @@ def smooth_clamping(runs: list[AxleRecord]) -> list[Clamping]:
             missed[s] = line_error(t, piece.t, x.level)
             measured[s] = False
             measured[s.start + np.searchsorted((t[1:] + t[:-1]) / 2.0, piece.t)] = True
-        clamping.append(Clamping(K, sigma, missed, measured))
+        clamping.append(SmoothedClamping(K, sigma, missed, measured))
     return clamping
 
 

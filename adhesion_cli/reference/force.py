@@ -17,7 +17,7 @@ from ..core.model import AxleRecord, Floats, Reference, Vehicle, Wheelset
 from ..core.physics import rolling_deceleration, wheelset
 from ..core.signals import driven, moving, white_noise
 from . import run_out, smoother
-from .clamping import Clamping, smooth_clamping
+from .clamping import SmoothedClamping, smooth_clamping
 from .noise_fit import (
     FLOOR,
     LIKELY,
@@ -250,12 +250,12 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     ]
 
 
-def _noise(c: Clamping, rate: ValueAndSigma, w: Wheelset) -> ValueAndSigma:
+def _noise(c: SmoothedClamping, rate: ValueAndSigma, w: Wheelset) -> ValueAndSigma:
     """K, and 1 sigma of φK + ω̇/a [N]."""
     return c.K, np.hypot(rate[1] / w.a, w.phi * np.hypot(c.sigma, c.missed))
 
 
-def _between_samples(c: Clamping, rate: ValueAndSigma, w: Wheelset) -> ValueAndSigma:
+def _between_samples(c: SmoothedClamping, rate: ValueAndSigma, w: Wheelset) -> ValueAndSigma:
     """The same for a wheel that only rolls, and a K that is measured less often than the speed.
 
     There ω̇ shows K between its samples: F and ω̇ follow it at once. So ω̇ departs from what straight
