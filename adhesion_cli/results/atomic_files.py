@@ -12,22 +12,21 @@ then the others appear, and the manifests last:
 
     old record, old others, manifest → old record → new record → new record, new others, manifest
 
-A killed run leaves one of these states. New and old files are never mixed, no file is incomplete,
-and a manifest (`<stem>.sha256`, for `sha256sum -c`) exists only if the whole run is complete. A
-signal that ends a run waits meanwhile. If the disk refuses a name, the run removes those it gave,
-and the older files come back: until the end each has a second, hidden name.
+A killed run, or a disk that refuses a name, leaves one of these states. New and old files are
+never mixed, no file is incomplete, and a manifest (`<stem>.sha256`, for `sha256sum -c`) exists only
+if the whole run is complete. A signal that ends a run waits meanwhile.
 """
 
 import fcntl
 import hashlib
 import os
 import secrets
-import shutil
 import signal
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -155,38 +154,38 @@ def sets(
     Yields:
         The paths to write to, of each set.
     """
-    all_paths = [path for paths in path_sets for path in paths]
-    check(all_paths, force, inputs=inputs)
-    folders = list(dict.fromkeys(path.parent for path in all_paths))
+    targets = [path for paths in path_sets for path in paths]
+    check(targets, force, inputs=inputs)
+    folders = list(dict.fromkeys(path.parent for path in targets))
     try:
         if sweeps:
             sweep(folders)
         with ExitStack() as stack:
 
-            def hidden(folder: Path) -> Path:
-                return stack.enter_context(_hidden(folder))
+            def hidden(path: Path) -> Path:
+                return stack.enter_context(_hidden(path.parent))
 
-            written = [[hidden(path.parent) for path in paths] for paths in path_sets]
-            yield [list(places) for places in written]
-            files = dict(
-                zip(all_paths, (place for places in written for place in places), strict=True)
-            )
-            for paths, places in zip(path_sets, written, strict=True):
+            place_sets = [[hidden(path) for path in paths] for paths in path_sets]
+            yield place_sets
+            files = dict(zip(targets, chain(*place_sets), strict=True))
+            for paths, places in zip(path_sets, place_sets, strict=True):
                 if len(paths) > 1:
-                    place = files[manifest(paths[0])] = hidden(paths[0].parent)
+                    place = files[manifest(paths[0])] = hidden(paths[0])
                     with verified(place) as digests:
                         digests.write(_manifest(paths, places))
             for place in files.values():  # one by one: an interrupt would wait for threads
                 with place.open("rb") as file:
                     os.fsync(file.fileno())
-            with _locked(folders) as locked, _uninterrupted():
-                stale = [
-                    m for paths in path_sets if paths and _is_manifest(m := manifest(paths[0]))
-                ]
+            with _locked(folders) as descriptors, _uninterrupted():
+                manifests = [manifest(paths[0]) for paths in path_sets if paths]
+                stale = [path for path in manifests if _is_manifest(path)]
                 if not force:  # another run was faster, or somebody else's manifest
                     _refuse_existing([path for path in files if path not in stale])
-                _publish(files, stale)
-                for descriptor in locked:
+                for path in [*stale, *reversed([*files][1:])]:  # all but the record
+                    path.unlink(missing_ok=True)
+                for path, place in files.items():
+                    place.replace(path)
+                for descriptor in descriptors:
                     os.fsync(descriptor)
     except OSError as error:
         text = f"cannot write the results ({error.strerror or error})"
@@ -194,52 +193,6 @@ def sets(
             f"{', '.join(map(_printable_path, folders))}: {text}",
             f"free space there, or {_ELSEWHERE}",
         ) from error
-
-
-def _publish(files: dict[Path, Path], stale: list[Path]) -> None:
-    """Give files their names, in the order in which a run that is killed leaves no mixture.
-
-    On an error, the old files get their names back.
-
-    Args:
-        files: what is written, by its name; the record first.
-        stale: manifests that are about to be untrue.
-    """
-    replaced = [path for path in files if os.path.lexists(path) and path not in stale]
-    replaces = replaced[:1] == list(files)[:1]
-    published: list[Path] = []
-    with ExitStack() as stack:
-        backups = {path: stack.enter_context(_backup(path)) for path in [*replaced, *stale]}
-        try:
-            for path in reversed([*replaced[replaces:], *stale]):
-                path.unlink()
-            for path, place in files.items():
-                place.replace(path)
-                published.append(path)
-        except BaseException:
-            for path in reversed(published[replaces:]):
-                path.unlink()
-            for path, place in backups.items():
-                place.replace(path)
-            raise
-
-
-@contextmanager
-def _backup(path: Path) -> Iterator[Path]:
-    """A second, hidden name of a file, until this is done; a copy where the disk has no links."""
-    place = _hidden_name(path.parent)
-    with ExitStack() as stack:
-        try:
-            try:
-                os.link(path, place, follow_symlinks=False)
-            except OSError:
-                shutil.copyfile(path, place)
-            with suppress(OSError):  # a link to nothing
-                _lock(stack.enter_context(place.open("rb")))
-            yield place
-        finally:
-            with suppress(OSError):  # the next run removes it
-                place.unlink()
 
 
 @contextmanager
@@ -262,21 +215,11 @@ def _uninterrupted() -> Iterator[None]:
 
 def sweep(folders: Sequence[Path]) -> None:
     """Remove the hidden files of killed runs: no process holds them, and they are not new."""
-    with _locked(folders):  # else a sweep could take what another run keeps of older files
-        for folder in folders:
-            _sweep(folder)
-
-
-def _sweep(folder: Path) -> None:
-    for path in folder.glob(f"{_HIDDEN}*.part"):
+    for path in (path for folder in folders for path in folder.glob(f"{_HIDDEN}*.part")):
         with suppress(OSError), path.open("rb") as file:
             if time.time() - path.stat().st_mtime > _UNLOCKED_AGE:
                 _lock(file)
                 path.unlink()
-
-
-def _hidden_name(folder: Path) -> Path:
-    return folder / f"{_HIDDEN}{secrets.token_hex(8)}.part"
 
 
 def _lock(file: BinaryIO) -> None:
@@ -291,7 +234,7 @@ def _lock(file: BinaryIO) -> None:
 @contextmanager
 def _hidden(folder: Path) -> Iterator[Path]:
     """An empty file that vanishes unless it is renamed."""
-    path = _hidden_name(folder)
+    path = folder / f"{_HIDDEN}{secrets.token_hex(8)}.part"
     with path.open("xb") as file:
         try:
             with suppress(OSError):  # a file system without locks
@@ -342,12 +285,8 @@ def _manifest(paths: Sequence[Path], written: Sequence[Path]) -> bytes:
 
 
 def _line(name: str, place: Path) -> str:
-    escaped = name.replace("\\", r"\\").replace("\n", r"\n").replace("\r", r"\r")
     with place.open("rb") as content:
-        digest = hashlib.file_digest(content, "sha256").hexdigest()
-    return (
-        "\\" if escaped != name else ""
-    ) + f"{digest}  {escaped}\n"  # as sha256sum marks such a name
+        return f"{hashlib.file_digest(content, 'sha256').hexdigest()}  {name}\n"
 
 
 def _is_manifest(path: Path) -> bool:
