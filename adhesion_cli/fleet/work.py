@@ -4,6 +4,7 @@ import gc
 import hashlib
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -94,17 +95,13 @@ def analysed(item: Item, job: Job) -> Outcome:
     files: dict[str, bytes]
     with _SINGLE_LOG:
         begin = time.perf_counter()
+        place = item.log.place
         try:
-            with local(item.log.place) as path:
-                try:
-                    summary, files = _tables(path, item, job)
-                except Exception as error:
-                    summary, files = (
-                        failed(item, _error_document(error, str(path), item.log.name)),
-                        {},
-                    )
-        except Exception as error:  # the copy of a URL
-            summary, files = failed(item, _error_document(error, item.log.place, item.log.name)), {}
+            with local(place) as path:
+                place = str(path)  # the copy of a URL
+                summary, files = _tables(path, item, job)
+        except Exception as error:
+            summary, files = failed(item, _error_document(error, place, item.log.name)), {}
         return Outcome(row(summary, job, time.perf_counter() - begin), files)
 
 
@@ -123,11 +120,12 @@ def load_settings(job: Job) -> settings.Settings:
     return settings.load(job.stated, folder=False, strict=job.strict)
 
 
-def prepare() -> None:
-    """What a process does once: it computes with one thread, and seldom looks for garbage."""
+def call_prepared(do: Callable[..., Any], *arguments: Any) -> Any:
+    """Calls a function in a process that computes with one thread, and seldom looks for garbage."""
     gc.set_threshold(_THRESHOLD)
     pa.set_cpu_count(1)
     threads.max_threads = 1
+    return do(*arguments)
 
 
 def warm() -> None:

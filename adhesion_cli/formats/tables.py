@@ -136,7 +136,7 @@ class TableSource:
             for code, mask in masks.items():
                 valid &= ~mask
                 self._report(_of_mask(code, f, t, mask, start))
-            columns.append(Column(t, np.where(valid, value, np.nan), valid))
+            columns.append(Column(t, np.where(valid, np.float64(value), np.nan), valid))
         return columns
 
 

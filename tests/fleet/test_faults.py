@@ -51,7 +51,11 @@ def children(of: int) -> list[int]:
     found = []
     for task in Path(f"/proc/{of}/task").iterdir():
         found += [int(x) for x in (task / "children").read_text().split()]
-    return [pid for pid in found if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    return [
+        pid
+        for pid in found
+        if b"children import serve" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    ]
 
 
 def alive(pid: int) -> bool:

@@ -1,22 +1,21 @@
 """Processes that are busy, stuck or dead when a run ends."""
 
-import multiprocessing
 import os
 import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 import pytest
 from helpers import logs_of_fleet
 
+from adhesion_cli.core.children import ChildDiedError
 from adhesion_cli.fleet.processes import Processes
 
 
 def test_the_end_leaves_no_thread_and_no_process(tmp_path: Path) -> None:
-    before, children = set(threading.enumerate()), set(multiprocessing.active_children())
+    before = set(threading.enumerate())
     processes, mark = Processes(2), tmp_path / "begun"
     try:
         assert processes.submit(os.getpid).result() != os.getpid()
@@ -24,14 +23,14 @@ def test_the_end_leaves_no_thread_and_no_process(tmp_path: Path) -> None:
         while not mark.exists():
             time.sleep(0.01)
         dies = processes.submit(os.abort)
-        assert isinstance(dies.exception(), BrokenExecutor)
+        assert isinstance(dies.exception(), ChildDiedError)
     finally:
         begin = time.monotonic()
         processes.close()
     assert time.monotonic() - begin < 5.0
-    assert isinstance(waits.exception(0.0), BrokenExecutor)
+    assert isinstance(waits.exception(0.0), ChildDiedError)
     assert set(threading.enumerate()) == before
-    assert set(multiprocessing.active_children()) == children
+    assert not any(child.is_usable for child in processes._started)
 
 
 def test_an_error_comes_back_and_the_process_works_on() -> None:

@@ -153,7 +153,7 @@ def test_a_library_that_crashes_is_one_error(tmp_path: Path) -> None:
     """The next log is read all the same."""
     path = brakes.mdf(tmp_path / "a.mf4", brakes.groups())
     source = open_source(path, ReadOptions())
-    os.kill(isolated._servers["mf4"].process.pid, signal.SIGTERM)
+    os.kill(isolated._children["mf4"].pid, signal.SIGTERM)
     with pytest.raises(UserError, match="crashes") as error:
         source.columns(source.fields)
     assert str(path) in error.value.text

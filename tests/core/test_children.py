@@ -1,0 +1,80 @@
+"""Child processes: their calls, errors and ends."""
+
+import os
+import pickle
+import signal
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from adhesion_cli.core.children import Child, ChildDiedError
+
+
+def answer_late(begun: str) -> str:
+    """Says that it has begun, and answers after a while."""
+    Path(begun).touch()
+    time.sleep(1.0)
+    return "late"
+
+
+def test_an_error_comes_back_with_its_trace_and_the_child_works_on() -> None:
+    child = Child()
+    try:
+        assert child.call(os.getpid) == child.pid
+        with pytest.raises(FileNotFoundError) as error:
+            child.call(os.stat, "/no such file")
+        assert "Traceback" in str(error.value.__cause__)
+        assert child.call(os.getpid) == child.pid
+    finally:
+        child.end()
+
+
+def test_a_child_that_dies_is_an_error_with_its_code() -> None:
+    child = Child()
+    with pytest.raises(ChildDiedError) as error:
+        child.call(os._exit, 7)
+    assert error.value.code == 7
+    assert not child.is_usable
+
+
+def test_an_interrupted_call_ends_the_child(tmp_path: Path) -> None:
+    """Else its answer would be taken for that to the next call."""
+    child, begun = Child(), tmp_path / "begun"
+
+    def interrupt() -> None:
+        while not begun.exists():
+            time.sleep(0.01)
+        signal.raise_signal(signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        child.call(answer_late, str(begun))
+    thread.join()
+    assert not child.is_usable
+
+
+def test_an_answer_to_another_call_ends_the_child() -> None:
+    child = Child()
+    pipe = child._process.stdin
+    assert pipe is not None
+    pickle.dump(pickle.dumps((99, os.getcwd, ())), pipe)
+    with pytest.raises(ChildDiedError):
+        child.call(os.getpid)
+    assert not child.is_usable
+
+
+def test_modules_of_the_working_folder_are_not_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("json", "pickle", "signal", "numpy"):
+        (tmp_path / f"{name}.py").write_text("import os; os._exit(9)\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend("")  # as in an interactive Python
+    child = Child()
+    try:
+        assert child.call(os.getcwd) == str(tmp_path)
+    finally:
+        child.end()
