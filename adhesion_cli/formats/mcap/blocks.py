@@ -1,11 +1,9 @@
 """Chunks, and runs of records outside chunks: their bytes, checked, and the messages in them."""
 
 import re
-import struct
 import zlib
 from array import array
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -26,7 +24,6 @@ _UNUSUAL = 1000
 # The start of a Chunk record: a length below 2^40, and the length of its compression's name.
 _CHUNK = re.compile(rb"(?s)(?=\x06.{5}\0{3}.{28}[\0\3\4]\0{3})")
 _CHUNK_START = 41  # bytes that it looks at
-_MESSAGE_INDEX = struct.Struct("<HI")  # channel, and bytes of the entries that follow
 
 
 @dataclass(slots=True)
@@ -38,20 +35,11 @@ class RecordBlock:
     chunk: bool
     rows: int = 0  # messages
     checked: bool = False  # by a CRC
-    index: tuple[int, int] = (0, 0)  # message indexes behind it: bytes, hash of their places
 
     @property
     def length(self) -> int:
         """Bytes of a chunk's record."""
         return self.stop - self.offset
-
-
-class Index(NamedTuple):
-    """What the message indexes behind a chunk say; not yet to be believed."""
-
-    channels: list[int]  # of each message index
-    counts: list[int]  # entries of each
-    entries: Offsets  # of all: log time [ns] and offset in the chunk, shape (n, 2)
 
 
 @dataclass(slots=True)
@@ -62,7 +50,6 @@ class Records:
     start: Offsets  # of the Message records
     channel: Offsets  # their channel ids
     definitions: list[int]  # offsets of the Schema and Channel records
-    index: Index | None = None  # None where an entry leads to no message, or two to one
 
     def _field(self, offset: int) -> Offsets:
         """A number of 8 bytes that every message record has at an offset."""
@@ -116,15 +103,7 @@ class BlockReader:
         if not block.chunk:
             return self.run(block.offset, block.stop - block.offset)[1]
         data, size = self._inflate(block)
-        index, stop = self._message_indexes(block, size), size
-        search = self._search(data, size)
-        led = index is not None and search.indexed(index.entries[:, 1])
-        if not led:
-            search = self._search(data, size)
-            stop = search.walk(0, size)
-        records = self._counted(search, block.offset)
-        if led or (index and not len(index.entries)):
-            records.index = index
+        records, stop = self._find(data, size, block.offset)
         if stop < size:
             damage = f"chunk, at its inflated byte {stop}: no whole record that may stand there"
             raise DamageError(block.offset, damage)
@@ -138,10 +117,8 @@ class BlockReader:
         """
         data = np.zeros(size + PADDING, np.uint8)
         data[:size] = np.frombuffer(self._file.read(offset, size), np.uint8)
-        search = self._search(data, size)
-        if not (stop := search.walk(0, size, outside=True)):
-            raise DamageError(offset, "no whole message, schema or channel")
-        return RecordBlock(offset, offset + stop, False), self._counted(search, offset)
+        records, stop = self._find(data, size, offset, outside=True)
+        return RecordBlock(offset, offset + stop, False), records
 
     def disguised(self, offset: int, length: int) -> tuple[RecordBlock, Records] | None:
         """A chunk whose record has a wrong opcode, None for any other record.
@@ -180,14 +157,55 @@ class BlockReader:
                 return block
         return None
 
-    def _search(self, data: Bytes, size: int) -> "_RecordSearch":
-        return _RecordSearch(data, size, (self._allowed - self._spent) // _UNUSUAL + 1)
+    def _find(
+        self, data: Bytes, size: int, offset: int, outside: bool = False
+    ) -> tuple[Records, int]:
+        """Walks over the records in a buffer, one by one; returns them, and where the walk ends.
 
-    def _counted(self, search: "_RecordSearch", offset: int) -> Records:
-        limit = search.size // HEADER.size - search.count
-        damage = "more records than a file of this size holds"
-        self._spend(offset, damage, _UNUSUAL * search.count, _UNUSUAL * limit)
-        return search.records()
+        That is the end of the buffer, or the first record that is not whole, or that may not stand
+        among messages, or one too many. Outside chunks it is also a later one that may be a chunk.
+
+        Args:
+            data: the buffer, with PADDING more bytes.
+            size: bytes of the buffer.
+            offset: offset of the buffer in the file, or of its chunk.
+            outside: whether the records stand outside chunks.
+
+        Raises:
+            DamageError: where there are too many of them, or none outside chunks.
+        """
+        unpack, view = HEADER.unpack_from, data.data
+        message, definition = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
+        starts, definitions, unknown = array("q"), list[int](), 0
+        p, last = 0, size - HEADER.size
+        for _ in range((self._allowed - self._spent) // _UNUSUAL + 1):
+            if p > last:
+                break
+            opcode, length = unpack(view, p)
+            next_record = p + 9 + length
+            if next_record > size:
+                break
+            if opcode == message:
+                if length < BEFORE_DATA:
+                    break
+                starts.append(p)
+            elif outside and p and _like_chunk(bytes(view[p : p + _CHUNK_START])):
+                break
+            elif opcode in definition:
+                definitions.append(p)
+            elif opcode <= Opcode.DATA_END:
+                break
+            else:
+                unknown += 1
+            p = next_record
+        if outside and not p:
+            raise DamageError(offset, "no whole message, schema or channel")
+        count = len(starts) + len(definitions) + unknown
+        damage, most = "more records than a file of this size holds", size // HEADER.size
+        self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (most - count))
+        start = np.array(starts, np.int64)
+        channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
+        return Records(data, start, channel, definitions), p
 
     def _spend(self, offset: int, damage: str, cost: int, extra: int = 0) -> None:
         """Refuses a block that costs more than is left; `extra` is what may come besides."""
@@ -233,107 +251,6 @@ class BlockReader:
         data[size:] = 0
         self.compressions.add(compression or "none")
         return data, size
-
-    def _message_indexes(self, block: RecordBlock, size: int) -> "Index | None":
-        """What the message indexes behind a chunk say."""
-        places: list[tuple[int, int]] = []
-        index_entries, counts, offset = list[bytes](), list[int](), block.stop
-        try:
-            while (head := self._file.head(offset))[0] == Opcode.MESSAGE_INDEX:
-                if offset - block.stop > size + (1 << 20):
-                    break
-                raw = self._file.read(offset + HEADER.size, head[1])
-                channel, length = _MESSAGE_INDEX.unpack_from(raw)
-                if length % 16 or length > len(raw) - 6:
-                    return None  # the walk meets this damage next
-                places.append((channel, offset))
-                index_entries.append(raw[6 : 6 + length])
-                counts.append(length // 16)
-                offset += HEADER.size + head[1]
-        except (DamageError, struct.error):
-            return None
-        entries = np.frombuffer(b"".join(index_entries), "<i8").reshape(-1, 2)
-        block.index = offset - block.stop, hash(frozenset(places))
-        return Index([channel for channel, _ in places], counts, entries)
-
-
-class _RecordSearch:
-    """Looks for the records in a buffer.
-
-    Args:
-        data: the buffer, with PADDING more bytes.
-        size: bytes of the buffer.
-        limit: records after which it stops.
-    """
-
-    def __init__(self, data: Bytes, size: int, limit: int) -> None:
-        self._data, self.size, self._limit = data, size, limit
-        self._starts, self._definitions = array("q"), array("q")
-        self._hinted = np.empty(0, np.int64)
-        self._unknown = 0  # records of unknown kinds
-
-    @property
-    def count(self) -> int:
-        """Records that were walked over."""
-        return len(self._starts) + len(self._definitions) + self._unknown
-
-    def indexed(self, hints: Offsets) -> bool:
-        """Takes messages from where an index says they are; False where walking finds others."""
-        start = np.sort(hints)
-        if not len(start) or start[0] < 0 or start[-1] > self.size - HEADER.size - BEFORE_DATA:
-            return False
-        length = _u64(self._data, start + 1)
-        is_wrong = (self._data[start] != Opcode.MESSAGE) | (length < BEFORE_DATA)
-        if (is_wrong | (length > self.size)).any():
-            return False
-        record_ends, stops = np.append(0, start + HEADER.size + length), np.append(start, self.size)
-        if (record_ends > stops).any():
-            return False
-        gaps = np.flatnonzero(record_ends != stops)
-        self._hinted = start
-        return all(
-            self.walk(p, stop) == stop
-            for p, stop in zip(record_ends[gaps].tolist(), stops[gaps].tolist(), strict=True)
-        )
-
-    def walk(self, p: int, stop: int, outside: bool = False) -> int:
-        """Walks records one by one; returns where it ends.
-
-        That is `stop`, or the first record that is not whole, or that may not stand among
-        messages, or one too many. Outside chunks it is also a later one that may be a chunk.
-        """
-        unpack, add, view = HEADER.unpack_from, self._starts.append, self._data.data
-        message, definitions = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
-        for _ in range(self._limit - self.count):
-            if p > stop - HEADER.size:
-                break
-            opcode, length = unpack(view, p)
-            next_record = p + 9 + length
-            if next_record > stop:
-                break
-            if opcode == message:
-                if length < BEFORE_DATA:
-                    break
-                add(p)
-            elif outside and p and _like_chunk(bytes(view[p : p + _CHUNK_START])):
-                break
-            elif opcode in definitions:
-                self._definitions.append(p)
-            elif opcode <= Opcode.DATA_END:
-                break
-            else:
-                self._unknown += 1
-            p = next_record
-        return p
-
-    def records(self) -> Records:
-        """What was found."""
-        start = np.array(self._starts, np.int64)
-        if len(self._hinted):
-            start = np.sort(np.append(self._hinted, start))
-        data: Any = self._data
-        channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
-        return Records(self._data, start, channel, self._definitions.tolist())
 
 
 def _like_chunk(start: bytes) -> bool:

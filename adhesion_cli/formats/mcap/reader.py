@@ -72,10 +72,6 @@ class McapSource:
                 values["lost_messages"] = walk.lost_count
             names, count = {"damage": example.what}, len(walk.damage)
             yield Finding("mcap-damaged", "error", count=count, values=values, names=names)
-        for example in walk.misindexed[:1]:
-            values, names = {"byte": example.at}, {"damage": example.what}
-            count = len(walk.misindexed)
-            yield Finding("mcap-wrong-index", "error", count=count, values=values, names=names)
         if walk.stray:
             ids = sorted(set(walk.counts) - set(walk.channels))
             listed_ids = ", ".join(map(str, ids[:5])) + (", ..." if len(ids) > 5 else "")

@@ -1,12 +1,12 @@
 """One linear walk over an MCAP file, which believes nothing unchecked.
 
-Every CRC and every inflated size is compared. Indexes only speed up what walking would find.
+Every CRC and every inflated size is compared. Indexes are not read: walking finds all records.
 """
 
 import re
 import struct
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,6 @@ from ...core.model import RECOVERED, Times
 from ..source import ReadOptions
 from .blocks import BlockReader, Offsets, RecordBlock, Records
 from .definitions import Definitions, FirstMessages
-from .indexes import OF_SUMMARY, Indexes, Place
 from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
 
 _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
@@ -29,6 +28,13 @@ _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
     Opcode.DATA_END: "_end_of_data",
 }
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_IN_SUMMARY = (  # records that stand behind the data only
+    Opcode.CHUNK_INDEX,
+    Opcode.ATTACHMENT_INDEX,
+    Opcode.METADATA_INDEX,
+    Opcode.STATISTICS,
+    Opcode.SUMMARY_OFFSET,
+)
 _MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
 _FOOTER = struct.Struct("<BQQQI8s")  # a footer, and the magic bytes after it
 
@@ -62,17 +68,12 @@ class Walk:
         self._sought = 0  # how far chunks after damage were looked for
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
-        self._indexes = Indexes(self._indexed)
         with self._open_file() as self._file:
             self._reader = BlockReader(self._file, options)
             self._check_magic()
             self._walk()
             if self._statistics and not self.damage:
                 self._compare(*self._statistics)
-        #: Where the indexes are wrong; the data are complete then. Of damaged data not known.
-        self.misindexed = [] if self.damage else self._indexes.wrong
-        if self.misindexed and options.strict:
-            raise self._error(self.misindexed[0])
         self.compressions = self._reader.compressions
         self.heads = self._first_messages.of  # by channel: log time of the first, first messages
         self.schemas, self.channels = self._definitions.schemas, self._definitions.channels
@@ -259,12 +260,7 @@ class Walk:
 
     def _record(self, opcode: int, offset: int, length: int) -> None:
         self._kinds[opcode] += 1
-        if self._data_end and opcode != Opcode.FOOTER:
-            next_record = offset + HEADER.size + length
-            self._indexes.record(
-                opcode, offset, next_record, lambda: self._file.content(offset, length)
-            )
-        elif opcode in OF_SUMMARY and not self.damage:
+        if opcode in _IN_SUMMARY and not (self._data_end or self.damage):
             self._note(
                 DamageError(offset, f"a record of kind {opcode} and {length} bytes in the data")
             )
@@ -287,7 +283,6 @@ class Walk:
         said = Footer.read(self._file.content(offset, 20))
         if not self._data_end:
             self._note(DamageError(offset, "no end of the data section before the footer"))
-        self._indexes.check_footer(offset, self._data_end or said.summary_start, said)
         start, crc = self._data_end or said.summary_start, said.summary_crc
         if crc and self._file.crc(start, offset + HEADER.size + 16) != crc:
             self._note(DamageError(start, "summary has another CRC than it says"))
@@ -298,12 +293,6 @@ class Walk:
         elif excess:
             damage = f"{excess} bytes after the end, not read: cut two joined files apart there"
             self._note(DamageError(file_end + len(MAGIC), damage))
-
-    def _indexed(self, opcode: int) -> Iterable[Place]:
-        """What index records of a kind should list."""
-        if opcode == Opcode.CHUNK_INDEX:
-            return (block for block in self.blocks if block.chunk)
-        return self.attachments if opcode == Opcode.ATTACHMENT_INDEX else self.metadata_records
 
     def _compare(self, offset: int, said: Statistics) -> None:
         """Notes where a file differs from its statistics; schemas and channels hide no data."""
@@ -417,6 +406,5 @@ class Walk:
                 self._first_messages.add(
                     channel, records, order[stop - int(counts[channel]) : stop]
                 )
-        self._indexes.messages(block, records, log)
         block.rows = len(records.start)
         self.blocks.append(block)
