@@ -123,10 +123,11 @@ def lists(fleet: FleetSummary) -> list[PageTable]:
         {"log": row.log, "severity": row.severity, "finding": _title(row.code), "what": row.message}
         for row in fleet.to_check
     ]
-    marks = [("slid", "severity")] * len(check)
     all_lists = (
         PageTable("Failed logs", failed, 3),
-        PageTable("Damaged logs and suspect units", check, 4, links=_links(fleet), marks=marks),
+        PageTable(
+            "Damaged logs and suspect units", check, 4, links=_links(fleet), marked="severity"
+        ),
     )
     return [table for table in all_lists if table.rows]
 
@@ -140,8 +141,7 @@ def _on_page(table: PageTable, fleet: FleetSummary) -> PageTable:
         doubt = {row.log: _title(row.code) for row in reversed(fleet.to_check)}
         rows = [{**row, "doubtful": doubt.get(row["log"], "")} for row in table.rows]
         if any(row["doubtful"] for row in rows):
-            marks = [("slid", "doubtful")] * len(rows)
-            return table._replace(rows=rows, links=_links(fleet), marks=marks)
+            return table._replace(rows=rows, links=_links(fleet), marked="doubtful")
     return table
 
 

@@ -54,7 +54,7 @@ class PageTable(NamedTuple):
         figure: what is drawn above the table.
         note: what its columns mean.
         links: places on the page, by the text of a cell.
-        marks: of each row its class and the column that has it.
+        marked: the column in colour.
     """
 
     title: str
@@ -63,7 +63,7 @@ class PageTable(NamedTuple):
     figure: Bars | None = None
     note: str = ""
     links: Mapping[str, str] = {}
-    marks: Sequence[tuple[str, str]] = ()
+    marked: str = ""
 
 
 class Campaign(NamedTuple):

@@ -1,34 +1,13 @@
 """Several runs on one page: overlaid, and what differs from the first one."""
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 from ...core.text import by_uncertainty
-from . import differences, sections, words
+from . import differences, words
 from .differences import Difference
-from .markup import element, paragraph, table, text
 from .run import ReportRun
 
-if TYPE_CHECKING:
-    from .plots import Figures
-
-_OF_MARK = "≈: not distinguishable, the uncertainty (95 %) explains the difference."
-_SHARED = (
-    "The runs state the same vehicle. Errors of its parameters are then the same in both runs, and "
-    "most of each cancels in a difference. This holds for one train whose brake friction has not "
-    "changed."
-)
-_DIFFERENCE_NOTE = (
-    "The runs state different vehicles. Only the parameters that they state alike cancel in a "
-    "difference."
-)
-_BRACKETS = "In brackets: the uncertainty if nothing cancels, as for two trains."
 _SETTINGS = 6  # that differ and are named
-_OF_UTILISATION = "Uncertainties of the utilisation are those of the fits of both rails."
-_UNPAIRED = (
-    "Runs have different axles or numbers of brake applications. Those of equal number and place "
-    "are compared, and the others are left out."
-)
 _QUANTITIES = {  # heading, factor and decimals at most
     "coefficient": ("Adhesion coefficient, mean", 1.0, 5),
     "force": ("Force, mean [kN]", 1e-3, 4),
@@ -36,45 +15,24 @@ _QUANTITIES = {  # heading, factor and decimals at most
 }
 
 
-def body(runs: Sequence[ReportRun], figures: "Figures") -> Iterator[str]:
-    """The page's content: differences first, then the overlays, then every run."""
+def content(runs: Sequence[ReportRun]) -> dict[str, object]:
+    """What the page has besides the runs and their figures, by its name in the template."""
     all_differences = differences.compare(runs)
-    yield element("h1", f"Comparison of {len(runs)} runs")
-    yield element("p", text(_headline(runs, all_differences)), "headline")
-    yield from _distinctions(runs)
-    yield table([_run(i, run) for i, run in enumerate(runs, 1)], text_columns=2)
-    yield element("h2", "Differences from run 1")
     rows = _rows(all_differences)
-    yield table(
-        rows[: sections.MAX_ROWS], text_columns=1, css="long" * (len(rows) > sections.VISIBLE_ROWS)
-    )
-    if len(rows) > sections.MAX_ROWS:
-        remainder = f"{sections.MAX_ROWS} of {len(rows)} rows. `adhesion report --json` writes all."
-        yield paragraph(remainder, "note")
-    shared = all(differences.same_vehicle(runs[0], run) for run in runs[1:])
-    said = [_OF_MARK, _SHARED if shared else _DIFFERENCE_NOTE]
-    said += [_BRACKETS] * any("(" in cell for row in rows for cell in row.values())
-    said += [_OF_UTILISATION] * any(d.quantity == "utilisation" for d in all_differences)
-    said += [_UNPAIRED] * differences.unpaired(runs)
-    yield paragraph(" ".join(said), "note")
-    for i, run in enumerate(runs, 1):
-        yield from sections.care(run, f"Run {i}: read the figures with care.")
-    for axle, places in figures.of_runs(runs).items():
-        inside = element("h2", f"Axle {axle}") + "".join(sections.places(places))
-        yield element("div", inside, "whole")
-    yield paragraph("Grey: speed of the train, measured or estimated.", "note")
-    yield paragraph(sections.BROWSER_NOTE, "too-old")
-    for i, run in enumerate(runs, 1):
-        yield element("h2", text(f"Run {i}: {run.name}"))
-        yield from sections.verdict(run)
-        yield sections.applications(run)
-    yield sections.notes(runs)
-    yield paragraph("`adhesion report RESULT` shows all of one run.", "note")
+    return {
+        "headline": _headline(runs, all_differences),
+        "cautions": list(cautions(runs)),
+        "run_rows": [_run(i, run) for i, run in enumerate(runs, 1)],
+        "rows": rows,
+        "same_vehicle": all(differences.same_vehicle(runs[0], run) for run in runs[1:]),
+        "has_brackets": any("(" in cell for row in rows for cell in row.values()),
+        "has_utilisation": any(d.quantity == "utilisation" for d in all_differences),
+        "unpaired": differences.unpaired(runs),
+    }
 
 
-def _distinctions(runs: Sequence[ReportRun]) -> Iterator[str]:
+def cautions(runs: Sequence[ReportRun]) -> Iterator[str]:
     """That a difference comes from the settings and not from the train, where it may."""
-    items = []
     for i, run in enumerate(runs[1:], 2):
         names = differences.settings_apart(runs[0], run)
         suffix = f" and {len(names) - _SETTINGS} more" * (len(names) > _SETTINGS)
@@ -83,18 +41,10 @@ def _distinctions(runs: Sequence[ReportRun]) -> Iterator[str]:
             cause = (
                 "Every difference is by the settings" if names else "The settings are equal, too"
             )
-            items.append(
-                f"Runs 1 and {i} are of the same log (equal SHA-256). {cause}{names_text}."
-            )
+            yield f"Runs 1 and {i} are of the same log (equal SHA-256). {cause}{names_text}."
         elif not differences.same_vehicle(runs[0], run):
-            items.append(
-                f"Runs 1 and {i} state different vehicles. Differences may be by the "
-                f"settings{names_text}."
-            )
-    if items:
-        head = element("b", "Compare with care:")
-        listed = "".join(element("li", text(item)) for item in items)
-        yield element("div", f"{head}<ul>{listed}</ul>", "care")
+            cause = f"Differences may be by the settings{names_text}."
+            yield f"Runs 1 and {i} state different vehicles. {cause}"
 
 
 def _headline(runs: Sequence[ReportRun], all_differences: Sequence[Difference]) -> str:

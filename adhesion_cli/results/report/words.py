@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ...core.finding import CatalogueEntry, catalogue
-from ...core.summary import BrakeApplication, FindingSummary, MeanAndHighest
+from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
 from .run import ReportAxle, ReportRun
@@ -14,6 +14,9 @@ Mark = Literal["good", "slid", "locked", "unknown"]
 Cells = Mapping[str, str]
 DASH = "–"
 _NO_FORCE = ("pressure-below-spring", "pressure-unit-suspect", "brake-unknown")
+MAX_ROWS = 500  # rows of a table: more would need too much room
+_MOST_BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
+_NAMED = 60  # letters for the channels of a finding in its line
 _LOCKED = 0.995  # slip of a wheel that stands while the train moves
 
 
@@ -202,6 +205,18 @@ def application_rows(run: ReportRun) -> list[tuple[Mark, Cells]]:
     ]
 
 
+def slides_first(rows: Sequence[tuple[Mark, Cells]]) -> Sequence[tuple[Mark, Cells]]:
+    """The rows of `application_rows` that a page has room for; slides are the last to go."""
+    order = sorted(range(len(rows)), key=lambda i: rows[i][0] not in ("slid", "locked"))
+    return [rows[i] for i in sorted(order[:MAX_ROWS])]
+
+
+def has_bounds(runs: Sequence[ReportRun]) -> bool:
+    """Whether some numbers of slides are lower bounds."""
+    axles = [axle for run in runs for axle in run.axles]
+    return any(application.at_least for axle in axles for application in _slid(axle))
+
+
 def _mark(axle: ReportAxle, application: BrakeApplication) -> Mark:
     if not application.slides:
         return "good" if _is_observed(axle, application) else "unknown"
@@ -250,6 +265,38 @@ def score_rows(axle: ReportAxle) -> list[Cells]:
     ]
 
 
+def budgets(run: ReportRun) -> list[tuple[int, BrakeApplication]]:
+    """The brake applications that have an uncertainty budget, after the number of their axle."""
+    return [(a.number, x) for a in run.axles for x in a.applications if x.budget]
+
+
+def widest(
+    applications: Sequence[tuple[int, BrakeApplication]],
+) -> Sequence[tuple[int, BrakeApplication]]:
+    """The budgets that a page has room for: of many, each axle's with the largest uncertainty."""
+    if len(applications) <= _MOST_BUDGETS:
+        return applications
+
+    def u95(pair: tuple[int, BrakeApplication]) -> float:
+        return pair[1].force_n.mean_u95 if pair[1].force_n else 0.0
+
+    return sorted(dict(sorted(applications, key=u95)).items())
+
+
+def channel_rows(channels: Sequence[ChannelSummary]) -> list[Cells]:
+    """What each channel of the log was taken for."""
+    return [
+        {
+            "Channel": f"{c.name} {c.field}".strip(),
+            "Meaning": str(c.meaning or ""),
+            "Axle": str(c.axle or "all"),
+            "Unit": c.unit,
+            "Reason": c.reason,
+        }
+        for c in channels
+    ]
+
+
 def budget_rows(application: BrakeApplication) -> list[Cells]:
     """What each quantity adds to the uncertainty of a mean force, the largest first."""
     rows: list[Cells] = []
@@ -291,7 +338,7 @@ class FindingGroup:
     code: str
     severity: str
     title: str
-    lines: list[tuple[str, str, str]]  # channel, time, message
+    lines: Sequence[Cells]  # each with channel, time and message
     sections: list[tuple[str, str]]  # heading, text
 
 
@@ -312,6 +359,22 @@ def finding_groups(findings: Sequence[FindingSummary]) -> list[FindingGroup]:
     ]
 
 
+def summary_line(group: FindingGroup) -> str:
+    """What and where, in one line."""
+    channels, times, messages = (
+        list(dict.fromkeys(line[key] for line in group.lines)) for key in group.lines[0]
+    )
+    channels = [c for c in channels if c]
+    channel_text = listed(channels) if channels else ""
+    if len(channel_text) > _NAMED:
+        channel_text = f"{channels[0].partition(', ')[0]} and others"
+    spans = [t for t in times if t.endswith((" s", "more"))]
+    span_text = f"{spans[0]}{' and others' * (len(spans) > 1)}" if spans else ""
+    message = messages[0] if len(messages) == 1 else f"{group.title}."
+    place = ", ".join(text for text in (channel_text, span_text) if text)
+    return f"{place}: {message}" if place else message
+
+
 def explained(code: str) -> tuple[str, list[tuple[str, str]]]:
     """Title of a code, and what the catalogue says of it: headings and texts."""
     entry = catalogue().get(code)
@@ -325,7 +388,7 @@ def explained(code: str) -> tuple[str, list[tuple[str, str]]]:
 def _finding_group(
     severity: str, entry: CatalogueEntry | None, code: str, findings: Sequence[FindingSummary]
 ) -> FindingGroup:
-    lines = [(f.channel, _times_text(f), f.message) for f in findings]
+    lines = [{"Channel": f.channel, "Time": _times_text(f), "What": f.message} for f in findings]
     hints = list(dict.fromkeys(f.hint for f in findings if f.hint))
     sections = (
         [(name, getattr(entry, key)) for key, name in _SECTION_TITLES.items()] if entry else []

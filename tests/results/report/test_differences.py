@@ -13,7 +13,6 @@ from helpers.pages import EVIL, Elements, figures, written
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
 from adhesion_cli.results.report import comparison, differences, page
-from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import ReportRun, read
 
 RELATED = Vehicle(correlation=(("friction", "axle_mass", 0.8),))
@@ -88,23 +87,19 @@ def test_a_difference_by_the_settings_alone_is_said_first(
     same = made(tmp_path / "x.mcap", other, axles=2, n=3000)
     apart = replace(same, log=same.log._replace(sha256="other"))
     first = replace(pair[0], log=pair[0].log._replace(sha256=same.log.sha256))
-
-    def care(*runs: ReportRun) -> list[str]:
-        every = list(comparison.body(runs, Figures()))
-        return [part for part in every[:4] if 'class="care"' in part]
-
     for run in (same, apart):
-        (said,) = care(first, run)
+        (said,) = comparison.cautions([first, run])
         assert "vehicle.friction" in said
         assert "vehicle.axle_mass" in said
         assert "vehicle.lever_ratio" not in said
         assert ("SHA-256" in said) == (run is same)
-    assert not care(first, replace(pair[1], log=pair[1].log._replace(sha256="third")))
+    third = replace(pair[1], log=pair[1].log._replace(sha256="third"))
+    assert not list(comparison.cautions([first, third]))
 
 
 def test_brackets_are_explained_only_where_there_are_some(pair: list[ReportRun]) -> None:
     for runs in (pair, [pair[0], replace(pair[0], log=pair[0].log._replace(sha256="x"))]):
-        text = "".join(comparison.body(runs, Figures()))
+        text = page.page(runs)
         shown = re.search(r"± [\d.]+ \(", text) is not None
         assert ("brackets" in text) == shown
 

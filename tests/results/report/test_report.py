@@ -18,7 +18,7 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.summary import BrakeApplication, FindingSummary
 from adhesion_cli.results import mcap
-from adhesion_cli.results.report import decimate, page, sections, words
+from adhesion_cli.results.report import decimate, page, words
 from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import ReportAxle, ReportRun, read
 
@@ -166,7 +166,7 @@ def test_findings_stand_with_their_explanation(run: ReportRun, text: str) -> Non
     (told,) = [of for of in words.finding_groups(run.findings) if of.code == "gap"]
     assert told.severity == "warning"
     assert {name for name, _ in told.sections} >= {"Cause", "Effect on the result", "What to do"}
-    assert told.lines[0][0] == "speed 2"
+    assert told.lines[0]["Channel"] == "speed 2"
     links = {a.get("href") for tag, a in Elements(text).elements if tag == "a"}
     assert "#finding-gap" in links  # on the first screen, as it is a warning
     assert "#finding-no-application" not in links
@@ -174,7 +174,7 @@ def test_findings_stand_with_their_explanation(run: ReportRun, text: str) -> Non
 
 def test_the_first_screen_says_where_a_warning_is(run: ReportRun) -> None:
     def said(*findings: FindingSummary) -> str:
-        return "".join(sections.care(replace(run, findings=findings)))
+        return "".join(map(words.summary_line, words.finding_groups(findings)))
 
     (gap,) = [f for f in run.findings if f.code == "gap"]
     one = said(replace(gap, channel="speed 2", spans=((60.0, 67.5),)))
