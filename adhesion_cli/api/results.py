@@ -209,7 +209,7 @@ class Axle(_Tables):
         return tables.series({n: column for n, column in columns.items() if column[0] is not None})
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
-        rows = [result_rows.score_row(str(self.number), s) for s in self.estimators]
+        rows = [{"axle": str(self.number)} | result_rows.score_row(s) for s in self.estimators]
         title = f"axle {self.number}: {len(self.t_s)} samples, reference {self.method}"
         return title, {"Estimators": rows}
 
@@ -418,7 +418,7 @@ class Comparison(_Tables):
         by_target: dict[str, list[dict[str, str]]] = {}
         for s in self.estimators:
             rows = by_target.setdefault(f"Against {s.against}", [])
-            rows.append(result_rows.score_row("all", s))
+            rows.append({"axle": "all"} | result_rows.score_row(s))
         return ", ".join(analysis.log.path for analysis in self.analyses), dict(by_target)
 
 

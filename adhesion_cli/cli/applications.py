@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 
-from ..core.summary import AxleSummary, Contribution
+from ..core.summary import AxleSummary
 from ..rail.events import HIDDEN_TIME
-from ..results.result_rows import row, slid_row
+from ..results.result_rows import budget_row, combined, row, slid_row
 from . import terminal
-from .terminal import number
 
 _NOTE = (
     "One row per brake application; at: seconds after the start of the log. µ, F: adhesion "
@@ -45,26 +44,11 @@ def tables(axles: Sequence[AxleSummary]) -> str:
 
 def budgets(axles: Sequence[AxleSummary]) -> str:
     """The uncertainty budget of each brake application's mean force."""
-    from ..results.report.words import combined
-
     lines = []
     for axle in axles:
         for a in axle.applications:
             if a.budget:
                 lines += [f"Axle {axle.axle}, brake application at {a.start_s:.1f} s:"]
-                lines += [terminal.records([_budget_row(c) for c in a.budget], text_columns=3)]
+                lines += [terminal.records([budget_row(c) for c in a.budget], text_columns=3)]
                 lines += [terminal.folded(combined(a)), ""]
     return "\n".join([*lines, terminal.folded(_OF_BUDGETS), ""]) if lines else ""
-
-
-def _budget_row(c: Contribution) -> dict[str, str]:
-    unit = "" if c.unit == "-" else f" {c.unit}"
-    return {
-        "quantity": c.quantity,
-        "type": c.type,
-        "value": "-" if c.value is None else f"{c.value:.5g}{unit}",
-        "u": f"{c.u:.3g}",
-        "∂F/∂q": f"{c.sensitivity:.3g}",
-        "u(F) [N]": number(c.contribution_n, 1),
-        "share [%]": number(100.0 * c.share, 1),
-    }

@@ -3,7 +3,7 @@
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from ..core.text import printable
 from ..results.result_rows import newtons, score_row
 from ..results.text_tables import NARROW as NARROW
 from ..results.text_tables import folded as folded
+from ..results.text_tables import non_empty
 from ..results.text_tables import number as number
 from ..results.text_tables import records as records
 from ..results.text_tables import table as table
@@ -39,10 +40,10 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
     """
     by_target: dict[str, list[dict[str, str]]] = {}
     for axle, s in rows:
-        by_target.setdefault(s.against, []).append(score_row(axle, s))
+        by_target.setdefault(s.against, []).append({"axle": axle} | score_row(s))
     log_name = f"{printable(log)}, " if log else ""
     tables = [
-        f"{log_name}against {target}:\n{records(_non_empty(score_rows), text_columns=2)}"
+        f"{log_name}against {target}:\n{records(non_empty(score_rows), text_columns=2)}"
         for target, score_rows in by_target.items()
     ]
     marked = ["≈: the noise of the reference explains the difference from the best (95 %)."]
@@ -66,12 +67,6 @@ def _bands(scores: Sequence[Score]) -> list[str]:
 def _range(values: Sequence[float]) -> str:
     lowest, highest = f"{min(values):.0f}", f"{max(values):.0f}"
     return lowest if lowest == highest else f"{lowest} to {highest}"
-
-
-def _non_empty(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
-    """The rows without the columns that hold no value."""
-    keys = [key for key in rows[0] if any(row[key] != "-" for row in rows)]
-    return [{key: row[key] for key in keys} for row in rows]
 
 
 def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str:

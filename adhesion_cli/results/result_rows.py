@@ -1,9 +1,11 @@
-"""Brake applications and scores as rows of text, for the screen and for pages."""
+"""Brake applications, scores and budgets as rows of text, for screen, page and recording."""
+
+from collections.abc import Sequence
 
 from ..core.model import Score
-from ..core.summary import BrakeApplication
+from ..core.summary import BrakeApplication, Contribution
 from ..core.text import by_uncertainty
-from .text_tables import bounded_number, number
+from .text_tables import DASH, bounded_number, non_empty, number
 
 
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
@@ -47,10 +49,9 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
     }
 
 
-def score_row(axle: str, s: Score) -> dict[str, str]:
-    """How well one estimator follows, on one axle or over all."""
+def score_row(s: Score) -> dict[str, str]:
+    """How well one estimator follows."""
     return {
-        "axle": axle,
         "method": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
         "RMSE [N]": number(s.rmse_n),
         "bias [N]": number(s.bias_n),
@@ -60,6 +61,47 @@ def score_row(axle: str, s: Score) -> dict[str, str]:
         "t95 [s]": number(s.response_s, 2),
         "ripple [N]": newtons(s.ripple_n),
     }
+
+
+def score_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
+    """The same of several, with what their own bands are worth; no column without a value."""
+    rows = [
+        {
+            **score_row(s),
+            "band [N]": number(s.band_n),
+            "holds [%]": number(s.within and 100.0 * s.within),
+        }
+        for s in scores
+    ]
+    return non_empty(rows)
+
+
+def budget_row(c: Contribution) -> dict[str, str]:
+    """What one quantity adds to the uncertainty of a mean force."""
+    unit = "" if c.unit == "-" else f" {c.unit}"
+    return {
+        "quantity": c.quantity,
+        "type": c.type,
+        "value": DASH if c.value is None else f"{c.value:.5g}{unit}",
+        "u": f"{c.u:.3g}",
+        "∂F/∂q": f"{c.sensitivity:.3g}",
+        "u(F) [N]": number(c.contribution_n, 1),
+        "share [%]": number(100.0 * c.share, 1),
+    }
+
+
+def combined(application: BrakeApplication) -> str:
+    """The last line of a budget."""
+    coverage, force = application.coverage, application.force_n
+    assert coverage
+    assert force
+    freedom = coverage.degrees_of_freedom
+    freedom_text = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
+    return (
+        f"F = {force.mean:.0f} ± {force.mean_u95:.0f} N (95 %); combined standard "
+        f"uncertainty {coverage.u_n:.1f} N, coverage factor {coverage.k:.2f}, effective degrees of "
+        f"freedom: {freedom_text}."
+    )
 
 
 def newtons(value: float | None) -> str:

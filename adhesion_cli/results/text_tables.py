@@ -9,6 +9,7 @@ from typing import Literal
 from ..core.text import printable
 
 NARROW = 80  # columns where there is no terminal, and in a recording
+DASH = "-"  # where a number is not known
 _TEXT = 16  # columns that a text keeps
 
 
@@ -59,8 +60,14 @@ def records(
     """A `table` of rows that have the same keys, which are its header."""
     header = list(dict.fromkeys(key for row in rows for key in row))
     return table(
-        header, [[row.get(key, "-") for key in header] for row in rows], text_columns, width
+        header, [[row.get(key, DASH) for key in header] for row in rows], text_columns, width
     )
+
+
+def non_empty(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+    """The rows without the columns that hold no value."""
+    heads = [head for head in rows[0] if any(row[head] != DASH for row in rows)] if rows else []
+    return [{head: row[head] for head in heads} for row in rows]
 
 
 def folded(text: str, indent: str = "", width: int | None = None) -> str:
@@ -73,7 +80,7 @@ def folded(text: str, indent: str = "", width: int | None = None) -> str:
 
 def number(value: float | None, digits: int = 0) -> str:
     """A number with fixed digits; a dash for None."""
-    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
+    return DASH if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
 
 
 def bounded_number(value: float | None, digits: int, bound: bool) -> str:

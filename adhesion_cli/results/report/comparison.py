@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from ...core.text import by_uncertainty
+from ..text_tables import DASH, number
 from . import differences, words
 from .differences import Difference
 from .run import ReportRun
@@ -72,21 +73,19 @@ def _run(place: int, run: ReportRun) -> dict[str, str]:
     ]
     slip = max((application.max_slip or 0.0 for _, application in applications), default=0.0)
     slides_known = any(words.slides_known(axle) for axle in run.axles)
-    mean_range = [words.number(f(means), 3) for f in (min, max)] if means else [words.DASH]
+    mean_range = [number(f(means), 3) for f in (min, max)] if means else [DASH]
     start = run.log.start
     return {
         "Run": str(place),
         "Log": run.name,
-        "Begun": start[:16].replace("T", " ") if start else words.DASH,
+        "Begun": start[:16].replace("T", " ") if start else DASH,
         "Brake applications": str(max((len(a.applications) for a in run.axles), default=0)),
         "µ mean": "–".join(dict.fromkeys(mean_range)),
         "Slides": str(sum(application.slides for _, application in applications))
         if slides_known
         else "?",
-        "Sliding for [s]": words.number(
-            sum(application.slide_s for _, application in applications), 1
-        ),
-        "Most slip [%]": words.percent(min(slip, 1.0), 1) if slip else words.DASH,
+        "Sliding for [s]": number(sum(application.slide_s for _, application in applications), 1),
+        "Most slip [%]": words.percent(min(slip, 1.0), 1) if slip else DASH,
         "SHA-256": run.log.sha256[:8],
     }
 
@@ -102,7 +101,7 @@ def _rows(all_differences: Sequence[Difference]) -> list[dict[str, str]]:
                 "Run": str(d.run),
                 "Axle": str(d.axle),
                 "Brake application": str(d.application),
-                **{_QUANTITIES[q][0]: words.DASH for q in quantities},
+                **{_QUANTITIES[q][0]: DASH for q in quantities},
             },
         )
         head, factor, digits = _QUANTITIES[d.quantity]

@@ -19,6 +19,8 @@ from markupsafe import Markup, escape
 from ... import __version__
 from ...core.model import Vehicle, quantities
 from ...core.text import printable, utf8
+from .. import result_rows
+from ..text_tables import DASH
 from ..verified import verified
 from . import comparison, words
 from .campaign import Campaign
@@ -126,8 +128,8 @@ def _templates() -> Environment:
         undefined=StrictUndefined,
         finalize=_text,
     )
-    environment.globals |= {"version": __version__, "words": words}
-    environment.filters["prose"] = _prose
+    environment.globals |= {"version": __version__, "result_rows": result_rows, "words": words}
+    environment.filters |= {"prose": _prose, "budget_row": result_rows.budget_row}
     return environment
 
 
@@ -187,9 +189,9 @@ def _vehicle(settings: Mapping[str, str]) -> list[dict[str, str]]:
     return [
         {
             "Parameter": name.replace("_", " "),
-            "Value": components.get("value", words.DASH),
-            "Standard uncertainty": components.get("tolerance", words.DASH),
-            "Unit": units.get(name.partition(",")[0], words.DASH),
+            "Value": components.get("value", DASH),
+            "Standard uncertainty": components.get("tolerance", DASH),
+            "Unit": units.get(name.partition(",")[0], DASH),
         }
         for name, components in parameters.items()
     ]

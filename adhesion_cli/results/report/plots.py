@@ -41,7 +41,7 @@ _NARROW = 45  # letters in a row of a legend that a narrow screen has room for
 _SIGN = 5  # of these for the sign in front of each name
 _SHADES = 500  # slides of all axles together that are shaded one by one
 _FONT = "13px"
-_ID = re.compile(r"p\d+")
+_ID = re.compile(r'"p\d+"')  # of a model of Bokeh
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,16 +112,9 @@ class Figures:
 
     def of_bars(self, bars: Bars, place: str) -> str:
         """Percentiles of the adhesion coefficient of groups, side by side; returns the place."""
-        fig = figure(
-            height=260,
-            sizing_mode="stretch_width",
-            tools="xpan,xwheel_zoom,reset,save",
-            active_drag=None,
-            active_scroll=None,
-            output_backend="canvas",
-            x_axis_type="datetime" if bars.dated else "linear",
-        )
-        _style(fig, "Mean adhesion coefficient [-]")
+        axis = "datetime" if bars.dated else "linear"
+        tools = "xpan,xwheel_zoom,reset,save"
+        fig = _figure("Mean adhesion coefficient [-]", 260, tools, None, x_axis_type=axis)
         fig.xaxis.axis_label = bars.label
         data = {name: [getattr(bar, name) for bar in bars.bars] for name in Bar._fields}
         data["left"] = [0.95 * bar.begin + 0.05 * bar.stop for bar in bars.bars]
@@ -131,25 +124,10 @@ class Figures:
             fig.xaxis.ticker = FixedTicker(ticks=data["centre"])
             fig.xaxis.major_label_overrides = dict(zip(data["centre"], data["name"], strict=True))
         source = ColumnDataSource(data)
-        span = fig.quad(
-            left="left",
-            right="right",
-            bottom="lower",
-            top="upper",
-            source=source,
-            fill_color=palette.BLUE,
-            fill_alpha=0.25,
-            line_color=None,
-        )
-        middle = fig.segment(
-            x0="left",
-            x1="right",
-            y0="middle",
-            y1="middle",
-            source=source,
-            line_color=palette.BLUE,
-            line_width=2.5,
-        )
+        fill = {"fill_color": palette.BLUE, "fill_alpha": 0.25, "line_color": None}
+        span = fig.quad("left", "right", "upper", "lower", source=source, **fill)
+        edge = {"line_color": palette.BLUE, "line_width": 2.5}
+        middle = fig.segment("left", "middle", "right", "middle", source=source, **edge)
         items = {"5 % to 95 %": [span], "median": [middle]}
         if any(np.isfinite(data["slid"])):
             slid = fig.scatter("centre", "slid", source=source, size=9, color=palette.RED)
@@ -175,11 +153,13 @@ class Figures:
         with document.models.freeze():  # else each figure costs a walk through all of them
             for fig in self._places.values():
                 document.add_root(fig)
-        fields = document.to_json(deferred=False)
-        names: dict[str, str] = {}
         roots = {fig.id: place for place, fig in self._places.items()}
-        packed = _renamed({"doc": fields, "roots": roots, "root_ids": list(roots)}, names)
-        return json.dumps(packed, separators=(",", ":"))
+        page = {"doc": document.to_json(deferred=False), "roots": roots, "root_ids": list(roots)}
+        names: dict[str, str] = {}  # numbered from the first: Bokeh counts on in a process
+        return _ID.sub(
+            lambda found: names.setdefault(found[0], f'"m{len(names)}"'),
+            json.dumps(page, separators=(",", ":")),
+        )
 
     # ---- figures
 
@@ -191,19 +171,15 @@ class Figures:
         items: dict[str, list[Any]] = {}
         slides = merge_spans([span for axle in run.axles for span in _slides(axle)], _SHADES)
         for fig in (speed, adhesion):
-            _shade(fig, slides, _WEAK)
+            _shade(fig, slides)
         for i, axle in enumerate(run.axles):
             colour, source = palette.nth(i), sources[axle.number]
             name = f"axle {axle.number}" if i == 0 else f"{axle.number}"
-            style = {"color": colour, "line_width": 1.3, "source": source}
-            items[name] = [
-                speed.line("t", "rim", **style),
-                adhesion.line("t", "mu", **style),
-            ]
-        of_train = [a for a in run.axles if a.has_values("train")][:1]
-        for axle in of_train:
-            line = _line(speed, sources[axle.number], "train", palette.BLACK, 2.0)
-            items[run.train] = [line]
+            lines = ((speed, "rim"), (adhesion, "mu"))
+            items[name] = [_line(fig, source, column, colour, 1.3) for fig, column in lines]
+        if with_train := [a for a in run.axles if a.has_values("train")]:
+            source = sources[with_train[0].number]
+            items[run.train] = [_line(speed, source, "train", palette.BLACK, 2.0)]
         speed.y_range = _range([_column(s, "rim") for s in sources.values()], is_full=True)
         adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
@@ -257,49 +233,30 @@ class Figures:
 
     def _curve(self, axle: ReportAxle) -> figure:
         """µ over slip while braked: where the wheel rolls, and where it slides."""
-        fig = figure(
-            height=300,
-            sizing_mode="stretch_width",
-            tools="box_zoom,pan,wheel_zoom,reset,save",
-            active_drag="box_zoom",
-            active_scroll=None,
-            output_backend="canvas",
-        )
-        _style(fig, "Adhesion coefficient [-]")
+        tools = "box_zoom,pan,wheel_zoom,reset,save"
+        fig = _figure("Adhesion coefficient [-]", 300, tools, "box_zoom")
         fig.xaxis.axis_label = "slip [%]"
         braked = _inside(axle.t, [(o.start_s, o.end_s) for o in axle.applications])
         sliding = _inside(axle.t, _slides(axle))
         items = {}
+        style = {"size": 4, "alpha": 0.6}
         for name, selected, colour in (
             ("wheel rolls", braked & ~sliding, palette.BLUE),
             ("wheel slides", braked & sliding, palette.RED),
         ):
-            indices = np.flatnonzero(selected & np.isfinite(axle.slip) & np.isfinite(axle.force))
-            if len(indices):
-                indices = indices[:: -(-len(indices) // _POINTS)]
-                points = {
-                    "slip": 100.0 * axle.slip[indices],
-                    "mu": axle.force[indices] / axle.weight,
-                }
-                source = ColumnDataSource({k: _rounded_float(x) for k, x in points.items()})
-                items[name] = [
-                    fig.scatter("slip", "mu", source=source, size=4, color=colour, alpha=0.6)
-                ]
+            rows = np.flatnonzero(selected & np.isfinite(axle.slip) & np.isfinite(axle.force))
+            if len(rows):
+                rows = rows[:: -(-len(rows) // _POINTS)]
+                slip, mu = 100.0 * axle.slip[rows], axle.force[rows] / axle.weight
+                source = ColumnDataSource({"slip": _rounded(slip), "mu": _rounded(mu)})
+                items[name] = [fig.scatter("slip", "mu", source=source, color=colour, **style)]
         _legend(fig, items)
         return fig
 
     def _figure(self, label: str, height: int, time: Range1d) -> figure:
-        fig = figure(
-            height=height,
-            sizing_mode="stretch_width",
-            x_range=time,
-            tools="xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save",
-            active_drag="xbox_zoom",
-            active_scroll=None,
-            output_backend="canvas",
-        )
+        tools = "xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save"
+        fig = _figure(label, height, tools, "xbox_zoom", x_range=time)
         fig.add_tools(CrosshairTool(overlay=self._cursor))
-        _style(fig, label)
         return fig
 
     def _place(self, fig: figure, place: str) -> str:
@@ -307,7 +264,16 @@ class Figures:
         return place
 
 
-def _style(fig: figure, label: str) -> None:
+def _figure(label: str, height: int, tools: str, drag: str | None, **axes: Any) -> figure:
+    fig = figure(
+        height=height,
+        sizing_mode="stretch_width",
+        tools=tools,
+        active_drag=drag,
+        active_scroll=None,
+        output_backend="canvas",
+        **axes,
+    )
     fig.yaxis.axis_label = label
     fig.yaxis.ticker.desired_num_ticks = 5
     for axis in fig.axis:
@@ -320,28 +286,26 @@ def _style(fig: figure, label: str) -> None:
     fig.toolbar.autohide = True
     fig.outline_line_color = None
     fig.grid.grid_line_color = "#e6e6e6"
+    return fig
 
 
 def _legend(fig: figure, items: Mapping[str, Sequence[Any]]) -> None:
-    if items:
-        items_shown = [
-            LegendItem(label=name, renderers=list(renderers)) for name, renderers in items.items()
-        ]
-        fits = sum(map(len, items)) + _SIGN * len(items) <= _NARROW
-        columns = len(items) if fits else 3
-        legend = Legend(
-            items=items_shown,
-            orientation="horizontal",
-            click_policy="hide",
-            ncols=columns,
-            border_line_color=None,
-            padding=0,
-            margin=2,
-            label_text_font_size=_FONT,
-            spacing=5,
-            location="top_left",
-        )
-        fig.add_layout(legend, "above")
+    if not items:
+        return
+    fits = sum(map(len, items)) + _SIGN * len(items) <= _NARROW
+    legend = Legend(
+        items=[LegendItem(label=name, renderers=list(x)) for name, x in items.items()],
+        orientation="horizontal",
+        click_policy="hide",
+        ncols=len(items) if fits else 3,
+        border_line_color=None,
+        padding=0,
+        margin=2,
+        label_text_font_size=_FONT,
+        spacing=5,
+        location="top_left",
+    )
+    fig.add_layout(legend, "above")
 
 
 def _line(
@@ -360,7 +324,7 @@ def _finish(
 ) -> None:
     """Legend, the slides as shades, and values under the pointer."""
     lines = list(fig.renderers)
-    _shade(fig, slides, _WEAK)
+    _shade(fig, slides)
     _legend(fig, items)
     tips = [("time", "@t{0.00} s")]
     tips += [
@@ -371,19 +335,11 @@ def _finish(
     fig.add_tools(HoverTool(renderers=lines[-1:], tooltips=tips, mode="vline"))
 
 
-def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> None:
+def _shade(fig: figure, spans: Sequence[tuple[float, float]]) -> None:
     if spans:
-        begin, stops = ([span[i] for span in spans] for i in (0, 1))
-        source = ColumnDataSource({"begin": begin, "end": stops})
-        fig.vstrip(
-            x0="begin",
-            x1="end",
-            source=source,
-            fill_color=palette.RED,
-            fill_alpha=alpha,
-            line_color=None,
-            level="underlay",
-        )
+        begins, stops = zip(*spans, strict=True)
+        style = {"fill_color": palette.RED, "fill_alpha": _WEAK, "line_color": None}
+        fig.vstrip(x0=list(begins), x1=list(stops), level="underlay", **style)
 
 
 # ---- data
@@ -421,18 +377,16 @@ def _source(axle: ReportAxle, limit: int, zero: float = 0.0) -> tuple[ColumnData
     }
     empty = [name for name, c in columns.items() if not np.isfinite(c).any()]
     room = limit // (1 + len(columns) - len(empty))
-    judged = [
-        columns[n] for n in columns if n not in (*empty, "mu", "lower", "upper", "truth")
-    ]  # what follows from another column, or from noise around it, is left out
+    # What follows from another column, or from noise around it, does not choose the rows.
+    judged = [columns[n] for n in columns if n not in (*empty, "mu", "lower", "upper", "truth")]
     braked = [(o.start_s - _MARGIN, o.end_s + _MARGIN) for o in axle.applications]
     chosen = decimate.rows(axle.t, judged, [_slides(axle), braked], room)
-    indices, flat = _edged(
-        decimate.with_gaps(axle.t, chosen), np.isfinite(axle.lower) & np.isfinite(axle.upper)
-    )
+    has_band = np.isfinite(axle.lower) & np.isfinite(axle.upper)
+    indices, flat = _edged(decimate.with_gaps(axle.t, chosen), has_band)
     data: dict[str, NDArray[np.float32]] = {"t": _seconds(axle.t - zero, indices)}
     for name, column in columns.items():
         if name not in empty:
-            data[name] = _rounded_float(np.where(indices < 0, np.nan, column[indices]))
+            data[name] = _rounded(np.where(indices < 0, np.nan, column[indices]))
     if flat.any():
         data["upper"][flat] = data["lower"][flat]
     for name in {"rim", "train"} & set(empty):
@@ -471,13 +425,11 @@ def _edged(
 def _seconds(t: Floats, indices: decimate.Rows) -> Any:
     """Times, with that of the row before where a line is broken."""
     places = np.where(indices < 0, np.roll(indices, 1), indices)
-    seconds = t[places]
-    return (
-        seconds if len(t) and t[-1] > 8192.0 else seconds.astype(np.float32)
-    )  # to the millisecond
+    is_exact = not len(t) or t[-1] <= 8192.0  # to the millisecond
+    return t[places].astype(np.float32 if is_exact else np.float64)
 
 
-def _rounded_float(values: Floats) -> NDArray[np.float32]:
+def _rounded(values: Floats) -> NDArray[np.float32]:
     """The values with the digits that a picture shows; what is not shown costs no space."""
     bits = np.ascontiguousarray(values, np.float32).view(np.uint32)
     rounding = np.uint32(1 << (22 - _BITS))
@@ -511,25 +463,10 @@ def _braked(axle: ReportAxle, column: Floats) -> Floats:
 
 def _range(columns: Sequence[Floats], is_full: bool = False) -> Range1d:
     """All values but the rarest spikes, and zero; with `is_full` all."""
-    finite = [c[np.isfinite(c)] for c in columns]
+    shares = [0.0, 1.0] if is_full else [_RARE, 1.0 - _RARE]
     extremes = [0.0]
-    for values in finite:
+    for values in (c[np.isfinite(c)] for c in columns):
         if len(values):
-            extremes += np.quantile(
-                values, [0.0, 1.0] if is_full else [_RARE, 1.0 - _RARE]
-            ).tolist()
+            extremes += np.quantile(values, shares).tolist()
     margin = 0.05 * (max(extremes) - min(extremes)) or 1.0
     return Range1d(min(extremes) - margin, max(extremes) + margin)
-
-
-def _renamed(value: Any, names: dict[str, str]) -> Any:
-    """The document with its models numbered from the first: Bokeh counts on in a process."""
-    if isinstance(value, dict):
-        return {_unused_name(k, names): _renamed(v, names) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_renamed(v, names) for v in value]
-    return _unused_name(value, names) if isinstance(value, str) else value
-
-
-def _unused_name(text: str, names: dict[str, str]) -> str:
-    return names.setdefault(text, f"m{len(names)}") if _ID.fullmatch(text) else text

@@ -126,18 +126,8 @@ def read(path: Path, name: str = "") -> ReportRun:
             f"{path}: what it says of its analysis is not complete (made by {version}; {error!r})",
             f"make it again: `adhesion analyze {shlex.quote(str(path))} -o FOLDER`",
         ) from error
-    return _run(name or path.name, summary, axles, settings, provenance)
-
-
-def _run(
-    file: str,
-    summary: ResultSummary,
-    axles: tuple[ReportAxle, ...],
-    settings: Mapping[str, str],
-    provenance: Mapping[str, str],
-) -> ReportRun:
     log, findings, channels = summary.log, summary.findings, summary.channels
-    return ReportRun(file, log, axles, findings, channels, settings, provenance)
+    return ReportRun(name or path.name, log, axles, findings, channels, settings, provenance)
 
 
 def of_result(result: Result, summary: ResultSummary) -> ReportRun:
@@ -152,7 +142,8 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
     axles = tuple(
         _axle(by_number[a.record.axle], _columns(a), start, settings) for a in result.axles
     )
-    return _run(Path(result.log.path).name, summary, axles, settings, {})
+    log, findings, channels = summary.log, summary.findings, summary.channels
+    return ReportRun(Path(log.path).name, log, axles, findings, channels, settings, {})
 
 
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:

@@ -8,11 +8,11 @@ from ...core.finding import CatalogueEntry, catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
+from ..text_tables import DASH, number
 from .run import ReportAxle, ReportRun
 
 Mark = Literal["good", "slid", "locked", "unknown"]
 Cells = Mapping[str, str]
-DASH = "–"
 _NO_FORCE = ("pressure-below-spring", "pressure-unit-suspect", "brake-unknown")
 MAX_ROWS = 500  # rows of a table: more would need too much room
 _MOST_BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
@@ -31,11 +31,6 @@ class AxleVerdict:
     adhesion: str  # mean coefficient of the worst brake application, with its uncertainty
 
 
-def number(value: float | None, digits: int = 0) -> str:
-    """A number with fixed digits; a dash where there is none."""
-    return DASH if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
-
-
 def percent(share: float | None, digits: int = 0) -> str:
     """A share in percent; a dash where there is none."""
     return number(share if share is None else 100.0 * share, digits)
@@ -46,19 +41,14 @@ def span(begin: float, stop: float, digits: int = 1) -> str:
     return f"{begin:.{digits}f}–{stop:.{digits}f}"
 
 
-def measured(pair: tuple[float, float] | None, factor: float, digits: int) -> str:
-    """A value with its expanded uncertainty; a dash where there is none."""
-    if not pair:
-        return DASH
-    return " ± ".join(by_uncertainty(factor * pair[0], factor * pair[1], digits))
+def _mean(x: MeanAndHighest | None, factor: float, digits: int) -> str:
+    """A mean value with its expanded uncertainty; a dash where there is none."""
+    return " ± ".join(by_uncertainty(factor * x.mean, factor * x.mean_u95, digits)) if x else DASH
 
 
-def _mean(x: MeanAndHighest | None) -> tuple[float, float] | None:
-    return x and (x.mean, x.mean_u95)
-
-
-def _highest(x: MeanAndHighest | None) -> tuple[float, float] | None:
-    return x and (x.max, x.max_u95)
+def _highest(x: MeanAndHighest | None) -> str:
+    """The same of the highest value."""
+    return " ± ".join(by_uncertainty(x.max, x.max_u95, 3)) if x else DASH
 
 
 def plural(count: int, name: str) -> str:
@@ -87,11 +77,7 @@ def headline(run: ReportRun) -> tuple[Mark, str]:
     marks = {a.number: verdict(a).mark for a in run.axles}
     count = max((len(a.applications) for a in run.axles), default=0)
     if not count:
-        reasons = [
-            axles_with.title
-            for axles_with in finding_groups(run.findings)
-            if axles_with.code in _NO_FORCE
-        ]
+        reasons = [g.title for g in finding_groups(run.findings) if g.code in _NO_FORCE]
         return "unknown", ". ".join(["The log shows no brake application", *reasons]) + "."
     braked = "the brake application" if count == 1 else f"{count} brake applications"
     by_mark: dict[Mark, list[int]] = {}
@@ -102,11 +88,8 @@ def headline(run: ReportRun) -> tuple[Mark, str]:
         return f"{'Axle' if len(by_mark[mark]) == 1 else 'Axles'} {listed(by_mark[mark])}"
 
     if "locked" in by_mark:
-        slid_text = f" {axles_with('slid')} slid." if "slid" in by_mark else ""
-        return (
-            "locked",
-            f"{axles_with('locked')} locked: the wheel stood while the train moved.{slid_text}",
-        )
+        text = f"{axles_with('locked')} locked: the wheel stood while the train moved."
+        return "locked", f"{text} {axles_with('slid')} slid." if "slid" in by_mark else text
     if "slid" in by_mark:
         slid = [len(_slid(a)) for a in run.axles if marks[a.number] == "slid"]
         share = f"{'up to ' * (min(slid) < max(slid))}{max(slid)} of " * (count > 1)
@@ -120,7 +103,7 @@ def headline(run: ReportRun) -> tuple[Mark, str]:
 
 def _slid(axle: ReportAxle) -> list[BrakeApplication]:
     """The brake applications of an axle that have slides."""
-    return [application for application in axle.applications if application.slides]
+    return [a for a in axle.applications if a.slides]
 
 
 def verdict(axle: ReportAxle) -> AxleVerdict:
@@ -128,47 +111,31 @@ def verdict(axle: ReportAxle) -> AxleVerdict:
     title, applications = f"Axle {axle.number}", axle.applications
     slid = _slid(axle)
     if not applications:
-        return AxleVerdict(
-            title, "unknown", "not braked", "The log shows no brake application.", DASH
-        )
-    worst = (
-        max(slid, key=lambda application: application.max_slip or 0.0)
-        if slid
-        else _most_adhesion(applications)
-    )
-    adhesion = measured(_mean(worst.coefficient), 1.0, 3)
+        text = "The log shows no brake application."
+        return AxleVerdict(title, "unknown", "not braked", text, DASH)
+    if slid:
+        worst = max(slid, key=lambda a: a.max_slip or 0.0)
+    else:
+        worst = max(applications, key=lambda a: a.coefficient.mean if a.coefficient else -1.0)
+    adhesion = _mean(worst.coefficient, 1.0, 3)
     if slid:
         locked = (worst.max_slip or 0.0) > _LOCKED
         text = " ".join(_of_slides(slid, len(applications), worst))
-        state = (
-            "locked"
-            if locked
-            else f"slid {_times(sum(application.slides for application in slid))}"
-        )
+        count = sum(a.slides for a in slid)
+        times = {1: "once", 2: "twice"}.get(count, f"{count} times")
+        state = "locked" if locked else f"slid {times}"
         return AxleVerdict(title, "locked" if locked else "slid", state, text, adhesion)
     if not slides_known(axle):
         text = "Without a train speed, slides cannot be seen."
         return AxleVerdict(title, "unknown", "slides not known", text, adhesion)
-    if not all(_is_observed(axle, application) for application in applications):
+    if not all(_is_observed(axle, a) for a in applications):
         text = "No slide seen. Without a train speed in parts of the braking, slides may be hidden."
         return AxleVerdict(title, "unknown", "slides not known", text, adhesion)
-    bound_text = "The rail gave at least this adhesion." if worst.coefficient else ""
-    braked = "No slide" + (
-        f" in {len(applications)} brake applications." if len(applications) > 1 else "."
-    )
-    return AxleVerdict(title, "good", "did not slide", f"{braked} {bound_text}".strip(), adhesion)
-
-
-def _most_adhesion(applications: Sequence[BrakeApplication]) -> BrakeApplication:
-    """The brake application with the highest mean adhesion coefficient, if any has one."""
-    return max(
-        applications,
-        key=lambda application: application.coefficient.mean if application.coefficient else -1.0,
-    )
-
-
-def _times(count: int) -> str:
-    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+    count = len(applications)
+    text = f"No slide in {count} brake applications." if count > 1 else "No slide."
+    if worst.coefficient:
+        text += " The rail gave at least this adhesion."
+    return AxleVerdict(title, "good", "did not slide", text, adhesion)
 
 
 def _of_slides(
@@ -197,12 +164,9 @@ def _of_slides(
 
 def application_rows(run: ReportRun) -> list[tuple[Mark, Cells]]:
     """One row per axle and brake application, in the order of time."""
-    applications = [(axle, application) for axle in run.axles for application in axle.applications]
-    applications.sort(key=lambda pair: (round(pair[1].start_s), pair[0].number))
-    return [
-        (_mark(axle, application), _application(axle, application))
-        for axle, application in applications
-    ]
+    pairs = [(axle, a) for axle in run.axles for a in axle.applications]
+    pairs.sort(key=lambda pair: (round(pair[1].start_s), pair[0].number))
+    return [(_mark(*pair), _application(*pair)) for pair in pairs]
 
 
 def slides_first(rows: Sequence[tuple[Mark, Cells]]) -> Sequence[tuple[Mark, Cells]]:
@@ -235,34 +199,15 @@ def _application(axle: ReportAxle, application: BrakeApplication) -> Cells:
         "Axle": str(axle.number),
         "Time [s]": span(application.start_s, application.end_s),
         "Speed [km/h]": "–".join(kmh),
-        "Adhesion coefficient, mean": measured(_mean(application.coefficient), 1.0, 3),
-        "highest": measured(_highest(application.coefficient), 1.0, 3),
-        "Force, mean [kN]": measured(_mean(application.force_n), 1e-3, 2),
-        "Slides": str(application.slides)
-        if application.slides or _is_observed(axle, application)
-        else "?",
+        "Adhesion coefficient, mean": _mean(application.coefficient, 1.0, 3),
+        "highest": _highest(application.coefficient),
+        "Force, mean [kN]": _mean(application.force_n, 1e-3, 2),
+        "Slides": str(application.slides) if slid or _is_observed(axle, application) else "?",
         "Sliding for [s]": if_slid(number(application.slide_s, 1)),
         "Most slip [%]": if_slid(percent(min(application.max_slip or 0.0, 1.0), 1)),
         "Heat [kJ]": if_slid(number(energy and 1e-3 * energy, 1)),
         "Used of the available adhesion [%]": percent(application.utilisation),
     }
-
-
-def score_rows(axle: ReportAxle) -> list[Cells]:
-    """How well each estimator follows, the best first."""
-    return [
-        {
-            "Estimator": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
-            "RMSE [N]": number(s.rmse_n),
-            "Bias [N]": number(s.bias_n),
-            "Largest error [N]": number(s.max_error_n),
-            "Delay [s]": number(s.lag_s, 3),
-            "Gain": number(s.gain, 3),
-            "Its own 95 % band [N]": number(s.band_n),
-            "holds [%]": percent(s.within),
-        }
-        for s in axle.summary.estimators
-    ]
 
 
 def budgets(run: ReportRun) -> list[tuple[int, BrakeApplication]]:
@@ -295,40 +240,6 @@ def channel_rows(channels: Sequence[ChannelSummary]) -> list[Cells]:
         }
         for c in channels
     ]
-
-
-def budget_rows(application: BrakeApplication) -> list[Cells]:
-    """What each quantity adds to the uncertainty of a mean force, the largest first."""
-    rows: list[Cells] = []
-    for row in application.budget or ():
-        unit = "" if row.unit == "-" else f" {row.unit}"
-        value = DASH if row.value is None else f"{row.value:.5g}{unit}"
-        rows.append(
-            {
-                "Quantity": row.quantity.replace("_", " "),
-                "Type": row.type,
-                "Value": value,
-                "Standard uncertainty": f"{row.u:.3g}{unit}",
-                "Sensitivity [N per unit]": f"{row.sensitivity:.3g}",
-                "Adds [N]": number(row.contribution_n, 1),
-                "Share [%]": percent(row.share, 1),
-            }
-        )
-    return rows
-
-
-def combined(application: BrakeApplication) -> str:
-    """The last line of a budget."""
-    coverage, force = application.coverage, application.force_n
-    assert coverage
-    assert force
-    freedom = coverage.degrees_of_freedom
-    freedom_text = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
-    return (
-        f"F = {force.mean:.0f} ± {force.mean_u95:.0f} N (95 %); combined standard "
-        f"uncertainty {coverage.u_n:.1f} N, coverage factor {coverage.k:.2f}, effective degrees of "
-        f"freedom: {freedom_text}."
-    )
 
 
 @dataclass(frozen=True, slots=True)
