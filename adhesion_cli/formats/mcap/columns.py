@@ -1,16 +1,20 @@
 """Columns of many messages: which numbers are wanted, and what in later messages differs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import islice
-from typing import Protocol
+from itertools import islice, pairwise
+from operator import itemgetter
+from typing import Any, Protocol
 
 import numpy as np
 
 from ...core.model import Bools, Floats
 from .blocks import Bytes, Offsets
-from .fields import MAX_NUMBERS, Leaf, Steps, Tree, empty, is_number, node_at, path
+from .fields import MAX_NUMBERS, Leaf, Steps, Tree, UndecodableError, empty, node_at, path
 from .stamps import Stamp
+
+_TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken
+_OVERHEAD = 256  # bytes that each counts more
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,16 +126,6 @@ class Batch:
         self.faults: list[MessageFault] = []
         self._bad: dict[str, list[int]] = {}  # messages that do not decode, by the reason
 
-    def put_tree(self, row: int, tree: Tree) -> None:
-        """Takes everything from one message, in place of what was taken from it before."""
-        for i, steps in enumerate(self.wanted.numbers):
-            self.values[i, row] = number if is_number(number := node_at(tree, steps)) else np.nan
-        lengths, texts = self.wanted.differences(tree)
-        for steps, expected in self.lengths.items():
-            expected[row] = steps in lengths
-        for steps, expected in self.texts.items():
-            expected[row] = steps in texts
-
     def refuse(self, row: int, reason: str) -> None:
         """Leaves a message out that does not decode."""
         self._bad.setdefault(reason, []).append(row)
@@ -154,3 +148,119 @@ class Batch:
         if len(rows := np.flatnonzero(affected)):
             self.faults.append(MessageFault(code, rows, path(steps)))
         return rows
+
+
+class Spread:
+    """Takes parsed messages apart, place by place, all messages at once.
+
+    Args:
+        batch: takes their numbers, and what differs from the first messages.
+    """
+
+    def __init__(self, batch: Batch) -> None:
+        self._batch, self._wanted = batch, batch.wanted
+        self._columns = {steps: i for i, steps in enumerate(batch.wanted.numbers)}
+        places = (*batch.wanted.numbers, *batch.wanted.said, *batch.wanted.lengths)
+        self._places = {steps[:k] for steps in places for k in range(1, len(steps) + 1)}
+
+    def walk(self, nodes: Sequence[Any], rows: Offsets, shape: Tree, steps: Steps = ()) -> None:
+        """Takes what is wanted of the values at a place.
+
+        Args:
+            nodes: the values.
+            rows: the messages that have them, shape (len(nodes),).
+            shape: what the first messages have there.
+            steps: the place.
+        """
+        if isinstance(shape, (dict, list)):
+            nodes, rows = self._usable(nodes, rows, shape, steps)
+            if not nodes:
+                return
+            if isinstance(shape, dict):
+                self._members(nodes, rows, shape, steps)
+            else:
+                self._elements(nodes, rows, shape, steps)
+        elif said := self._wanted.said.get(steps):
+            differs = [node != said.text and node not in ("", None) for node in nodes]
+            self._batch.texts[steps][rows] = differs
+        elif (i := self._columns.get(steps)) is not None:
+            self._numbers(nodes, rows, i, steps)
+
+    def _usable(
+        self, nodes: Sequence[Any], rows: Offsets, shape: Tree, steps: Steps
+    ) -> tuple[Sequence[Any], Offsets]:
+        """The values that are what the first messages have there, and their messages."""
+        return nodes, rows
+
+    def _visits(self, shape: Tree, steps: Steps) -> bool:
+        """Whether a place matters."""
+        return steps in self._places
+
+    def _children(
+        self, nodes: Sequence[Any], rows: Offsets, key: str
+    ) -> tuple[Sequence[Any], Offsets]:
+        """The values under a key, and the messages that have one."""
+        try:
+            return list(map(itemgetter(key), nodes)), rows
+        except KeyError:
+            return [node[key] for node in nodes if key in node], rows[[key in n for n in nodes]]
+
+    def _members(
+        self, nodes: Sequence[Any], rows: Offsets, shape: dict[str, Tree], steps: Steps
+    ) -> None:
+        for key, child in shape.items():
+            if self._visits(child, place := (*steps, key)):
+                children, rows_with_child = self._children(nodes, rows, key)
+                if children:
+                    self.walk(children, rows_with_child, child, place)
+
+    def _elements(
+        self, nodes: Sequence[Any], rows: Offsets, shape: list[Tree], steps: Steps
+    ) -> None:
+        count = np.array(list(map(len, nodes)))
+        if steps in self._batch.lengths:
+            self._batch.lengths[steps][rows] = count != self._wanted.lengths[steps]
+        for k, child in enumerate(shape):
+            if self._visits(child, place := (*steps, k)):
+                children = [node[k] for node in nodes if len(node) > k]
+                if children:
+                    self.walk(children, rows[count > k], child, place)
+
+    def _numbers(self, nodes: Sequence[Any], rows: Offsets, column: int, steps: Steps) -> None:
+        self._batch.values[column, rows] = nodes
+
+
+def parsed_columns(
+    parse: Callable[[bytes], Any],
+    spread: type[Spread],
+    buffer: Bytes,
+    start: Offsets,
+    stop: Offsets,
+    wanted: Wanted,
+) -> tuple[Floats, list[MessageFault]]:
+    """Columns of messages that are parsed one by one, see Decoder.columns.
+
+    As many are parsed as may stand in memory together, then their numbers are taken.
+
+    Args:
+        parse: parses one; raises UndecodableError.
+        spread: takes parsed messages apart.
+        buffer: as of Decoder.columns, as are the following.
+        start: as there.
+        stop: as there.
+        wanted: as there.
+    """
+    raw, batch = buffer.data, Batch(wanted, len(start))
+    cuts = np.flatnonzero(np.diff(np.cumsum(stop - start + _OVERHEAD) // _TOGETHER)) + 1
+    for first, behind in pairwise([0, *cuts.tolist(), len(start)]):
+        messages, rows = list[Any](), list[int]()
+        spans = zip(start[first:behind].tolist(), stop[first:behind].tolist(), strict=True)
+        for row, (a, b) in enumerate(spans, first):
+            try:
+                messages.append(parse(bytes(raw[a:b])))
+                rows.append(row)
+            except UndecodableError as e:
+                batch.refuse(row, str(e))
+        if messages:
+            spread(batch).walk(messages, np.array(rows), wanted.shape)
+    return batch.finish()

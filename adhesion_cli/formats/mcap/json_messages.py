@@ -1,10 +1,8 @@
 """JSON messages: parsed one by one, taken apart key by key."""
 
 import json
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
-from itertools import pairwise
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -12,11 +10,11 @@ import orjson
 
 from ...core.model import Floats
 from .blocks import Bytes, Offsets
-from .columns import Batch, MessageFault, Wanted
+from .columns import MessageFault, Spread, Wanted, parsed_columns
 from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, path
 from .stamps import microseconds
 
-_TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken
+_MOST_NAN = 1 << 20  # bytes of a message with NaN or Infinity
 _NUMBERS = {int, float, bool}
 _NUMERIC_TYPES = (int, float, dict, list)  # a number
 
@@ -29,7 +27,7 @@ def _loads(raw: bytes) -> Tree:
         reason = e.msg
     if (
         (b"NaN" in raw or b"Infinity" in raw)
-        and len(raw) < _TOGETHER
+        and len(raw) < _MOST_NAN
         and b"\\ud" not in raw.lower()
     ):
         with suppress(ValueError, RecursionError):
@@ -83,115 +81,51 @@ class JsonDecoder:
     def columns(
         self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[MessageFault]]:
-        """Many messages at once, see Decoder: as many as may stand in memory together."""
-        batch = np.cumsum(stop - start) // _TOGETHER
-        cuts = [0, *(np.flatnonzero(np.diff(batch)) + 1).tolist(), len(start)]
-        values, faults = np.empty((len(wanted.numbers), len(start))), list[MessageFault]()
-        for a, b in pairwise(cuts):
-            values[:, a:b], batch_faults = self._together(buffer, start[a:b], stop[a:b], wanted)
-            faults += [replace(fault, rows=fault.rows + a) for fault in batch_faults]
-        return values, faults
-
-    def _together(
-        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[MessageFault]]:
-        raw, loads = buffer.data, orjson.loads
-        spans = list(zip(start.tolist(), stop.tolist(), strict=True))
-        batch, rows = Batch(wanted, len(spans)), np.arange(len(spans))
-        messages = list[Tree]()
-        if len(spans) > 1:  # a single one may be too large
-            with suppress(orjson.JSONDecodeError):
-                messages = [loads(raw[a:b]) for a, b in spans]
-        if not messages:
-            parsed = []
-            for i, (a, b) in enumerate(spans):
-                try:
-                    messages.append(self.tree(bytes(raw[a:b])))
-                    parsed.append(i)
-                except UndecodableError as e:
-                    batch.refuse(i, str(e))
-            rows = np.array(parsed, np.int64)
-        if messages:
-            _Spread(batch).walk(messages, rows, wanted.shape, ())
-        return batch.finish()
+        """Many messages at once, see Decoder."""
+        return parsed_columns(self.tree, _JsonSpread, buffer, start, stop, wanted)
 
 
-class _Spread:
-    """Takes a list of trees apart, place by place."""
-
-    def __init__(self, batch: Batch) -> None:
-        self._batch, self._wanted = batch, batch.wanted
-        self._columns = {steps: i for i, steps in enumerate(batch.wanted.numbers)}
-        self._places = self._columns.keys() | batch.wanted.said.keys()
-
-    def walk(self, nodes: list[Tree], rows: Offsets, shape: Tree, steps: Steps) -> None:
-        """Takes the `nodes` that the messages `rows` have at a place; `shape` came on opening."""
-        if isinstance(shape, dict):
-            if subset := self._of_type(dict, nodes, rows, steps):
-                self._object(*subset, shape, steps)
-        elif isinstance(shape, list):
-            if len(shape) <= LONG_ARRAY and (subset := self._of_type(list, nodes, rows, steps)):
-                self._array(*subset, shape, steps)
-        elif said := self._wanted.said.get(steps):
-            differs = [node != said.text and node not in ("", None) for node in nodes]
-            self._batch.texts[steps][rows] = differs
-        elif (i := self._columns.get(steps)) is not None:
-            if steps == self._wanted.iso:
-                self._batch.values[i, rows] = list(map(microseconds, nodes))
-            else:
-                self._number(nodes, rows, i, steps)
+class _JsonSpread(Spread):
+    """Takes JSON messages apart; no schema says what they hold, so each may differ."""
 
     def _fault(self, code: str, rows: Offsets, place: str) -> None:
         if len(rows):
             self._batch.faults.append(MessageFault(code, rows, place or "message"))
 
-    def _of_type(
-        self, kind: type, nodes: list[Tree], rows: Offsets, steps: Steps
-    ) -> tuple[list[Tree], Offsets] | None:
+    def _usable(
+        self, nodes: Sequence[Tree], rows: Offsets, shape: Tree, steps: Steps
+    ) -> tuple[Sequence[Tree], Offsets]:
+        if isinstance(shape, list) and len(shape) > LONG_ARRAY:
+            return [], rows
+        kind = type(shape)
         if set(map(type, nodes)) == {kind}:
             return nodes, rows
         is_kind = np.array([type(node) is kind for node in nodes], np.bool_)
         differs = [not ok and node is not None for ok, node in zip(is_kind, nodes, strict=True)]
         self._fault("mcap-type-change", rows[differs], path(steps))
-        if not is_kind.any():
-            return None
         return [node for node in nodes if type(node) is kind], rows[is_kind]
 
-    def _object(self, nodes: list[Tree], rows: Offsets, shape: Tree, steps: Steps) -> None:
+    def _visits(self, shape: Tree, steps: Steps) -> bool:
+        return isinstance(shape, (dict, list)) or super()._visits(shape, steps)
+
+    def _members(
+        self, nodes: Sequence[Tree], rows: Offsets, shape: dict[str, Tree], steps: Steps
+    ) -> None:
         if keys := set().union(*nodes) - shape.keys():
-            has_new_keys = [not node.keys() <= shape.keys() for node in nodes]
+            is_late = [not node.keys() <= shape.keys() for node in nodes]
             suffix = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
-            self._fault("mcap-late-field", rows[has_new_keys], path((*steps, min(keys))) + suffix)
-        for key, child in shape.items():
-            place = (*steps, key)
-            if not isinstance(child, (dict, list)) and place not in self._places:
-                if child is None:
-                    has_new_keys = [isinstance(node.get(key), _NUMERIC_TYPES) for node in nodes]
-                    self._fault("mcap-late-field", rows[has_new_keys], path(place))
-                continue
-            try:
-                self.walk(list(map(itemgetter(key), nodes)), rows, child, place)
-            except KeyError:
-                if children := [node[key] for node in nodes if key in node]:
-                    self.walk(children, rows[[key in node for node in nodes]], child, place)
+            self._fault("mcap-late-field", rows[is_late], path((*steps, min(keys))) + suffix)
+        for key in (key for key, child in shape.items() if child is None):
+            is_late = [isinstance(node.get(key), _NUMERIC_TYPES) for node in nodes]
+            self._fault("mcap-late-field", rows[is_late], path((*steps, key)))
+        super()._members(nodes, rows, shape, steps)
 
-    def _array(self, nodes: list[Tree], rows: Offsets, shape: Tree, steps: Steps) -> None:
-        count = np.array(list(map(len, nodes)))
-        if steps in self._batch.lengths:
-            self._batch.lengths[steps][rows] = count != self._wanted.lengths[steps]
-        for k, child in enumerate(shape):
-            place = (*steps, k)
-            if not isinstance(child, (dict, list)) and place not in self._places:
-                continue
-            if children := [node[k] for node in nodes if len(node) > k]:
-                self.walk(children, rows[count > k], child, place)
-
-    def _number(self, nodes: list[Tree], rows: Offsets, i: int, steps: Steps) -> None:
-        if set(map(type, nodes)) <= _NUMBERS:
-            self._batch.values[i, rows] = nodes
-            return
-        number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
-        numbers = [node for node in nodes if type(node) in _NUMBERS]
-        self._batch.values[i, rows[number]] = numbers
-        not_numeric = ~number & np.array([node is not None for node in nodes], np.bool_)
-        self._fault("mcap-type-change", rows[not_numeric], path(steps))
+    def _numbers(self, nodes: Sequence[Tree], rows: Offsets, column: int, steps: Steps) -> None:
+        if steps == self._wanted.iso:
+            nodes = list(map(microseconds, nodes))
+        elif not set(map(type, nodes)) <= _NUMBERS:
+            is_number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
+            is_other = ~is_number & np.array([node is not None for node in nodes], np.bool_)
+            self._fault("mcap-type-change", rows[is_other], path(steps))
+            nodes, rows = [node for node in nodes if type(node) in _NUMBERS], rows[is_number]
+        super()._numbers(nodes, rows, column, steps)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.model import Floats
 from .blocks import Bytes, Offsets
-from .columns import Batch, MessageFault, Wanted
+from .columns import Batch, MessageFault, Spread, Wanted
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
 _CODES = {  # of struct and numpy
@@ -137,7 +137,7 @@ class Ros2Decoder:
                 layouts.append(new_layout)
                 pending = new_layout.take(batch, buffer, start, stop, pending)
             else:
-                batch.put_tree(row, message.tree)
+                Spread(batch).walk([message.tree], pending[:1], wanted.shape)
                 pending = pending[1:]
         return batch.finish()
 
