@@ -4,17 +4,16 @@ import contextlib
 import functools
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.forked import Forked
 from helpers.mounts import mounted
 from helpers.trains import rows
 
@@ -52,8 +51,6 @@ SAMPLES = Path(__file__).parents[2] / "sample_logs"
 LONG = ("antiskid", "reproduce")
 ALL = sorted(COMMANDS)
 EACH = [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in ALL]
-STARTS = "import signal, sys; from adhesion_cli import __main__\n"
-GOES = "sys.argv[1:] = {arguments!r}; __main__.main()"
 
 Files = dict[str, bytes]
 
@@ -62,18 +59,13 @@ def command(name: str, out: Path, *more: str) -> list[str]:
     return [name, *COMMANDS[name][0].format(out=out).split(), *more]
 
 
-def started(
-    folder: Path, arguments: list[str], code: str = "", **more: Any
-) -> "subprocess.Popen[str]":
+def started(folder: Path, arguments: list[str], code: str = "", **more: Any) -> Forked:
     """The command, after some code that spoils what it relies on."""
-    return subprocess.Popen(
-        [sys.executable, "-c", STARTS + code + GOES.format(arguments=arguments)],
-        cwd=folder, stdout=more.pop("stdout", subprocess.PIPE), stderr=subprocess.PIPE, text=True,
-        **more,
-    )  # fmt: skip
+    more = {"stdout": subprocess.PIPE, **more}
+    return Forked(folder, arguments, code, stderr=subprocess.PIPE, **more)
 
 
-def ended(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
+def ended(process: Forked) -> tuple[int, str, str]:
     out, err = process.communicate(timeout=300)
     return process.returncode, out, err
 
@@ -123,8 +115,6 @@ def test_the_table_has_every_command_that_writes() -> None:
 
 
 WAITS = """
-import os, time
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
 def wait(_): open('begun', 'w').close(); time.sleep(60)
 os.fsync = wait
 """
@@ -153,8 +143,7 @@ def test_a_signal_when_all_is_written_and_nothing_named(
     assert files(tmp_path) == old(name)
 
 
-def limited() -> None:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))  # less than any result
+LIMITED = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))"
 
 
 @pytest.fixture(
@@ -165,10 +154,10 @@ def limited() -> None:
         pytest.param("no inode", marks=pytest.mark.slow),
     ]
 )
-def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path, Any]]:
-    """A folder that takes old results and no more, and what a process does before it begins."""
-    if request.param == "limit":
-        yield tmp_path, limited
+def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path, Any, str]]:
+    """A folder that takes old results and no more: what fills it, what a process does first."""
+    if request.param == "limit":  # less than any result
+        yield tmp_path, lambda: None, LIMITED
         return
     size = "nr_inodes=12" if request.param == "no inode" else "size=64m"
     with mounted(tmp_path, size) as folder:
@@ -185,23 +174,24 @@ def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path,
             if request.param == "nearly full":
                 os.truncate(folder / ".filler", (folder / ".filler").stat().st_size - 4096)
 
-        yield folder, fill
+        yield folder, fill, ""
 
 
 @pytest.mark.parametrize("name", EACH)
 def test_a_full_disk(
-    logs: Path, disk: tuple[Path, Any], old: Callable[[str], Files], name: str,
+    logs: Path, disk: tuple[Path, Any, str], old: Callable[[str], Files], name: str,
     request: pytest.FixtureRequest,
 ) -> None:  # fmt: skip
-    folder, spoil = disk
+    folder, fill, code_first = disk
     if (name, request.node.callspec.params["disk"]) == ("tune", "nearly full"):
         pytest.skip("its few lines fit into the page that is left")
     put(folder, old(name))
     before = files(folder)
-    code, out, err = ended(started(logs, command(name, folder, "--force"), preexec_fn=spoil))
+    fill()
+    code, out, err = ended(started(logs, command(name, folder, "--force"), code_first))
     assert (code, out) == (1, ""), err
     # reproduce analyses logs that it writes to the system's folder first: the limit holds there too
-    if name != "reproduce" or spoil is not limited:
+    if name != "reproduce" or not code_first:
         assert err.startswith(f"error: {folder}: cannot write the results (")
     assert {n: c for n, c in files(folder).items() if not n.startswith(".filler")} == before
 
@@ -239,7 +229,9 @@ def test_what_cannot_be_written_is_found_before_the_work(
         else:
             out.symlink_to(log)
         before, content = os.listdir(tmp_path), log.is_file() and log.read_bytes()
-        code, worked, err = ended(started(logs, command(name, tmp_path, *force), TELLS_ITS_WORK))
+        code, worked, err = ended(
+            started(logs, command(name, tmp_path, *force), TELLS_ITS_WORK, bare=True)
+        )
         assert (code, worked) == (1, "\n")
         assert err.startswith("error: ")
         assert says in err
