@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from ..rail.events import Slide
 from ..rail.fit import RailFit
 from ..rail.rail_under_slides import Summary
 from .text_tables import NARROW, bounded_number, folded, number, records, table
@@ -56,20 +57,19 @@ def constants(rails: Sequence[RailFit]) -> list[list[str]]:
 
 def slide_rows(summaries: Sequence[Summary], start_ns: int) -> list[dict[str, str]]:
     """A row for each slide."""
-    return [
-        {
-            "axle": str(s.axle),
-            "start [s]": number((x.start - start_ns) / 1e9, 2),
-            "duration [s]": bounded_number(x.duration, 2, x.is_lower_bound),
-            "distance [m]": bounded_number(x.distance, 1, x.is_lower_bound),
-            # of a locked wheel it is 100 %, whatever the train speed's error
-            "max slip [%]": (
-                bounded_number(100.0 * x.max_slip, 1, x.is_lower_bound)
-                if x.max_slip < _LOCKED
-                else "100.0"
-            ),
-            "energy [kJ]": bounded_number(x.energy and x.energy / 1e3, 1, x.is_lower_bound),
-        }
-        for s in summaries
-        for x in s.slides
-    ]
+    return [slide_row(s.axle, slide, start_ns) for s in summaries for slide in s.slides]
+
+
+def slide_row(axle: int, slide: Slide, start_ns: int) -> dict[str, str]:
+    """When and how far a wheel slid; the time counts from the start of the log."""
+    bound, slip = slide.is_lower_bound, 100.0 * slide.max_slip
+    # of a locked wheel it is 100 %, whatever the train speed's error
+    slip_text = bounded_number(slip, 1, bound) if slide.max_slip < _LOCKED else "100.0"
+    return {
+        "axle": str(axle),
+        "start [s]": number((slide.start - start_ns) / 1e9, 2),
+        "duration [s]": bounded_number(slide.duration, 2, bound),
+        "distance [m]": bounded_number(slide.distance, 1, bound),
+        "max slip [%]": slip_text,
+        "energy [kJ]": bounded_number(slide.energy and slide.energy / 1e3, 1, bound),
+    }

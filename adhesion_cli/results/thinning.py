@@ -31,10 +31,15 @@ def near_brakes(axle: AxleResult, t: Times) -> Bools:
     return is_near
 
 
+def begins(t: Times) -> Bools:
+    """Whether a row is the first one of its `SAMPLE_INTERVAL`, (n,)."""
+    is_first: Bools = np.diff(t // SAMPLE_INTERVAL, prepend=t[0] // SAMPLE_INTERVAL - 1) != 0
+    return is_first
+
+
 def kept_rows(axle: AxleResult) -> NDArray[np.int64] | None:
     """Rows of an axle whose computed values are kept, rising, (k,); None where all are."""
     t = axle.record.t
     if not needs_thinning(axle):
         return None
-    is_first = np.diff(t // SAMPLE_INTERVAL, prepend=t[0] // SAMPLE_INTERVAL - 1) != 0
-    return np.flatnonzero(is_first | near_brakes(axle, t))
+    return np.flatnonzero(begins(t) | near_brakes(axle, t))

@@ -213,7 +213,7 @@ def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
     rrd.write_result(path, made)
     (text,) = static(path, "/summary", "text")
     (line,) = [x for x in text.splitlines() if x.startswith("| 2 | ")]
-    assert line.endswith(" | 30.0 |")
+    assert " | 30.0 | " in line
     t, drawn = column(path, "/all/slip/2", "scalars")
     assert len(t) == 402
     assert np.nanmax(drawn) == pytest.approx(30.0)

@@ -130,14 +130,9 @@ class LiveRecording:
                 plots.append(("all/speed/train", train))
         axle_path = f"axle/{axle}"
         if np.isfinite(sigma).any():
-            band = parts.SeriesPlot(
-                "",
-                (f"{self._algos[0]}, 95 % band",),
-                (palette.rgba(palette.GREY),),
-                force[:, None] / 1e3,
-                Z95 * np.hypot(sigma, tolerance)[:, None] / 1e3,
-            )
-            plots.append((f"{axle_path}/force/band", band))
+            grey, half_width = palette.rgba(palette.GREY), Z95 * np.hypot(sigma, tolerance) / 1e3
+            band = f"{self._algos[0]}, 95 % band", grey, force / 1e3, half_width
+            plots.append((f"{axle_path}/force/band", parts.bands("", [band])))
         # One entity for all estimators: each has a price, whatever it holds.
         methods = [
             (algo, palette.rgba(palette.of_method(algo)), x.estimates[algo][0] / 1e3)
@@ -155,17 +150,11 @@ class LiveRecording:
         """All axles first, then a tab for each."""
         titles = overview.titles(self._algos[0]).items()
         charts = [parts.chart(f"all/{path}", f"All axles: {name}") for path, name in titles]
-        tabs = [_tab("All axles", charts, "lines/all", [1, 1, 1, 1])]
+        tabs = [parts.named_charts("All axles", charts, "lines/all", [1, 1, 1, 1])]
         for n in self._axles:
             forces = [
                 parts.chart(f"axle/{n}/force", f"Axle {n}: adhesion force [kN]"),
                 parts.chart(f"axle/{n}/clamping", f"Axle {n}: clamping force [kN]"),
             ]
-            tabs.append(_tab(f"Axle {n}", forces, f"lines/axle/{n}", [3, 1]))
+            tabs.append(parts.named_charts(f"Axle {n}", forces, f"lines/axle/{n}", [3, 1]))
         return parts.Layout([rrb.Tabs(*tabs)], "time", live=True)
-
-
-def _tab(name: str, charts: Sequence[rrb.View], lines: str, heights: list[int]) -> rrb.Container:
-    """Charts with the names of their lines beside them."""
-    contents = rrb.Vertical(*charts, row_shares=heights), parts.names_view(lines)
-    return rrb.Horizontal(*contents, column_shares=[6, 1], name=name)

@@ -12,6 +12,7 @@ from ...core.model import AxleResult, Floats, Result
 from ...core.text import distinct
 from ...rail.events import Slide
 from .. import palette
+from ..slip_text import slide_row
 from . import parts, rows
 
 _SLIP = 3.0  # least range of slip [%]
@@ -28,18 +29,12 @@ def worst(slides: Sequence[Slide]) -> float:
 
 def listed(slides: Slides, start_ns: int) -> str:
     """Slides as Markdown, the deepest first; their times count from the start of the log."""
-    entries = [(axle, x) for axle, axle_slides in slides.items() for x in axle_slides]
-    if not entries:
-        return "none"
-    entries.sort(key=lambda axle_slides: -axle_slides[1].max_slip)
-    lines = ["| axle | at [s] | for [s] | distance [m] | max slip [%] |", "|---|---|---|---|---|"]
-    for axle, x in entries[:_LISTED_SLIDES]:
-        seconds, bound = (x.start - start_ns) / 1e9, "≥ " * x.is_lower_bound
-        numbers = f"{x.duration:.2f}", f"{x.distance:.1f}", f"{100.0 * min(x.max_slip, 1.0):.1f}"
-        lines.append(f"| {axle} | {seconds:.2f} | {' | '.join(bound + n for n in numbers)} |")
-    if len(entries) > _LISTED_SLIDES:
-        lines.append(f"\n{len(entries) - _LISTED_SLIDES} slides more are in the result file.")
-    return "\n".join(lines)
+    pairs = [(axle, slide) for axle, axle_slides in slides.items() for slide in axle_slides]
+    pairs.sort(key=lambda pair: -pair[1].max_slip)
+    table = parts.markdown_table([slide_row(*x, start_ns) for x in pairs[:_LISTED_SLIDES]])
+    if len(pairs) > _LISTED_SLIDES:
+        table += f"\n\n{len(pairs) - _LISTED_SLIDES} slides more are in the result file."
+    return table
 
 
 def send(rec: rr.RecordingStream, root: str, times: parts.Clock, result: Result) -> None:
@@ -63,21 +58,13 @@ def send(rec: rr.RecordingStream, root: str, times: parts.Clock, result: Result)
 
 
 class _Line(NamedTuple):
-    """A line of an axle.
-
-    Attributes:
-        chart: that it is in.
-        key: part of its entity.
-        name: in the legend.
-        colour: as Rerun has it.
-        values: of the axle's samples, (n,).
-    """
+    """A line of an axle in a chart."""
 
     chart: str
-    key: str
-    name: str
-    colour: int
-    values: Floats
+    key: str  # part of its entity
+    name: str  # in the legend
+    colour: int  # as Rerun has it
+    values: Floats  # of the axle's samples, (n,)
 
 
 def _lines(result: Result, axle: AxleResult, key: str, name: str, place: int) -> list[_Line]:
@@ -149,18 +136,11 @@ def tab(root: str, result: Result, slides: Slides) -> rrb.Container:
 
 
 class ComparedRun(NamedTuple):
-    """A log among several.
+    """A log among several."""
 
-    Attributes:
-        name: short.
-        result: of its analysis.
-        times: of its time stamps.
-        slides: in it.
-    """
-
-    name: str
+    name: str  # short
     result: Result
-    times: parts.Clock
+    times: parts.Clock  # of its time stamps
     slides: Slides
 
 
@@ -183,11 +163,9 @@ class ComparedRuns:
                 path = f"{self.root}/axle/{axle.record.axle}"
                 lines = _lines(run.result, axle, str(i + 1), run.name, i)
                 _send(rec, path, run.times, axle, lines)
-        line_styles = [(run.name, palette.rgba(palette.nth(i))) for i, run in enumerate(self.runs)]
-        (run, *_) = self.runs
-        parts.send_names(
-            rec, f"{self.root}/lines", run.times, run.result.log.start_ns(), line_styles
-        )
+        names = [(run.name, palette.rgba(palette.nth(i))) for i, run in enumerate(self.runs)]
+        times, start = self.runs[0].times, self.runs[0].result.log.start_ns()
+        parts.send_names(rec, f"{self.root}/lines", times, start, names)
 
     def layout(self) -> rrb.Container:
         """A tab per axle, the one with the worst slide first."""
@@ -195,7 +173,5 @@ class ComparedRuns:
         for N in self.axles:
             pairs = [(r.result, a) for r in self.runs for a in r.result.axles if a.record.axle == N]
             charts = _charts(f"{self.root}/axle/{N}", f"Axle {N}", pairs, self._slides(N))
-            lines = parts.names_view(f"{self.root}/lines")
-            charts_shown = rrb.Vertical(*charts), lines
-            tabs.append(rrb.Horizontal(*charts_shown, column_shares=[6, 1], name=f"Axle {N}"))
+            tabs.append(parts.named_charts(f"Axle {N}", charts, f"{self.root}/lines"))
         return rrb.Tabs(*tabs, name="All logs")

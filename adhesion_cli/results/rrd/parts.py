@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
@@ -96,6 +96,16 @@ def lines(name: str, columns: list[tuple[str, int, Floats]], width: float = 1.5)
     return SeriesPlot(name, series, colours, matrix, widths=(width,) * len(series))
 
 
+Band = tuple[str, int, Floats, Floats]  # name, colour, middle and half width, (n,) each
+
+
+def bands(name: str, columns: Sequence[Band], width: float = 0.0) -> SeriesPlot:
+    """Bands, each with a line of this width in its middle."""
+    series, colours, values, half_widths = zip(*columns, strict=True)
+    middle, half_width = np.stack(values, axis=1), np.stack(half_widths, axis=1)
+    return SeriesPlot(name, series, colours, middle, half_width, (width,) * len(series))
+
+
 def send_text(rec: rr.RecordingStream, path: str, text: str) -> None:
     """Sends a text in Markdown."""
     rec.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
@@ -106,13 +116,22 @@ def escape_markdown(text: str) -> str:
     return re.sub(r"([\\`*_{}\[\]()<>#+!|~&:-])", r"\\\1", printable(text))
 
 
+def markdown_table(rows: Sequence[Mapping[str, str]]) -> str:
+    """Rows with the same keys, which are the header; without rows it says so."""
+    if not rows:
+        return "none"
+    cells = [[*rows[0]], ["---"] * len(rows[0])]
+    cells += [[escape_markdown(cell) for cell in row.values()] for row in rows]
+    return "\n".join(f"| {' | '.join(row)} |" for row in cells)
+
+
 def settings_table(settings: Table) -> str:
     """Nested settings as Markdown, a row each; a long list is cut off."""
-    rows = (
-        f"| {escape_markdown(k)} | {escape_markdown(v if len(v) <= _CELL else f'{v[:_CELL]} …')} |"
-        for k, v in names.flat(dict(settings)).items()
-    )
-    return "\n".join(["## Settings\n", "| setting | value |\n|---|---|", *rows])
+    rows = [
+        {"setting": name, "value": value if len(value) <= _CELL else f"{value[:_CELL]} …"}
+        for name, value in names.flat(dict(settings)).items()
+    ]
+    return f"## Settings\n\n{markdown_table(rows)}"
 
 
 Clock = Callable[[Times], list[rr.TimeColumn]]
@@ -252,6 +271,14 @@ def names_view(origin: str) -> rrb.View:
     return list_view(origin, "Lines", ["$origin/**"], ("Body",))
 
 
+def named_charts(
+    name: str, charts: Sequence[rrb.View], lines: str, heights: list[float] | None = None
+) -> rrb.Container:
+    """A tab of charts with the names of their lines beside them."""
+    column = rrb.Vertical(*charts, row_shares=heights)
+    return rrb.Horizontal(column, names_view(lines), column_shares=[6, 1], name=name)
+
+
 def list_view(
     origin: str,
     name: str,
@@ -281,17 +308,16 @@ def span_of(
 
     The viewer's own range leaves out the bands, and one wild sample flattens everything else.
     """
-
-    def extremes_of(values: Floats, quantiles: list[float]) -> Floats:
-        finite = values[np.isfinite(values)]
-        return np.quantile(finite, quantiles) if len(finite) else np.empty(0)
-
-    extremes = [extremes_of(v, [0.0, 1.0]) for v in full_columns]
-    extremes += [
-        extremes_of(v[:: max(1, len(v) // JUDGED)], [0.001, 0.999]) for v in limited_columns
-    ]
-    extremes += [extremes_of(v[:: max(1, len(v) // JUDGED)], [0.02, 0.98]) for v in bands]
-    all_values = np.concatenate([*extremes, [0.0]])
-    lowest, highest = float(all_values.min()), float(all_values.max())
+    extremes = [0.0]
+    for columns, share, rows in (
+        (full_columns, 0.0, None),
+        (limited_columns, 0.001, JUDGED),
+        (bands, 0.02, JUDGED),
+    ):
+        for values in columns:
+            judged = values[:: max(1, len(values) // rows)] if rows else values
+            finite = judged[np.isfinite(judged)]
+            extremes += np.quantile(finite, [share, 1.0 - share]).tolist() if len(finite) else []
+    lowest, highest = min(extremes), max(extremes)
     margin = 0.05 * (highest - lowest)
     return (lowest - margin, highest + margin) if margin > 0.0 else None

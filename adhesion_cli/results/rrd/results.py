@@ -18,6 +18,7 @@ from ...core.text import printable
 from ...rail import fit, sliding
 from ...rail.slope import Bands
 from .. import log_events, names, palette, thinning
+from ..result_rows import score_rows
 from . import overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
 
@@ -62,9 +63,9 @@ def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], fu
     if len(pages) == 1:
         parts.write(path, title, identity, pages)
         return
-    named = zip((name for name, _ in logs), pages, strict=True)
     runs = [
-        overview.ComparedRun(name, page.result, page.times, page.slides) for name, page in named
+        overview.ComparedRun(name, result, page.times, page.slides)
+        for (name, result), page in zip(logs, pages, strict=True)
     ]
     parts.write(path, title, identity, [overview.ComparedRuns(runs), *pages], "brake")
 
@@ -81,13 +82,9 @@ class _Page:
             self.zeros["brake"] = result.brake_ns()
         self.spans = [self._spans(a) for a in result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in result.axles}
-        pairs = list(zip(self.spans, result.axles, strict=True))
-        points = [sum(map(len, s)) for s, _ in pairs]
-        point_count = sum(
-            n * (2 * len(a.estimates) + 9) for n, (_, a) in zip(points, pairs, strict=True)
-        )
-        self.large = point_count > OVERVIEW_FROM
-        self.thinned = any(n < len(a.record) for n, (_, a) in zip(points, pairs, strict=True))
+        drawn = [(a, sum(map(len, s))) for a, s in zip(result.axles, self.spans, strict=True)]
+        self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn) > OVERVIEW_FROM
+        self.thinned = any(n < len(a.record) for a, n in drawn)
         self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity
         for x in log_events.of_result(result):
             kind = "findings" if x.code in catalogue() else "events"
@@ -215,51 +212,35 @@ class _Page:
 
         yield from self._measured(record, column)
         lower, upper = computed(reference.lower), computed(reference.upper)
-        yield parts.SeriesPlot(
-            "force/band",
-            ("95 % band",),
-            (parts.REFERENCE,),
-            rounding.rounded((lower + upper) / 2, noise)[:, None],
-            rounding.digits((upper - lower) / 2)[:, None],
-            (0.0,),
-        )
-        yield parts.SeriesPlot(
-            "force/reference",
-            ("reference ± 1 sigma",),
-            (parts.REFERENCE,),
-            force(reference.force)[:, None],
-            rounding.digits(computed(reference.sigma))[:, None],
-            (1.0,),
-        )
+        middle = rounding.rounded((lower + upper) / 2, noise)
+        half_width = rounding.digits((upper - lower) / 2)
+        band = "95 % band", parts.REFERENCE, middle, half_width
+        yield parts.bands("force/band", [band])
+        sigma = rounding.digits(computed(reference.sigma))
+        band = "reference ± 1 sigma", parts.REFERENCE, force(reference.force), sigma
+        yield parts.bands("force/reference", [band], 1.0)
         if record.truth is not None:
             yield parts.lines("force/truth", [("truth", parts.TRUTH, force(record.truth))])
-        colours = {a: palette.rgba(palette.of_method(a)) for a in sorted(axle.estimates)}
-        axle_columns = {a: column(axle.sigma(a)) for a in colours}
-        estimates = [(a, c, force(axle.estimates[a], axle_columns[a])) for a, c in colours.items()]
-        errors = [
-            (a, c, np.where(inside, rounding.rounded(axle.error(a, index), noise), np.nan))
-            for a, c in colours.items()
-        ]
-        bands = [a for a in colours if a in axle.sigmas]
+        estimates, errors, bands = [], [], []
+        for algo in sorted(axle.estimates):
+            colour = palette.rgba(palette.of_method(algo))
+            F = force(axle.estimates[algo], column(axle.sigma(algo)))
+            error = rounding.rounded(axle.error(algo, index), noise)
+            estimates.append((algo, colour, F))
+            errors.append((algo, colour, np.where(inside, error, np.nan)))
+            if algo in axle.sigmas:
+                half_width = rounding.digits(Z95 * computed(axle.sigmas[algo]))
+                bands.append((f"{algo}: own 95 % band", colour, F, half_width))
         if bands:
-            half_widths = [rounding.digits(Z95 * computed(axle.sigmas[a])) for a in bands]
-            yield parts.SeriesPlot(
-                "force/own",
-                tuple(f"{a}: own 95 % band" for a in bands),
-                tuple(colours[a] for a in bands),
-                np.stack([force(axle.estimates[a], axle_columns[a]) for a in bands], axis=1),
-                np.stack(half_widths, axis=1),
-                (0.0,) * len(bands),
-            )
-        if colours:
+            yield parts.bands("force/own", bands)
+        if estimates:
             yield parts.lines("force/estimates", estimates)
             yield parts.lines("error", errors)
         if axle.slope is not None and axle.slope_confidence is not None:
-            slope, slope_sigma = (
-                rounding.digits(computed(x)) for x in (axle.slope, axle.slope_confidence)
-            )
+            slope = rounding.digits(computed(axle.slope))
             yield parts.lines("slope", [("slope dµ/ds", parts.SLOPE, slope)])
-            yield parts.lines("confidence", [("confidence", parts.REFERENCE, slope_sigma)])
+            confidence = rounding.digits(computed(axle.slope_confidence))
+            yield parts.lines("confidence", [("confidence", parts.REFERENCE, confidence)])
 
     def _send_slip(
         self,
@@ -272,22 +253,14 @@ class _Page:
         """The operating point on its curve; brake, region and wheel as states."""
         vehicle = self.result.vehicle
         mu, lanes = physics.coefficient(axle.reference.force, vehicle), rows.of_axle(axle)
-        send_curve(
-            rec,
-            f"{path}/slip",
-            self.times,
-            axle.record.t,
-            slip,
-            mu,
-            self.bands,
-            fitted=Fitted(rail, vehicle) if rail else None,
-        )
-        if axle.slope is not None and self.bands:
+        t, times, bands, fitted = axle.record.t, self.times, self.bands, None
+        if rail:
+            fitted = Fitted(rail, vehicle)
+        send_curve(rec, f"{path}/slip", times, t, slip, mu, bands, fitted=fitted)
+        if axle.slope is not None and bands:
             for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
-                slope_path, b = f"{root}/axle/{axle.record.axle}/slope", self.bands
-                parts.send_band(
-                    rec, slope_path, self.times, axle.record.t, b.slope_low, b.slope_high
-                )
+                entity = f"{root}/axle/{axle.record.axle}/slope"
+                parts.send_band(rec, entity, times, t, bands.slope_low, bands.slope_high)
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:
@@ -302,9 +275,9 @@ class _Page:
             ("wheel", slides, parts.WHEELS),
         ):
             for lane in lanes:
-                states_shown = np.where(lane.inside, codes[lane.row], -1)
+                lane_codes = np.where(lane.inside, codes[lane.row], -1)
                 entity = lane.path_under(f"{path}/state/{name}")
-                parts.send_states(rec, entity, self.times, lane.t, states_shown, states)
+                parts.send_states(rec, entity, self.times, lane.t, lane_codes, states)
 
     def _send_lists(self, rec: rr.RecordingStream) -> None:
         """Findings and events; each text wrapped: the viewer shows only the first line of a row."""
@@ -329,19 +302,17 @@ class _Page:
         The axle with the worst slide comes first.
         """
         axles = sorted(self.result.axles, key=lambda a: -overview.worst(self.slides[a.record.axle]))
-        tabs = [self._axle_tab(a, "overview/" if self.large else "") for a in axles]
+        prefix = "overview/" if self.large else ""
+        tabs: list[rrb.Container | rrb.View] = [self._axle_tab(a, prefix) for a in axles]
         if len(axles) > 1:
             tabs.insert(0, overview.tab(self.root, self.result, self.slides))
         if self.large:
-            axle_tabs = [self._axle_tab(a, "") for a in axles]
-            tabs.append(
-                rrb.Tabs(*axle_tabs, name="Brake applications" if self.thinned else "Full data")
-            )
-        summary = rrb.TextDocumentView(origin=f"{self.root}/summary", name="Summary")
-        first_tab = (
-            1 if self.notes and len(axles) > 1 else 0
-        )  # the slip of an axle, where asked for
-        return rrb.Tabs(*tabs, summary, self._about(), name=self.title, active_tab=first_tab)
+            name = "Brake applications" if self.thinned else "Full data"
+            tabs.append(rrb.Tabs(*(self._axle_tab(a, "") for a in axles), name=name))
+        for entity, name in (("summary", "Summary"), ("about", "How this was made, settings")):
+            tabs.append(rrb.TextDocumentView(origin=f"{self.root}/{entity}", name=name))
+        tab = int(bool(self.notes) and len(axles) > 1)  # the slip of an axle, where asked for
+        return rrb.Tabs(*tabs, name=self.title, active_tab=tab)
 
     def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
         N = axle.record.axle
@@ -399,9 +370,6 @@ class _Page:
             name="Slip",
         )
 
-    def _about(self) -> rrb.View:
-        return rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made, settings")
-
     def _lists(self, axle: int) -> list[rrb.View]:
         """Findings and events of an axle; the findings on the whole log are among them."""
         contents = [f"$origin/{list_name}" for list_name in ("log", f"axle/{axle}")]
@@ -413,13 +381,8 @@ class _Page:
 
 def _thinned(axle: AxleResult, lane: rows.Lane) -> NDArray[np.int64]:
     """First row of each span: a row near a brake application, a break, or so long elsewhere."""
-    t = lane.t
-    exact = (lane.row < 0) | thinning.near_brakes(axle, t)
-    is_new = (
-        np.diff(t // thinning.SAMPLE_INTERVAL, prepend=t[0] // thinning.SAMPLE_INTERVAL - 1) != 0
-    )
-    is_new |= exact | np.append(False, exact[:-1])
-    return np.flatnonzero(is_new)
+    exact = (lane.row < 0) | thinning.near_brakes(axle, lane.t)
+    return np.flatnonzero(thinning.begins(lane.t) | exact | np.append(False, exact[:-1]))
 
 
 def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
@@ -484,31 +447,11 @@ def _about(result: Result, large: bool, thinned: bool) -> str:
     return "\n".join(lines)
 
 
-_SCORES = {  # field of a score and its digits, by the head of its column
-    "RMSE [N]": ("rmse_n", 1),
-    "bias [N]": ("bias_n", 1),
-    "max [N]": ("max_error_n", 0),
-    "lag [s]": ("lag_s", 2),
-    "gain": ("gain", 3),
-    "response [s]": ("response_s", 2),
-    "relative": ("relative", 2),
-    "band [N]": ("band_n", 0),
-    "holds": ("within", 2),
-}
-_BAND = "band: half of the estimator's own 95 % band; holds: share of the samples inside."
-
-
 def _scores(scores: Sequence[Score]) -> str:
     """Scores as Markdown, the best first; a column without values would push others out of view."""
-    score_columns = {
-        head: (name, digits)
-        for head, (name, digits) in _SCORES.items()
-        if any(getattr(s, name) is not None for s in scores)
-    }
-    rows = [["estimator", "against", *score_columns], ["---"] * (2 + len(score_columns))]
-    for s in sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n):
-        score_values = ((getattr(s, name), digits) for name, digits in score_columns.values())
-        cells = ("–" if x is None else f"{x:.{digits}f}" for x, digits in score_values)
-        rows.append([parts.escape_markdown(s.algo), s.against, *cells])
-    table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-    return f"{table}\n\n{_BAND}" if "band [N]" in score_columns else table
+    scores = sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
+    rows = [
+        {"method": "", "against": s.against} | row
+        for s, row in zip(scores, score_rows(scores), strict=True)
+    ]
+    return parts.markdown_table(rows)
