@@ -4,6 +4,7 @@ import re
 import zlib
 from array import array
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -53,7 +54,7 @@ class Records:
 
     def _field(self, offset: int) -> Offsets:
         """A number of 8 bytes that every message record has at an offset."""
-        return _u64(self.data, self.start + offset)
+        return load(self.data, self.start + offset, "<i8")
 
     def select(self, selection: Bools | Offsets) -> "Records":
         """Some of the messages, by a mask or by their numbers."""
@@ -204,7 +205,7 @@ class BlockReader:
         damage, most = "more records than a file of this size holds", size // HEADER.size
         self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (most - count))
         start = np.array(starts, np.int64)
-        channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
+        channel = load(data, start + HEADER.size, "<u2").astype(np.int64)
         return Records(data, start, channel, definitions), p
 
     def _spend(self, offset: int, damage: str, cost: int, extra: int = 0) -> None:
@@ -258,9 +259,10 @@ def _like_chunk(start: bytes) -> bool:
     return bool(_CHUNK.match(b"\x06" + start[1:]))
 
 
-def _u64(data: Bytes, offsets: Offsets) -> Offsets:
-    """Numbers of 8 bytes at any offsets; from 2^63 on they are negative."""
-    view: Offsets = np.ndarray((len(data) - 7,), "<i8", data, 0, (1,))
+def load(data: Bytes, offsets: Offsets, kind: str) -> NDArray[Any]:
+    """Values of a numpy type at any offsets; shape (n,)."""
+    count = len(data) - np.dtype(kind).itemsize + 1
+    view: NDArray[Any] = np.ndarray((count,), kind, data, 0, (1,))
     return view[offsets]
 
 

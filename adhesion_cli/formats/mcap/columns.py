@@ -1,7 +1,7 @@
 """Columns of many messages: which numbers are wanted, and what in later messages differs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from operator import itemgetter
 from typing import Any, Protocol
@@ -32,10 +32,10 @@ class FirstText:
     """A string of the first message that gives wanted numbers their unit or name."""
 
     text: str
-    places: list[int]  # the numbers, by their place in Wanted.leaves
+    places: list[int]  # the numbers, by their place in Wanted.numbers
 
 
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Wanted:
     """The numbers asked for, and what the first messages said that later ones must repeat."""
 
@@ -43,7 +43,8 @@ class Wanted:
     lengths: dict[Steps, int]  # of the arrays that hold wanted numbers, or are empty at first
     said: dict[Steps, FirstText]
     shape: Tree  # what the first messages hold, all taken together
-    iso: Steps | None = None  # the one of `leaves` that is a time as text
+    iso: Steps | None = None  # the one of `numbers` that is a time as text
+    layouts: list[Any] = field(default_factory=list)  # what a decoder learns of its messages
 
     @classmethod
     def select(cls, tree: Tree, wanted: Sequence[Leaf], stamp: Stamp | None) -> "Wanted":
@@ -102,7 +103,7 @@ class Decoder(Protocol):
             wanted: what to take from each.
 
         Returns:
-            Values of shape (len(wanted.leaves), n), NaN where a message has no such number,
+            Values of shape (len(wanted.numbers), n), NaN where a message has no such number,
             and what was left out.
         """
         ...
@@ -112,7 +113,7 @@ class Batch:
     """The columns of many messages while they are decoded.
 
     Attributes:
-        values: the wanted numbers, shape (len(wanted.leaves), n).
+        values: the wanted numbers, shape (len(wanted.numbers), n).
         lengths: which messages have another length, by array; shape (n,).
         texts: which messages have another unit or name, by string; shape (n,).
         faults: what else is wrong.

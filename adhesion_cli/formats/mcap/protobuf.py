@@ -189,9 +189,9 @@ class _ProtobufSpread(Spread):
             f.number for f in nodes[0].DESCRIPTOR.fields if self._visits(None, (*steps, f.name))
         }
         is_sound = np.ones(len(nodes), np.bool_)
-        for i, node in enumerate(nodes):
+        for i in [i for i, node in enumerate(nodes) if UnknownFieldSet(node)]:
             try:
-                _check_wire(node, numbers)
+                _check_wire(nodes[i], numbers)
             except UndecodableError as e:
                 self._batch.refuse(int(rows[i]), str(e))
                 is_sound[i] = False

@@ -7,13 +7,11 @@ the same lengths inside. Their columns are taken at once.
 import re
 import struct
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.model import Floats
-from .blocks import Bytes, Offsets
+from .blocks import Bytes, Offsets, load
 from .columns import Batch, MessageFault, Spread, Wanted
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
@@ -43,7 +41,7 @@ _UNIT = re.compile(r"\[([^][,\d][^][,]*)\]")  # as rosidl reads units: "# ... [b
 _MOST_ELEMENTS = 4096  # of an array of messages or strings, which is read one by one
 _MOST_MESSAGES = 16384  # inside one message
 _SPARE = 8  # bytes after a message that alignment does not explain
-_WIDEST = 1 << 14  # bytes of messages that are compared with one another
+_MOST_DECISIVE = 256  # lengths and strings in a message that others are compared with
 _MOST_LAYOUTS = 256  # of one channel; messages of further ones are read one by one
 _TIME = "uint32 sec\nuint32 nanosec"
 
@@ -76,7 +74,6 @@ class Ros2Decoder:
         except UnicodeDecodeError as e:
             raise UndecodableError(f"schema is not UTF-8: {e}") from e
         self._types: _Types = {}
-        self._layouts: WeakKeyDictionary[Wanted, list[_Layout]] = WeakKeyDictionary()
         lines = "\n".join(line for line in text.splitlines() if line.strip())
         current, self._root = name, _short_name(name)
         for section in re.split(r"^={3,}\s*$", lines, flags=re.MULTILINE):
@@ -120,8 +117,7 @@ class Ros2Decoder:
     ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once, see Decoder."""
         batch, pending = Batch(wanted, len(start)), np.arange(len(start))
-        layouts = self._layouts.setdefault(wanted, [])
-        for layout in layouts:
+        for layout in wanted.layouts:
             pending = layout.take(batch, buffer, start, stop, pending)
         while len(pending):
             row = int(pending[0])
@@ -132,13 +128,13 @@ class Ros2Decoder:
                 batch.refuse(row, str(e))
                 pending = pending[1:]
                 continue
-            new_layout = _layout(message, wanted) if len(layouts) < _MOST_LAYOUTS else None
-            if new_layout:
-                layouts.append(new_layout)
-                pending = new_layout.take(batch, buffer, start, stop, pending)
-            else:
+            decisive = len(message.lengths) + len(wanted.said)
+            if decisive > _MOST_DECISIVE or len(wanted.layouts) >= _MOST_LAYOUTS:
                 Spread(batch).walk([message.tree], pending[:1], wanted.shape)
                 pending = pending[1:]
+            else:
+                wanted.layouts.append(layout := _layout(message, wanted))
+                pending = layout.take(batch, buffer, start, stop, pending)
         return batch.finish()
 
 
@@ -146,6 +142,7 @@ class _Message:
     """One message, read front to back.
 
     Attributes:
+        raw: its bytes.
         tree: its values; long arrays are cut after LONG_ARRAY + 1 elements.
         order: "<" or ">", of its bytes.
         size: bytes that the schema explains.
@@ -160,7 +157,7 @@ class _Message:
     def __init__(self, types: _Types, root: str, raw: bytes) -> None:
         if len(raw) < 4 or raw[1] > 1:  # of the encapsulation: 0 big-endian, 1 little-endian
             raise UndecodableError("no plain CDR encapsulation")
-        self._types, self._raw = types, raw
+        self._types, self.raw = types, raw
         self.order = "<" if raw[1] else ">"
         self.size = 4  # alignment counts from here
         self._messages = 0
@@ -176,14 +173,14 @@ class _Message:
         if not count:
             return self.size  # no padding before no element
         begin = self.size + -(self.size - 4) % size
-        if begin + size * count > len(self._raw):
+        if begin + size * count > len(self.raw):
             raise UndecodableError("message is shorter than its schema says")
         self.size = begin + size * count
         return begin
 
     def _length(self) -> int:
         self.lengths.append(self._take(4))
-        length: int = struct.unpack_from(f"{self.order}I", self._raw, self.lengths[-1])[0]
+        length: int = struct.unpack_from(f"{self.order}I", self.raw, self.lengths[-1])[0]
         return length
 
     def _members(self, kind: str, steps: Steps) -> dict[str, Tree]:
@@ -212,7 +209,7 @@ class _Message:
             begin = self._take(1, length)
             self.texts[steps] = begin, length
             # What is not UTF-8 stays distinct and printable.
-            return self._raw[begin : begin + max(length - 1, 0)].decode(errors="backslashreplace")
+            return self.raw[begin : begin + max(length - 1, 0)].decode(errors="backslashreplace")
         if code := _CODES.get(kind):
             return self._numbers(code, 1, steps)[0]
         return self._members(kind, steps)
@@ -221,13 +218,13 @@ class _Message:
         begin = self._take(struct.calcsize(f"{self.order}{code}"), count)
         self.numbers[steps] = code, begin, count
         length = min(count, LONG_ARRAY + 1)
-        return list(struct.unpack_from(f"{self.order}{length}{code}", self._raw, begin))
+        return list(struct.unpack_from(f"{self.order}{length}{code}", self.raw, begin))
 
     def _values(self, member: _Member, steps: Steps) -> list[Tree]:
         count = member.size or self._length()
         if code := _CODES.get(member.type):
             return self._numbers(code, count, steps)
-        if count > min(_MOST_ELEMENTS, len(self._raw)):  # each has at least one byte
+        if count > min(_MOST_ELEMENTS, len(self.raw)):  # each has at least one byte
             raise UndecodableError(f"too many elements in an array of {member.type}")
         values = [self._value(member.type, (*steps, k)) for k in range(count)]
         return values[: LONG_ARRAY + 1]
@@ -235,15 +232,11 @@ class _Message:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Where the wanted numbers stand in messages that have the same lengths inside.
-
-    The byte order decides on that, too, and so do the strings that must not change.
-    """
+    """Where the wanted numbers stand in messages that have the same lengths inside."""
 
     size: int  # bytes that the schema explains
-    places: list[tuple[str, int] | None]  # of the wanted numbers: numpy's type, offset
-    mask: NDArray[np.uint64]  # set where bytes decide, shape (w,)
-    said: NDArray[np.uint64]  # what they are, shape (w,)
+    decisive: dict[int, bytes]  # byte order, lengths, strings that must not change; by offset
+    numbers: dict[int, tuple[str, int]]  # numpy's type and offset, by column
     lengths: set[Steps]  # the arrays that have another length than at first
     texts: set[Steps]  # the strings that are other units or names than at first
 
@@ -252,59 +245,36 @@ class _Layout:
     ) -> Offsets:
         """Takes the messages of `pending` that are laid out so; returns the others."""
         excess = stop[pending] - start[pending] - self.size
-        fit = (excess >= 0) & (excess < _SPARE)
-        rows, width = pending[fit], self.mask.nbytes
-        if not len(rows):
-            return pending
-        view = np.ndarray((len(buffer) - width + 1,), f"V{width}", buffer, 0, (1,))
-        messages = view[start[rows]].view(np.uint64).reshape(len(rows), len(self.mask))
-        differs = (messages & self.mask) != self.said
-        if differs.any():
-            matches = ~differs.any(axis=1)
-            rows, messages, fit[fit] = rows[matches], messages[matches], matches
-        if len(rows):
-            self._store(batch, rows, messages)
-        return pending[~fit]
-
-    def _store(self, batch: Batch, rows: Offsets, messages: NDArray[np.uint64]) -> None:
-        for i, place in enumerate(self.places):
-            if place:
-                kind = "u1" if place[0][1:] == "?" else place[0]  # a bool of 2 is True
-                numbers = np.ndarray(
-                    (len(rows),), kind, messages.data, place[1], messages.strides[:1]
-                )
-                batch.values[i, rows] = numbers != 0 if place[0][1:] == "?" else numbers
+        fits = (excess >= 0) & (excess < _SPARE)
+        for offset, expected in self.decisive.items():
+            actual = load(buffer, start[pending[fits]] + offset, f"V{len(expected)}")
+            fits[fits] = actual == np.void(expected)
+        rows = pending[fits]
+        for column, (kind, offset) in self.numbers.items():
+            is_bool = kind[1:] == "?"  # one of 2 is true
+            values = load(buffer, start[rows] + offset, "u1" if is_bool else kind)
+            batch.values[column, rows] = values != 0 if is_bool else values
         for steps in self.lengths:
             batch.lengths[steps][rows] = True
         for steps in self.texts:
             batch.texts[steps][rows] = True
+        return pending[~fits]
 
 
-def _layout(message: _Message, wanted: Wanted) -> _Layout | None:
-    """How a message is laid out; None where it is too long to compare others with it."""
-    decide = [
-        (1, 1),
-        *((position, 4) for position in message.lengths),
-    ]  # offset and size; the byte order
-    decide += [place for steps, place in message.texts.items() if steps in wanted.said]
-    places: list[tuple[str, int] | None] = []
-    for steps in wanted.numbers:
+def _layout(message: _Message, wanted: Wanted) -> _Layout:
+    """How a message is laid out."""
+    places = [(1, 1), *((offset, 4) for offset in message.lengths)]  # the first: byte order
+    places += [place for steps, place in message.texts.items() if steps in wanted.said]
+    decisive = {a: message.raw[a : a + size] for a, size in places if size}
+    numbers: dict[int, tuple[str, int]] = {}
+    for column, steps in enumerate(wanted.numbers):
         array, k = (steps[:-1], steps[-1]) if isinstance(steps[-1], int) else (steps, 0)
         code, begin, count = message.numbers.get(array, ("", 0, 0))
-        offset = begin + k * struct.calcsize(f"<{code}")
-        places.append((message.order + code, offset) if k < count else None)
-    part_ends = [position + size for position, size in decide] + [
-        place[1] + 8 for place in places if place
-    ]
-    width = -(-max(part_ends) // 8) * 8
-    if width > _WIDEST:
-        return None
-    mask = np.zeros(width, np.uint8)
-    for position, size in decide:
-        mask[position : position + size] = 0xFF
-    said = np.frombuffer(message._raw[:width].ljust(width, b"\0"), np.uint8) & mask
+        if k < count:
+            kind = message.order + code
+            numbers[column] = kind, begin + k * struct.calcsize(kind)
     lengths, texts = wanted.differences(message.tree)
-    return _Layout(message.size, places, mask.view(np.uint64), said.view(np.uint64), lengths, texts)
+    return _Layout(message.size, decisive, numbers, lengths, texts)
 
 
 def _short_name(name: str) -> str:
