@@ -3,15 +3,14 @@
 import csv
 import hashlib
 import json
-import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from helpers.commands import Run
+from helpers.forked import Forked
 from helpers.trains import rows, three_trains
 
 from adhesion_cli.analysis import inspection, settings
@@ -503,12 +502,12 @@ def test_errors_of_the_reference_are_those_while_braking(run: Run, tmp_path: Pat
 
 def viewed(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
     """`adhesion view`, which then tells what it would show: no window in a test."""
-    code = "import sys; from adhesion_cli import __main__; from adhesion_cli.cli import view\n"
-    code += f"view.show_recording = print; sys.argv[1:] = ['view', {name!r}]; __main__.main()"
-    return subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, env={**os.environ, "DISPLAY": ":0"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    code = "from adhesion_cli.cli import view; view.show_recording = print"
+    code += "; os.environ['DISPLAY'] = ':0'"
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = Forked(folder, ["view", name], code, **pipes)
+    out, err = process.communicate(timeout=60)
+    return subprocess.CompletedProcess(name, process.returncode, out, err)
 
 
 def test_the_summary_of_every_command_is_whole(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,6 @@
 import re
 import signal
 import subprocess
-import sys
 import time
 import urllib.request
 from contextlib import suppress
@@ -11,6 +10,7 @@ from pathlib import Path
 from urllib.error import URLError
 
 import pytest
+from helpers.forked import Forked
 from helpers.made_results import result
 
 from adhesion_cli.cli import view
@@ -65,10 +65,7 @@ def test_a_display_that_does_not_work_is_an_error(
 
 
 def test_a_browser_is_served_until_the_run_ends(folder: Path) -> None:
-    served = subprocess.Popen(
-        [sys.executable, "-m", "adhesion_cli", "view", "a b.rrd", "--serve"],
-        cwd=folder, stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    served = Forked(folder, ["view", "a b.rrd", "--serve"], stdout=subprocess.PIPE)
     assert served.stdout is not None
     try:
         page = re.findall(r"http://127\.0\.0\.1:\d+", served.stdout.readline())[0]

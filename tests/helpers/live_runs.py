@@ -1,7 +1,6 @@
 """`live` on files, in this process and in one of its own."""
 
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ from adhesion_cli.core.finding import Finding
 from adhesion_cli.live.axle import LiveSample
 from adhesion_cli.live.feed import Feed
 from adhesion_cli.live.run import Tally, follow, wheels_of
+from helpers.forked import Forked
 
 LOGS = bundled.folder("sample_logs")
 
@@ -46,11 +46,10 @@ def followed(
 
 
 @contextmanager
-def running(folder: Path, *arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
+def running(folder: Path, *arguments: str | Path) -> Iterator[Forked]:
     """`adhesion live` in the background; it is killed if it still runs at the end."""
-    command = [sys.executable, "-m", "adhesion_cli", "live", *map(str, arguments)]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, cwd=folder, text=True, **pipes) as process:  # type: ignore[call-overload]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with Forked(folder, ["live", *map(str, arguments)], **pipes) as process:
         try:
             yield process
         finally:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import recordings
+from helpers.forked import Forked
 from helpers.live_runs import LOGS, Kept, followed, running
 from helpers.mounts import mounted
 from mcap.reader import make_reader
@@ -67,13 +68,13 @@ def message(t: float, axle: int, kmh: float, bar: float | None = 1.0) -> str:
     return json.dumps({k: x for k, x in said.items() if x is not None})
 
 
-def taken(process: "subprocess.Popen[str]", count: int) -> list[dict[str, object]]:
+def taken(process: Forked, count: int) -> list[dict[str, object]]:
     """The next lines that it prints."""
     assert process.stdout
     return [json.loads(process.stdout.readline()) for _ in range(count)]
 
 
-def read_all(process: "subprocess.Popen[str]", lines: list[dict[str, Any]]) -> None:
+def read_all(process: Forked, lines: list[dict[str, Any]]) -> None:
     """Every line that it prints, as they come."""
     assert process.stdout
     while line := process.stdout.readline():
@@ -107,7 +108,7 @@ def test_a_file_that_grows_and_begins_anew_is_followed(tmp_path: Path) -> None:
     assert len(again.axles[0].record.t) == 160
 
 
-def ended(process: "subprocess.Popen[str]", lines: int) -> tuple[list[dict[str, Any]], str]:
+def ended(process: Forked, lines: int) -> tuple[list[dict[str, Any]], str]:
     """That many lines, then Ctrl-C; every line and what was said on stderr."""
     first = taken(process, lines)
     process.send_signal(signal.SIGINT)
@@ -401,9 +402,8 @@ def shown_on_a_terminal(folder: Path, columns: int, text: Sequence[str]) -> tupl
     """The lines that stay on a terminal, and every state of the line that does not."""
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-    command = [sys.executable, "-m", "adhesion_cli", "live", "-", "-a", "imm"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": slave}
-    with subprocess.Popen(command, cwd=folder, text=True, **pipes) as process:  # type: ignore[call-overload]
+    with Forked(folder, ["live", "-", "-a", "imm"], **pipes) as process:
         os.close(slave)
         seen = bytearray()
 
