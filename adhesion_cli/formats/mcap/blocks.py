@@ -3,6 +3,7 @@
 import re
 import zlib
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,10 +15,8 @@ from ...core.model import Bools, Times
 from ..source import ReadOptions
 from .records import HEADER, PIECE, RAISE_LIMIT, DamageError, LogFile
 
-Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
 
-PADDING = 16  # bytes that follow the last message in a buffer, so that wide loads stay inside
 BEFORE_DATA = 22  # bytes of a Message record before its data: channel, sequence, two times
 # Times a file's size that its chunks may inflate to, besides max_inflated. Each record counts as
 # so many bytes, too: a few bytes can inflate to millions of records.
@@ -47,7 +46,7 @@ class RecordBlock:
 class Records:
     """The records of one block, inflated and checked."""
 
-    data: Bytes  # PADDING more bytes follow the last record
+    data: bytes
     start: Offsets  # of the Message records
     channel: Offsets  # their channel ids
     definitions: list[int]  # offsets of the Schema and Channel records
@@ -103,9 +102,9 @@ class BlockReader:
         """
         if not block.chunk:
             return self.run(block.offset, block.stop - block.offset)[1]
-        data, size = self._inflate(block)
-        records, stop = self._find(data, size, block.offset)
-        if stop < size:
+        data = self._inflate(block)
+        records, stop = self._find(data, block.offset)
+        if stop < len(data):
             damage = f"chunk, at its inflated byte {stop}: no whole record that may stand there"
             raise DamageError(block.offset, damage)
         return records
@@ -116,9 +115,7 @@ class BlockReader:
         Raises:
             DamageError: where the first record may not stand there.
         """
-        data = np.zeros(size + PADDING, np.uint8)
-        data[:size] = np.frombuffer(self._file.read(offset, size), np.uint8)
-        records, stop = self._find(data, size, offset, outside=True)
+        records, stop = self._find(self._file.read(offset, size), offset, outside=True)
         return RecordBlock(offset, offset + stop, False), records
 
     def disguised(self, offset: int, length: int) -> tuple[RecordBlock, Records] | None:
@@ -158,31 +155,28 @@ class BlockReader:
                 return block
         return None
 
-    def _find(
-        self, data: Bytes, size: int, offset: int, outside: bool = False
-    ) -> tuple[Records, int]:
-        """Walks over the records in a buffer, one by one; returns them, and where the walk ends.
+    def _find(self, data: bytes, offset: int, outside: bool = False) -> tuple[Records, int]:
+        """Walks over records, one by one; returns them, and where the walk ends.
 
-        That is the end of the buffer, or the first record that is not whole, or that may not stand
+        That is the end of the bytes, or the first record that is not whole, or that may not stand
         among messages, or one too many. Outside chunks it is also a later one that may be a chunk.
 
         Args:
-            data: the buffer, with PADDING more bytes.
-            size: bytes of the buffer.
-            offset: offset of the buffer in the file, or of its chunk.
+            data: the records.
+            offset: their offset in the file, or that of their chunk.
             outside: whether the records stand outside chunks.
 
         Raises:
             DamageError: where there are too many of them, or none outside chunks.
         """
-        unpack, view = HEADER.unpack_from, data.data
+        unpack, size = HEADER.unpack_from, len(data)
         message, definition = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
         starts, definitions, unknown = array("q"), list[int](), 0
         p, last = 0, size - HEADER.size
         for _ in range((self._allowed - self._spent) // _UNUSUAL + 1):
             if p > last:
                 break
-            opcode, length = unpack(view, p)
+            opcode, length = unpack(data, p)
             next_record = p + 9 + length
             if next_record > size:
                 break
@@ -190,7 +184,7 @@ class BlockReader:
                 if length < BEFORE_DATA:
                     break
                 starts.append(p)
-            elif outside and p and _like_chunk(bytes(view[p : p + _CHUNK_START])):
+            elif outside and p and _like_chunk(data[p : p + _CHUNK_START]):
                 break
             elif opcode in definition:
                 definitions.append(p)
@@ -225,8 +219,8 @@ class BlockReader:
         packed = content.read(content.read8())
         return size, crc, compression, packed, length - content.count
 
-    def _inflate(self, block: RecordBlock) -> tuple[Bytes, int]:
-        """The bytes in a chunk with PADDING more, and how many they are."""
+    def _inflate(self, block: RecordBlock) -> bytes:
+        """The records in a chunk."""
         size, crc, compression, packed, _ = self._fields(block)
         if size > self._limit:
             hint = RAISE_LIMIT.format("max_inflated", size)
@@ -236,22 +230,20 @@ class BlockReader:
         self._spend(
             block.offset, "too many inflated bytes in all for such a file", len(packed) + size
         )
-        data = np.empty(size + PADDING, np.uint8)
         try:
-            inflated_size = _INFLATE[compression](packed, data.data[: size + 1])
+            data = _INFLATE[compression](packed, size + 1)
         except KeyError:
             raise DamageError(block.offset, f"unknown compression {compression[:20]!r}") from None
         except Exception as e:  # lz4 and zstandard raise several kinds, all of them mean this
             raise DamageError(block.offset, f"chunk does not inflate: {e}") from None
-        if inflated_size != size:
-            excess = "more" if inflated_size > size else f"{inflated_size}"
+        if len(data) != size:
+            excess = "more" if len(data) > size else f"{len(data)}"
             raise DamageError(block.offset, f"chunk says {size} inflated bytes and has {excess}")
-        if crc and zlib.crc32(data[:size].data) != crc:
+        if crc and zlib.crc32(data) != crc:
             raise DamageError(block.offset, "chunk has another CRC than it says")
         block.checked = bool(crc)
-        data[size:] = 0
         self.compressions.add(compression or "none")
-        return data, size
+        return data
 
 
 def _like_chunk(start: bytes) -> bool:
@@ -259,40 +251,30 @@ def _like_chunk(start: bytes) -> bool:
     return bool(_CHUNK.match(b"\x06" + start[1:]))
 
 
-def load(data: Bytes, offsets: Offsets, kind: str) -> NDArray[Any]:
+def load(data: bytes, offsets: Offsets, kind: str) -> NDArray[Any]:
     """Values of a numpy type at any offsets; shape (n,)."""
     count = len(data) - np.dtype(kind).itemsize + 1
-    view: NDArray[Any] = np.ndarray((count,), kind, data, 0, (1,))
-    return view[offsets]
+    if not len(offsets):
+        return np.empty(0, kind)
+    return np.ndarray((count,), kind, data, 0, (1,))[offsets]
 
 
-def _inflate_none(packed: bytes, target: memoryview) -> int:
-    fits = min(len(packed), len(target))
-    target[:fits] = packed[:fits]
-    return fits
-
-
-def _inflate_zstd(packed: bytes, target: memoryview) -> int:
+def _inflate_zstd(packed: bytes, most: int) -> bytes:
     import zstandard
 
-    filled = 0
     with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
-        while filled < len(target) and (received := stream.readinto(target[filled:])):
-            filled += received
-    return filled
+        return stream.read(most)
 
 
-def _inflate_lz4(packed: bytes, target: memoryview) -> int:
+def _inflate_lz4(packed: bytes, most: int) -> bytes:
     import lz4.frame
 
-    filled, frame = 0, lz4.frame.LZ4FrameDecompressor()
-    while filled < len(target) and not frame.eof:
-        inflated = frame.decompress(packed, max_length=min(len(target) - filled, PIECE))
-        if not inflated:
-            break
-        target[filled : filled + len(inflated)] = inflated
-        filled, packed = filled + len(inflated), b""
-    return filled
+    data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most)
+    return data
 
 
-_INFLATE = {"": _inflate_none, "zstd": _inflate_zstd, "lz4": _inflate_lz4}
+_INFLATE: dict[str, Callable[[bytes, int], bytes]] = {
+    "": lambda packed, most: packed[:most],
+    "zstd": _inflate_zstd,
+    "lz4": _inflate_lz4,
+}

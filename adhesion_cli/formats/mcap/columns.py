@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...core.model import Bools, Floats
-from .blocks import Bytes, Offsets
+from .blocks import Offsets
 from .fields import MAX_NUMBERS, Leaf, Steps, Tree, UndecodableError, empty, node_at, path
 from .stamps import Stamp
 
@@ -92,12 +92,12 @@ class Decoder(Protocol):
         ...
 
     def columns(
-        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
+        self, buffer: bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once.
 
         Args:
-            buffer: bytes that hold the messages, and PADDING more after the last of them.
+            buffer: bytes that hold the messages.
             start: offsets of the messages' first bytes, shape (n,).
             stop: offsets after their last bytes, shape (n,).
             wanted: what to take from each.
@@ -234,7 +234,7 @@ class Spread:
 def parsed_columns(
     parse: Callable[[bytes], Any],
     spread: type[Spread],
-    buffer: Bytes,
+    buffer: bytes,
     start: Offsets,
     stop: Offsets,
     wanted: Wanted,
@@ -251,14 +251,14 @@ def parsed_columns(
         stop: as there.
         wanted: as there.
     """
-    raw, batch = buffer.data, Batch(wanted, len(start))
+    batch = Batch(wanted, len(start))
     cuts = np.flatnonzero(np.diff(np.cumsum(stop - start + _OVERHEAD) // _TOGETHER)) + 1
     for first, behind in pairwise([0, *cuts.tolist(), len(start)]):
         messages, rows = list[Any](), list[int]()
         spans = zip(start[first:behind].tolist(), stop[first:behind].tolist(), strict=True)
         for row, (a, b) in enumerate(spans, first):
             try:
-                messages.append(parse(bytes(raw[a:b])))
+                messages.append(parse(buffer[a:b]))
                 rows.append(row)
             except UndecodableError as e:
                 batch.refuse(row, str(e))

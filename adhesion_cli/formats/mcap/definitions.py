@@ -90,7 +90,7 @@ class FirstMessages:
 
     def add(self, channel: int, records: Records, selection: Offsets) -> None:
         """Keeps messages of a channel, by their numbers in a block."""
-        data, starts = records.data.data, records.start
+        data, starts = records.data, records.start
         if channel not in self.of:
             self.of[channel] = _LOG_TIME.unpack_from(data, int(starts[selection[0]]))[0], []
         heads = self.of[channel][1]
@@ -105,6 +105,6 @@ class FirstMessages:
                 return
             self._bytes += size
             begin = start + HEADER.size + BEFORE_DATA
-            heads.append(bytes(data[begin : begin + size]))
+            heads.append(data[begin : begin + size])
         if len(heads) == _HEADS:
             self.full.add(channel)

@@ -9,7 +9,7 @@ import numpy as np
 import orjson
 
 from ...core.model import Floats
-from .blocks import Bytes, Offsets
+from .blocks import Offsets
 from .columns import MessageFault, Spread, Wanted, parsed_columns
 from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, path
 from .stamps import microseconds
@@ -79,7 +79,7 @@ class JsonDecoder:
         return "", ""
 
     def columns(
-        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
+        self, buffer: bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once, see Decoder."""
         return parsed_columns(self.tree, _JsonSpread, buffer, start, stop, wanted)

@@ -15,7 +15,7 @@ from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.unknown_fields import UnknownFieldSet
 
 from ...core.model import Floats
-from .blocks import Bytes, Offsets
+from .blocks import Offsets
 from .columns import MessageFault, Spread, Wanted, parsed_columns
 from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, UndecodableError
 
@@ -78,7 +78,7 @@ class ProtobufDecoder:
         return "", ""
 
     def columns(
-        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
+        self, buffer: bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once, see Decoder."""
         return parsed_columns(self._parse, _ProtobufSpread, buffer, start, stop, wanted)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.model import Floats
-from .blocks import Bytes, Offsets, load
+from .blocks import Offsets, load
 from .columns import Batch, MessageFault, Spread, Wanted
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
@@ -113,7 +113,7 @@ class Ros2Decoder:
         return unit, "schema comment" if unit else ""
 
     def columns(
-        self, buffer: Bytes, start: Offsets, stop: Offsets, wanted: Wanted
+        self, buffer: bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[MessageFault]]:
         """Many messages at once, see Decoder."""
         batch, pending = Batch(wanted, len(start)), np.arange(len(start))
@@ -122,7 +122,7 @@ class Ros2Decoder:
         while len(pending):
             row = int(pending[0])
             try:
-                raw = buffer[start[row] : stop[row]].tobytes()
+                raw = buffer[start[row] : stop[row]]
                 message = _Message(self._types, self._root, raw)
             except UndecodableError as e:
                 batch.refuse(row, str(e))
@@ -241,7 +241,7 @@ class _Layout:
     texts: set[Steps]  # the strings that are other units or names than at first
 
     def take(
-        self, batch: Batch, buffer: Bytes, start: Offsets, stop: Offsets, pending: Offsets
+        self, batch: Batch, buffer: bytes, start: Offsets, stop: Offsets, pending: Offsets
     ) -> Offsets:
         """Takes the messages of `pending` that are laid out so; returns the others."""
         excess = stop[pending] - start[pending] - self.size

@@ -170,7 +170,7 @@ class Walk:
             if len(start):
                 gaps = np.flatnonzero(start[1:] != stop[:-1])
                 runs = zip(start[np.append(0, gaps + 1)], stop[np.append(gaps, -1)], strict=True)
-                raw = b"".join(selected.data[a:b].tobytes() for a, b in runs)
+                raw = b"".join(selected.data[a:b] for a, b in runs)
                 yield raw, selected.channel, selected.log_time, stop - start
 
     def raw(self, offset: int, length: int) -> Iterator[bytes]:
@@ -382,9 +382,9 @@ class Walk:
                 its messages are taken.
         """
         for place in records.definitions:
-            opcode, length = HEADER.unpack_from(records.data.data, place)
+            opcode, length = HEADER.unpack_from(records.data, place)
             begin = place + HEADER.size
-            raw = bytes(records.data.data[begin : begin + length])
+            raw = records.data[begin : begin + length]
             self._definitions.read(opcode, raw, block.offset)
         counts = np.bincount(records.channel)
         met = np.flatnonzero(counts).tolist()
