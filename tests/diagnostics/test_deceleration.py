@@ -142,3 +142,10 @@ def test_a_motor_that_is_cut_off_before_the_brake_is_no_other_sensor(
     for seed in range(2):
         log = recordings(20.0, seed, sound, train=bool(seed % 2), percent=1.0, motor=motor)
         assert told(log, tmp_path) == []
+
+
+def test_rollers_that_hold_the_speed_are_no_warning(tmp_path: Path) -> None:
+    told = simulated.told(simulated.recordings("roller-rig"), tmp_path, DEFAULT)
+    (one,) = [f for f in told if f.code == "deceleration-unexplained"]
+    assert one.severity == "info"
+    assert one.values["difference_mps2"] == pytest.approx(-0.64, abs=0.1)

@@ -163,9 +163,21 @@ def mislabelled(log: Recordings, signal: str, unit: str) -> Recordings:
     return changed(log, signal, lambda r: replace(r, unit=unit))
 
 
-def late(log: Recordings, signal: str, seconds: float) -> Recordings:
+def late(log: Recordings, signal: str, seconds: float, axle: int = 0) -> Recordings:
     """Time stamps of another clock."""
-    return changed(log, signal, lambda r: replace(r, t=r.t + round(seconds * 1e9)))
+    return changed(log, signal, lambda r: replace(r, t=r.t + round(seconds * 1e9)), axle)
+
+
+def pressed(
+    log: Recordings, axle: int, change: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> Recordings:
+    """Pressures changed: their time as a share of the log's, their value as one of the highest."""
+
+    def pressure(r: Recording) -> Recording:
+        top = float(r.value.max())
+        return replace(r, value=top * change(r.t / r.t[-1], r.value / top))
+
+    return changed(log, "pressure", pressure, axle)
 
 
 def worn(log: Recordings, axle: int, scale: float) -> Recordings:
