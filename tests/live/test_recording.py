@@ -1,0 +1,120 @@
+"""The files and the viewer that samples go to."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import recordings
+from helpers.live_runs import (
+    LOW,
+    SERVICE,
+    free_port,
+    lines_of,
+    message,
+    running,
+    taken,
+)
+from helpers.mounts import mounted
+from mcap.reader import make_reader
+
+from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.analysis.settings import load
+
+
+@pytest.mark.parametrize("then", [(), (-50.0,)])
+def test_times_before_zero_are_recorded(tmp_path: Path, then: tuple[float, ...]) -> None:
+    """Whole seconds are added, as in result files; a clock set back below zero is reported."""
+    t = [*(-3.0 + 0.01 * k for k in range(500)), *(x + 0.01 * k for x in then for k in range(20))]
+    text = [message(x, 1, 80.0 - 0.01 * k) for k, x in enumerate(t)]
+    with running(tmp_path, "-", "--json", "-o", "out", "-a", "imm") as process:
+        assert process.stdin
+        process.stdin.write("\n".join(text[:500]) + "\n")
+        process.stdin.flush()
+        taken(process, 500)
+        time.sleep(1.0)  # it is written
+        out, told = process.communicate("\n".join(text[500:]), timeout=60)
+    assert process.returncode == (3 if then else 0), told
+    assert len(lines_of(out)) == len(t) - 500
+    assert ("not-recorded" in told) == bool(then)
+    record = tmp_path / "out" / "standard-input.live.mcap"
+    with record.open("rb") as file:
+        (own,) = [m for m in make_reader(file).iter_metadata() if m.name.endswith("provenance")]
+    assert own.metadata["time_shift_ns"] == "3000000000"
+    kept = analyze(record, load())
+    assert len(kept.axles[0].record.t) == 500
+    assert kept.log.start_ns() == 0
+
+
+def test_the_file_goes_on_where_nobody_reads_the_lines(tmp_path: Path) -> None:
+    with running(tmp_path, "--replay", SERVICE, "--speed", "0", "--json", "-o", "out") as process:
+        taken(process, 5)
+        assert process.stdout
+        process.stdout.close()
+        assert process.wait(timeout=120) == 0
+    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load())
+    assert len(whole.axles[0].record.t) == 2601
+
+
+def test_the_file_goes_on_where_the_reader_of_the_lines_stands_still(tmp_path: Path) -> None:
+    with running(tmp_path, "--replay", SERVICE, "--speed", "0", "--json", "-o", "out") as process:
+        taken(process, 5)
+        assert process.wait(timeout=120) == 0
+        assert process.stderr
+        told = process.stderr.read()
+    dropped = re.search(r"--json: (\d+) lines were dropped", told)
+    assert dropped
+    assert 500 < int(dropped[1]) < 2596  # a pipe holds some hundred
+    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load())
+    assert len(whole.axles[0].record.t) == 2601
+
+
+def test_a_full_disk_ends_the_run_and_what_was_written_can_be_read(tmp_path: Path) -> None:
+    with mounted(tmp_path, "size=1m") as disk:
+        with running(disk, "--replay", LOW, "--speed", "10", "--json", "-o", "out") as process:
+            out, told = process.communicate(timeout=120)
+        assert process.returncode == 1
+        *lines, failed = lines_of(out)
+        assert str(failed["error"]).startswith("out/low-adhesion.live.mcap: cannot be written"), (
+            told
+        )
+        whole = analyze(disk / "out" / "low-adhesion.live.mcap", load())
+    assert [f.code for f in whole.findings if f.severity == "error"] == ["mcap-damaged"]
+    kept = sum(len(a.record.t) for a in whole.axles)
+    assert 100 < kept <= len(lines)
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # its viewer was killed
+def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
+    port = free_port()
+    shown = tmp_path / "shown.rrd"
+    command = [sys.executable, "-m", "rerun", "--port", str(port), "--save", str(shown)]
+    null = subprocess.DEVNULL
+    viewer = subprocess.Popen(command, stdin=null, stdout=null, stderr=null, start_new_session=True)
+    try:
+        url = f"rerun+http://127.0.0.1:{port}/proxy"
+        with running(tmp_path, "--replay", SERVICE, "--connect", url, "-o", "out") as process:
+            until = time.monotonic() + 100.0
+            while not (shown.exists() and shown.stat().st_size > 100_000):
+                assert time.monotonic() < until
+                time.sleep(0.2)
+            os.killpg(viewer.pid, signal.SIGKILL)  # with the process that it started
+            viewer.wait()
+            process.send_signal(signal.SIGINT)
+            _, told = process.communicate(timeout=60)
+        assert process.returncode == 130, told
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(viewer.pid, signal.SIGKILL)
+    for path in (shown, tmp_path / "out" / "service-brake.live.rrd"):
+        times, force = recordings.column(path, "/axle/1/force/estimates", "scalars")
+        assert len(times) >= 20
+        assert np.isfinite(force).all()
+    (names,) = recordings.batches(path, "/lines/all")
+    assert "axle 1" in str(names.to_pydict())
