@@ -174,10 +174,10 @@ WRITE_LOG = """
 import numpy as np
 from adhesion_cli.core import threads
 from adhesion_cli.core.model import Channel, Column, Log
-from adhesion_cli.results import csv, mcap, parquet, wide_table
+from adhesion_cli.results import log_writer, mcap, wide_table
 threads.max_threads = 1  # each processor has buffers of its own
 mcap.CHUNK, wide_table._ROWS = 1 << 18, 1 << 14
-write_log = {".mcap": mcap, ".csv": csv, ".parquet": parquet}[path.suffix].write_log
+write_log = log_writer.writer(path)
 t = np.arange(n) * 10**6
 columns = (t, np.sin(t), np.ones(n, bool))
 def write(n):

@@ -77,6 +77,7 @@ def write_report(place: Path, record: Path, name: str) -> None:
         record: the MCAP that was written by `write_result`.
         name: that the record will have.
     """
+    from ..results import verified
     from ..results.report import page, run
 
-    page.write(place, [run.read(record, name)])
+    verified.write(place, page.page([run.read(record, name)]))

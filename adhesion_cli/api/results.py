@@ -516,8 +516,7 @@ class Inspection(_Tables):
     def _table(self, name: str) -> Any:
         if name == "channels":
             return tables.channels(self._inspected.summary.channels)
-        findings = self._inspected.summary.findings
-        return tables.findings(findings, self.log.path, self.log.sha256)
+        return tables.findings_of(self.log, self._inspected.summary.findings)
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         rows = [
@@ -601,7 +600,7 @@ def _table(name: str, summaries: Sequence[ResultSummary]) -> Any:
         return tables.applications(summaries)
     if name == "estimators":
         return tables.estimators(summaries)
-    return tables.joined([tables.findings(s.findings, s.log.path, s.log.sha256) for s in summaries])
+    return tables.findings(summaries)
 
 
 @contextmanager

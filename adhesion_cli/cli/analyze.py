@@ -103,13 +103,13 @@ def _check_table(table: Path | None, decimal: str | None) -> None:
 def _write_table(
     place: Path, _: Path, *, name: Path, decimal: str | None, summaries: "Sequence[ResultSummary]"
 ) -> None:
-    from ..results import tables
+    from ..results import tables, verified
 
     rows = tables.applications(summaries)
     if tables.kind(name, decimal) == ".csv":
         tables.write_csv(place, rows, decimal or ".")
     else:
-        tables.write(place, rows)
+        verified.write(place, tables.packed(rows))
 
 
 def _show(

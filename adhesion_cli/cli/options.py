@@ -251,7 +251,7 @@ def places(
     with atomic_files.sets(targets, shared.force, inputs=protected) as written:
         count = 0
         if rejects:
-            from ..results.csv import write_rejects  # it loads pyarrow
+            from ..results.rejects import write_rejects  # it loads pyarrow
 
             count = write_rejects(written[0].pop(), logs)
         yield written

@@ -1,7 +1,5 @@
 """`adhesion report`: a result as one page that can be forwarded."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,14 +38,14 @@ def command(
     """
     from ..core.document import dumps, tagged
     from ..core.errors import UserError
-    from ..results import atomic_files
+    from ..results import atomic_files, verified
     from ..results.report import differences, page, run
     from . import terminal
 
     folders = [path for path in paths if path.is_dir()]
     if folders and len(paths) > 1:
-        text = f"{folders[0]}: is a folder beside other results"
-        raise UserError(text, "one page shows result files, or one folder of a fleet", code=2)
+        refusal = f"{folders[0]}: is a folder beside other results"
+        raise UserError(refusal, "one page shows result files, or one folder of a fleet", code=2)
     kind = "adhesion" if len(paths) == 1 else "compare"
     name = folders[0].resolve().name if folders else f"{results.stem(paths[0])}.{kind}"
     target = out or Path(f"{name}.html")
@@ -57,16 +55,15 @@ def command(
     progress = terminal.progress(shared.quiet)
     runs = []
     if folders:
-        campaign = _campaign(folders[0], name)
-        write: Callable[[Path], None] = partial(page.write_tables, campaign=campaign)
+        text = page.campaign_page(_campaign(folders[0], name))
     else:
         for path in paths:
             progress(f"reading {path.name}")
             runs.append(run.read(path))
-        write = partial(page.write, runs=runs)
+        text = page.page(runs)
     progress(f"writing {target.name}")
     with atomic_files.outputs([target], shared.force, inputs=paths) as (place,):
-        write(place)
+        verified.write(place, text)
     if shared.json:
         difference_rows = [d._asdict() for d in differences.compare(runs)]
         print(dumps(tagged("report", outputs={"html": str(target)}, differences=difference_rows)))

@@ -112,7 +112,8 @@ def failed(item: Item, error: dict[str, str]) -> FailedLog:
 
 def row(summary: ResultSummary | FailedLog, job: Job, seconds: float | None) -> LogRow:
     """The row of a log in the table of logs."""
-    return tables.log_row(summary, seconds=seconds, version=job.version, settings=job.settings)
+    row = tables.log_row(summary)
+    return replace(row, seconds=seconds, version=job.version, settings=job.settings)
 
 
 def load_settings(job: Job) -> settings.Settings:
@@ -159,7 +160,7 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, 
     by_name = {
         "applications": tables.applications([summary]),
         "estimators": tables.estimators([summary]),
-        "findings": tables.findings(summary.findings, summary.log.path, summary.log.sha256),
+        "findings": tables.findings([summary]),
     }
     return summary, {name: tables.packed(_of_run(rows, job)) for name, rows in by_name.items()}
 

@@ -166,7 +166,7 @@ def sets(
                 return stack.enter_context(_hidden(path.parent))
 
             place_sets = [[hidden(path) for path in paths] for paths in path_sets]
-            yield place_sets
+            yield [list(places) for places in place_sets]  # theirs to change
             files = dict(zip(targets, chain(*place_sets), strict=True))
             for paths, places in zip(path_sets, place_sets, strict=True):
                 if len(paths) > 1:

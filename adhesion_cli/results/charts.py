@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.errors import UserError
 from ..core.model import Floats
-from .verified import verified
+from . import verified
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,8 +123,7 @@ def write(
         for i, panel in enumerate(panels, 1):
             _draw(figure.add_subplot(rows, columns, i), panel)
         figure.savefig(image, format=suffix[1:], metadata=_NO_DATE[suffix])
-    with verified(path) as file:
-        file.write(image.getbuffer())
+    verified.write(path, image.getvalue())
 
 
 def _draw(axes: "Axes", panel: Panel) -> None:

@@ -13,9 +13,13 @@ def writer(target: Path) -> Callable[[Path, Log], None]:
     Raises:
         UserError: for a suffix no format has.
     """
-    from . import csv, mcap, parquet
+    from . import mcap, wide_table
 
-    writers = {".csv": csv.write_log, ".mcap": mcap.write_log, ".parquet": parquet.write_log}
+    writers = {
+        ".csv": wide_table.write_csv,
+        ".mcap": mcap.write_log,
+        ".parquet": wide_table.write_parquet,
+    }
     if target.suffix.lower() not in writers:
         suffixes = ", ".join(writers)
         text = f"{target}: unknown format {target.suffix!r}"

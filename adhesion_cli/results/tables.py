@@ -7,7 +7,7 @@ null.
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -19,13 +19,13 @@ from pyarrow import parquet
 from ..core.annotated import columns, flat
 from ..core.errors import UserError
 from ..core.finding import is_lossy
-from ..core.model import Quantity, Score
+from ..core.model import Log, Quantity, Score
 from ..core.summary import (
+    AxleSummary,
     BrakeApplication,
     FailedLog,
     FindingSummary,
     InspectedChannel,
-    LogSummary,
     ResultSummary,
     SlideSummary,
     SlipSummary,
@@ -90,35 +90,25 @@ PARAMETERS = _schema(CalibratedParameter, parameter=str)
 
 def applications(results: Iterable[ResultSummary]) -> Any:
     """A row per log, axle and brake application: a `pyarrow.Table` of the schema `APPLICATIONS`."""
-    rows = (
-        {**_log(r.log), "axle": a.axle, **flat(x)}
-        for r in results
-        for a in r.axles
-        for x in a.applications
-    )
-    return _table(rows, APPLICATIONS)
+    axles = _axles(results)
+    return _table((keys | flat(x) for keys, a in axles for x in a.applications), APPLICATIONS)
 
 
 def estimators(results: Iterable[ResultSummary]) -> Any:
     """A row per log, axle and estimator's score, as `applications`; the schema is `ESTIMATORS`."""
-    rows = (
-        {**_log(r.log), "axle": a.axle, **flat(s)}
-        for r in results
-        for a in r.axles
-        for s in a.estimators
-    )
-    return _table(rows, ESTIMATORS)
+    axles = _axles(results)
+    return _table((keys | flat(s) for keys, a in axles for s in a.estimators), ESTIMATORS)
 
 
-def findings(finding_rows: Iterable[FindingSummary], log: str, sha256: str) -> Any:
-    """A row per finding of a log, as `applications`; the schema is `FINDINGS`."""
-    rows = ({"log": utf8(log), "sha256": sha256, **flat(f)} for f in finding_rows)
+def findings(results: Iterable[ResultSummary]) -> Any:
+    """A row per log and finding, as `applications`; the schema is `FINDINGS`."""
+    rows = (_log(r.log.path, r.log.sha256) | flat(f) for r in results for f in r.findings)
     return _table(rows, FINDINGS)
 
 
-def joined(tables_to_join: Sequence[Any]) -> Any:
-    """Tables of one schema as one."""
-    return pa.concat_tables(tables_to_join)
+def findings_of(log: Log, rows: Iterable[FindingSummary]) -> Any:
+    """The same of a log that was not analysed."""
+    return _table((_log(log.path, log.sha256) | flat(f) for f in rows), FINDINGS)
 
 
 def slides(axles: Iterable[SlipSummary]) -> Any:
@@ -152,32 +142,11 @@ def series(arrays: Mapping[str, tuple[Any, str]]) -> Any:
     return pa.table([pa.array(x) for x, _ in arrays.values()], schema=pa.schema(fields))
 
 
-def log_row(
-    result: ResultSummary | FailedLog,
-    *,
-    seconds: float | None = None,
-    version: str | None = None,
-    settings: str | None = None,
-) -> LogRow:
-    """The row of a log.
-
-    Args:
-        result: of the log, or why it has none.
-        seconds: of the analysis.
-        version: of the program.
-        settings: their hash.
-    """
+def log_row(result: ResultSummary | FailedLog) -> LogRow:
+    """The row of a log, or of one that has no result; without what is known of the run."""
     if isinstance(result, FailedLog):
-        return LogRow(
-            log=utf8(result.path),
-            sha256=result.sha256,
-            status="error",
-            seconds=seconds,
-            error=utf8(result.error),
-            hint=utf8(result.hint),
-            version=version,
-            settings=settings,
-        )
+        path, error, hint = utf8(result.path), utf8(result.error), utf8(result.hint)
+        return LogRow(log=path, sha256=result.sha256, status="error", error=error, hint=hint)
     log, codes = result.log, {(f.code, f.severity) for f in result.findings}
     return LogRow(
         log=utf8(log.path),
@@ -189,26 +158,12 @@ def log_row(
         duration_s=log.duration_s,
         rows_read=log.rows_read,
         rows_used=log.rows_used,
-        seconds=seconds,
-        version=version,
-        settings=settings,
     )
 
 
 def logs(rows: Iterable[LogRow]) -> Any:
     """The table of rows from `log_row`; its schema is `LOGS`."""
     return _table(map(flat, rows), LOGS)
-
-
-def write(path: Path, table: Any) -> None:
-    """Write a table as Parquet; equal tables give equal bytes.
-
-    Raises:
-        OSError: the file cannot be written.
-        UserError: it does not read back.
-    """
-    with verified(path) as file:
-        file.write(packed(table))
 
 
 def kind(path: Path, decimal: str | None) -> str:
@@ -264,5 +219,12 @@ def _table(rows: Iterable[Mapping[str, Any]], schema: Any) -> Any:
     return pa.Table.from_pylist(list(rows), schema=schema)
 
 
-def _log(log: LogSummary) -> Mapping[str, str]:
-    return {"log": utf8(log.path), "sha256": log.sha256}
+def _log(path: str, sha256: str) -> dict[str, object]:
+    return {"log": utf8(path), "sha256": sha256}
+
+
+def _axles(results: Iterable[ResultSummary]) -> Iterator[tuple[dict[str, object], AxleSummary]]:
+    """The axles of logs, each with what says whose row it is."""
+    for r in results:
+        for axle in r.axles:
+            yield {**_log(r.log.path, r.log.sha256), "axle": axle.axle}, axle

@@ -35,6 +35,12 @@ def verified(path: Path) -> Iterator[BinaryIO]:
         raise UserError(text, "check the disk, then run again")
 
 
+def write(path: Path, content: str | bytes) -> None:
+    """Writes a whole file, as `verified`."""
+    with verified(path) as file:
+        file.write(content.encode("utf-8") if isinstance(content, str) else content)
+
+
 class _Checked(io.BufferedIOBase):
     """Passes everything on and keeps its CRC."""
 

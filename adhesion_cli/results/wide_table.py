@@ -1,4 +1,4 @@
-"""A log as one table, for formats that have one time column: a row per time stamp.
+"""A log as one table, as CSV or Parquet: a column per channel, a row per time stamp.
 
 Channels with different time stamps share a row only where the stamps are equal. Nothing is
 interpolated. Every channel keeps its own order: where its time jumps back, a new pass through time
@@ -7,40 +7,76 @@ nanoseconds apart after 50 days.
 """
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from pyarrow.csv import CSVWriter
 
 from ..core.model import Log, Times
+from ..core.text import distinct
+from . import names
+from .verified import verified
 
 _ROWS = 1 << 16  # made at once
 
 
-def types(log: Log) -> list[Any]:
+def write_csv(path: Path, log: Log) -> None:
+    """Write a log with units in the header; a cell without a value is empty.
+
+    Args:
+        path: file to write; its old content is lost.
+        log: channels with a meaning are in SI, others in the unit they state.
+
+    Raises:
+        OSError: the file cannot be written.
+        UserError: it does not read back.
+    """
+    titles = ["time" if log.absolute else "time [s]"]
+    for name, unit in names.channels(log):
+        has_unit = not unit or name.endswith((f"[{unit}]", f"({unit})"))
+        titles.append(names.cell(name if has_unit else f"{name} [{unit}]"))
+    schema = pa.schema(list(zip(titles, _types(log), strict=True)))
+    with verified(path) as file, CSVWriter(file, schema) as writer:
+        _write(writer, log, schema)
+
+
+def write_parquet(path: Path, log: Log) -> None:
+    """The same with the units in the fields' metadata. Each page has a checksum."""
+    from pyarrow.parquet import ParquetWriter
+
+    channels = [("time", "" if log.absolute else "s"), *names.channels(log)]
+    titles = distinct([name for name, _ in channels])
+    schema = pa.schema(
+        pa.field(title, kind, metadata={"unit": unit} if unit else None)
+        for title, (_, unit), kind in zip(titles, channels, _types(log), strict=True)
+    )
+    options = {"compression": "zstd", "write_page_checksum": True}
+    with verified(path) as file, ParquetWriter(file, schema, **options) as writer:
+        _write(writer, log, schema)
+
+
+def _types(log: Log) -> list[Any]:
     """The Arrow types of the columns: the time's, and each channel's."""
     time = pa.timestamp("ns", "UTC") if log.absolute else pa.float64()
     return [time] + [pa.float64()] * len(log.channels)
 
 
-def batches(log: Log) -> Iterator[list[Any]]:
-    """The rows in order, some at once: a column for the time and one for each channel.
-
-    A channel's column is null where it has no value.
-    """
+def _write(writer: Any, log: Log, schema: Any) -> None:
+    """The rows in order, some at once; a channel's column is null where it has no value."""
     axes = {id(c.data.t): _Axis.from_times(c.data.t) for c in log.channels}
-    time = types(log)[0]
     for slices in _slices(axes):
         t, rows = _rows(axes, slices)
-        columns = [pa.array(t, time) if log.absolute else pa.array(t / 1e9)]
-        for channel in log.channels:
+        columns = [pa.array(t if log.absolute else t / 1e9, schema.types[0])]
+        for data in (channel.data for channel in log.channels):
             values, has_value = np.zeros(len(t)), np.zeros(len(t), bool)
-            row, piece = rows[id(channel.data.t)], slices[id(channel.data.t)]
-            values[row] = channel.data.value[piece]
-            has_value[row] = channel.data.valid[piece]
+            row, piece = rows[id(data.t)], slices[id(data.t)]
+            values[row] = data.value[piece]
+            has_value[row] = data.valid[piece]
             columns.append(pa.array(values, mask=~has_value | np.isnan(values)))
-        yield columns
+        writer.write_batch(pa.record_batch(columns, schema=schema))
 
 
 class _Axis(NamedTuple):
@@ -59,12 +95,8 @@ class _Axis(NamedTuple):
 
     def row_past(self, place: tuple[int, int]) -> int:
         """The first sample behind a place."""
-        bucket_start, bucket_stop = self.edges[
-            np.minimum([place[0], place[0] + 1], len(self.edges) - 1)
-        ]
-        return int(
-            bucket_start + np.searchsorted(self.t[bucket_start:bucket_stop], place[1], side="right")
-        )
+        start, stop = self.edges[np.minimum([place[0], place[0] + 1], len(self.edges) - 1)]
+        return int(start + np.searchsorted(self.t[start:stop], place[1], side="right"))
 
 
 def _slices(axes: dict[int, _Axis]) -> Iterator[dict[int, slice]]:

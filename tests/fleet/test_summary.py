@@ -25,7 +25,7 @@ from adhesion_cli.fleet.dataset import Dataset, KeptTables
 from adhesion_cli.fleet.summary import summarise_fleet
 from adhesion_cli.fleet.work import Job, _of_run, row
 from adhesion_cli.results import tables
-from adhesion_cli.results.report.page import write_tables
+from adhesion_cli.results.report.page import campaign_page
 
 JOB = Job({"vehicle": {"friction": 0.25}}, False, (), (), (None, None), "1.2", "abcd")
 
@@ -70,7 +70,7 @@ def write(folder: Path, summary: ResultSummary | FailedLog, job: Job = JOB) -> N
         content = {
             "applications": tables.applications([summary]),
             "estimators": tables.estimators([summary]),
-            "findings": tables.findings(summary.findings, line.log, summary.log.sha256),
+            "findings": tables.findings([summary]),
         }
         files = {name: tables.packed(_of_run(table, job)) for name, table in content.items()}
     kept.write([KeptTables(line.sha256 or "", (line.log,), line, files)])
@@ -175,7 +175,9 @@ def test_groups_that_can_be_compared_have_a_figure(folder: Path, tmp_path: Path)
     assert datetime.fromtimestamp(first, UTC).isoformat() == "2026-03-01T00:00:00+00:00"
     page, again = tmp_path / "a.html", tmp_path / "b.html"
     for path in (page, again):
-        write_tables(path, summary_tables.campaign("a", summarise_fleet(folder)))
+        path.write_text(
+            campaign_page(summary_tables.campaign("a", summarise_fleet(folder))), "utf-8"
+        )
     assert page.read_bytes() == again.read_bytes()
     assert page.read_text("utf-8").count('class="figure"') == 3
 
@@ -188,7 +190,7 @@ def test_the_page_says_how_many_slid_and_which_logs_are_doubtful(folder: Path) -
     assert "2 of 4" in of.verdict
     assert set(of.codes) == {"gap", "csv-gzip-damaged"}
     assert "1.2" in of.about["Evaluated by"]
-    write_tables(folder / "x.html", of)
+    (folder / "x.html").write_text(campaign_page(of), "utf-8")
     text = (folder / "x.html").read_text("utf-8")
     for code in of.codes:
         assert f'href="#finding-{code}"' in text

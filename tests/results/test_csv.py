@@ -1,6 +1,6 @@
 """Logs as CSV: every sample once, in its channel's order, with its own time."""
 
-import csv as plain
+import csv
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from adhesion_cli.core.model import Channel, Column, Log, Reject
-from adhesion_cli.results import csv
+from adhesion_cli.results import rejects, wide_table
 
 
 def channel(name: str, t: list[int], values: list[float], unit: str = "bar") -> Channel:
@@ -26,7 +26,7 @@ def log(*channels: Channel, absolute: bool = False) -> Log:
 
 def table(path: Path) -> list[list[str]]:
     with path.open(encoding="utf-8", newline="") as file:
-        return list(plain.reader(file))
+        return list(csv.reader(file))
 
 
 @settings(max_examples=100)
@@ -36,7 +36,7 @@ def test_every_sample_once_and_in_order(
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "any.csv"
     channels = [channel(f"c{i}", t, [k + 0.1 for k in range(len(t))]) for i, t in enumerate(axes)]
-    csv.write_log(path, log(*channels))
+    wide_table.write_csv(path, log(*channels))
     header, *rows = table(path)
     assert header == ["time [s]", *(f"c{i} [bar]" for i in range(len(axes)))]
     for i, t in enumerate(axes, 1):
@@ -51,7 +51,9 @@ def test_long_log_in_several_writes(tmp_path: Path) -> None:
     n = 150_000
     values = np.random.default_rng(0).normal(size=n)
     slow = channel("slow", list(range(0, n, 7)), list(range(0, n, 7)))
-    csv.write_log(tmp_path / "a.csv", log(channel("fast", list(range(n)), list(values)), slow))
+    wide_table.write_csv(
+        tmp_path / "a.csv", log(channel("fast", list(range(n)), list(values)), slow)
+    )
     _, *rows = table(tmp_path / "a.csv")
     assert [float(r[1]) for r in rows] == list(values)
     assert [float(r[2]) for r in rows if r[2]] == list(range(0, n, 7))
@@ -59,7 +61,7 @@ def test_long_log_in_several_writes(tmp_path: Path) -> None:
 
 def test_clock_time_to_the_nanosecond(tmp_path: Path) -> None:
     start = 1_760_000_000_123_456_789
-    csv.write_log(tmp_path / "a.csv", log(channel("p", [start], [1.0]), absolute=True))
+    wide_table.write_csv(tmp_path / "a.csv", log(channel("p", [start], [1.0]), absolute=True))
     header, row = table(tmp_path / "a.csv")
     assert header == ["time", "p [bar]"]
     whole, fraction = row[0].rstrip("Z").split(".")
@@ -71,7 +73,7 @@ def test_units_follow_the_values(tmp_path: Path) -> None:
     raw = channel("BC (kPa)", [0], [350.0], "kPa")
     in_si = replace(channel("BC (kPa)", [0], [350e3], "kPa"), meaning="pressure")
     nameless = channel("count", [0], [7.0], "")
-    csv.write_log(tmp_path / "a.csv", log(raw, in_si, nameless))
+    wide_table.write_csv(tmp_path / "a.csv", log(raw, in_si, nameless))
     assert table(tmp_path / "a.csv") == [
         ["time [s]", "BC (kPa)", "BC [Pa]", "count"],
         ["0", "350", "350000", "7"],
@@ -81,7 +83,7 @@ def test_units_follow_the_values(tmp_path: Path) -> None:
 def test_missing_and_masked_values_are_empty(tmp_path: Path) -> None:
     p = channel("p", [0, 1, 2], [1.0, np.nan, 3.0])
     p.data.valid[2] = False
-    csv.write_log(tmp_path / "a.csv", log(p))
+    wide_table.write_csv(tmp_path / "a.csv", log(p))
     assert [row[1] for row in table(tmp_path / "a.csv")] == ["p [bar]", "1", "", ""]
 
 
@@ -96,12 +98,12 @@ def test_no_program_finds_a_formula_behind_its_own_separator(
     tmp_path: Path, text: str, cell: str
 ) -> None:
     rejected = [Reject(3, "no number", "p", text)]
-    csv.write_rejects(tmp_path / "a.csv", [replace(log(), rejects=rejected)])
+    rejects.write_rejects(tmp_path / "a.csv", [replace(log(), rejects=rejected)])
     assert table(tmp_path / "a.csv")[1][-1] == cell
 
 
 def test_units_are_hostile_too(tmp_path: Path) -> None:
-    csv.write_log(tmp_path / "a.csv", log(channel("x", [0], [1.0], "\x1b[2J\u202e")))
+    wide_table.write_csv(tmp_path / "a.csv", log(channel("x", [0], [1.0], "\x1b[2J\u202e")))
     assert table(tmp_path / "a.csv")[0] == ["time [s]", "x [\\x1b[2J\\u202e]"]
 
 
@@ -109,7 +111,7 @@ def test_units_are_hostile_too(tmp_path: Path) -> None:
     "name", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", '"x"', "a,b", "a\nb"]
 )
 def test_hostile_names(tmp_path: Path, name: str) -> None:
-    csv.write_log(tmp_path / "a.csv", log(channel(name, [0], [1.0], "")))
+    wide_table.write_csv(tmp_path / "a.csv", log(channel(name, [0], [1.0], "")))
     header, row = table(tmp_path / "a.csv")
     assert len(header) == len(row) == 2
     assert header[1][0] not in "=+-@\t\r"
@@ -117,5 +119,5 @@ def test_hostile_names(tmp_path: Path, name: str) -> None:
 
 
 def test_log_without_channels(tmp_path: Path) -> None:
-    csv.write_log(tmp_path / "a.csv", log())
+    wide_table.write_csv(tmp_path / "a.csv", log())
     assert table(tmp_path / "a.csv") == [["time [s]"]]

@@ -10,9 +10,9 @@ from adhesion_cli.channels.meaning import understood
 from adhesion_cli.core.model import Channel, Column, Log
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.results import csv, mcap
+from adhesion_cli.results import mcap, wide_table
 
-WRITERS = {"csv": csv.write_log, "mcap": mcap.write_log}
+WRITERS = {"csv": wide_table.write_csv, "mcap": mcap.write_log}
 
 
 def channel(name: str, unit: str, t: list[int], values: list[float], start: int) -> Channel:

@@ -21,7 +21,7 @@ def summary() -> ResultSummary:
 
 
 def findings(of: ResultSummary) -> pa.Table:
-    return tables.findings(of.findings, of.log.path, of.log.sha256)
+    return tables.findings([of])
 
 
 def test_each_application_of_each_axle_is_a_row_with_the_numbers_of_the_document(
@@ -73,7 +73,8 @@ def test_scores_and_findings_are_rows(summary: ResultSummary) -> None:
 def test_a_failed_log_is_a_row_without_results(summary: ResultSummary) -> None:
     failed = FailedLog("bad\udcff.csv", "no pressure", "name it")
     of = tables.logs(
-        tables.log_row(x, seconds=1.5, version="1.0", settings="ab") for x in (summary, failed)
+        replace(tables.log_row(x), seconds=1.5, version="1.0", settings="ab")
+        for x in (summary, failed)
     )
     good, bad = of.to_pylist()
     assert of.schema == tables.LOGS
@@ -95,7 +96,7 @@ def test_a_failed_log_is_a_row_without_results(summary: ResultSummary) -> None:
 def test_a_file_has_schema_units_and_equal_bytes(tmp_path: Path, summary: ResultSummary) -> None:
     files = [tmp_path / "a.parquet", tmp_path / "b.parquet"]
     for file in files:
-        tables.write(file, tables.applications([summary]))
+        file.write_bytes(tables.packed(tables.applications([summary])))
     assert files[0].read_bytes() == files[1].read_bytes()
     read = parquet.read_table(files[0])
     assert read.schema.equals(tables.APPLICATIONS, check_metadata=False)

@@ -9,7 +9,6 @@ import re
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 from zlib import compress
 
@@ -21,7 +20,6 @@ from ...core.model import Vehicle, quantities
 from ...core.text import printable, utf8
 from .. import result_rows
 from ..text_tables import DASH
-from ..verified import verified
 from . import comparison, words
 from .campaign import Campaign
 from .run import ReportRun
@@ -31,21 +29,6 @@ if TYPE_CHECKING:
 
 _PAGE_LIMIT = 2_900_000  # letters of a page: more numbers are not drawn
 _LISTED = 25  # findings of one code that are listed
-
-
-def write(path: Path, runs: Sequence[ReportRun]) -> None:
-    """Writes a report.
-
-    Args:
-        path: file to write; its old content is lost.
-        runs: one, or several to compare.
-
-    Raises:
-        OSError: the file cannot be written.
-        UserError: it does not read back.
-    """
-    with verified(path) as file:
-        file.write(page(runs).encode("utf-8"))
 
 
 def page(runs: Sequence[ReportRun]) -> str:
@@ -60,17 +43,8 @@ def page(runs: Sequence[ReportRun]) -> str:
     return text
 
 
-def write_tables(path: Path, campaign: Campaign) -> None:
-    """Writes a page of tables, as of a fleet.
-
-    Args:
-        path: file to write; its old content is lost.
-        campaign: what it shows.
-
-    Raises:
-        OSError: the file cannot be written.
-        UserError: it does not read back.
-    """
+def campaign_page(campaign: Campaign) -> str:
+    """A page of tables, as of a fleet."""
     from .plots import Figures  # Bokeh is slow to import
 
     figures = Figures()
@@ -80,9 +54,7 @@ def write_tables(path: Path, campaign: Campaign) -> None:
     ]
     about = _pairs(campaign.about.items(), "Fact")
     context = {"campaign": campaign, "places": places, "about": about}
-    text = _page("campaign.html", campaign.name, figures, context)
-    with verified(path) as file:
-        file.write(text.encode("utf-8"))
+    return _page("campaign.html", campaign.name, figures, context)
 
 
 def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:

@@ -9,7 +9,7 @@ from bokeh.embed import file_html
 from bokeh.layouts import column
 from bokeh.resources import INLINE
 
-from ..verified import verified
+from .. import verified
 from .plots import Figures
 from .run import ReportRun
 
@@ -47,8 +47,7 @@ class Plot:
         Raises:
             OSError: the file cannot be written.
         """
-        with verified(Path(place)) as file:
-            file.write(self.html().encode())
+        verified.write(Path(place), self.html())
 
     def _repr_html_(self) -> str:
         style = f"width:100%;height:{self._height}px;border:0"

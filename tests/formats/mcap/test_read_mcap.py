@@ -39,7 +39,7 @@ from adhesion_cli.core.model import Column
 from adhesion_cli.formats.mcap.reader import McapSource, open_mcap
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import Field, ReadOptions
-from adhesion_cli.results.csv import write_log as write_csv
+from adhesion_cli.results.wide_table import write_csv
 
 JOINT_STATE = Schema(
     1,

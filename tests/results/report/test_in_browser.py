@@ -51,8 +51,8 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         for n in (3000, 4000)
     ]
     paths = folder / "one.html", folder / "two.html"
-    page.write(paths[0], runs[:1])
-    page.write(paths[1], runs)
+    paths[0].write_text(page.page(runs[:1]), "utf-8")
+    paths[1].write_text(page.page(runs), "utf-8")
     return paths
 
 
@@ -88,7 +88,7 @@ def test_the_figures_of_a_fleet_are_drawn(tab: Tab, tmp_path: Path) -> None:
     figures = Bars("speed", bars), Bars("day", bars, dated=True), Bars("by", bars, named=True)
     tables = [PageTable(of.label, [{"a": "b"}], 1, of) for of in figures]
     path = tmp_path / "fleet.html"
-    page.write_tables(path, Campaign("fleet", "three figures", "", tables))
+    path.write_text(page.campaign_page(Campaign("fleet", "three figures", "", tables)), "utf-8")
     tab.open(path)
     assert len([colours for colours in tab.value(_CANVASES) if colours > 3]) >= 3
     assert tab.faults() == []
