@@ -64,17 +64,6 @@ class Wanted:
         iso = stamp.places[0] if stamp and stamp.text else None
         return cls(tuple(places), lengths, said, tree, iso)
 
-    def differences(self, tree: Tree) -> tuple[set[Steps], set[Steps]]:
-        """Where a message has arrays of another length, and where other units and names.
-
-        A message that states no unit or name agrees with the first ones.
-        """
-        lengths = {s for s, n in self.lengths.items() if len(node_at(tree, s) or ()) != n}
-        texts = {
-            s for s, said in self.said.items() if node_at(tree, s) not in (None, "", said.text)
-        }
-        return lengths, texts
-
 
 class Decoder(Protocol):
     """Turns the messages of one schema into trees (one) and columns (many)."""

@@ -1,13 +1,12 @@
 """Schemas and channels as a file defines them, and the first messages of each channel."""
 
-import struct
 from typing import Any
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from .blocks import BEFORE_DATA, Offsets, Records
-from .records import HEADER, RAISE_LIMIT, Content, DamageError
+from .blocks import Offsets, Records
+from .records import RAISE_LIMIT, Content, DamageError
 
 Key = tuple[int, int]  # opcode and id
 
@@ -16,7 +15,6 @@ _HEADS = 100  # first messages of a channel that are kept, to learn from them wh
 _HEAD_BYTES = 1 << 18  # of one channel, beyond which no more are kept
 _ALL_BYTES = 64 << 20  # of all channels together
 _MORE_BYTES = 32 << 20  # of these, which only the very first ones may exceed
-_LOG_TIME = struct.Struct("<15xq")  # of a Message record
 
 
 class Definitions:
@@ -90,21 +88,18 @@ class FirstMessages:
 
     def add(self, channel: int, records: Records, selection: Offsets) -> None:
         """Keeps messages of a channel, by their numbers in a block."""
-        data, starts = records.data, records.start
         if channel not in self.of:
-            self.of[channel] = _LOG_TIME.unpack_from(data, int(starts[selection[0]]))[0], []
+            self.of[channel] = int(records.select(selection[:1]).log_time[0]), []
         heads = self.of[channel][1]
-        size_kept = sum(map(len, heads[1:]))
-        for start in starts[selection[: _HEADS - len(heads)]].tolist():
-            size = HEADER.unpack_from(data, start)[1] - BEFORE_DATA
-            size_kept += size if heads else 0
-            if size_kept > _HEAD_BYTES or self._bytes + size > (
-                _MORE_BYTES if heads else _ALL_BYTES
-            ):
+        messages = records.select(selection[: _HEADS - len(heads)])
+        for start, stop in zip(messages.data_start.tolist(), messages.stop.tolist(), strict=True):
+            room = _ALL_BYTES - self._bytes
+            if heads:
+                room = min(_MORE_BYTES - self._bytes, _HEAD_BYTES - sum(map(len, heads[1:])))
+            if stop - start > room:
                 self.full.add(channel)
                 return
-            self._bytes += size
-            begin = start + HEADER.size + BEFORE_DATA
-            heads.append(data[begin : begin + size])
+            self._bytes += stop - start
+            heads.append(records.data[start:stop])
         if len(heads) == _HEADS:
             self.full.add(channel)

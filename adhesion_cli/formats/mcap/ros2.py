@@ -128,12 +128,11 @@ class Ros2Decoder:
                 batch.refuse(row, str(e))
                 pending = pending[1:]
                 continue
-            decisive = len(message.lengths) + len(wanted.said)
-            if decisive > _MOST_DECISIVE or len(wanted.layouts) >= _MOST_LAYOUTS:
-                Spread(batch).walk([message.tree], pending[:1], wanted.shape)
-                pending = pending[1:]
-            else:
-                wanted.layouts.append(layout := _layout(message, wanted))
+            Spread(batch).walk([message.tree], pending[:1], wanted.shape)
+            pending = pending[1:]
+            few = len(message.lengths) + len(wanted.said) <= _MOST_DECISIVE
+            if few and len(wanted.layouts) < _MOST_LAYOUTS:
+                wanted.layouts.append(layout := _layout(message, batch, row))
                 pending = layout.take(batch, buffer, start, stop, pending)
         return batch.finish()
 
@@ -261,8 +260,9 @@ class _Layout:
         return pending[~fits]
 
 
-def _layout(message: _Message, wanted: Wanted) -> _Layout:
-    """How a message is laid out."""
+def _layout(message: _Message, batch: Batch, row: int) -> _Layout:
+    """How a message is laid out that a batch has taken as one of its rows."""
+    wanted = batch.wanted
     places = [(1, 1), *((offset, 4) for offset in message.lengths)]  # the first: byte order
     places += [place for steps, place in message.texts.items() if steps in wanted.said]
     decisive = {a: message.raw[a : a + size] for a, size in places if size}
@@ -273,7 +273,8 @@ def _layout(message: _Message, wanted: Wanted) -> _Layout:
         if k < count:
             kind = message.order + code
             numbers[column] = kind, begin + k * struct.calcsize(kind)
-    lengths, texts = wanted.differences(message.tree)
+    lengths = {steps for steps, differs in batch.lengths.items() if differs[row]}
+    texts = {steps for steps, differs in batch.texts.items() if differs[row]}
     return _Layout(message.size, decisive, numbers, lengths, texts)
 
 

@@ -27,7 +27,6 @@ from .stamps import Stamp, stamp
 from .walk import Walk
 
 YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
-_HEAD_MESSAGES = 4  # first messages that are enough where a schema says what messages hold
 
 
 @dataclass(slots=True)
@@ -164,11 +163,8 @@ def _trees(s: Series, decoder: Decoder) -> list[Tree]:
     Raises:
         UndecodableError: where none of them decodes.
     """
-    trees, reason, sizes = list[Tree](), "", set[int]()
+    trees, reason = list[Tree](), ""
     for head in s.heads:
-        if s.encoding != "json" and len(trees) >= _HEAD_MESSAGES and len(head) in sizes:
-            continue  # an array that was empty and is not would make the message longer
-        sizes.add(len(head))
         try:
             trees.append(decoder.tree(head))
         except UndecodableError as e:
