@@ -183,8 +183,8 @@ def fields(named: Sequence[NamedColumn], unit_from: str) -> list[Field]:
         named: of each channel.
         unit_from: where its unit stands.
 
-    >>> both = [Named("Axle 1", "p", "bar", "1"), Named("Axle 2", "p", "bar", "2")]
-    >>> [(f.channel, f.group) for f in fields([*both, Named("Train", "v", "", "3")], "DBC")]
+    >>> both = [NamedColumn(f"Axle {k}", "p", "bar", k) for k in "12"]
+    >>> [(f.channel, f.group) for f in fields([*both, NamedColumn("Train", "v", "", "3")], "DBC")]
     [('p', 'Axle 1'), ('p', 'Axle 2'), ('v', '')]
     """
     labels = _grouped([(x.group, x.name) for x in named])

@@ -1,7 +1,6 @@
 """Whole records of an MCAP to which another program appends, as small logs of their own."""
 
 import copy
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -58,9 +57,7 @@ class ArrivingMcap:
 
     def head(self) -> McapSource:
         """The log up to now, with its fields."""
-        with tempfile.TemporaryDirectory() as folder:
-            source = self._source(folder, self._raw)
-        source.path = self._path
+        source = self._source(self._raw)
         self._fields = _by_name(source.fields)
         return source
 
@@ -77,42 +74,36 @@ class ArrivingMcap:
             return {}
         raw, start = self._raw, self._raw_start
         self._raw, self._has_messages, self._raw_start = b"", False, self._offset
-        with tempfile.TemporaryDirectory() as folder:
-            try:
-                source = self._source(folder, raw)
-                field_of = _by_name(source.fields)
-                if field_of.keys() - self._fields.keys():
-                    self._fields |= field_of
-                    whole_source = copy.copy(source)
-                    whole_source.path, whole_source.fields = self._path, list(self._fields.values())
-                    add_source(whole_source)
-                requested = {
-                    place: field_of[key]
-                    for place, f in enumerate(wanted)
-                    if (key := (f.channel, f.group, f.path)) in field_of
-                }
-                column_of = dict(
-                    zip(requested, source.columns(list(requested.values())), strict=True)
-                )
-            except UserError as error:
-                cause = error.__cause__  # the text names the file in the folder
-                damage = cause.what if isinstance(cause, DamageError) else error.text
-                values, names = {"byte": start, "kept_messages": 0}, {"damage": damage}
-                self.lost.append(
-                    Finding("mcap-damaged", "error", count=1, values=values, names=names)
-                )
-                return {}
+        try:
+            source = self._source(raw)
+            field_of = _by_name(source.fields)
+            if field_of.keys() - self._fields.keys():
+                self._fields |= field_of
+                whole_source = copy.copy(source)
+                whole_source.fields = list(self._fields.values())
+                add_source(whole_source)
+            requested = {
+                place: field_of[key]
+                for place, f in enumerate(wanted)
+                if (key := (f.channel, f.group, f.path)) in field_of
+            }
+            column_of = dict(zip(requested, source.columns(list(requested.values())), strict=True))
+        except UserError as error:
+            cause = error.__cause__  # the text names a byte of this part
+            damage = cause.what if isinstance(cause, DamageError) else error.text
+            values, names = {"byte": start, "kept_messages": 0}, {"damage": damage}
+            self.lost.append(Finding("mcap-damaged", "error", count=1, values=values, names=names))
+            return {}
         if requested and self._options.time_source is None:  # one clock for all parts
             self._options = replace(self._options, time_source=source.clock)
         self.lost += (_placed(f, start) for f in source.findings if f.severity != "info")
         return column_of
 
-    def _source(self, folder: str, raw: bytes) -> McapSource:
+    def _source(self, raw: bytes) -> McapSource:
         """These records, as a log of their own."""
-        path = Path(folder) / self._path.name
-        preamble = self._header + written(*self._defined)
-        path.write_bytes(MAGIC + preamble + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC)
-        source = McapSource(path, replace(self._options, strict=False))
+        preamble = MAGIC + self._header + written(*self._defined)
+        content = preamble + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC
+        source = McapSource(self._path, replace(self._options, strict=False), content)
         self._defined = [*source.walk.schemas.values(), *source.walk.channels.values()]
         return source
 

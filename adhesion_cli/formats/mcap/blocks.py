@@ -172,9 +172,9 @@ class BlockReader:
         unpack, size = HEADER.unpack_from, len(data)
         message, definition = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
         starts, definitions, unknown = array("q"), list[int](), 0
-        p, last = 0, size - HEADER.size
+        p = 0
         for _ in range((self._allowed - self._spent) // _UNUSUAL + 1):
-            if p > last:
+            if p > size - HEADER.size:
                 break
             opcode, length = unpack(data, p)
             next_record = p + 9 + length
@@ -196,8 +196,8 @@ class BlockReader:
         if outside and not p:
             raise DamageError(offset, "no whole message, schema or channel")
         count = len(starts) + len(definitions) + unknown
-        damage, most = "more records than a file of this size holds", size // HEADER.size
-        self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (most - count))
+        damage, room = "more records than a file of this size holds", size // HEADER.size
+        self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (room - count))
         start = np.array(starts, np.int64)
         channel = load(data, start + HEADER.size, "<u2").astype(np.int64)
         return Records(data, start, channel, definitions), p
@@ -259,22 +259,22 @@ def load(data: bytes, offsets: Offsets, kind: str) -> NDArray[Any]:
     return np.ndarray((count,), kind, data, 0, (1,))[offsets]
 
 
-def _inflate_zstd(packed: bytes, most: int) -> bytes:
+def _inflate_zstd(packed: bytes, limit: int) -> bytes:
     import zstandard
 
     with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
-        return stream.read(most)
+        return stream.read(limit)
 
 
-def _inflate_lz4(packed: bytes, most: int) -> bytes:
+def _inflate_lz4(packed: bytes, limit: int) -> bytes:
     import lz4.frame
 
-    data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most)
+    data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=limit)
     return data
 
 
 _INFLATE: dict[str, Callable[[bytes, int], bytes]] = {
-    "": lambda packed, most: packed[:most],
+    "": lambda packed, limit: packed[:limit],
     "zstd": _inflate_zstd,
     "lz4": _inflate_lz4,
 }

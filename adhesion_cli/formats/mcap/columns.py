@@ -242,10 +242,10 @@ def parsed_columns(
     """
     batch = Batch(wanted, len(start))
     cuts = np.flatnonzero(np.diff(np.cumsum(stop - start + _OVERHEAD) // _TOGETHER)) + 1
-    for first, behind in pairwise([0, *cuts.tolist(), len(start)]):
+    for begin, end in pairwise([0, *cuts.tolist(), len(start)]):
         messages, rows = list[Any](), list[int]()
-        spans = zip(start[first:behind].tolist(), stop[first:behind].tolist(), strict=True)
-        for row, (a, b) in enumerate(spans, first):
+        spans = zip(start[begin:end].tolist(), stop[begin:end].tolist(), strict=True)
+        for row, (a, b) in enumerate(spans, begin):
             try:
                 messages.append(parse(buffer[a:b]))
                 rows.append(row)

@@ -112,12 +112,13 @@ class _JsonSpread(Spread):
         self, nodes: Sequence[Tree], rows: Offsets, shape: dict[str, Tree], steps: Steps
     ) -> None:
         if keys := set().union(*nodes) - shape.keys():
-            is_late = [not node.keys() <= shape.keys() for node in nodes]
+            has_new_keys = [not node.keys() <= shape.keys() for node in nodes]
             suffix = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
-            self._fault("mcap-late-field", rows[is_late], path((*steps, min(keys))) + suffix)
+            place = path((*steps, min(keys))) + suffix
+            self._fault("mcap-late-field", rows[has_new_keys], place)
         for key in (key for key, child in shape.items() if child is None):
-            is_late = [isinstance(node.get(key), _NUMERIC_TYPES) for node in nodes]
-            self._fault("mcap-late-field", rows[is_late], path((*steps, key)))
+            has_number = [isinstance(node.get(key), _NUMERIC_TYPES) for node in nodes]
+            self._fault("mcap-late-field", rows[has_number], path((*steps, key)))
         super()._members(nodes, rows, shape, steps)
 
     def _numbers(self, nodes: Sequence[Tree], rows: Offsets, column: int, steps: Steps) -> None:
@@ -125,7 +126,7 @@ class _JsonSpread(Spread):
             nodes = list(map(microseconds, nodes))
         elif not set(map(type, nodes)) <= _NUMBERS:
             is_number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
-            is_other = ~is_number & np.array([node is not None for node in nodes], np.bool_)
-            self._fault("mcap-type-change", rows[is_other], path(steps))
+            not_numeric = ~is_number & np.array([node is not None for node in nodes], np.bool_)
+            self._fault("mcap-type-change", rows[not_numeric], path(steps))
             nodes, rows = [node for node in nodes if type(node) in _NUMBERS], rows[is_number]
         super()._numbers(nodes, rows, column, steps)

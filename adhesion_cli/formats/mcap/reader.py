@@ -34,14 +34,20 @@ def open_mcap(path: Path, options: ReadOptions) -> "McapSource":
 
 
 class McapSource:
-    """An MCAP log, see Source."""
+    """An MCAP log, see Source.
+
+    Args:
+        path: the file.
+        options: how to read it.
+        content: the bytes of the file, where they are in memory.
+    """
 
     format = "mcap"
     rejects: Iterable[Reject] = ()
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
+    def __init__(self, path: Path, options: ReadOptions, content: bytes | None = None) -> None:
         self.path, self._options = path, options
-        self.walk = walk = Walk(path, options)
+        self.walk = walk = Walk(path, options, content)
         self.rows = walk.rows
         self.metadata, self.account = walk.metadata, walk.account()
         self.findings: list[Finding] = []

@@ -7,7 +7,7 @@ Specification: https://mcap.dev/spec
 import os
 import struct
 import zlib
-from io import BytesIO
+from io import BytesIO, RawIOBase
 from pathlib import Path
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
@@ -76,24 +76,25 @@ class Content(ReadDataStream):
 
 
 class LogFile:
-    """A file whose bytes are read by offset, a bounded piece at a time.
+    """A log whose bytes are read by offset, a bounded piece at a time.
 
     Args:
         path: the file.
         max_record: bytes that a record may have, attachments aside.
+        content: the bytes of the log, where they are in memory.
 
     Raises:
         UserError: where it cannot be opened.
     """
 
-    def __init__(self, path: Path, max_record: int) -> None:
+    def __init__(self, path: Path, max_record: int, content: bytes | None = None) -> None:
+        self._file: RawIOBase | BytesIO
         try:
-            self._file = path.open("rb", buffering=0)
+            self._file = path.open("rb", buffering=0) if content is None else BytesIO(content)
         except OSError as e:
             raise UserError(f"{path}: {e.strerror}", "give the path of a log") from None
         self._max_record = max_record
-        status = os.fstat(self._file.fileno())
-        self.size, self.id = status.st_size, (status.st_dev, status.st_ino)
+        self.size = self._file.seek(0, os.SEEK_END)
         self._window, self._window_start = b"", 0
 
     def __enter__(self) -> "LogFile":
@@ -101,6 +102,12 @@ class LogFile:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
+
+    @property
+    def id(self) -> tuple[int, int]:
+        """Which file it is, whatever its name."""
+        status = os.fstat(self._file.fileno())
+        return status.st_dev, status.st_ino
 
     def read(self, offset: int, size: int) -> bytes:
         """Bytes from an offset on.
@@ -111,9 +118,10 @@ class LogFile:
         place = offset - self._window_start
         if 0 <= place <= len(self._window) - size:
             return self._window[place : place + size]
-        data = os.pread(self._file.fileno(), size, offset)
+        self._file.seek(offset)
+        data = b""
         while len(data) < size:
-            piece = os.pread(self._file.fileno(), size - len(data), offset + len(data))
+            piece = self._file.read(size - len(data))
             if not piece:
                 raise DamageError(offset, "file became shorter while it was read")
             data += piece
@@ -129,7 +137,8 @@ class LogFile:
         if remaining < 0:
             raise DamageError(offset, "file ends without a footer")
         if not 0 <= offset - self._window_start <= len(self._window) - HEADER.size:
-            self._window, self._window_start = os.pread(self._file.fileno(), PIECE, offset), offset
+            self._window, self._window_start = b"", offset
+            self._window = self.read(offset, min(PIECE, self.size - offset))
         opcode, length = HEADER.unpack_from(self._window, offset - self._window_start)
         if opcode == 0:
             raise DamageError(offset, "a record of kind 0, which does not exist")

@@ -130,8 +130,8 @@ class Ros2Decoder:
                 continue
             Spread(batch).walk([message.tree], pending[:1], wanted.shape)
             pending = pending[1:]
-            few = len(message.lengths) + len(wanted.said) <= _MOST_DECISIVE
-            if few and len(wanted.layouts) < _MOST_LAYOUTS:
+            decisive_count = len(message.lengths) + len(wanted.said)
+            if decisive_count <= _MOST_DECISIVE and len(wanted.layouts) < _MOST_LAYOUTS:
                 wanted.layouts.append(layout := _layout(message, batch, row))
                 pending = layout.take(batch, buffer, start, stop, pending)
         return batch.finish()

@@ -45,14 +45,15 @@ class Walk:
     Args:
         path: the file.
         options: limits, and whether damage is an error.
+        content: the bytes of the file, where they are in memory.
 
     Raises:
         UserError: where the file cannot be read, is no MCAP, holds nothing whole, or is damaged
             and options.strict is set: "FILE: byte N: what".
     """
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self.path, self._options = path, options
+    def __init__(self, path: Path, options: ReadOptions, content: bytes | None = None) -> None:
+        self.path, self._options, self._content = path, options, content
         self.counts: Counter[int] = Counter()  # messages by channel
         self.blocks: list[RecordBlock] = []
         self.damage: list[DamageError] = []
@@ -189,7 +190,7 @@ class Walk:
     # ------------------------------------------------------------------ the walk
 
     def _open_file(self) -> LogFile:
-        return LogFile(self.path, self._options.max_record)
+        return LogFile(self.path, self._options.max_record, self._content)
 
     def _check_magic(self) -> None:
         size = self._file.size

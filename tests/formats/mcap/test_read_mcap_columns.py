@@ -429,7 +429,7 @@ def test_several_channels_come_in_order_of_log_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("index", [True, False])
 def test_an_index_that_lies_changes_nothing(tmp_path: Path, index: bool) -> None:
-    """Indexes that skip messages, repeat them or point elsewhere are only hints."""
+    """Nothing is read by indexes that skip messages, repeat them or point elsewhere."""
     from helpers.mcap_logs import chunk, record
     from mcap.records import MessageIndex
 
