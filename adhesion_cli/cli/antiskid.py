@@ -300,8 +300,8 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
             [outcome.text, _EPILOG, terminal.findings(outcome.findings, terminal.NARROW)]
         ).rstrip()
         origin["antiskid"] = {k: v for k, v in origin["antiskid"].items() if k != "controller"}
-        said = rrd.StopTexts(verdict, origin)
-        rrd.write_stops(recording, case.name, stops, weight, curve_bands, said)
+        page = rrd.StopsPage(stops, weight, curve_bands, verdict, origin)
+        rrd.write_stops(recording, case.name, page)
         for place in places[len(stops) :]:
             draw(shared, place, title, of_stops(stops, weight, curve_bands))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop in stops)]

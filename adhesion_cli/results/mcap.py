@@ -6,7 +6,7 @@ sample costs more than the whole analysis. The protobuf library reads them as it
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import BinaryIO
@@ -325,7 +325,7 @@ def _finite(values: Floats | _Values | None) -> _Values:
     return values if callable(values) else values.__getitem__
 
 
-def _digits(values: Floats | None) -> Floats | _Values | None:
+def _digits(values: Floats | None) -> _Values | None:
     return None if values is None else lambda piece: rounding.digits(values[piece])
 
 
@@ -372,23 +372,10 @@ def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64]) -> Iterator[_S
 
 def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream]:
     """What was measured, and the truth, exactly: the log can be analysed again."""
-    t = record.t
-    yield _stream(
-        f"{topic}/input",
-        "AxleInput",
-        t,
-        record.pressure,
-        record.clamping_force,
-        record.wheel_speed,
-        record.train_speed,
-    )
+    t, K, w = record.t, record.clamping_force, record.wheel_speed
+    yield _stream(f"{topic}/input", "AxleInput", t, record.pressure, K, w, record.train_speed)
     brake = log.find("pressure", record.axle) or log.find("clamping_force", record.axle)
-    brake_times = brake.data.t if brake else t
-    if (
-        brake
-        and brake.meaning
-        and not (np.array_equal(t, brake_times) or np.isin(t, brake_times).all())
-    ):
+    if brake and brake.meaning and not np.isin(t, brake.data.t).all():
         # Between its own stamps the reference interpolates: held values alone would not do again.
         yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
     if record.truth is not None or record.true_slip is not None:
@@ -398,60 +385,36 @@ def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream
 def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Stream]:
     t, ref = axle.record.t, axle.reference
 
-    def rounded_values(x: Floats, sigma: Floats = ref.sigma) -> _Values:
-        return lambda piece: rounding.rounded(x[piece], sigma[piece])
-
-    def edge(bound: str) -> _Values:  # of the band; both of every axle at once would be large
-        return lambda piece: rounding.rounded(getattr(ref.rows(piece), bound), ref.sigma[piece])
+    def rounded(of_rows: _Values, sigma: Floats = ref.sigma) -> _Values:
+        return lambda piece: rounding.rounded(of_rows(piece), sigma[piece])
 
     def mu(force: Floats, sigma: Floats = ref.sigma) -> _Values:
-        return lambda piece: rounding.rounded(
-            *(physics.coefficient(x[piece], result.vehicle) for x in (force, sigma))
-        )
+        def coefficient(x: Floats) -> Floats:
+            return physics.coefficient(x, result.vehicle)
 
-    def error(algo: str) -> _Values:
-        return lambda piece: rounding.rounded(axle.error(algo, piece), ref.sigma[piece])
+        return lambda piece: rounding.rounded(coefficient(force[piece]), coefficient(sigma[piece]))
 
-    yield _stream(
-        f"{topic}/reference",
-        "Reference",
-        t,
-        rounded_values(ref.force),
-        _digits(ref.sigma),
-        edge("lower"),
-        edge("upper"),
-        mu(ref.force),
-    )
+    # Both edges of the band of every axle at once would be large.
+    lower, upper = rounded(lambda x: ref.rows(x).lower), rounded(lambda x: ref.rows(x).upper)
+    columns = rounded(ref.force.__getitem__), _digits(ref.sigma), lower, upper, mu(ref.force)
+    yield _stream(f"{topic}/reference", "Reference", t, *columns)
     for algo, force in sorted(axle.estimates.items()):
-        sigma = axle.sigma(algo)
-        yield _stream(
-            f"{topic}/estimate/{algo}",
-            "Estimate",
-            t,
-            rounded_values(force, sigma),
-            mu(force, sigma),
-            error(algo),
-            _digits(axle.sigmas.get(algo)),
-        )
+        sigma, error = axle.sigma(algo), rounded(partial(axle.error, algo))
+        F, own = rounded(force.__getitem__, sigma), _digits(axle.sigmas.get(algo))
+        yield _stream(f"{topic}/estimate/{algo}", "Estimate", t, F, mu(force, sigma), error, own)
     if axle.slip is not None:
-        slip = rounded_values(axle.slip, np.broadcast_to(rounding.SLIP, len(t)))
-        columns = slip, mu(ref.force), _digits(axle.slope), _digits(axle.slope_confidence)
-        yield _slip(topic, t, columns, axle.region)
+        slip = rounded(axle.slip.__getitem__, np.broadcast_to(rounding.SLIP, len(t)))
+        slope, confidence = _digits(axle.slope), _digits(axle.slope_confidence)
+        yield _slip(topic, t, (slip, mu(ref.force), slope, confidence), axle.region)
 
 
 def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
     """One axle of a stop, counted from 0: what was measured, what was true, what it did."""
     topic, t, F = f"/axle/{i + 1}", stop.t, stop.estimate[:, i]
     true_force, mu = stop.force[:, i], physics.coefficient(F, vehicle)
-    yield _stream(
-        f"{topic}/input",
-        "AxleInput",
-        t,
-        stop.measured_pressure[:, i],
-        stop.measured_clamping_force[:, i],
-        stop.measured_wheel_speed[:, i],
-        stop.measured_train_speed,
-    )
+    pressure, K = stop.measured_pressure[:, i], stop.measured_clamping_force[:, i]
+    speeds = stop.measured_wheel_speed[:, i], stop.measured_train_speed
+    yield _stream(f"{topic}/input", "AxleInput", t, pressure, K, *speeds)
     yield _stream(f"{topic}/estimate/{stop.algo}", "Estimate", t, F, mu, F - true_force, None)
     yield _stream(f"{topic}/truth", "Truth", t, true_force, stop.slip[:, i])
     columns = (stop.measured_slip[:, i], mu, stop.slope[:, i], stop.confidence[:, i])

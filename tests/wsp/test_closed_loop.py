@@ -741,8 +741,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rrd") / "stops.rrd"
     stops, bands = [stopped("short", c) for c in registry()], {"patent": wsp_controller.bands({})}
     weight = short().vehicle.axle_mass.value * physics.G
-    said = rrd.StopTexts("75 m on dry rail\n```\n![](http://evil)", {"rule": {"slip": "a|b"}})
-    rrd.write_stops(path, "short", stops, weight, bands, said)
+    verdict, origin = "75 m on dry rail\n```\n![](http://evil)", {"rule": {"slip": "a|b"}}
+    rrd.write_stops(path, "short", rrd.StopsPage(stops, weight, bands, verdict, origin))
     return path
 
 

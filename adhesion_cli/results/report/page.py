@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from .plots import Figures
 
 _PAGE_LIMIT = 2_900_000  # letters of a page: more numbers are not drawn
-_LISTED = 25  # findings of one code that are listed
 
 
 def page(runs: Sequence[ReportRun]) -> str:
@@ -62,7 +61,6 @@ def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:
     context = {
         "run": run,
         "plots": figures.of_run(run),
-        "LISTED": _LISTED,
         "about": _about(run),
         "channels": words.channel_rows(run.channels),
         "vehicle": _vehicle(run.settings),
@@ -78,16 +76,8 @@ def _comparison(runs: Sequence[ReportRun], figures: "Figures") -> str:
 
 def _page(template: str, title: str, figures: "Figures", context: Mapping[str, object]) -> str:
     """A page of this template, with what draws its figures."""
-    return (
-        _templates()
-        .get_template(template)
-        .render(
-            context,
-            title=title,
-            library=_packed(figures.library()),
-            drawn=_packed(figures.as_json()),
-        )
-    )
+    script = {"library": _packed(figures.library()), "drawn": _packed(figures.as_json())}
+    return _templates().get_template(template).render(context, title=title, **script)
 
 
 @cache

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ...core.finding import CatalogueEntry, catalogue
+from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
@@ -67,9 +67,9 @@ def slides_known(axle: ReportAxle) -> bool:
     return axle.has_values("slip")
 
 
-def _is_observed(axle: ReportAxle, application: BrakeApplication) -> bool:
+def _is_observed(axle: ReportAxle, a: BrakeApplication) -> bool:
     """Whether a slide in this brake application would have been seen."""
-    return slides_known(axle) and application.slip_unknown_s < HIDDEN_TIME
+    return slides_known(axle) and a.slip_unknown_s < HIDDEN_TIME
 
 
 def headline(run: ReportRun) -> tuple[Mark, str]:
@@ -149,14 +149,13 @@ def _of_slides(
         subject = "there it"
     total = number(worst.slide_s, 1)
     if (worst.max_slip or 0.0) > _LOCKED:
-        slid_for = f"{subject} slid for {bound_text}{total} s."
-        yield f"The wheel stood still while the train moved; {slid_for}"
+        sentence = "The wheel stood still while the train moved;"
+        yield f"{sentence} {subject} slid for {bound_text}{total} s."
     else:
         slip = f"{percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
         yield f"{subject.capitalize()} slid for {bound_text}{total} s, with slip up to {slip}."
     if worst.utilisation is not None:
-        utilisation = percent(worst.utilisation)
-        share = f"{utilisation}\N{NO-BREAK SPACE}%"
+        share = f"{percent(worst.utilisation)}\N{NO-BREAK SPACE}%"
         yield f"In the slides it used {share} of the adhesion that the rail gave."
     else:
         yield "The slides are too short to show how much adhesion the rail gave."
@@ -187,42 +186,40 @@ def _mark(axle: ReportAxle, application: BrakeApplication) -> Mark:
     return "locked" if (application.max_slip or 0.0) > _LOCKED else "slid"
 
 
-def _application(axle: ReportAxle, application: BrakeApplication) -> Cells:
-    kmh = [number(v if v is None else 3.6 * v) for v in (application.from_mps, application.to_mps)]
-    slid, bound_sign = bool(application.slides), "≥ " if application.at_least else ""
-
+def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
     def if_slid(text: str) -> str:
-        return DASH if not slid or text == DASH else f"{bound_sign}{text}"
+        return DASH if not a.slides or text == DASH else f"{'≥ ' * a.at_least}{text}"
 
-    energy = application.slide_energy_j
+    energy = a.slide_energy_j
     return {
         "Axle": str(axle.number),
-        "Time [s]": span(application.start_s, application.end_s),
-        "Speed [km/h]": "–".join(kmh),
-        "Adhesion coefficient, mean": _mean(application.coefficient, 1.0, 3),
-        "highest": _highest(application.coefficient),
-        "Force, mean [kN]": _mean(application.force_n, 1e-3, 2),
-        "Slides": str(application.slides) if slid or _is_observed(axle, application) else "?",
-        "Sliding for [s]": if_slid(number(application.slide_s, 1)),
-        "Most slip [%]": if_slid(percent(min(application.max_slip or 0.0, 1.0), 1)),
+        "Time [s]": span(a.start_s, a.end_s),
+        "Speed [km/h]": "–".join(number(v and 3.6 * v) for v in (a.from_mps, a.to_mps)),
+        "Adhesion coefficient, mean": _mean(a.coefficient, 1.0, 3),
+        "highest": _highest(a.coefficient),
+        "Force, mean [kN]": _mean(a.force_n, 1e-3, 2),
+        "Slides": str(a.slides) if a.slides or _is_observed(axle, a) else "?",
+        "Sliding for [s]": if_slid(number(a.slide_s, 1)),
+        "Most slip [%]": if_slid(percent(min(a.max_slip or 0.0, 1.0), 1)),
         "Heat [kJ]": if_slid(number(energy and 1e-3 * energy, 1)),
-        "Used of the available adhesion [%]": percent(application.utilisation),
+        "Used of the available adhesion [%]": percent(a.utilisation),
     }
 
 
-def budgets(run: ReportRun) -> list[tuple[int, BrakeApplication]]:
-    """The brake applications that have an uncertainty budget, after the number of their axle."""
+_Numbered = tuple[int, BrakeApplication]  # after the number of its axle
+
+
+def budgets(run: ReportRun) -> list[_Numbered]:
+    """The brake applications that have an uncertainty budget."""
     return [(a.number, x) for a in run.axles for x in a.applications if x.budget]
 
 
-def widest(
-    applications: Sequence[tuple[int, BrakeApplication]],
-) -> Sequence[tuple[int, BrakeApplication]]:
+def widest(applications: Sequence[_Numbered]) -> Sequence[_Numbered]:
     """The budgets that a page has room for: of many, each axle's with the largest uncertainty."""
     if len(applications) <= _MOST_BUDGETS:
         return applications
 
-    def u95(pair: tuple[int, BrakeApplication]) -> float:
+    def u95(pair: _Numbered) -> float:
         return pair[1].force_n.mean_u95 if pair[1].force_n else 0.0
 
     return sorted(dict(sorted(applications, key=u95)).items())
@@ -249,25 +246,21 @@ class FindingGroup:
     code: str
     severity: str
     title: str
-    lines: Sequence[Cells]  # each with channel, time and message
     sections: list[tuple[str, str]]  # heading, text
-
-
-_SEVERITIES = ("error", "warning", "info")
-_SECTION_TITLES = {"cause": "Cause", "effect": "Effect on the result", "limits": "Cannot see"}
+    lines: Sequence[Cells]  # each with channel, time and message
 
 
 def finding_groups(findings: Sequence[FindingSummary]) -> list[FindingGroup]:
     """The findings by code, errors first; as the result has them where a code is not known."""
     by_code: dict[tuple[str, str], list[FindingSummary]] = {}
-    for severity in _SEVERITIES:
-        for f in findings:
-            if f.severity == severity:
-                by_code.setdefault((severity, f.code), []).append(f)
-    return [
-        _finding_group(severity, catalogue().get(code), code, group)
-        for (severity, code), group in by_code.items()
-    ]
+    for f in sorted(findings, key=lambda f: ("error", "warning", "info").index(f.severity)):
+        by_code.setdefault((f.severity, f.code), []).append(f)
+    groups = []
+    for (severity, code), found in by_code.items():
+        lines = [{"Channel": f.channel, "Time": _times_text(f), "What": f.message} for f in found]
+        remedy = " ".join(dict.fromkeys(f.hint for f in found if f.hint))
+        groups.append(FindingGroup(code, severity, *explained(code, remedy), lines))
+    return groups
 
 
 def summary_line(group: FindingGroup) -> str:
@@ -286,28 +279,13 @@ def summary_line(group: FindingGroup) -> str:
     return f"{place}: {message}" if place else message
 
 
-def explained(code: str) -> tuple[str, list[tuple[str, str]]]:
-    """Title of a code, and what the catalogue says of it: headings and texts."""
-    entry = catalogue().get(code)
-    if entry is None:
-        return code, []
-    sections = [(name, str(getattr(entry, key))) for key, name in _SECTION_TITLES.items()]
-    sections.append(("What to do", f"`adhesion explain {code}` and the page of each log say it."))
-    return entry.title, [p for p in sections if p[1]]
-
-
-def _finding_group(
-    severity: str, entry: CatalogueEntry | None, code: str, findings: Sequence[FindingSummary]
-) -> FindingGroup:
-    lines = [{"Channel": f.channel, "Time": _times_text(f), "What": f.message} for f in findings]
-    hints = list(dict.fromkeys(f.hint for f in findings if f.hint))
-    sections = (
-        [(name, getattr(entry, key)) for key, name in _SECTION_TITLES.items()] if entry else []
-    )
-    sections.insert(2 if sections else 0, ("What to do", " ".join(hints)))
-    return FindingGroup(
-        code, severity, entry.title if entry else code, lines, [p for p in sections if p[1]]
-    )
+def explained(code: str, remedy: str) -> tuple[str, list[tuple[str, str]]]:
+    """Title of a code, and what the catalogue says of it with the remedy: headings and texts."""
+    if entry := catalogue().get(code):
+        texts = entry.cause, entry.effect, remedy, entry.limits
+        heads = "Cause", "Effect on the result", "What to do", "Cannot see"
+        return entry.title, [x for x in zip(heads, texts, strict=True) if x[1]]
+    return code, [("What to do", remedy)] if remedy else []
 
 
 def _times_text(f: FindingSummary) -> str:

@@ -5,6 +5,6 @@ viewer and can be made again. Everything is sent by columns.
 """
 
 from .results import write_comparison, write_result
-from .stops import StopTexts, write_stops
+from .stops import StopsPage, write_stops
 
-__all__ = ["StopTexts", "write_comparison", "write_result", "write_stops"]
+__all__ = ["StopsPage", "write_comparison", "write_result", "write_stops"]

@@ -97,28 +97,13 @@ def envelope(t: Times, plot: SeriesPlot, starts: NDArray[np.int64]) -> tuple[Tim
     minima = np.fmin.reduceat(lower, starts, axis=0)  # fmin, fmax pass over NaN
     maxima = np.fmax.reduceat(upper, starts, axis=0)
     size = np.diff(starts, append=len(t))
-    bucket_index = np.repeat(np.arange(len(starts)), np.minimum(size, 2))
-    second = np.diff(bucket_index, prepend=-1) == 0
-    rows_chosen = starts[bucket_index] + np.where(second, size[bucket_index] // 2, 0)
+    bucket = np.repeat(np.arange(len(starts)), np.minimum(size, 2))
+    second = np.diff(bucket, prepend=-1) == 0
+    rows_chosen = starts[bucket] + np.where(second, size[bucket] // 2, 0)
     if plot.half_width is not None:
-        values, half_width = (
-            (minima + maxima)[bucket_index] / 2,
-            (maxima - minima)[bucket_index] / 2,
-        )
-        return t[rows_chosen], replace(plot, values=values, half_width=half_width)
+        values, half_width = (minima + maxima) / 2, (maxima - minima) / 2
+        plot = replace(plot, values=values[bucket], half_width=half_width[bucket])
+        return t[rows_chosen], plot
     rises = plot.values[starts + size - 1] >= plot.values[starts]
-    top = rises[bucket_index] == second[:, None]
-    return t[rows_chosen], replace(
-        plot, values=np.where(top, maxima[bucket_index], minima[bucket_index])
-    )
-
-
-def without_repeats(t: Times, plot: SeriesPlot) -> tuple[Times, SeriesPlot]:
-    """The rows that change the lines: of a run of equal rows the first and the last."""
-    columns = [x for x in (plot.values, plot.half_width) if x is not None]
-    bits = np.concatenate(columns, axis=1).view(np.int64)
-    is_repeat = (bits[1:] == bits[:-1]).all(axis=1)
-    is_kept = np.ones(len(t), bool)
-    is_kept[1:-1] = ~(is_repeat[:-1] & is_repeat[1:])
-    half_width = None if plot.half_width is None else plot.half_width[is_kept]
-    return t[is_kept], replace(plot, values=plot.values[is_kept], half_width=half_width)
+    values = np.where(rises[bucket] == second[:, None], maxima[bucket], minima[bucket])
+    return t[rows_chosen], replace(plot, values=values)

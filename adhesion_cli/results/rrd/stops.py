@@ -1,8 +1,8 @@
 """Stops in closed loop: a tab for each axle, its controllers side by side."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -25,60 +25,25 @@ _JUDGED = "blue: measured, orange: judged"
 _AHEAD = " of the slip judged ahead; points: true slip"
 
 
-class StopTexts(NamedTuple):
-    """What is said of the stops.
+@dataclass(frozen=True, slots=True)
+class StopsPage:
+    """Stops of one train under several controllers and the views that show them."""
 
-    Attributes:
-        verdict: text of the first tab.
-        settings: that the stops were made from.
-    """
-
-    verdict: str
-    settings: Table
-
-
-def write_stops(
-    path: Path,
-    name: str,
-    stops: Sequence[Stop],
-    weight: float,
-    bands: Mapping[str, Bands],
-    said: StopTexts,
-) -> None:
-    """Write stops of one train under several controllers, side by side, a tab for each axle.
-
-    Args:
-        path: file to write; its old content is lost.
-        name: of the scenario.
-        stops: one per controller.
-        weight: of an axle on the rail [N].
-        bands: of the AND-test, by the controllers that make it; theirs alone are drawn.
-        said: texts of the first tab and the last.
-
-    Raises:
-        OSError: the file cannot be written or does not read back.
-    """
-    key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in stops)])
-    parts.write(path, printable(name), key, [_Stops(stops, weight, bands, said)])
-
-
-class _Stops:
-    """Stops under several controllers and the views that show them."""
-
-    def __init__(
-        self, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands], said: StopTexts
-    ) -> None:
-        self.stops, self.weight, self.bands, self.said = stops, weight, bands, said
+    stops: Sequence[Stop]  # one per controller
+    weight: float  # of an axle on the rail [N]
+    bands: Mapping[str, Bands]  # of the AND-test, by the controllers that make it
+    verdict: str  # text of the first tab
+    settings: Table  # that the stops were made from
 
     def send(self, rec: rr.RecordingStream) -> None:
         """Send everything."""
-        verdict_text = self.said.verdict.replace("`", "'")  # a log's words do not end the block
+        verdict_text = self.verdict.replace("`", "'")  # a log's words do not end the block
         parts.send_text(rec, "verdict", f"```\n{verdict_text}\n```")
-        parts.send_text(rec, "about", parts.settings_table(self.said.settings))
+        parts.send_text(rec, "about", parts.settings_table(self.settings))
         colours = {x.controller: palette.rgba(palette.of_method(x.controller)) for x in self.stops}
         start = int(self.stops[0].t[0])
         parts.send_names(rec, "lines", _since_start, start, [*colours.items()])
-        widths = _widths([*colours])
+        widths = _widths(colours)
         for stop in self.stops:
             colour = colours[stop.controller]
             train = [(stop.controller, colour, stop.train_speed * 3.6)]
@@ -114,18 +79,14 @@ class _Stops:
             plot = parts.lines(name, columns)
             parts.send_plot(rec, f"{path}/{name}", _since_start, stop.t, plot)
 
-        times_extended = np.append(
-            stop.t, 2 * stop.t[-1] - stop.t[-2]
-        )  # a state lasts until the next
+        t = np.append(stop.t, 2 * stop.t[-1] - stop.t[-2])  # a state lasts until the next
         for name, codes, states in (
             ("valve", stop.valve, parts.VALVES),
             ("region", stop.region, parts.REGION_STATES),
             ("wheel", stop.sliding(), parts.WHEELS),
         ):
-            lane = f"{path}/state/{name}"
-            parts.send_states(
-                rec, lane, _since_start, times_extended, np.append(codes[:, i], -1), states
-            )
+            codes_shown = np.append(codes[:, i], -1)
+            parts.send_states(rec, f"{path}/state/{name}", _since_start, t, codes_shown, states)
 
         bands = self.bands.get(stop.controller)
         if bands:
@@ -140,28 +101,24 @@ class _Stops:
 
     def layout(self) -> rrb.Container:
         """Tabs: the verdict, one per axle with a column per controller, the settings."""
-        speed = parts.chart("train", "Train speed [km/h]"), parts.names_view("lines")
+        speed = parts.named_charts("", [parts.chart("train", "Train speed [km/h]")], "lines")
         verdict = rrb.TextDocumentView(origin="verdict", name="Verdict")
-        first_tab = rrb.Vertical(
-            verdict, rrb.Horizontal(*speed, column_shares=[8, 1]), row_shares=[1, 1], name="Verdict"
-        )
+        first_tab = rrb.Vertical(verdict, speed, row_shares=[1, 1], name="Verdict")
         axles = (self._axle_tab(i + 1) for i in range(self.stops[0].pressure.shape[1]))
         return rrb.Tabs(first_tab, *axles, rrb.TextDocumentView(origin="about", name="Settings"))
 
     def _axle_tab(self, axle: int) -> rrb.Container:
         """Two tabs: where the wheel and its brake were, and what the unit made of it."""
         wheel, judged, i, all_stops = [], [], axle - 1, self.stops
-        speed = parts.span_of(
-            [x.train_speed * 3.6 for x in all_stops], []
-        )  # the same range in each
+        # Each chart has the same range for all controllers.
+        speed = parts.span_of([x.train_speed * 3.6 for x in all_stops], [])
         pressures = [x * 1e-5 for s in all_stops for x in (s.demand, s.pressure[:, i])]
         pressure = parts.span_of(pressures, [])
         forces = [s.force[:, i] for s in all_stops]
         top = 1.2 * max(float(np.nanmax(F)) for F in forces)  # what dry rail gives is far more
         limited_peaks = [np.minimum(s.peak[:, i], top) for s in all_stops]
-        estimates = [
-            np.clip(s.estimate[:, i], -0.1 * top, top) for s in all_stops
-        ]  # locked: anything
+        # The estimate of a locked wheel can be anything.
+        estimates = [np.clip(s.estimate[:, i], -0.1 * top, top) for s in all_stops]
         force = parts.span_of([*forces, *limited_peaks], estimates)
         for stop in all_stops:
             title, path = stop.controller, f"{stop.controller}/axle/{axle}"
@@ -185,11 +142,25 @@ class _Stops:
         )
 
 
-def _widths(names: Sequence[str]) -> dict[str, float]:
+def _widths(names: Iterable[str]) -> dict[str, float]:
     """Widths of lines that may coincide: the viewer draws by name, so the last is the thinnest."""
-    last_column = len(names) - 1
-    return {name: 1.5 + 2.0 * (last_column - i) for i, name in enumerate(sorted(names))}
+    return {name: 1.5 + 2.0 * i for i, name in enumerate(sorted(names, reverse=True))}
 
 
 def _since_start(t: Times) -> list[rr.TimeColumn]:
     return [rr.TimeColumn("time", duration=t.astype("timedelta64[ns]"))]
+
+
+def write_stops(path: Path, name: str, page: StopsPage) -> None:
+    """Write stops side by side, a tab for each axle.
+
+    Args:
+        path: file to write; its old content is lost.
+        name: of the scenario.
+        page: the stops.
+
+    Raises:
+        OSError: the file cannot be written or does not read back.
+    """
+    key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in page.stops)])
+    parts.write(path, printable(name), key, [page])
