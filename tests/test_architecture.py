@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.forked import Forked
 
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.bundled import SAMPLE, folder
@@ -50,16 +51,14 @@ def test_few_modules_lie_at_the_top_and_no_folder_is_large() -> None:
 
 
 @pytest.mark.parametrize("command", [c.name for c in app.registered_commands])
-def test_help_imports_nothing_heavy(command: str) -> None:
-    code = (
-        "import sys\nfrom adhesion_cli.cli.app import app\n"
-        f"try: app([{command!r}, '--help'], standalone_mode=False)\nexcept SystemExit: pass\n"
-        f"heavy = set({HEAVY}) & set(sys.modules)\n"
-        "sys.exit(f'imported {heavy}' if heavy else 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert f"Example: adhesion {command}" in done.stdout
+def test_help_imports_nothing_heavy(command: str, tmp_path: Path) -> None:
+    code = f"import atexit; atexit.register(lambda: print({{*{HEAVY}}} & {{*sys.modules}}))"
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = Forked(tmp_path, [command, "--help"], code, bare=True, **pipes)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert out.endswith("\nset()\n")
+    assert f"Example: adhesion {command}" in out
 
 
 def test_the_main_job_does_not_wait_for_what_it_does_not_use(tmp_path: Path) -> None:

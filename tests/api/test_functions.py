@@ -66,7 +66,7 @@ def test_the_import_loads_nothing_heavy_and_shows_every_name() -> None:
         adhesion.analyse  # noqa: B018
 
 
-@pytest.mark.parametrize("name", [SAMPLE, "low-adhesion.csv", "low-adhesion.mcap"])
+@pytest.mark.parametrize("name", [SAMPLE, "low-adhesion.mcap"])
 def test_the_figures_and_the_record_are_those_of_the_command(
     tmp_path: Path, printed: Document, name: str
 ) -> None:

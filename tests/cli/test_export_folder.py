@@ -1,32 +1,27 @@
 """`export-c`: what a folder holds already, and names that cannot be exported."""
 
-import subprocess
-import sys
 from pathlib import Path
 
-
-def export(*arguments: str | Path) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "adhesion_cli", "export-c", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+from helpers.commands import Run
 
 
-def test_a_second_export_does_not_replace_the_first(tmp_path: Path) -> None:
+def test_a_second_export_does_not_replace_the_first(run: Run, tmp_path: Path) -> None:
     folder = tmp_path / "bcu"
     folder.mkdir()
-    assert export("td", "-o", folder, "-q").returncode == 0
+    assert run("export-c", "td", "-o", folder, "-q").returncode == 0
     before = {path: path.read_bytes() for path in folder.iterdir()}
     for force in ([], ["--force"]):
-        refused = export("leso", "-o", folder, *force)
+        refused = run("export-c", "leso", "-o", folder, *force)
         assert refused.returncode == 1
         assert "Makefile" in refused.stderr
         other = tmp_path / "bcu-leso"
         assert f"-o {other}" in refused.stderr.replace("\n", " ")
         assert {path: path.read_bytes() for path in folder.iterdir()} == before
-    assert export("td", "-o", folder, "--force", "-q").returncode == 0
+    assert run("export-c", "td", "-o", folder, "--force", "-q").returncode == 0
 
 
-def test_a_control_law_without_parameters_is_not_taken_for_another() -> None:
-    refused = export("none")
+def test_a_control_law_without_parameters_is_not_taken_for_another(run: Run) -> None:
+    refused = run("export-c", "none")
     assert refused.returncode == 2
     assert "neso'" not in refused.stderr
     assert "kalman" in refused.stderr

@@ -10,10 +10,13 @@ import subprocess
 import sys
 import tempfile
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
+from helpers.forked import Forked
 from helpers.mounts import mounted
 from helpers.write_faults import FAULTS
 from rerun.chunk import RrdReader
@@ -52,20 +55,30 @@ STRUCK = [(c, f) for c in COMMANDS for f in FAULTS if not f.startswith("write:er
 pytestmark = pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
 
 
-def ran(folder: Path, command: str, *under: str) -> subprocess.CompletedProcess[str]:
-    """The command, `under` another if one is given, in a folder that holds what it reads."""
+def ran(
+    folder: Path, command: str, environ: Mapping[str, str] = MappingProxyType({})
+) -> subprocess.CompletedProcess[str]:
+    """The command, with more in its environment, in a folder that holds what it reads."""
+    arguments = [*COMMANDS[command].split(), "--force"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = Forked(folder, arguments, environ=environ, **pipes)
+    out, err = process.communicate(timeout=300)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+
+
+def struck(folder: Path, command: str, options: list[str]) -> subprocess.CompletedProcess[str]:
+    """The command under strace, from its start."""
+    python = [sys.executable, "-B", "-m", "adhesion_cli", *COMMANDS[command].split(), "--force"]
     return subprocess.run(
-        [*under, sys.executable, "-B", "-m", "adhesion_cli", *COMMANDS[command].split(), "--force"],
+        ["strace", "-f", "--seccomp-bpf", "-qq", *options, *python],
         cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True,
         text=True, timeout=300, check=False,
     )  # fmt: skip
 
 
-def struck(folder: Path, command: str, options: list[str]) -> subprocess.CompletedProcess[str]:
-    return ran(folder, command, "strace", "-f", "--seccomp-bpf", "-qq", *options)
-
-
-def prepared(folder: Path, command: str, *under: str) -> dict[str, bytes]:
+def prepared(
+    folder: Path, command: str, environ: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, bytes]:
     """Puts the inputs there and runs the command once, as `ran`: its outputs, by name."""
     lines = (ROOT / "sample_logs" / "service-brake.csv").read_text().splitlines(keepends=True)
     (folder / "log.csv").write_text("".join(lines[:400]))
@@ -74,7 +87,7 @@ def prepared(folder: Path, command: str, *under: str) -> dict[str, bytes]:
     (folder / "damaged.mcap").write_bytes(whole[: len(whole) // 2])
     (folder / "short.toml").write_text(SCENARIO)
     before = {p.name for p in folder.iterdir()}
-    done = ran(folder, command, *under)
+    done = ran(folder, command, environ)
     assert done.returncode in (0, 3), done.stderr
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.name not in before}
 
@@ -146,16 +159,18 @@ def failing_writes(tmp_path: Path, command: str, error: str, most: int) -> None:
     folder.mkdir()
     number = getattr(errno, error, 0)
     text = f"cannot write the results ({os.strerror(number)})" if number else CHANGED
-    under = ("env", f"LD_PRELOAD={striker()}", f"STRIKE_IN={folder}", f"STRIKE_LOG={log}",
-             f"STRIKE_ERROR={number}")  # fmt: skip
-    made = prepared(folder, command, *under, "STRIKE_NTH=0")
+    environ = {
+        "LD_PRELOAD": str(striker()), "STRIKE_IN": str(folder), "STRIKE_LOG": str(log),
+        "STRIKE_ERROR": str(number),
+    }  # fmt: skip
+    made = prepared(folder, command, {**environ, "STRIKE_NTH": "0"})
     writes = log.stat().st_size
     assert writes >= len(made)
     struck = 0
     for nth in range(writes, 0, writes // -most):
         log.unlink()
         before = {p.name: p.read_bytes() for p in folder.iterdir()}
-        done = ran(folder, command, *under, f"STRIKE_NTH={nth}")
+        done = ran(folder, command, {**environ, "STRIKE_NTH": str(nth)})
         if log.stat().st_size < nth:  # a recording comes through a pipe, in more writes or fewer
             assert done.returncode in (0, 3), done.stderr
             continue

@@ -10,7 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from helpers.forked import Forked
 
+PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 COMMAND = [sys.executable, "-m", "adhesion_cli"]
 ROWS = "时间[s],制动缸压力(kPa),轮速(km/h)\n" + "".join(
     f"{i},{3 * i},{200 - i}\n" for i in range(100)
@@ -31,14 +33,11 @@ def test_the_bare_command_shows_its_help(run: Run) -> None:
 def test_an_interrupt_is_told(tmp_path: Path, as_json: bool) -> None:
     arguments = ["reproduce", *(["--json"] if as_json else [])]
     code = (
-        "import signal, sys, time; from adhesion_cli import __main__\n"
         "from adhesion_cli.studies import reproduce\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
         "def wait(**_): open('begun', 'w').close(); time.sleep(60)\n"
-        f"reproduce.reproduce = wait; sys.argv[1:] = {arguments!r}; __main__.main()"
+        "reproduce.reproduce = wait"
     )
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, **pipes) as process:  # type: ignore[call-overload]
+    with Forked(tmp_path, arguments, code, **PIPES) as process:
         until = time.monotonic() + 60.0
         while not (tmp_path / "begun").exists() and time.monotonic() < until:
             time.sleep(0.02)
@@ -55,41 +54,41 @@ def test_an_interrupt_is_told(tmp_path: Path, as_json: bool) -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupt_that_python_tells_as_another_error(number: int, code: int) -> None:
+def test_an_interrupt_that_python_tells_as_another_error(
+    number: int, code: int, tmp_path: Path
+) -> None:
     """While modules are imported, too, as where a class is made."""
     program = (
-        "import signal; from adhesion_cli import __main__\n"
         "from adhesion_cli.studies import reproduce\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
         "class Comes:\n"
         f"    def __set_name__(self, *_): signal.raise_signal({number})\n"
         "def fails(**_): type('Made', (), {'it': Comes()})\n"
-        "reproduce.reproduce = fails; __main__.sys.argv[1:] = ['reproduce']; __main__.main()"
+        "reproduce.reproduce = fails"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert done.returncode == code
-    assert "internal" not in done.stderr
+    process = Forked(tmp_path, ["reproduce"], program, **PIPES)
+    _, told = process.communicate(timeout=50)
+    assert process.returncode == code
+    assert "internal" not in told
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupt_in_a_callback_of_the_compiler_is_not_lost(number: int, code: int) -> None:
+def test_an_interrupt_in_a_callback_of_the_compiler_is_not_lost(
+    number: int, code: int, tmp_path: Path
+) -> None:
     """What Python raises in a callback, C drops, as when the compiler asks for its cache."""
     program = (
-        "import ctypes, signal, sys, time; from adhesion_cli import __main__\n"
-        "from adhesion_cli.studies import reproduce\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
+        "import ctypes; from adhesion_cli.studies import reproduce\n"
         "callback = ctypes.CFUNCTYPE(None)\n"
         "def compiles(**_):\n"
         f"    callback(lambda: signal.raise_signal({number}))()\n"
         "    for _ in range(1000): time.sleep(0.01)\n"
-        "reproduce.reproduce = compiles; sys.argv[1:] = ['reproduce']; __main__.main()"
+        "reproduce.reproduce = compiles"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=50
-    )
-    assert done.returncode == code
-    assert done.stderr.startswith("error: ")
-    assert "ignored" not in done.stderr
+    process = Forked(tmp_path, ["reproduce"], program, **PIPES)
+    _, told = process.communicate(timeout=50)
+    assert process.returncode == code
+    assert told.startswith("error: ")
+    assert "ignored" not in told
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])

@@ -20,7 +20,7 @@ static long counted(int fd, Write *real) /* which write into the folder this is;
     const char *folder = getenv("STRIKE_IN");
     snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
     ssize_t size = readlink(link, target, sizeof target);
-    if (size < (ssize_t)strlen(folder) || strncmp(target, folder, strlen(folder)))
+    if (!folder || size < (ssize_t)strlen(folder) || strncmp(target, folder, strlen(folder)))
         return 0;
     int log = open(getenv("STRIKE_LOG"), O_WRONLY | O_CREAT | O_APPEND, 0666);
     real(log, "x", 1);

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from helpers import logs_of_fleet
+from helpers.commands import Run
 
 COUNT = 10
 
@@ -90,10 +91,15 @@ def test_a_killed_worker_costs_no_log_and_changes_no_byte(
     assert len(content(out)) == 3 * COUNT
 
 
-def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
+def test_a_scheduler_that_does_not_answer_is_an_error(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    client = distributed.Client
+    brief = lambda address, **more: client(address, **{**more, "timeout": "1s"})  # noqa: E731
+    monkeypatch.setattr(distributed, "Client", brief)
     logs_of_fleet.write(tmp_path, 1)
-    made = fleet(tmp_path, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
+    made = run("fleet", tmp_path, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
     assert made.returncode == 1
     assert len(made.stderr.splitlines()) == 2
     assert made.stderr.startswith("error: ")

@@ -13,11 +13,14 @@ import socket
 import struct
 import subprocess
 import sys
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 _NUMBER = struct.Struct("i")
+_NONE: Mapping[str, str] = MappingProxyType({})
 _STARTS = "import os, signal, sys, time; from adhesion_cli import __main__\n"
 
 
@@ -29,17 +32,19 @@ class Forked(subprocess.Popen[str]):
         arguments: after the program's name.
         code: what the process does before the command, as Python.
         bare: from a server that has imported what `--help` needs, and no more.
+        environ: variables of the command. A server of its own begins with `LD_PRELOAD`.
         streams: `stdin`, `stdout`, `stderr` as of `Popen`.
     """
 
     def __init__(
         self, folder: Path, arguments: list[str], code: str = "", *, bare: bool = False,
-        **streams: Any,
+        environ: Mapping[str, str] = _NONE, **streams: Any,
     ) -> None:  # fmt: skip
         self._request = {
-            "folder": str(folder), "arguments": arguments, "code": code, "environ": {**os.environ}
+            "folder": str(folder), "arguments": arguments, "code": code,
+            "environ": {**os.environ, **environ},
         }  # fmt: skip
-        self._server = _server(bare)
+        self._server = _server(bare, environ.get("LD_PRELOAD", ""))
         super().__init__(arguments, text=True, **streams)
 
     def _execute_child(self, *given: Any) -> None:
@@ -72,34 +77,41 @@ class Forked(subprocess.Popen[str]):
 
 
 @cache
-def _server(bare: bool) -> socket.socket:
+def _server(bare: bool, preload: str) -> socket.socket:
     """The end of a channel to a server, which ends with this process."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     subprocess.Popen(
         [sys.executable, __file__, str(theirs.fileno()), "bare" * bare],
         pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "LD_PRELOAD": preload},
     )  # fmt: skip
     theirs.close()
     return ours
 
 
 def _import_all() -> None:
-    """Imports the package, and loads the compiled loops of an analysis."""
+    """Imports the package, and loads the compiled loops of an analysis and what draws a figure."""
     import gc
     import importlib
     import pkgutil
+    import tempfile
 
     import adhesion_cli
     from adhesion_cli.analysis import analyze, settings
+    from adhesion_cli.cli.app import app
     from adhesion_cli.core import bundled
 
     for module in pkgutil.walk_packages(adhesion_cli.__path__, "adhesion_cli."):
         importlib.import_module(module.name)
     # Nothing of Rerun may run before the fork: its threads would be missing after it.
     importlib.import_module("rerun")
-    log = bundled.folder("sample_logs") / "low-adhesion.csv"
-    analyze.analyze(log, settings.load(folder=False))
+    low, service = (
+        bundled.folder("sample_logs") / f"{x}.csv" for x in ("low-adhesion", "service-brake")
+    )
+    analyze.analyze(low, settings.load(folder=False))
+    with tempfile.TemporaryDirectory() as folder:
+        outputs = ["-o", f"{folder}/a.toml", "--figure", f"{folder}/a.svg"]
+        app(["calibrate", str(low), str(service), *outputs], standalone_mode=False)
     gc.freeze()  # else every fork looks through all of this for garbage as it ends, 2 s long
 
 

@@ -1,6 +1,7 @@
 """Sensors that are stuck, saturated or lost: found where they are, and no sound one accused."""
 
 import math
+import tempfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,13 +12,17 @@ from helpers import simulated
 from helpers.simulated import Recordings
 
 from adhesion_cli.analysis import analyze, settings
+from adhesion_cli.analysis.prepare import prepare
+from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
-from adhesion_cli.core.model import Channel, Column, Result
+from adhesion_cli.core.model import Channel, Column, Floats, Result
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.records import stuck_pressure
 from adhesion_cli.wsp import simulate
 
 DEFAULT = settings.load()
+QUICK = settings.load(assignments=['analysis.reference="butterworth"'], folder=False)
 PARAMS = stuck_pressure.Params()
 SENSORS = {
     "speed-stuck", "speed-outlier", "speed-unusable", "pressure-stuck", "pressure-outlier",
@@ -100,13 +105,24 @@ def test_a_saturated_pressure_is_not_a_stuck_one() -> None:
 MANY = ["four-axles", "low-adhesion", "slippery-stop"]
 
 
-def with_dead(
-    name: str, signal: str, share: float, train: bool
-) -> tuple[simulated.Recordings, simulated.Recordings]:
-    """A log, and the same with axle 2's sensor always at a share of its highest value."""
+def with_dead(name: str, signal: str, share: float, train: bool) -> Recordings:
+    """A log with axle 2's sensor always at a share of its highest value."""
     log = simulated.recordings(name, train=train)
     top = float(log[simulated.which(log, signal, 2)[0]].value.max())
-    return log, simulated.put(log, signal, 2, ALWAYS, share * top)
+    return simulated.put(log, signal, 2, ALWAYS, share * top)
+
+
+def with_train_speed(path: Path) -> Result:
+    return analyze.analyze(path, QUICK, ["td"], train_speed=True)
+
+
+@cache
+def speeds_without_axle_2(name: str, train: bool) -> dict[int, Floats | None]:
+    """The train speed that each other axle has where the log lacks axle 2."""
+    log = [r for r in simulated.recordings(name, train=train) if r.axle != 2]
+    with tempfile.TemporaryDirectory() as folder:
+        result = with_train_speed(simulated.write(Path(folder, "sound.csv"), log))
+    return {a.record.axle: a.record.train_speed for a in result.axles}
 
 
 @pytest.mark.parametrize("train", [True, False])
@@ -115,20 +131,16 @@ def with_dead(
 def test_a_speed_that_never_changes_is_dead(
     name: str, share: float, train: bool, tmp_path: Path
 ) -> None:
-    log, dead = with_dead(name, "wheel_speed", share, train)
-    told = [f for f in found(dead, tmp_path) if f.channel.startswith("wheel_speed_2")]
-    assert [(f.code, f.severity, f.first_s < 0.5) for f in told] == [
+    dead = with_dead(name, "wheel_speed", share, train)
+    result = with_train_speed(simulated.write(tmp_path / "dead.csv", dead))
+    told = [f for f in result.findings if f.channel.startswith("wheel_speed_2")]
+    assert [(f.code, f.severity, f.first_s < 0.5) for f in told if f.code in SENSORS] == [
         ("speed-stuck", "warning", True)
     ]
-    without = [r for r in log if r.axle != 2]
-    one, other = (
-        analyze.analyze(simulated.write(tmp_path / "x.csv", x), DEFAULT, ["td"],
-                         train_speed=True)
-        for x in (dead, without)
-    )  # fmt: skip
-    assert [a.record.axle for a in one.axles] == [a.record.axle for a in other.axles]
-    for a, b in zip(one.axles, other.axles, strict=True):  # nothing of the sound axles changes
-        np.testing.assert_array_equal(a.record.train_speed, b.record.train_speed)
+    sound = speeds_without_axle_2(name, train)
+    assert [a.record.axle for a in result.axles] == [*sound]
+    for axle in result.axles:  # nothing of the sound axles changes
+        np.testing.assert_array_equal(axle.record.train_speed, sound[axle.record.axle])
 
 
 @pytest.mark.parametrize("train", [True, False])
@@ -137,9 +149,11 @@ def test_a_speed_that_never_changes_is_dead(
 def test_a_pressure_that_never_changes_is_dead(
     name: str, share: float, train: bool, tmp_path: Path
 ) -> None:
-    _, dead = with_dead(name, "pressure", share, train)
-    assert ("pressure-stuck", "warning") in [(f.code, f.severity) for f in found(dead, tmp_path)]
-    assert [a.record.axle for a in analysed(dead, tmp_path).axles] == [1, 3, 4]
+    dead = with_dead(name, "pressure", share, train)
+    log = open_source(simulated.write(tmp_path / "log.csv", dead), DEFAULT.read)
+    prepared = prepare(read(log, DEFAULT.mappings, DEFAULT.vehicle), DEFAULT.vehicle)
+    assert ("pressure-stuck", "warning") in [(f.code, f.severity) for f in prepared.findings]
+    assert [record.axle for record in prepared.records] == [1, 3, 4]
 
 
 def test_a_log_of_a_dead_sensor_alone_says_so(tmp_path: Path) -> None:
