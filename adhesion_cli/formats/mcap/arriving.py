@@ -1,7 +1,8 @@
 """Whole records of an MCAP to which another program appends, as small logs of their own."""
 
 import copy
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from ..source import Field, ReadOptions
 from .reader import McapSource
 from .records import HEADER, MAGIC, RAISE_LIMIT, DamageError, LogFile, written
 
-_PIECE_SIZE = 1 << 23  # bytes that are read at once, and one record more
+_PIECE_SIZE = 1 << 23  # bytes that are taken at once, and one record more
 _KEPT_OPCODES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
 _HAS_MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
 _END_OPCODES = (Opcode.DATA_END, Opcode.FOOTER)
@@ -53,7 +54,7 @@ class ArrivingMcap:
     def _restart(self) -> None:
         self._offset, self.ended = len(MAGIC), False
         self._header, self._defined = b"", list[Schema | Channel]()
-        self._raw, self._has_messages, self._raw_start = b"", False, self._offset
+        self._raw, self._has_messages, self._raw_start = bytearray(), False, self._offset
 
     def head(self) -> McapSource:
         """The log up to now, with its fields."""
@@ -73,7 +74,7 @@ class ArrivingMcap:
         if not self.arrived():
             return {}
         raw, start = self._raw, self._raw_start
-        self._raw, self._has_messages, self._raw_start = b"", False, self._offset
+        self._raw, self._has_messages, self._raw_start = bytearray(), False, self._offset
         try:
             source = self._source(raw)
             field_of = _by_name(source.fields)
@@ -99,7 +100,7 @@ class ArrivingMcap:
         self.lost += (_placed(f, start) for f in source.findings if f.severity != "info")
         return column_of
 
-    def _source(self, raw: bytes) -> McapSource:
+    def _source(self, raw: bytearray) -> McapSource:
         """These records, as a log of their own."""
         preamble = MAGIC + self._header + written(*self._defined)
         content = preamble + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC
@@ -109,62 +110,44 @@ class ArrivingMcap:
 
     def arrived(self) -> bool:
         """Reads whole records on, if there are not many yet; whether there are new messages."""
-        if len(self._raw) < _PIECE_SIZE:
-            try:
-                file = LogFile(self._path, self._limit)
-            except UserError:
-                return self._has_messages  # it may come again
-            with file:
-                self._is_another(file)
-                data = self._block(file)
-            pieces, stop = [], 0
-            for opcode, begin, stop in self._records(data):
-                if opcode == Opcode.HEADER:
-                    self._header = data[begin:stop]
-                if opcode in _KEPT_OPCODES:
-                    pieces.append(data[begin:stop])
-                    self._has_messages |= opcode in _HAS_MESSAGES
-            self._offset += stop
-            self._raw += b"".join(pieces)
+        try:
+            file = LogFile(self._path, self._limit)
+        except UserError:
+            return self._has_messages  # it may come again
+        with file, suppress(DamageError):  # where it becomes shorter, it is another one next time
+            self._restart_if_replaced(file)
+            while len(self._raw) < _PIECE_SIZE and self._read_record(file):
+                pass
         return self._has_messages
 
-    def _block(self, file: LogFile) -> bytes:
-        """The next bytes of the file: many records, or one that is longer."""
-        size = file.size - self._offset
-        if size < HEADER.size:
-            return b""
+    def _read_record(self, file: LogFile) -> bool:
+        """Reads the next record; False at the end, and where the record is not whole yet.
+
+        Raises:
+            UserError: where it is beyond the limit.
+        """
+        if file.size < self._offset + HEADER.size:
+            return False
         opcode, length = HEADER.unpack(file.read(self._offset, HEADER.size))
-        if opcode == Opcode.ATTACHMENT:  # of any length, and nobody asked for it
-            if HEADER.size + length <= size:
-                self._offset += HEADER.size + length
-            return b""
-        record_size = HEADER.size + (self._checked(length, self._offset) if opcode else 0)
-        return file.read(self._offset, min(size, max(record_size, _PIECE_SIZE)))
+        self.ended = opcode in _END_OPCODES
+        if self.ended or not opcode:  # the latter is room that was made
+            return False
+        if length > self._limit and opcode != Opcode.ATTACHMENT:
+            text = f"{self._path}: byte {self._offset}: a record of {length} bytes"
+            hint = RAISE_LIMIT.format("max_record", length)
+            raise UserError(f"{text}, limit {self._limit}", hint)
+        stop = self._offset + HEADER.size + length
+        if stop > file.size:
+            return False
+        if opcode == Opcode.HEADER:
+            self._header = file.read(self._offset, stop - self._offset)
+        elif opcode in _KEPT_OPCODES:
+            self._raw += file.read(self._offset, stop - self._offset)
+            self._has_messages |= opcode in _HAS_MESSAGES
+        self._offset = stop
+        return True
 
-    def _records(self, data: bytes) -> Iterator[tuple[int, int, int]]:
-        """Kind, begin and end of each whole record in the bytes that come next in the file."""
-        offset = 0
-        while offset + HEADER.size <= len(data):
-            opcode, length = HEADER.unpack_from(data, offset)
-            if not opcode or opcode == Opcode.ATTACHMENT:  # the former is room that was made
-                return
-            if opcode in _END_OPCODES:
-                self.ended = True
-                return
-            stop = offset + HEADER.size + self._checked(length, self._offset + offset)
-            if stop > len(data):
-                return
-            yield opcode, offset, stop
-            offset = stop
-
-    def _checked(self, length: int, offset: int) -> int:
-        """The length of a record, if it is within the limit."""
-        if length > self._limit:
-            text = f"{self._path}: byte {offset}: a record of {length} bytes, limit {self._limit}"
-            raise UserError(text, RAISE_LIMIT.format("max_record", length))
-        return length
-
-    def _is_another(self, file: LogFile) -> None:
+    def _restart_if_replaced(self, file: LogFile) -> None:
         """Begins anew where the file was cut, or another one has its name."""
         if self._id is not None and (self._id != file.id or file.size < self._offset):
             self.lost.append(Finding("source-restarted", "info", count=1))

@@ -129,60 +129,58 @@ def number_leaves(
     Returns:
         The numbers, and the places that are not offered: too long, too deep or opaque.
     """
-    search = _LeafWalk(tree, schema_unit, metadata)
-    search.walk(tree)
-    return search.found, search.left_out
+    search = _LeafSearch(tree, schema_unit, metadata)
+    search.walk(tree, (), (), ())
+    return search.leaves, search.omitted
 
 
-class _LeafWalk:
+class _LeafSearch:
     def __init__(self, tree: Tree, schema_unit: Units, metadata: dict[str, str]) -> None:
         self._tree, self._schema_unit, self._metadata = tree, schema_unit, metadata
-        self.found: list[Leaf] = []
-        self.left_out: list[str] = []
+        self.leaves: list[Leaf] = []
+        self.omitted: list[str] = []
 
-    def walk(
-        self,
-        node: Tree,
-        steps: Steps = (),
-        label: str = "",
-        label_at: Steps = (),
-        named: Steps = (),
-    ) -> None:
-        """Takes up the numbers at a place; `named` is an array of names for an array's elements."""
+    def walk(self, node: Tree, steps: Steps, label_at: Steps, names_at: Steps) -> None:
+        """Takes up the numbers at a place.
+
+        Args:
+            node: what is there.
+            steps: the place.
+            label_at: the text that names it, () for none.
+            names_at: the array of texts that name its elements, () for none.
+        """
         if is_number(node):
-            self._number(steps, label, label_at)
+            self._number(steps, label_at)
         elif isinstance(node, Opaque):
-            self.left_out.append(f"{path(steps)} ({node.kind})")
+            self.omitted.append(f"{path(steps)} ({node.kind})")
         elif not isinstance(node, (dict, list)) or stamp_keys(node):
             return
         elif len(steps) >= DEEPEST:
-            self.left_out.append(path(steps))
+            self.omitted.append(path(steps))
         elif isinstance(node, dict):
-            own_label = node.get("name")
-            element = bool(steps) and isinstance(steps[-1], int)
-            if element and isinstance(own_label, str) and len(own_label) <= _LONGEST:
-                label, label_at = own_label, (*steps, "name")
+            name = node.get("name")
+            is_element = bool(steps) and isinstance(steps[-1], int)
+            if is_element and isinstance(name, str) and len(name) <= _LONGEST:
+                label_at = (*steps, "name")
             for key, value in node.items():
                 names = next((k for k in ("name", "names") if _names(node.get(k), value)), None)
-                self.walk(value, (*steps, key), label, label_at, (*steps, names) if names else ())
+                self.walk(value, (*steps, key), label_at, (*steps, names) if names else ())
         elif any(isinstance(value, (int, float, dict, list)) for value in node):
             if len(node) > LONG_ARRAY:
-                self.left_out.append(f"{path(steps)} (more than {LONG_ARRAY} elements)")
+                self.omitted.append(f"{path(steps)} (more than {LONG_ARRAY} elements)")
                 return
             for i, value in enumerate(node):
-                if named:
-                    label_at = (*named, i)
-                    label = node_at(self._tree, label_at)
-                self.walk(value, (*steps, i), label, label_at)
+                self.walk(value, (*steps, i), (*names_at, i) if names_at else label_at, ())
 
-    def _number(self, steps: Steps, label: str, label_at: Steps) -> None:
+    def _number(self, steps: Steps, label_at: Steps) -> None:
         if len(path(steps)) > _LONGEST:
-            self.left_out.append(f"{path(steps)[:_LONGEST]} (a name too long)")
-        elif len(self.found) < MAX_NUMBERS:
+            self.omitted.append(f"{path(steps)[:_LONGEST]} (a name too long)")
+        elif len(self.leaves) < MAX_NUMBERS:
+            label = node_at(self._tree, label_at) if label_at else ""
             unit, unit_place, unit_at = self._unit(steps)
-            self.found.append(Leaf(steps, label, unit, unit_place, label_at, unit_at))
-        elif (skipped := f"all after {self.found[-1].path}") not in self.left_out:
-            self.left_out[:] = [*self.left_out[:20], skipped]
+            self.leaves.append(Leaf(steps, label, unit, unit_place, label_at, unit_at))
+        elif (skipped := f"all after {self.leaves[-1].path}") not in self.omitted:
+            self.omitted[:] = [*self.omitted[:20], skipped]
 
     def _unit(self, steps: Steps) -> tuple[str, str, Steps]:
         """The unit of a number, where it stood in words, and the string of the message it is."""

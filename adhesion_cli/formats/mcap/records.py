@@ -7,8 +7,9 @@ Specification: https://mcap.dev/spec
 import os
 import struct
 import zlib
-from io import BytesIO, RawIOBase
+from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
@@ -88,14 +89,13 @@ class LogFile:
     """
 
     def __init__(self, path: Path, max_record: int, content: bytes | None = None) -> None:
-        self._file: RawIOBase | BytesIO
+        self._file: BinaryIO
         try:
-            self._file = path.open("rb", buffering=0) if content is None else BytesIO(content)
+            self._file = path.open("rb", buffering=PIECE) if content is None else BytesIO(content)
         except OSError as e:
             raise UserError(f"{path}: {e.strerror}", "give the path of a log") from None
         self._max_record = max_record
         self.size = self._file.seek(0, os.SEEK_END)
-        self._window, self._window_start = b"", 0
 
     def __enter__(self) -> "LogFile":
         return self
@@ -115,16 +115,10 @@ class LogFile:
         Raises:
             DamageError: where the file has become shorter.
         """
-        place = offset - self._window_start
-        if 0 <= place <= len(self._window) - size:
-            return self._window[place : place + size]
         self._file.seek(offset)
-        data = b""
-        while len(data) < size:
-            piece = self._file.read(size - len(data))
-            if not piece:
-                raise DamageError(offset, "file became shorter while it was read")
-            data += piece
+        data = self._file.read(size)
+        if len(data) < size:
+            raise DamageError(offset, "file became shorter while it was read")
         return data
 
     def head(self, offset: int) -> tuple[int, int]:
@@ -136,10 +130,7 @@ class LogFile:
         remaining = self.size - offset - HEADER.size
         if remaining < 0:
             raise DamageError(offset, "file ends without a footer")
-        if not 0 <= offset - self._window_start <= len(self._window) - HEADER.size:
-            self._window, self._window_start = b"", offset
-            self._window = self.read(offset, min(PIECE, self.size - offset))
-        opcode, length = HEADER.unpack_from(self._window, offset - self._window_start)
+        opcode, length = HEADER.unpack(self.read(offset, HEADER.size))
         if opcode == 0:
             raise DamageError(offset, "a record of kind 0, which does not exist")
         if length > remaining:
