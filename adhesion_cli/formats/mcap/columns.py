@@ -1,10 +1,11 @@
 """Columns of many messages: which numbers are wanted, and what in later messages differs."""
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from operator import itemgetter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -63,39 +64,6 @@ class Wanted:
                     said.setdefault(place, FirstText(text, [])).places.append(i)
         iso = stamp.places[0] if stamp and stamp.text else None
         return cls(tuple(places), lengths, said, tree, iso)
-
-
-class Decoder(Protocol):
-    """Turns the messages of one schema into trees (one) and columns (many)."""
-
-    def tree(self, message: bytes) -> Tree:
-        """One message as plain values, a schema's absent numbers as their defaults.
-
-        Raises:
-            UndecodableError: where the message breaks its encoding.
-        """
-        ...
-
-    def unit(self, steps: Steps) -> tuple[str, str]:
-        """The unit the schema states for a number, and where."""
-        ...
-
-    def columns(
-        self, buffer: bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[MessageFault]]:
-        """Many messages at once.
-
-        Args:
-            buffer: bytes that hold the messages.
-            start: offsets of the messages' first bytes, shape (n,).
-            stop: offsets after their last bytes, shape (n,).
-            wanted: what to take from each.
-
-        Returns:
-            Values of shape (len(wanted.numbers), n), NaN where a message has no such number,
-            and what was left out.
-        """
-        ...
 
 
 class Batch:
@@ -220,37 +188,57 @@ class Spread:
         self._batch.values[column, rows] = nodes
 
 
-def parsed_columns(
-    parse: Callable[[bytes], Any],
-    spread: type[Spread],
-    buffer: bytes,
-    start: Offsets,
-    stop: Offsets,
-    wanted: Wanted,
-) -> tuple[Floats, list[MessageFault]]:
-    """Columns of messages that are parsed one by one, see Decoder.columns.
+class Decoder(ABC):
+    """Turns the messages of one schema into trees (one) and columns (many)."""
 
-    As many are parsed as may stand in memory together, then their numbers are taken.
+    spread: type[Spread] = Spread  # takes parsed messages apart
 
-    Args:
-        parse: parses one; raises UndecodableError.
-        spread: takes parsed messages apart.
-        buffer: as of Decoder.columns, as are the following.
-        start: as there.
-        stop: as there.
-        wanted: as there.
-    """
-    batch = Batch(wanted, len(start))
-    cuts = np.flatnonzero(np.diff(np.cumsum(stop - start + _OVERHEAD) // _TOGETHER)) + 1
-    for begin, end in pairwise([0, *cuts.tolist(), len(start)]):
-        messages, rows = list[Any](), list[int]()
-        spans = zip(start[begin:end].tolist(), stop[begin:end].tolist(), strict=True)
-        for row, (a, b) in enumerate(spans, begin):
-            try:
-                messages.append(parse(buffer[a:b]))
-                rows.append(row)
-            except UndecodableError as e:
-                batch.refuse(row, str(e))
-        if messages:
-            spread(batch).walk(messages, np.array(rows), wanted.shape)
-    return batch.finish()
+    @abstractmethod
+    def parse(self, message: bytes) -> Any:
+        """One message as its library gives it.
+
+        Raises:
+            UndecodableError: where the message breaks its encoding.
+        """
+
+    @abstractmethod
+    def tree(self, message: bytes) -> Tree:
+        """One message as plain values, a schema's absent numbers as their defaults.
+
+        Raises:
+            UndecodableError: where the message breaks its encoding.
+        """
+
+    @abstractmethod
+    def unit(self, steps: Steps) -> tuple[str, str]:
+        """The unit the schema states for a number, and where; "" for none."""
+
+    def columns(
+        self, data: bytes, start: Offsets, stop: Offsets, wanted: Wanted
+    ) -> tuple[Floats, list[MessageFault]]:
+        """Many messages at once. As many are parsed as may stand in memory together.
+
+        Args:
+            data: bytes that hold the messages.
+            start: offsets of the messages' first bytes, shape (n,).
+            stop: offsets after their last bytes, shape (n,).
+            wanted: what to take from each.
+
+        Returns:
+            Values of shape (len(wanted.numbers), n), NaN where a message has no such number,
+            and what was left out.
+        """
+        batch = Batch(wanted, len(start))
+        cuts = np.flatnonzero(np.diff(np.cumsum(stop - start + _OVERHEAD) // _TOGETHER)) + 1
+        for begin, end in pairwise([0, *cuts.tolist(), len(start)]):
+            messages, rows = list[Any](), list[int]()
+            spans = zip(start[begin:end].tolist(), stop[begin:end].tolist(), strict=True)
+            for row, (a, b) in enumerate(spans, begin):
+                try:
+                    messages.append(self.parse(data[a:b]))
+                    rows.append(row)
+                except UndecodableError as e:
+                    batch.refuse(row, str(e))
+            if messages:
+                self.spread(batch).walk(messages, np.array(rows), wanted.shape)
+        return batch.finish()

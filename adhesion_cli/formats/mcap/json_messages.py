@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import orjson
 
-from ...core.model import Floats
 from .blocks import Offsets
-from .columns import MessageFault, Spread, Wanted, parsed_columns
+from .columns import Decoder, MessageFault, Spread
 from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, path
 from .stamps import microseconds
 
@@ -33,56 +32,6 @@ def _loads(raw: bytes) -> Tree:
         with suppress(ValueError, RecursionError):
             return json.loads(raw, parse_int=float)
     raise UndecodableError(f"not JSON: {reason}")
-
-
-class JsonDecoder:
-    """JSON messages of one channel, with or without a JSON schema.
-
-    Args:
-        schema: the JSON schema, or b"".
-        limit: bytes of one message; a message takes up to twenty times that when it is read.
-
-    Raises:
-        UndecodableError: where the schema is no JSON object.
-    """
-
-    def __init__(self, schema: bytes, limit: int) -> None:
-        self._limit = limit
-        try:
-            self._schema = orjson.loads(schema) if schema.strip() else {}
-        except orjson.JSONDecodeError as e:
-            raise UndecodableError(f"JSON schema: {e}") from None
-
-    def tree(self, message: bytes) -> Tree:
-        """One message as plain values."""
-        if len(message) > self._limit:
-            raise UndecodableError(
-                f"a JSON message of {len(message)} bytes, limit {self._limit}; if the log is "
-                f"trusted, raise it with --set mcap.max_record={32 * len(message)}"
-            )
-        return _loads(message)
-
-    def unit(self, steps: Steps) -> tuple[str, str]:
-        """The property `unit` (or `units`) that the JSON schema states for the field."""
-        node: Any = self._schema
-        for step in steps:
-            if not isinstance(node, dict):
-                return "", ""
-            if isinstance(step, int):
-                node = node.get("items")
-            else:
-                properties = node.get("properties")
-                node = properties.get(step) if isinstance(properties, dict) else None
-        for key in ("unit", "units"):
-            if isinstance(node, dict) and isinstance(node.get(key), str):
-                return node[key], f"JSON schema {key!r}"
-        return "", ""
-
-    def columns(
-        self, buffer: bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[MessageFault]]:
-        """Many messages at once, see Decoder."""
-        return parsed_columns(self.tree, _JsonSpread, buffer, start, stop, wanted)
 
 
 class _JsonSpread(Spread):
@@ -130,3 +79,51 @@ class _JsonSpread(Spread):
             self._fault("mcap-type-change", rows[not_numeric], path(steps))
             nodes, rows = [node for node in nodes if type(node) in _NUMBERS], rows[is_number]
         super()._numbers(nodes, rows, column, steps)
+
+
+class JsonDecoder(Decoder):
+    """JSON messages of one channel, with or without a JSON schema.
+
+    Args:
+        schema: the JSON schema, or b"".
+        limit: bytes of one message; a message takes up to twenty times that when it is read.
+
+    Raises:
+        UndecodableError: where the schema is no JSON object.
+    """
+
+    spread = _JsonSpread
+
+    def __init__(self, schema: bytes, limit: int) -> None:
+        self._limit = limit
+        try:
+            self._schema = orjson.loads(schema) if schema.strip() else {}
+        except orjson.JSONDecodeError as e:
+            raise UndecodableError(f"JSON schema: {e}") from None
+
+    def parse(self, message: bytes) -> Tree:
+        """See Decoder."""
+        if len(message) > self._limit:
+            raise UndecodableError(
+                f"a JSON message of {len(message)} bytes, limit {self._limit}; if the log is "
+                f"trusted, raise it with --set mcap.max_record={32 * len(message)}"
+            )
+        return _loads(message)
+
+    tree = parse
+
+    def unit(self, steps: Steps) -> tuple[str, str]:
+        """The property `unit` (or `units`) that the JSON schema states for the field."""
+        node: Any = self._schema
+        for step in steps:
+            if not isinstance(node, dict):
+                return "", ""
+            if isinstance(step, int):
+                node = node.get("items")
+            else:
+                properties = node.get("properties")
+                node = properties.get(step) if isinstance(properties, dict) else None
+        for key in ("unit", "units"):
+            if isinstance(node, dict) and isinstance(node.get(key), str):
+                return node[key], f"JSON schema {key!r}"
+        return "", ""

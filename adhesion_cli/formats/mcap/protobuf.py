@@ -14,16 +14,45 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.unknown_fields import UnknownFieldSet
 
-from ...core.model import Floats
 from .blocks import Offsets
-from .columns import MessageFault, Spread, Wanted, parsed_columns
+from .columns import Decoder, Spread
 from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, UndecodableError
 
 _MESSAGES = (F.TYPE_MESSAGE, F.TYPE_GROUP)
 _TEXTS = (F.TYPE_STRING, F.TYPE_BYTES)
 
 
-class ProtobufDecoder:
+class _ProtobufSpread(Spread):
+    """Takes protobuf messages apart: they have attributes in place of keys."""
+
+    def _usable(
+        self, nodes: Sequence[Any], rows: Offsets, shape: Tree, steps: Steps
+    ) -> tuple[Sequence[Any], Offsets]:
+        if isinstance(shape, list):
+            return nodes, rows
+        numbers = {
+            f.number for f in nodes[0].DESCRIPTOR.fields if self._visits(None, (*steps, f.name))
+        }
+        is_sound = np.ones(len(nodes), np.bool_)
+        for i in [i for i, node in enumerate(nodes) if UnknownFieldSet(node)]:
+            try:
+                _check_wire(nodes[i], numbers)
+            except UndecodableError as e:
+                self._batch.refuse(int(rows[i]), str(e))
+                is_sound[i] = False
+        return list(compress(nodes, is_sound)), rows[is_sound]
+
+    def _children(
+        self, nodes: Sequence[Any], rows: Offsets, key: str
+    ) -> tuple[Sequence[Any], Offsets]:
+        if nodes[0].DESCRIPTOR.fields_by_name[key].has_presence:
+            is_present = [node.HasField(key) for node in nodes]
+            if not all(is_present):
+                nodes, rows = list(compress(nodes, is_present)), rows[is_present]
+        return list(map(attrgetter(key), nodes)), rows
+
+
+class ProtobufDecoder(Decoder):
     """Messages of one protobuf schema.
 
     Args:
@@ -33,6 +62,8 @@ class ProtobufDecoder:
     Raises:
         UndecodableError: where the set is broken, incomplete, cyclic or has no such type.
     """
+
+    spread = _ProtobufSpread
 
     def __init__(self, name: str, data: bytes) -> None:
         pool = _pool(data)
@@ -51,7 +82,8 @@ class ProtobufDecoder:
         except KeyError:
             self._options = None
 
-    def _parse(self, message: bytes) -> Any:
+    def parse(self, message: bytes) -> Any:
+        """See Decoder."""
         try:
             return self._class.FromString(message)
         except DecodeError as e:
@@ -59,7 +91,7 @@ class ProtobufDecoder:
 
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; messages inside that are absent show their defaults."""
-        return _tree(self._parse(message), (self._type,), [MOST_FIELDS])
+        return _tree(self.parse(message), (self._type,), [MOST_FIELDS])
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit a custom field option named `unit` states."""
@@ -76,12 +108,6 @@ class ProtobufDecoder:
             if extension.name in ("unit", "units") and isinstance(value, str):
                 return value, f"field option {extension.full_name}"
         return "", ""
-
-    def columns(
-        self, buffer: bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[MessageFault]]:
-        """Many messages at once, see Decoder."""
-        return parsed_columns(self._parse, _ProtobufSpread, buffer, start, stop, wanted)
 
 
 def _pool(data: bytes) -> DescriptorPool:
@@ -175,33 +201,3 @@ def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
             reason = "holds itself" if f.message_type in ancestors else "too deep"
             tree[f.name] = Opaque(f"absent at first, {reason}")
     return tree
-
-
-class _ProtobufSpread(Spread):
-    """Takes protobuf messages apart: they have attributes in place of keys."""
-
-    def _usable(
-        self, nodes: Sequence[Any], rows: Offsets, shape: Tree, steps: Steps
-    ) -> tuple[Sequence[Any], Offsets]:
-        if isinstance(shape, list):
-            return nodes, rows
-        numbers = {
-            f.number for f in nodes[0].DESCRIPTOR.fields if self._visits(None, (*steps, f.name))
-        }
-        is_sound = np.ones(len(nodes), np.bool_)
-        for i in [i for i, node in enumerate(nodes) if UnknownFieldSet(node)]:
-            try:
-                _check_wire(nodes[i], numbers)
-            except UndecodableError as e:
-                self._batch.refuse(int(rows[i]), str(e))
-                is_sound[i] = False
-        return list(compress(nodes, is_sound)), rows[is_sound]
-
-    def _children(
-        self, nodes: Sequence[Any], rows: Offsets, key: str
-    ) -> tuple[Sequence[Any], Offsets]:
-        if nodes[0].DESCRIPTOR.fields_by_name[key].has_presence:
-            is_present = [node.HasField(key) for node in nodes]
-            if not all(is_present):
-                nodes, rows = list(compress(nodes, is_present)), rows[is_present]
-        return list(map(attrgetter(key), nodes)), rows

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.model import Floats
 from .blocks import Offsets, load
-from .columns import Batch, MessageFault, Spread, Wanted
+from .columns import Batch, Decoder, MessageFault, Spread, Wanted
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
 _CODES = {  # of struct and numpy
@@ -57,7 +57,7 @@ class _Member:
 _Types = dict[str, tuple[_Member, ...]]
 
 
-class Ros2Decoder:
+class Ros2Decoder(Decoder):
     """Messages of one ros2msg schema.
 
     Args:
@@ -97,9 +97,13 @@ class Ros2Decoder:
                 self._check(member.type, (*ancestors, kind), checked)
         checked.add(kind)
 
+    def parse(self, message: bytes) -> "_Message":
+        """See Decoder."""
+        return _Message(self._types, self._root, message)
+
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; long arrays are cut after LONG_ARRAY + 1 elements."""
-        return _Message(self._types, self._root, message).tree
+        return self.parse(message).tree
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit in square brackets in the comment after a field, as rosidl reads it."""
@@ -113,17 +117,16 @@ class Ros2Decoder:
         return unit, "schema comment" if unit else ""
 
     def columns(
-        self, buffer: bytes, start: Offsets, stop: Offsets, wanted: Wanted
+        self, data: bytes, start: Offsets, stop: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[MessageFault]]:
-        """Many messages at once, see Decoder."""
+        """See Decoder. Messages of a layout that is known are taken at once."""
         batch, pending = Batch(wanted, len(start)), np.arange(len(start))
         for layout in wanted.layouts:
-            pending = layout.take(batch, buffer, start, stop, pending)
+            pending = layout.take(batch, data, start, stop, pending)
         while len(pending):
             row = int(pending[0])
             try:
-                raw = buffer[start[row] : stop[row]]
-                message = _Message(self._types, self._root, raw)
+                message = self.parse(data[start[row] : stop[row]])
             except UndecodableError as e:
                 batch.refuse(row, str(e))
                 pending = pending[1:]
@@ -133,7 +136,7 @@ class Ros2Decoder:
             decisive_count = len(message.lengths) + len(wanted.said)
             if decisive_count <= _MOST_DECISIVE and len(wanted.layouts) < _MOST_LAYOUTS:
                 wanted.layouts.append(layout := _layout(message, batch, row))
-                pending = layout.take(batch, buffer, start, stop, pending)
+                pending = layout.take(batch, data, start, stop, pending)
         return batch.finish()
 
 
@@ -240,18 +243,18 @@ class _Layout:
     texts: set[Steps]  # the strings that are other units or names than at first
 
     def take(
-        self, batch: Batch, buffer: bytes, start: Offsets, stop: Offsets, pending: Offsets
+        self, batch: Batch, data: bytes, start: Offsets, stop: Offsets, pending: Offsets
     ) -> Offsets:
         """Takes the messages of `pending` that are laid out so; returns the others."""
         excess = stop[pending] - start[pending] - self.size
         fits = (excess >= 0) & (excess < _SPARE)
         for offset, expected in self.decisive.items():
-            actual = load(buffer, start[pending[fits]] + offset, f"V{len(expected)}")
+            actual = load(data, start[pending[fits]] + offset, f"V{len(expected)}")
             fits[fits] = actual == np.void(expected)
         rows = pending[fits]
         for column, (kind, offset) in self.numbers.items():
             is_bool = kind[1:] == "?"  # one of 2 is true
-            values = load(buffer, start[rows] + offset, "u1" if is_bool else kind)
+            values = load(data, start[rows] + offset, "u1" if is_bool else kind)
             batch.values[column, rows] = values != 0 if is_bool else values
         for steps in self.lengths:
             batch.lengths[steps][rows] = True
