@@ -131,52 +131,30 @@ def _draw(axes: "Axes", panel: Panel) -> None:
         span = axes.axvspan if band.of_x else axes.axhspan
         span(band.lower, band.upper, color=band.colour, alpha=0.16, linewidth=0, label=band.name)
     for line in panel.lines:
-        name = line.name or "_"  # matplotlib leaves such names out of the legend
+        # Matplotlib leaves names that begin with "_" out of the legend.
+        style: dict[str, Any] = {"color": line.colour, "label": line.name or "_"}
+        dots: dict[str, Any] = {"markersize": line.dots, "markeredgewidth": 0}
         if line.bars is not None:
-            axes.errorbar(
-                line.x,
-                line.y,
-                line.bars,
-                fmt="o",
-                color=line.colour,
-                label=name,
-                markersize=line.dots,
-                markeredgewidth=0,
-                elinewidth=0.9,
-                capsize=1.5,
-                capthick=0.9,
-            )
+            bars: dict[str, Any] = {"elinewidth": 0.9, "capsize": 1.5, "capthick": 0.9}
+            axes.errorbar(line.x, line.y, line.bars, fmt="o", **style, **dots, **bars)
         elif line.dots:
-            axes.plot(
-                line.x,
-                line.y,
-                "o",
-                color=line.colour,
-                label=name,
-                markersize=line.dots,
-                markeredgewidth=0,
-                rasterized=len(line.x) > _VECTOR_POINTS,
-            )
+            is_image = len(line.x) > _VECTOR_POINTS
+            axes.plot(line.x, line.y, "o", rasterized=is_image, **style, **dots)
         else:
-            style = "--" if line.dashed else "-"
-            axes.plot(line.x, line.y, style, color=line.colour, label=name, linewidth=1.1)
+            axes.plot(line.x, line.y, "--" if line.dashed else "-", linewidth=1.1, **style)
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
-    if panel.log_x:
-        axes.set_xscale("log", nonpositive="mask")
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.xaxis.set_minor_formatter("")
-    if panel.log_y:
-        axes.set_yscale("log", nonpositive="mask")
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("")
+    for is_log, set_scale, axis in (
+        (panel.log_x, axes.set_xscale, axes.xaxis),
+        (panel.log_y, axes.set_yscale, axes.yaxis),
+    ):
+        if is_log:
+            set_scale("log", nonpositive="mask")
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter("")
     axes.set_xlim(panel.x_range)
     axes.set_ylim(panel.y_range)
     if panel.x_names:
         axes.set_xticks(range(len(panel.x_names)), panel.x_names, rotation=35, ha="right")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.3 if panel.x_names else -0.2),
-            ncols=3,
-            markerscale=1.6,
-        )
+        place = 0.5, -0.3 if panel.x_names else -0.2
+        axes.legend(loc="upper center", bbox_to_anchor=place, ncols=3, markerscale=1.6)

@@ -1,6 +1,7 @@
 """What `--figure` draws: an axle's slip, a stop under every controller, the stops of a sweep."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,9 +41,8 @@ def _axle(
     record, name = axle.record, f"axle {axle.record.axle}"
     t = (record.t - start_ns) * np.float64(1e-9)
     slip = np.full(len(t), np.nan) if axle.slip is None else axle.slip
-    slope, slope_sigma = (
-        np.full(len(t), np.nan) if x is None else x for x in (axle.slope, axle.slope_confidence)
-    )
+    slope = np.full(len(t), np.nan) if axle.slope is None else axle.slope
+    confidence = slope if axle.slope_confidence is None else axle.slope_confidence
     code = np.zeros(len(t), np.int8) if axle.region is None else axle.region
     mu = physics.coefficient(axle.reference.force, vehicle)
     braked = np.zeros(len(t), np.bool_)
@@ -60,26 +60,14 @@ def _axle(
         curves = list(_fitted(summary.rail, speeds, vehicle, largest_slip))
         if peak := summary.rail.peak_slip:
             spans = [Band("peak, 95 %", 100.0 * peak.lower, 100.0 * peak.upper, ORANGE)]
-    slope_line, time_range = Line("slope dµ/ds", t, slope, BLACK), (float(t[0]), float(t[-1]))
+    slopes, confidences = Line("slope dµ/ds", t, slope, BLACK), Line("", t, confidence, BLACK)
+    title, label = f"{name}: confidence", "confidence of the slope [-]"
+    time = float(t[0]), float(t[-1])
+    over_time = Panel(f"{name}: slope", _TIME, "slope dµ/ds [-]", [slopes], x_range=time)
     return [
         Panel(f"{name}: µ over slip, by region", _SLIP, _MU, [*points, *curves], bands=spans),
-        Panel(
-            f"{name}: slope",
-            _TIME,
-            "slope dµ/ds [-]",
-            [slope_line],
-            x_range=time_range,
-            y_range=_SLOPES,
-            bands=_slope_band(bands),
-        ),
-        Panel(
-            f"{name}: confidence",
-            _TIME,
-            "confidence of the slope [-]",
-            [Line("", t, slope_sigma, BLACK)],
-            x_range=time_range,
-            y_range=(0.0, 1.0),
-        ),
+        replace(over_time, y_range=_SLOPES, bands=_slope_band(bands)),
+        Panel(title, _TIME, label, [confidences], x_range=time, y_range=(0.0, 1.0)),
     ]
 
 
@@ -93,9 +81,8 @@ def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, largest_slip: float
 
 
 def _slope_band(bands: Bands) -> list[Band]:
-    return [
-        Band("slope band of the AND-test", bands.slope_low, bands.slope_high, GREEN, of_x=False)
-    ]
+    name = "slope band of the AND-test"
+    return [Band(name, bands.slope_low, bands.slope_high, GREEN, of_x=False)]
 
 
 def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -> list[Panel]:

@@ -145,7 +145,7 @@ def write_log(path: Path, log: Log) -> None:
         for (name, unit), channel in zip(names.channels(log), log.channels, strict=True)
     ]
     shift = _shift(streams, [log])
-    _write(path, streams, {names.PROVENANCE: _origin(log, shift), **_account(log)}, shift)
+    _write(path, streams, {names.PROVENANCE: _origin_of(log, shift), **_account(log)}, shift)
 
 
 def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
@@ -175,13 +175,11 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
     """
     axles = range(stop.pressure.shape[1])
     flat_settings = names.flat(settings)
+    digest = sha256(repr(flat_settings).encode()).hexdigest()
     metadata = {
         names.SETTINGS: flat_settings,
         names.PROVENANCE: {
-            "version": __version__,
-            "input": printable(f"{name}, controller {stop.controller}"),
-            "input_sha256": sha256(repr(flat_settings).encode()).hexdigest(),
-            "input_format": "closed loop",
+            **_origin(f"{name}, controller {stop.controller}", digest, "closed loop", 0),
             "sources": "\n".join(sources),
         },
         names.METRICS: {"json": metrics},
@@ -217,14 +215,7 @@ class GrowingResult:
         vehicle: Vehicle,
         nothing: Mapping[int, Samples],
     ) -> None:
-        self._file, self._vehicle, self._nothing = file, vehicle, dict(nothing)
-        self._provenance = {
-            "version": __version__,
-            "input": printable(log),
-            "input_sha256": "",
-            "input_format": "live",
-            "sources": "",
-        }
+        self._file, self._log, self._vehicle, self._nothing = file, log, vehicle, dict(nothing)
         self._shift: int | None = None  # as of `_shift`; the first samples decide
         self.lost = 0
         streams = self._streams({})
@@ -265,8 +256,8 @@ class GrowingResult:
     def _begin(self, shift: int) -> None:
         """Says what is added to each stamp [ns], before the first one."""
         self._shift = shift
-        added = {"time_shift_ns": str(shift)} if shift else {}
-        self._container.metadata(names.PROVENANCE, {**self._provenance, **added})
+        origin = {**_origin(self._log, "", "live", shift), "sources": ""}
+        self._container.metadata(names.PROVENANCE, origin)
 
     def _define(self, samples: Mapping[int, Samples]) -> None:
         """Adds the topics of axles that are new."""
@@ -450,16 +441,14 @@ def _events(events: Iterable[LogEvent], prefix: str) -> list[_Stream]:
     return [_Stream(f"{prefix}/events", "Event", times, {}, {}, tails, row_numbers)]
 
 
-def _origin(log: Log, shift: int) -> dict[str, str]:
-    origin = {
-        "version": __version__,
-        "input": printable(Path(log.path).name),
-        "input_sha256": log.sha256,
-        "input_format": log.format,
-    }
-    if shift:
-        origin["time_shift_ns"] = str(shift)
-    return origin
+def _origin(name: str, digest: str, kind: str, shift: int) -> dict[str, str]:
+    origin = {"version": __version__, "input": printable(name)}
+    origin |= {"input_sha256": digest, "input_format": kind}
+    return {**origin, "time_shift_ns": str(shift)} if shift else origin
+
+
+def _origin_of(log: Log, shift: int) -> dict[str, str]:
+    return _origin(Path(log.path).name, log.sha256, log.format, shift)
 
 
 def _account(log: Log) -> dict[str, dict[str, str]]:
@@ -469,7 +458,7 @@ def _account(log: Log) -> dict[str, dict[str, str]]:
 
 def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
     entries = {
-        **_origin(result.log, shift),
+        **_origin_of(result.log, shift),
         "start_ns": str(result.log.start_ns()),  # of the log: what is written may begin later
         "sources": "\n".join(result.sources),
     }

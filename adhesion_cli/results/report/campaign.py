@@ -5,82 +5,45 @@ from typing import NamedTuple
 
 
 class Bar(NamedTuple):
-    """The distribution of the adhesion coefficient in a group of brake applications [-].
-
-    Attributes:
-        name: of the group.
-        begin: where the bar begins: a speed [km/h], a time [ms since 1970], or a place.
-        stop: where it ends.
-        lower: 5 % of the values are below it.
-        middle: the median.
-        upper: 95 % are below it.
-        slid: the median of those with slides, NaN without one.
-        number: of brake applications.
-    """
+    """The distribution of the adhesion coefficient in a group of brake applications [-]."""
 
     name: str
-    begin: float
-    stop: float
-    lower: float
-    middle: float
-    upper: float
-    slid: float
-    number: int
+    begin: float  # where the bar begins: a speed [km/h], a time [ms since 1970], or a place
+    stop: float  # where it ends
+    lower: float  # 5 % of the values are below it
+    middle: float  # the median
+    upper: float  # 95 % are below it
+    slid: float  # the median of those with slides, NaN without one
+    number: int  # of brake applications
 
 
 class Bars(NamedTuple):
-    """A figure of groups.
+    """A figure of groups."""
 
-    Attributes:
-        label: what is along the figure, with its unit.
-        bars: the groups.
-        dated: whether they are along a calendar.
-        named: whether the axis has their names in place of numbers.
-    """
-
-    label: str
+    label: str  # what is along the figure, with its unit
     bars: Sequence[Bar]
-    dated: bool = False
-    named: bool = False
+    dated: bool = False  # whether they are along a calendar
+    named: bool = False  # whether the axis has their names in place of numbers
 
 
 class PageTable(NamedTuple):
-    """A table and its figure.
-
-    Attributes:
-        title: above it.
-        rows: with the same keys, which are the header.
-        text_columns: how many columns are texts, from the left.
-        figure: what is drawn above the table.
-        note: what its columns mean.
-        links: places on the page, by the text of a cell.
-        marked: the column in colour.
-    """
+    """A table and its figure."""
 
     title: str
-    rows: list[dict[str, str]]
-    text_columns: int = 1
-    figure: Bars | None = None
-    note: str = ""
-    links: Mapping[str, str] = {}
-    marked: str = ""
+    rows: list[dict[str, str]]  # with the same keys, which are the header
+    text_columns: int = 1  # how many columns are texts, from the left
+    figure: Bars | None = None  # above the table
+    note: str = ""  # what its columns mean
+    links: Mapping[str, str] = {}  # places on the page, by the text of a cell
+    marked: str = ""  # the column in colour
 
 
 class Campaign(NamedTuple):
-    """A page on many logs.
+    """A page on many logs."""
 
-    Attributes:
-        name: its heading.
-        verdict: one line.
-        lead: the sentence below it.
-        tables: with their figures.
-        codes: of the findings that are explained.
-        about: how it was made, by the name of the fact.
-    """
-
-    name: str
-    verdict: str
-    lead: str
+    name: str  # its heading
+    verdict: str  # one line
+    lead: str  # the sentence below it
     tables: Sequence[PageTable]
-    codes: Sequence[str] = ()
-    about: Mapping[str, str] = {}
+    codes: Sequence[str] = ()  # of the findings that are explained
+    about: Mapping[str, str] = {}  # how it was made, by the name of the fact

@@ -20,29 +20,17 @@ _MASS = "axle_mass"
 
 
 class Difference(NamedTuple):
-    """A quantity of a run less that of the first run; names as in the JSON.
+    """A quantity of a run less that of the first run; names as in the JSON."""
 
-    Attributes:
-        run: place of the run, the second is 2.
-        axle: number.
-        application: place among the axle's brake applications, the first is 1.
-        quantity: "force", "coefficient" (means) or "utilisation".
-        unit: of the numbers.
-        difference: the value.
-        u95: expanded uncertainty (95 %), where the runs share what they state alike.
-        u95_apart: the same where they share nothing, as for two vehicles.
-        alike: whether the uncertainty explains the difference.
-    """
-
-    run: int
-    axle: int
-    application: int
-    quantity: str
-    unit: str
+    run: int  # place of the run, the second is 2
+    axle: int  # number
+    application: int  # place among the axle's brake applications, the first is 1
+    quantity: str  # "force", "coefficient" (means) or "utilisation"
+    unit: str  # of the numbers
     difference: float
-    u95: float
-    u95_apart: float
-    alike: bool
+    u95: float  # expanded uncertainty (95 %), where the runs share what they state alike
+    u95_apart: float  # the same where they share nothing, as for two vehicles
+    alike: bool  # whether the uncertainty explains the difference
 
 
 def compare(runs: Sequence[ReportRun]) -> list[Difference]:
@@ -80,10 +68,9 @@ def same_log(run_a: ReportRun, run_b: ReportRun) -> bool:
 
 def same_vehicle(run_a: ReportRun, run_b: ReportRun) -> bool:
     """Whether two runs state the same vehicle."""
-    vehicles = [
-        {k: v for k, v in r.settings.items() if k.startswith("vehicle.")} for r in (run_a, run_b)
-    ]
-    return vehicles[0] == vehicles[1]
+    keys = run_a.settings.keys() | run_b.settings.keys()
+    vehicle = [key for key in keys if key.startswith("vehicle.")]
+    return all(run_a.settings.get(key) == run_b.settings.get(key) for key in vehicle)
 
 
 def _of_axle(
@@ -91,28 +78,23 @@ def _of_axle(
 ) -> Iterator[Difference]:
     pairs = zip(axle_a.applications, axle_b.applications, strict=False)
     for k, (a, b) in enumerate(pairs, 1):
-
-        def make_difference(
-            quantity: str, unit: str, value: float, u95: float, u95_apart: float
-        ) -> Difference:
-            location = (place, axle_b.number, k, quantity, unit)  # noqa: B023 (used at once)
-            return Difference(*location, value, u95, u95_apart, abs(value) <= u95)
-
+        found: list[tuple[str, str, float, float, float]] = []
         if a.force_n and b.force_n and a.coefficient and b.coefficient:
             difference = b.force_n.mean - a.force_n.mean
-            yield make_difference("force", "N", difference, *_of_force(a, b, run))
+            found.append(("force", "N", difference, *_of_force(a, b, run)))
             change = b.coefficient.mean - a.coefficient.mean
-            u95_between = math.hypot(a.coefficient.mean_u95, b.coefficient.mean_u95)
+            u95_apart = math.hypot(a.coefficient.mean_u95, b.coefficient.mean_u95)
+            u95 = u95_apart
             if axle_a.weight == axle_b.weight:
-                shared = _of_force(a, b, run, by_weight=difference)[0] / axle_b.weight
-            else:
-                shared = u95_between
-            yield make_difference("coefficient", "-", change, shared, u95_between)
+                u95 = _of_force(a, b, run, by_weight=difference)[0] / axle_b.weight
+            found.append(("coefficient", "-", change, u95, u95_apart))
         if a.utilisation is not None and b.utilisation is not None:
             intervals = (x.utilisation_ci or (0.0, 0.0) for x in (a, b))
-            halves = [0.5 * (upper - lower) for lower, upper in intervals]
-            u95 = math.hypot(*halves)
-            yield make_difference("utilisation", "-", b.utilisation - a.utilisation, u95, u95)
+            u95 = math.hypot(*(0.5 * (upper - lower) for lower, upper in intervals))
+            found.append(("utilisation", "-", b.utilisation - a.utilisation, u95, u95))
+        for quantity, unit, value, u95, u95_apart in found:
+            alike, where = abs(value) <= u95, (place, axle_b.number, k)
+            yield Difference(*where, quantity, unit, value, u95, u95_apart, alike)
 
 
 def _of_force(

@@ -149,7 +149,7 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
     """The columns of an axle by topic and field, as a result file has them."""
     record, ref = axle.record, axle.reference
-    units_by_column = {
+    values_by_field = {
         ("input", "brake_cylinder_pressure"): record.pressure,
         ("input", "clamping_force"): record.clamping_force,
         ("input", "wheel_speed"): record.wheel_speed,
@@ -162,7 +162,7 @@ def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
         **{(f"estimate/{algo}", "force"): force for algo, force in axle.estimates.items()},
     }
     return {
-        k: Column(record.t, x, np.isfinite(x)) for k, x in units_by_column.items() if x is not None
+        k: Column(record.t, x, np.isfinite(x)) for k, x in values_by_field.items() if x is not None
     }
 
 
@@ -203,8 +203,10 @@ def _axles(
     wanted: dict[tuple[int, str, str], Field] = {}
     for field in source.fields:
         match = _TOPIC.fullmatch(field.channel)
-        if match and int(match[1]) in by_number and field.path in _WANTED.get(match[2], ("force",)):
-            wanted[int(match[1]), match[2], field.path] = field
+        if match and int(match[1]) in by_number:
+            key = match[2], field.path
+            if key in _WANTED or (match[3] and field.path == "force"):
+                wanted[int(match[1]), *key] = field
     columns = dict(zip(wanted, source.columns([*wanted.values()]), strict=True))
     axles = []
     for number, summary in by_number.items():
@@ -219,12 +221,17 @@ def _numbered(axle: AxleSummary) -> AxleSummary:
     return axle._replace(applications=braked)
 
 
-_WANTED = {
-    "input": ("brake_cylinder_pressure", "clamping_force", "wheel_speed", "train_speed"),
-    "reference": ("force", "lower", "upper"),
-    "truth": ("force",),
-    "slip": ("slip",),
-}  # of an estimate: the force
+_COLUMNS = {  # topic and field of each column
+    "train": ("input", "train_speed"),
+    "pressure": ("input", "brake_cylinder_pressure"),
+    "clamping": ("input", "clamping_force"),
+    "force": ("reference", "force"),
+    "lower": ("reference", "lower"),
+    "upper": ("reference", "upper"),
+    "slip": ("slip", "slip"),
+    "truth": ("truth", "force"),
+}
+_WANTED = {("input", "wheel_speed"), *_COLUMNS.values()}  # and the force of each estimate
 
 
 def _axle(
@@ -240,30 +247,15 @@ def _axle(
         series = columns.get((topic, field))
         return np.full(len(t), np.nan) if series is None else _interpolate(t, series)
 
-    force, truth = column("reference", "force"), column("truth", "force")
-    against = {s.algo: s.against for s in summary.estimators}
-    errors = {
-        algo: column(f"estimate/{algo}", "force") - (truth if target == "truth" else force)
-        for algo, target in sorted(against.items())
-    }
-    train, slip = column("input", "train_speed"), column("slip", "slip")
+    drawn = {name: column(*place) for name, place in _COLUMNS.items()}
+    target = {"truth": drawn["truth"], "reference": drawn["force"]}
+    scores = sorted(summary.estimators, key=lambda s: s.algo)
+    errors = {s.algo: column(f"estimate/{s.algo}", "force") - target[s.against] for s in scores}
     radius = _stated_radius(settings, summary.axle)
-    rim = wheel.value * _rolling_radius(wheel.value, train, slip, radius)
-    return ReportAxle(
-        summary,
-        (t - start) * np.float64(1e-9),
-        train,
-        rim,
-        column("input", "brake_cylinder_pressure"),
-        column("input", "clamping_force"),
-        force,
-        column("reference", "lower"),
-        column("reference", "upper"),
-        slip,
-        truth,
-        errors,
-        physics.G * float(json.loads(settings["vehicle.axle_mass.value"])),
-    )
+    rim = wheel.value * _rolling_radius(wheel.value, drawn["train"], drawn["slip"], radius)
+    weight = physics.G * float(json.loads(settings["vehicle.axle_mass.value"]))
+    seconds = (t - start) * np.float64(1e-9)
+    return ReportAxle(summary, t=seconds, rim=rim, errors=errors, weight=weight, **drawn)
 
 
 def _interpolate(t: Times, column: Column) -> Floats:
@@ -285,9 +277,6 @@ def _stated_radius(settings: Mapping[str, str], axle: int) -> float:
 
 def _rolling_radius(wheel: Floats, train: Floats, slip: Floats, nominal: float) -> float:
     """The radius that the slip was computed with, by (2), else the stated one [m]."""
-    rolling = np.flatnonzero(np.isfinite(slip) & (train > _FAST) & (wheel > 1.0) & (slip < 0.5))
-    return (
-        float(np.median(train[rolling] * (1.0 - slip[rolling]) / wheel[rolling]))
-        if len(rolling)
-        else nominal
-    )
+    rolling = np.isfinite(slip) & (train > _FAST) & (wheel > 1.0) & (slip < 0.5)
+    radius = train[rolling] * (1.0 - slip[rolling]) / wheel[rolling]
+    return float(np.median(radius)) if len(radius) else nominal

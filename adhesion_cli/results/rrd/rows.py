@@ -13,19 +13,12 @@ OVERVIEW = 10_000  # rows of an overview: two for each column of the finest scre
 
 
 class Lane(NamedTuple):
-    """Rows to draw as one line, in the order of time.
+    """Rows to draw as one line, in the order of time; shape (m,)."""
 
-    Attributes:
-        place: 0, or of a further line where the clock was set back over times that are drawn.
-        t: of the rows [ns], rising, (m,).
-        row: of the record, −1 for one without values: a break in each line, (m,).
-        inside: whether the row lies in a segment, (m,).
-    """
-
-    place: int
-    t: Times
-    row: NDArray[np.int64]
-    inside: Bools
+    place: int  # 0, or of a further line where the clock was set back over times that are drawn
+    t: Times  # of the rows [ns], rising
+    row: NDArray[np.int64]  # of the record, −1 for one without values: a break in each line
+    inside: Bools  # whether the row lies in a segment
 
     def path_under(self, path: str) -> str:
         """The entity of these rows; a chart shows what is below its own, too."""
@@ -47,12 +40,12 @@ def of_axle(axle: AxleResult) -> list[Lane]:
     edges = np.array(sorted(bounds - {0, len(t)}), np.int64)
     index = np.insert(np.arange(len(t)), edges, -1)
     times, inside = np.insert(t, edges, t[edges - 1] + 1), np.insert(inside, edges, False)
-    lane_of = _places(times)
-    lane_rows = [np.flatnonzero(lane_of == k) for k in range(int(lane_of.max(initial=0)) + 1)]
-    return [
-        Lane(k, times[rows_of_lane], index[rows_of_lane], inside[rows_of_lane])
-        for k, rows_of_lane in enumerate(lane_rows)
-    ]
+    places = _places(times)
+    lanes = []
+    for k in range(int(places.max(initial=0)) + 1):
+        rows = np.flatnonzero(places == k)
+        lanes.append(Lane(k, times[rows], index[rows], inside[rows]))
+    return lanes
 
 
 def _places(t: Times) -> NDArray[np.int64]:
