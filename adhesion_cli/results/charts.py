@@ -105,9 +105,7 @@ def write(
         columns: charts in a row.
         suffix: the format, from `kind`.
 
-    Raises:
-        OSError: the file cannot be written.
-        UserError: it does not read back.
+    Raises as `verified.verified`.
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps fonts is no result
     from matplotlib import style

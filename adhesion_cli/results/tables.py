@@ -192,9 +192,7 @@ def write_csv(path: Path, table: Any, decimal: str = ".") -> None:
         table: a `pyarrow.Table`.
         decimal: the mark of decimals; with a comma, semicolons part the cells.
 
-    Raises:
-        OSError: the file cannot be written.
-        UserError: it does not read back.
+    Raises as `verified.verified`.
     """
 
     def cell_text(value: Any) -> str:

@@ -30,9 +30,7 @@ def write_csv(path: Path, log: Log) -> None:
         path: file to write; its old content is lost.
         log: channels with a meaning are in SI, others in the unit they state.
 
-    Raises:
-        OSError: the file cannot be written.
-        UserError: it does not read back.
+    Raises as `verified.verified`.
     """
     titles = ["time" if log.absolute else "time [s]"]
     for name, unit in names.channels(log):

@@ -69,13 +69,14 @@ class Figures:
         earliest, latest = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
         time = Range1d(earliest, latest, bounds=(earliest, latest))
         limit = self._values // max(len(run.axles), 1)
-        axle_sources = {a.number: _source(a, limit) for a in run.axles}
-        sources = {number: source for number, (source, _) in axle_sources.items()}
+        sources: dict[int, ColumnDataSource] = {}
+        longest_step = 0.0
+        for axle in run.axles:
+            sources[axle.number], step = _source(axle, limit)
+            longest_step = max(longest_step, step)
         overview = self._overview(run, sources, time)
         axles = {a.number: self._axle(a, sources[a.number], time, run.train) for a in run.axles}
-        return RunFigures(
-            overview, axles, max((step for _, step in axle_sources.values()), default=0.0)
-        )
+        return RunFigures(overview, axles, longest_step)
 
     def of_runs(self, runs: Sequence[ReportRun]) -> dict[int, list[str]]:
         """Speed and adhesion coefficient of each axle, all runs from the start of their braking.
@@ -92,7 +93,7 @@ class Figures:
             adhesion = self._figure("Adhesion coefficient [-]", 190, time)
             adhesion.xaxis.axis_label = "time after the start of braking [s]"
             items: dict[str, list[Any]] = {}
-            columns: dict[str, list[Floats]] = {"rim": [], "mu": []}
+            axle_sources = []
             for i, run in enumerate(runs):
                 for axle in (a for a in run.axles if a.number == N):
                     source, _ = _source(axle, limit, run.brake_s)
@@ -102,10 +103,9 @@ class Figures:
                         _line(speed, source, "train", palette.GREY, 0.8),
                         _line(adhesion, source, "mu", colour),
                     ]
-                    for name, axes in columns.items():
-                        axes.append(_column(source, name))
-            speed.y_range = _range(columns["rim"], is_full=True)
-            adhesion.y_range = _range(columns["mu"])
+                    axle_sources.append(source)
+            speed.y_range = _range([_column(x, "rim") for x in axle_sources], is_full=True)
+            adhesion.y_range = _range([_column(x, "mu") for x in axle_sources])
             _legend(speed, items)
             sources[N] = [self._place(speed, f"axle-{N}-0"), self._place(adhesion, f"axle-{N}-1")]
         return sources

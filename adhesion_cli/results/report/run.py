@@ -122,10 +122,11 @@ def read(path: Path, name: str = "") -> ReportRun:
         axles = _axles(source, summary.axles, start, settings)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         version = provenance.get("version", "an unknown version")
-        raise UserError(
-            f"{path}: what it says of its analysis is not complete (made by {version}; {error!r})",
-            f"make it again: `adhesion analyze {shlex.quote(str(path))} -o FOLDER`",
-        ) from error
+        text = (
+            f"{path}: what it says of its analysis is not complete (made by {version}; {error!r})"
+        )
+        hint = f"make it again: `adhesion analyze {shlex.quote(str(path))} -o FOLDER`"
+        raise UserError(text, hint) from error
     log, findings, channels = summary.log, summary.findings, summary.channels
     return ReportRun(name or path.name, log, axles, findings, channels, settings, provenance)
 
@@ -188,11 +189,9 @@ def _entry(path: Path, source: Source) -> Json:
 
 
 def _no_result(path: Path) -> UserError:
-    return UserError(
-        f"{path}: a log, not a result",
-        f"`adhesion analyze {shlex.quote(str(path))}` makes a *.adhesion.mcap of it, and with "
-        "--report this page",
-    )
+    command = f"`adhesion analyze {shlex.quote(str(path))}`"
+    hint = f"{command} makes a *.adhesion.mcap of it, and with --report this page"
+    return UserError(f"{path}: a log, not a result", hint)
 
 
 def _axles(

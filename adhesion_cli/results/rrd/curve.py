@@ -16,10 +16,7 @@ _SCATTER = 20_000  # points of one slip-adhesion scatter
 _POINTS = 4_000  # places of its moving operating point
 _WIDTH, _HEIGHT = 200.0, 100.0  # of the plotted area, in scene units; y points down
 _LABEL = 6.0  # by which the viewer puts a label below its point, about
-_LOWEST_SLIP, _HIGHEST_SLIP = (
-    -0.1,
-    1.0,
-)  # slips shown; a wheel at the limit of observation can say anything
+_LOWEST_SLIP, _HIGHEST_SLIP = -0.1, 1.0  # that are shown; a very slow wheel can have any
 _BACKGROUND = [16, 18, 20]
 _LINES = 17.0, 29.0  # heights of what stands below it
 _NOW_COLOUR, _PEAK_COLOUR, _FIT_COLOUR = 0xFFFFFFFF, 0xE45756FF, 0xF2A33AFF
@@ -84,23 +81,18 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
     notes = "blue: start, yellow: end, white: now" + (", red: the rail's peak" if peak else "")
     if fitted:
         notes += _send_fit(rec, path, frame, fitted)
-    notes_shown = [notes]
+    texts = [notes]
     if bands:
-        slip_bounds = np.array([bands.slip_low, bands.slip_high])
-        percent_low, percent_high = (100.0 * slip_bounds).tolist()
-        notes_shown.append(f"green: slip band {percent_low:g} to {percent_high:g} %{judged}")
-        visible_bounds = slip_bounds[
-            (slip_bounds > frame.slip_min) & (slip_bounds < frame.slip_max)
-        ]
-        edges = [
-            frame.place(np.full(2, s), np.array([frame.mu_min, frame.mu_max]))
-            for s in visible_bounds
-        ]
+        bounds, height = (bands.slip_low, bands.slip_high), np.array([frame.mu_min, frame.mu_max])
+        lower, upper = (100.0 * np.array(bounds)).tolist()
+        texts.append(f"green: slip band {lower:g} to {upper:g} %{judged}")
+        visible = [s for s in bounds if frame.slip_min < s < frame.slip_max]
+        edges = [frame.place(np.full(2, s), height) for s in visible]
         band = rr.LineStrips2D(edges, colors=REGION_STATES[2][1], radii=0.3)
         rec.log(f"{path}/band", band, static=True)
-    spots = [(_WIDTH / 2, y) for y in _LINES[: len(notes_shown)]]
-    labels_shown = rr.Points2D(spots, labels=notes_shown, radii=0.0, show_labels=True, colors=_TEXT)
-    rec.log(f"{path}/notes", labels_shown, static=True)
+    spots = [(_WIDTH / 2, y) for y in _LINES[: len(texts)]]
+    labels = rr.Points2D(spots, labels=texts, radii=0.0, show_labels=True, colors=_TEXT)
+    rec.log(f"{path}/notes", labels, static=True)
     moving = [("peak", 2.0, _PEAK_COLOUR, peak)] if peak else []
     moving += [("now", 2.4, _NOW_COLOUR, (slip, mu))]
     for name, size, colour, (s, m) in moving:
@@ -110,8 +102,8 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
         finite = finite[:: max(1, -(-len(finite) // _POINTS))]
         inside = frame.contains(s[finite], m[finite])  # outside there is nothing to see
         if inside.any():
-            visible = finite[inside]
-            points = rr.Points2D.columns(positions=frame.place(s[visible], m[visible]))
+            shown = finite[inside]
+            points = rr.Points2D.columns(positions=frame.place(s[shown], m[shown]))
             points = points.partition(inside.astype(np.int64))
             rec.send_columns(f"{path}/{name}", times(t[finite]), points)
 

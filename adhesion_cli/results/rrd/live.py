@@ -1,6 +1,7 @@
 """Samples as a recording that grows: a file, or a viewer that shows it."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -58,12 +59,9 @@ class LiveRecording:
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
         self._file = Piped(target.open("wb", buffering=0)) if isinstance(target, Path) else None
-        layout = self._layout()
-        if self._file:
-            with self._file:
-                self._rec.set_sinks(rr.FileSink(self._file.place), default_blueprint=layout)
-        else:
-            self._rec.set_sinks(rr.GrpcSink(str(target)), default_blueprint=layout)
+        with self._file or nullcontext():
+            sink = rr.FileSink(self._file.place) if self._file else rr.GrpcSink(str(target))
+            self._rec.set_sinks(sink, default_blueprint=self._layout())
         self._rec.send_recording_name(name)
 
     def add(self, samples: Mapping[int, Samples]) -> None:
@@ -85,16 +83,14 @@ class LiveRecording:
                 parts.send_plot(self._rec, path, self._times, x.t, plot, is_first)
                 if is_first:
                     self._sent.add(path)
-                    self._name(
-                        "lines/all" if path.startswith("all/") else f"lines/axle/{axle}", plot
-                    )
+                    self._name("all" if path.startswith("all/") else f"axle/{axle}", plot)
 
-    def _name(self, path: str, plot: parts.SeriesPlot) -> None:
-        """Sends the names of lines that are not in their list yet."""
+    def _name(self, tab: str, plot: parts.SeriesPlot) -> None:
+        """Sends the names of lines that are not in the list of their tab yet."""
         lines = zip(plot.series, plot.colours, strict=True)
-        if fresh := [(name, c) for name, c in lines if f"{path}/{name}" not in self._sent]:
-            self._sent |= {f"{path}/{name}" for name, _ in fresh}
-            parts.send_names(self._rec, path, self._times, self._start or 0, fresh)
+        if fresh := [(name, c) for name, c in lines if f"{tab}/{name}" not in self._sent]:
+            self._sent |= {f"{tab}/{name}" for name, _ in fresh}
+            parts.send_names(self._rec, f"lines/{tab}", self._times, self._start or 0, fresh)
 
     def finish(self) -> None:
         """Ends the recording; a viewer that does not answer is not waited for.
@@ -134,11 +130,9 @@ class LiveRecording:
             band = f"{self._algos[0]}, 95 % band", grey, force / 1e3, half_width
             plots.append((f"{axle_path}/force/band", parts.bands("", [band])))
         # One entity for all estimators: each has a price, whatever it holds.
-        methods = [
-            (algo, palette.rgba(palette.of_method(algo)), x.estimates[algo][0] / 1e3)
-            for algo in self._algos
-        ]
-        plots.append((f"{axle_path}/force/estimates", parts.lines("", methods)))
+        colours = {algo: palette.rgba(palette.of_method(algo)) for algo in self._algos}
+        forces = [(algo, c, x.estimates[algo][0] / 1e3) for algo, c in colours.items()]
+        plots.append((f"{axle_path}/force/estimates", parts.lines("", forces)))
         clamping = line("clamping force", x.clamping / 1e3, parts.CLAMPING)
         return [*plots, (f"{axle_path}/clamping", clamping)]
 

@@ -50,9 +50,7 @@ def write(
         pages: a tab for each.
         timeline: that is shown.
 
-    Raises:
-        OSError: the file cannot be written.
-        UserError: it does not read back.
+    Raises as `verified.verified`.
     """
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     identity = hashlib.sha256(source_identity.encode()).hexdigest()

@@ -41,8 +41,7 @@ def write_result(
         notes: on the slip of each axle, with its rail; with them, slip is what is shown first.
         full: whether a long log is drawn with every sample between its brake applications, too.
 
-    Raises:
-        OSError: the file cannot be written or does not read back.
+    Raises as `verified.verified`.
     """
     _write(path, [("", result)], notes, full)
 
@@ -63,11 +62,8 @@ def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], fu
     if len(pages) == 1:
         parts.write(path, title, identity, pages)
         return
-    runs = [
-        overview.ComparedRun(name, result, page.times, page.slides)
-        for (name, result), page in zip(logs, pages, strict=True)
-    ]
-    parts.write(path, title, identity, [overview.ComparedRuns(runs), *pages], "brake")
+    runs = overview.ComparedRuns([page.run for page in pages])
+    parts.write(path, title, identity, [runs, *pages], "brake")
 
 
 class _Page:
@@ -82,6 +78,7 @@ class _Page:
             self.zeros["brake"] = result.brake_ns()
         self.spans = [self._spans(a) for a in result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in result.axles}
+        self.run = overview.ComparedRun(name, result, self.times, self.slides)
         drawn = [(a, sum(map(len, s))) for a, s in zip(result.axles, self.spans, strict=True)]
         self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn) > OVERVIEW_FROM
         self.thinned = any(n < len(a.record) for a, n in drawn)
@@ -99,13 +96,11 @@ class _Page:
         """Send everything."""
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
-            lines: list[tuple[str, int]] = []
+            lines: dict[str, int] = {}
             for lane, bucket_rows in zip(rows.of_axle(axle), self.spans[n], strict=True):
-                lane_lines = self._send_lane(rec, path, axle, lane, bucket_rows)
-                lines = lines or lane_lines
-            parts.send_names(
-                rec, f"{self.root}/lines/{path}", self.times, self.zeros["time"], lines
-            )
+                lines |= self._send_lane(rec, path, axle, lane, bucket_rows)
+            entity, start = f"{self.root}/lines/{path}", self.zeros["time"]
+            parts.send_names(rec, entity, self.times, start, [*lines.items()])
             parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
             if axle.slip is not None:
                 note, rail = self.notes[n] if self.notes else _NO_NOTE
@@ -125,7 +120,7 @@ class _Page:
         axle: AxleResult,
         lane: rows.Lane,
         bucket_rows: NDArray[np.int64],
-    ) -> list[tuple[str, int]]:
+    ) -> dict[str, int]:
         """The charts of an axle, by parts of a long log; returns names and colours of forces.
 
         Args:
@@ -138,7 +133,7 @@ class _Page:
         _, t, index, inside = lane
         span = -(-2 * len(t) // rows.OVERVIEW)
         step = max(_ROWS // span, 1) * span
-        lines: list[tuple[str, int]] = []
+        lines: dict[str, int] = {}
         for offset in range(0, len(t), step):
             piece = slice(offset, offset + step)
             starts = bucket_rows[(bucket_rows > offset) & (bucket_rows < offset + step)] - offset
@@ -147,8 +142,8 @@ class _Page:
                 full_path = lane.path_under(f"{self.root}/{path}/{plot.name}")
                 thin = rows.envelope(t[piece], plot, starts)
                 parts.send_plot(rec, full_path, self.times, *thin, offset == 0)
-                if offset == 0 and plot.name.startswith("force/"):
-                    lines += zip(plot.series, plot.colours, strict=True)
+                if plot.name.startswith("force/"):
+                    lines |= zip(plot.series, plot.colours, strict=True)
                 if self.large:
                     overview_path = lane.path_under(f"{self.root}/overview/{path}/{plot.name}")
                     envelope = rows.envelope(t[piece], plot, rows.spans(index[piece], span))

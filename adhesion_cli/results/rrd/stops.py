@@ -159,8 +159,7 @@ def write_stops(path: Path, name: str, page: StopsPage) -> None:
         name: of the scenario.
         page: the stops.
 
-    Raises:
-        OSError: the file cannot be written or does not read back.
+    Raises as `verified.verified`.
     """
     key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in page.stops)])
     parts.write(path, printable(name), key, [page])
