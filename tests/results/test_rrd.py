@@ -13,6 +13,8 @@ import pytest
 import rerun.blueprint as rrb
 from helpers.made_results import EPOCH, near, result
 from helpers.recordings import batches, column, static
+from hypothesis import given
+from hypothesis import strategies as st
 from rerun.chunk import RrdReader
 
 from adhesion_cli.core.finding import Finding
@@ -301,6 +303,18 @@ def test_a_comparison_opens_on_all_logs_in_one_chart(tmp_path: Path) -> None:
     assert [v for k, v in seen.items() if k.endswith(":timeline")] == [[["brake"]]]
     titles = {t[0] for k, v in seen.items() if "display_name" in k for t in v if t}
     assert {"All logs", "Axle 2: adhesion coefficient µ", "runs.csv", "b.csv"} <= titles
+
+
+@given(st.lists(st.sampled_from([0.0, 1.0, -2.5, np.nan]), min_size=2, max_size=40))
+def test_rows_that_repeat_change_no_line(values: list[float]) -> None:
+    t = np.arange(len(values), dtype=np.int64)
+    plot = parts.lines("x", [("a", 0, np.array(values)), ("b", 0, np.zeros(len(t)))])
+    some, thin = rows.without_repeats(t, plot)
+    shown = np.where(np.isnan(values), 9.0, values)  # a gap may not move, either
+    kept = np.where(np.isnan(thin.values[:, 0]), 9.0, thin.values[:, 0])
+    np.testing.assert_array_equal(np.interp(t, some, kept), shown)
+    runs = 1 + np.count_nonzero(np.diff(shown))
+    assert len(some) <= 2 * runs
 
 
 def test_a_long_log_is_thinned_between_its_brakes(

@@ -141,6 +141,8 @@ class _Page:
             for plot in self._plots(axle, index[piece], inside[piece]):
                 full_path = lane.path_under(f"{self.root}/{path}/{plot.name}")
                 thin = rows.envelope(t[piece], plot, starts)
+                if len(bucket_rows) < len(t):
+                    thin = rows.without_repeats(*thin)
                 parts.send_plot(rec, full_path, self.times, *thin, offset == 0)
                 if plot.name.startswith("force/"):
                     lines |= zip(plot.series, plot.colours, strict=True)
