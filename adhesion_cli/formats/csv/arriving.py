@@ -1,6 +1,5 @@
 """Rows of an opened text log, block by block, as a program writes them."""
 
-import codecs
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -10,7 +9,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import Field
 from .block_parser import ParsedBlock, Parser
-from .lines import MAX_LINE, LineBlock, Lines
+from .lines import LineBlock, Lines, Splitter
 from .losses import Losses
 from .reader import CsvSource
 from .rows import Groups, classify_untimed
@@ -35,19 +34,15 @@ class ArrivingCsv:
         for i in indices:
             self._table.types.setdefault(i, pa.float64())
         self._parser = Parser(self._table, indices, self._keys)
-        self._lines = Lines(self._table.path, self._table.dialect, 0)
         self._first_time: int | None = None  # time of the first row [ns]
         self._newest_time = 0  # and of the newest
         self.lost: list[Finding] = []  # what was left out; whoever reads it may empty it
-        self.restart()
-        self._skip = self._table.dialect.first_line - 1
+        self.restart(self._table.dialect.first_line - 1)
 
-    def restart(self) -> None:
+    def restart(self, skip: int = 0) -> None:
         """The next bytes are the first ones of a file, which may have a header again."""
-        dialect = self._table.dialect
-        self._decoder = codecs.getincrementaldecoder(dialect.encoding)("replace")
-        self._bom, self._text = dialect.bom, ""
-        self._line, self._skip = 1, 0
+        self._bom = self._table.dialect.bom
+        self._splitter = Splitter(self._table.path, self._table.dialect, skip)
 
     def rows(self, data: bytes) -> Iterator[Row]:
         """The rows that these bytes, the next ones of the file, complete.
@@ -56,23 +51,7 @@ class ArrivingCsv:
             UserError: where a line has no end, or another header stands among the rows.
         """
         data, self._bom = data[self._bom :], max(self._bom - len(data), 0)
-        text = self._text + self._decoder.decode(data)
-        text = text.replace("\r\n", "\n")  # one that is not complete yet stays at the end
-        lines, line_end, self._text = text.rpartition("\n")
-        if len(self._text) > MAX_LINE:
-            raise UserError(
-                f"{self._table.path}: line {self._line} is longer than {MAX_LINE >> 20} MiB",
-                "give a text log with one row per line",
-            )
-        if not line_end:
-            return
-        complete = lines.split("\n")
-        skipped = min(self._skip, len(complete))
-        self._line, self._skip = self._line + skipped, self._skip - skipped
-        if complete := complete[skipped:]:
-            raw = ("\n".join(complete) + "\n").encode()
-            block = LineBlock(self._lines.as_utf8(raw), self._line, len(complete))
-            self._line += len(complete)
+        if block := self._splitter.add(data):
             yield from self._parsed(block)
 
     def _classify_untimed(self, parsed: ParsedBlock) -> None:
@@ -90,18 +69,12 @@ class ArrivingCsv:
         row_times = parsed.times[timed]
         if self._first_time is None:
             self._first_time = self._newest_time = int(row_times[0]) if len(row_times) else 0
-        losses = Losses(self._table.dialect, self._lines, False)
+        losses = Losses(self._table.dialect, Lines(self._table.path, self._table.dialect, 0), False)
         losses.add(parsed, timed, 1)
         self.lost += losses.findings(np.append(self._newest_time, row_times), self._first_time)
         self._newest_time = int(row_times[-1]) if len(row_times) else self._newest_time
         times, series = parsed.times.tolist(), codes.tolist()
         values = {i: column.tolist() for i, column in parsed.values.items()}
         for n in np.flatnonzero(timed).tolist():
-            yield (
-                times[n],
-                {
-                    place: values[i][n]
-                    for place, (k, i) in enumerate(self._wanted)
-                    if k == series[n]
-                },
-            )
+            places = enumerate(self._wanted)
+            yield times[n], {place: values[i][n] for place, (k, i) in places if k == series[n]}

@@ -84,25 +84,18 @@ class Parser:
                 outcome = self._typed(data)
         if isinstance(outcome, str) or outcome.num_rows != len(lines):
             reason = outcome if isinstance(outcome, str) else "its quotes cannot be followed"
-            raise UserError(
-                f"{self.table.path}: cannot be read from line {block.first_line} on: {reason}",
-                "correct the log, or state its dialect, as --set 'csv.delimiter = \";\"'",
-            )
+            text = f"{self.table.path}: cannot be read from line {block.first_line} on: {reason}"
+            hint = "correct the log, or state its dialect, as --set 'csv.delimiter = \";\"'"
+            raise UserError(text, hint)
         arrays = {int(name[1:]): outcome[name].combine_chunks() for name in outcome.column_names}
         clock, decimal = self.table.clock, self.table.dialect.decimal
         times, timed = clock.nanoseconds([arrays[i] for i in clock.columns])
         checked = {i: floats(arrays[i], decimal) for i in self.indices}
         reread = self.keys if timed.all() else (*self.keys, *clock.columns)
-        return ParsedBlock(
-            block,
-            times,
-            timed,
-            {i: value for i, (value, _) in checked.items()},
-            {i: state for i, (_, state) in checked.items() if state.any()},
-            {i: arrays[i] for i in reread},
-            lines,
-            dropped,
-        )
+        values = {i: value for i, (value, _) in checked.items()}
+        states = {i: state for i, (_, state) in checked.items() if state.any()}
+        seen_again = {i: arrays[i] for i in reread}
+        return ParsedBlock(block, times, timed, values, states, seen_again, lines, dropped)
 
     def _sieved(self, block: LineBlock) -> tuple[bytes, Rows, dict[str, Rows]]:
         """The block without lines of another width, the lines that are left, and the others.
@@ -125,11 +118,8 @@ class Parser:
         regular = np.ones(len(line_ends), bool)
         regular[irregular] = False
         remaining = text[np.repeat(regular, line_ends + 1 - starts)].tobytes()
-        return (
-            remaining,
-            np.flatnonzero(regular),
-            {kind: np.array(numbers) for kind, numbers in kinds.items()},
-        )
+        dropped = {kind: np.array(numbers) for kind, numbers in kinds.items()}
+        return remaining, np.flatnonzero(regular), dropped
 
     def _typed(self, data: bytes) -> Any:
         """The wanted columns as an Arrow table, or why they cannot be read."""
@@ -148,23 +138,19 @@ class Parser:
                 self.table.types[int(column[1])] = pa.string()
 
     def _read(self, data: bytes, schema: Any) -> Any:
-        dialect = self.table.dialect
-        return pyarrow.csv.read_csv(
-            pa.BufferReader(data),
-            pyarrow.csv.ReadOptions(
-                column_names=[f"c{i}" for i in range(dialect.width)],
-                use_threads=False,  # blocks run in parallel
-                block_size=len(data) + 1,
-            ),
-            pyarrow.csv.ParseOptions(delimiter=dialect.delimiter),
-            pyarrow.csv.ConvertOptions(
-                column_types=schema,
-                include_columns=schema.names,
-                null_values=list(NULLS),
-                strings_can_be_null=True,
-                decimal_point=dialect.decimal,
-            ),
+        dialect, arrow = self.table.dialect, pyarrow.csv
+        names = [f"c{i}" for i in range(dialect.width)]
+        # blocks run in parallel, so each is read by one thread
+        reads = arrow.ReadOptions(column_names=names, use_threads=False, block_size=len(data) + 1)
+        parses = arrow.ParseOptions(delimiter=dialect.delimiter)
+        converts = arrow.ConvertOptions(
+            column_types=schema,
+            include_columns=schema.names,
+            null_values=list(NULLS),
+            strings_can_be_null=True,
+            decimal_point=dialect.decimal,
         )
+        return arrow.read_csv(pa.BufferReader(data), reads, parses, converts)
 
 
 def _line_ends(data: bytes) -> Rows:

@@ -53,11 +53,9 @@ def decided(cells: Sequence[str], forms: Sequence[str]) -> tuple[str, str] | Non
         form = "mdy" if american else forms[0]
         return form, f"the log has one date, read with the {'month' if american else 'day'} first"
     plausible = [form for form, n in length.items() if n <= _LONGEST_LOG]
-    return (
-        (plausible[0], "the only order in which the dates are near")
-        if len(plausible) == 1
-        else None
-    )
+    if len(plausible) == 1:
+        return plausible[0], "the only order in which the dates are near"
+    return None
 
 
 def _days(cells: Sequence[str], form: str) -> list[int]:

@@ -55,9 +55,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     body = _body(lines, complete, path)
     delimiter_given, directive = _stated_delimiter(body[0][1], options)
     body = body[bool(directive) :]
-    delimiter, width, reasons["delimiter"] = _delimiter(
-        [text for _, text in body], delimiter_given, path
-    )
+    texts = [text for _, text in body]
+    delimiter, width, reasons["delimiter"] = _delimiter(texts, delimiter_given, path)
     if directive and options.delimiter is None:
         reasons["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
     rows = [(number, split(text, delimiter)) for number, text in body]
@@ -107,19 +106,16 @@ def _body(lines: list[Line], complete: bool, path: Path) -> list[Line]:
     """
     holes = [number for number, text in lines if "\0" in text]
     if len(holes) > len(lines) / 2:
-        raise UserError(
-            f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others",
-            "give a text log, or fetch it from the recorder again",
-        )
+        text = f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others"
+        raise UserError(text, "give a text log, or fetch it from the recorder again")
     body = [x for x in lines if x[1].strip() and not is_comment(x[1]) and "\0" not in x[1]]
     marks = [k for k, x in enumerate(body, 1) if x[1].startswith("***End_of_Header***")]
     body = body[marks[-1] if marks else 0 :]  # LabVIEW's header has rows of numbers
     if len(body) == 1 and not complete:
         raise line_too_long(lines[-1][0] + 1, path)
     if len(body) < 2:
-        raise UserError(
-            f"{path}: {len(body)} line and no data rows", "give a log with a header and data rows"
-        )
+        hint = "give a log with a header and data rows"
+        raise UserError(f"{path}: {len(body)} line and no data rows", hint)
     return body
 
 
@@ -129,17 +125,11 @@ def _stated_delimiter(first_line: str, options: ReadOptions) -> tuple[str | None
     directive = re.fullmatch(r"sep=(.)", first_line.strip())
     if directive and delimiter is None:
         delimiter = directive[1]
-    delimiter = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}.get(
-        delimiter or "", delimiter
-    )
-    if delimiter is not None and (
-        not re.fullmatch(r"[\t -~]", delimiter) or re.match(r'[\w".+-]', delimiter)
-    ):
-        raise UserError(
-            f"delimiter {delimiter!r} is not one character between cells",
-            'state it, as --set \'csv.delimiter = ";"\' (or ",", "|", "tab", "space")',
-            2,
-        )
+    names = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}
+    delimiter = names.get(delimiter or "", delimiter)
+    if delimiter is not None and not re.fullmatch(r'(?![\w".+-])[\t -~]', delimiter):
+        hint = 'state it, as --set \'csv.delimiter = ";"\' (or ",", "|", "tab", "space")'
+        raise UserError(f"delimiter {delimiter!r} is not one character between cells", hint, code=2)
     return delimiter, directive[0] if directive else ""
 
 
@@ -157,10 +147,8 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
         if width < 2:
             continue
         if width > _MAX_COLUMNS:
-            raise UserError(
-                f"{path}: {width} columns, more than {_MAX_COLUMNS}",
-                "export the channels that are needed",
-            )
+            hint = "export the channels that are needed"
+            raise UserError(f"{path}: {width} columns, more than {_MAX_COLUMNS}", hint)
         fits = [cells for cells in rows if len(cells) == width]
         worth = sum(_worth(c, delimiter) for cells in fits for c in cells)
         share = len(fits) / len(rows)
@@ -170,19 +158,13 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
         if best is None or (round(score, 2), width) > (round(best[0], 2), best[1]):
             best, largest_share = (score, width, delimiter), share
     if best is None:
-        raise UserError(
-            f"{path}: no delimiter splits the rows into columns",
-            "a log needs a time column and one more; if it has, state what separates them, as "
-            "--set 'csv.delimiter = \";\"'",
-        )
+        hint = "a log needs a time column and one more; if it has, state what separates them, as "
+        hint += "--set 'csv.delimiter = \";\"'"
+        raise UserError(f"{path}: no delimiter splits the rows into columns", hint)
     _, width, delimiter = best
     delimiter_name = "whitespace" if delimiter == " " else repr(delimiter)
-    reason = (
-        "stated"
-        if delimiter_given
-        else f"{width} columns in {largest_share:.0%} of the head's rows"
-    )
-    return delimiter, width, f"{delimiter_name} ({reason})"
+    reason = f"{width} columns in {largest_share:.0%} of the head's rows"
+    return delimiter, width, f"{delimiter_name} ({'stated' if delimiter_given else reason})"
 
 
 def _worth(cell: str, delimiter: str) -> float:
@@ -203,20 +185,16 @@ def _decimal(
     commas = 0  # columns with decimal commas, less those with decimal points
     example = ""
     for i in range(width):
-        comma, dot = (
-            [c for row in rows if m in (c := row[i]) and number_grammar(m).fullmatch(c)]
-            for m in ",."
-        )
+        cells = [row[i] for row in rows]
+        comma, dot = ([c for c in cells if m in c and is_number(c)] for m in ",.")
         if comma or dot:
             commas += 1 if len(comma) > len(dot) else -1
         example = example or (comma[0] if comma else "")
     if commas <= 0:
         return ".", "'.' (no decimal comma in most columns)"
     if not _proves_decimal(rows, width, ","):
-        raise UserError(
-            f"{path}: {example!r} may be a decimal comma or grouped thousands",
-            'state it, as --set \'csv.decimal = ","\' (or ".")',
-        )
+        hint = 'state it, as --set \'csv.decimal = ","\' (or ".")'
+        raise UserError(f"{path}: {example!r} may be a decimal comma or grouped thousands", hint)
     return ",", f"',' (as in {example!r})"
 
 
@@ -235,22 +213,17 @@ def _refuse_grouped(
         dotted = [c for c in cells if "." in c]
         integers = [c for c in cells if c.isdigit()]
         if len(dotted) > 1 and integers and all(len(c) <= 3 for c in integers):
-            raise UserError(
-                f"{path}: column {name!r}: {dotted[0]!r} and {integers[0]!r} may be grouped "
-                "thousands or a decimal point",
-                "if it is a decimal point, state it, as --set 'csv.decimal = \".\"'",
-            )
+            text = f"{path}: column {name!r}: {dotted[0]!r} and {integers[0]!r} may be grouped "
+            hint = "if it is a decimal point, state it, as --set 'csv.decimal = \".\"'"
+            raise UserError(text + "thousands or a decimal point", hint)
 
 
 def _proves_decimal(rows: list[list[str]], width: int, mark: str) -> bool:
     """Whether some number cannot be grouped digits."""
     number = number_grammar(mark)
     grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}")
-    return any(
-        mark in c and number.fullmatch(c) and not grouped.fullmatch(c)
-        for row in rows
-        for c in row[:width]
-    )
+    cells = (c for row in rows for c in row[:width])
+    return any(mark in c and number.fullmatch(c) and not grouped.fullmatch(c) for c in cells)
 
 
 def _has_trailing(heads: list[list[str]], data: list[list[str]], width: int) -> bool:

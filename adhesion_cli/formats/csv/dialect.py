@@ -10,41 +10,9 @@ from .header_words import is_units_row, normal, time_name
 
 HEAD_BYTES = 1 << 20
 
-NULLS = (
-    "",
-    "NaN",
-    "nan",
-    "NAN",
-    "-nan",
-    "NULL",
-    "null",
-    "Null",
-    "None",
-    "none",
-    "N/A",
-    "n/a",
-    "NA",
-    "-",
-    "--",
-    "---",
-    "#N/A",
-    "#NA",
-    "#NV",
-)
-INFINITE = (
-    "inf",
-    "-inf",
-    "+inf",
-    "Inf",
-    "-Inf",
-    "+Inf",
-    "INF",
-    "-INF",
-    "+INF",
-    "Infinity",
-    "-Infinity",
-    "infinity",
-    "-infinity",
+NULLS = ("", *"NaN nan NAN -nan NULL null Null None none N/A n/a NA - -- --- #N/A #NA #NV".split())
+INFINITE = tuple(
+    "inf -inf +inf Inf -Inf +Inf INF -INF +INF Infinity -Infinity infinity -infinity".split()
 )
 _NULLS = frozenset((*NULLS, *INFINITE))
 

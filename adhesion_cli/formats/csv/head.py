@@ -28,9 +28,8 @@ def refuse_other_formats(head: bytes, path: Path) -> None:
     """Refuses files of a known format that is not text."""
     for magic, format_name in _MAGIC:
         if head.startswith(magic):
-            raise UserError(
-                f"{path}: is {format_name}, not CSV", f"export the log as one of: {FORMATS}"
-            )
+            hint = f"export the log as one of: {FORMATS}"
+            raise UserError(f"{path}: is {format_name}, not CSV", hint)
 
 
 def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, int, str]:
@@ -55,10 +54,8 @@ def _given_encoding(head: bytes, encoding: str, path: Path) -> tuple[str, str]:
         codec = codecs.lookup(encoding).name
         b"a".decode(codec, "replace")  # refuses codecs that are no text, as base64
     except (LookupError, UnicodeError):
-        raise UserError(
-            f"{path}: unknown encoding {encoding!r}",
-            "state it, as --set 'csv.encoding = \"utf-16\"' (or utf-8, gb18030, cp1252)",
-        ) from None
+        hint = "state it, as --set 'csv.encoding = \"utf-16\"' (or utf-8, gb18030, cp1252)"
+        raise UserError(f"{path}: unknown encoding {encoding!r}", hint) from None
     if codec == "utf-16":  # without a mark: whichever half holds the NULs of ASCII
         codec = "utf-16-be" if head[0:4000:2].count(0) > head[1:4000:2].count(0) else "utf-16-le"
     return codec, "stated"
@@ -108,10 +105,8 @@ def first_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[
     _refuse_other_texts(text, path)
     lines = text.split("\n", _HEAD_LINES)
     if not complete and len(lines) == 1:
-        raise UserError(
-            f"{path}: no line end in the first {len(text) >> 10} KiB",
-            "give a text log with one row per line",
-        )
+        hint = "give a text log with one row per line"
+        raise UserError(f"{path}: no line end in the first {len(text) >> 10} KiB", hint)
     if not complete or len(lines) > _HEAD_LINES or not lines[-1]:
         lines.pop()
     for number, line in enumerate(lines, 1):
@@ -129,15 +124,11 @@ def _refuse_other_texts(text: str, path: Path) -> None:
     if not text.strip("\n\t "):
         raise UserError(f"{path}: is empty", "give a log with a header and data rows")
     if not text.strip("\0\n\t "):
-        raise UserError(
-            f"{path}: holds nothing but NUL bytes: space that was reserved and never written",
-            "fetch the log from the recorder again",
-        )
+        text = f"{path}: holds nothing but NUL bytes: space that was reserved and never written"
+        raise UserError(text, "fetch the log from the recorder again")
 
 
 def line_too_long(line: int, path: Path) -> UserError:
     """The refusal of a line of more than half of the head."""
-    return UserError(
-        f"{path}: line {line} is longer than {HEAD_BYTES >> 11} KiB",
-        "give a text log with one row per line",
-    )
+    hint = "give a text log with one row per line"
+    return UserError(f"{path}: line {line} is longer than {HEAD_BYTES >> 11} KiB", hint)

@@ -64,12 +64,10 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
     """
     start = _first_data(table)
     if start is None:
-        raise UserError(
-            f"{table.path}: no data rows under the header (no row of {table.width} cells holds "
-            "numbers)",
-            "give a log with data rows; if its numbers use a decimal comma, state it, as "
-            "--set 'csv.decimal = \",\"'",
-        )
+        reason = f"no row of {table.width} cells holds numbers"
+        hint = "give a log with data rows; if its numbers use a decimal comma, state it, as "
+        hint += "--set 'csv.decimal = \",\"'"
+        raise UserError(f"{table.path}: no data rows under the header ({reason})", hint)
     if has_header is False:
         return Header([], None, start, start)
     text_above = _text_above(table, start)
@@ -179,11 +177,9 @@ def refuse_table_above(table: FirstRows, top: int) -> None:
     forms = [form(text) for _, text in lines]
     for k in range(1, len(forms)):
         if forms[k] and forms[k] == forms[k - 1]:
-            raise UserError(
-                f"{table.path}: line {lines[k - 1][0]} and the next ones are rows of another "
-                f"table than those below line {table.rows[top][0]}",
-                "split the log there, and read each part by itself",
-            )
+            text = f"{table.path}: line {lines[k - 1][0]} and the next ones are rows of another "
+            text += f"table than those below line {table.rows[top][0]}"
+            raise UserError(text, "split the log there, and read each part by itself")
 
 
 def refuse_width(table: FirstRows, header: Header, width: int) -> None:

@@ -12,7 +12,6 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -36,6 +35,75 @@ class LineBlock:
     lines: int
 
 
+class Splitter:
+    """Whole lines of bytes that come in pieces, as UTF-8 with line feeds.
+
+    Args:
+        path: for messages.
+        dialect: of the text.
+        skip: lines at the start that are no rows.
+    """
+
+    def __init__(self, path: Path, dialect: Dialect, skip: int) -> None:
+        self._path, self._delimiter, self._skip = path, dialect.delimiter.encode(), skip
+        self._line, self._remainder = 1, b""  # number of the next line, and what came of it
+        is_utf8 = dialect.encoding == "utf-8"
+        codec, self._target = ("latin-1",) * 2 if is_utf8 else (dialect.encoding, "utf-8")
+        decoder = codecs.getincrementaldecoder(codec)("replace")
+        self._decoder = io.IncrementalNewlineDecoder(decoder, True)
+        self._passes = is_utf8  # undecoded, up to the first carriage return
+
+    def add(self, piece: bytes) -> LineBlock | None:
+        """The lines that these bytes complete.
+
+        Raises:
+            UserError: where a line has no end.
+        """
+        self._passes = self._passes and b"\r" not in piece
+        if not self._passes:
+            piece = self._decoder.decode(piece).encode(self._target)
+        return self._split(self._remainder + piece)
+
+    def finish(self, is_damaged: bool) -> tuple[LineBlock | None, bool]:
+        """What is left at the end, and whether the last line has no end; it is cut if damaged."""
+        tail = self._decoder.decode(b"", True).encode(self._target)  # half a character, or an end
+        data = (self._remainder + tail).rstrip(b"\x1a")  # as DOS marked a file's end
+        if is_damaged:
+            data = data[: data.rfind(b"\n") + 1]
+        is_unfinished = bool(data) and not data.endswith(b"\n")
+        return self._split(data + b"\n" * is_unfinished), is_unfinished
+
+    def _split(self, data: bytes) -> LineBlock | None:
+        if b"\0" in data:  # space that was never written can be longer than any line
+            data = re.sub(rb"\0+", b"\0", data)
+        stop = data.rfind(b"\n") + 1
+        data, self._remainder = data[:stop], data[stop:]
+        lines = int(np.count_nonzero(np.frombuffer(data, np.uint8) == 10))
+        if len(self._remainder) > MAX_LINE:
+            text = f"{self._path}: line {self._line + lines} is longer than {MAX_LINE >> 20} MiB"
+            raise UserError(text, "give a text log with one row per line")
+        skipped, offset = min(self._skip, lines), 0
+        for _ in range(skipped):
+            offset = data.find(b"\n", offset) + 1
+        first_line, rows = self._line + skipped, lines - skipped
+        self._line, self._skip = self._line + lines, self._skip - skipped
+        return LineBlock(self._as_utf8(data[offset:]), first_line, rows) if rows else None
+
+    def _as_utf8(self, rows: bytes) -> bytes:
+        """The rows as the parser needs them."""
+        if b"\0" in rows:  # each end of a hole may be a part of another row
+            rows = re.sub(rb"(?m)^[^\n\0]*\0[^\n]*\n", b"\0\n", rows)
+        if not rows.isascii():  # a file joined to another begins with a mark
+            rows = rows.decode("utf-8", "replace").replace("\ufeff", "").encode()
+        delimiter = self._delimiter
+        if delimiter != b" ":  # the parser knows a quote only right after the delimiter
+            return rows.replace(delimiter + b' "', delimiter + b'"') if b'"' in rows else rows
+        rows = rows.replace(b"\t", b" ")
+        while b"  " in rows:
+            rows = rows.replace(b"  ", b" ")
+        return rows.replace(b"\n ", b"\n").replace(b" \n", b"\n").lstrip(b" ")
+
+
 @dataclass(slots=True)
 class Lines:
     """One pass over the data rows of a file, after preamble and header."""
@@ -52,48 +120,11 @@ class Lines:
         Raises:
             UserError: where a line has no end, or gzip inflates too far.
         """
-        remainder = b""
-        line, skip = 1, self.dialect.first_line - 1
-        for chunk in chain(self._text(), [None]):
-            data = remainder + (chunk or b"")
-            if b"\0" in data:  # space that was never written can be longer than any line
-                data = re.sub(rb"\0+", b"\0", data)
-            if chunk is None:  # the file's end, perhaps as DOS marked it
-                data = data.rstrip(b"\x1a")
-                if self.damage:
-                    data = data[: data.rfind(b"\n") + 1]
-                self.is_unfinished = bool(data) and not data.endswith(b"\n")
-                data += b"\n" * self.is_unfinished
-            stop = data.rfind(b"\n") + 1
-            data, remainder = data[:stop], data[stop:]
-            lines = int(np.count_nonzero(np.frombuffer(data, np.uint8) == 10))
-            if len(remainder) > MAX_LINE:
-                raise UserError(
-                    f"{self.path}: line {line + lines} is longer than {MAX_LINE >> 20} MiB",
-                    "give a text log with one row per line",
-                )
-            skipped = min(skip, lines)
-            offset = 0
-            for _ in range(skipped):
-                offset = data.find(b"\n", offset) + 1
-            line, skip, lines = line + skipped, skip - skipped, lines - skipped
-            if lines:
-                yield LineBlock(self.as_utf8(data[offset:]), line, lines)
-                line += lines
-
-    def as_utf8(self, rows: bytes) -> bytes:
-        """The rows as the parser needs them."""
-        if b"\0" in rows:  # each end of a hole may be a part of another row
-            rows = re.sub(rb"(?m)^[^\n\0]*\0[^\n]*\n", b"\0\n", rows)
-        if not rows.isascii():  # a file joined to another begins with a mark
-            rows = rows.decode("utf-8", "replace").replace("\ufeff", "").encode()
-        delimiter = self.dialect.delimiter.encode()
-        if delimiter != b" ":  # the parser knows a quote only right after the delimiter
-            return rows.replace(delimiter + b' "', delimiter + b'"') if b'"' in rows else rows
-        rows = rows.replace(b"\t", b" ")
-        while b"  " in rows:
-            rows = rows.replace(b"  ", b" ")
-        return rows.replace(b"\n ", b"\n").replace(b" \n", b"\n").lstrip(b" ")
+        splitter = Splitter(self.path, self.dialect, self.dialect.first_line - 1)
+        yield from filter(None, map(splitter.add, self._bytes()))
+        block, self.is_unfinished = splitter.finish(bool(self.damage))
+        if block:
+            yield block
 
     def texts(self, numbers: Sequence[int]) -> Iterator[str]:
         """What lines say, as the file has them; `numbers` of them from 1, in order.
@@ -108,21 +139,9 @@ class Lines:
                 while line_number < number and (line := text.readline()):
                     line_number += 1
                 if line_number < number:
-                    raise UserError(
-                        f"{self.path}: changed while it was read", "read it when it is complete"
-                    )
+                    hint = "read it when it is complete"
+                    raise UserError(f"{self.path}: changed while it was read", hint)
                 yield line[:_MAX_TEXT].rstrip("\r\n").lstrip("\ufeff")
-
-    def _text(self) -> Iterator[bytes]:
-        """The file as UTF-8 with line feeds, in chunks."""
-        is_utf8 = self.dialect.encoding == "utf-8"
-        codec, target = ("latin-1",) * 2 if is_utf8 else (self.dialect.encoding, "utf-8")
-        decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder(codec)("replace"), True)
-        for chunk in self._bytes():
-            is_utf8 = is_utf8 and b"\r" not in chunk
-            yield chunk if is_utf8 else decoder.decode(chunk).encode(target)
-        if tail := decoder.decode(b"", True).encode(target):  # half a character, or a line end
-            yield tail
 
     def _bytes(self) -> Iterator[bytes]:
         compressed, total = is_gzip(self.path), 0
@@ -133,11 +152,9 @@ class Lines:
                 if compressed and total > self.max_inflated:
                     limit = self.max_inflated
                     limit_text = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
-                    raise UserError(
-                        f"{self.path}: inflates to more than {limit_text}",
-                        f"if the log is trusted, raise the limit: "
-                        f"--set csv.max_unpacked={8 * limit}",
-                    )
+                    hint = "if the log is trusted, raise the limit: "
+                    hint += f"--set csv.max_unpacked={8 * limit}"
+                    raise UserError(f"{self.path}: inflates to more than {limit_text}", hint)
                 yield chunk
             self.damage = damage_of(file)
 
@@ -182,9 +199,8 @@ def open_file(path: Path) -> Iterator[io.BufferedReader]:
     try:
         if not path.is_file():
             missing = not path.exists()
-            raise UserError(
-                f"{path}: {'no such file' if missing else 'is not a file'}", "check the path"
-            )
+            hint = "check the path"
+            raise UserError(f"{path}: {'no such file' if missing else 'is not a file'}", hint)
         with path.open("rb") as raw:
             yield io.BufferedReader(_Unpacked(raw), _BLOCK) if is_gzip(path) else raw
     except OSError as error:

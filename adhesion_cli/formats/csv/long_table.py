@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core import toml
 from ...core.errors import UserError
-from ...core.finding import Finding
+from ...core.finding import Finding, Severity
 from ...core.model import Times
 from .block_parser import CsvTable
 from .dialect import Dialect
@@ -75,29 +75,16 @@ def _stated_keys(table: CsvTable, i: int, named: list[int]) -> Keys:
     line = f"channels.group = {toml.value({'channel': name, 'equals': groups[0]})}"
     if equals is None:
         if len(groups) > _MAX_GROUPS:
-            raise UserError(
-                f"{path}: column {name!r} has {len(groups)} values, too many to be devices",
-                f"state one, as {toml.option(line)}",
-            )
+            text = f"{path}: column {name!r} has {len(groups)} values, too many to be devices"
+            raise UserError(text, f"state one, as {toml.option(line)}")
         return replace(_keys(dialect, (i,), [(g,) for g in groups]), findings=())
     if equals not in groups:
-        raise UserError(
-            f"{path}: no row has {equals!r} in column {name!r}",
-            f"state one, as {toml.option(line)}; values: {', '.join(groups[:20])}",
-        )
-    finding = Finding(
-        "one-device-read",
-        "info",
-        channel=name,
-        count=len(groups),
-        values={"devices": len(groups)},
-        names={
-            "groups": listed(sorted(groups)),
-            "read": equals,
-            "column": toml.quoted(name),
-            "other": toml.quoted(next((g for g in sorted(groups) if g != equals), equals)),
-        },
-    )
+        hint = f"state one, as {toml.option(line)}; values: {', '.join(groups[:20])}"
+        raise UserError(f"{path}: no row has {equals!r} in column {name!r}", hint)
+    other = next((g for g in sorted(groups) if g != equals), equals)
+    names = {"groups": listed(sorted(groups)), "read": equals}
+    names |= {"column": toml.quoted(name), "other": toml.quoted(other)}
+    finding = _finding("one-device-read", name, {"devices": len(groups)}, names)
     if unused := tuple(k for k in named if k != i):
         columns = (i, *unused)
         read = read_rows(table, [], columns)
@@ -141,21 +128,11 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
         )
         for key in keys
     }
-    titles = listed(x.title for x in series.values())
     device = group[0] if group else 0
-    finding = Finding(
-        "long-layout",
-        "info",
-        channel=dialect.names[columns[0]],
-        count=len(series),
-        values={"series": len(series)},
-        names={
-            "columns": listed(dialect.names[i] for i in columns),
-            "titles": titles,
-            "column": toml.quoted(dialect.names[columns[device]]),
-            "first": toml.quoted(keys[0][device]),
-        },
-    )
+    column_names = [dialect.names[i] for i in columns]
+    names = {"columns": listed(column_names), "titles": listed(x.title for x in series.values())}
+    names |= {"column": toml.quoted(column_names[device]), "first": toml.quoted(keys[0][device])}
+    finding = _finding("long-layout", column_names[0], {"series": len(series)}, names)
     return Keys(columns, series, (finding,))
 
 
@@ -181,13 +158,11 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
     """
     number = dialect.number()
     columns = {i: [row[i] for row in dialect.rows] for i in range(len(dialect.names))}
-    numeric = {
-        i: np.array([float(c.replace(",", ".")) for c in cells])
-        for i, cells in columns.items()
-        if i not in time
-        and len(set(cells)) >= max(5, len(cells) // 10)
-        and all(map(number.fullmatch, cells))
-    }
+    numeric = {}
+    for i, cells in columns.items():
+        varies = i not in time and len(set(cells)) >= max(5, len(cells) // 10)
+        if varies and all(map(number.fullmatch, cells)):
+            numeric[i] = np.array([float(c.replace(",", ".")) for c in cells])
     for i, cells in columns.items():
         counts = Counter(cells)
         changes = sum(a != b for a, b in pairwise(cells)) >= 0.3 * len(cells)
@@ -203,17 +178,22 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
             step_within = median(np.concatenate([np.abs(np.diff(value[key == c])) for c in counts]))
             smooth.append(step_within < 0.5 * step_across)
         if smooth and sum(smooth) >= 0.5 * len(smooth):
-            devices = sorted(counts)
-            return Finding(
-                "devices-interleaved",
-                "warning",
-                channel=dialect.names[i],
-                count=len(devices),
-                values={"devices": len(devices)},
-                names={
-                    "groups": listed(devices),
-                    "column": toml.quoted(dialect.names[i]),
-                    "first": toml.quoted(devices[0]),
-                },
+            name, devices = dialect.names[i], sorted(counts)
+            names = {"groups": listed(devices), "column": toml.quoted(name)}
+            names |= {"first": toml.quoted(devices[0])}
+            return _finding(
+                "devices-interleaved", name, {"devices": len(devices)}, names, "warning"
             )
     return None
+
+
+def _finding(
+    code: str,
+    column: str,
+    counts: dict[str, float],
+    names: dict[str, str],
+    severity: Severity = "info",
+) -> Finding:
+    """A finding on the series of a long table, counted by how many there are."""
+    (count,) = counts.values()
+    return Finding(code, severity, column, int(count), values=counts, names=names)

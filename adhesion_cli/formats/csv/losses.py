@@ -95,31 +95,18 @@ class Losses:
             start: the log's first time [ns].
         """
         for kind, loss in sorted(self.rows.items(), key=lambda item: [*_SKIPPED].index(item[0])):
-            spans = _spans(loss, t, start, between_rows=True)
+            spans, values = _spans(loss, t, start, between_rows=True), {"line": loss.line}
             names = {"reason": _SKIPPED[kind], "example": quoted(loss.text)}
-            yield Finding(
-                "csv-rows-skipped",
-                "warning",
-                count=loss.count,
-                spans=spans,
-                values={"line": loss.line},
-                names=names,
-            )
+            yield Finding("csv-rows-skipped", "warning", "", loss.count, spans, values, names)
         for (i, k), loss in sorted(self.cells.items()):
             code, severity, _ = _CELLS[k]
             empty = self.cells.get((i, NO_VALUE))
             said = len(t) - (empty.count if empty else 0)
             if k == NO_NUMBER and not self._dialect.column(i) and loss.count == said:
                 severity = "info"  # a column of words that begin late is not a channel
-            yield Finding(
-                code,
-                severity,
-                channel=self._dialect.names[i],
-                count=loss.count,
-                spans=_spans(loss, t, start, between_rows=False),
-                values={"line": loss.line},
-                names={"example": quoted(loss.text)},
-            )
+            spans, name = _spans(loss, t, start, between_rows=False), self._dialect.names[i]
+            values, names = {"line": loss.line}, {"example": quoted(loss.text)}
+            yield Finding(code, severity, name, loss.count, spans, values, names)
 
     def __iter__(self) -> Iterator[Reject]:
         names = self._dialect.names
@@ -141,14 +128,11 @@ def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Sp
     places = np.unique(np.concatenate(loss.places))
     cuts = np.flatnonzero(np.diff(places) != 1)
     first_place, last_place = places[np.append(0, cuts + 1)], places[np.append(cuts, -1)]
-    begins, stops = (
-        t[np.maximum(first_place - between_rows, 0)],
-        t[np.minimum(last_place, len(t) - 1)],
-    )
+    begins = t[np.maximum(first_place - between_rows, 0)]
+    stops = t[np.minimum(last_place, len(t) - 1)]
     if len(begins) > _LISTED_SPANS:  # those with the least time between them are joined
-        cuts = np.sort(
-            np.argpartition(begins[1:] - stops[:-1], 1 - _LISTED_SPANS)[1 - _LISTED_SPANS :]
-        )
+        order = np.argpartition(begins[1:] - stops[:-1], 1 - _LISTED_SPANS)
+        cuts = np.sort(order[1 - _LISTED_SPANS :])
         begins, stops = begins[np.append(0, cuts + 1)], stops[np.append(cuts, -1)]
     bounds = np.sort([begins, stops], axis=0) - start  # a clock may have gone back
     return merge_spans([(a / 1e9, b / 1e9) for a, b in bounds.T.tolist()], _LISTED_SPANS)

@@ -43,10 +43,8 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
     head, complete, size = read_head(path)
     dialect = detect_dialect(head, complete, options, path)
     if complete and len(dialect.rows) < 2:
-        raise UserError(
-            f"{path}: {len(dialect.rows)} data row, nothing to analyse",
-            "give a log of several rows",
-        )
+        hint = "give a log of several rows"
+        raise UserError(f"{path}: {len(dialect.rows)} data row, nothing to analyse", hint)
     if not dialect.headed and options.time_channel is None:
         raise _headerless(dialect, path)
     rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
@@ -109,11 +107,9 @@ class CsvSource:
                 unit, source = self._dialect.units[i], "units row"
                 if series.unit:
                     unit, source = series.unit, "units column"
-                source = source if unit else ""
-                template = Field(
-                    channel, group=series.group, unit=unit, unit_from=source, signal=series.signal
-                )
-                places[template] = k, i
+                of_series = {"group": series.group, "signal": series.signal}
+                f = Field(channel, unit=unit, unit_from=source if unit else "", **of_series)
+                places[f] = k, i
         return places
 
     def _report_text(self, i: int) -> None:
@@ -123,15 +119,8 @@ class CsvSource:
         digits = sum(not m[1] or _is_measured(m[1]) for m in matches)
         has_unit = _is_measured(self._dialect.units[i] or in_name(name)[1])
         if cells and (has_unit or digits > len(cells) / 2):
-            self._report(
-                Finding(
-                    "csv-no-numbers",
-                    "warning",
-                    channel=name,
-                    count=len(cells),
-                    names={"example": quoted(cells[0])},
-                )
-            )
+            names = {"example": quoted(cells[0])}
+            self._report(Finding("csv-no-numbers", "warning", name, len(cells), names=names))
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, in that order, rows in the log's own order, time untouched.
@@ -153,16 +142,10 @@ class CsvSource:
         for finding in read.losses.findings(t, earliest(t)):
             self._report(finding)
         if read.lines.damage:
-            duration = (int(t[-1]) - earliest(t)) / 1e9
-            self._report(
-                Finding(
-                    "csv-gzip-damaged",
-                    "error",
-                    spans=((duration, duration),),
-                    values={"line": sum(self.lines.values())},
-                    names={"damage": read.lines.damage},
-                )
-            )
+            spans = (((int(t[-1]) - earliest(t)) / 1e9,) * 2,)
+            values, names = {"line": sum(self.lines.values())}, {"damage": read.lines.damage}
+            damage = Finding("csv-gzip-damaged", "error", spans=spans, values=values, names=names)
+            self._report(damage)
         if read.lines.is_unfinished:
             self._report(Finding("csv-no-final-newline", "info"))
         lossy = {i for i, _ in read.losses.cells}
@@ -189,17 +172,14 @@ class CsvSource:
         falls = np.count_nonzero(t[1:] < t[:-1])
         if not falls and t[0] == t[-1]:
             subject = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
-            raise UserError(
-                f"{self.path}: the clock stands still: {subject} {cells[0]!r} in column {name!r}",
-                "log anew, or state another column, as "
-                + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
-            )
+            time = toml.option('channels.time = {channel = "NAME", unit = "s"}')
+            text = f"the clock stands still: {subject} {cells[0]!r} in column {name!r}"
+            hint = f"log anew, or state another column, as {time}"
+            raise UserError(f"{self.path}: {text}", hint)
         if falls > 0.9 * (len(t) - 1) > 1:
-            raise UserError(
-                f"{self.path}: time column {name!r} runs backwards (from {cells[0]} to "
-                f"{cells[-1]})",
-                "export the rows in the order of time, the oldest first; nothing is sorted here",
-            )
+            text = f"time column {name!r} runs backwards (from {cells[0]} to {cells[-1]})"
+            hint = "export the rows in the order of time, the oldest first; nothing is sorted here"
+            raise UserError(f"{self.path}: {text}", hint)
 
     def _is_numeric(self, i: int) -> bool:
         """Whether a column holds numbers in the head; an empty one may later, if it has a name."""
@@ -217,10 +197,8 @@ class CsvSource:
         lossy = finding.severity != "info" and finding.code != "devices-interleaved"
         if self._options.strict and lossy:
             channel = f"{finding.channel}: " if finding.channel else ""
-            raise UserError(
-                f"{self.path}: {channel}{finding.message}",
-                "correct the log, or read it without --strict",
-            )
+            hint = "correct the log, or read it without --strict"
+            raise UserError(f"{self.path}: {channel}{finding.message}", hint)
         if finding not in self.findings:
             self.findings.append(finding)
 

@@ -1,9 +1,5 @@
 """One pass over the rows of a text log for some of its columns, every line accounted for."""
 
-import os
-from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from ...core import toml
+from ...core import threads, toml
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from . import arrow as pc
@@ -62,43 +58,27 @@ def read_rows(
     groups = Groups(keys, wanted)
     by_column: dict[int, NDArray[Any]] = {}
     row_count = 0
-    for parsed in _parsed_blocks(lines, Parser(table, indices, keys)):
+    for parsed in threads.run_ahead(Parser(table, indices, keys).parse, lines.blocks()):
         if not parsed.timed.all():
             classify_untimed(table, parsed)
         timed = parsed.timed.copy()
         codes = groups.codes(parsed, timed)
         losses.add(parsed, timed, row_count)
-        stop, all_timed = row_count + int(timed.sum()), bool(timed.all())
+        stop = row_count + int(timed.sum())
         for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values}.items():
             if i not in by_column:
                 by_column[i] = np.empty(max(table.expected, stop), array.dtype)
-            column = by_column[i]
-            if stop > len(column):
-                column.resize(stop + stop // 8, refcheck=False)
-            column[row_count:stop] = array if all_timed else array[timed]
+            if stop > len(by_column[i]):
+                by_column[i].resize(stop + stop // 8, refcheck=False)
+            by_column[i][row_count:stop] = array if timed.all() else array[timed]
         row_count = stop
     if not row_count:
-        raise UserError(
-            f"{table.path}: no row has a time stamp that can be read",
-            "state the time, as " + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
-        )
+        hint = "state the time, as " + toml.option('channels.time = {channel = "NAME", unit = "s"}')
+        raise UserError(f"{table.path}: no row has a time stamp that can be read", hint)
     losses.lines["used"] = row_count
     for column in by_column.values():
         column.resize(row_count, refcheck=False)
     return CsvRows(by_column.pop(_T), by_column.pop(_SERIES), by_column, groups.met, losses, lines)
-
-
-def _parsed_blocks(lines: Lines, parser: Parser) -> Iterator[ParsedBlock]:
-    """The blocks parsed, in order, as many at once as there are processors."""
-    workers = min(os.cpu_count() or 1, 4) + 1  # one waits for the interpreter now and then
-    with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[ParsedBlock]] = deque()
-        for block in lines.blocks():
-            waiting.append(pool.submit(parser.parse, block))
-            if len(waiting) > 2 * workers:  # so many that no worker waits for the file
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
 
 
 def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:
@@ -125,16 +105,13 @@ def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:
             if dialect.repeats_header(cells):
                 kind = "header"
             elif dialect.is_another_header(cells):
-                raise UserError(
-                    f"{table.path}: line {parsed.block.first_line + line} is a header of other "
-                    "columns or units",
-                    "split the log there, and read each part by itself",
-                )
+                line_text = f"{table.path}: line {parsed.block.first_line + line}"
+                hint = "split the log there, and read each part by itself"
+                raise UserError(f"{line_text} is a header of other columns or units", hint)
         kinds.setdefault(kind, []).append(line)
     for kind, numbers in kinds.items():
-        parsed.dropped[kind] = np.sort(
-            np.append(parsed.dropped.get(kind, np.empty(0, np.int64)), numbers)
-        )
+        lines = np.append(parsed.dropped.get(kind, np.empty(0, np.int64)), numbers)
+        parsed.dropped[kind] = np.sort(lines)
 
 
 class Groups:

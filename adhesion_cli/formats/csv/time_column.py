@@ -65,10 +65,8 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     if clock is None and named:
         raise _unreadable(dialect, (text_columns or named)[0], path)
     if clock is None:
-        raise UserError(
-            f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})",
-            _stated_time("NAME"),
-        )
+        text = f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})"
+        raise UserError(text, _stated_time("NAME"))
     search.refuse_another(clock)
     return clock
 
@@ -90,10 +88,8 @@ def column_index(dialect: Dialect, name: str, path: Path) -> int:
     for cells in reversed(dialect.header_cells):
         if cells.count(name) == 1:
             return cells.index(name)
-    raise UserError(
-        f"{path}: no column {name!r}",
-        f'columns: {", ".join(map(repr, names[:20]))}; or by number, as "column 1"',
-    )
+    hint = f'columns: {", ".join(map(repr, names[:20]))}; or by number, as "column 1"'
+    raise UserError(f"{path}: no column {name!r}", hint)
 
 
 def listed(names: Iterable[str], limit: int = 6) -> str:
@@ -195,12 +191,13 @@ class _ClockSearch:
             else:
                 continue
             if differs:
-                raise UserError(
+                text = (
                     f"{self.path}: {dialect.names[i]!r} and {name!r} are both times, and differ: "
-                    "the log does not state which columns belong to which",
-                    "export all channels on one time axis; or, if all columns that are needed "
-                    f"belong to one, {_stated_time(f'column {i + 1}', '')}",
                 )
+                text += "the log does not state which columns belong to which"
+                hint = "export all channels on one time axis; or, if all columns that are needed "
+                hint += f"belong to one, {_stated_time(f'column {i + 1}', '')}"
+                raise UserError(text, hint)
 
     def _of_numbers(self, i: int, choice: str) -> Clock | None:
         """The clock of a column of numbers; None where it is not a time.
@@ -226,28 +223,19 @@ class _ClockSearch:
             reason = f"{choice}; {'Unix epoch, ' if absolute else ''}{unit} ({source})"
             seconds = values[0] * NS_PER_UNIT[unit] / _S
             if seconds > (2**62 / _S if source == "stated" else _EPOCH_S[1]):
-                raise self._refusal(
-                    i,
-                    f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
-                    f"2060 ({dialect.column(i)[0]})",
-                )
+                text = f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
+                raise self._refusal(i, f"{text}2060 ({dialect.column(i)[0]})")
             if absolute and unit in SCALE:
                 kind = pa.decimal128(38, SCALE[unit])
-        note = Finding(
-            "time-unit-guessed",
-            "info",
-            channel=name,
-            names={"column": repr(name), "unit": unit, "reason": source},
-        )
+        names = {"column": repr(name), "unit": unit, "reason": source}
+        note = Finding("time-unit-guessed", "info", name, names=names)
         notes = () if unit_source else (note,)
         return Clock((i,), unit, "", dialect.decimal, absolute, reason, kind, notes)
 
     def _refusal(self, i: int, text: str) -> UserError:
-        return UserError(
-            f"{self.path}: {text}",
-            f"{_stated_time(self.dialect.names[i], 'ms')} (unit: one of {', '.join(NS_PER_UNIT)}, "
-            "excel)",
-        )
+        units = f"(unit: one of {', '.join(NS_PER_UNIT)}, excel)"
+        hint = f"{_stated_time(self.dialect.names[i], 'ms')} {units}"
+        return UserError(f"{self.path}: {text}", hint)
 
     def _said_unit(self, i: int) -> tuple[str, str] | None:
         """The unit that the user, the units row or the header states, and which of them.
@@ -289,22 +277,19 @@ class _ClockSearch:
         """
         step = _step(values)
         span = (values[-1] - values[0]) / max(len(values) - 1, 1) * max(self.rows - 1, 1)
-        possible = [
-            u
-            for u in ("s", "ms", "us", "ns")
-            if _STEP_S[0] <= step * NS_PER_UNIT[u] / _S <= _STEP_S[1]
-            and _SPAN_S[0] <= span * NS_PER_UNIT[u] / _S <= _SPAN_S[1]
-        ]
+        possible = []
+        for u in ("s", "ms", "us", "ns"):
+            step_s, span_s = (x * NS_PER_UNIT[u] / _S for x in (step, span))
+            if _STEP_S[0] <= step_s <= _STEP_S[1] and _SPAN_S[0] <= span_s <= _SPAN_S[1]:
+                possible.append(u)
         # fractions of milliseconds would be a rate above 1 kHz
         if _STEP_S[0] <= step < 1 and any(v != int(v) for v in values):
             possible = ["s"]
         if len(possible) != 1:
             cells = self.dialect.column(i)
-            raise self._refusal(
-                i,
-                f"the unit of time column {self.dialect.names[i]!r} is not stated and not clear "
-                f"from its values (step {step:g}, from {cells[0]} to {cells[-1]})",
-            )
+            text = f"the unit of time column {self.dialect.names[i]!r} is not stated and not clear "
+            text += f"from its values (step {step:g}, from {cells[0]} to {cells[-1]})"
+            raise self._refusal(i, text)
         return possible[0], f"step {step:g}, about {span:g} long"
 
     def _of_stamps(self, i: int, choice: str) -> Clock | None:
@@ -354,11 +339,9 @@ class _ClockSearch:
         if decided_form := decided(cells, forms):
             return decided_form[0], f": {decided_form[1]}"
         alternatives = " or ".join(toml.quoted(form[-3:]) for form in forms[1:])
-        raise UserError(
-            f"{self.path}: {cells[0]!r} in {name!r} may be "
-            f"{' or '.join(FORM_NAMES[form] for form in forms)}",
-            f"{_stated_time(name, forms[0][-3:])} (or {alternatives})",
-        )
+        readings = " or ".join(FORM_NAMES[form] for form in forms)
+        hint = f"{_stated_time(name, forms[0][-3:])} (or {alternatives})"
+        raise UserError(f"{self.path}: {cells[0]!r} in {name!r} may be {readings}", hint)
 
     def _partner(self, i: int, neighbour: int, pattern: str) -> int | None:
         """The column with the other half of date and time; the neighbour is preferred."""
