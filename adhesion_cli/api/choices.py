@@ -53,25 +53,24 @@ class Choices(NamedTuple):
 def choices(  # noqa: PLR0913 (the keywords of a call)
     sources: SettingsSources,
     sections: Table,
-    *,
-    algos: str | Iterable[str] = (),
+    keywords: Sequence[str],
+    strict: bool = False,
+    span: tuple[float | None, float | None] = (None, None),
     reference: str | None = None,
     axles: int | Iterable[int] = (),
-    span: tuple[float | None, float | None] = (None, None),
-    strict: bool = False,
-    keywords: Sequence[str] = (),
+    algos: str | Iterable[str] = (),
 ) -> Choices:
     """Settings and options from the keywords of a call.
 
     Args:
         sources: files or tables of settings.
         sections: further keywords: each a section of the settings, or a vehicle parameter.
-        algos: names of estimators.
+        keywords: other keywords of the call, which an unknown one may have meant.
+        strict: whether damaged data is an error.
+        span: seconds after the log's start, from and to.
         reference: name of the offline reference.
         axles: numbers of axles.
-        span: seconds after the log's start, from and to.
-        strict: whether damaged data is an error.
-        keywords: other keywords of the call, which an unknown one may have meant.
+        algos: names of estimators.
 
     Raises:
         UserError: for an unknown name, a value out of range.
@@ -87,17 +86,12 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
     tables = [_table(name, {name: table}) for name, table in sections.items() if table is not None]
     if reference is not None:
         tables.append({"analysis": {"reference": reference}})
-    source_list = (
-        [sources] if isinstance(sources, str | os.PathLike | Mapping) else list(sources or ())
-    )
-    files = [
-        _table("settings", table) if isinstance(table, Mapping) else Path(table)
-        for table in source_list
-    ]
+    is_single = isinstance(sources, str | os.PathLike | Mapping)
+    source_list: list[Any] = [sources] if is_single else list(sources or ())  # type: ignore[arg-type]
+    files = [_table("settings", x) if isinstance(x, Mapping) else Path(x) for x in source_list]
     checked = settings.load(files, tables, strict=strict)
-    chosen = Choices(
-        checked, [algos] if isinstance(algos, str) else list(algos), axles_of(axles), _span(span)
-    )
+    names = [algos] if isinstance(algos, str) else list(algos)
+    chosen = Choices(checked, names, axles_of(axles), _span(span))
     check_request(checked, chosen.algos, chosen.window)
     return chosen
 

@@ -68,16 +68,8 @@ def analyze(  # noqa: PLR0913 (the options of the command, each with a default)
     >>> [(one.axle, one.coefficient.mean, one.coefficient.mean_u95) for one in run.applications]
     ... # doctest: +SKIP
     """
-    chosen = choices(
-        settings,
-        sections,
-        algos=algos,
-        reference=reference,
-        axles=axles,
-        span=(from_s, to_s),
-        strict=strict,
-        keywords=_ALL_KEYWORDS,
-    )
+    span = from_s, to_s
+    chosen = choices(settings, sections, _ALL_KEYWORDS, strict, span, reference, axles, algos)
     return _analyze(log_of(log), chosen, train_speed=True)
 
 
@@ -96,7 +88,7 @@ def inspect(
     Raises:
         UserError: where the log cannot be read.
     """
-    chosen = choices(settings, sections, strict=strict, keywords=_OF_LOG)
+    chosen = choices(settings, sections, _OF_LOG, strict)
     return Inspection(inspect_log(log_of(log), chosen.settings))
 
 
@@ -129,16 +121,8 @@ def compare(  # noqa: PLR0913 (the options of the command, each with a default)
     Raises:
         UserError: see `analyze`.
     """
-    chosen = choices(
-        settings,
-        sections,
-        algos=algos,
-        reference=reference,
-        axles=axles,
-        span=(from_s, to_s),
-        strict=strict,
-        keywords=_ALL_KEYWORDS,
-    )
+    span = from_s, to_s
+    chosen = choices(settings, sections, _ALL_KEYWORDS, strict, span, reference, axles, algos)
     return Comparison(tuple(_analyze(log, chosen) for log in logs_of(logs)))
 
 
@@ -169,15 +153,7 @@ def slip(  # noqa: PLR0913 (the options of the command, each with a default)
     Raises:
         UserError: see `analyze`.
     """
-    chosen = choices(
-        settings,
-        sections,
-        reference=reference,
-        axles=axles,
-        span=(from_s, to_s),
-        strict=strict,
-        keywords=_OF_SPAN,
-    )
+    chosen = choices(settings, sections, _OF_SPAN, strict, (from_s, to_s), reference, axles)
     analysis_of_log = _analyze(log_of(log), chosen, train_speed=True)
     return SlipAnalysis(analysis_of_log, slip_of(analysis_of_log.result))
 
@@ -201,7 +177,7 @@ def calibrate(
     Raises:
         UserError: where the logs do not determine the vehicle, or contradict each other.
     """
-    chosen = choices(settings, sections, strict=strict, keywords=_OF_LOG)
+    chosen = choices(settings, sections, _OF_LOG, strict)
     return Calibration(calibration.calibrate(logs_of(logs), chosen.settings))
 
 
@@ -249,7 +225,7 @@ def convert(
     """
     path, source = Path(target), log_of(log)
     write = writer(path)
-    checked = choices(settings, sections, strict=strict, keywords=(*_OF_LOG, "force")).settings
+    checked = choices(settings, sections, (*_OF_LOG, "force"), strict).settings
     inputs = [source] if isinstance(source, Path) else []
     atomic_files.check([path], force, inputs=inputs)
     read = unchanged(open_source(source, checked.read), checked.mappings)

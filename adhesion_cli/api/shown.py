@@ -6,15 +6,7 @@ from html import escape
 from ..core.finding import Finding
 from ..core.text import printable
 
-_TEXT_COLUMNS = (
-    "axle",
-    "method",
-    "channel",
-    "meaning",
-    "parameter",
-    "unit",
-    "why",
-)  # columns of text
+_TEXT_COLUMNS = "axle method channel meaning parameter unit why".split()
 
 
 def page(title: str, *parts: str) -> str:

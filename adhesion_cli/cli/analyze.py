@@ -57,9 +57,8 @@ def command(  # noqa: PLR0913 (one option each)
         sets = [[*files, files[0].with_suffix(".html")] for files in sets]
     paths = [path for files in sets for path in files] + ([table] if table else [])
     outcomes = results.analysed_or_failed(shared, logs, paths)
-    successes = [
-        (f, p) for f, p in zip(outcomes, sets, strict=True) if not isinstance(f, FailedLog)
-    ]
+    pairs = zip(outcomes, sets, strict=True)
+    successes = [(r, files) for r, files in pairs if not isinstance(r, FailedLog)]
     if table:
         successes[0][1].append(table)
     summaries = [summarise(r, results.named(files)) for r, files in successes]
@@ -68,13 +67,8 @@ def command(  # noqa: PLR0913 (one option each)
     }
     if table:
         attachments[table] = partial(_write_table, name=table, decimal=decimal, summaries=summaries)
-    results.write(
-        shared,
-        [r for r, _ in successes],
-        [files for _, files in successes],
-        summaries,
-        attachments=attachments,
-    )
+    analysed, written = [r for r, _ in successes], [files for _, files in successes]
+    results.write(shared, analysed, written, summaries, attachments=attachments)
     of_log = iter(summaries)
     if shared.json:
         rows = (f if isinstance(f, FailedLog) else next(of_log) for f in outcomes)
@@ -83,9 +77,7 @@ def command(  # noqa: PLR0913 (one option each)
         for result, _ in successes:
             _show(result, next(of_log), scores, budget, shared.quiet)
         results.show_failed([f for f in outcomes if isinstance(f, FailedLog)])
-    code = results.finished(
-        shared, successes[-1][1][1], [f for r, _ in successes for f in r.findings]
-    )
+    code = results.finished(shared, written[-1][1], [f for r in analysed for f in r.findings])
     return 3 if len(successes) < len(outcomes) else code
 
 

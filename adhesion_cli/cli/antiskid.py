@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..core.annotated import Json
     from ..core.finding import Finding
     from ..wsp.plant import Track
+    from ..wsp.replay import Answer
     from ..wsp.scenario import Scenario
     from ..wsp.stop import Stop
     from ..wsp.sweep import Compared, SweepRow
@@ -170,14 +171,8 @@ def _on_own_rail(
     limit_rows = [
         (law, *x) for law, (_, v) in stops.items() for x in closed_loop.against(case.limit, v)
     ]
-    document = antiskid_document(
-        stops["none"][0],
-        case.name,
-        used_parameters,
-        dry,
-        verdicts,
-        limits=limits_document(limit_rows),
-    )
+    stop, limits = stops["none"][0], limits_document(limit_rows)
+    document = antiskid_document(stop, case.name, used_parameters, dry, verdicts, limits=limits)
     lines = [
         f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}",
         _verdicts(verdicts),
@@ -185,9 +180,8 @@ def _on_own_rail(
         *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in limit_rows),
     ]
     stopped = [stop for stop, _ in stops.values()]
-    return _write(
-        paths, shared, source, _Outcome(case, settings, stopped, document, "\n".join(lines))
-    )
+    outcome = _Outcome(case, settings, stopped, document, "\n".join(lines))
+    return _write(paths, shared, source, outcome)
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
@@ -213,22 +207,13 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     logged = replayed.logged_m
     in_log = f"{logged:.1f} m in the log" if logged else "not stopped in the log"
     caption = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
-    verdict = _verdicts(
-        {law: a.values for law, a in laws.items()}, {law: a.compared for law, a in laws.items()}
-    )
+    verdict = _compared_verdicts(laws)
     text = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {caption}"
     head = terminal.folded(text)
     origin = {"log": name, "log_sha256": result.log.sha256}
-    outcome = _Outcome(
-        replayed.scenario,
-        settings,
-        [a.stop for a in laws.values()],
-        document,
-        f"{head}\n{verdict}\n{_MEANING}",
-        findings,
-        replayed.track,
-        origin,
-    )
+    stops, said = [a.stop for a in laws.values()], f"{head}\n{verdict}\n{_MEANING}"
+    on_rail = findings, replayed.track, origin
+    outcome = _Outcome(replayed.scenario, settings, stops, document, said, *on_rail)
     return _write(paths, shared, log, outcome)
 
 
@@ -278,16 +263,12 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
     estimators, laws = estimator.registry(), controller.registry()
     case, stops, metrics = outcome.case, outcome.stops, dumps(outcome.document)
     weight = case.vehicle.axle_mass.value * G
-    curve_bands, title = (
-        {"patent": bands(outcome.settings)},
-        f"{case.name}: axle 1 under every controller",
-    )
+    curve_bands = {"patent": bands(outcome.settings)}
+    title = f"{case.name}: axle 1 under every controller"
     stated = tree(Settings(case.vehicle, bands=bands(outcome.settings)), [])
     all_paths = [*paths, *pictures(shared)]
-    with atomic_files.outputs(all_paths, shared.force, inputs=inputs(shared, source)) as (
-        recording,
-        *places,
-    ):
+    read = inputs(shared, source)
+    with atomic_files.outputs(all_paths, shared.force, inputs=read) as (recording, *places):
         origin: Json = {}
         for record, stop in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
@@ -296,9 +277,8 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
             )
             origin |= carried
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, metrics, sources)
-        verdict = "\n".join(
-            [outcome.text, _EPILOG, terminal.findings(outcome.findings, terminal.NARROW)]
-        ).rstrip()
+        findings = terminal.findings(outcome.findings, terminal.NARROW)
+        verdict = "\n".join([outcome.text, _EPILOG, findings]).rstrip()
         origin["antiskid"] = {k: v for k, v in origin["antiskid"].items() if k != "controller"}
         page = rrd.StopsPage(stops, weight, curve_bands, verdict, origin)
         rrd.write_stops(recording, case.name, page)
@@ -312,7 +292,7 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
     return results.finished(shared, paths[0], outcome.findings)
 
 
-_ROWS = {
+_ROWS = {  # decimals of the fields of a `Verdict`, in their order
     "distance [m]": 1,
     "over dry": 3,
     "utilisation": 3,
@@ -363,25 +343,19 @@ def _verdicts(
     return table(["", *verdicts], rows, width=NARROW)
 
 
+def _compared_verdicts(laws: "Mapping[str, Answer] | Mapping[str, SweepRow]") -> str:
+    """As `_verdicts`, with what each controller saves."""
+    compared = {law: x.compared for law, x in laws.items()}
+    return _verdicts({law: x.values for law, x in laws.items()}, compared)
+
+
 def _rails(rows: "Sequence[SweepRow]") -> str:
     from .terminal import table
 
     by_rail: dict[str, dict[str, SweepRow]] = {}
     for r in rows:
         by_rail.setdefault(r.rail, {})[r.controller] = r
-    sections = [
-        f"rail {rail}:\n"
-        + _verdicts(
-            {law: r.values for law, r in laws.items()}, {law: r.compared for law, r in laws.items()}
-        )
-        for rail, laws in by_rail.items()
-    ]
-    limit_rows = [
-        [str(x), r.rail, r.controller, f"{laws:.0%}"] for r in rows for x, laws in r.limits
-    ]
-    limits = (
-        [table(["limit", "rail", "controller", "kept"], sorted(limit_rows), 3)]
-        if limit_rows
-        else []
-    )
+    sections = [f"rail {rail}:\n{_compared_verdicts(laws)}" for rail, laws in by_rail.items()]
+    kept = [[str(x), r.rail, r.controller, f"{share:.0%}"] for r in rows for x, share in r.limits]
+    limits = [table(["limit", "rail", "controller", "kept"], sorted(kept), 3)] if kept else []
     return "\n\n".join([*sections, _MEANING, *limits])

@@ -15,25 +15,9 @@ from ..core.errors import UserError
 from .options import Ended
 
 _COMMANDS = (
-    "inspect",
-    "analyze",
-    "compare",
-    "fleet",
-    "slip",
-    "antiskid",
-    "calibrate",
-    "tune",
-    "live",
-    "simulate",
-    "reproduce",
-    "explain",
-    "convert",
-    "recover",
-    "report",
-    "view",
-    "estimators",
-    "export-c",
-)
+    "inspect analyze compare fleet slip antiskid calibrate tune live simulate reproduce explain "
+    "convert recover report view estimators export-c"
+).split()
 app = typer.Typer(
     name="adhesion",
     help="Wheel-rail adhesion from brake-cylinder pressure and wheel speed.",

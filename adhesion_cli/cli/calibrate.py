@@ -69,24 +69,16 @@ def report(calibration: "CalibrationRun") -> str:
     from .terminal import folded, records
 
     result = calibration.result
-    prior_percent, posterior_percent = (
-        100.0 * u / x for u, x in zip(result.band, result.force, strict=True)
-    )
+    prior, posterior = (100.0 * u / x for u, x in zip(result.band, result.force, strict=True))
     ratio, mass = result.rows["force_over_mass"], result.rows["axle_mass"]
     limit = (
         f"The logs show the force over the mass within "
         f"{100.0 * ratio.posterior_u / ratio.posterior:.1f} %. The mass is known within "
         f"{100.0 * mass.posterior_u / mass.posterior:.1f} %, and the force no better (1 sigma)."
     )
-    return "\n".join(
-        [
-            f"Brake applications: {len(calibration.applications)}, logs: {len(calibration.logs)}; "
-            "± is 1 sigma:",
-            "",
-            records(as_rows(calibration), text_columns=3),
-            "",
-            f"95 % band of the force at the mean brake: ±{prior_percent:.1f} % as stated, "
-            f"±{posterior_percent:.1f} % calibrated",
-            folded(limit),
-        ]
-    )
+    counts = f"{len(calibration.applications)}, logs: {len(calibration.logs)}"
+    head = f"Brake applications: {counts}; ± is 1 sigma:"
+    band = f"95 % band of the force at the mean brake: ±{prior:.1f} % as stated, "
+    band += f"±{posterior:.1f} % calibrated"
+    table = records(as_rows(calibration), text_columns=3)
+    return "\n".join([head, "", table, "", band, folded(limit)])

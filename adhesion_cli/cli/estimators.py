@@ -48,24 +48,14 @@ def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
     from ..core.document import finite
     from ..core.methods import parameters
 
-    return {
-        "algo": e.name,
-        "title": e.title,
-        "source": e.source,
-        "claims": {k: c._asdict() for k, c in e.claims.items()},
-        "parameters": [
-            {
-                "name": name,
-                "unit": q.unit,
-                "text": q.text,
-                "value": values[name],
-                "default": default,
-                "low": finite(q.minimum),
-                "high": finite(q.maximum),
-            }
-            for name, q, default in parameters(e)
-        ],
-    }
+    rows = []
+    for name, q, default in parameters(e):
+        row = {"name": name, "unit": q.unit, "text": q.text, "value": values[name]}
+        limits = {"low": finite(q.minimum), "high": finite(q.maximum)}
+        rows.append({**row, "default": default, **limits})
+    claims = {k: c._asdict() for k, c in e.claims.items()}
+    head = {"algo": e.name, "title": e.title, "source": e.source}
+    return {**head, "claims": claims, "parameters": rows}
 
 
 def _text(e: "Estimator", values: dict[str, float]) -> str:
@@ -94,18 +84,13 @@ def _response(chosen: "list[Estimator]", settings: "Settings", shared: Shared) -
     with atomic_files.outputs([picture], shared.force) as (temporary,):
         charts.write(temporary, "Frequency response of the estimators", panels(all_responses))
     if shared.json:
-        listed = [
-            {
-                "algo": r.algo,
-                "amplitude_n": r.amplitude_n,
-                "frequency_hz": r.frequency_hz.tolist(),
-                **{
-                    name: [finite(x) for x in getattr(r, name).tolist()]
-                    for name in ("gain", "delay_s", "noise_gain")
-                },
-            }
-            for r in all_responses
-        ]
+        listed = []
+        for r in all_responses:
+            head = {"algo": r.algo, "amplitude_n": r.amplitude_n}
+            curves = {"frequency_hz": r.frequency_hz.tolist()}
+            for name in ("gain", "delay_s", "noise_gain"):
+                curves[name] = [finite(x) for x in getattr(r, name).tolist()]
+            listed.append(head | curves)
         print(dumps(tagged("response", responses=listed, outputs={"svg": str(picture)})))
         return 0
     for title, name, factor, digits in (

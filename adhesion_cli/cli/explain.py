@@ -55,15 +55,10 @@ def command(
 
 def entry(catalogued: "CatalogueEntry") -> dict[str, object]:
     """An entry as people read it, with "…" for what each finding states itself."""
-    texts = ("title", "message", *_SECTIONS)
-    texts_by_name = {name: _without_markup(getattr(catalogued, name)) for name in texts}
-    thresholds = _thresholds(catalogued.code)
-    return {
-        "code": catalogued.code,
-        "section": catalogued.section,
-        **texts_by_name,
-        "thresholds": thresholds,
-    }
+    names = ("title", "message", *_SECTIONS)
+    texts = {name: _without_markup(getattr(catalogued, name)) for name in names}
+    head = {"code": catalogued.code, "section": catalogued.section}
+    return {**head, **texts, "thresholds": _thresholds(catalogued.code)}
 
 
 @cache

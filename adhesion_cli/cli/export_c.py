@@ -89,9 +89,6 @@ def _check_folder(folder: Path, algo: str, paths: list[Path]) -> None:
         folder_name = printable(str(folder))
         header = printable(other_headers[0].name)
         text = f"{printable(str(existing[0]))}: belongs to the export {header}"
-        other_folder = (
-            printable(str(folder.with_name(f"{folder.name}-{algo}"))) if folder.name else algo
-        )
-        raise UserError(
-            text, f"each export needs a folder of its own, as -o {other_folder}; not {folder_name}"
-        )
+        other = folder.with_name(f"{folder.name}-{algo}") if folder.name else algo
+        hint = f"each export needs a folder of its own, as -o {printable(str(other))}"
+        raise UserError(text, f"{hint}; not {folder_name}")

@@ -19,19 +19,7 @@ if TYPE_CHECKING:
 _FOLDER = Path("fleet-results")
 _LISTED_LOGS = 10  # failed logs that are listed
 _WIDTH = 100  # columns of a summary
-_OPTIONS = (
-    "config",
-    "set_",
-    "dbc",
-    "algo",
-    "reference",
-    "axle",
-    "from_",
-    "to",
-    "json",
-    "force",
-    "strict",
-)
+_OPTIONS = "config set_ dbc algo reference axle from_ to json force strict".split()
 
 
 @shared(*_OPTIONS)
@@ -95,16 +83,12 @@ def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers", records: 
     atomic_files.refuse_url(out)
     job, logs = _job(shared, out / RECORDINGS if records else None), find(paths)
     dataset = Dataset(out, job.settings, job.version)
-    with terminal.campaign(shared.quiet, len(logs)) as progress:
-        state = run(logs, job, dataset, pool, shared.force, progress)
+    progress = terminal.campaign(shared.quiet, len(logs))
+    state = run(logs, job, dataset, pool, shared.force, progress)
     seconds = time.perf_counter() - begin
     if shared.json:
-        counts = {
-            "done": state.completed,
-            "skipped": state.skipped,
-            "failed": len(state.failed),
-            "lossy": state.lossy,
-        }
+        counts = {"done": state.completed, "skipped": state.skipped, "failed": len(state.failed)}
+        counts |= {"lossy": state.lossy}
         print(dumps(tagged("fleet", logs=state.logs, **counts, seconds=seconds)))
     else:
         print(_status_text(state, out, seconds))
@@ -157,24 +141,17 @@ def _status_text(state: "State", folder: Path, seconds: float) -> str:
     """The counts of a run, and what shows its results."""
     from ..core.text import printable
 
-    counts = {
-        "analysed": state.completed,
-        "skipped, as they have results": state.skipped,
-        "failed": len(state.failed),
-    }
+    counts = {"analysed": state.completed, "skipped, as they have results": state.skipped}
+    counts["failed"] = len(state.failed)
     counts_text = [f"{n} {count_name}" for count_name, n in counts.items() if n]
     worked = state.completed + len(state.failed)
     rate = f" ({worked / seconds:.1f} logs/s)" if worked else ""
     folder_name = printable(str(folder))
-    doubt = [f"data lost or repaired, or in doubt: {state.lossy} of them; see --summary"]
-    return "\n".join(
-        [
-            f"{state.logs} logs: {', '.join(counts_text)}; {seconds:.1f} s{rate}",
-            *(doubt * bool(state.lossy)),
-            f"wrote {folder_name}: applications, estimators, findings, logs",
-            f"`adhesion fleet --summary {folder_name}` shows them.",
-        ]
-    )
+    lines = [f"{state.logs} logs: {', '.join(counts_text)}; {seconds:.1f} s{rate}"]
+    if state.lossy:
+        lines.append(f"data lost or repaired, or in doubt: {state.lossy} of them; see --summary")
+    lines.append(f"wrote {folder_name}: applications, estimators, findings, logs")
+    return "\n".join([*lines, f"`adhesion fleet --summary {folder_name}` shows them."])
 
 
 def _show_failed(state: "State", quiet: bool) -> None:
@@ -209,21 +186,16 @@ def _text(fleet: "FleetSummary") -> str:
     from ..fleet import summary_tables
     from . import terminal
 
+    lines = [summary_tables.head(fleet)]
+    for table in summary_tables.tables(fleet):
+        rows = terminal.records(table.rows, _WIDTH, table.text_columns)
+        lines += ["", f"{table.title}:", rows]
     failed = [
         f"  {printable(row['log'])}\n    error: {printable(row['error'])}" for row in fleet.failed
     ]
     damaged = [f"  {printable(log)}" for log in fleet.damaged]
-    sections = [
-        line
-        for fleet_table in summary_tables.tables(fleet)
-        for line in (
-            "",
-            f"{fleet_table.title}:",
-            terminal.records(fleet_table.rows, _WIDTH, fleet_table.text_columns),
-        )
-    ]
-    lists = [*_first_lines("Failed logs:", failed), *_first_lines("Damaged logs:", damaged)]
-    return "\n".join([summary_tables.head(fleet), *sections, *lists])
+    lines += [*_first_lines("Failed logs:", failed), *_first_lines("Damaged logs:", damaged)]
+    return "\n".join(lines)
 
 
 def _first_lines(title: str, lines: list[str]) -> list[str]:

@@ -31,24 +31,14 @@ def command(logs: Logs, shared: Shared) -> int:
         raise UserError(text, "leave out --force", code=2)
     check(shared, [], *logs)
     settings = load_settings(shared)
-    inspections = [inspect(log, settings, shared.debug) for log in logs]
-    with places(
-        shared, [[]], (inspection.log for inspection in inspections if inspection.log), logs
-    ):
+    inspected = [inspect(log, settings, shared.debug) for log in logs]
+    with places(shared, [[]], (i.log for i in inspected if i.log), logs):
         pass
     if shared.json:
-        print(
-            dumps(
-                tagged("inspect", logs=[as_json(inspection.summary) for inspection in inspections])
-            )
-        )
+        print(dumps(tagged("inspect", logs=[as_json(i.summary) for i in inspected])))
     else:
-        print(
-            "\n\n".join(
-                _text(inspection.summary, inspection.findings) for inspection in inspections
-            )
-        )
-    return max((inspection.code for inspection in inspections), key=_WORST.index)
+        print("\n\n".join(_text(i.summary, i.findings) for i in inspected))
+    return max((i.code for i in inspected), key=_WORST.index)
 
 
 def _text(log: "InspectedLog", findings: "Sequence[Finding]") -> str:
@@ -57,15 +47,11 @@ def _text(log: "InspectedLog", findings: "Sequence[Finding]") -> str:
 
     lines = [f"{printable(log.path)}: {log.format or 'unknown format'}, {log.status}"]
     if log.error:
-        return "\n".join(
-            [*lines, f"error: {printable(log.error)}", f"hint: {printable(log.hint or '')}"]
-        )
+        lines += [f"error: {printable(log.error)}", f"hint: {printable(log.hint or '')}"]
+        return "\n".join(lines)
     lines += [f"{log.rows_read} rows, {log.duration_s:.3f} s", f"time: {log.time}"]
-    lines += [
-        f"{name}: {printable(str(value))}"
-        for name, value in log.stated.items()
-        if value not in ("", None)
-    ]
+    stated = {name: value for name, value in log.stated.items() if value not in ("", None)}
+    lines += [f"{name}: {printable(str(value))}" for name, value in stated.items()]
     lines += _channels(log.channels)
     lines += [terminal.findings(findings)] if findings else []
     # What has to be stated is shown as it can be pasted, without line breaks.
@@ -78,26 +64,17 @@ def _channels(channels: "Sequence[InspectedChannel]") -> list[str]:
     from ..core.text import printable
     from . import terminal
 
-    faults = {
-        "unused": [c.rows - c.valid for c in channels],
-        **{
-            name: [getattr(c, name) for c in channels]
-            for name in ("gaps", "duplicates", "backward")
-        },
-    }
+    faults = {"unused": [c.rows - c.valid for c in channels]}
+    for name in ("gaps", "duplicates", "backward"):
+        faults[name] = [getattr(c, name) for c in channels]
     present = [name for name, counts in faults.items() if any(counts)]
-    rows = [
-        {
-            "channel": f"{c.name} {c.field}".strip(),
-            "meaning": c.meaning or "-",
-            "axle": terminal.number(c.axle),
-            "unit": c.unit or ("not stated" if c.meaning else "-"),
-            "Hz": terminal.number(c.rate_hz, 2),
-            "rows": str(c.rows),
-            **{name: str(faults[name][i]) for name in present},
-        }
-        for i, c in enumerate(channels)
-    ]
+    rows = []
+    for i, c in enumerate(channels):
+        unit = c.unit or ("not stated" if c.meaning else "-")
+        head = {"channel": f"{c.name} {c.field}".strip(), "meaning": c.meaning or "-"}
+        head |= {"axle": terminal.number(c.axle), "unit": unit}
+        counts = {"Hz": terminal.number(c.rate_hz, 2), "rows": str(c.rows)}
+        rows.append(head | counts | {name: str(faults[name][i]) for name in present})
     lines = [terminal.records(rows, text_columns=2)] if rows else []
     if absent := [name for name in faults if name not in present]:
         lines.append(f"{', '.join(absent)}: none")

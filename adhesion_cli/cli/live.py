@@ -219,10 +219,7 @@ class _Run:
         """Who takes the samples: the file first, so that it has what the others fail on."""
         from ..live.shown import JsonLines
 
-        names = [
-            *self._algos_shown,
-            *(a for a in sorted(self._algos) if a not in self._algos_shown),
-        ]
+        names = list(dict.fromkeys([*self._algos_shown, *sorted(self._algos)]))
         yield from self._recordings(axles, names)
         if self._screens.serve is not None:
             from ..live.served import Served

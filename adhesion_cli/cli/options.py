@@ -165,10 +165,9 @@ def shared(
                 return command(shared=values, **given)
 
         run.__signature__ = inspect.Signature([*parameters, *extra])  # type: ignore[attr-defined]
-        own_hints = get_type_hints(command, include_extras=True)
-        run.__annotations__ = {
-            p.name: own_hints.get(p.name, p.annotation) for p in (*parameters, *extra)
-        }
+        hints = get_type_hints(command, include_extras=True)
+        all_parameters = (*parameters, *extra)
+        run.__annotations__ = {p.name: hints.get(p.name, p.annotation) for p in all_parameters}
         return run
 
     return decorate
@@ -182,12 +181,8 @@ def load_settings(shared: Shared) -> "Settings":
     """
     from ..analysis.settings import load
 
-    return load(
-        shared.config,
-        assignments(shared),
-        strict=shared.strict,
-        rejects=shared.rejects is not None,
-    )
+    rejects = shared.rejects is not None
+    return load(shared.config, assignments(shared), strict=shared.strict, rejects=rejects)
 
 
 def assignments(shared: Shared) -> list[str]:

@@ -52,25 +52,21 @@ def report(doc: "Json") -> list[str]:
     sections = [_table_2(doc)]
     for algo in doc["unmatched"]:
         row = constant[algo]
-        tried = [
-            ("as read", row),
-            *((a["reading"], a) for a in constant_alternatives if a["algo"] == algo),
-        ]
+        others = [a for a in constant_alternatives if a["algo"] == algo]
+        tried = [("as read", row), *((a["reading"], a) for a in others)]
         numbers = "; ".join(f"{text}: {number(x['max_error_n'], 1)}" for text, x in tried)
         sections.append(
             f"{algo}: no reading gives the printed maximum error, "
             f"{row['paper_max_error_n']:.0f} N. Tried [N]: {numbers}"
         )
     varying_alternatives = [a for a in doc["alternatives"] if a["condition"] == "varying"]
-    varying_rows = [
-        *varying.items(),
-        *((f"{a['algo']}, {a['reading']}", a) for a in varying_alternatives),
-    ]
+    varying_rows = dict(varying)
+    varying_rows |= {f"{a['algo']}, {a['reading']}": a for a in varying_alternatives}
     frequencies = [x["frequency_hz"] for x in varying["neso"]["frequency"]]
     for key, title in (("gain", "varying: gain"), ("lag_s", "varying: lag [s]")):
         body = [
             [algo, number(x["rmse_n"]), *(number(f[key], 2) for f in x["frequency"])]
-            for algo, x in varying_rows
+            for algo, x in varying_rows.items()
         ]
         heads = [title, "rmse at 0.5 Hz [N]", *(f"{f:g} Hz" for f in frequencies)]
         sections.append(table(heads, body))
@@ -85,10 +81,8 @@ def report(doc: "Json") -> list[str]:
         [a["reading"], a["algo"], number(a["response_s"], 2), number(a["max_error_n"], 1)]
         for a in constant_alternatives
     ]
-    sections.append(
-        table(["other readings", "algorithm", "95 % [s]", "max [N]"], listed, text_columns=2)
-    )
-    return sections
+    heads = ["other readings", "algorithm", "95 % [s]", "max [N]"]
+    return [*sections, table(heads, listed, text_columns=2)]
 
 
 def _table_2(doc: "Json") -> str:
@@ -108,18 +102,9 @@ def _table_2(doc: "Json") -> str:
         ]
         for algo, x in doc["conditions"]["constant"].items()
     ]
-    header = [
-        "Table 2",
-        "95 % [s]",
-        f"{doc['seeds']} seeds",
-        "paper",
-        "apart",
-        "max [N]",
-        f"{doc['seeds']} seeds",
-        "paper",
-        "within 25 %",
-    ]
-    return table(header, rows)
+    seeds = f"{doc['seeds']} seeds"
+    times, errors = ["95 % [s]", seeds, "paper", "apart"], ["max [N]", seeds, "paper"]
+    return table(["Table 2", *times, *errors, "within 25 %"], rows)
 
 
 def _range(interval: list[float], digits: int) -> str:

@@ -9,7 +9,6 @@ from .options import ALL_NAMES, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
     from ..rail.rail_under_slides import Summary
-    from ..results.charts import Panel
 
 
 @shared(*(name for name in ALL_NAMES if name != "algo"), "figure")
@@ -47,32 +46,23 @@ def command(logs: Logs, shared: Shared) -> int:
     bands = Bands(**first_result.result.settings["bands"])
     sets = [[*pair, *pictures(shared)] for pair in pairs]
 
-    def panels() -> "list[Panel]":
-        return of_slip(first_result.result, first_result.axles, bands)
+    def draw_first(place: Path, _: Path) -> None:
+        draw(shared, place, title, of_slip(first_result.result, first_result.axles, bands))
 
-    results.write(
-        shared,
-        analysed,
-        sets,
-        [summarise(r, {}) for r in analysed],
-        [carried(slip_result) for slip_result in slip_results],
-        {name: lambda place, _: draw(shared, place, title, panels()) for name in pictures(shared)},
-    )
+    summaries, documents = [summarise(r, {}) for r in analysed], [*map(carried, slip_results)]
+    figures = dict.fromkeys(pictures(shared), draw_first)
+    results.write(shared, analysed, sets, summaries, documents, figures)
     if shared.json:
-        files = [results.named(slip_result) for slip_result in sets]
-        summaries, findings = (
-            [slip_result.axles for slip_result in slip_results],
-            [slip_result.findings for slip_result in slip_results],
-        )
-        print(dumps(slip_document([r.log for r in analysed], summaries, findings, files)))
+        files = [results.named(paths) for paths in sets]
+        logs_read, axles_of = [r.log for r in analysed], [s.axles for s in slip_results]
+        findings = [s.findings for s in slip_results]
+        print(dumps(slip_document(logs_read, axles_of, findings, files)))
     else:
         for (result, axles, slip_summaries), files_of in zip(slip_results, sets, strict=True):
             print(f"{printable(result.log.path)}\n{table(axles, result.log.start_ns())}")
             print(terminal.wrote(*files_of))
             terminal.show(slip_summaries, shared.quiet)
-    return results.finished(
-        shared, pairs[-1][1], [f for slip_result in slip_results for f in slip_result.findings]
-    )
+    return results.finished(shared, pairs[-1][1], [f for s in slip_results for f in s.findings])
 
 
 _OF_REGIONS = """\
@@ -97,15 +87,12 @@ def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
         shares = zip(REGION_TITLES, (s.regions or {}).values(), strict=False)
         share_columns = {f"{region} [%]": number(100.0 * x, 1) for region, x in shares}
         rmse = number(None if s.slip_rmse is None else 100.0 * s.slip_rmse, 2)
-        regions.append(
-            {"axle": str(s.axle)} | share_columns | ({"slip RMSE [%]": rmse} if noise else {})
-        )
+        noise_column = {"slip RMSE [%]": rmse} if noise else {}
+        regions.append({"axle": str(s.axle)} | share_columns | noise_column)
     sections = [records(regions), _OF_REGIONS]
     rails = {s.axle: s.rail for s in summaries if s.rail}
-    if rails:
-        sections.insert(
-            0, records([{"axle": str(axle)} | rail_row(rail) for axle, rail in rails.items()])
-        )
+    if rail_rows := [{"axle": str(axle)} | rail_row(rail) for axle, rail in rails.items()]:
+        sections.insert(0, records(rail_rows))
     if rows := constants(list(rails.values())):
         sections += [table(["rail", *(f"axle {axle}" for axle in rails)], rows), folded(OF_CURVE)]
     if slides := slide_rows(summaries, start_ns):

@@ -3,8 +3,7 @@
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,11 +82,7 @@ def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str
         lines += [f"{heading}:"] if groups else []
         for group, message in groups:
             location = ", ".join(filter(None, (_channels(group), _times_text(group))))
-            cells = [
-                group[0].code.ljust(codes),
-                *([location] if location else []),
-                printable(message),
-            ]
+            cells = filter(None, (group[0].code.ljust(codes), location, printable(message)))
             line = _shorten("  " + "  ".join(cells), 2 * _WIDEST)
             lines.append(folded(line, " " * 6, columns))
     return "\n".join([*lines, _EXPLAINS] if lines else lines)
@@ -115,9 +110,8 @@ def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str
 
 def _channels(group: Sequence[Finding]) -> str:
     """As many channels as have room, at least one, and how many more there are."""
-    names = list(
-        dict.fromkeys(_shorten(printable(f.channel), _CHANNEL) for f in group if f.channel)
-    )
+    channels = (_shorten(printable(f.channel), _CHANNEL) for f in group if f.channel)
+    names = list(dict.fromkeys(channels))
     count = len(names)
     while count > 1 and len(", ".join(names[:count])) > _CHANNEL:
         count -= 1
@@ -192,48 +186,25 @@ def progress(quiet: bool) -> Callable[[str], None]:
     return advance
 
 
-@contextmanager
-def campaign(quiet: bool, logs: int) -> "Iterator[Callable[[State], None]]":
-    """Shows how far a run over many logs is: on stderr, and only if that is a terminal.
+def campaign(quiet: bool, logs: int) -> "Callable[[State], None]":
+    """Shows how far a run over many logs is, as `progress`."""
+    show_text, begin, skipped = progress(quiet), 0.0, 0
 
-    Args:
-        quiet: whether it is shown at all.
-        logs: how many there are.
-    """
-    if quiet or not sys.stderr.isatty():
-        yield lambda _: None
-        return
-    from rich import progress as bars
-    from rich.console import Console
+    def advance(state: "State") -> None:
+        nonlocal begin, skipped
+        failed = len(state.failed)
+        ended = state.completed + state.skipped + failed
+        if state.read < logs:
+            show_text(f"reading {state.read} of {logs}")
+            return
+        if not begin:
+            begin, skipped = time.monotonic(), ended
+        seconds = max(time.monotonic() - begin, 1e-9)
+        rate = (ended - skipped) / seconds
+        remaining = f", {(logs - ended) / rate:.0f} s left" if rate else ""
+        show_text(f"analysed {ended} of {logs}: {rate:.1f} logs/s, {failed} failed{remaining}")
 
-    columns = (
-        bars.TextColumn("{task.description}"),
-        bars.BarColumn(),
-        bars.MofNCompleteColumn(),
-        bars.TextColumn("{task.fields[more]}"),
-        bars.TimeRemainingColumn(),
-    )
-    with bars.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        reads = bar.add_task("reading", total=logs, more="")
-        works: bars.TaskID | None = None
-        begin, skipped = 0.0, 0
-
-        def advance(state: "State") -> None:
-            nonlocal works, begin, skipped
-            failed = len(state.failed)
-            ended = state.completed + state.skipped + failed
-            if state.read < logs:
-                bar.update(reads, completed=state.read)
-                return
-            if works is None:
-                bar.remove_task(reads)
-                works = bar.add_task("analysing", total=logs - ended, more="")
-                begin, skipped = time.monotonic(), ended
-            rate = (ended - skipped) / max(time.monotonic() - begin, 1e-9)
-            rate_text = f"{rate:.1f} logs/s, {failed} failed"
-            bar.update(works, completed=ended - skipped, more=rate_text)
-
-        yield advance
+    return advance
 
 
 def message(text: str, quiet: bool) -> None:

@@ -52,14 +52,8 @@ def command(
         text = f"--hold-back {hold_back:g}: a share of the logs lies between 0 and 1"
         raise UserError(text, "--hold-back 0.3", code=2)
     check(shared, files, *logs)
-    tuned = tune.tune(
-        logs,
-        load_settings(shared),
-        algo,
-        hold_back=hold_back,
-        seed=seed,
-        progress=terminal.progress(shared.quiet),
-    )
+    settings, progress = load_settings(shared), terminal.progress(shared.quiet)
+    tuned = tune.tune(logs, settings, algo, hold_back=hold_back, seed=seed, progress=progress)
     if files:
         with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as (place,):
             place.write_text(tune.as_toml(tuned), encoding="utf-8")

@@ -73,10 +73,8 @@ def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> N
     carried = settings.nested(source.metadata.get(SETTINGS, {}))
     ran = {f.channel.rpartition("/")[2] for f in source.fields if _ESTIMATE.match(f.channel)}
     if not carried or not ran:
-        raise UserError(
-            f"{result}: {recording.name} is missing, or was not made from it",
-            f"write both again by the command that wrote it, with --force; or view {recording}",
-        )
+        hint = f"write both again by the command that wrote it, with --force; or view {recording}"
+        raise UserError(f"{result}: {recording.name} is missing, or was not made from it", hint)
     algos = [name for name in registry() if name in ran]
     analysed = analyze.analyze(
         result, settings.load(folder=False), algos, progress=progress, train_speed=True
@@ -138,13 +136,9 @@ def serve_recording(recording: Path) -> None:
     url = f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
     print(f"open {url}\nCtrl-C ends it", flush=True)
     ports = ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
-    server = subprocess.Popen(
-        [*_rerun(recording), *ports],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        env={**os.environ, "RUST_LOG": "error"},
-        start_new_session=True,
-    )
+    command, env = [*_rerun(recording), *ports], {**os.environ, "RUST_LOG": "error"}
+    null = subprocess.DEVNULL
+    server = subprocess.Popen(command, stdin=null, stdout=null, env=env, start_new_session=True)
     try:
         code = server.wait()
     finally:

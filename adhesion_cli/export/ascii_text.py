@@ -2,45 +2,17 @@
 
 import unicodedata
 
-_GREEK = dict(
-    zip(
-        "αβγδεζηθικλμνξοπρστυφχψω",
-        "alpha beta gamma delta eps zeta eta theta iota kappa lambda mu nu xi omicron pi rho sigma "
-        "tau upsilon phi chi psi omega".split(),
-        strict=True,
-    )
+_GREEK = (
+    "alpha beta gamma delta eps zeta eta theta iota kappa lambda mu nu xi omicron pi rho sigma tau "
+    "upsilon phi chi psi omega"
 )
 _SIGNS = {
-    "²": "^2",
-    "³": "^3",
-    "₀": "0",
-    "₁": "1",
-    "₂": "2",
-    "√": "sqrt ",
-    "·": " ",
-    "−": "-",
-    "–": "-",
-    "≤": "<=",
-    "≥": ">=",
-    "∫": "integral ",
-    "∑": "sum ",
-    "Σ": "sum ",
-    "Δ": "delta ",
-    "×": "x",
-    "→": "->",
-    "←": "<-",
-    "°": "deg",
-    "±": "+-",
-    "ϑ": "theta",
-    "…": "...",
-    "’": "'",
-    "∈": "in",
-    "Ω": "Omega",
-    "Φ": "Phi",
-    "\u0302": "_est",
-    "\u0307": "_dot",
+    **{"²": "^2", "³": "^3", "₀": "0", "₁": "1", "₂": "2", "·": " ", "−": "-", "–": "-"},
+    **{"≤": "<=", "≥": ">=", "×": "x", "→": "->", "←": "<-", "±": "+-", "…": "...", "’": "'"},
+    **{"∫": "integral ", "∑": "sum ", "Σ": "sum ", "√": "sqrt ", "°": "deg", "∈": "in"},
+    **{"Δ": "delta", "ϑ": "theta", "Ω": "Omega", "Φ": "Phi", "\u0302": "_est", "\u0307": "_dot"},
 }
-_NAMES = _GREEK | _SIGNS
+_NAMES = dict(zip("αβγδεζηθικλμνξοπρστυφχψω", _GREEK.split(), strict=True)) | _SIGNS
 
 
 def ascii_text(text: str) -> str:

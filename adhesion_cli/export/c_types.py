@@ -108,9 +108,8 @@ class Types:
         hints, notes = get_type_hints(source), _notes(source)
         fields = tuple((c_name(x), self._inner(hints[x], public)) for x in source._fields)
         name = name or source.__name__.lower()
-        if any(
-            s.c == f"{self._prefix}_{name}" for s in self.structs if s != self._structs.get(source)
-        ):
+        others = [s.c for s in self.structs if s != self._structs.get(source)]
+        if f"{self._prefix}_{name}" in others:
             name = f"{stem(source)}_{name}"
         text = ascii_text((inspect.getdoc(source) or "").splitlines()[0])
         return self._add(source, Struct(f"{self._prefix}_{name}", fields, text, notes, public))
@@ -121,10 +120,8 @@ class Types:
             return self._structs[kinds]
         fields = tuple((f"v{i}", kind) for i, kind in enumerate(kinds))
         suffix = "_".join(k.c.removeprefix(f"{self._prefix}_") for k in kinds)
-        notes = ("",) * len(kinds)
-        return self._add(
-            kinds, Struct(f"{self._prefix}_{suffix}_pair", fields, "Two results.", notes, False)
-        )
+        name, notes = f"{self._prefix}_{suffix}_pair", ("",) * len(kinds)
+        return self._add(kinds, Struct(name, fields, "Two results.", notes, False))
 
     def _inner(self, hint: Any, public: bool) -> Kind:
         return self.named(hint, public=public) if hasattr(hint, "_fields") else self.kind(hint)

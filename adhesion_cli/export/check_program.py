@@ -67,17 +67,16 @@ def program(interface: Interface, vectors: Vectors) -> str:
     """The text of the program."""
     n = interface.name
     fields = [f"{n}_real K;", f"{n}_real y;"] if interface.estimator else [f"{n}_observed o;"]
-    arguments = {"init": "&s, &p, &samples[0].o", "step": "&s, at->h, &at->o", "begin": ""}
-    arguments |= {"bad": f"    {n}_observed o = samples[0].o;\n    o.slip = none;\n"}
-    arguments |= {"step_bad": "state, samples[1].h, &o", "init_bad": "state, &p, &samples[0].o"}
     if interface.estimator:
-        arguments = {
-            "init": "&s, &p, &w, samples[0].K, samples[0].y",
-            "step": "&s, at->h, at->K, at->y",
-        }
+        first = "samples[0].K, samples[0].y"
+        arguments = {"init": f"&s, &p, &w, {first}", "step": "&s, at->h, at->K, at->y"}
         arguments |= {"begin": f"    const {n}_wheelset w = {n}_default_wheelset();\n", "bad": ""}
         arguments |= {"step_bad": "state, samples[1].h, none, samples[1].y"}
-        arguments |= {"init_bad": "state, &p, &state->w, samples[0].K, samples[0].y"}
+        arguments |= {"init_bad": f"state, &p, &state->w, {first}"}
+    else:
+        arguments = {"init": "&s, &p, &samples[0].o", "step": "&s, at->h, &at->o", "begin": ""}
+        arguments |= {"bad": f"    {n}_observed o = samples[0].o;\n    o.slip = none;\n"}
+        arguments |= {"step_bad": "state, samples[1].h, &o", "init_bad": "state, &p, &samples[0].o"}
     compared, worst, judged = [], [], []
     kinds = dict(interface.now.fields)
     for x, limit in zip(interface.answers(), limits(vectors, interface.number), strict=True):
@@ -89,15 +88,9 @@ def program(interface: Interface, vectors: Vectors) -> str:
         judged.append(f"failed += (worst_{x} > {limit!r}) ? 1 : 0;")
     lines = {"fields": fields, "worst": worst, "compared": compared, "judged": judged}
     arguments |= {k: "".join(f"    {x}\n" for x in v) for k, v in lines.items()}
-    return _PROGRAM.format(
-        name=n,
-        macro=interface.macro,
-        method=interface.method.name,
-        log=LOG,
-        rows=_rows(interface, vectors),
-        parameter=interface.params.fields[0][0],
-        **arguments,
-    )
+    names = {"name": n, "macro": interface.macro, "method": interface.method.name, "log": LOG}
+    names["parameter"] = interface.params.fields[0][0]
+    return _PROGRAM.format(**names, rows=_rows(interface, vectors), **arguments)
 
 
 def _rows(interface: Interface, vectors: Vectors) -> str:
@@ -111,8 +104,7 @@ def _rows(interface: Interface, vectors: Vectors) -> str:
             literals = [str(int(x)) if i else interface.number.literal(x) for x, i in inputs]
             literals = [interface.number.literal(row[0]), f"{{{', '.join(literals)}}}"]
         for x, value in zip(interface.answers(), expected, strict=True):
-            literals.append(
-                double.literal(value) if kinds[x] == interface.real else str(int(value))
-            )
+            is_real = kinds[x] == interface.real
+            literals.append(double.literal(value) if is_real else str(int(value)))
         text.append(f"    {{{', '.join(literals)}}},\n")
     return "".join(text)

@@ -16,27 +16,10 @@ from .c_types import BOOL, INT, Kind, Scalar, Struct, Types, c_name, file_of
 Cost = Counter[str]
 
 # Functions of `math` that Python takes from the C library, which round as it does.
-LIBRARY = {
-    "fabs",
-    "sqrt",
-    "exp",
-    "expm1",
-    "log",
-    "log1p",
-    "pow",
-    "copysign",
-    "sin",
-    "cos",
-    "tan",
-    "tanh",
-    "erf",
-    "erfc",
-    "floor",
-    "ceil",
-    "fmod",
-    "atan",
-    "atan2",
-}
+LIBRARY = frozenset(
+    "fabs sqrt exp expm1 log log1p pow copysign sin cos tan tanh erf erfc floor ceil fmod atan "
+    "atan2".split()
+)
 _OPERATORS: dict[type, tuple[str, str]] = {
     ast.Add: ("+", "add, subtract"),
     ast.Sub: ("-", "add, subtract"),
@@ -195,9 +178,8 @@ class Expressions:
         operand = self(node.operand)
         if not isinstance(node.op, ast.USub) or operand.kind == BOOL:
             self.refuse(node, "only -x and `not` have one operand")
-        return Expr(
-            f"-{operand.bracketed()}", operand.kind, operand.cost + Cost({"add, subtract": 1})
-        )
+        cost = operand.cost + Cost({"add, subtract": 1})
+        return Expr(f"-{operand.bracketed()}", operand.kind, cost)
 
     def _BinOp(self, node: ast.BinOp) -> Expr:
         if type(node.op) not in _OPERATORS:
@@ -264,9 +246,8 @@ class Expressions:
         target = self.program.function(callee, tuple(x.kind for x in arguments))
         passed = [arguments[i] for i in target.used_arguments]
         cost = sum((x.cost for x in passed), target.cost)
-        return Expr(
-            f"{target.name}({', '.join(map(self._braced, passed))})", target.kind, cost, True
-        )
+        text = f"{target.name}({', '.join(map(self._braced, passed))})"
+        return Expr(text, target.kind, cost, True)
 
     def _braced(self, x: Expr) -> str:
         """An argument: a struct by its address. One that a function returns is kept for that."""
@@ -290,18 +271,11 @@ class Expressions:
         if name in ("isfinite", "isnan"):
             helper = self.program.helper(name.removeprefix("is"))
             return Expr(f"{helper}({arguments})", BOOL, cost + Cost({"compare": 2}), True)
-        if name == "ceil":
-            spent = cost + Cost({"ceil": 1, "compare": 2})
-            return Expr(f"{self.program.helper('ceil')}({arguments})", self.real, spent, True)
         if name not in LIBRARY:
             self.refuse(node, f"math.{name}: the C library has none with the same bits")
         operation = {"fabs": "sign", "copysign": "sign"}.get(name, name)
-        return Expr(
-            f"{self.program.library(name)}({arguments})",
-            self.real,
-            cost + Cost({operation: 1}),
-            True,
-        )
+        cost += Cost({operation: 1})
+        return Expr(f"{self.program.library(name)}({arguments})", self.real, cost, True)
 
     def _builtin(self, node: ast.Call, name: str) -> Expr:
         match name, node.args:
@@ -310,11 +284,9 @@ class Expressions:
         arguments = [self(x) for x in node.args]
         if name == "float":
             argument = arguments[0]  # math.ceil and math.floor are whole numbers in a float already
-            text = (
-                argument.text
-                if argument.kind == self.real
-                else f"({self.real.c}){argument.bracketed()}"
-            )
+            text = argument.text
+            if argument.kind != self.real:
+                text = f"({self.real.c}){argument.bracketed()}"
             return Expr(text, self.real, argument.cost, argument.simple)
         if name == "abs":
             if arguments[0].kind != self.real:

@@ -80,18 +80,11 @@ def export(
         bands(settings)
         test_vectors = vectors.of_controller(method, p, settings, vehicle)
     if not double and test_vectors.missing_count:
-        text = (
-            f"{algo}: no finite answer in single precision at {test_vectors.missing_count} samples"
-        )
-        raise UserError(f"{text} of {vectors.LOG}", "leave out --float")
+        text = f"{algo}: no finite answer in single precision at {test_vectors.missing_count}"
+        raise UserError(f"{text} samples of {vectors.LOG}", "leave out --float")
     facts = pages.Facts(interface, code, test_vectors, wheelset_values, vehicle)
-    texts = (
-        code.header,
-        code.source,
-        check_program.program(interface, test_vectors),
-        pages.makefile(interface),
-        pages.readme(facts),
-    )
+    program, makefile = check_program.program(interface, test_vectors), pages.makefile(interface)
+    texts = (code.header, code.source, program, makefile, pages.readme(facts))
     answer = -1 if interface.estimator else 0
     error = max(test_vectors.single_errors(answer))
     return Exported(dict(zip(names(algo), texts, strict=True)), len(test_vectors.rows), error)

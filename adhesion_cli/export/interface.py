@@ -4,6 +4,7 @@ A state holds the parameters, the wheelset and the method's own state.
 """
 
 from collections.abc import Sequence
+from itertools import chain
 from types import FunctionType
 from typing import Any, NamedTuple, cast
 
@@ -81,10 +82,8 @@ class Interface:
         self.estimator = method if isinstance(method, Estimator) else None
         self.inputs = quantities(Sample if self.estimator else Observed)
         self.params = self.c.types.named(method.Params, "params", public=True)
-        input_type = Wheelset if self.estimator else Observed
-        self.given = self.c.types.named(
-            input_type, "wheelset" if self.estimator else "observed", public=True
-        )
+        given_type, name = (Wheelset, "wheelset") if self.estimator else (Observed, "observed")
+        self.given = self.c.types.named(given_type, name, public=True)
         self.now = self.c.types.named(method.State, "now", public=True)
         self.interval = quantities(Sample)["h"]
         self.limited = False  # whether a longer interval can be unstable
@@ -174,13 +173,9 @@ class Interface:
     def _header(self, statuses: tuple[tuple[str, str], ...]) -> str:
         n, public = self.name, [s for s in self.c.types.structs if s.public]
         title = ascii_text(f"{self.method.title}. {self.method.source}.")
-        lines = folded(
-            [
-                f"/* {n}.h: {title}",
-                f"   Made by adhesion {self.version}. Units are SI. "
-                "Ranges stand beside the values: README.md. */",
-            ]
-        )
+        made = f"   Made by adhesion {self.version}. Units are SI. "
+        made += "Ranges stand beside the values: README.md. */"
+        lines = folded([f"/* {n}.h: {title}", made])
         lines += [f"#ifndef {self.macro}_H", f"#define {self.macro}_H", "", "#include <stdint.h>"]
         real = f"{n}_real"
         lines += ["", f"typedef {self.number.c} {real};", ""]
@@ -228,10 +223,8 @@ class Interface:
             "step": "One sample later: h [s] since the last one, K [N], y [rad/s].",
         }
         if not self.estimator:
-            descriptions |= {
-                "init": "The first tick.",
-                "step": "One tick later: h [s] since the last one.",
-            }
+            descriptions["init"] = "The first tick."
+            descriptions["step"] = "One tick later: h [s] since the last one."
         lines = []
         for key, signature in self._signatures(f"{self.name}_real").items():
             lines += [f"/* {descriptions[key]} */", *folded([f"{signature};"]), ""]
@@ -262,51 +255,30 @@ class Interface:
 
     def _wheelset(self, wheelset_code: str) -> str:
         name, _, _ = wheelset_code.partition("(")
-        limits = quantities(Vehicle)
-        tests = [
-            x
-            for place, field in WHEELSET_INPUTS.items()
-            for x in self._range_tests(place, limits[field])
-        ]
         assignment = f"*w = {name}(radius, phi, inertia, mass);"
-        return self._function(
-            "wheelset_of",
-            self._guarded(
-                [
-                    ("w == NULL", "BAD_POINTER"),
-                    (_negated(tests), "BAD_WHEELSET"),
-                ],
-                [assignment],
-            ),
-        )
+        guards = [("w == NULL", "BAD_POINTER"), (_negated(self._vehicle_tests("")), "BAD_WHEELSET")]
+        return self._function("wheelset_of", self._guarded(guards, [assignment]))
+
+    def _vehicle_tests(self, owner: str) -> list[str]:
+        """The comparisons that hold for the inputs of a wheelset."""
+        limits = quantities(Vehicle)
+        tests = [self._range_tests(owner + x, limits[name]) for x, name in WHEELSET_INPUTS.items()]
+        return list(chain.from_iterable(tests))
 
     def _ranges(self, read: frozenset[str]) -> str:
         annotations = quantities(self.method.Params)
         tests = [x for n, q in annotations.items() for x in self._range_tests(f"p->{c_name(n)}", q)]
         text = self._test(f"params_ok(const {self.name}_params *p)", tests)
         if self.estimator:
-            limits = quantities(Vehicle)
-            tests = [
-                x
-                for f, field in WHEELSET_INPUTS.items()
-                for x in self._range_tests(f"w->{f}", limits[field])
-            ]
             call = "physics_wheelset_of(w->radius, w->phi, w->inertia, w->mass)"
             declaration = f"const {self.name}_wheelset same = {call};"
-            tests += [
-                f"(w->{x} == same.{x})"
-                for x, _ in self.given.fields
-                if x not in (*WHEELSET_INPUTS,)
-            ]
+            derived = [x for x, _ in self.given.fields if x not in WHEELSET_INPUTS]
+            tests = [*self._vehicle_tests("w->"), *(f"(w->{x} == same.{x})" for x in derived)]
             text += self._test(f"wheelset_ok(const {self.name}_wheelset *w)", tests, declaration)
             tests = [x for n in ("K", "y") for x in self._range_tests(n, self.inputs[n])]
             return text + self._test("input_ok(real K, real y)", tests)
-        tests = [
-            x
-            for n in self.inputs
-            if n in read
-            for x in self._range_tests(f"o->{n}", self.inputs[n])
-        ]
+        used = [n for n in self.inputs if n in read]
+        tests = [x for n in used for x in self._range_tests(f"o->{n}", self.inputs[n])]
         return text + self._test(f"input_ok(const {self.name}_observed *o)", tests)
 
     def _range_tests(self, value: str, q: Quantity) -> list[str]:
@@ -314,18 +286,12 @@ class Interface:
         kinds = dict(self.given.fields) if value.startswith("o->") else {}
         if isinstance(kinds.get(value[3:]), Scalar) and kinds[value[3:]] != self.real:
             return [f"({value} >= {int(q.minimum)})", f"({value} <= {int(q.maximum)})"]
-        lower = self.number.literal(float(q.minimum))
-        upper = (
-            self.number.largest
-            if q.maximum == float("inf")
-            else self.number.literal(float(q.maximum))
-        )
+        lower, upper = (self.number.literal(float(x)) for x in (q.minimum, q.maximum))
+        upper = self.number.largest if q.maximum == float("inf") else upper
         range_tests = [f"({value} >= {lower})", f"({value} <= {upper})"]
-        return (
-            [f"({self.c.helper('nan')}({value}) || ({' && '.join(range_tests)}))"]
-            if q.optional
-            else range_tests
-        )
+        if q.optional:
+            return [f"({self.c.helper('nan')}({value}) || ({' && '.join(range_tests)}))"]
+        return range_tests
 
     def _test(self, signature: str, tests: list[str], preamble: str = "") -> str:
         lines = [f"{INLINE} bool {signature}", "{", *([f"    {preamble}"] if preamble else [])]
@@ -334,9 +300,7 @@ class Interface:
 
     def _init(self, start: str, prepared: list[str], with_wheelset: bool) -> str:
         statements = ["state->p = *p;", *(["state->w = *w;"] if with_wheelset else []), *prepared]
-        pointers = "(state == NULL) || (p == NULL) || " + (
-            "(w == NULL)" if with_wheelset else "(o == NULL)"
-        )
+        pointers = f"(state == NULL) || (p == NULL) || ({'w' if with_wheelset else 'o'} == NULL)"
         guards = [(pointers, "BAD_POINTER"), ("!params_ok(p)", "BAD_PARAMETER")]
         guards += [("!wheelset_ok(w)", "BAD_WHEELSET")] if with_wheelset else []
         guards += [(f"!input_ok({'K, y' if with_wheelset else 'o'})", "BAD_INPUT")]
@@ -345,9 +309,8 @@ class Interface:
 
     def _step_text(self, step: list[str]) -> str:
         tests = self._range_tests("h", self.interval)
-        sample, pointers = (
-            ("K, y", "state == NULL") if self.estimator else ("o", "(state == NULL) || (o == NULL)")
-        )
+        sample = "K, y" if self.estimator else "o"
+        pointers = "state == NULL" if self.estimator else "(state == NULL) || (o == NULL)"
         guards = [(pointers, "BAD_POINTER"), ("state->begun != BEGUN", "NOT_BEGUN")]
         guards += [(f"{_negated(tests)} || !input_ok({sample})", "BAD_INPUT")]
         if self.limited:
@@ -367,13 +330,8 @@ class Interface:
             lines += folded([f"    {word} ({test}) {{"])
             lines += [f"        status = {self.macro}_{status};"]
             word = "} else if"
-        lines += [
-            "    } else {",
-            *folded(["        " + x for x in statements]),
-            "    }",
-            "    return status;",
-        ]
-        return lines
+        body = folded(["        " + x for x in statements])
+        return [*lines, "    } else {", *body, "    }", "    return status;"]
 
     def _function(self, key: str, lines: list[str]) -> str:
         return "\n".join([*folded([self._signatures()[key]]), "{", *lines, "}", ""])

@@ -74,12 +74,8 @@ class Facts(NamedTuple):
 def makefile(interface: Interface) -> str:
     """The Makefile."""
     suppressed = " ".join(f"--suppress={x}" for x in DEVIATIONS)
-    return MAKEFILE.format(
-        name=interface.name,
-        method=interface.method.name,
-        version=interface.version,
-        suppressed=suppressed,
-    )
+    names = {"name": interface.name, "method": interface.method.name}
+    return MAKEFILE.format(**names, version=interface.version, suppressed=suppressed)
 
 
 def readme(facts: Facts) -> str:
@@ -121,24 +117,20 @@ def _files(interface: Interface) -> str:
 def _usage(interface: Interface) -> str:
     n, m = interface.name, interface.macro
     if interface.estimator:
-        lines = [
-            f"{n}_params p = {n}_defaults();",
-            f"{n}_wheelset w = {n}_default_wheelset();",
-            f"{n}_state axle; /* one for each axle */",
-            f"if ({n}_init(&axle, &p, &w, K, y) == {m}_OK) {{ ... }} /* first sample */",
-            f"if ({n}_step(&axle, h, K, y) == {m}_OK) {{ /* each later one */",
-            "    use(axle.now.F); /* adhesion force [N] */",
-            "}",
-        ]
+        wheelset, first, later = [f"{n}_wheelset w = {n}_default_wheelset();"], "&w, K, y", "K, y"
+        unit, use = "sample", "use(axle.now.F); /* adhesion force [N] */"
     else:
-        lines = [
-            f"{n}_params p = {n}_defaults();",
-            f"{n}_state axle; /* one for each axle */",
-            f"if ({n}_init(&axle, &p, &observed) == {m}_OK) {{ ... }} /* first tick */",
-            f"if ({n}_step(&axle, h, &observed) == {m}_OK) {{ /* each later one */",
-            "    use(axle.now.valve); /* 0 apply, 1 hold, 2 dump */",
-            "}",
-        ]
+        wheelset, first, later = [], "&observed", "&observed"
+        unit, use = "tick", "use(axle.now.valve); /* 0 apply, 1 hold, 2 dump */"
+    lines = [
+        f"{n}_params p = {n}_defaults();",
+        *wheelset,
+        f"{n}_state axle; /* one for each axle */",
+        f"if ({n}_init(&axle, &p, {first}) == {m}_OK) {{ ... }} /* first {unit} */",
+        f"if ({n}_step(&axle, h, {later}) == {m}_OK) {{ /* each later one */",
+        f"    {use}",
+        "}",
+    ]
     numbers = [kind.c for _, kind in flat(interface.state())]
     integer_count = len([x for x in numbers if x != "real"])
     size = f"The state holds {len(numbers) - integer_count} numbers of type `{interface.number.c}`"
@@ -176,10 +168,10 @@ def _inputs(facts: Facts) -> str:
     ]
     text = f"## Inputs\n\n{_table(('input', 'unit', 'range', 'what'), rows)}"
     if interface.estimator:
-        of_vehicle = [
-            (x, facts.wheelset[x], annotations[name]) for x, name in WHEELSET_INPUTS.items()
-        ]
-        body = [(f"`{x}`", f"{v:g}", q.unit, range_of(q), q.text) for x, v, q in of_vehicle]
+        body = []
+        for x, name in WHEELSET_INPUTS.items():
+            q = annotations[name]
+            body.append((f"`{x}`", f"{facts.wheelset[x]:g}", q.unit, range_of(q), q.text))
         head = ("wheelset", "default", "unit", "range", "what")
         text += f"\n`_wheelset_of` takes\n\n{_table(head, body)}\n{_clamping(facts.vehicle)}"
     return text
@@ -226,10 +218,8 @@ def _accuracy(facts: Facts) -> str:
     seconds = sum(row[0] for row in vectors.rows)
     text += f"\n\nIn single precision, over axle 1 of {LOG} ({len(vectors.rows)} samples, "
     text += f"{seconds:.0f} s), the answers differ by what the table shows. It has the worst of "
-    text += (
-        f"{LIBRARIES} C libraries: one that rounds exactly, and others whose functions err by up "
-    )
-    text += f"to {ULPS} units in the last place.\n\n"
+    text += f"{LIBRARIES} C libraries: one that rounds exactly, and others whose functions err by "
+    text += f"up to {ULPS} units in the last place.\n\n"
     rows = []
     for i, x in enumerate(interface.answers()):
         errors = vectors.single_errors(i)
@@ -243,9 +233,8 @@ def _accuracy(facts: Facts) -> str:
     if vectors.missing_count:
         text += "\nSingle precision has no finite answer at "
         text += f"{vectors.missing_count} of these samples.\n"
-    if not interface.number.double and any(
-        path.endswith(".readings") for path, _ in flat(interface.now)
-    ):
+    counts_readings = any(path.endswith(".readings") for path, _ in flat(interface.now))
+    if counts_readings and not interface.number.double:
         text += (
             "\nA `float` counts up to 16 777 216, at 1 kHz in 4.6 hours. `noise.readings` stops "
             "there: start anew with `_init` before, for example while the train stands.\n"

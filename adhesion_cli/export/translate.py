@@ -32,10 +32,6 @@ _HELPERS = {
     "max": "{real} {name}({real} a, {real} b)\n{{\n    return (b > a) ? b : a;\n}}",
     "min_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b < a) ? b : a;\n}}",
     "max_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b > a) ? b : a;\n}}",
-    "ceil": (
-        "{real} {name}({real} x)\n{{\n    /* mostly 1, without a call */\n"
-        "    return ((x > {zero}) && (x <= {one})) ? {one} : ceil{f}(x);\n}}"
-    ),
     "finite": "bool {name}({real} x)\n{{\n    return fabs{f}(x) <= {largest};\n}}",
     "nan": "bool {name}({real} x)\n{{\n    return x != x; /* only NaN is not itself */\n}}",
     "count": (
@@ -105,14 +101,9 @@ class Translation:
         c_name = f"plain_{name}"
         if name not in self._helpers:
             self._helpers.add(name)
-            text = _HELPERS[name].format(
-                real=self.types.real.c,
-                name=c_name,
-                f=self.number.suffix,
-                zero=self.literal(0.0),
-                one=self.literal(1.0),
-                largest=self.number.largest,
-            )
+            names = {"real": self.types.real.c, "name": c_name, "f": self.number.suffix}
+            numbers = {"one": self.literal(1.0), "largest": self.number.largest}
+            text = _HELPERS[name].format(**names, **numbers)
             self.functions.insert(0, f"{INLINE} {text}\n")
         return c_name
 
@@ -135,9 +126,8 @@ class _Body:
         self.expression.local = dict(zip(self.arguments, kinds, strict=True))
         stored = {n.id for n in _names(self.node, ast.Store)}
         self.copied = stored & set(self.arguments)
-        self.expression.pointers = {
-            x for x, kind in zip(self.arguments, kinds, strict=True) if isinstance(kind, Struct)
-        } - stored
+        local = self.expression.local
+        self.expression.pointers = {x for x in local if isinstance(local[x], Struct)} - stored
         self.kinds = kinds
         self.results: set[Kind] = set()
         self.hoisted: dict[str, Kind] = {}
@@ -156,9 +146,8 @@ class _Body:
             x, kind = c_name(self.arguments[i]), self.kinds[i]
             star = "*" if isinstance(kind, Struct) else ""
             copied = self.arguments[i] in self.copied
-            parameters.append(
-                f"{'const ' if star else ''}{kind.c} {star}{x}{'_in' if copied else ''}"
-            )
+            constant, suffix = "const " if star else "", "_in" if copied else ""
+            parameters.append(f"{constant}{kind.c} {star}{x}{suffix}")
             copies += [f"    {kind.c} {x} = {star}{x}_in;"] if copied else []
         for x, struct in self.hoisted.items():
             copies.append(f"    {struct.c} {c_name(x)} = {self._zero(struct)};")
@@ -246,11 +235,8 @@ class _Body:
         i = c_name(name)
         head = f"for (int32_t {i} = 0; {i} < {bound.text}; {i}++) {{"
         spent = Cost({k: n * count_limit for k, n in (cost + Cost({"compare": 1})).items()})
-        return [
-            *self._lines(head, depth, node.iter),
-            *lines,
-            "    " * depth + "}",
-        ], bound.cost + spent
+        lines = [*self._lines(head, depth, node.iter), *lines, "    " * depth + "}"]
+        return lines, bound.cost + spent
 
     def _bound(self, count: ast.expr) -> tuple[Expr, int]:
         """The number of rounds, and the largest that it can be."""
@@ -273,18 +259,16 @@ class _Body:
         match target, value:
             case ast.Name(), _:
                 expression = self.expression(value)
-                return self._lines(
-                    self._assignment(target.id, expression, top), depth, node
-                ), expression.cost
+                text = self._assignment(target.id, expression, top)
+                return self._lines(text, depth, node), expression.cost
             case ast.Tuple(elts=targets), ast.Tuple(elts=values) if len(targets) == len(values):
                 return self._several(node, targets, values, depth, top)
             case ast.Tuple(elts=targets), ast.Call():
                 expression = self.expression(value)
                 self.temporary += 1
                 pair, indent = f"both_{self.temporary}", "    " * depth
-                lines = self._lines(
-                    f"const {expression.kind.c} {pair} = {expression.text};", depth, node
-                )
+                text = f"const {expression.kind.c} {pair} = {expression.text};"
+                lines = self._lines(text, depth, node)
                 assert isinstance(expression.kind, Struct)
                 for x, (field, kind) in zip(targets, expression.kind.fields, strict=True):
                     element = Expr(f"{pair}.{field}", kind)
@@ -305,9 +289,8 @@ class _Body:
             self.temporary += 1
             temporaries.append(Expr(f"new_{self.temporary}", x.kind) if crossed else x)
             if crossed:
-                lines.append(
-                    "    " * depth + f"const {x.kind.c} {temporaries[-1].text} = {x.text};"
-                )
+                text = f"const {x.kind.c} {temporaries[-1].text} = {x.text};"
+                lines.append("    " * depth + text)
         for name, temporary in zip(names, temporaries, strict=True):
             lines.append("    " * depth + self._assignment(name, temporary, top))
         lines[-1:] = self._lines(lines[-1].strip(), depth, node)
@@ -357,9 +340,8 @@ def folded(lines: list[str]) -> list[str]:
         deeper = " " * (len(line) - len(line.lstrip()) + 4)
         while len(line) > 100:
             least = len(deeper) + 40
-            position = max(
-                line.rfind(sign, least, 100) + len(sign) - 1 for sign in (", ", " && ", " || ")
-            )
+            signs = (", ", " && ", " || ")
+            position = max(line.rfind(sign, least, 100) + len(sign) - 1 for sign in signs)
             if position < least:
                 position = line.rfind(" ", len(deeper), 101)
             if position < 0:
@@ -387,8 +369,7 @@ def _origin(f: FunctionType) -> list[str]:
 def _comment(f: FunctionType, name: str) -> str:
     """The comment beside a number at module level, where its file says one."""
     for node in tree_of(file_of(f))[0].body:
-        if isinstance(node, ast.Assign) and any(
-            isinstance(t, ast.Name) and t.id == name for t in node.targets
-        ):
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if any(isinstance(t, ast.Name) and t.id == name for t in targets):
             return comment_at(file_of(f), node.end_lineno or 0)
     return ""

@@ -69,11 +69,10 @@ class Cluster:
         """Calls a function on some worker."""
         if not self._warm:
             hosts = {worker["host"]: address for address, worker in self._workers().items()}
-            warmed = [
-                self._client.submit(work.warm, workers=[worker_address], pure=False)
-                for worker_address in hosts.values()
-            ]
-            self._client.gather(warmed)
+            submit = self._client.submit
+            self._client.gather(
+                [submit(work.warm, workers=[x], pure=False) for x in hosts.values()]
+            )
             self._warm = True
         future: Future[Any] = self._calls.submit(do, *arguments)
         return future

@@ -86,11 +86,8 @@ def _files(name: str) -> list[Path]:
     if not glob.has_magic(name):
         raise UserError(f"{printable(name)}: no such file or folder", "check the path")
     matched = [Path(match) for match in sorted(glob.glob(name, recursive=True))]
-    contained = (file for match in matched if match.is_dir() for file in _walk_folder(match))
-    return [
-        *contained,
-        *(match for match in matched if match.is_file() and not _is_result(match.name)),
-    ]
+    contained = [file for match in matched if match.is_dir() for file in _walk_folder(match)]
+    return contained + [m for m in matched if m.is_file() and not _is_result(m.name)]
 
 
 def _walk_folder(folder: Path) -> Iterator[Path]:

@@ -104,14 +104,12 @@ def run(
             _name(dataset, digest, existing[digest], same_logs)
     progress(state)
     for batch in _worked(items, job, workers):
-        dataset.write(
-            KeptTables(
-                item.sha256, _names(named[item.sha256], existing.get(item.sha256, [])), *outcome
-            )
-            for item, outcome in batch
-        )
+        tables = []
         for item, outcome in batch:
+            names = _names(named[item.sha256], existing.get(item.sha256, []))
+            tables.append(KeptTables(item.sha256, names, *outcome))
             _count(state, named[item.sha256], outcome.row)
+        dataset.write(tables)
         progress(state)
     return state
 
@@ -198,15 +196,9 @@ def _worked(
                 text = "the Dask scheduler is gone"
                 raise UserError(text, "run again: what is done stays") from error
             except Exception as error:  # an internal error must not end the run
-                error_document = as_user_error(error)
-                batch.append(
-                    (
-                        item,
-                        _failed(
-                            item, job, {"error": error_document.text, "hint": error_document.hint}
-                        ),
-                    )
-                )
+                user_error = as_user_error(error)
+                said = {"error": user_error.text, "hint": user_error.hint}
+                batch.append((item, _failed(item, job, said)))
 
 
 def _failed(item: Item, job: Job, error_document: dict[str, str]) -> Outcome:

@@ -26,21 +26,9 @@ _SHARES = (5.0, 50.0, 95.0)  # percentiles
 _SUSPECT = "-unit-suspect"  # end of the codes of units that are probably wrong
 _LISTED = 10  # slides and logs that are listed
 _OF_APPLICATION = (
-    "log",
-    "sha256",
-    "axle",
-    "start_s",
-    "from_mps",
-    "to_mps",
-    "coefficient_mean",
-    "slides",
-    "slide_s",
-    "slide_distance_m",
-    "max_slip",
-    "slide_energy_j",
-    "settings",
-    "version",
-)
+    "log sha256 axle start_s from_mps to_mps coefficient_mean slides slide_s slide_distance_m "
+    "max_slip slide_energy_j settings version"
+).split()
 _OF_FINDING = ("log", "sha256", "code", "severity", "message", "settings", "version")
 _OF_LOG = ("log", "sha256", "status", "error", "hint", "start", "version", "settings")
 

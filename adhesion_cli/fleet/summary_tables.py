@@ -18,6 +18,7 @@ _OF_SLIDES = (
     "at: start of the brake application after the start of the log. km/h: speed there. slid and "
     "[m]: time and distance of all its slides. kJ: energy of friction between wheel and rail."
 )
+_SPEEDS = "Mean adhesion coefficient by mean speed of the application"
 _WORST = "Worst slides (distance times largest slip)"
 _FINDINGS = "Findings on the data"
 DAYS = 14  # that a summary shows
@@ -26,11 +27,7 @@ _BAND = 40.0  # width of the fastest speed band in a figure; it has no upper end
 
 
 def head(fleet: FleetSummary) -> str:
-    """How many logs and brake applications there are.
-
-    Args:
-        fleet: the summary.
-    """
+    """How many logs and brake applications there are."""
     counts = fleet.logs
     return (
         f"{sum(counts.values())} logs: {counts['ok']} ok, {counts['damaged']} damaged, "
@@ -42,41 +39,20 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
     """Adhesion by speed, settings and day, the worst slides, the findings; those with rows."""
     days = fleet.by_day
     scope = f", last {DAYS} of {len(days)} days" if len(days) > DAYS else ""
-    speeds = [
-        {
-            "speed [km/h]": f"{row.from_kmh:.0f} to {row.to_kmh:.0f}"
-            if row.to_kmh
-            else f"from {row.from_kmh:.0f}",
-            **_spread(row),
-        }
-        for row in fleet.by_speed
-    ]
+    speeds = [{"speed [km/h]": _speeds(row), **_spread(row)} for row in fleet.by_speed]
     vehicles = [
         {"settings": row.settings, "vehicle": row.stated, **_spread(row)}
         for row in fleet.by_settings
     ]
+    newest_days = [{"day": row.day, **_spread(row)} for row in days[-DAYS:]]
     codes = [
-        {
-            "finding": row.code,
-            "severity": row.severity,
-            "example": row.example,
-            "logs": str(row.logs),
-        }
-        for row in fleet.findings
+        {"finding": x.code, "severity": x.severity, "example": x.example, "logs": str(x.logs)}
+        for x in fleet.findings
     ]
     all_tables = (
-        PageTable(
-            "Mean adhesion coefficient by mean speed of the application",
-            speeds,
-            figure=_by_speed(fleet.by_speed),
-            note=_OF_SPREAD,
-        ),
+        PageTable(_SPEEDS, speeds, figure=_by_speed(fleet.by_speed), note=_OF_SPREAD),
         PageTable("By settings", vehicles, 2, _by_settings(fleet.by_settings)),
-        PageTable(
-            f"By day{scope}",
-            [{"day": r.day, **_spread(r)} for r in days[-DAYS:]],
-            figure=_by_day(days),
-        ),
+        PageTable(f"By day{scope}", newest_days, figure=_by_day(days)),
         PageTable(_WORST, list(map(_slid, fleet.worst_slides)), note=_OF_SLIDES),
         PageTable(_FINDINGS, codes, 3),
     )
@@ -84,26 +60,15 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
 
 
 def campaign(name: str, fleet: FleetSummary) -> Campaign:
-    """The page of a folder of results.
-
-    Args:
-        name: of the folder.
-        fleet: the summary.
-    """
-    page_tables = [_on_page(table, fleet) for table in tables(fleet)]
-    codes = dict.fromkeys(_all_codes(fleet))
-    return Campaign(
-        name,
-        verdict(fleet),
-        head(fleet),
-        [*page_tables, *lists(fleet)],
-        [*codes],
-        {
-            "Evaluated by": ", ".join(f"adhesion {v}" for v in fleet.evaluated.versions),
-            "Results written (UTC)": " to ".join(dict.fromkeys(fleet.evaluated.days)),
-            "Settings": "; ".join(f"{r.settings}: {r.stated}" for r in fleet.by_settings),
-        },
-    )
+    """The page of a folder of results; `name` is that of the folder."""
+    page_tables = [*(_on_page(table, fleet) for table in tables(fleet)), *lists(fleet)]
+    codes = list(dict.fromkeys(_all_codes(fleet)))
+    origin = {
+        "Evaluated by": ", ".join(f"adhesion {v}" for v in fleet.evaluated.versions),
+        "Results written (UTC)": " to ".join(dict.fromkeys(fleet.evaluated.days)),
+        "Settings": "; ".join(f"{r.settings}: {r.stated}" for r in fleet.by_settings),
+    }
+    return Campaign(name, verdict(fleet), head(fleet), page_tables, codes, origin)
 
 
 def verdict(fleet: FleetSummary) -> str:
@@ -157,6 +122,11 @@ def _links(fleet: FleetSummary) -> dict[str, str]:
 
 def _all_codes(fleet: FleetSummary) -> list[str]:
     return [x.code for x in fleet.findings] + [x.code for x in fleet.to_check]
+
+
+def _speeds(row: SpeedBand) -> str:
+    lower = f"{row.from_kmh:.0f}"
+    return f"{lower} to {row.to_kmh:.0f}" if row.to_kmh else f"from {lower}"
 
 
 def _spread(row: Distribution) -> dict[str, str]:

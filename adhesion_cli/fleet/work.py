@@ -183,8 +183,5 @@ def _record(result: Result, summary: ResultSummary, files: list[Path]) -> None:
 
 def _error_document(error: Exception, place: str, name: str) -> dict[str, str]:
     """Error and hint by the log's name, wherever its file is."""
-    user_error = as_user_error(error)
-    return {
-        "error": user_error.text.replace(place, name),
-        "hint": user_error.hint.replace(place, name),
-    }
+    said = as_user_error(error)
+    return {"error": said.text.replace(place, name), "hint": said.hint.replace(place, name)}

@@ -114,12 +114,8 @@ class LiveAxle:
     def __init__(
         self, measuring: Measuring, vehicle: Vehicle, algos: Mapping[str, tuple[Estimator, Any]]
     ) -> None:
-        self.number, self._measuring, self._vehicle, self._algos = (
-            measuring.axle,
-            measuring,
-            vehicle,
-            algos,
-        )
+        self.number, self._measuring = measuring.axle, measuring
+        self._vehicle, self._algos = vehicle, algos
         self._wheelset = physics.wheelset(vehicle, measuring.axle)
         self._line = physics.force_line(vehicle)
         self._states: dict[str, Any] = {}
@@ -129,14 +125,9 @@ class LiveAxle:
         self._first_time: int | None = None  # and of the first one
         self._slides = False
         p = measuring.thresholds
-        self._speed_leaps, self._pressure_leaps = (
-            wheel_leaps(p.outliers),
-            pressure_leaps(p.outliers),
-        )
-        self._speed_stuck, self._pressure_stuck = (
-            StuckSpeed(p.stuck_speed),
-            StuckPressure(p.stuck_pressure),
-        )
+        self._speed_leaps, self._speed_stuck = wheel_leaps(p.outliers), StuckSpeed(p.stuck_speed)
+        self._pressure_leaps = pressure_leaps(p.outliers)
+        self._pressure_stuck = StuckPressure(p.stuck_pressure)
         self._vacuum = p.outliers.vacuum
         self._lasting = dict[str, bool]()  # faults that last, and whether they are reported
         self._pressure_lost_since: int | None = None  # since when no pressure is known [ns]
@@ -183,9 +174,9 @@ class LiveAxle:
         v = self._train if self._run.fresh(t) else math.nan
         if self._speed_leaps.leaps(t, y):
             self._report("speed-outlier", t, start)
-            return LiveSample(
-                t, self.number, self._pressure, math.nan, y, v, math.nan, {}, "speed-outlier"
-            )
+            unknown = math.nan
+            sample = t, self.number, self._pressure, unknown, y, v, unknown
+            return LiveSample(*sample, {}, "speed-outlier")
         h = math.nan if self._last_time is None else (t - self._last_time) * 1e-9
         if not h <= self._wheel.limit:
             self._states.clear()
@@ -311,9 +302,6 @@ class LiveAxle:
         return float(physics.slip_over(v, y * self._wheelset.radius, self._measuring.slowest))
 
     def _report(self, code: str, t: int, start: int = 0, **values: float) -> None:
-        seconds = (t - start) * 1e-9
-        self.findings.append(
-            Finding(
-                code, "warning", f"axle {self.number}", spans=((seconds, seconds),), values=values
-            )
-        )
+        spans = (((t - start) * 1e-9,) * 2,)
+        channel = f"axle {self.number}"
+        self.findings.append(Finding(code, "warning", channel, spans=spans, values=values))

@@ -39,10 +39,8 @@ def _rows(columns: dict[int, Column]) -> Iterator[FeedRow]:
     values = {place: c.value.tolist() for place, c in columns.items()}
     valid = {place: c.valid for place, c in columns.items() if not c.valid.all()}
     for n, stamp in enumerate(t):
-        yield FeedRow(
-            stamp,
-            {p: x[n] for p, x in values.items() if p not in valid or valid[p][n]},
-        )
+        known = {p: x[n] for p, x in values.items() if p not in valid or valid[p][n]}
+        yield FeedRow(stamp, known)
 
 
 class Feed(Protocol):

@@ -46,11 +46,8 @@ def open_feed(source: str, options: ReadOptions) -> Feed:
     if format_ == "mcap":
         return GrowingMcap(path, options)
     if format_:
-        raise UserError(
-            f"{source}: a file of the format {format_} is not followed while it grows",
-            f"play it: `adhesion live --replay {shlex.quote(source)}`",
-            code=2,
-        )
+        text = f"{source}: a file of the format {format_} is not followed while it grows"
+        raise UserError(text, f"play it: `adhesion live --replay {shlex.quote(source)}`", code=2)
     return _text(pieces, options, path)
 
 

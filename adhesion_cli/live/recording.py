@@ -46,12 +46,8 @@ class Batches:
     def __init__(
         self, target: Target, algos: Sequence[str], axles: Sequence[int], interval: float
     ) -> None:
-        self._target, self._algos, self._axles, self._interval = (
-            target,
-            list(algos),
-            axles,
-            interval,
-        )
+        self._target, self._algos = target, list(algos)
+        self._axles, self._interval = axles, interval
         self._waiting: list[LiveSample] = []
         self._change = threading.Condition()
         self._is_ending = False

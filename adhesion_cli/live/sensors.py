@@ -8,6 +8,7 @@ the window of the newest samples.
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,19 +62,9 @@ class Window:
         x = np.array([s[1] for s in self._samples])
         data = Column(t, x, np.ones(len(t), np.bool_))
         usual = float(np.median(np.diff(t))) * 1e-9 if len(t) > 1 else 0.0
-        return Channel(
-            "",
-            "",
-            self._meaning,
-            None,
-            "",
-            "",
-            data,
-            len(t),
-            gap_ns=round(gap * 1e9),
-            step=quantum(x),
-            rate_hz=1.0 / usual if usual else None,
-        )
+        channel = Channel("", "", self._meaning, None, "", "", data, len(t), step=quantum(x))
+        rate = 1.0 / usual if usual else None
+        return replace(channel, gap_ns=round(gap * 1e9), rate_hz=rate)
 
     def force(self) -> Floats:
         """K at the times of the samples, shape (n,) [N]."""

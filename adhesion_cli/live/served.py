@@ -77,21 +77,14 @@ class Served:
         """See `Sink`."""
         for s in samples:
             topics = self._axle_topics(s.axle)
-            self._send(
-                topics["input"],
-                "AxleInput",
-                s.t,
-                brake_cylinder_pressure=s.pressure,
-                clamping_force=s.clamping,
-                wheel_speed=s.speed,
-                train_speed=s.train,
-            )
+            measured = {"brake_cylinder_pressure": s.pressure, "clamping_force": s.clamping}
+            measured |= {"wheel_speed": s.speed, "train_speed": s.train}
+            self._send(topics["input"], "AxleInput", s.t, **measured)
             self._send(topics["slip"], "Slip", s.t, slip=s.slip)
             for algo, e in s.estimates.items():
                 mu = float(coefficient(e.force, self._vehicle))  # type: ignore[arg-type]
-                self._send(
-                    topics[algo], "Estimate", s.t, force=e.force, coefficient=mu, sigma=e.sigma
-                )
+                estimate = {"force": e.force, "coefficient": mu, "sigma": e.sigma}
+                self._send(topics[algo], "Estimate", s.t, **estimate)
 
     def _send(self, channel: Any, message: str, t: int, **values: float) -> None:
         encoded: Any = descriptors.message(message)(**values)

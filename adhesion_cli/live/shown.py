@@ -24,6 +24,8 @@ _SILENCE = 3.0  # after which it is said that no sample comes [s]
 _WAITING_ROWS = 4096  # rows of lines that wait for whoever reads them
 _PATIENCE = 1.0  # longest wait for that reader [s]
 
+Say = Callable[[str], None]
+
 
 class JsonLines:
     """An object per sample, axle and estimator, each on a line of its own.
@@ -37,11 +39,7 @@ class JsonLines:
     """
 
     def __init__(
-        self,
-        algos: Sequence[str],
-        vehicle: Vehicle,
-        single_axle: bool,
-        report: Callable[[str], None],
+        self, algos: Sequence[str], vehicle: Vehicle, single_axle: bool, report: Say
     ) -> None:
         self._algos, self._vehicle, self._report = algos, vehicle, report
         self._reader_gone = self._stalled = False
@@ -129,14 +127,12 @@ class Counts:
         """A line per axle."""
         if not self._all:
             return ["no sample came"]
-        return [
-            f"axle {n}: {count} sample{'s' * (count != 1)}"
-            + (
-                f", {count - self._with_estimate[n]} of them without a force"
-                * (count > self._with_estimate[n])
-            )
-            for n, count in sorted(self._all.items())
-        ]
+        lines = []
+        for n, count in sorted(self._all.items()):
+            without = count - self._with_estimate[n]
+            force_text = f", {without} of them without a force" if without else ""
+            lines.append(f"axle {n}: {count} sample{'s' * (count != 1)}{force_text}")
+        return lines
 
 
 class Waiting:
@@ -147,7 +143,7 @@ class Waiting:
         say: called with the text.
     """
 
-    def __init__(self, name: str, say: Callable[[str], None]) -> None:
+    def __init__(self, name: str, say: Say) -> None:
         self._name, self._say = name, say
         self._last_arrival, self._waits = time.monotonic(), False
         self._timer = threading.Timer(_SILENCE, self.idle)  # for the first sample
@@ -213,10 +209,8 @@ class StatusLine:
         line = " | ".join(text for _, text in entries)
         if len(line) <= width:
             return line
-        worst, count = (
-            sorted(entries, key=lambda entry: _badness(entry[0]), reverse=True),
-            len(entries),
-        )
+        worst = sorted(entries, key=lambda entry: _badness(entry[0]), reverse=True)
+        count = len(worst)
         while count and len(line) > width:
             count -= 1
             remainder = [f"{len(entries) - count} more"]

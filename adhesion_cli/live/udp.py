@@ -36,10 +36,8 @@ class Udp(Messages):
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
             self._socket.bind(address)
         except OSError as error:
-            raise UserError(
-                f"{name}: cannot listen there: {error.strerror}",
-                "name an address of this machine and a free port",
-            ) from None
+            hint = "name an address of this machine and a free port"
+            raise UserError(f"{name}: cannot listen there: {error.strerror}", hint) from None
         pump = Pump(self._datagram, patient=False)
         super().__init__(name, in_datagrams(pump), options, pump.dropped_count)
 

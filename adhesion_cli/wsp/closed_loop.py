@@ -96,11 +96,8 @@ def _drive(world: _World, train: MovingTrain, j: int) -> MovingTrain:
         if not train.v > 0.0:
             return train
         _remember(world, train, k + 1)
-    trace.train_speed[j], trace.distance[j], trace.demand[j] = (
-        train.v,
-        train.x,
-        train.demand_pressure,
-    )
+    trace.train_speed[j], trace.distance[j] = train.v, train.x
+    trace.demand[j] = train.demand_pressure
     for i in range(len(wheels.w)):
         trace.rim_speed[j, i], trace.pressure[j, i] = wheels.w[i], wheels.p[i]
     _measure(world, j)
@@ -301,15 +298,11 @@ def taken_for(s: Scenario) -> Vehicle:
     """The vehicle as the WSP controller of a scenario assumes it."""
     antiskid, v, axles = s.antiskid, s.vehicle, range(1, s.train.axles + 1)
     factors = antiskid.radius * (s.train.axles // len(antiskid.radius))
-    return replace(
-        v,
-        friction=v.friction._replace(value=antiskid.friction * v.friction.value),
-        wheel_radius=tuple(
-            (R := v.radius(i))._replace(value=factor * R.value)
-            for i, factor in zip(axles, factors, strict=True)
-        ),
-        axle_mass=v.axle_mass._replace(value=antiskid.mass * v.axle_mass.value),
-    )
+    friction = v.friction._replace(value=antiskid.friction * v.friction.value)
+    wheels = zip(map(v.radius, axles), factors, strict=True)
+    radii = tuple(R._replace(value=factor * R.value) for R, factor in wheels)
+    mass = v.axle_mass._replace(value=antiskid.mass * v.axle_mass.value)
+    return replace(v, friction=friction, wheel_radius=radii, axle_mass=mass)
 
 
 def speed_noise(s: Scenario) -> float:
@@ -355,12 +348,11 @@ def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
     limited = counted[:, None] & (demanded[:, None] > stop.peak)
     distance, is_limited = _stopping_distance(stop, scenario), bool(limited.any())
     error, sliding = np.abs(stop.slip - stop.peak_slip)[limited], stop.sliding()
+    used, available = float(stop.force[limited].sum()), float(stop.peak[limited].sum())
     return Verdict(
         stopping_distance_m=distance,
         extension=distance / dry - 1.0,
-        utilisation=float(stop.force[limited].sum() / stop.peak[limited].sum())
-        if is_limited
-        else None,
+        utilisation=used / available if is_limited else None,
         max_slip=float(stop.slip[counted].max()) if counted.any() else None,
         locked_s=float((sliding == LOCKED).sum()) * h,
         air_nl=stop.air,

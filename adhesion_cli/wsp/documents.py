@@ -34,16 +34,9 @@ def antiskid_document(
         controllers: fields of each controller's `Verdict`.
         more: limits, or entries of a replayed log.
     """
-    return tagged(
-        "antiskid",
-        scenario=scenario,
-        seed=stop.seed,
-        estimator=stop.algo,
-        parameters=parameters,
-        dry_distance_m=dry,
-        controllers=controllers,
-        **more,
-    )
+    head = {"scenario": scenario, "seed": stop.seed, "estimator": stop.algo}
+    body = {"parameters": parameters, "dry_distance_m": dry, "controllers": controllers}
+    return tagged("antiskid", **head, **body, **more)
 
 
 def replay_document(
@@ -55,40 +48,25 @@ def replay_document(
     findings: Sequence[Finding],
 ) -> Json:
     """The `adhesion.antiskid/1` document; medians of the draws with their 95 % intervals."""
-    median = {law: {k: x and x[0] for k, x in a.values.items()} for law, a in answers.items()}
-    spread = {
-        law: {k: x and list(x[1:]) for k, x in a.values.items()} for law, a in answers.items()
-    }
-    stop = next(iter(answers.values())).stop
-    return antiskid_document(
-        stop,
-        case.scenario.name,
-        parameters,
-        dry,
-        median,
-        log=log,
-        draws=len(case.draws),
-        start_s=case.start_s,
-        logged_distance_m=case.logged_m,
-        intervals=spread,
-        compared={law: a.compared._asdict() for law, a in answers.items()},
-        findings=findings_document(findings),
-    )
+    values = {law: a.values.items() for law, a in answers.items()}
+    median = {law: {k: x and x[0] for k, x in items} for law, items in values.items()}
+    spread = {law: {k: x and list(x[1:]) for k, x in items} for law, items in values.items()}
+    compared = {law: a.compared._asdict() for law, a in answers.items()}
+    of_log = {"log": log, "draws": len(case.draws), "start_s": case.start_s}
+    of_log |= {"logged_distance_m": case.logged_m, "intervals": spread, "compared": compared}
+    of_log["findings"] = findings_document(findings)
+    stop, name = next(iter(answers.values())).stop, case.scenario.name
+    return antiskid_document(stop, name, parameters, dry, median, **of_log)
 
 
 def limits_document(rows: Sequence[tuple[str, Limit, bool | float]]) -> list[Json]:
     """Which controller keeps which limit, or in what share; an end that is not stated is None."""
-    return [
-        {
-            "controller": law,
-            "quantity": x.quantity,
-            "least": finite(x.least),
-            "most": finite(x.most),
-            "source": x.source,
-            "kept": ok,
-        }
-        for law, x, ok in rows
-    ]
+    limits = []
+    for law, x, ok in rows:
+        bounds = {"least": finite(x.least), "most": finite(x.most)}
+        limit = {"controller": law, "quantity": x.quantity, **bounds}
+        limits.append({**limit, "source": x.source, "kept": ok})
+    return limits
 
 
 def stop_settings(
@@ -116,11 +94,8 @@ def stop_settings(
         knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
         scenario["rail"] = {"knots": knots, "conditions": conditions}
     loop["scenario"] = _as_json({**scenario, "seed": stop.seed})
-    return {
-        **settings_tree,
-        **wsp_controller.parameters([stop.controller], stop.algo, settings),
-        "antiskid": loop,
-    }
+    used = wsp_controller.parameters([stop.controller], stop.algo, settings)
+    return {**settings_tree, **used, "antiskid": loop}
 
 
 def _as_json(value: Any) -> Any:
@@ -153,14 +128,6 @@ def sweep_document(
         for r in rows
         for x in limits_document([(r.controller, *row_limit) for row_limit in r.limits])
     ]
-    return tagged(
-        "antiskid-sweep",
-        scenario=scenario,
-        seeds=seeds,
-        estimator=algo,
-        parameters=parameters,
-        dry_distance_m=rows[0].dry_distance_m,
-        rails=rails,
-        limits=limits,
-        outputs={},
-    )
+    head = {"scenario": scenario, "seeds": seeds, "estimator": algo, "parameters": parameters}
+    body = {"dry_distance_m": rows[0].dry_distance_m, "rails": rails, "limits": limits}
+    return tagged("antiskid-sweep", **head, **body, outputs={})

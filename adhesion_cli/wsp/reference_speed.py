@@ -86,10 +86,8 @@ def watched(  # noqa: PLR0913 (compiled: plain floats)
         slides = valve != APPLY or v - rim > _LARGEST_LAG * v + _LARGEST_LAG_SPEED
         return Witness(max(F, _LEAST_FORCE) if slides else 0.0, even_time)
     recent_force = max(F, previous.recent_force * math.exp(-h / _FORGET), _LEAST_FORCE)
-    return Witness(
-        0.0 if even_time > _EVEN_TIME and _ROLLING_SHARE * recent_force > F else recent_force,
-        even_time,
-    )
+    rolls = even_time > _EVEN_TIME and _ROLLING_SHARE * recent_force > F
+    return Witness(0.0 if rolls else recent_force, even_time)
 
 
 def asks_pilot(train: TrainEstimate) -> bool:

@@ -50,10 +50,8 @@ _OFFSET = 0.1  # share of it: a smaller least value is a sensor's offset
 _PAUSE = 2.0  # longest time without brake and slide within one brake application [s]
 _DRAWS = 40  # of the fit that are simulated
 _NOISE = 0.01  # share of the largest demand: least change of it
-_STEADY_TIME, _STEADY_CHANGE = (
-    1.0,
-    0.03,
-)  # least time [s] and largest change (share) of a steady demand
+_STEADY_TIME = 1.0  # least time of a steady demand [s]
+_STEADY_CHANGE = 0.03  # and its largest change, as a share
 _FILLED_FORCE = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _HINT_LEAD = 5.0  # of a stop that a hint names [s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
@@ -103,10 +101,8 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     name = printable(Path(result.log.path).name)
     slides = [sliding.slides(axle) for axle in result.axles]
     if not any(slides):
-        raise UserError(
-            f"{name}: no axle slides, so the adhesion available is not known",
-            "replay a log with slides",
-        )
+        hint = "replay a log with slides"
+        raise UserError(f"{name}: no axle slides, so the adhesion available is not known", hint)
     braking = _braking(result, slides)
     if not braking.speed[0] > JUDGED_FROM:
         text = f"{name}: the train does not move when the brake is applied"
@@ -115,9 +111,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     axle_rails, findings = _rails_under(result, slides, begin, stop)
     firsts = [x.spans[0][0] if x else 0 for x in axle_rails]
     places = [
-        [(_distance(braking, a), INF if b is None else _distance(braking, b)) for a, b in x.spans]
-        if x
-        else []
+        [(_distance(braking, a), _distance(braking, b)) for a, b in (x.spans if x else ())]
         for x in axle_rails
     ]
     demand, demand_known, demand_findings = _demand(braking, firsts, result.log.start_ns())
@@ -165,25 +159,22 @@ def _rails_under(
                 refused.append((number, error))
             else:
                 findings += rail_findings
-                if spans := [((a - start) / 1e9, (b - start) / 1e9) for a, b in rail.spans if b]:
+                spans = tuple(((a - start) / 1e9, (b - start) / 1e9) for a, b in rail.spans if b)
+                if spans:
                     findings.append(
-                        Finding("replay-rail-ends", "info", f"axle {number}", spans=tuple(spans))
+                        Finding("replay-rail-ends", "info", f"axle {number}", spans=spans)
                     )
         axle_rails.append(rail)
     if not refused:
         return axle_rails, findings
     number, reason = refused[0]
     hints = [reason.hint]
-    if elsewhere := [
-        x for axle_slides in slides for x in axle_slides if not begin <= x.start <= stop
-    ]:
-        brake_start, brake_stop = _brake(
-            result, slides, max(elsewhere, key=lambda x: x.duration).start
-        )
-        begins = max((brake_start - start) / 1e9 - _HINT_LEAD, 0.0)
-        hints.append(
-            f"Or replay another stop: --from {begins:.0f} --to {(brake_stop - start) / 1e9:.0f}"
-        )
+    all_slides = [x for axle_slides in slides for x in axle_slides]
+    if elsewhere := [x for x in all_slides if not begin <= x.start <= stop]:
+        longest = max(elsewhere, key=lambda x: x.duration)
+        seconds = [(t - start) / 1e9 for t in _brake(result, slides, longest.start)]
+        begins = max(seconds[0] - _HINT_LEAD, 0.0)
+        hints.append(f"Or replay another stop: --from {begins:.0f} --to {seconds[1]:.0f}")
     elif any(axle_rails):
         refused_axles = {n for n, _ in refused}
         kept_axles = (x.record.axle for x in result.axles if x.record.axle not in refused_axles)
@@ -209,16 +200,11 @@ def _draws(
     sampled_rails = _draw_rails(rails, vehicle, random)
     for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
         truly = replace(vehicle, friction=phi._replace(value=phi.value * scale))
-        track = _track(
-            places,
-            [axle_conditions[k] if axle_conditions else None for axle_conditions in sampled_rails],
-        )
-        excess = (dry_force / np.maximum(demand_force, _FILLED_FORCE)) ** max(
-            random.uniform(-1.0, 1.0), 0.0
-        )
-        brake = ScenarioBrake(
-            _commands(braking, np.where(demand_known, 1.0, excess) * demand_force)
-        )
+        track = _track(places, [axle[k] if axle else None for axle in sampled_rails])
+        exponent = max(random.uniform(-1.0, 1.0), 0.0)
+        excess = (dry_force / np.maximum(demand_force, _FILLED_FORCE)) ** exponent
+        drawn_demand = np.where(demand_known, 1.0, excess) * demand_force
+        brake = ScenarioBrake(_commands(braking, drawn_demand))
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
     return draws
 
@@ -273,17 +259,13 @@ def _draw_rails(
             conditions.append(None)
             continue
         scales = rail.scales[:_DRAWS]
-        axle_draws = [
+        draws = [
             replay_rail.scaled_by(x, 1.0 / c) for x, c in zip(rail.draws, scales, strict=False)
         ]
-        axle_draws.sort(key=lambda x: float(fit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
-        order = random.permutation(len(axle_draws)) if order is None else order
-        conditions.append(
-            [
-                replay_rail.scaled_by(axle_draws[i], c)
-                for i, c in zip(order.tolist(), scales, strict=True)
-            ]
-        )
+        draws.sort(key=lambda x: float(fit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
+        order = random.permutation(len(draws)) if order is None else order
+        scaled = zip(order.tolist(), scales, strict=True)
+        conditions.append([replay_rail.scaled_by(draws[i], c) for i, c in scaled])
     return conditions
 
 
@@ -298,11 +280,9 @@ def _braking(result: Result, slides: Sequence[Sequence[Slide]]) -> _Braking:
     speed = _column(t, result.axles[0].record.t, result.axles[0].record.train_speed)
     K = np.array([_column(t, a.record.t, a.record.clamping_force_smooth) for a in result.axles])
     at_rest = speed < STANDING
-    stop_index = int(np.argmax(at_rest)) + 1 if at_rest.any() else len(t)
-    stop_index = (
-        max(_last_full_brake(K[:, :stop_index].max(axis=0)), int(np.searchsorted(t, slide.start)))
-        + 1
-    )
+    rest_index = int(np.argmax(at_rest)) + 1 if at_rest.any() else len(t)
+    last_braked = _last_full_brake(K[:, :rest_index].max(axis=0))
+    stop_index = max(last_braked, int(np.searchsorted(t, slide.start))) + 1
     return _Braking(t[:stop_index], speed[:stop_index], K[:, :stop_index])
 
 
@@ -334,9 +314,8 @@ def _last_full_brake(demand: Floats) -> int:
     """
     largest = float(demand.max())
     smallest = float(demand.min())
-    no_force = (
-        smallest if smallest < _OFFSET * largest else 0.0
-    ) + physics.RELEASED_SHARE * largest
+    offset = smallest if smallest < _OFFSET * largest else 0.0
+    no_force = offset + physics.RELEASED_SHARE * largest
     top = i = max(np.flatnonzero(demand > no_force).tolist(), default=0)
     if top == len(demand) - 1:
         return top
@@ -358,13 +337,10 @@ def _missing_axles(result: Result, braking: _Braking) -> list[Finding]:
         return []
     F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
     mass = len(result_axles) * result.vehicle.axle_mass.value
-    by_axles, speed_lost = (
-        float(np.sum(F)) * _KNOT_INTERVAL / mass,
-        float(braking.speed[0] - braking.speed[-1]),
-    )
-    if by_axles > 0.0 and abs(speed_lost / by_axles - 1.0) < STATED_SIGMAS * tolerance(
-        result.vehicle
-    ):
+    by_axles = float(np.sum(F)) * _KNOT_INTERVAL / mass
+    speed_lost = float(braking.speed[0] - braking.speed[-1])
+    largest_share = STATED_SIGMAS * tolerance(result.vehicle)
+    if by_axles > 0.0 and abs(speed_lost / by_axles - 1.0) < largest_share:
         return []
     span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()
     values = {"lost_mps": speed_lost, "explained_mps": by_axles}
@@ -377,11 +353,13 @@ def _column(grid: Times, t: Times, values: Floats | None) -> Floats:
     return np.interp(grid, t[finite], values[finite])
 
 
-def _distance(braking: _Braking, stop_index: int) -> float:
-    """Distance of the train until then [m]."""
+def _distance(braking: _Braking, t: int | None) -> float:
+    """Distance of the train until then [m]; infinite for None, the end of the stop."""
+    if t is None:
+        return INF
     seconds = (braking.t - braking.t[0]) * 1e-9
     run = np.concatenate([[0.0], np.cumsum((braking.speed[1:] + braking.speed[:-1]) / 2.0)])
-    return float(np.interp((stop_index - braking.t[0]) * 1e-9, seconds, run * _KNOT_INTERVAL))
+    return float(np.interp((t - braking.t[0]) * 1e-9, seconds, run * _KNOT_INTERVAL))
 
 
 def _demand(
@@ -408,10 +386,8 @@ def _demand(
         running_maximum = np.maximum.accumulate(braking.K[:, last_index:].max(axis=0))
         demand[last_index:] = np.maximum(running_maximum, demand[last_index - 1])
         steady_part = demand[:last_index][-1 - round(_STEADY_TIME / _KNOT_INTERVAL) :]
-        stood = (
-            len(steady_part) * _KNOT_INTERVAL > _STEADY_TIME
-            and np.ptp(steady_part) < _STEADY_CHANGE * steady_part[-1]
-        )
+        is_even = np.ptp(steady_part) < _STEADY_CHANGE * steady_part[-1]
+        stood = is_even and len(steady_part) * _KNOT_INTERVAL > _STEADY_TIME
         spans = ((float(seconds[last_index]), float(seconds[-1])),)
         if stood and demand[-1] < (1.0 + _STEADY_CHANGE) * steady_part[-1]:
             findings.append(Finding("demand-estimated", "info", spans=spans))
@@ -420,10 +396,8 @@ def _demand(
             force = {"force_n": float(demand.max())}
             findings.append(Finding("demand-unknown", "warning", spans=spans, values=force))
     if braking.speed[-1] >= STANDING:
-        values, end_time = {"speed_mps": float(braking.speed[-1])}, float(seconds[-1])
-        findings.append(
-            Finding("stop-extended", "info", spans=((end_time, end_time),), values=values)
-        )
+        values, spans = {"speed_mps": float(braking.speed[-1])}, ((float(seconds[-1]),) * 2,)
+        findings.append(Finding("stop-extended", "info", spans=spans, values=values))
     return demand, constrained, findings
 
 
@@ -453,9 +427,8 @@ def _track(
             weight += np.clip((knots - x_start) / _BLEND, 0.0, 1.0)
             weight -= np.clip((knots - x_stop) / _BLEND, 0.0, 1.0)
         conditions = np.array(rail or dry)
-        conditions[:2] = np.minimum(
-            conditions[:2], 1.0
-        )  # kA and kS: at most those of (3) without reduction
+        # kA and kS: at most those of (3) without reduction
+        conditions[:2] = np.minimum(conditions[:2], 1.0)
         rail_values = dry + weight[:, None] * (conditions - dry)
         values.append([*rail_values, rail_values[-1]])
     return Track(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)

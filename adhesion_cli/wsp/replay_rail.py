@@ -60,9 +60,8 @@ def rail_under_axle(
         rail, better, findings = _shortcomings(context, slides)
     exceeds = _above_curve(axle, vehicle, rail)
     if better is not None:
-        exceeds |= (axle.record.t >= better) & (
-            axle.record.t < axle.record.t[slides[-1].samples.stop - 1]
-        )
+        t = axle.record.t
+        exceeds |= (t >= better) & (t < t[slides[-1].samples.stop - 1])
     return RailUnderAxle(rail, _spans(axle, exceeds, begin, stop)), findings
 
 
@@ -77,11 +76,9 @@ def _shortcomings(
     record, radius = context.axle.record, context.radius
     points, mu_error = rail_under_slides.points(context, slides)
     peak_passed = _gets_better(points)
-    better = (
-        None
-        if peak_passed == len(points.t)
-        else int(record.t[0] + round(points.t[peak_passed] * 1e9))
-    )
+    better = None
+    if peak_passed < len(points.t):
+        better = int(record.t[0] + round(points.t[peak_passed] * 1e9))
     points = fit.Points._make(x[:peak_passed] for x in points)
     seconds = fit.clear_time(points)
     if seconds < fit.SHORTEST_FIT:
@@ -106,12 +103,10 @@ def _gets_better(p: fit.Points) -> int:
         return n
     past_peak = int(np.argmax(p.slip)) + 1
     lowest_ahead = np.minimum.accumulate(p.mu[::-1])[::-1]
-    candidates = (
-        k
-        for k in range(past_peak, n)
-        if lowest_ahead[k] > _BETTER * float(np.quantile(p.mu[:k], 0.9))
-    )
-    return next(candidates, n)
+    for k in range(past_peak, n):
+        if lowest_ahead[k] > _BETTER * float(np.quantile(p.mu[:k], 0.9)):
+            return k
+    return n
 
 
 def _above_curve(axle: AxleResult, vehicle: Vehicle, rail: fit.RailFit) -> Bools:
@@ -156,11 +151,9 @@ def _spans(axle: AxleResult, exceeds: Bools, begin: int, stop: int) -> list[tupl
         if not lasting:
             return [*spans, (limit_start, None)]
         creep_samples = np.flatnonzero(creeping & ~exceeds & (t >= limit_start) & (t < lasting[0]))
-        position = (
-            int(t[creep_samples[-1] + 1])
-            if len(creep_samples)
-            else next(b for _, b in runs if b > lasting[0])
-        )
         if len(creep_samples):
+            position = int(t[creep_samples[-1] + 1])
             spans.append((limit_start, position))
+        else:
+            position = next(b for _, b in runs if b > lasting[0])
     return spans

@@ -121,11 +121,8 @@ class Rail:
         film = self.film
         patches = [film.first + k * film.pitch for k in range(film.count)]
         film_ends = [start + film.length for start in patches]
-        stretches = [
-            x
-            for x in base
-            if not any(a <= x[0] <= b for a, b in zip(patches, film_ends, strict=True))
-        ]
+        spans = list(zip(patches, film_ends, strict=True))
+        stretches = [x for x in base if not any(a <= x[0] <= b for a, b in spans)]
         stretches += [(start, film.condition, film.scale) for start in patches]
         stretches += [
             (film_end, *[x for x in base if x[0] <= film_end][-1][1:]) for film_end in film_ends
@@ -255,10 +252,8 @@ class Scenario:
 
 def scenarios() -> dict[str, str]:
     """The bundled scenarios: name and one line on each."""
-    return {
-        path.stem: toml.read(path, _NAME_HINT)["description"]
-        for path in sorted(_BUNDLED.glob("*.toml"))
-    }
+    paths = sorted(_BUNDLED.glob("*.toml"))
+    return {path.stem: toml.read(path, _NAME_HINT)["description"] for path in paths}
 
 
 def load(name_or_path: str | Path) -> Scenario:

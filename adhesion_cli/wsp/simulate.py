@@ -148,11 +148,9 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
     fastest = max((x.rate for x in scenario.sensor), default=0.0)
     sample_count = max(n, scenario.duration * fastest) * scenario.train.axles
     if sample_count > MAX_SAMPLES:
-        raise UserError(
-            f"{scenario.name}: {sample_count:.3g} samples, "
-            f"at most {MAX_SAMPLES:.3g} fit into one run",
-            "simulate less time, or with a longer dt and slower sensors",
-        )
+        text = f"{sample_count:.3g} samples, at most {MAX_SAMPLES:.3g} fit into one run"
+        hint = "simulate less time, or with a longer dt and slower sensors"
+        raise UserError(f"{scenario.name}: {text}", hint)
     plant, track, v = plants.plant_of(scenario), plants.track_of(scenario), scenario.train.speed
     pressure, rim_speed, force = np.zeros((3, n, scenario.train.axles))
     t = np.arange(n, dtype=np.float64) * np.float64(dt)
@@ -160,18 +158,10 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
     if scenario.rig:
         rim_speed[:, 0] = v - scenario.rig.slip * v * t / t[-1]
     else:
-        failed = compiled.function(_integrate)(
-            plant,
-            track,
-            plants.demand_of(scenario),
-            scenario.wsp or Wsp(period=INF),
-            *rolling(v, scenario.train.axles),
-            dt,
-            pressure,
-            rim_speed,
-            speed,
-            distance,
-        )
+        loop = plant, track, plants.demand_of(scenario), scenario.wsp or Wsp(period=INF)
+        columns = pressure, rim_speed, speed, distance
+        integrate = compiled.function(_integrate)
+        failed = integrate(*loop, *rolling(v, scenario.train.axles), dt, *columns)
         if not math.isnan(failed):
             hint = f"take a shorter step, as --dt {dt / 2.0:g}"
             raise UserError(f"{scenario.name}: no solution at {failed:g} s", hint)
@@ -227,37 +217,21 @@ def as_log(simulation: Simulation) -> Log:
     Its hash is that of scenario, seed and length.
     """
     identity = repr((simulation.scenario, simulation.seed, len(simulation.t)))
-    channels = [
-        Channel(
-            r.name,
-            "",
-            None,
-            r.axle,
-            r.unit,
-            "simulated",
-            Column(r.t, r.value, np.isfinite(r.value)),
-            len(r.t),
-        )
-        for r in log(simulation)
-    ]
-    return Log(
-        simulation.scenario.name,
-        "simulation",
-        sha256(identity.encode()).hexdigest(),
-        False,
-        sum(c.rows for c in channels),
-        tuple(channels),
-        (),
-    )
+    channels = []
+    for r in log(simulation):
+        data = Column(r.t, r.value, np.isfinite(r.value))
+        channels.append(Channel(r.name, "", None, r.axle, r.unit, "simulated", data, len(r.t)))
+    name, rows = simulation.scenario.name, sum(c.rows for c in channels)
+    sha = sha256(identity.encode()).hexdigest()
+    return Log(name, "simulation", sha, False, rows, tuple(channels), ())
 
 
 def _recorded(
     simulation: Simulation, sensor: Sensor, axle: int | None, random: np.random.Generator
 ) -> Recording:
     scenario = simulation.scenario
-    sample_times: Floats = (
-        np.arange(math.floor(scenario.duration * sensor.rate + 1e-9) + 1) / sensor.rate
-    )
+    sample_count = math.floor(scenario.duration * sensor.rate + 1e-9) + 1
+    sample_times: Floats = np.arange(sample_count) / sensor.rate
     signal = simulation.signal(sensor.signal, axle)
     dense: Floats = simulation.t.astype(np.float64) * 1e-9
     unit = UNITS.get(sensor.unit.lower())
@@ -280,11 +254,8 @@ def _recorded(
     if sensor.resolution:
         decimals = max(0, -int(Decimal(repr(sensor.resolution)).normalize().as_tuple().exponent))
         value = np.round(np.round(value / sensor.resolution) * sensor.resolution, decimals) + 0.0
-    stamp = (
-        sample_times
-        + sensor.delay
-        + random.uniform(-sensor.jitter, sensor.jitter, len(sample_times))
-    )
+    jitter = random.uniform(-sensor.jitter, sensor.jitter, len(sample_times))
+    stamp = sample_times + sensor.delay + jitter
     received = random.random(len(sample_times)) >= sensor.loss
     for start, gap_end in sensor.gaps:
         received &= (stamp < start) | (stamp > gap_end)

@@ -1,12 +1,12 @@
 """Many stops: every controller on a set of rails, over seeds, on all cores."""
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from ..core import threads
 from .closed_loop import ESTIMATOR, against, dry_distance, run, verdict
 from .controller import registry
 from .scenario import Film, Limit, Rail, Scenario, Section
@@ -64,21 +64,17 @@ def sweep(
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[SweepRow]:
     """Every controller on every rail of `RAILS`, with seeds from 0; arguments as in `verdicts`."""
-    by_case = verdicts(
-        scenario, list(RAILS), list(registry()), range(seeds), algo, settings, progress
-    )
+    laws, runs = list(registry()), range(seeds)
+    by_case = verdicts(scenario, list(RAILS), laws, runs, algo, settings, progress)
     dry, rows = dry_distance(scenario), []
     for rail in RAILS:
         by_law = {c: v for (r, c), v in by_case.items() if r == rail}
         comparison = compared(by_law)
         for controller, stops in by_law.items():
-            limit_shares = np.mean(
-                [[ok for _, ok in against(scenario.limit, v)] for v in stops], axis=0
-            )
-            limits = tuple(zip(scenario.limit, limit_shares.tolist(), strict=True))
-            rows.append(
-                SweepRow(rail, controller, dry, intervals(stops), comparison[controller], limits)
-            )
+            kept = [[ok for _, ok in against(scenario.limit, v)] for v in stops]
+            limits = tuple(zip(scenario.limit, np.mean(kept, axis=0).tolist(), strict=True))
+            values = intervals(stops), comparison[controller]
+            rows.append(SweepRow(rail, controller, dry, *values, limits))
     return rows
 
 
@@ -148,17 +144,11 @@ def verdicts(  # noqa: PLR0913 (benchmarks choose rails, controllers and seeds)
 def on_all_cores(
     run_job: Callable[[Job], Answer], jobs: Sequence[Job], progress: Callable[[str], None]
 ) -> list[Answer]:
-    """`run_job` of every job, in the order of the jobs.
-
-    Threads are enough, as compiled loops release the lock. Compile shared functions before.
-    """
-    from concurrent.futures import ThreadPoolExecutor
-
+    """`run_job` of every job, in the order of the jobs; compile shared functions before."""
     results: list[Answer] = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for n, x in enumerate(pool.map(run_job, jobs), 1):
-            results.append(x)
-            progress(f"{n} of {len(jobs)} done")
+    for x in threads.run_ahead(run_job, jobs):
+        results.append(x)
+        progress(f"{len(results)} of {len(jobs)} done")
     return results
 
 

@@ -243,11 +243,10 @@ def tick(  # noqa: PLR0913 (compiled: state, interval and measured values)
         fastest = max(fastest, y[i] * sets[i].radius)
         rolls = rolls or previous[i].witness.recent_force == 0.0
     slowing = total / (len(y) * c.wheelset.mass)  # (1)
-    train = (
-        estimate_next(train, rolls, fastest, slowing, h)
-        if v != v
-        else TrainEstimate(v, 0.0, NO_PILOT)
-    )
+    if v != v:
+        train = estimate_next(train, rolls, fastest, slowing, h)
+    else:
+        train = TrainEstimate(v, 0.0, NO_PILOT)
     witnesses, pilot = [], 0
     for i in range(len(y)):
         w, F, witness = sets[i], estimates[i].F, previous[i].witness
@@ -336,11 +335,8 @@ def online(
     """
     start_step, tick_step = (bind(f, unit.stand_ins()) for f in (start, tick))
     c = unit.constants
-    train, axles, wheels = (
-        TrainEstimate(math.nan, 0.0, NO_PILOT),
-        list[ControlledAxle](),
-        list[Wheel](),
-    )
+    train, wheels = TrainEstimate(math.nan, 0.0, NO_PILOT), list[Wheel]()
+    axles = list[ControlledAxle]()
     previous: float = -math.inf
     with ExitStack() as stack:
         for drive in drives:
