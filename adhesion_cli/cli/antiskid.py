@@ -356,6 +356,6 @@ def _rails(rows: "Sequence[SweepRow]") -> str:
     for r in rows:
         by_rail.setdefault(r.rail, {})[r.controller] = r
     sections = [f"rail {rail}:\n{_compared_verdicts(laws)}" for rail, laws in by_rail.items()]
-    kept = [[str(x), r.rail, r.controller, f"{share:.0%}"] for r in rows for x, share in r.limits]
-    limits = [table(["limit", "rail", "controller", "kept"], sorted(kept), 3)] if kept else []
+    cells = [[str(x), r.rail, r.controller, f"{share:.0%}"] for r in rows for x, share in r.limits]
+    limits = [table(["limit", "rail", "controller", "kept"], sorted(cells), 3)] if cells else []
     return "\n\n".join([*sections, _MEANING, *limits])

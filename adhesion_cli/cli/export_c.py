@@ -89,6 +89,6 @@ def _check_folder(folder: Path, algo: str, paths: list[Path]) -> None:
         folder_name = printable(str(folder))
         header = printable(other_headers[0].name)
         text = f"{printable(str(existing[0]))}: belongs to the export {header}"
-        other = folder.with_name(f"{folder.name}-{algo}") if folder.name else algo
-        hint = f"each export needs a folder of its own, as -o {printable(str(other))}"
+        other_folder = folder.with_name(f"{folder.name}-{algo}") if folder.name else algo
+        hint = f"each export needs a folder of its own, as -o {printable(str(other_folder))}"
         raise UserError(text, f"{hint}; not {folder_name}")

@@ -108,8 +108,8 @@ class Types:
         hints, notes = get_type_hints(source), _notes(source)
         fields = tuple((c_name(x), self._inner(hints[x], public)) for x in source._fields)
         name = name or source.__name__.lower()
-        others = [s.c for s in self.structs if s != self._structs.get(source)]
-        if f"{self._prefix}_{name}" in others:
+        other_names = [s.c for s in self.structs if s != self._structs.get(source)]
+        if f"{self._prefix}_{name}" in other_names:
             name = f"{stem(source)}_{name}"
         text = ascii_text((inspect.getdoc(source) or "").splitlines()[0])
         return self._add(source, Struct(f"{self._prefix}_{name}", fields, text, notes, public))

@@ -68,11 +68,11 @@ def program(interface: Interface, vectors: Vectors) -> str:
     n = interface.name
     fields = [f"{n}_real K;", f"{n}_real y;"] if interface.estimator else [f"{n}_observed o;"]
     if interface.estimator:
-        first = "samples[0].K, samples[0].y"
-        arguments = {"init": f"&s, &p, &w, {first}", "step": "&s, at->h, at->K, at->y"}
+        first_sample = "samples[0].K, samples[0].y"
+        arguments = {"init": f"&s, &p, &w, {first_sample}", "step": "&s, at->h, at->K, at->y"}
         arguments |= {"begin": f"    const {n}_wheelset w = {n}_default_wheelset();\n", "bad": ""}
         arguments |= {"step_bad": "state, samples[1].h, none, samples[1].y"}
-        arguments |= {"init_bad": f"state, &p, &state->w, {first}"}
+        arguments |= {"init_bad": f"state, &p, &state->w, {first_sample}"}
     else:
         arguments = {"init": "&s, &p, &samples[0].o", "step": "&s, at->h, &at->o", "begin": ""}
         arguments |= {"bad": f"    {n}_observed o = samples[0].o;\n    o.slip = none;\n"}

@@ -173,9 +173,9 @@ class Interface:
     def _header(self, statuses: tuple[tuple[str, str], ...]) -> str:
         n, public = self.name, [s for s in self.c.types.structs if s.public]
         title = ascii_text(f"{self.method.title}. {self.method.source}.")
-        made = f"   Made by adhesion {self.version}. Units are SI. "
-        made += "Ranges stand beside the values: README.md. */"
-        lines = folded([f"/* {n}.h: {title}", made])
+        origin = f"   Made by adhesion {self.version}. Units are SI. "
+        origin += "Ranges stand beside the values: README.md. */"
+        lines = folded([f"/* {n}.h: {title}", origin])
         lines += [f"#ifndef {self.macro}_H", f"#define {self.macro}_H", "", "#include <stdint.h>"]
         real = f"{n}_real"
         lines += ["", f"typedef {self.number.c} {real};", ""]
@@ -277,8 +277,8 @@ class Interface:
             text += self._test(f"wheelset_ok(const {self.name}_wheelset *w)", tests, declaration)
             tests = [x for n in ("K", "y") for x in self._range_tests(n, self.inputs[n])]
             return text + self._test("input_ok(real K, real y)", tests)
-        used = [n for n in self.inputs if n in read]
-        tests = [x for n in used for x in self._range_tests(f"o->{n}", self.inputs[n])]
+        names_read = [n for n in self.inputs if n in read]
+        tests = [x for n in names_read for x in self._range_tests(f"o->{n}", self.inputs[n])]
         return text + self._test(f"input_ok(const {self.name}_observed *o)", tests)
 
     def _range_tests(self, value: str, q: Quantity) -> list[str]:

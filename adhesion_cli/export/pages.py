@@ -117,18 +117,19 @@ def _files(interface: Interface) -> str:
 def _usage(interface: Interface) -> str:
     n, m = interface.name, interface.macro
     if interface.estimator:
-        wheelset, first, later = [f"{n}_wheelset w = {n}_default_wheelset();"], "&w, K, y", "K, y"
-        unit, use = "sample", "use(axle.now.F); /* adhesion force [N] */"
+        wheelset = [f"{n}_wheelset w = {n}_default_wheelset();"]
+        init_inputs, step_inputs = "&w, K, y", "K, y"
+        unit, answer = "sample", "use(axle.now.F); /* adhesion force [N] */"
     else:
-        wheelset, first, later = [], "&observed", "&observed"
-        unit, use = "tick", "use(axle.now.valve); /* 0 apply, 1 hold, 2 dump */"
+        wheelset, init_inputs, step_inputs = [], "&observed", "&observed"
+        unit, answer = "tick", "use(axle.now.valve); /* 0 apply, 1 hold, 2 dump */"
     lines = [
         f"{n}_params p = {n}_defaults();",
         *wheelset,
         f"{n}_state axle; /* one for each axle */",
-        f"if ({n}_init(&axle, &p, {first}) == {m}_OK) {{ ... }} /* first {unit} */",
-        f"if ({n}_step(&axle, h, {later}) == {m}_OK) {{ /* each later one */",
-        f"    {use}",
+        f"if ({n}_init(&axle, &p, {init_inputs}) == {m}_OK) {{ ... }} /* first {unit} */",
+        f"if ({n}_step(&axle, h, {step_inputs}) == {m}_OK) {{ /* each later one */",
+        f"    {answer}",
         "}",
     ]
     numbers = [kind.c for _, kind in flat(interface.state())]

@@ -129,8 +129,8 @@ class Counts:
             return ["no sample came"]
         lines = []
         for n, count in sorted(self._all.items()):
-            without = count - self._with_estimate[n]
-            force_text = f", {without} of them without a force" if without else ""
+            unestimated = count - self._with_estimate[n]
+            force_text = f", {unestimated} of them without a force" if unestimated else ""
             lines.append(f"axle {n}: {count} sample{'s' * (count != 1)}{force_text}")
         return lines
 

@@ -94,8 +94,8 @@ def stop_settings(
         knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
         scenario["rail"] = {"knots": knots, "conditions": conditions}
     loop["scenario"] = _as_json({**scenario, "seed": stop.seed})
-    used = wsp_controller.parameters([stop.controller], stop.algo, settings)
-    return {**settings_tree, **used, "antiskid": loop}
+    parameters = wsp_controller.parameters([stop.controller], stop.algo, settings)
+    return {**settings_tree, **parameters, "antiskid": loop}
 
 
 def _as_json(value: Any) -> Any:

@@ -71,8 +71,8 @@ def sweep(
         by_law = {c: v for (r, c), v in by_case.items() if r == rail}
         comparison = compared(by_law)
         for controller, stops in by_law.items():
-            kept = [[ok for _, ok in against(scenario.limit, v)] for v in stops]
-            limits = tuple(zip(scenario.limit, np.mean(kept, axis=0).tolist(), strict=True))
+            by_stop = [[ok for _, ok in against(scenario.limit, v)] for v in stops]
+            limits = tuple(zip(scenario.limit, np.mean(by_stop, axis=0).tolist(), strict=True))
             values = intervals(stops), comparison[controller]
             rows.append(SweepRow(rail, controller, dry, *values, limits))
     return rows

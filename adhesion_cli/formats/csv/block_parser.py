@@ -94,8 +94,8 @@ class Parser:
         reread = self.keys if timed.all() else (*self.keys, *clock.columns)
         values = {i: value for i, (value, _) in checked.items()}
         states = {i: state for i, (_, state) in checked.items() if state.any()}
-        seen_again = {i: arrays[i] for i in reread}
-        return ParsedBlock(block, times, timed, values, states, seen_again, lines, dropped)
+        reread_arrays = {i: arrays[i] for i in reread}
+        return ParsedBlock(block, times, timed, values, states, reread_arrays, lines, dropped)
 
     def _sieved(self, block: LineBlock) -> tuple[bytes, Rows, dict[str, Rows]]:
         """The block without lines of another width, the lines that are left, and the others.

@@ -81,9 +81,9 @@ def _stated_keys(table: CsvTable, i: int, named: list[int]) -> Keys:
     if equals not in groups:
         hint = f"state one, as {toml.option(line)}; values: {', '.join(groups[:20])}"
         raise UserError(f"{path}: no row has {equals!r} in column {name!r}", hint)
-    other = next((g for g in sorted(groups) if g != equals), equals)
+    other_group = next((g for g in sorted(groups) if g != equals), equals)
     names = {"groups": listed(sorted(groups)), "read": equals}
-    names |= {"column": toml.quoted(name), "other": toml.quoted(other)}
+    names |= {"column": toml.quoted(name), "other": toml.quoted(other_group)}
     finding = _finding("one-device-read", name, {"devices": len(groups)}, names)
     if unused := tuple(k for k in named if k != i):
         columns = (i, *unused)
