@@ -12,7 +12,6 @@ Units = Callable[[Steps], tuple[str, str]]  # unit and where it stood, ("", "") 
 
 LONG_ARRAY = 256  # longer arrays (images, point clouds) are not offered as scalar series
 MAX_NUMBERS = 4096  # scalar series of one channel
-MOST_FIELDS = 1 << 16  # of one message, of whatever kind, before the messages in it stay closed
 DEEPEST = 32  # levels of a message
 _LONGEST = 1000  # characters of a place
 _LONGEST_UNIT = 100  # characters of a unit

@@ -16,10 +16,11 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 
 from .blocks import Offsets
 from .columns import Decoder, Spread
-from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, UndecodableError
+from .fields import DEEPEST, LONG_ARRAY, Opaque, Steps, Tree, UndecodableError
 
 _MESSAGES = (F.TYPE_MESSAGE, F.TYPE_GROUP)
 _TEXTS = (F.TYPE_STRING, F.TYPE_BYTES)
+_MOST_FIELDS = 1 << 16  # of one message, before the messages in it stay closed
 
 
 class _ProtobufSpread(Spread):
@@ -91,7 +92,7 @@ class ProtobufDecoder(Decoder):
 
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; messages inside that are absent show their defaults."""
-        return _tree(self.parse(message), (self._type,), [MOST_FIELDS])
+        return _tree(self.parse(message), (self._type,), [_MOST_FIELDS])
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit a custom field option named `unit` states."""
@@ -176,7 +177,7 @@ def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
     """
     _check_wire(message, message.DESCRIPTOR.fields_by_number)
     if budget[0] <= 0:
-        return Opaque(f"after {MOST_FIELDS} others")
+        return Opaque(f"after {_MOST_FIELDS} others")
     budget[0] -= len(message.DESCRIPTOR.fields)
     tree: dict[str, Tree] = {}
     for f in message.DESCRIPTOR.fields:
