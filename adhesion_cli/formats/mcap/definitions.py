@@ -2,10 +2,11 @@
 
 from typing import Any
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from .blocks import Offsets, Records
+from .blocks import Records
 from .records import RAISE_LIMIT, Content, DamageError
 
 Key = tuple[int, int]  # opcode and id
@@ -86,20 +87,21 @@ class FirstMessages:
         self.full: set[int] = set()
         self._bytes = 0
 
-    def add(self, channel: int, records: Records, selection: Offsets) -> None:
-        """Keeps messages of a channel, by their numbers in a block."""
-        if channel not in self.of:
-            self.of[channel] = int(records.select(selection[:1]).log_time[0]), []
-        heads = self.of[channel][1]
-        messages = records.select(selection[: _HEADS - len(heads)])
-        for start, stop in zip(messages.data_start.tolist(), messages.stop.tolist(), strict=True):
+    def add(self, records: Records) -> None:
+        """Keeps messages of a block, of channels that are not full."""
+        new = records.select(~np.isin(records.channel, list(self.full)))
+        for channel, time, start, stop in zip(
+            *(x.tolist() for x in (new.channel, new.log_time, new.data_start, new.stop)),
+            strict=True,
+        ):
+            if channel in self.full:
+                continue
+            heads = self.of.setdefault(channel, (time, []))[1]
             room = _ALL_BYTES - self._bytes
             if heads:
                 room = min(_MORE_BYTES - self._bytes, _HEAD_BYTES - sum(map(len, heads[1:])))
-            if stop - start > room:
+            if stop - start <= room:
+                self._bytes += stop - start
+                heads.append(records.data[start:stop])
+            if stop - start > room or len(heads) == _HEADS:
                 self.full.add(channel)
-                return
-            self._bytes += stop - start
-            heads.append(records.data[start:stop])
-        if len(heads) == _HEADS:
-            self.full.add(channel)

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,17 +71,17 @@ def node_at(tree: Tree, steps: Steps) -> Tree:
     return tree
 
 
-def nodes(tree: Tree) -> Iterator[tuple[Steps, Tree]]:
+def nodes(tree: Tree, steps: Steps = ()) -> Iterator[tuple[Steps, Tree]]:
     """Each value in a tree with its place, in order, down to the depth and length that is read."""
-    waiting: list[tuple[Steps, Tree]] = [((), tree)]
-    while waiting:
-        steps, node = waiting.pop()
-        yield steps, node
-        if isinstance(node, dict) and len(steps) < DEEPEST:
-            waiting += [((*steps, key), node[key]) for key in reversed(node)]
-        elif isinstance(node, list) and len(steps) < DEEPEST:
-            elements = list(enumerate(node[:LONG_ARRAY]))
-            waiting += [((*steps, i), value) for i, value in reversed(elements)]
+    yield steps, tree
+    children: Iterable[tuple[str | int, Tree]] = ()
+    if isinstance(tree, dict):
+        children = tree.items()
+    elif isinstance(tree, list):
+        children = enumerate(tree[:LONG_ARRAY])
+    if len(steps) < DEEPEST:
+        for step, child in children:
+            yield from nodes(child, (*steps, step))
 
 
 def empty(tree: Tree) -> Iterator[Steps]:

@@ -399,13 +399,6 @@ class Walk:
                 raise DamageError(block.offset, "a log time beyond the year 2262")
             self.times = min(self.times[0], int(log.min())), max(self.times[1], int(log.max()))
         self.counts.update(dict(zip(met, counts[met].tolist(), strict=True)))
-        if unmet := [channel for channel in met if channel not in self._first_messages.full]:
-            order = np.argsort(records.channel.astype(np.uint16), kind="stable")
-            run_ends = np.cumsum(counts).tolist()
-            for channel in unmet:
-                stop = run_ends[channel]
-                self._first_messages.add(
-                    channel, records, order[stop - int(counts[channel]) : stop]
-                )
+        self._first_messages.add(records)
         block.rows = len(records.start)
         self.blocks.append(block)

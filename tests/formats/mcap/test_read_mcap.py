@@ -697,6 +697,30 @@ def test_unusual_protobuf_is_read(tmp_path: Path) -> None:
     assert source.findings == []
 
 
+def test_a_protobuf_field_of_another_type_costs_its_message_where_it_is_wanted(
+    tmp_path: Path,
+) -> None:
+    outer = double_message()
+    outer.field.add(name="note", number=2, type=F.TYPE_STRING, label=F.LABEL_OPTIONAL)
+    outer.field.add(
+        name="in", number=3, type=F.TYPE_MESSAGE, type_name=".t.In", label=F.LABEL_OPTIONAL
+    )
+    schema = proto_schema(proto_file([double_message("In"), outer]), "D")
+    value = b"\x09" + struct.pack("<d", 3.0)
+    bodies = [
+        value + b"\x1a\x09" + value,
+        value + b"\x10\x05\x1a\x09" + value,  # a note that is a number, and nobody asks for it
+        value + b"\x1a\x02\x08\x05",  # a value inside that is an integer
+        b"\x08\x05\x1a\x09" + value,  # one outside
+    ]
+    log = Log([schema], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, START + i, body) for i, body in enumerate(bodies)]
+    source = opened(tmp_path, log)
+    for column in read(source).values():
+        assert column.valid.tolist() == [True, True, False, False]
+    assert codes(source) == [("mcap-bad-message", 1)] * 2
+
+
 # ---------------------------------------------------------------------- time
 
 
