@@ -52,10 +52,10 @@ def followed(
 
 
 @contextmanager
-def running(folder: Path, *arguments: str | Path) -> Iterator[Forked]:
-    """`adhesion live` in the background; it is killed if it still runs at the end."""
+def running(folder: Path, *arguments: str | Path, code: str = "") -> Iterator[Forked]:
+    """`adhesion live` in the background, after `code`; it is killed if it still runs at the end."""
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    with Forked(folder, ["live", *map(str, arguments)], **pipes) as process:
+    with Forked(folder, ["live", *map(str, arguments)], code, **pipes) as process:
         try:
             yield process
         finally:

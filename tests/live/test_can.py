@@ -1,6 +1,7 @@
 """Frames of a CAN bus."""
 
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,23 @@ from helpers.live_runs import Kept
 
 from adhesion_cli.analysis.request import choose_estimators
 from adhesion_cli.analysis.settings import load
+from adhesion_cli.live.axle import LiveSample
+from adhesion_cli.live.feed import Feed
 from adhesion_cli.live.open import open_feed
 from adhesion_cli.live.run import Tally, follow, wheels_of
+
+
+class Frames(Kept):
+    """Ends the feed soon after the 250th sample, so that one too many would be seen."""
+
+    def __init__(self, feed: Feed) -> None:
+        super().__init__()
+        self._timer = threading.Timer(0.5, feed.close)
+
+    def take(self, samples: Sequence[LiveSample]) -> None:
+        super().take(samples)
+        if len(self.of[1]) == 250:
+            self._timer.start()
 
 
 def test_frames_of_a_bus_are_decoded_by_the_dbc(tmp_path: Path) -> None:
@@ -34,10 +50,9 @@ def test_frames_of_a_bus_are_decoded_by_the_dbc(tmp_path: Path) -> None:
             )  # fmt: skip
             sender.send(frame)
         sender.send(can.Message(arbitration_id=257, is_extended_id=False, data=b"\0"))
-        kept, tally = Kept(), Tally(lambda _: None)
+        kept, tally = Frames(feed), Tally(lambda _: None)
         algos = {e.name: (e, settings.params(e)) for e in choose_estimators(["imm"])}
         wheels = wheels_of(feed, settings, ())
-        threading.Timer(3.0, feed.close).start()
         follow(feed, wheels, settings, algos, [kept], tally)
     assert len(kept.of[1]) == 250
     assert kept.of[1][100].speed == pytest.approx(70.0 / 3.6 / settings.vehicle.radius(1).value)

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ SETTINGS = load()
 Found = dict[int, list[tuple[int, float]]]
 
 
+@cache
 def written(chunks: bool, most: int = 1 << 30, late: str = "", begin: int = 0) -> bytes:
     """The bundled log's messages, as another logger would have written them.
 
@@ -52,6 +54,12 @@ def written(chunks: bool, most: int = 1 << 30, late: str = "", begin: int = 0) -
             )
     writer.finish()
     return made.getvalue()
+
+
+@cache
+def whole() -> tuple[Found, list[str]]:
+    """What a log that does not grow gives."""
+    return forces(Replay(LOW, SETTINGS.read, 0.0))
 
 
 def damaged() -> bytes:
@@ -100,13 +108,13 @@ def test_a_log_that_grows_gives_what_a_whole_one_gives(
 ) -> None:
     log = tmp_path / "growing.mcap"
     with growing(log, written(chunks), seed):
-        assert forces(open_feed(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
+        assert forces(open_feed(str(log), SETTINGS.read)) == whole()
 
 
 def test_a_channel_that_begins_later_is_taken_in(tmp_path: Path) -> None:
     """Axle 4 begins to send after 5 s: so do its channels in the file."""
-    log, whole = tmp_path / "growing.mcap", forces(Replay(LOW, SETTINGS.read, 0.0))[0]
-    begin = whole[1][0][0] + 5_000_000_000
+    log, all_axles = tmp_path / "growing.mcap", whole()[0]
+    begin = all_axles[1][0][0] + 5_000_000_000
     data = written(True, late="4", begin=begin)
     log.write_bytes(data[: len(data) // 16])
     feed = open_feed(str(log), SETTINGS.read)
@@ -122,21 +130,20 @@ def test_a_channel_that_begins_later_is_taken_in(tmp_path: Path) -> None:
     thread.join()
     assert codes == []
     assert {n: of for n, of in found.items() if n != 4} == {
-        n: of for n, of in whole.items() if n != 4
+        n: of for n, of in all_axles.items() if n != 4
     }
-    late = [t for t, _ in whole[4] if t >= begin]
-    assert 0 < len(late) < len(whole[4])
+    late = [t for t, _ in all_axles[4] if t >= begin]
+    assert 0 < len(late) < len(all_axles[4])
     assert [t for t, _ in found[4]] == late
 
 
 def test_a_damaged_chunk_is_told_and_the_next_ones_are_read(tmp_path: Path) -> None:
     data = damaged()
-    whole, _ = forces(Replay(LOW, SETTINGS.read, 0.0))
     log = tmp_path / "growing.mcap"
     with growing(log, data, 1):
         found, codes = forces(open_feed(str(log), SETTINGS.read))
     assert "mcap-damaged" in codes
-    for axle, of in whole.items():
+    for axle, of in whole()[0].items():
         kept = {t for t, _ in found[axle]}
         assert 0.8 * len(of) < len(kept) < len(of)
         assert kept < {t for t, _ in of}
@@ -163,7 +170,7 @@ def test_long_records_of_another_kind_are_passed_over(tmp_path: Path) -> None:
     chunk = start + 9 + first  # behind the first record after the header
     parts = data[:start], attachment, indexes, data[start:chunk], attachment, data[chunk:]
     log.write_bytes(b"".join(parts))
-    assert forces(open_feed(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
+    assert forces(open_feed(str(log), SETTINGS.read)) == whole()
 
 
 def test_a_file_that_takes_its_place_begins_anew(tmp_path: Path) -> None:
@@ -176,7 +183,7 @@ def test_a_file_that_takes_its_place_begins_anew(tmp_path: Path) -> None:
     threading.Timer(2.0, lambda: fresh.replace(log)).start()
     found, codes = forces(feed)
     assert set(codes) == {"time-backward"}
-    assert {n: of[-1801:] for n, of in found.items()} == forces(Replay(LOW, SETTINGS.read, 0.0))[0]
+    assert {n: of[-1801:] for n, of in found.items()} == whole()[0]
 
 
 def test_one_that_ends_without_a_message_and_a_monstrous_record_are_refused(

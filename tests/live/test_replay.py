@@ -1,5 +1,6 @@
 """A log played as a source: the same numbers as of the whole log."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,24 @@ from helpers.live_runs import LOW, SERVICE, followed
 
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import load
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.live.axle import LiveSample
 from adhesion_cli.live.replay import Replay
 
+each_log = pytest.mark.parametrize(
+    "log", [SERVICE, LOW, LOW.with_suffix(".mcap")], ids=lambda p: p.name
+)
 
-@pytest.mark.parametrize("log", [SERVICE, LOW, LOW.with_suffix(".mcap")], ids=lambda p: p.name)
-def test_a_replay_gives_what_analyze_gives(log: Path) -> None:
+
+@cache
+def replayed(log: Path) -> tuple[dict[int, list[LiveSample]], list[Finding]]:
     settings = load()
-    found, _ = followed(Replay(log, settings.read, 0.0), settings)
+    return followed(Replay(log, settings.read, 0.0), settings)
+
+
+@each_log
+def test_a_replay_gives_what_analyze_gives(log: Path) -> None:
+    found, _ = replayed(log)
     result = analyze(log, load())
     assert sorted(found) == [a.record.axle for a in result.axles]
     for axle in result.axles:
@@ -27,9 +39,8 @@ def test_a_replay_gives_what_analyze_gives(log: Path) -> None:
         np.testing.assert_allclose(sigma, axle.sigmas["imm"], rtol=1e-9)
 
 
-@pytest.mark.parametrize("log", [SERVICE, LOW, LOW.with_suffix(".mcap")], ids=lambda p: p.name)
+@each_log
 def test_a_sound_log_has_no_fault(log: Path) -> None:
-    settings = load()
-    found, findings = followed(Replay(log, settings.read, 0.0), settings, ["imm"])
+    found, findings = replayed(log)
     assert [f for f in findings if f.severity != "info"] == []
     assert {s.status for of in found.values() for s in of[1:]} == {"ok"}

@@ -26,6 +26,9 @@ from helpers.live_runs import (
     running,
 )
 
+# So long without a sample is silence.
+SOON = "from adhesion_cli.live import shown; shown._SILENCE = 1.5"
+
 
 def shown_on_a_terminal(folder: Path, columns: int, text: Sequence[str]) -> tuple[list[str], str]:
     """The lines that stay on a terminal, and every state of the line that does not."""
@@ -95,14 +98,14 @@ def test_what_was_taken_and_written_is_said_at_the_end(tmp_path: Path) -> None:
 def test_that_no_sample_comes_is_said_once(tmp_path: Path) -> None:
     source = f"udp://127.0.0.1:{(port := free_port())}"
     with (
-        running(tmp_path, source, "--json") as process,
+        running(tmp_path, source, "--json", code=SOON) as process,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
     ):
         assert process.stderr
         said, lines = [process.stderr.readline()], list[dict[str, Any]]()
         reading = threading.Thread(target=read_all, args=(process, lines))
         reading.start()
-        for pause, begin in ((4.5, 0), (0.5, 300)):
+        for pause, begin in ((3.0, 0), (0.5, 300)):
             for k in range(begin, begin + 300):
                 sender.sendto(message(0.01 * k, 1, 80.0).encode(), ("127.0.0.1", port))
                 time.sleep(0.001)
@@ -117,7 +120,8 @@ def test_that_no_sample_comes_is_said_once(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_before_the_first_sample_is_no_error(tmp_path: Path) -> None:
-    with running(tmp_path, f"udp://127.0.0.1:{free_port()}", "--json", "-o", "out") as process:
+    source = f"udp://127.0.0.1:{free_port()}"
+    with running(tmp_path, source, "--json", "-o", "out", code=SOON) as process:
         assert process.stderr
         process.stderr.readline()  # it waits
         process.send_signal(signal.SIGINT)
