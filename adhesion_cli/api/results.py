@@ -459,7 +459,7 @@ class SlipAnalysis(_Tables):
         axles = [
             json_documents.summarise_slip(log.path, log.start_ns(), s) for s in self._slip.axles
         ]
-        return tables.slides(axles) if name == "slides" else tables.rails(axles)
+        return tables.slides(axles) if name == "slides" else tables.table(axles, tables.RAILS)
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
@@ -515,7 +515,7 @@ class Inspection(_Tables):
 
     def _table(self, name: str) -> Any:
         if name == "channels":
-            return tables.channels(self._inspected.summary.channels)
+            return tables.table(self._inspected.summary.channels, tables.CHANNELS)
         return tables.findings_of(self.log, self._inspected.summary.findings)
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:

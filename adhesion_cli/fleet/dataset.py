@@ -103,7 +103,7 @@ class Dataset:
             content |= {self._path(name, log.key): data for name, data in log.files.items()}
             names = sorted(map(utf8, log.names))
             rows = [replace(log.row, log=name) for name in names]
-            content[self._path("logs", log.key)] = tables.packed(tables.logs(rows))
+            content[self._path("logs", log.key)] = tables.packed(tables.table(rows, tables.LOGS))
         with atomic_files.sets([[path] for path in content], True, sweeps=False) as places:
             for (place,), data in zip(places, content.values(), strict=True):
                 place.write_bytes(data)

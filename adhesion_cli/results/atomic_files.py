@@ -37,9 +37,7 @@ from .verified import verified
 _HIDDEN = ".adhesion-"
 _ELSEWHERE = "write to another folder"
 _UNLOCKED_AGE = 60.0  # age of a hidden file that its run may not have locked yet [s]
-_MANIFEST_HEAD = (
-    "# adhesion: written last, when the files below were whole\n"  # a comment to sha256sum
-)
+_MANIFEST_HEAD = "# adhesion: written last, when the files below were whole\n"  # a comment
 
 
 def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) -> None:
@@ -188,11 +186,9 @@ def sets(
                 for descriptor in descriptors:
                     os.fsync(descriptor)
     except OSError as error:
-        text = f"cannot write the results ({error.strerror or error})"
-        raise UserError(
-            f"{', '.join(map(_printable_path, folders))}: {text}",
-            f"free space there, or {_ELSEWHERE}",
-        ) from error
+        names = ", ".join(map(_printable_path, folders))
+        text = f"{names}: cannot write the results ({error.strerror or error})"
+        raise UserError(text, f"free space there, or {_ELSEWHERE}") from error
 
 
 @contextmanager
@@ -300,10 +296,8 @@ def _is_manifest(path: Path) -> bool:
 def _refuse_existing(paths: Sequence[Path]) -> None:
     for path in paths:
         if os.path.lexists(path):
-            raise UserError(
-                f"{_printable_path(path)}: exists already",
-                "add --force to replace it, or write elsewhere",
-            )
+            hint = "add --force to replace it, or write elsewhere"
+            raise UserError(f"{_printable_path(path)}: exists already", hint)
 
 
 def _printable_path(path: Path) -> str:

@@ -15,14 +15,15 @@ from . import verified
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_NO_DATE: dict[str, dict[str, Any]] = {
+_Options = dict[str, Any]  # of matplotlib
+_NO_DATE: dict[str, _Options] = {
     ".svg": {"Date": None},
     ".png": {},
     ".pdf": {"CreationDate": None},
 }
 _PANEL = (4.4, 3.3)  # width and height [inch]
 _VECTOR_POINTS = 300  # more points become one image, else each is an element in SVG
-_STYLE: dict[str, Any] = {
+_STYLE: _Options = {
     "svg.hashsalt": "adhesion",  # names inside the file are the same at each run
     "svg.fonttype": "none",  # text stays text
     "text.parse_math": False,  # a "$" in the name of a log is a "$"
@@ -130,10 +131,10 @@ def _draw(axes: "Axes", panel: Panel) -> None:
         span(band.lower, band.upper, color=band.colour, alpha=0.16, linewidth=0, label=band.name)
     for line in panel.lines:
         # Matplotlib leaves names that begin with "_" out of the legend.
-        style: dict[str, Any] = {"color": line.colour, "label": line.name or "_"}
-        dots: dict[str, Any] = {"markersize": line.dots, "markeredgewidth": 0}
+        style: _Options = {"color": line.colour, "label": line.name or "_"}
+        dots: _Options = {"markersize": line.dots, "markeredgewidth": 0}
         if line.bars is not None:
-            bars: dict[str, Any] = {"elinewidth": 0.9, "capsize": 1.5, "capthick": 0.9}
+            bars: _Options = {"elinewidth": 0.9, "capsize": 1.5, "capthick": 0.9}
             axes.errorbar(line.x, line.y, line.bars, fmt="o", **style, **dots, **bars)
         elif line.dots:
             is_image = len(line.x) > _VECTOR_POINTS

@@ -25,16 +25,9 @@ def schema(name: str) -> bytes:
     Args:
         name: without the package, as "AxleInput".
     """
-    wanted: dict[str, FileDescriptorProto] = {}
-
-    def add(path: str) -> None:
-        file = _files()[path]
-        for imported in file.dependency:
-            add(imported)
-        wanted[path] = file
-
-    add(f"adhesion/{name}.proto")
-    packed: bytes = FileDescriptorSet(file=list(wanted.values())).SerializeToString()
+    file = _files()[f"adhesion/{name}.proto"]
+    imports = [_files()[path] for path in file.dependency]  # which import nothing
+    packed: bytes = FileDescriptorSet(file=[*imports, file]).SerializeToString()
     return packed
 
 

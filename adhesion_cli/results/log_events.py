@@ -38,11 +38,9 @@ def of_result(result: Result) -> Iterator[LogEvent]:
         N, t_ns = axle.record.axle, axle.record.t
         for s in axle.applications:
             pressed, is_released = signals.pressed_part(axle.record, s)
-            for i, event in ((pressed.start, "applied"), (pressed.stop - 1, "released"))[
-                : 1 + is_released
-            ]:
-                yield LogEvent(
-                    int(t_ns[i]), f"brake-{event}", "info", N, f"axle {N}: brake {event}"
-                )
+            rows = {"applied": pressed.start, "released": pressed.stop - 1}
+            for event in ("applied", "released")[: 1 + is_released]:
+                message, t = f"axle {N}: brake {event}", int(t_ns[rows[event]])
+                yield LogEvent(t, f"brake-{event}", "info", N, message)
         for x in axle.events:
             yield LogEvent(x.t, x.code, "info", N, x.message)

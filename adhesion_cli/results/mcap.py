@@ -88,9 +88,7 @@ def write_result(
         slip_json: what `slip --json` prints of the log, kept as metadata `adhesion.slip`.
         full: whether all that was computed on a long log is written, see `thinning`.
 
-    Raises:
-        UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
-        OSError: the file cannot be written.
+    Raises as `verified.verified`, and for a time stamp that MCAP cannot hold.
     """
     slip = {"adhesion.slip": {"json": slip_json}} if slip_json else {}
     _write_results(path, [("", result)], metrics_json, slip, full)
@@ -136,14 +134,10 @@ def write_log(path: Path, log: Log) -> None:
         path: file to write; its old content is lost.
         log: channels with a meaning are in SI, others in the unit they state.
 
-    Raises:
-        UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
-        OSError: the file cannot be written.
+    Raises as `write_result`.
     """
-    streams = [
-        _scalar(name, unit, channel.data)
-        for (name, unit), channel in zip(names.channels(log), log.channels, strict=True)
-    ]
+    pairs = zip(names.channels(log), log.channels, strict=True)
+    streams = [_scalar(*name_and_unit, channel.data) for name_and_unit, channel in pairs]
     shift = _shift(streams, [log])
     _write(path, streams, {names.PROVENANCE: _origin_of(log, shift), **_account(log)}, shift)
 
@@ -169,9 +163,7 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
         metrics: the document that `--json` prints, kept as metadata `adhesion.metrics`.
         sources: literature of the methods in the loop.
 
-    Raises:
-        UserError: a file that does not read back.
-        OSError: the file cannot be written.
+    Raises as `verified.verified`.
     """
     axles = range(stop.pressure.shape[1])
     flat_settings = names.flat(settings)
@@ -202,9 +194,6 @@ class GrowingResult:
         settings: every parameter in force.
         vehicle: for the coefficient.
         nothing: `Samples` of no row for each axle, with the estimators that will come.
-
-    Attributes:
-        lost: how many samples were left out, because MCAP has no time for them.
     """
 
     def __init__(
@@ -217,7 +206,7 @@ class GrowingResult:
     ) -> None:
         self._file, self._log, self._vehicle, self._nothing = file, log, vehicle, dict(nothing)
         self._shift: int | None = None  # as of `_shift`; the first samples decide
-        self.lost = 0
+        self.lost = 0  # samples that were left out, because MCAP has no time for them
         streams = self._streams({})
         self._schemas, self._defined = _schemas(streams), len(streams)
         self._container = _begun(file, streams, {names.SETTINGS: names.flat(settings)})
@@ -336,9 +325,8 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
     for axle in result.axles:
         topic = f"{prefix}/axle/{axle.record.axle}"
         streams += _input_streams(axle.record, result.log, topic)
-        computed = _computed_streams(axle, result, topic)
-        kept_rows = None if full else thinning.kept_rows(axle)
-        streams += computed if kept_rows is None else _thinned(computed, kept_rows)
+        rows = None if full else thinning.kept_rows(axle)
+        streams += _thinned(_computed_streams(axle, result, topic), rows)
     train = result.shared_train()
     if train and not result.inputs_hold(train):
         # As logged: the axles' input has it interpolated, and shifted where it was late.
@@ -348,9 +336,11 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
     return [*streams, *_events(of_result(result), prefix)]
 
 
-def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64]) -> Iterator[_Stream]:
-    """These rows of streams with one clock."""
-    t = None
+def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64] | None) -> Iterable[_Stream]:
+    """These rows of streams with one clock; None: all."""
+    if rows is None:
+        return streams
+    t, thinned = None, []
 
     def select(values: _Values) -> _Values:
         return lambda piece: values(rows[piece])
@@ -358,7 +348,9 @@ def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64]) -> Iterator[_S
     for x in streams:
         t = x.t[rows] if t is None else t  # one array for all: `_partition` knows it by that
         columns = {name: select(values) for name, values in x.columns.items()}
-        yield replace(x, t=t, columns=columns, tail=None if x.tail is None else x.tail[rows])
+        tail = None if x.tail is None else x.tail[rows]
+        thinned.append(replace(x, t=t, columns=columns, tail=tail))
+    return thinned
 
 
 def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream]:
@@ -391,8 +383,9 @@ def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[
     yield _stream(f"{topic}/reference", "Reference", t, *columns)
     for algo, force in sorted(axle.estimates.items()):
         sigma, error = axle.sigma(algo), rounded(partial(axle.error, algo))
-        F, own = rounded(force.__getitem__, sigma), _digits(axle.sigmas.get(algo))
-        yield _stream(f"{topic}/estimate/{algo}", "Estimate", t, F, mu(force, sigma), error, own)
+        F, sigma_stated = rounded(force.__getitem__, sigma), _digits(axle.sigmas.get(algo))
+        estimate = F, mu(force, sigma), error, sigma_stated
+        yield _stream(f"{topic}/estimate/{algo}", "Estimate", t, *estimate)
     if axle.slip is not None:
         slip = rounded(axle.slip.__getitem__, np.broadcast_to(rounding.SLIP, len(t)))
         slope, confidence = _digits(axle.slope), _digits(axle.slope_confidence)
@@ -437,8 +430,8 @@ def _events(events: Iterable[LogEvent], prefix: str) -> list[_Stream]:
         event(code=x.code, severity=x.severity, axle=x.axle, message=x.message).SerializeToString()
         for x in ordered
     )
-    times, row_numbers = np.array([x.t for x in ordered], np.int64), np.arange(len(tails))
-    return [_Stream(f"{prefix}/events", "Event", times, {}, {}, tails, row_numbers)]
+    t = np.array([x.t for x in ordered], np.int64)
+    return [_Stream(f"{prefix}/events", "Event", t, {}, {}, tails, np.arange(len(t)))]
 
 
 def _origin(name: str, digest: str, kind: str, shift: int) -> dict[str, str]:
@@ -481,11 +474,9 @@ def _shift(streams: Sequence[_Stream], logs: Sequence[Log]) -> int:
     """
     earliest = min((int(s.t.min()) for s in streams if len(s.t)), default=0)
     if earliest < 0 and all(log.absolute for log in logs):
-        raise UserError(
-            f"{printable(logs[0].path)}: has time stamps before 1970, which MCAP cannot hold",
-            "check the time channel and its unit; state them, as "
-            + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
-        )
+        option = toml.option('channels.time = {channel = "NAME", unit = "s"}')
+        text = f"{printable(logs[0].path)}: has time stamps before 1970, which MCAP cannot hold"
+        raise UserError(text, f"check the time channel and its unit; state them, as {option}")
     return _whole_seconds(earliest)
 
 
@@ -501,10 +492,8 @@ def _write(
     path: Path, streams: Sequence[_Stream], metadata: dict[str, dict[str, str]], shift: int
 ) -> None:
     if len(streams) > _MOST_CHANNELS:
-        raise UserError(
-            f"{len(streams)} channels to write, an MCAP file holds {_MOST_CHANNELS}",
-            "choose channels in [channels] of the TOML",
-        )
+        text = f"{len(streams)} channels to write, an MCAP file holds {_MOST_CHANNELS}"
+        raise UserError(text, "choose channels in [channels] of the TOML")
     with verified(path) as file:
         container = _begun(file, streams, metadata)
         for chunk in threads.run_ahead(lambda p: _packed(streams, p, shift), _partition(streams)):
@@ -548,8 +537,8 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
     """
     if not any(len(s.t) for s in streams):
         return
-    axes = {id(s.t): s.t for s in streams}  # topics of one axle share theirs
-    clocks = {axis: np.maximum.accumulate(t) for axis, t in axes.items()}
+    # Topics of one axle share their times.
+    clocks = {axis: np.maximum.accumulate(t) for axis, t in {id(s.t): s.t for s in streams}.items()}
     total = sum(len(s.t) * _layout(len(s.columns), len(s.tails[0])).itemsize for s in streams)
     pieces = -(-total // CHUNK)
     sample_step = max(64, total >> 24)  # one in so many: a sample of bounded size
@@ -602,8 +591,7 @@ class _Rows:
         for column, values in zip(self._columns, stream.columns.values(), strict=True):
             column[:] = values(piece)
         self._tails = stream.tails
-        zeros = np.zeros(len(self.t), np.int64)
-        self._tail = zeros if stream.tail is None else stream.tail[piece]
+        self._tail = np.zeros(len(self.t), np.int64) if stream.tail is None else stream.tail[piece]
         layouts = [_layout(len(self._tags), len(tail)) for tail in stream.tails]
         self.sizes: Offsets = np.array([x.itemsize for x in layouts], np.int64)[self._tail]
 

@@ -200,18 +200,16 @@ def copy(path: Path, walk: "Walk") -> None:
     """
     with verified(path) as file:
         container = Container(file, walk.profile, walk.library)
-        indexes: list[AttachmentIndex | MetadataIndex] = [
-            index for index in walk.metadata_records if index.name != RECOVERED
-        ]
-        for index in indexes + walk.attachments:
-            container.record(index, walk.raw(index.offset, index.length))
+        for index in walk.metadata_records:
+            if index.name != RECOVERED:
+                container.record(index, walk.raw(index.offset, index.length))
+        for attachment in walk.attachments:
+            container.record(attachment, walk.raw(attachment.offset, attachment.length))
         if account := walk.account():
             container.metadata(RECOVERED, account)
-        channels = walk.channels.values()
-        channels_kept = [
-            c if c.schema_id in walk.schemas else replace(c, schema_id=0) for c in channels
-        ]
-        container.define(walk.schemas.values(), channels_kept)
+        schemas, channels = walk.schemas, list(walk.channels.values())
+        defined = [c if c.schema_id in schemas else replace(c, schema_id=0) for c in channels]
+        container.define(schemas.values(), defined)
         for messages, channel, log_time, length in walk.messages():
             entries = np.stack([log_time, np.cumsum(length) - length], axis=1)
             order = np.argsort(channel, kind="stable")

@@ -29,8 +29,7 @@ def write_rejects(path: Path, logs: Iterable[Log]) -> int:
         for log in logs:
             for reject in log.rejects:
                 cells = (log.path, *reject)
-                table.writerow(
-                    [names.cell(printable(c)) if isinstance(c, str) else c for c in cells]
-                )
+                texts = (names.cell(printable(c)) if isinstance(c, str) else c for c in cells)
+                table.writerow(texts)
                 count += 1
     return count

@@ -117,14 +117,9 @@ def slides(axles: Iterable[SlipSummary]) -> Any:
     return _table(rows, SLIDES)
 
 
-def rails(axles: Iterable[SlipSummary]) -> Any:
-    """A row per axle; the schema is `RAILS`."""
-    return _table(map(flat, axles), RAILS)
-
-
-def channels(of_log: Iterable[InspectedChannel]) -> Any:
-    """A row per channel of a log; the schema is `CHANNELS`."""
-    return _table(map(flat, of_log), CHANNELS)
+def table(rows: Iterable[object], schema: Any) -> Any:
+    """A row per object, as a slip summary, a channel or a log; `schema` is that of their class."""
+    return _table(map(flat, rows), schema)
 
 
 def parameters(rows: Mapping[str, CalibratedParameter]) -> Any:
@@ -161,11 +156,6 @@ def log_row(result: ResultSummary | FailedLog) -> LogRow:
     )
 
 
-def logs(rows: Iterable[LogRow]) -> Any:
-    """The table of rows from `log_row`; its schema is `LOGS`."""
-    return _table(map(flat, rows), LOGS)
-
-
 def kind(path: Path, decimal: str | None) -> str:
     """The format that a table's name states: its suffix.
 
@@ -174,9 +164,8 @@ def kind(path: Path, decimal: str | None) -> str:
     """
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".parquet"):
-        raise UserError(
-            f"{path}: a table is CSV or Parquet", "--table FILE.csv or FILE.parquet", code=2
-        )
+        text, hint = f"{path}: a table is CSV or Parquet", "--table FILE.csv or FILE.parquet"
+        raise UserError(text, hint, code=2)
     if decimal not in (None, ".", ","):
         raise UserError(f"--decimal {decimal}: not a decimal mark", '"." or ","', code=2)
     if decimal and suffix != ".csv":
@@ -213,7 +202,7 @@ def packed(table: Any) -> bytes:
     return sink.getvalue()
 
 
-def _table(rows: Iterable[Mapping[str, Any]], schema: Any) -> Any:
+def _table(rows: Iterable[Mapping[str, object]], schema: Any) -> Any:
     return pa.Table.from_pylist(list(rows), schema=schema)
 
 

@@ -59,9 +59,8 @@ def records(
 ) -> str:
     """A `table` of rows that have the same keys, which are its header."""
     header = list(dict.fromkeys(key for row in rows for key in row))
-    return table(
-        header, [[row.get(key, DASH) for key in header] for row in rows], text_columns, width
-    )
+    cells = [[row.get(key, DASH) for key in header] for row in rows]
+    return table(header, cells, text_columns, width)
 
 
 def non_empty(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:

@@ -5,7 +5,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO
 
 from ..core.errors import UserError
 
@@ -23,9 +23,8 @@ def verified(path: Path) -> Iterator[BinaryIO]:
         UserError: it does not read back.
         OSError: it cannot be written.
     """
-    with path.open("wb") as file:
-        checked = _Checked(file)
-        yield cast("BinaryIO", checked)  # as far as writing goes
+    with _Checked(io.FileIO(path, "w")) as checked:
+        yield checked
     size, crc = 0, 0
     with path.open("rb") as file:
         while block := file.read(_BLOCK):
@@ -41,18 +40,12 @@ def write(path: Path, content: str | bytes) -> None:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
 
 
-class _Checked(io.BufferedIOBase):
-    """Passes everything on and keeps its CRC."""
+class _Checked(io.BufferedWriter):
+    """Keeps size and CRC of what is written."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file, self.size, self.crc = file, 0, 0
-
-    def writable(self) -> bool:
-        return True
+    size, crc = 0, 0
 
     def write(self, data: "bytes | memoryview") -> int:  # type: ignore[override]
-        self._file.write(data)
+        self.size += memoryview(data).nbytes
         self.crc = zlib.crc32(data, self.crc)
-        size = memoryview(data).nbytes
-        self.size += size
-        return size
+        return super().write(data)

@@ -143,7 +143,7 @@ def test_a_damaged_mark_of_done_is_no_mark(tmp_path: Path) -> None:
             path.write_bytes(content)
         else:
             row = replace(tables.log_row(FailedLog("x", "lost", "")), seconds=1.0)
-            parquet.write_table(tables.logs([row]), path)
+            parquet.write_table(tables.table([row], tables.LOGS), path)
     assert list(kept.finished_logs()) == ["good"]
 
 

@@ -72,10 +72,11 @@ def test_scores_and_findings_are_rows(summary: ResultSummary) -> None:
 
 def test_a_failed_log_is_a_row_without_results(summary: ResultSummary) -> None:
     failed = FailedLog("bad\udcff.csv", "no pressure", "name it")
-    of = tables.logs(
+    rows = [
         replace(tables.log_row(x), seconds=1.5, version="1.0", settings="ab")
         for x in (summary, failed)
-    )
+    ]
+    of = tables.table(rows, tables.LOGS)
     good, bad = of.to_pylist()
     assert of.schema == tables.LOGS
     assert summary.log.start is not None
@@ -88,7 +89,7 @@ def test_a_failed_log_is_a_row_without_results(summary: ResultSummary) -> None:
     warned = replace(
         summary, findings=(replace(summary.findings[0], code="gap", severity="warning"),)
     )
-    (gap,) = tables.logs([tables.log_row(warned)]).to_pylist()
+    (gap,) = tables.table([tables.log_row(warned)], tables.LOGS).to_pylist()
     assert (gap["status"], gap["lossy"]) == ("ok", True)
     assert (bad["status"], bad["error"], bad["log"]) == ("error", "no pressure", "bad\\udcff.csv")
 

@@ -39,10 +39,9 @@ def cautions(runs: Sequence[ReportRun]) -> Iterator[str]:
         suffix = f" and {len(names) - _SETTINGS} more" * (len(names) > _SETTINGS)
         names_text = f": {', '.join(names[:_SETTINGS])}{suffix}" if names else ""
         if differences.same_log(runs[0], run):
-            cause = (
-                "Every difference is by the settings" if names else "The settings are equal, too"
-            )
-            yield f"Runs 1 and {i} are of the same log (equal SHA-256). {cause}{names_text}."
+            sentence = f"Runs 1 and {i} are of the same log (equal SHA-256)."
+            cause = f"Every difference is by the settings{names_text}."
+            yield f"{sentence} {cause if names else 'The settings are equal, too.'}"
         elif not differences.same_vehicle(runs[0], run):
             cause = f"Differences may be by the settings{names_text}."
             yield f"Runs 1 and {i} state different vehicles. {cause}"
@@ -67,11 +66,9 @@ def _headline(runs: Sequence[ReportRun], all_differences: Sequence[Difference]) 
 
 def _run(place: int, run: ReportRun) -> dict[str, str]:
     """One row of the table of runs."""
-    applications = [(axle, application) for axle in run.axles for application in axle.applications]
-    means = [
-        application.coefficient.mean for _, application in applications if application.coefficient
-    ]
-    slip = max((application.max_slip or 0.0 for _, application in applications), default=0.0)
+    applications = [a for axle in run.axles for a in axle.applications]
+    means = [a.coefficient.mean for a in applications if a.coefficient]
+    slip = max((a.max_slip or 0.0 for a in applications), default=0.0)
     slides_known = any(words.slides_known(axle) for axle in run.axles)
     mean_range = [number(f(means), 3) for f in (min, max)] if means else [DASH]
     start = run.log.start
@@ -81,10 +78,8 @@ def _run(place: int, run: ReportRun) -> dict[str, str]:
         "Begun": start[:16].replace("T", " ") if start else DASH,
         "Brake applications": str(max((len(a.applications) for a in run.axles), default=0)),
         "µ mean": "–".join(dict.fromkeys(mean_range)),
-        "Slides": str(sum(application.slides for _, application in applications))
-        if slides_known
-        else "?",
-        "Sliding for [s]": number(sum(application.slide_s for _, application in applications), 1),
+        "Slides": str(sum(a.slides for a in applications)) if slides_known else "?",
+        "Sliding for [s]": number(sum(a.slide_s for a in applications), 1),
         "Most slip [%]": words.percent(min(slip, 1.0), 1) if slip else DASH,
         "SHA-256": run.log.sha256[:8],
     }
@@ -93,17 +88,11 @@ def _run(place: int, run: ReportRun) -> dict[str, str]:
 def _rows(all_differences: Sequence[Difference]) -> list[dict[str, str]]:
     """One row per run, axle and brake application."""
     rows: dict[tuple[int, int, int], dict[str, str]] = {}
-    quantities = [q for q in _QUANTITIES if any(d.quantity == q for d in all_differences)]
+    heads = [x[0] for q, x in _QUANTITIES.items() if any(d.quantity == q for d in all_differences)]
     for d in all_differences:
-        row = rows.setdefault(
-            (d.run, d.axle, d.application),
-            {
-                "Run": str(d.run),
-                "Axle": str(d.axle),
-                "Brake application": str(d.application),
-                **{_QUANTITIES[q][0]: DASH for q in quantities},
-            },
-        )
+        keys = {"Run": d.run, "Axle": d.axle, "Brake application": d.application}
+        empty = {name: str(place) for name, place in keys.items()} | dict.fromkeys(heads, DASH)
+        row = rows.setdefault((d.run, d.axle, d.application), empty)
         head, factor, digits = _QUANTITIES[d.quantity]
         value, u95 = by_uncertainty(factor * d.difference, factor * d.u95, digits)
         _, u95_text = by_uncertainty(factor * d.difference, factor * d.u95_apart, digits)

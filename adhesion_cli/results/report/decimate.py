@@ -64,9 +64,8 @@ def _extremes(candidates: Rows, columns: Sequence[Floats], room: int) -> Rows:
     """The rows with the lowest and highest value of each column in each of equal parts."""
     size = max(-(-2 * len(columns) * len(candidates) // room), 2)
     bucket_count = -(-len(candidates) // size)
-    padded = np.concatenate(
-        [candidates, np.full(bucket_count * size - len(candidates), candidates[-1])]
-    ).reshape(bucket_count, size)
+    padding = np.full(bucket_count * size - len(candidates), candidates[-1])
+    padded = np.concatenate([candidates, padding]).reshape(bucket_count, size)
     extremes = [padded[:, 0]]
     for column in columns:
         values = column[padded]

@@ -78,23 +78,24 @@ def _of_axle(
 ) -> Iterator[Difference]:
     pairs = zip(axle_a.applications, axle_b.applications, strict=False)
     for k, (a, b) in enumerate(pairs, 1):
-        found: list[tuple[str, str, float, float, float]] = []
+        quantities: list[tuple[str, str, float, float, float]] = []
         if a.force_n and b.force_n and a.coefficient and b.coefficient:
             difference = b.force_n.mean - a.force_n.mean
-            found.append(("force", "N", difference, *_of_force(a, b, run)))
+            quantities.append(("force", "N", difference, *_of_force(a, b, run)))
             change = b.coefficient.mean - a.coefficient.mean
             u95_apart = math.hypot(a.coefficient.mean_u95, b.coefficient.mean_u95)
             u95 = u95_apart
             if axle_a.weight == axle_b.weight:
                 u95 = _of_force(a, b, run, by_weight=difference)[0] / axle_b.weight
-            found.append(("coefficient", "-", change, u95, u95_apart))
+            quantities.append(("coefficient", "-", change, u95, u95_apart))
         if a.utilisation is not None and b.utilisation is not None:
             intervals = (x.utilisation_ci or (0.0, 0.0) for x in (a, b))
             u95 = math.hypot(*(0.5 * (upper - lower) for lower, upper in intervals))
-            found.append(("utilisation", "-", b.utilisation - a.utilisation, u95, u95))
-        for quantity, unit, value, u95, u95_apart in found:
-            alike, where = abs(value) <= u95, (place, axle_b.number, k)
-            yield Difference(*where, quantity, unit, value, u95, u95_apart, alike)
+            quantities.append(("utilisation", "-", b.utilisation - a.utilisation, u95, u95))
+        for quantity, unit, value, u95, u95_apart in quantities:
+            is_explained = abs(value) <= u95
+            application = place, axle_b.number, k
+            yield Difference(*application, quantity, unit, value, u95, u95_apart, is_explained)
 
 
 def _of_force(

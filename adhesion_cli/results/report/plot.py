@@ -30,12 +30,11 @@ class Plot:
     def __init__(self, run: ReportRun, axles: Sequence[int] = ()) -> None:
         figures = Figures()
         figure_set = figures.of_run(run)
-        places = [
-            place for axle in axles for place in figure_set.axles[axle]
-        ] or figure_set.overview
-        self.layout: Any = column(figures.figures_of(places), sizing_mode="stretch_width")
+        places = [place for axle in axles for place in figure_set.axles[axle]]
+        figures_shown = figures.figures_of(places or figure_set.overview)
+        self.layout: Any = column(figures_shown, sizing_mode="stretch_width")
         self._title = run.name
-        self._height = _FRAME + sum(fig.height for fig in figures.figures_of(places))
+        self._height = _FRAME + sum(fig.height for fig in figures_shown)
 
     def html(self) -> str:
         """A page with the figures that needs no network and no other file."""

@@ -61,7 +61,7 @@ class Figures:
     """
 
     def __init__(self, values: int = VALUES[0]) -> None:
-        self._values, self._places = values, dict[str, Any]()
+        self._values, self._places = values, dict[str, figure]()
         self._cursor = Span(dimension="height", line_color="#888888", line_dash="dotted")
 
     def of_run(self, run: ReportRun) -> RunFigures:
@@ -155,11 +155,9 @@ class Figures:
                 document.add_root(fig)
         roots = {fig.id: place for place, fig in self._places.items()}
         page = {"doc": document.to_json(deferred=False), "roots": roots, "root_ids": list(roots)}
-        names: dict[str, str] = {}  # numbered from the first: Bokeh counts on in a process
-        return _ID.sub(
-            lambda found: names.setdefault(found[0], f'"m{len(names)}"'),
-            json.dumps(page, separators=(",", ":")),
-        )
+        text, names = json.dumps(page, separators=(",", ":")), dict[str, str]()
+        # Numbered from the first: Bokeh counts on in a process.
+        return _ID.sub(lambda found: names.setdefault(found[0], f'"m{len(names)}"'), text)
 
     # ---- figures
 

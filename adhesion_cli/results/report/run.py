@@ -139,10 +139,8 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
         summary: of it.
     """
     settings, start = flat(result.settings), result.log.start_ns()
-    by_number = {a.axle: a for a in summary.axles}
-    axles = tuple(
-        _axle(by_number[a.record.axle], _columns(a), start, settings) for a in result.axles
-    )
+    pairs = zip(summary.axles, result.axles, strict=True)
+    axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)
     log, findings, channels = summary.log, summary.findings, summary.channels
     return ReportRun(Path(log.path).name, log, axles, findings, channels, settings, {})
 
@@ -162,9 +160,8 @@ def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
         ("slip", "slip"): axle.slip,
         **{(f"estimate/{algo}", "force"): force for algo, force in axle.estimates.items()},
     }
-    return {
-        k: Column(record.t, x, np.isfinite(x)) for k, x in values_by_field.items() if x is not None
-    }
+    fields = values_by_field.items()
+    return {k: Column(record.t, x, np.isfinite(x)) for k, x in fields if x is not None}
 
 
 def _entry(path: Path, source: Source) -> Json:
@@ -243,18 +240,18 @@ def _axle(
     t = wheel.t
 
     def column(topic: str, field: str) -> Floats:
-        series = columns.get((topic, field))
-        return np.full(len(t), np.nan) if series is None else _interpolate(t, series)
+        logged = columns.get((topic, field))
+        return np.full(len(t), np.nan) if logged is None else _interpolate(t, logged)
 
-    drawn = {name: column(*place) for name, place in _COLUMNS.items()}
-    target = {"truth": drawn["truth"], "reference": drawn["force"]}
+    series = {name: column(*place) for name, place in _COLUMNS.items()}
+    target = {"truth": series["truth"], "reference": series["force"]}
     scores = sorted(summary.estimators, key=lambda s: s.algo)
     errors = {s.algo: column(f"estimate/{s.algo}", "force") - target[s.against] for s in scores}
     radius = _stated_radius(settings, summary.axle)
-    rim = wheel.value * _rolling_radius(wheel.value, drawn["train"], drawn["slip"], radius)
+    rim = wheel.value * _rolling_radius(wheel.value, series["train"], series["slip"], radius)
     weight = physics.G * float(json.loads(settings["vehicle.axle_mass.value"]))
     seconds = (t - start) * np.float64(1e-9)
-    return ReportAxle(summary, t=seconds, rim=rim, errors=errors, weight=weight, **drawn)
+    return ReportAxle(summary, t=seconds, rim=rim, errors=errors, weight=weight, **series)
 
 
 def _interpolate(t: Times, column: Column) -> Floats:

@@ -256,18 +256,17 @@ def finding_groups(findings: Sequence[FindingSummary]) -> list[FindingGroup]:
     for f in sorted(findings, key=lambda f: ("error", "warning", "info").index(f.severity)):
         by_code.setdefault((f.severity, f.code), []).append(f)
     groups = []
-    for (severity, code), found in by_code.items():
-        lines = [{"Channel": f.channel, "Time": _times_text(f), "What": f.message} for f in found]
-        remedy = " ".join(dict.fromkeys(f.hint for f in found if f.hint))
+    for (severity, code), group in by_code.items():
+        lines = [{"Channel": f.channel, "Time": _times_text(f), "What": f.message} for f in group]
+        remedy = " ".join(dict.fromkeys(f.hint for f in group if f.hint))
         groups.append(FindingGroup(code, severity, *explained(code, remedy), lines))
     return groups
 
 
 def summary_line(group: FindingGroup) -> str:
     """What and where, in one line."""
-    channels, times, messages = (
-        list(dict.fromkeys(line[key] for line in group.lines)) for key in group.lines[0]
-    )
+    columns = zip(*(line.values() for line in group.lines), strict=True)
+    channels, times, messages = (list(dict.fromkeys(x)) for x in columns)
     channels = [c for c in channels if c]
     channel_text = listed(channels) if channels else ""
     if len(channel_text) > _NAMED:

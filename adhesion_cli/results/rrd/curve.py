@@ -102,8 +102,8 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
         finite = finite[:: max(1, -(-len(finite) // _POINTS))]
         inside = frame.contains(s[finite], m[finite])  # outside there is nothing to see
         if inside.any():
-            shown = finite[inside]
-            points = rr.Points2D.columns(positions=frame.place(s[shown], m[shown]))
+            rows = finite[inside]
+            points = rr.Points2D.columns(positions=frame.place(s[rows], m[rows]))
             points = points.partition(inside.astype(np.int64))
             rec.send_columns(f"{path}/{name}", times(t[finite]), points)
 
@@ -123,10 +123,9 @@ def _send_fit(rec: rr.RecordingStream, path: str, frame: _Frame, fitted: Fitted)
         dot = rr.Points2D([value], radii=1.6, colors=_PEAK_COLOUR, draw_order=_TOP_LAYER)
         rec.log(f"{path}/fit/peak", dot, static=True)
         note += ", red: its peak, 95 %"
-    fit_strips = rr.LineStrips2D(
-        strips, colors=[_FIT_COLOUR, _PEAK_COLOUR][: len(strips)], radii=0.4, draw_order=_TOP_LAYER
-    )
-    rec.log(f"{path}/fit/curve", fit_strips, static=True)
+    colours = [_FIT_COLOUR, _PEAK_COLOUR][: len(strips)]
+    lines = rr.LineStrips2D(strips, colors=colours, radii=0.4, draw_order=_TOP_LAYER)
+    rec.log(f"{path}/fit/curve", lines, static=True)
     return note
 
 
@@ -159,9 +158,8 @@ def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) 
     texts = [f"{100.0 * v:g}" for v in xs] + [f"{v:g}" for v in ys]
     places = [(a, 2.0) for a in x] + [(-9.0, b - _LABEL) for b in y]
     if outside:
-        texts.append(
-            f"{outside} points outside {_LOWEST_SLIP:.0%} to {_HIGHEST_SLIP:.0%} slip not shown"
-        )
+        slips = f"{_LOWEST_SLIP:.0%} to {_HIGHEST_SLIP:.0%} slip"
+        texts.append(f"{outside} points outside {slips} not shown")
         places.append((_WIDTH / 2, -_HEIGHT - 7.0 - _LABEL))
     labels = rr.Points2D(places, labels=texts, radii=0.0, show_labels=True, colors=_TEXT)
     rec.log(f"{path}/labels", labels, static=True)

@@ -151,9 +151,8 @@ def send_plot(
     if plot.half_width is None:
         data = rr.Scalars.columns(scalars=plot.values)
     else:
-        data = rr.Measurements.columns(
-            values=plot.values.ravel(), variances=plot.half_width.ravel() ** 2
-        )
+        values, variances = plot.values.ravel(), plot.half_width.ravel() ** 2
+        data = rr.Measurements.columns(values=values, variances=variances)
     rec.send_columns(path, times(t), data)
 
 
@@ -161,10 +160,9 @@ def send_names(
     rec: rr.RecordingStream, path: str, times: Clock, t: int, names: Sequence[tuple[str, int]]
 ) -> None:
     """Sends names of lines, each in the colour of its line, at a time [ns]."""
-    texts, colours = zip(*names, strict=True)
-    data = rr.TextLog.columns(
-        text=[f"\u25a0 {text}" for text in texts], color=np.array(colours, np.uint32)
-    )
+    texts = [f"\u25a0 {name}" for name, _ in names]
+    colours = np.array([colour for _, colour in names], np.uint32)
+    data = rr.TextLog.columns(text=texts, color=colours)
     rec.send_columns(path, times(np.full(len(names), t)), data)
 
 
@@ -217,13 +215,12 @@ class Layout(rrb.Blueprint):
     """
 
     def __init__(self, layouts: Sequence[rrb.Container], timeline: str, live: bool = False) -> None:
+        play_state: Literal["following", "paused"] = "following" if live else "paused"
         super().__init__(
             layouts[0] if len(layouts) == 1 else rrb.Tabs(*layouts),
             rrb.BlueprintPanel(state="collapsed"),
             rrb.SelectionPanel(state="collapsed"),
-            rrb.TimePanel(
-                state="collapsed", timeline=timeline, play_state="following" if live else "paused"
-            ),
+            rrb.TimePanel(state="collapsed", timeline=timeline, play_state=play_state),
             auto_views=False,
             auto_layout=False,
         )
@@ -232,9 +229,7 @@ class Layout(rrb.Blueprint):
         # Linked charts take the range of a view that has no name in the API; the default of that
         # one is half a minute around the cursor.
         super()._log_to_stream(stream)
-        everything = rr.encodings.TimeRange(
-            start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
-        )
+        everything = rr.encodings.TimeRange(*[rr.TimeRangeBoundary.infinite()] * 2)
         stream.log(f"{GLOBAL_VIEW}/TimeAxis", rrb.TimeAxis(view_range=everything))
 
 

@@ -165,10 +165,8 @@ class _Page:
 
     def times(self, t: Times) -> list[rr.TimeColumn]:
         """Time stamps on each timeline."""
-        columns = [
-            rr.TimeColumn(name, duration=(t - zero).astype("timedelta64[ns]"))
-            for name, zero in self.zeros.items()
-        ]
+        since = {name: (t - zero).astype("timedelta64[ns]") for name, zero in self.zeros.items()}
+        columns = [rr.TimeColumn(name, duration=duration) for name, duration in since.items()]
         if self.result.log.absolute:
             columns.append(rr.TimeColumn("clock", timestamp=t.astype("datetime64[ns]")))
         return columns
@@ -281,10 +279,8 @@ class _Page:
             for x in sorted(list_text, key=lambda e: e.t):
                 code = f"{x.code}: " if x.code in catalogue() else ""
                 text = f"{(x.t - self.zeros['time']) / 1e9:.2f} s  {code}{x.message}"
-                rows += [
-                    (x.t, _LEVEL[x.severity], line)
-                    for line in textwrap.wrap(text, _EVENT_WIDTH, subsequent_indent=" " * 6)
-                ]
+                lines = textwrap.wrap(text, _EVENT_WIDTH, subsequent_indent=" " * 6)
+                rows += [(x.t, _LEVEL[x.severity], line) for line in lines]
             times, levels, texts = zip(*rows, strict=True)
             data = rr.TextLog.columns(text=texts, level=levels)
             rec.send_columns(f"{self.root}{path}", self.times(np.array(times, np.int64)), data)
@@ -312,18 +308,16 @@ class _Page:
     def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
         N = axle.record.axle
         path, exact = f"{self.root}/{prefix}axle/{N}", f"{self.root}/axle/{N}"
-        against = "truth" if any(s.against == "truth" for s in axle.scores) else "reference"
         reference, estimates = axle.reference, axle.estimates
         force = parts.span_of([], list(estimates.values()), [reference.lower, reference.upper])
-        rows = [
-            *_inputs(path, axle),
-            parts.chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
-        ]
+        chart = parts.chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force)
+        rows = [*_inputs(path, axle), chart]
         shares = [3.0, 4.2, 5.0]  # 1 bar of 7 needs 24 px for its number, on a screen of 1080
         if estimates:
             braking = np.r_[axle.applications or (slice(0, len(axle.record)),)]
             braking = braking[:: max(1, len(braking) // parts.JUDGED)]
             error = parts.span_of([], [axle.error(a, braking) for a in estimates])
+            against = next((s.against for s in axle.scores), "reference")
             title = f"Axle {N}: estimate minus {against} [N]"
             rows.append(parts.chart(f"{path}/error", title, error))
             shares.append(3.0)
@@ -381,15 +375,12 @@ def _thinned(axle: AxleResult, lane: rows.Lane) -> NDArray[np.int64]:
 
 
 def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
-    record = axle.record
+    record, title = axle.record, f"Axle {axle.record.axle}"
     speeds = "speed [km/h]" + ", blue: wheel, grey: train" * (record.train_speed is not None)
     brake = "blue: pressure [bar], " * (record.pressure is not None)
-    return [
-        parts.chart(f"{path}/speed", f"Axle {record.axle}: {speeds}"),
-        parts.chart(
-            f"{path}/braking", f"Axle {record.axle}: {brake}orange: clamping force [10 kN]"
-        ),
-    ]
+    brake += "orange: clamping force [10 kN]"
+    charts = (("speed", speeds), ("braking", brake))
+    return [parts.chart(f"{path}/{name}", f"{title}: {text}") for name, text in charts]
 
 
 # ---- text
