@@ -537,8 +537,10 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
     """
     if not any(len(s.t) for s in streams):
         return
-    # Topics of one axle share their times.
-    clocks = {axis: np.maximum.accumulate(t) for axis, t in {id(s.t): s.t for s in streams}.items()}
+    axes = {id(s.t): s.t for s in streams}  # topics of one axle share theirs
+    clocks = {  # a copy only where one jumps back
+        axis: t if (t[1:] >= t[:-1]).all() else np.maximum.accumulate(t) for axis, t in axes.items()
+    }
     total = sum(len(s.t) * _layout(len(s.columns), len(s.tails[0])).itemsize for s in streams)
     pieces = -(-total // CHUNK)
     sample_step = max(64, total >> 24)  # one in so many: a sample of bounded size

@@ -58,7 +58,8 @@ def _headline(runs: Sequence[ReportRun], all_differences: Sequence[Difference]) 
         "not distinguishable": sum(d.alike for d in coefficients),
     }
     phrases = [f"{name} in {count}" for name, count in counts.items() if count]
-    braked = words.plural(len(coefficients), "compared brake application")
+    count = len(coefficients)
+    braked = f"{count} compared brake application{'s' * (count != 1)}"
     same_logs = all(differences.same_log(runs[0], run) for run in runs[1:])
     log = f"One log, {len(runs)} evaluations. " * same_logs
     return f"{log}Adhesion used, against run 1: {', '.join(phrases)} of {braked}."

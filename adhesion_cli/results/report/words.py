@@ -51,11 +51,6 @@ def _highest(x: MeanAndHighest | None) -> str:
     return " ± ".join(by_uncertainty(x.max, x.max_u95, 3)) if x else DASH
 
 
-def plural(count: int, name: str) -> str:
-    """A number of things."""
-    return f"{count} {name}" if count == 1 else f"{count} {name}s"
-
-
 def listed(names: Sequence[object]) -> str:
     """A list as a sentence has it."""
     *leading, final = map(str, names)
