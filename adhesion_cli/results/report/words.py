@@ -24,7 +24,6 @@ _LOCKED = 0.995  # slip of a wheel that stands while the train moves
 class AxleVerdict:
     """What one axle did, for a reader in a hurry."""
 
-    title: str
     mark: Mark
     state: str  # a few words
     text: str  # sentences
@@ -103,11 +102,10 @@ def _slid(axle: ReportAxle) -> list[BrakeApplication]:
 
 def verdict(axle: ReportAxle) -> AxleVerdict:
     """The verdict on one axle."""
-    title, applications = f"Axle {axle.number}", axle.applications
-    slid = _slid(axle)
+    applications, slid = axle.applications, _slid(axle)
     if not applications:
         text = "The log shows no brake application."
-        return AxleVerdict(title, "unknown", "not braked", text, DASH)
+        return AxleVerdict("unknown", "not braked", text, DASH)
     if slid:
         worst = max(slid, key=lambda a: a.max_slip or 0.0)
     else:
@@ -119,18 +117,18 @@ def verdict(axle: ReportAxle) -> AxleVerdict:
         count = sum(a.slides for a in slid)
         times = {1: "once", 2: "twice"}.get(count, f"{count} times")
         state = "locked" if locked else f"slid {times}"
-        return AxleVerdict(title, "locked" if locked else "slid", state, text, adhesion)
+        return AxleVerdict("locked" if locked else "slid", state, text, adhesion)
     if not slides_known(axle):
         text = "Without a train speed, slides cannot be seen."
-        return AxleVerdict(title, "unknown", "slides not known", text, adhesion)
+        return AxleVerdict("unknown", "slides not known", text, adhesion)
     if not all(_is_observed(axle, a) for a in applications):
         text = "No slide seen. Without a train speed in parts of the braking, slides may be hidden."
-        return AxleVerdict(title, "unknown", "slides not known", text, adhesion)
+        return AxleVerdict("unknown", "slides not known", text, adhesion)
     count = len(applications)
     text = f"No slide in {count} brake applications." if count > 1 else "No slide."
     if worst.coefficient:
         text += " The rail gave at least this adhesion."
-    return AxleVerdict(title, "good", "did not slide", text, adhesion)
+    return AxleVerdict("good", "did not slide", text, adhesion)
 
 
 def _of_slides(
