@@ -25,10 +25,10 @@ COMMANDS = {
     "compare": ("a.csv -a td -o {out}", ["a.compare.mcap", "a.compare.rrd", "a.compare.sha256"]),
     "slip": ("a.csv -o {out}", ["a.slip.mcap", "a.slip.rrd", "a.slip.sha256"]),
     "calibrate": (
-        "s.csv l.csv -o {out}/b.toml --figure {out}/b.svg",
+        "s.csv a.csv -o {out}/b.toml --figure {out}/b.svg",
         ["b.toml", "b.svg", "b.sha256"],
     ),
-    "tune": ("s.csv l.csv -a leso -o {out}/b.toml", ["b.toml"]),
+    "tune": ("s.csv a.csv -a leso -o {out}/b.toml", ["b.toml"]),
     "convert": ("a.csv {out}/b.mcap", ["b.mcap"]),
     "recover": ("a.mcap -o {out}/b.mcap", ["b.mcap"]),
     "simulate": ("service-brake --dt 0.02 -o {out}/b.csv", ["b.csv"]),
