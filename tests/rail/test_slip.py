@@ -15,7 +15,6 @@ from helpers.commands import in_process
 from helpers.simulated import changed, late, recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
-from adhesion_cli.cli.app import app
 from adhesion_cli.cli.slip import table
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import AxleRecord, AxleResult, Parameter, Reference, Result, Vehicle
@@ -33,6 +32,7 @@ from adhesion_cli.rail import (
     wheel_calibration,
 )
 from adhesion_cli.results import mcap
+from adhesion_cli.wsp import closed_loop, scenario
 from adhesion_cli.wsp.simulate import Recording
 
 
@@ -258,15 +258,13 @@ def test_a_rail_that_changes_has_no_curve() -> None:
     assert fit.clear_time(fit.Points._make(x[: int(7.0 / 0.02)] for x in points)) < fit.SHORTEST
 
 
-def test_a_wheel_that_swings_about_the_peak_tells_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wheel_that_swings_about_the_peak_tells_it(tmp_path: Path) -> None:
     """Slide protection lets it slide for hardly longer than a fit needs, and creep for 40 s."""
-    arguments = ["antiskid", "slippery-stop", "-q", "--json", "-o", str(tmp_path)]
-    assert app(arguments, standalone_mode=False) == 0
-    capsys.readouterr()
+    case = scenario.load("slippery-stop")
+    carried = settings.tree(settings.Settings(case.vehicle), [])
     for law in ("rule", "patent"):
         log = tmp_path / f"slippery-stop.{law}.antiskid.mcap"
+        mcap.write_stop(log, case.name, closed_loop.run(case, law), case.vehicle, carried, "{}", [])
         result = analyze.analyze(log, settings.load(folder=False), ["leso"])
         found, _ = rail_under_slides.summary(result.axles[0], result.vehicle)
         assert sum(x.duration for x in found.slides) < 2.0 * fit.SHORTEST
