@@ -1,23 +1,24 @@
 """The main job: a log in, reference, estimates, scores and findings out.
 
-read → prepare (screen, align, diagnose) → each axle (reference, estimates, slip) → summarise.
+read → prepare (screen, align, identify the vehicle, diagnose) → each axle (reference, estimates,
+slip) → summarise.
 """
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..channels.log import read
 from ..core import threads
 from ..core.finding import Finding
-from ..core.model import AxleRecord, AxleResult, Result
+from ..core.model import AxleRecord, AxleResult, IdentifiedVehicle, Result
 from ..formats.memory import Signals
 from ..rail import wheel_calibration
 from . import settings as settings_module
-from .axle import analyze_axle
-from .prepare import Window, prepare
-from .request import choose_estimators, open_log
+from .axle import analyze_axle, without_force
+from .identify import identify
+from .prepare import Window, align_log, diagnose_log
+from .request import choose_estimators, open_log, read_log
 from .settings import Settings
-from .vehicle_findings import calibration_narrows, default_parameters, state_diameters
+from .vehicle_findings import find_vehicle_findings, state_diameters
 
 
 def analyze(  # noqa: PLR0913 (each choice of a run has a default)
@@ -28,6 +29,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     window: Window = (None, None),
     progress: Callable[[str], None] = lambda _: None,
     train_speed: bool = False,
+    identified: IdentifiedVehicle | None = None,
 ) -> Result:
     """Analyses one log.
 
@@ -39,6 +41,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         window: seconds after the log's start, from and to.
         progress: receives a line at each step.
         train_speed: whether a log without a train speed gets a reference speed of its axles.
+        identified: the vehicle, where this and other logs have shown it together.
 
     Raises:
         UserError: where the log cannot be read or holds nothing to analyse.
@@ -46,12 +49,19 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     estimators, axles = choose_estimators(algos), list(dict.fromkeys(axles))
     progress(f"reading {path.name}")
     settings, source = open_log(path, settings)
-    vehicle, max_gap_ns = settings.vehicle, round(settings.analysis.max_gap * 1e9)
-    log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
+    log = read_log(source, settings)
     start_ns = log.start_ns()
 
-    prepared = prepare(log, vehicle, axles, window, settings.checks)
+    aligned = align_log(log, settings.vehicle, axles, window, settings.checks)
+    if identified is None or settings.analysis.vehicle == "stated":
+        identified = identify([aligned], settings)
+    vehicle_findings = find_vehicle_findings(settings, identified, aligned)
+    settings = settings.with_vehicle(identified)
+    vehicle = settings.vehicle
+    prepared = diagnose_log(aligned, vehicle, settings.checks, settings.train)
     records, findings = prepared.records, [*prepared.findings]
+    if identified.factor is not None:  # said once, and first
+        findings = [f for f in findings if f.code != "vehicle-suspect"]
     if train_speed and all(r.train_speed is None for r in records):
         records, speed_findings = wheel_calibration.with_reference_speed(
             records, prepared.all_records, vehicle, start_ns
@@ -65,14 +75,14 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     results, findings_by_axle = zip(*threads.run_each(analyzed, records), strict=True)
     axle_findings = [f for of_axle in findings_by_axle for f in of_axle]
 
-    defaults = default_parameters(settings, any(r.pressure is not None for r in records))
+    if not identified.known:
+        results = tuple(without_force(axle) for axle in results)
     findings += state_diameters(axle_findings, results, vehicle)
-    findings += calibration_narrows(prepared.scene, results[0], vehicle)
     return Result(
         log,
-        vehicle,
+        identified,
         results,
-        tuple(dict.fromkeys((*defaults, *log.findings, *findings))),
+        tuple(dict.fromkeys((*vehicle_findings, *log.findings, *findings))),
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys((results[0].reference.source, *(e.source for e in estimators)))),
     )

@@ -64,6 +64,19 @@ def analyze_axle(
     return result, findings + slip_findings
 
 
+def without_force(axle: AxleResult) -> AxleResult:
+    """An axle of an unknown vehicle: speeds, brake applications and slip, no force."""
+    ref, unknown = axle.reference, np.full(len(axle.record), np.nan)
+    reference = replace(ref, force=unknown, sigma=unknown, tolerance=unknown, mass=unknown)
+    return replace(
+        axle,
+        reference=reference,
+        estimates=dict.fromkeys(axle.estimates, unknown),
+        scores=(),
+        sigmas=dict.fromkeys(axle.sigmas, unknown),
+    )
+
+
 def _is_drowned(reference: Reference, application: slice) -> bool:
     """Whether the force of a brake application is mostly smaller than its 95 % noise."""
     finite = np.isfinite(reference.force[application])

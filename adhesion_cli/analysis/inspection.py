@@ -16,9 +16,11 @@ from ..core.text import iso
 from ..formats.memory import Signals
 from ..formats.open import kind, open_source
 from ..formats.source import Source
-from .prepare import prepare
+from .identify import identify
+from .prepare import align_log, diagnose_log
 from .settings import Settings
 from .summarise import summarise_channel
+from .vehicle_findings import find_vehicle_findings
 
 
 class LogInspection(NamedTuple):
@@ -100,8 +102,12 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
         severity = "warning"  # where all of what is needed is lost
         whole_log = without_empty(replace(log, channels=meant))
         severity = "info"
-        checked = prepare(whole_log, settings.vehicle, checks=settings.checks)
-        return [*findings, *whole_log.findings, *checked.findings]
+        aligned = align_log(whole_log, settings.vehicle, checks=settings.checks)
+        identified = identify([aligned], settings)
+        said = find_vehicle_findings(settings, identified, aligned)
+        checked = diagnose_log(aligned, identified.vehicle, settings.checks, settings.train)
+        unsaid = [f for f in checked.findings if f.code not in {x.code for x in said}]
+        return [*said, *findings, *whole_log.findings, *unsaid]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}
         return [Finding("not-analysable", severity, names=names)]

@@ -3,32 +3,114 @@
 1. choose: which channels are which axle's.
 2. screen: samples that a working sensor cannot give are left out.
 3. resample: each axle gets one time axis, the times of its wheel speed.
-4. align: all channels get one clock. How the train slows shows the delay of the pressure.
-5. diagnose: what the channels say about each other, and what physics forbids.
+4. align: all channels get one clock.
+5. identify: the stated vehicle and the log give the vehicle that everything after uses.
+6. diagnose: what the channels say about each other, and what physics forbids. How the train slows
+   shows the delay of the pressure.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from ..core.finding import Finding
-from ..core.model import AxleRecord, Log, Vehicle
+from ..core.model import AxleRecord, Log, Train, Vehicle
 from ..diagnostics.diagnosis import diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
+from ..records.axle_channels import AxleChannels
 from ..records.choose import choose, no_records_error
 from ..records.faults import View
 from ..records.faults import Window as Window
 from ..records.resample import resample
 from ..records.screen import screen
 from ..train.align import align
+from ..train.explain import explain
+from ..train.grid import Grids, build_grids
+
+
+class AlignedLog(NamedTuple):
+    """The axles of a log on one clock, with what was found on the way."""
+
+    path: str
+    axles: list[AxleChannels]  # every axle: some things only all axles together show
+    requested: tuple[int, ...]  # the axles asked for
+    grids: Grids | None  # all axles together; None where a clock jumps back
+    vehicle: Vehicle  # of the axles' clamping force
+    view: View
+    findings: list[Finding]
+
+    def clamped_by(self, vehicle: Vehicle) -> "AlignedLog":
+        """The log with the clamping force that another vehicle makes of the pressures."""
+        if vehicle == self.vehicle:
+            return self
+        axles = [a.clamped_by(vehicle) for a in self.axles]
+        grids = self.grids and build_grids(axles, vehicle)
+        return self._replace(axles=axles, grids=grids, vehicle=vehicle)
 
 
 class Prepared(NamedTuple):
     """The records of a log, and what checks may look at."""
 
     records: list[AxleRecord]  # of the axles asked for
-    all_records: list[AxleRecord]  # of every axle: some things only all axles together show
+    all_records: list[AxleRecord]  # of every axle
     findings: list[Finding]
     scene: Scene | None  # all axles together; None where a clock jumps back
+
+
+def align_log(
+    log: Log,
+    vehicle: Vehicle,
+    axles: Sequence[int] = (),
+    window: Window = (None, None),
+    checks: Mapping[str, Any] | None = None,
+) -> AlignedLog:
+    """The first four steps. Arguments and errors as of `prepare`."""
+    view = View(log.start_ns(), window)
+    choice = choose(log, axles)
+    screened = screen(choice, vehicle, view, sensor_thresholds(checks))
+    sampled, resample_findings = resample(choice, screened, vehicle, view)
+    sensor_findings = [f for f in screened.findings if f.channel in choice.titles]
+    findings = [*choice.findings, *sensor_findings, *resample_findings]
+    if not any(a.record.axle in choice.requested for a in sampled):
+        raise no_records_error(log, choice, view, findings)
+    aligned = align(sampled, choice.acceleration, vehicle, view)
+    return AlignedLog(
+        log.path,
+        aligned.axles,
+        choice.requested,
+        aligned.grids,
+        vehicle,
+        view,
+        findings + aligned.findings,
+    )
+
+
+def diagnose_log(
+    log: AlignedLog,
+    vehicle: Vehicle,
+    checks: Mapping[str, Any] | None = None,
+    train: Train = Train(),  # noqa: B008 (a value that cannot change)
+) -> Prepared:
+    """The last step.
+
+    Args:
+        log: on one clock.
+        vehicle: that everything after uses.
+        checks: parameters of checks by name; the defaults where there are none.
+        train: the rest of the train.
+    """
+    log = log.clamped_by(vehicle)
+    explanation = explain(log.axles, log.grids, vehicle, train)
+    delay = explanation.pressure_delay
+    axles = [a._replace(record=replace(a.record, pressure_late=delay)) for a in log.axles]
+    requested = [a for a in axles if a.record.axle in log.requested]
+    findings, scene = [*log.findings], None
+    if log.grids:
+        grid = log.grids.coarse
+        scene = Scene(axles, grid, vehicle, log.view.start_ns, explanation, train)
+        titles = {"", *(c.title for a in requested for c in (a.speed, a.brake, a.train) if c)}
+        findings += [f for f in diagnose(scene, checks) if f.channel in titles]
+    return Prepared([a.record for a in requested], [a.record for a in axles], findings, scene)
 
 
 def prepare(
@@ -38,7 +120,7 @@ def prepare(
     window: Window = (None, None),
     checks: Mapping[str, Any] | None = None,
 ) -> Prepared:
-    """One record per axle that has a wheel speed and a pressure (or K).
+    """One record per axle that has a wheel speed and a pressure (or K), by a known vehicle.
 
     Args:
         log: with its channels' meanings.
@@ -51,22 +133,4 @@ def prepare(
         UserError: where a needed channel is missing, an axle asked for is not there, or no two
             channels share any time.
     """
-    view = View(log.start_ns(), window)
-    choice = choose(log, axles)
-    screened = screen(choice, vehicle, view, sensor_thresholds(checks))
-    sampled, resample_findings = resample(choice, screened, vehicle, view)
-    sensor_findings = [f for f in screened.findings if f.channel in choice.titles]
-    findings = [*choice.findings, *sensor_findings, *resample_findings]
-    if not any(a.record.axle in choice.requested for a in sampled):
-        raise no_records_error(log, choice, view, findings)
-    aligned = align(sampled, choice.acceleration, vehicle, view)
-    requested = [a for a in aligned.axles if a.record.axle in choice.requested]
-    findings += aligned.findings
-    scene = None
-    if aligned.grid:
-        scene = Scene(aligned.axles, aligned.grid, vehicle, view.start_ns, aligned.explanation)
-        titles = {"", *(c.title for a in requested for c in (a.speed, a.brake, a.train) if c)}
-        findings += [f for f in diagnose(scene, checks) if f.channel in titles]
-    return Prepared(
-        [a.record for a in requested], [a.record for a in aligned.axles], findings, scene
-    )
+    return diagnose_log(align_log(log, vehicle, axles, window, checks), vehicle, checks)

@@ -4,16 +4,18 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ..channels.log import read
 from ..core import estimator
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
+from ..core.model import Log
 from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..formats.source import Source
 from ..records.faults import Window
 from ..reference import force
 from . import settings as settings_module
-from .settings import Settings
+from .settings import VEHICLE_USES, Settings
 
 
 def choose_estimators(algos: Sequence[str]) -> list[Estimator]:
@@ -33,8 +35,10 @@ def check_settings(settings: Settings) -> Settings:
     """The settings, if the methods they name exist.
 
     Raises:
-        UserError: for an unknown reference.
+        UserError: for an unknown reference, or another use of the vehicle.
     """
+    if settings.analysis.vehicle not in VEHICLE_USES:
+        raise unknown("vehicle", settings.analysis.vehicle, list(VEHICLE_USES))
     if settings.analysis.reference not in force.METHODS:
         raise unknown("reference", settings.analysis.reference, list(force.METHODS))
     return settings
@@ -67,6 +71,12 @@ def open_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Source
     if carried := _carried(path, source):
         settings = settings.over(settings_module.nested(carried))
     return check_settings(settings), source
+
+
+def read_log(source: Source, settings: Settings) -> Log:
+    """The log of a source with its channels' meanings."""
+    max_gap_ns = round(settings.analysis.max_gap * 1e9)
+    return read(source, settings.mappings, settings.vehicle, max_gap_ns=max_gap_ns)
 
 
 def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:

@@ -21,7 +21,7 @@ from ..channels.meaning import Mapping
 from ..core import estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
-from ..core.model import Parameter, Quantity, Vehicle, quantities
+from ..core.model import IdentifiedVehicle, Parameter, Quantity, Train, Vehicle, quantities
 from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
@@ -56,6 +56,9 @@ MEANINGS = {
 }
 
 
+VEHICLE_USES = ("log", "stated")
+
+
 @dataclass(frozen=True, slots=True)
 class AnalysisSettings:
     """What `analyze` does with a log once it is read."""
@@ -67,6 +70,10 @@ class AnalysisSettings:
     max_gap: Annotated[
         float, Quantity("s", "longer intervals are gaps; 0: five times the usual one", maximum=1e6)
     ] = 0.0
+    vehicle: Annotated[
+        str,
+        Quantity("", "log: as stated, with what the log shows of its brake; stated: as it is"),
+    ] = "log"
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +92,7 @@ class Settings:
     mappings: tuple[Mapping, ...] = ()
     read: ReadOptions = field(default_factory=ReadOptions)
     analysis: AnalysisSettings = field(default_factory=AnalysisSettings)
+    train: Train = field(default_factory=Train)
     slope: Params = field(default_factory=Params)
     bands: Bands = field(default_factory=Bands)
     overrides: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -111,6 +119,11 @@ class Settings:
         base = {k: v for k, v in carried.items() if k not in _ORIGIN}
         base |= {"diagnostics": _known_thresholds(base.get("diagnostics", {}))}
         return _build([_normalise_names(base), self.tables], self.flags)
+
+    def with_vehicle(self, identified: IdentifiedVehicle) -> "Settings":
+        """The settings with an identified vehicle: whoever reads these takes it as it is."""
+        analysis = replace(self.analysis, vehicle="stated")
+        return replace(self, vehicle=identified.vehicle, analysis=analysis)
 
     def params(self, est: Estimator) -> Any:
         """An estimator's parameters: its defaults and what the user stated."""
@@ -230,6 +243,7 @@ def tree(
     return {
         "vehicle": {"wheel_radius": radii if len(radii) > 1 else radii[0], **parameters, **related},
         "analysis": dataclasses.asdict(settings.analysis),
+        "train": settings.train._asdict(),
         "slope": settings.slope._asdict(),
         "bands": settings.bands._asdict(),
         "diagnostics": {name: p._asdict() for name, p in settings.checks.items()},
@@ -349,7 +363,8 @@ def sections() -> list[str]:
 
 def _numeric() -> "dict[str, methods.Tunable]":
     """The sections that hold numbers only."""
-    own_sections = {x.name: x for x in (_Section("slope", Params), _Section("bands", Bands))}
+    sections = (_Section("slope", Params), _Section("bands", Bands), _Section("train", Train))
+    own_sections = {x.name: x for x in sections}
     return {**estimator.registry(), **controller.registry(), **own_sections}
 
 
@@ -362,7 +377,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     overrides = {
         key: _numbers(numeric[key], value) for key, value in tree.items() if key in numeric
     }
-    bands = Bands(**overrides.pop("bands", {}))
+    bands, train = Bands(**overrides.pop("bands", {})), Train(**overrides.pop("train", {}))
     mappings, time_options = _channels(tree.get("channels", {}))
     options = {
         **time_options,
@@ -373,7 +388,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     }
     kinds = {f.name: type(f.default) for f in dataclasses.fields(AnalysisSettings)}
     analysis = _fields("analysis", tree.get("analysis", {}), kinds)
-    for name in analysis.keys() - {"reference"}:
+    for name in analysis.keys() - {"reference", "vehicle"}:
         quantities(AnalysisSettings)[name].check(f"analysis.{name}", analysis[name])
     checks = tree.get("diagnostics", {})
     for name in checks.keys() - tunable().keys():
@@ -383,6 +398,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
         tuple(mappings),
         ReadOptions(**options),
         AnalysisSettings(**analysis),
+        train,
         Params(**overrides.get("slope", {})),
         check_bands(bands, "bands"),
         overrides,

@@ -16,6 +16,7 @@ from ..core.summary import (
     ReferenceSummary,
     ResultSummary,
     summarise_finding,
+    summarise_vehicle,
 )
 from ..core.text import iso
 
@@ -53,6 +54,7 @@ def summarise(
             _rows_used(result),
         ),
         outputs,
+        summarise_vehicle(result.identified),
         tuple(_summarise_axle(a, braked[a.record.axle]) for a in result.axles),
         tuple(map(summarise_channel, used_channels)),
         tuple(map(summarise_finding, result.findings)),

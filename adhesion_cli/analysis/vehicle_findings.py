@@ -1,20 +1,49 @@
-"""What must be reported about the vehicle: defaults, diameters, what `calibrate` would give."""
+"""What must be reported about the vehicle: defaults, and diameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import AxleResult, Vehicle, quantities
-from ..diagnostics.scene import Scene
-from ..reference import calibrated_vehicle
+from ..core.model import AxleResult, IdentifiedVehicle, Vehicle, quantities
+from ..diagnostics.checks.vehicle import fitting_values
+from .prepare import AlignedLog
 from .settings import Settings
 
-_WORTH_SHARE = 2.0 / 3.0  # of the stated band: from there on `calibrate` is worth its run
 _CALIBRATED = "wheel-calibrated"
 _FEW_DEFAULTS = 3  # defaults that the line of a finding names
 _LINE_LETTERS = 50  # letters that it has for them with their values
+
+
+def find_vehicle_findings(
+    settings: Settings, identified: IdentifiedVehicle, log: AlignedLog
+) -> list[Finding]:
+    """What must be said of the vehicle first.
+
+    Args:
+        settings: as stated.
+        identified: the vehicle that is used.
+        log: that is analysed with it.
+    """
+    findings = [
+        Finding("log-differs", "warning", names={"log": Path(path).name})
+        for path in identified.differing
+        if path == log.path
+    ]
+    if not identified.known:
+        return [*findings, Finding("vehicle-unknown", "warning")]
+    if identified.factor is not None:
+        values = {"factor": identified.factor}
+        names = {"fits": fitting_values(identified.vehicle, identified.factor)}
+        findings.append(Finding("vehicle-suspect", "warning", values=values, names=names))
+    if identified.source == "log":
+        by_log = Finding("vehicle-by-log", "info", values={"stops": identified.stops})
+        return [*findings, by_log]
+    return findings + default_parameters(
+        settings, any(a.record.pressure is not None for a in log.axles)
+    )
 
 
 def default_parameters(settings: Settings, by_pressure: bool) -> list[Finding]:
@@ -65,12 +94,3 @@ def state_diameters(
     return [
         replace(f, names={"diameters": setting}) if f.code == _CALIBRATED else f for f in findings
     ]
-
-
-def calibration_narrows(scene: Scene | None, axle: AxleResult, vehicle: Vehicle) -> list[Finding]:
-    """That the log's own brake applications would make the band of the force narrower."""
-    shares = calibrated_vehicle.band_shares(scene, axle.record, axle.applications, vehicle)
-    if shares is None or shares[1] > _WORTH_SHARE * shares[0]:
-        return []
-    values = {"stated_share": shares[0], "calibrated_share": shares[1]}
-    return [Finding("calibration-narrows", "info", values=values)]

@@ -108,10 +108,13 @@ def _show(
     result: "Result", summary: "ResultSummary", by_axle: bool, budget: bool, quiet: bool
 ) -> None:
     """One log: brake applications, findings, scores, files."""
+    from ..results.vehicle_text import describe_vehicle
     from ..scores.metrics import pool_scores
     from . import applications, terminal
 
-    print(f"{terminal.describe_log(summary)}\n\n{applications.tables(summary.axles)}\n", flush=True)
+    vehicle = terminal.folded(describe_vehicle(summary.vehicle, summary.axles))
+    tables = applications.tables(summary.axles)
+    print(f"{terminal.describe_log(summary)}\n{vehicle}\n\n{tables}\n", flush=True)
     if budget:
         print(applications.budgets(summary.axles))
     terminal.show(result.findings, quiet)

@@ -89,13 +89,18 @@ def _analyzer(
 ) -> "Callable[[Path], Result]":
     """What analyses one of the logs, after a check of options, settings and outputs."""
     from ..analysis.analyze import analyze
+    from ..analysis.identify import identify_together
     from . import terminal
 
     settings = check_settings(shared)
     check(shared, [*paths], *logs)
     window, progress = (shared.from_, shared.to), terminal.progress(shared.quiet)
+    identified = None
+    if len(logs) > 1:
+        progress(f"finding the vehicle of {len(logs)} logs")
+        identified = identify_together(logs, settings, shared.axle, window)
     return lambda log: analyze(
-        log, settings, shared.algo, shared.axle, window, progress, train_speed
+        log, settings, shared.algo, shared.axle, window, progress, train_speed, identified
     )
 
 

@@ -310,6 +310,41 @@ class Vehicle:
         return self.wheel_radius[axle - 1 if count > 1 else 0]
 
 
+class Train(NamedTuple):
+    """How the rest of the train brakes, which slows with the axles of the log."""
+
+    alike: Annotated[
+        float,
+        Quantity("-", "1 sigma of the other axles' brake force per mass, as a share", 0.0, 10.0),
+    ] = 0.05
+    unbraked_mass: Annotated[
+        float, Quantity("kg", "rolls along without a brake, beside the axles of the log", 0.0, 1e7)
+    ] = 0.0
+
+    def braked_share(self, vehicle: Vehicle, axles: int) -> float:
+        """Share of the mass that the brakes of so many axles slow, which is braked itself."""
+        braked_mass = axles * vehicle.axle_mass.value
+        return braked_mass / (braked_mass + self.unbraked_mass)
+
+
+VehicleSource = Literal["stated", "default", "log"]
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifiedVehicle:
+    """The vehicle that a run uses, and where it is from."""
+
+    vehicle: Vehicle
+    source: VehicleSource  # of the prior: stated, the default, or none: the log alone
+    force_per_bar: Parameter | None  # brake force at the rim of an axle [N]; None where K is logged
+    stated_force_per_bar: Parameter | None = None  # the same as stated, or of the default
+    stops: int = 0  # brake applications of the logs that were evidence
+    logs: int = 0  # the logs that have them
+    known: bool = True  # whether the adhesion force can be known
+    factor: float | None = None  # the log's brake force over the stated one, where that is used
+    differing: tuple[str, ...] = ()  # paths of logs that brake otherwise than all together
+
+
 @dataclass(frozen=True, slots=True)
 class Nis:
     """Normalised innovation squared of a filter, mean over the log; names as in the JSON.
@@ -444,11 +479,16 @@ class Result:
     """One analysed log."""
 
     log: Log
-    vehicle: Vehicle
+    identified: IdentifiedVehicle
     axles: tuple[AxleResult, ...]
     findings: tuple[Finding, ...]
     settings: dict[str, Any]  # every parameter used, as TOML would hold it
     sources: tuple[str, ...] = field(default=())  # literature of the methods used
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle that was used."""
+        return self.identified.vehicle
 
     def brake_ns(self) -> int:
         """Start of the first brake application, else of the log [ns]."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
 from .finding import Finding
-from .model import NOT_IN_JSON, Nis, Quantity, Score
+from .model import NOT_IN_JSON, Z95, IdentifiedVehicle, Nis, Quantity, Score, VehicleSource
 
 Number = float | None
 
@@ -100,6 +100,25 @@ class ReferenceSummary(NamedTuple):
     nis: Annotated[Nis | None, Quantity("-", "normalised innovation squared")] = None
 
 
+@dataclass(frozen=True, slots=True)
+class VehicleSummary:
+    """The vehicle that the result is of, and where it is from."""
+
+    source: Annotated[
+        VehicleSource,
+        Quantity("", "what the log adds to: stated, default; log: nothing but the log"),
+    ]
+    known: Annotated[bool, Quantity("", "whether force and µ can be known")]
+    force_per_bar_n: Annotated[
+        Number, Quantity("N", "as used: brake force at the rim of an axle per bar; null with K")
+    ]
+    u95: Annotated[Number, Quantity("N", "its expanded uncertainty (95 %)")]
+    stated_force_per_bar_n: Annotated[Number, Quantity("N", "the same as stated, or by default")]
+    stated_u95: Annotated[Number, Quantity("N", "its expanded uncertainty (95 %)")]
+    stops: Annotated[int, Quantity("", "brake applications whose deceleration was used")] = 0
+    logs: Annotated[int, Quantity("", "logs that they are of")] = 0
+
+
 class AxleSummary(NamedTuple):
     """One axle."""
 
@@ -160,6 +179,7 @@ class ResultSummary:
 
     log: LogSummary
     outputs: Annotated[Mapping[str, str], Quantity("", "the files written, by format")]
+    vehicle: VehicleSummary
     axles: tuple[AxleSummary, ...]
     channels: tuple[ChannelSummary, ...]
     findings: tuple[FindingSummary, ...]
@@ -261,3 +281,18 @@ def summarise_finding(f: Finding) -> FindingSummary:
         f.code, f.severity, f.channel, f.count, f.first_s, f.spans, f.values, f.names, f.message,
         f.hint,
     )  # fmt: skip
+
+
+def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
+    """A vehicle with the force of its brake, at 95 %."""
+    used, stated = x.force_per_bar, x.stated_force_per_bar
+    return VehicleSummary(
+        x.source,
+        x.known,
+        used and used.value,
+        used and Z95 * used.tolerance,
+        stated and stated.value,
+        stated and Z95 * stated.tolerance,
+        x.stops,
+        x.logs,
+    )

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.finding import Finding, Severity, merge_spans
-from ..core.model import Bools, Channel, Vehicle
+from ..core.model import Bools, Channel, Train, Vehicle
 from ..core.physics import rolling_deceleration, wheelset
 from ..core.signals import true_runs
 from ..records.axle_channels import AxleChannels
@@ -22,13 +22,15 @@ class Scene(NamedTuple):
     vehicle: Vehicle
     start_ns: int  # the log's start
     explanation: Explanation  # of how the train slows
+    train: Train = Train()
 
     @property
     def by_rolling(self) -> float:
         """Deceleration of a train that rolls, per K of an axle [m/s² per N]. Source: (1)."""
         axle = self.axles[0].record.axle
         w = wheelset(self.vehicle, axle)
-        return rolling_deceleration(w) * self.vehicle.radius(axle).value
+        share = self.train.braked_share(self.vehicle, len(self.axles))
+        return share * rolling_deceleration(w) * self.vehicle.radius(axle).value
 
     def finding(  # noqa: PLR0913 (the fields of a finding)
         self,

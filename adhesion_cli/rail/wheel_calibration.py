@@ -88,6 +88,13 @@ def _follow(t: Floats, fastest: Floats, braking: Floats, v: Floats) -> None:
             v[i] = reference_speed(v[i - 1], fastest[i], braking[i], t[i] - t[i - 1])
 
 
+def _highest_friction_share(rim: Floats, vehicle: Vehicle) -> Floats:
+    """φ(v) / φ at its 95 % limit: cast iron brakes twice as hard at the end of a stop; (n,)."""
+    uncertain = np.abs(rim - vehicle.friction_speed.value) * vehicle.friction_fade.tolerance
+    share: Floats = physics.friction_share(rim, vehicle) + Z95 * uncertain
+    return share
+
+
 def with_reference_speed(
     records: Sequence[AxleRecord],
     all_records: Sequence[AxleRecord],
@@ -124,6 +131,7 @@ def with_reference_speed(
     fastest = np.where(finite, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
     w = physics.wheelset(vehicle, all_records[0].axle)
     braking = physics.braked(np.nan_to_num(signals.finite_median(K)), w)
+    braking *= _highest_friction_share(np.nan_to_num(fastest), vehicle)
     v = np.empty(len(t))
     seconds = (t - t[0]) * 1e-9
     compiled.function(_follow)(seconds, fastest, braking, v)

@@ -13,7 +13,7 @@ from ..channels import to_si
 from ..core import time_axis, units
 from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Channel, Floats, Times, Vehicle
-from ..core.physics import CRAWL, NO_FORCE, clamping_force, force_line
+from ..core.physics import CRAWL, NO_FORCE, clamping_force
 from .axle_channels import AxleChannels
 from .choose import SHORTEST, AxleKeys, Choice, find
 from .faults import Fault, View
@@ -69,33 +69,33 @@ def _axle(
         channels[key] if (key := find(channels, meaning, keys.axle)) else None
         for meaning in ("train_speed", "truth", "true_slip")
     )
-    is_pressure = brake.meaning == "pressure"
-    K = clamping_force(sampled.last_value, vehicle) if is_pressure else sampled.last_value
-    smooth = K
-    if sampled.smooth is not sampled.last_value:  # their times are not the same
-        smooth = clamping_force(sampled.smooth, vehicle) if is_pressure else sampled.smooth
     rows = slice(None) if in_segment.all() else in_segment  # all of them need no copy
+    last_value = sampled.last_value[rows]
+    same_times = sampled.smooth is sampled.last_value
+    smooth = last_value if same_times else sampled.smooth[rows]
+    is_pressure = brake.meaning == "pressure"
     limit, unit = screened.ranges.get(keys.brake), units.unit(speed.measured_in)
     record = AxleRecord(
         keys.axle,
         speed.data.t[rows],
-        K[rows],
-        smooth[rows],
+        last_value,
+        smooth,
         speed.data.value[rows],
         segments,
         wheel_speed_step=speed.step,
-        pressure=sampled.last_value[rows] if is_pressure else None,
+        pressure=last_value if is_pressure else None,
         train_speed=_interpolated(speed, train)[rows] if train else None,
         truth=_interpolated(speed, truth)[rows] if truth else None,
         true_slip=_interpolated(speed, slip)[rows] if slip else None,
-        clamping_force_step=brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
+        clamping_force_step=brake.step,
         train_speed_interval=1.0 / train.rate_hz if train and train.rate_hz else 0.0,
         of_totals=unit is not None and to_si.is_total(unit),
         of_rim=unit is not None and to_si.is_rim(unit),
         saturated=sampled.last_value[in_segment] >= limit if limit is not None else None,
         wheel_period_step=speed.period_step,
     )
-    return AxleChannels(record, speed, brake, train), findings
+    axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None)
+    return axle.clamped_by(vehicle), findings
 
 
 def _sampled(speed: Channel, brake: Channel) -> _Sampled:

@@ -27,12 +27,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.model import Z95, AxleRecord, Floats, Parameter, Vehicle
+from ..core.model import Z95, AxleRecord, Floats, Parameter, Train, Vehicle
 from ..core.physics import RELEASED_SHARE, force_line, wheelset
-from ..diagnostics.scene import Scene
 from ..train import longitudinal as model
 from ..train import pieces, solve
-from ..train.explanation import Design
+from ..train.explanation import Design, Explanation
 from ..train.grid import FEWEST
 from . import force
 
@@ -43,6 +42,7 @@ _SOURCES = {
     "force_over_mass": "stated tolerances",
     "friction": "stated tolerances of φ, n, η, i, d",
     "axle_mass": "stated tolerance",
+    "wheelset_inertia": "stated tolerance",
     "spring_force": "stated tolerance; zero of a sensor: 1 % of the highest force",
     "friction_fade": "pads change by some 10 % over 25 m/s",
     "pressure_delay": "calipers, hoses, transducers: 0.03 s; sampling",
@@ -89,22 +89,36 @@ class Calibrated(NamedTuple):
     band: tuple[float, float]  # half-width of its 95 % band, the same [N]
 
 
+class MeanBrake(NamedTuple):
+    """Where the force is given: at the mean brake of all logs."""
+
+    top: float  # the highest K [N]
+    share: float  # mean K over that
+    speed: float  # ū, at which the model's friction holds [m/s]
+    faster: float  # mean speed of the braked samples less ū [m/s]
+    by_wheels: bool  # whether wheel speeds were used
+
+    @property
+    def gradient(self) -> Floats:
+        """How ln of the force there changes with each shared parameter, (7,)."""
+        gradient = np.zeros(len(model.UNITS))
+        gradient[[model.SCALE, model.OFFSET, model.FADE]] = 1.0, -1.0 / self.share, self.faster
+        return gradient
+
+
 def evidence(
-    scene: Scene | None, record: AxleRecord, applications: Sequence[slice], vehicle: Vehicle
+    explanation: Explanation, start_ns: int, record: AxleRecord, applications: Sequence[slice]
 ) -> Evidence:
     """What a log says.
 
     Args:
-        scene: all its axles; None where it has none in common.
+        explanation: of how its train slows.
+        start_ns: first time of the explanation's grid [ns].
         record: of its first axle.
         applications: of that record.
-        vehicle: as stated.
     """
-    if scene is None:
-        return Evidence(None, (), 0.0)
-    seconds = (record.t - scene.grid.start_ns) * 1e-9
+    seconds = (record.t - start_ns) * 1e-9
     spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1])) for s in applications)
-    explanation = scene.explanation
     return Evidence(
         pieces.along_track(explanation.design) if explanation.design else None,
         spans,
@@ -112,49 +126,47 @@ def evidence(
     )
 
 
-def band_shares(
-    scene: Scene | None, record: AxleRecord, applications: Sequence[slice], vehicle: Vehicle
-) -> tuple[float, float] | None:
-    """Half-width of the force's 95 % band over the force, as stated and calibrated by one log.
-
-    None where its brake applications do not determine the vehicle. Arguments as of `evidence`.
-    """
-    if len(applications) < 2 or min(vehicle.friction.tolerance, vehicle.axle_mass.tolerance) <= 0.0:
-        return None
-    log_evidence = evidence(scene, record, applications, vehicle)
-    if log_evidence.design is None or len(log_evidence.applications()) < 2:
-        return None
-    designs = pieces.join_designs([log_evidence.design], vehicle)
-    log_prior = prior(designs, vehicle, log_evidence.delay)
-    calibration = calibrate_vehicle(
-        vehicle, record, designs, log_prior, solve.joint(designs, log_prior)
+def mean_brake(designs: Sequence[Design]) -> MeanBrake:
+    """The mean brake of joined designs."""
+    braked = [np.maximum(d.K[d.samples], 0.0) > RELEASED_SHARE for d in designs]
+    K = np.concatenate([d.K[d.samples][x] for d, x in zip(designs, braked, strict=True)])
+    faster = np.concatenate(
+        [d.relative_speed[d.samples][x] for d, x in zip(designs, braked, strict=True)]
     )
-    return calibration.band[0] / calibration.force[0], calibration.band[1] / calibration.force[1]
+    by_wheels = any(d.creeps for d in designs)
+    if not len(K):
+        return MeanBrake(designs[0].top, 1.0, designs[0].mean, 0.0, by_wheels)
+    return MeanBrake(
+        designs[0].top, float(K.mean()), designs[0].mean, float(faster.mean()), by_wheels
+    )
 
 
 def calibrate_vehicle(
     vehicle: Vehicle,
     record: AxleRecord,
-    designs: Sequence[Design],
+    at: MeanBrake,
     prior: dict[int, Parameter],
     posterior: solve.Posterior,
+    logs: int,
 ) -> Calibrated:
     """The vehicle of a posterior, which the next log's error from log to log widens.
 
     Args:
         vehicle: as stated.
         record: any of the logs.
-        designs: of the logs, from `longitudinal.join_designs`.
+        at: the mean brake of the logs, from `mean_brake`.
         prior: of the shared parameters, from `prior`.
         posterior: their posterior.
+        logs: how many there are.
     """
     covariance = posterior.covariance.copy()
     for i, sigma in LOG_TO_LOG.items():  # the next log differs, and each of these did
-        covariance[i, i] += sigma**2 * (1.0 + 1.0 / len(designs))
-    posterior, radius = posterior._replace(covariance=covariance), any(d.creeps for d in designs)
-    calibrated, rows, correlation = _vehicle(vehicle, designs[0], prior, posterior, radius)
-    common = force_gradient(designs), record, designs[0]
-    newtons, band = zip(*(_band(v, vehicle, *common) for v in (vehicle, calibrated)), strict=True)
+        covariance[i, i] += sigma**2 * (1.0 + 1.0 / logs)
+    posterior = posterior._replace(covariance=covariance)
+    calibrated, rows, correlation = _vehicle(vehicle, at, prior, posterior)
+    newtons, band = zip(
+        *(_band(v, vehicle, at, record) for v in (vehicle, calibrated)), strict=True
+    )
     return Calibrated(calibrated, rows, correlation, newtons, band)
 
 
@@ -171,11 +183,17 @@ def _shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
     }
 
 
-def prior(designs: Sequence[Design], vehicle: Vehicle, delay: float) -> dict[int, Parameter]:
-    """Stated tolerances and published ranges; a delay that the checks found widens its prior."""
-    shares = _shares(vehicle, any(d.creeps for d in designs))
+def prior(
+    designs: Sequence[Design], vehicle: Vehicle, delay: float, train: Train
+) -> dict[int, Parameter]:
+    """Stated tolerances and published ranges; a delay that the checks found widens its prior.
+
+    The axles outside the log may have another brake force per mass: that moves the train's
+    deceleration and no parameter of these axles.
+    """
     priors = model.stated_prior(designs[0], vehicle)
-    priors[model.SCALE] = Parameter(0.0, math.sqrt(float(vehicle.covariance(shares, shares))))
+    by_wheels = any(d.creeps for d in designs)
+    priors[model.SCALE] = Parameter(0.0, scale_sigma(vehicle, by_wheels, train))
     interval = max(d.interval for d in designs)
     usual = model.stated_prior(designs[0]._replace(interval=interval), vehicle)[
         model.DELAY
@@ -184,51 +202,51 @@ def prior(designs: Sequence[Design], vehicle: Vehicle, delay: float) -> dict[int
     return priors
 
 
-def force_gradient(designs: Sequence[Design]) -> Floats:
-    """How ln of the force at the mean brake changes with each shared parameter, (7,)."""
-    braked = [np.maximum(d.K[d.samples], 0.0) > RELEASED_SHARE for d in designs]
-    K = np.concatenate([d.K[d.samples][x] for d, x in zip(designs, braked, strict=True)])
-    faster = np.concatenate(
-        [d.relative_speed[d.samples][x] for d, x in zip(designs, braked, strict=True)]
-    )
-    gradient = np.zeros(len(model.UNITS))
-    if len(K):
-        gradient[[model.SCALE, model.OFFSET, model.FADE]] = 1.0, -1.0 / K.mean(), faster.mean()
-    return gradient
+def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:
+    """1 sigma of ln s by what is stated.
+
+    Args:
+        vehicle: with its tolerances.
+        by_wheels: whether the deceleration is that of the wheels.
+        train: how alike its axles are.
+    """
+    shares = _shares(vehicle, by_wheels)
+    return math.hypot(math.sqrt(float(vehicle.covariance(shares, shares))), train.alike)
 
 
 def _vehicle(
-    v: Vehicle, d: Design, prior: dict[int, Parameter], posterior: solve.Posterior, radius: bool
+    v: Vehicle, at: MeanBrake, prior: dict[int, Parameter], posterior: solve.Posterior
 ) -> tuple[Vehicle, dict[str, CalibratedParameter], Floats]:
     """The calibrated vehicle, the table, and the correlation of its rows.
 
     Args:
         v: as stated.
-        d: any design of the fit.
+        at: the mean brake of the logs.
         prior: of the shared parameters.
         posterior: the posterior of these.
-        radius: whether wheel speeds were used.
     """
-    n, shares = len(model.UNITS), _shares(v, radius)
-    mass = {"axle_mass": v.axle_mass.tolerance / v.axle_mass.value}
+    n, shares = len(model.UNITS), _shares(v, at.by_wheels)
+    mass, inertia = (
+        {name: getattr(v, name).tolerance / getattr(v, name).value}
+        for name in ("axle_mass", "wheelset_inertia")
+    )
     apart = ("axle_mass", "wheelset_inertia", "wheel_radius")
     chain = {name: x for name, x in shares.items() if name not in apart}
+    errors = (chain, mass, inertia)
     S, scale_variance = posterior.mean[model.SCALE], prior[model.SCALE].tolerance ** 2
-    stated_covariance = np.array(
-        [[v.covariance(a, b) for a in (chain, mass)] for b in (chain, mass)]
-    )
-    gain = np.array([v.covariance(chain, shares), v.covariance(mass, shares)]) / scale_variance
-    # Of (shared, C, M): what the logs say of s, and what is left of C and M where s is known.
-    A = np.vstack([np.eye(n), np.zeros((2, n))])
+    stated_covariance = np.array([[v.covariance(a, b) for a in errors] for b in errors])
+    gain = np.array([v.covariance(error, shares) for error in errors]) / scale_variance
+    # Of (shared, C, M, I): what the logs say of s, and what is left of the others where s is known.
+    A = np.vstack([np.eye(n), np.zeros((len(errors), n))])
     A[n:, model.SCALE] = gain
     joint = A @ posterior.covariance[:n, :n] @ A.T
     joint[n:, n:] += stated_covariance - scale_variance * np.outer(gain, gain)
-    C, M = gain * S
-    piston = d.top / force_line(v).per_pascal * math.pi * v.cylinder_diameter.value**2 / 4.0
+    C, M, of_inertia = gain * S
+    piston = at.top / force_line(v).per_pascal * math.pi * v.cylinder_diameter.value**2 / 4.0
     x = posterior.mean
-    speed = d.mean
-    phi = v.friction.value * model.friction_share(v, speed)
+    phi = v.friction.value * model.friction_share(v, at.speed)
     friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
+    I = v.wheelset_inertia.value * math.exp(of_inertia)  # noqa: E741
     spring = max(v.spring_force.value + piston * float(x[model.OFFSET]), 0.0)
     kappa0, kappa = (math.exp(y) for y in (prior[model.STIFFNESS].value, x[model.STIFFNESS]))
     spring_u = piston * prior[model.OFFSET].tolerance
@@ -242,6 +260,7 @@ def _vehicle(
         "force_over_mass": (0, math.exp(S), 1.0, math.sqrt(scale_variance), math.exp(S), "-"),
         "friction": (n, friction, phi, phi * math.sqrt(stated_covariance[0, 0]), friction, "-"),
         "axle_mass": (n + 1, m, *v.axle_mass, m, "kg"),
+        "wheelset_inertia": (n + 2, I, *v.wheelset_inertia, I, "kg m²"),
         "spring_force": (model.OFFSET, piston, v.spring_force.value, spring_u, spring, "N"),
         "friction_fade": unscaled(model.FADE, "s/m"),
         "pressure_delay": unscaled(model.DELAY, "s"),
@@ -263,14 +282,14 @@ def _vehicle(
         )
         for name, (place, factor, prior_value, prior_u, posterior_value, unit) in table.items()
     }
-    return _posterior_vehicle(v, rows, correlation, speed), rows, correlation
+    return _posterior_vehicle(v, rows, correlation, at.speed), rows, correlation
 
 
 def _posterior_vehicle(
     v: Vehicle, rows: dict[str, CalibratedParameter], correlation: Floats, speed: float
 ) -> Vehicle:
     """The vehicle of the posterior."""
-    names = ("friction", "axle_mass", "spring_force", "friction_fade")
+    names = ("friction", "axle_mass", "wheelset_inertia", "spring_force", "friction_fade")
     places = {name: i for i, name in enumerate(rows)}
     related = tuple(
         (a, b, round(float(correlation[places[a], places[b]]), 4))
@@ -288,17 +307,17 @@ def _posterior_vehicle(
 
 
 def _band(
-    v: Vehicle, stated_vehicle: Vehicle, point: Floats, record: AxleRecord, d: Design
+    v: Vehicle, stated_vehicle: Vehicle, at: MeanBrake, record: AxleRecord
 ) -> tuple[float, float]:
     """Force of a rolling axle at the mean brake and the half-width of its 95 % band [N]."""
-    share, faster = -1.0 / point[model.OFFSET], float(point[model.FADE])
-    speed_difference, w = d.mean + faster - v.friction_speed.value, wheelset(v, record.axle)
+    speed_difference = at.speed + at.faster - v.friction_speed.value
+    w = wheelset(v, record.axle)
     stated_line, line = force_line(stated_vehicle), force_line(v)
-    K = share * d.top - (line.at_zero - stated_line.at_zero)
+    K = at.share * at.top - (line.at_zero - stated_line.at_zero)
     K *= 1.0 + v.friction_fade.value * speed_difference
     F = w.phi * K * w.rolling
     dw = -w.a * w.phi * K * (1.0 - w.rolling)
     contributions = force.contributions(
-        record, v, *(np.array([x]) for x in (K, dw, d.mean + faster))
+        record, v, *(np.array([x]) for x in (K, dw, at.speed + at.faster))
     )
     return float(F), Z95 * math.sqrt(float(v.covariance(contributions, contributions)[0]))

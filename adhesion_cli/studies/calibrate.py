@@ -104,10 +104,14 @@ def calibrate(
     progress("fitting all brake applications")
     with_design = [u.evidence.design for u in rolling if u.evidence.design]
     designs = pieces.join_designs(with_design, vehicle)
-    prior = reference.prior(designs, vehicle, max(abs(u.evidence.delay) for u in rolling))
+    delay = max(abs(u.evidence.delay) for u in rolling)
+    prior = reference.prior(designs, vehicle, delay, settings.train)
     posterior = solve.joint(designs, prior)
     _check_agreement(rolling, designs, prior, posterior)
-    calibrated = reference.calibrate_vehicle(vehicle, rolling[0].record, designs, prior, posterior)
+    at = reference.mean_brake(designs)
+    calibrated = reference.calibrate_vehicle(
+        vehicle, rolling[0].record, at, prior, posterior, len(designs)
+    )
     applications = _applications(rolling, designs, posterior)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))
     settings = replace(all_settings[0], vehicle=calibrated.vehicle)
@@ -124,7 +128,10 @@ def _read_log(path: Path | Signals, settings: Settings) -> tuple[Settings, UsedL
     prepared = prepare(log, vehicle, checks=settings.checks)
     record, findings = prepared.records[0], (*log.findings, *prepared.findings)
     applications = brake_applications.find_applications(record)
-    log_evidence = reference.evidence(prepared.scene, record, applications, vehicle)
+    log_evidence = reference.Evidence(None, (), 0.0)
+    if scene := prepared.scene:
+        start_ns = scene.grid.start_ns
+        log_evidence = reference.evidence(scene.explanation, start_ns, record, applications)
     log_without_channels = replace(log, channels=())
     return settings, UsedLog(
         log_without_channels, record, log_evidence, tuple(dict.fromkeys(findings))
@@ -221,7 +228,7 @@ def _check_agreement(
         C, D, g = (
             np.linalg.inv(information),
             np.linalg.inv(total - information + P),
-            reference.force_gradient([d]),
+            reference.mean_brake([d]).gradient,
         )
         difference = float(g @ (mean - D @ (pull - information @ mean)))
         variance = float(g @ (C + D - C @ P @ D - D @ P @ C) @ g) + log_to_log

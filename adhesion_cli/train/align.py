@@ -1,4 +1,4 @@
-"""All axles and the train speed on one clock, and the delay of the pressure.
+"""All axles and the train speed on one clock.
 
 A log without a train speed gets one from the acceleration of the car body, if it has that.
 """
@@ -14,9 +14,8 @@ from ..core.finding import Finding
 from ..core.model import Z95, Channel, Parameter, Vehicle
 from ..records.axle_channels import AxleChannels
 from ..records.faults import View
-from . import acceleration, clock, explain, longitudinal
-from .explanation import AS_STATED, Explanation
-from .grid import STEP, Grid, grid, grids, with_train
+from . import acceleration, clock
+from .grid import Grid, Grids, build_grids, grid
 
 _SIGMAS = 4.0  # from zero is a train speed that is delayed
 _CORRECTED = "train-speed-delay"  # the code of a delay that is sure, and removed
@@ -24,11 +23,10 @@ _PULSE_DELAY = 0.75  # of an interval: a wheel speed by counted pulses is as lat
 
 
 class Aligned(NamedTuple):
-    """The axles on one clock, and how the train slows."""
+    """The axles on one clock."""
 
     axles: list[AxleChannels]
-    grid: Grid | None  # all axles together; None where a clock jumps back
-    explanation: Explanation
+    grids: Grids | None  # all axles together; None where a clock jumps back
     findings: list[Finding]
 
 
@@ -47,19 +45,11 @@ def align(
     if accelerometer and all(a.train is None for a in axles):
         axles, integration_findings = _integrated(axles, accelerometer, vehicle)
         findings += integration_findings
-    coarse_grid, fine_grid = grids(axles, vehicle, [STEP, longitudinal.FINE_STEP])
-    if not coarse_grid or not fine_grid:
-        return Aligned(axles, None, AS_STATED, findings)
-    axles, clock_findings = _on_one_clock(axles, coarse_grid, view)
-    findings += clock_findings
-    if clock_findings:  # the train speed is another one
-        coarse_grid, fine_grid = with_train(coarse_grid, axles), with_train(fine_grid, axles)
-    explanation = explain.explain(axles, coarse_grid, vehicle, fine_grid)
-    delayed = [
-        a._replace(record=replace(a.record, pressure_late=explanation.pressure_delay))
-        for a in axles
-    ]
-    return Aligned(delayed, coarse_grid, explanation, findings)
+    coarse = grid(axles, vehicle)
+    if not coarse:
+        return Aligned(axles, None, findings)
+    axles, clock_findings = _on_one_clock(axles, coarse, view)
+    return Aligned(axles, build_grids(axles, vehicle), findings + clock_findings)
 
 
 def _integrated(

@@ -5,14 +5,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..core.model import Floats, Parameter, Vehicle
+from ..core.model import Floats, Parameter, Train, Vehicle
 from ..records.axle_channels import AxleChannels
 from .explanation import AS_STATED, Design, Explanation, OtherForceLine, Piece
-from .grid import Grid, grid
+from .grid import Grids
 from .longitudinal import (
     DELAY,
     DRAG,
-    FINE_STEP,
     LARGEST_DELAY,
     OFFSET,
     SCALE,
@@ -80,45 +79,41 @@ def _likeliest_scale(brake: BrakeDeceleration, x: Floats) -> float:
 
 def explain(
     axles: Sequence[AxleChannels],
-    coarse_grid: Grid | None,
+    grids: Grids | None,
     vehicle: Vehicle,
-    fine_grid: Grid | None = None,
+    train: Train = Train(),  # noqa: B008 (a value that cannot change)
 ) -> Explanation:
     """The best explanation of how the train slows; the stated vehicle where the log shows none.
 
     Args:
         axles: all axles of the log, on one clock each.
-        coarse_grid: the same on one time axis, where they have one.
+        grids: the same on one time axis, where they have one.
         vehicle: what is stated of it.
-        fine_grid: the same in steps of `FINE_STEP`, where it is known already.
+        train: the rest of it.
     """
-    fine_grid = fine_grid or (grid(axles, vehicle, FINE_STEP) if coarse_grid else None)
-    if coarse_grid is None or fine_grid is None:
+    if grids is None:
         return AS_STATED
-    rims = build_design(axles, vehicle, coarse_grid, fine_grid)
-    train = (
-        build_design(axles, vehicle, coarse_grid, fine_grid, True)
-        if fine_grid.train is not None
-        else None
-    )
+    by_train, share = grids.fine.train is not None, train.braked_share(vehicle, len(axles))
+    rims = build_design(axles, vehicle, grids, share)
+    of_train = build_design(axles, vehicle, grids, share, by_train=True) if by_train else None
     if rims is None:
-        return AS_STATED._replace(design=train)
+        return AS_STATED._replace(design=of_train)
     e = _explain(rims, vehicle)
     # A wheel on its way into a slide slows harder than it should; the train does not.
-    if e.line and fine_grid.train is not None and not (train and _explain(train, vehicle).line):
+    if e.line and by_train and not (of_train and _explain(of_train, vehicle).line):
         e = e._replace(
             line=None,
             pressure_delay=AS_STATED.pressure_delay if e.delay_or_line else e.pressure_delay,
             delay_or_line=False,
         )
-    return e._replace(design=train or rims)
+    return e._replace(design=of_train or rims)
 
 
 def _explain(d: Design, vehicle: Vehicle) -> Explanation:
     """What explains this speed, of wheels that creep or of the train, which only has to agree."""
     clearly = CLEAR_GAIN if d.creeps else CLEAR_GAIN / 2.0
     prior = stated_prior(d, vehicle) | {DRAG: _NO_DRAG}
-    offset = Parameter(0.0, max(_OFFSET_SIGMA, spring_share(d, vehicle).value))
+    offset = Parameter(0.0, max(_OFFSET_SIGMA, spring_share(d.top, vehicle).value))
     any_delay = {DELAY: Parameter(0.0, math.inf)}
     any_line = {SCALE: Parameter(0.0, math.inf), OFFSET: offset}
     free_prior = {**prior, **any_delay, **any_line}
@@ -205,7 +200,7 @@ def _judge(
         return AS_STATED
     if needs_both := both_fit.cost < single_cost - clear_gain:
         delay_fit = line = both_fit
-    uncertain = STATED_SIGMAS * spring_share(d, vehicle).tolerance
+    uncertain = STATED_SIGMAS * spring_share(d.top, vehicle).tolerance
     allowed = math.log1p(math.hypot(STATED_SIGMAS * tolerance(vehicle), uncertain))
     tau, (ln_s, o) = delay_fit.posterior().delay, line.mean[[SCALE, OFFSET]].tolist()
     s = math.exp(ln_s)

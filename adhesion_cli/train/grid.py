@@ -1,7 +1,7 @@
 """All axles of a log on one coarse, even grid, on which an hour is 14 400 numbers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from ..records.axle_channels import AxleChannels
 
 FEWEST = 8  # samples on it that show anything
 STEP = 0.25  # where the log is fast enough [s]
+FINE_STEP = 0.05  # the same where brakes change [s]
 # a log with longer intervals has more likely the wrong time unit than noise [s]
 _LONGEST_INTERVAL = 5.0
 _MOST_SAMPLES = 20_000  # samples on it
@@ -124,6 +125,19 @@ class Grid:
         return smooth
 
 
+class Grids(NamedTuple):
+    """All axles of a log on a coarse grid, for what rolls, and on one as fine as brakes change."""
+
+    coarse: Grid
+    fine: Grid
+
+
+def build_grids(axles: Sequence[AxleChannels], vehicle: Vehicle) -> Grids | None:
+    """Both grids; None where `grid` is. Arguments as of it."""
+    coarse, fine = grids(axles, vehicle, [STEP, FINE_STEP])
+    return Grids(coarse, fine) if coarse and fine else None
+
+
 def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) -> Grid | None:
     """None where all axles share too little time, or where a clock jumps back.
 
@@ -162,13 +176,6 @@ def grids(
         Grid(start_ns, e.step, rim, clamping, pressure, train, error)
         for e, (rim, clamping, pressure), (train, error) in zip(evens, rows, trains, strict=True)
     ]
-
-
-def with_train(g: Grid, axles: Sequence[AxleChannels]) -> Grid:
-    """The grid of axles of which only the train speed is another one."""
-    times = _GridTimes.build(g.step, g.rim.shape[-1])
-    train, error = _Means(g.start_ns, [times]).average_train(axles)[0]
-    return replace(g, train=train, train_error=error)
 
 
 def _steps(axles: Sequence[AxleChannels], finest: Sequence[float]) -> list[float]:

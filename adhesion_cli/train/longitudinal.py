@@ -54,11 +54,10 @@ SCALE, OFFSET, DELAY, STIFFNESS, FADE, RESISTANCE, DRAG = range(len(UNITS))
 SHARED = len(UNITS)
 CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
 _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
-_RESISTANCE = Parameter(0.015, 0.015)  # [m/s²]
+RESISTANCE_OF_TRAINS = Parameter(0.015, 0.015)  # r [m/s²]
 _DRAG = Parameter(3e-5, 2e-5)  # [1/m]
 _DELAY_SIGMA = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
 _ZERO_SIGMA = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
-FINE_STEP = 0.05  # step of the grid, where the log is fast enough [s]
 LARGEST_DELAY = 5.0  # the largest delay that is looked for [s]
 FLOOR = 0.005  # 1 sigma by which the model misses a rolling wheel's speed [m/s]
 
@@ -77,14 +76,22 @@ def stated_prior(design: Design, vehicle: Vehicle) -> dict[int, Parameter]:
         design: of one log, for its highest K and its intervals.
         vehicle: with tolerances.
     """
-    fade, mean_share = vehicle.friction_fade, friction_share(vehicle, design.mean)
+    return line_prior(vehicle, design.top, design.mean, design.interval)
+
+
+def line_prior(
+    vehicle: Vehicle, top: float, speed: float, interval: float = 0.0
+) -> dict[int, Parameter]:
+    """The same from the highest K [N], the mean speed [m/s] and the longest interval [s]."""
+    fade, mean_share = vehicle.friction_fade, friction_share(vehicle, speed)
+    spring = spring_share(top, vehicle).tolerance
     return {
         SCALE: Parameter(0.0, math.log1p(tolerance(vehicle))),
-        OFFSET: Parameter(0.0, math.hypot(spring_share(design, vehicle).tolerance, _ZERO_SIGMA)),
-        DELAY: Parameter(0.0, math.hypot(_DELAY_SIGMA, 0.25 * design.interval)),
+        OFFSET: Parameter(0.0, math.hypot(spring, _ZERO_SIGMA)),
+        DELAY: Parameter(0.0, math.hypot(_DELAY_SIGMA, 0.25 * interval)),
         STIFFNESS: CREEP,
         FADE: Parameter(fade.value / mean_share, fade.tolerance or _FADE.tolerance),
-        RESISTANCE: _RESISTANCE,
+        RESISTANCE: RESISTANCE_OF_TRAINS,
         DRAG: _DRAG,
     }
 
@@ -94,7 +101,8 @@ def friction_share(vehicle: Vehicle, speed: float) -> float:
     return max(1.0 + vehicle.friction_fade.value * (speed - vehicle.friction_speed.value), 0.1)
 
 
-def spring_share(design: Design, vehicle: Vehicle) -> Parameter:
-    """What the return spring takes, of the highest K, as stated."""
-    share, force = force_line(vehicle).at_zero / design.top, vehicle.spring_force
-    return Parameter(share, share * force.tolerance / max(force.value, 1e-9))
+def spring_share(top: float, vehicle: Vehicle) -> Parameter:
+    """What the return spring takes, of the highest K [N], as stated."""
+    line, force = force_line(vehicle), vehicle.spring_force
+    ratio = line.per_pascal / (math.pi * vehicle.cylinder_diameter.value**2 / 4.0)
+    return Parameter(line.at_zero / top, ratio * force.tolerance / top)

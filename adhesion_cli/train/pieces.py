@@ -12,8 +12,8 @@ from ..core.physics import CRAWL, RELEASED_SHARE, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from ..records.axle_channels import AxleChannels
 from .explanation import Design
-from .grid import FEWEST, Grid, erode
-from .longitudinal import FINE_STEP, FLOOR, friction_share
+from .grid import FEWEST, FINE_STEP, Grid, Grids, erode
+from .longitudinal import FLOOR, friction_share
 
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _GRADIENT_CHANGE = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
@@ -30,20 +30,25 @@ _FEWEST_BENT = 20  # samples: with fewer, γ is not known from what happens betw
 def build_design(
     axles: Sequence[AxleChannels],
     vehicle: Vehicle,
-    coarse_grid: Grid,
-    fine_grid: Grid,
-    train: bool = False,
+    grids: Grids,
+    braked_share: float = 1.0,
+    by_train: bool = False,
 ) -> Design | None:
     """The pieces of a log; None where no brake application of wheels that roll is seen.
 
     Args:
         axles: all axles of the log.
         vehicle: what is stated of it.
-        coarse_grid: the axles on one time axis, for what rolls.
-        fine_grid: the same on a step as fine as the brakes change.
-        train: whether the train speed is taken, not the mean of the rims.
+        grids: the axles on one time axis.
+        braked_share: of the train's mass, see `Train`.
+        by_train: whether the train speed is taken, not the mean of the rims.
     """
-    v = fine_grid.train if train and fine_grid.train is not None else np.mean(fine_grid.rim, axis=0)
+    coarse_grid, fine_grid = grids
+    v = (
+        fine_grid.train
+        if by_train and fine_grid.train is not None
+        else np.mean(fine_grid.rim, axis=0)
+    )
     t: Floats = fine_grid.step * np.arange(fine_grid.rim.shape[1], dtype=np.float64)
     K, top = _relative_force(axles, vehicle, fine_grid, t)
     finite = np.isfinite(np.mean(fine_grid.clamping, axis=0))
@@ -61,7 +66,8 @@ def build_design(
     interval = max(longer_interval(a) for a in axles)
     rounding = max(_rounding_sigma(a) * vehicle.radius(a.record.axle).value for a in axles)
     mean = float(v[samples].mean())
-    c = float(braked(top, wheelset(vehicle, axles[0].record.axle))) * friction_share(vehicle, mean)
+    w = wheelset(vehicle, axles[0].record.axle)
+    c = braked_share * float(braked(top, w)) * friction_share(vehicle, mean)
     floor = math.hypot(FLOOR, rounding, c * _missed_impulse(t, np.maximum(K, 0.0), interval))
     complete_speed = np.interp(t, t[np.isfinite(v)], v[np.isfinite(v)])
     d = Design(
@@ -85,7 +91,7 @@ def build_design(
         shows_slides=fine_grid.train is not None,
         interval=interval,
         mean=mean,
-        creeps=not (train and fine_grid.train is not None),
+        creeps=not (by_train and fine_grid.train is not None),
     )
     return _with_pieces(d, piece_start)
 

@@ -260,7 +260,8 @@ def search(
     for _ in range(15):
         A, b = _normal(p, best)
         d = _sizes(A)  # the units differ by powers of ten
-        change = np.linalg.pinv(A / np.outer(d, d), hermitian=True) @ (b / d) / d
+        C = A / np.outer(d, d) + _SINGULAR * np.eye(len(d))
+        change = np.linalg.solve(C, b / d) / d
         trials = [np.clip(best - share * change, -limits, limits) for share in _STEP_SHARES]
         costs = [_cost(p, x) for x in trials]
         gained = cost - min(costs)
@@ -274,12 +275,13 @@ def search(
 def joint(designs: Sequence[Design], prior: Mapping[int, Parameter]) -> Posterior:
     """The posterior of joined designs, each with as many samples as are independent."""
     start = np.array([prior[i].value for i in range(SHARED)])
-    coarse_mean = fit(designs, [d.size for d in designs], prior, [start]).mean
+    brakes = [BrakeDeceleration(d) for d in designs]
+    coarse_mean = search(brakes, [d.size for d in designs], prior, [start]).mean
     pairs = zip(designs, gradients(designs, coarse_mean), strict=True)
     sample_counts = [
         independent_samples(d, residual(d, coarse_mean, slopes)) for d, slopes in pairs
     ]
-    return fit(designs, sample_counts, prior, [coarse_mean])
+    return search(brakes, sample_counts, prior, [coarse_mean]).posterior()
 
 
 def _with_gradients(p: _Problem, x: Floats) -> Floats:

@@ -51,6 +51,7 @@ CODES = {
 
 
 DEFAULT = settings.load()
+STATED = settings.load(None, ["vehicle.friction=0.3"])  # the same vehicle, as somebody states it
 
 
 VEHICLES = {

@@ -7,6 +7,7 @@ import numpy as np
 from adhesion_cli.core import physics
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import (
+    IdentifiedVehicle,
     AxleRecord,
     AxleResult,
     Channel,
@@ -114,7 +115,8 @@ def result(
         "Wu, Peng, Li: Online estimation algorithm of adhesive force for train wheel-track",
         "Rauch, Tung, Striebel: Maximum likelihood estimates of linear dynamic systems, 1965",
     )
-    return Result(log, Vehicle(), computed, findings, settings, sources)
+    identified = IdentifiedVehicle(Vehicle(), "stated", None)
+    return Result(log, identified, computed, findings, settings, sources)
 
 
 def near(written: Floats, values: Floats, within: Floats | float) -> None:

@@ -18,7 +18,7 @@ from adhesion_cli.formats.open import open_source
 from adhesion_cli.records.axle_channels import AxleChannels
 from adhesion_cli.train import explain, solve
 from adhesion_cli.train.explanation import AS_STATED, Explanation
-from adhesion_cli.train.grid import grid
+from adhesion_cli.train.grid import build_grids
 
 VEHICLE = settings.load(None, ["vehicle.lever_ratio=2.4"]).vehicle
 
@@ -76,11 +76,11 @@ def axle(
 
     force = clamping_force(p, VEHICLE)
     record = AxleRecord(1, ns, force, force, y, (slice(0, len(t)),), step, p)
-    return AxleChannels(record, channel("wheel_speed", y, step), channel("pressure", p), None)
+    return AxleChannels(record, channel("wheel_speed", y, step), channel("pressure", p), None, p)
 
 
 def told(one: AxleChannels) -> Explanation:
-    e = explain.explain([one], grid([one], VEHICLE), VEHICLE)
+    e = explain.explain([one], build_grids([one], VEHICLE), VEHICLE)
     return e._replace(pieces=(), design=None)
 
 
@@ -96,7 +96,8 @@ def told(one: AxleChannels) -> Explanation:
 def test_sigma_holds_a_late_pressure(name: str, late: float, rate: float, tmp_path: Path) -> None:
     log = simulated.late(simulated.recordings(name, rate=rate, noise=1e-4), "pressure", late)
     path = simulated.write(tmp_path / "log.csv", log)
-    result = analyze.analyze(path, DEFAULT, ["td"])
+    stated = settings.load(None, ["analysis.vehicle=stated"])
+    result = analyze.analyze(path, stated, ["td"])
     (told,) = [f for f in result.findings if f.code == "pressure-delay"]
     assert told.severity == ("warning" if abs(late) > 0.25 else "info")
     for a in result.axles:

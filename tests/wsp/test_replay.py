@@ -180,7 +180,7 @@ def test_a_refusal_says_what_is_missing_and_what_helps(
     """Never to leave out the only axle that slid."""
     result = analysed(log)
     one = Result(
-        result.log, result.vehicle, (result.axles[0], *result.axles[2:]), result.findings,
+        result.log, result.identified, (result.axles[0], *result.axles[2:]), result.findings,
         result.settings,
     )  # fmt: skip
     under = replay.replay_rail.rail_under_axle
@@ -203,7 +203,7 @@ def test_a_refusal_says_what_is_missing_and_what_helps(
 
 def test_where_every_axle_slides_the_demand_is_the_largest_so_far(log: Path) -> None:
     result = analysed(log)
-    two = Result(result.log, result.vehicle, result.axles[:2], result.findings, result.settings)
+    two = Result(result.log, result.identified, result.axles[:2], result.findings, result.settings)
     case = replay.case(two)
     assert [f.severity for f in case.findings if f.code == "demand-unknown"] == ["warning"]
     assert not case.demanded  # they slide while the brake fills

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core import toml
 from ...core.finding import Finding, Severity
-from ...core.model import Quantity
+from ...core.model import Quantity, Vehicle
 from ...core.physics import clamping_force
 from ...core.units import alternative_units
 from ...train import longitudinal
@@ -73,12 +73,17 @@ def _vehicle_finding(p: Params, s: Scene, factor: float) -> Finding:
         names = {"candidates": join_units(units)}
         return s.finding("deceleration-unit-suspect", "warning", brake, None, 0, values, names)
     severity: Severity = "info" if factor > 1.0 and s.grid.slid_together else "warning"
-    friction, mass = factor * s.vehicle.friction.value, s.vehicle.axle_mass.value / factor
+    names = {"fits": fitting_values(s.vehicle, factor)}
+    return s.finding("vehicle-suspect", severity, brake, None, 0, values, names)
+
+
+def fitting_values(vehicle: Vehicle, factor: float) -> str:
+    """What to state so that the train slows so many times as hard, as a hint has it."""
+    friction, mass = factor * vehicle.friction.value, vehicle.axle_mass.value / factor
     # No pad has another friction; an axle is one of an empty tram to a loaded ore wagon.
     fits = [toml.option(f"vehicle.friction = {friction:.2g}")] * (0.05 < friction < 0.6)
     fits += [toml.option(f"vehicle.axle_mass = {mass:.0f}")] * (2e3 < mass < 45e3)
-    names = {"fits": join_units(fits)}
-    return s.finding("vehicle-suspect", severity, brake, None, 0, values, names)
+    return join_units(fits)
 
 
 def _units(p: Params, s: Scene, factor: float) -> list[str]:

@@ -20,10 +20,12 @@ from ...core.summary import (
     FindingSummary,
     LogSummary,
     ResultSummary,
+    VehicleSummary,
 )
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
 from ..names import METRICS, PROVENANCE, SETTINGS, flat
+from ..vehicle_text import describe_vehicle
 
 _TOPIC = re.compile(r"/axle/(\d+)/(input|reference|truth|slip|estimate/([\w-]+))")
 _FAST = 3.0  # least speed at which slip shows the radius that it was computed with [m/s]
@@ -74,6 +76,7 @@ class ReportRun:
 
     file: str  # its name
     log: LogSummary
+    vehicle: VehicleSummary
     axles: tuple[ReportAxle, ...]
     findings: Sequence[FindingSummary]
     channels: Sequence[ChannelSummary]
@@ -84,6 +87,11 @@ class ReportRun:
     def name(self) -> str:
         """Of the log it was made from."""
         return Path(self.log.path).name
+
+    @property
+    def vehicle_line(self) -> str:
+        """The vehicle in one line."""
+        return describe_vehicle(self.vehicle, [a.summary for a in self.axles])
 
     @property
     def train(self) -> str:
@@ -128,7 +136,10 @@ def read(path: Path, name: str = "") -> ReportRun:
         hint = f"make it again: `adhesion analyze {shlex.quote(str(path))} -o FOLDER`"
         raise UserError(text, hint) from error
     log, findings, channels = summary.log, summary.findings, summary.channels
-    return ReportRun(name or path.name, log, axles, findings, channels, settings, provenance)
+    vehicle = summary.vehicle
+    return ReportRun(
+        name or path.name, log, vehicle, axles, findings, channels, settings, provenance
+    )
 
 
 def of_result(result: Result, summary: ResultSummary) -> ReportRun:
@@ -142,7 +153,8 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
     pairs = zip(summary.axles, result.axles, strict=True)
     axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)
     log, findings, channels = summary.log, summary.findings, summary.channels
-    return ReportRun(Path(log.path).name, log, axles, findings, channels, settings, {})
+    vehicle, name = summary.vehicle, Path(log.path).name
+    return ReportRun(name, log, vehicle, axles, findings, channels, settings, {})
 
 
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:

@@ -14,11 +14,13 @@ from ...core import physics, rounding, signals
 from ...core.finding import catalogue
 from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
 from ...core.physics import SLIDES
+from ...core.summary import summarise_vehicle
 from ...core.text import printable
 from ...rail import fit, sliding
 from ...rail.slope import Bands
 from .. import log_events, names, palette, thinning
 from ..result_rows import score_rows
+from ..vehicle_text import describe_vehicle
 from . import overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
 
@@ -392,7 +394,9 @@ def _summary(result: Result, slides: overview.Slides) -> str:
         for f in result.findings
     ]
     lines = [
-        f"# {parts.escape_markdown(Path(result.log.path).name)}\n\n## Slides\n",
+        f"# {parts.escape_markdown(Path(result.log.path).name)}\n",
+        describe_vehicle(summarise_vehicle(result.identified)),
+        "\n## Slides\n",
         overview.listed(slides, result.log.start_ns()),
     ]
     lines += ["\n## Findings\n", *(entries or ["none"])]

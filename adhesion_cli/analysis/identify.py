@@ -1,0 +1,306 @@
+"""The vehicle that everything after uses: what is stated is the prior, the logs are the evidence.
+
+The adhesion of all axles stops the train, so its deceleration shows the force per mass of the
+brake. `train.brake_line` reads it from the log alone. Then
+
+| stated | and the log | the vehicle is |
+|---|---|---|
+| the brake, or nothing | agrees | the posterior of stated tolerances and log |
+| the brake | differs by more than 4 sigma | the stated one, and `vehicle-suspect` says so |
+| nothing | differs from the default by more than 3 sigma | the log's, by any brake |
+| nothing | shows no brake | not known: the log has no adhesion in newtons or as µ |
+
+A parameter without tolerance never moves. `[analysis] vehicle = "stated"` keeps the stated one.
+
+Sources: JCGM 102, 6.2; `reference.calibrated_vehicle`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.model import AxleRecord, IdentifiedVehicle, Parameter, Train, Vehicle, VehicleSource
+from ..core.physics import clamping, force_line, wheelset
+from ..records.brake_applications import find_applications
+from ..reference import calibrated_vehicle
+from ..reference.calibrated_vehicle import Evidence, MeanBrake
+from ..train import longitudinal as model
+from ..train import pieces, solve
+from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
+from ..train.explain import explain
+from .prepare import AlignedLog, Window, align_log
+from .request import open_log, read_log
+from .settings import Settings
+
+BRAKE = (
+    "friction",
+    "discs",
+    "efficiency",
+    "lever_ratio",
+    "radius_ratio",
+    "cylinder_diameter",
+    "spring_force",
+)  # parameters of the brake
+_DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
+_STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
+_ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
+_MASS = Parameter(12e3, 3e3)  # of an axle, where it is not stated [kg]
+_FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
+_LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
+_LOWEST_ZERO = -3e4  # pressure from which a brake acts: lower, another brake acts [Pa]
+_BAR = 1e5  # [Pa]
+
+
+def identify_together(
+    paths: Sequence[Path],
+    settings: Settings,
+    axles: Sequence[int] = (),
+    window: Window = (None, None),
+) -> IdentifiedVehicle | None:
+    """The vehicle of several logs that are named together: they are one train's.
+
+    A log that cannot be read, or that carries its vehicle, has no part in it.
+
+    Args:
+        paths: of the logs.
+        settings: what is stated.
+        axles: those asked for, all if empty.
+        window: seconds after each log's start.
+    """
+    logs = []
+    for path in paths:
+        try:
+            settings_of_log, source = open_log(path, settings)
+            if settings_of_log.analysis.vehicle == "log":
+                log = read_log(source, settings_of_log)
+                logs.append(align_log(log, settings.vehicle, axles, window, settings.checks))
+        except Exception:
+            continue
+    return identify(logs, settings) if logs else None
+
+
+class _Setting(NamedTuple):
+    """What holds for all logs of one train."""
+
+    train: Train
+    axles: int  # of each log
+    by_pressure: bool  # whether pressures are logged, not clamping forces
+
+
+class LogEvidence(NamedTuple):
+    """What one log says of the brake, by a vehicle near the one that it shows."""
+
+    line: BrakeLine
+    joint: Evidence  # its rolling brake applications
+
+
+def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:
+    """The vehicle of logs of one train.
+
+    Args:
+        logs: on one clock each.
+        settings: what is stated.
+    """
+    vehicle = settings.vehicle
+    by_pressure = all(a.brake.meaning == "pressure" for log in logs for a in log.axles)
+    setting = _Setting(settings.train, len(logs[0].axles), by_pressure)
+    parts = BRAKE if by_pressure else BRAKE[:1]
+    source: VehicleSource = "stated" if settings.stated & set(parts) else "default"
+    force = force_per_bar(vehicle) if by_pressure else None
+    stated = IdentifiedVehicle(vehicle, source, force, force)
+    if settings.analysis.vehicle == "stated":
+        return stated
+    rotating = _rotating_share(vehicle, settings.stated)
+    lines = {
+        i: line
+        for i, log in enumerate(logs)
+        if log.grids and (line := find_brake_line(log.axles, log.grids.coarse, rotating))
+    }
+    if not lines or _single_pressure(logs):
+        return replace(stated, known=source == "stated")
+    line = max(lines.values(), key=lambda x: x.rolling)
+    sigmas = _contradiction(vehicle, line, setting)
+    if source == "stated" and abs(sigmas) > _STATED_SIGMAS:
+        return replace(stated, factor=math.exp(_error(vehicle, line, setting)))
+    if source == "default" and abs(sigmas) > _DEFAULT_SIGMAS:
+        if by_pressure and not _is_brake(line):
+            return replace(stated, known=False)
+        source, vehicle = "log", _any_vehicle(vehicle, settings.stated, line, setting)
+    evidence = {i: _evidence(logs[i], lines[i], vehicle, setting) for i in lines}
+    return _posterior(replace(stated, source=source), vehicle, logs, evidence, setting)
+
+
+def _is_brake(line: BrakeLine) -> bool:
+    """Whether some brake slows a train like that; else a unit is wrong, or another brake acts."""
+    return _LEAST_FORCE < line.slope < _MOST_FORCE and line.zero > _LOWEST_ZERO
+
+
+def force_per_bar(vehicle: Vehicle) -> Parameter:
+    """Brake force at the rim of an axle's wheels per bar, with 1 sigma [N]. Source: (15)."""
+    shares: dict[str, float] = {
+        name: getattr(vehicle, name).tolerance / getattr(vehicle, name).value for name in BRAKE[:5]
+    }
+    diameter = vehicle.cylinder_diameter
+    shares["cylinder_diameter"] = 2.0 * diameter.tolerance / diameter.value
+    force = vehicle.friction.value * force_line(vehicle).per_pascal * _BAR
+    return Parameter(force, force * math.sqrt(float(vehicle.covariance(shares, shares))))
+
+
+def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> float:
+    if "wheelset_inertia" in stated:
+        w = wheelset(vehicle, 1)
+        return w.inertia / (w.mass * w.radius**2)
+    return ROTATING.value
+
+
+def _single_pressure(logs: Sequence[AlignedLog]) -> bool:
+    """Whether one axle of several is measured: the others may brake otherwise."""
+    return any(f.code == "axle-incomplete" for log in logs for f in log.findings) and all(
+        len(log.axles) == 1 for log in logs
+    )
+
+
+def _contradiction(vehicle: Vehicle, line: BrakeLine, setting: _Setting) -> float:
+    """By how many sigma a log's brake differs from the vehicle's, with its sign."""
+    _, sigma = _by_vehicle(vehicle, line, setting)
+    return _error(vehicle, line, setting) / math.hypot(sigma, line.sigma)
+
+
+def _error(vehicle: Vehicle, line: BrakeLine, setting: _Setting) -> float:
+    """Ln of the line's deceleration at its mean brake over the vehicle's; infinite without one."""
+    deceleration, _ = _by_vehicle(vehicle, line, setting)
+    return math.log(line.slope * line.brake / deceleration) if deceleration > 0.0 else math.inf
+
+
+def _by_vehicle(vehicle: Vehicle, line: BrakeLine, setting: _Setting) -> tuple[float, float]:
+    """Deceleration by the vehicle at the mean brake of a line [m/s²], and 1 sigma of its ln."""
+    K, w = _clamping_force(vehicle, line, setting), wheelset(vehicle, 1)
+    share = setting.train.braked_share(vehicle, setting.axles)
+    deceleration = share * w.phi * K * w.rolling / w.mass
+    sigma = calibrated_vehicle.scale_sigma(vehicle, not line.rolling, setting.train)
+    spring = force_line(vehicle).at_zero * setting.by_pressure / max(K, 1e-9)
+    tolerance = vehicle.spring_force.tolerance / max(vehicle.spring_force.value, 1e-9)
+    return deceleration, math.hypot(sigma, spring * tolerance)
+
+
+def _clamping_force(vehicle: Vehicle, line: BrakeLine, setting: _Setting) -> float:
+    """K at the mean brake of a line [N]."""
+    x = line.brake + line.zero
+    return float(clamping(force_line(vehicle), x)) if setting.by_pressure else x
+
+
+def _any_vehicle(
+    vehicle: Vehicle, stated: frozenset[str], line: BrakeLine, setting: _Setting
+) -> Vehicle:
+    """The vehicle of a line, with a brake of which nothing is known; stated parts are kept."""
+    changed: dict[str, Any] = {}
+    correlation = []
+    if "axle_mass" not in stated:
+        changed["axle_mass"] = _MASS
+    if "friction_fade" not in stated:
+        changed["friction_fade"] = _FADE
+    mass, R = changed.get("axle_mass", vehicle.axle_mass), vehicle.radius(1).value
+    if "wheelset_inertia" not in stated:
+        shares = ROTATING.tolerance / ROTATING.value, mass.tolerance / mass.value
+        sigma = math.hypot(*shares)
+        I = ROTATING.value * mass.value * R * R  # noqa: E741
+        changed["wheelset_inertia"] = Parameter(I, sigma * I)
+        correlation = [("axle_mass", "wheelset_inertia", shares[1] / sigma)]
+    vehicle = replace(vehicle, **changed, correlation=tuple(correlation))
+    w = wheelset(vehicle, 1)
+    share = setting.train.braked_share(vehicle, setting.axles)
+    per_unit = line.slope * w.mass / w.rolling / share  # φ dK/dx
+    if not setting.by_pressure:
+        friction = Parameter(per_unit, _ANY_SHARE * per_unit)
+        return replace(vehicle, friction=friction)
+    phi, per_pascal = vehicle.friction.value, force_line(vehicle).per_pascal
+    ratio = per_unit / phi / per_pascal * vehicle.lever_ratio.value
+    piston = math.pi * vehicle.cylinder_diameter.value**2 / 4.0
+    return replace(
+        vehicle,
+        friction=Parameter(phi, _ANY_SHARE * phi),
+        lever_ratio=Parameter(ratio, 0.0),
+        spring_force=Parameter(max(line.zero, 0.0) * piston, ZERO.tolerance * piston),
+    )
+
+
+def _evidence(log: AlignedLog, line: BrakeLine, vehicle: Vehicle, setting: _Setting) -> LogEvidence:
+    """What the rolling brake applications of a log say, with a vehicle near its own."""
+    log = log.clamped_by(vehicle)
+    assert log.grids is not None
+    explanation = explain(log.axles, log.grids, vehicle, setting.train)
+    record = log.axles[0].record
+    applications = find_applications(record)
+    start_ns = log.grids.coarse.start_ns
+    return LogEvidence(
+        line, calibrated_vehicle.evidence(explanation, start_ns, record, applications)
+    )
+
+
+def _posterior(
+    prior_vehicle: IdentifiedVehicle,
+    vehicle: Vehicle,
+    logs: Sequence[AlignedLog],
+    evidence: dict[int, LogEvidence],
+    setting: _Setting,
+) -> IdentifiedVehicle:
+    """The vehicle of prior and evidence.
+
+    A brake that the longitudinal model does not describe, as cast iron whose friction falls quickly
+    with speed, leaves it with another force than the line, which is the mean of what was measured.
+    """
+    rolling = [e.joint for e in evidence.values() if e.joint.applications()]
+    stops = sum(len(e.applications()) for e in rolling) or len(evidence)
+    record = logs[0].axles[0].record
+    line = min((e.line for e in evidence.values()), key=lambda x: x.sigma)
+    calibrated = None
+    if rolling:
+        designs = pieces.join_designs([e.design for e in rolling if e.design], vehicle)
+        delay = max(abs(e.delay) for e in rolling)
+        prior = calibrated_vehicle.prior(designs, vehicle, delay, setting.train)
+        calibrated = calibrated_vehicle.calibrate_vehicle(
+            vehicle,
+            record,
+            calibrated_vehicle.mean_brake(designs),
+            prior,
+            solve.joint(designs, prior),
+            len(designs),
+        ).vehicle
+    if calibrated is None or abs(_error(calibrated, line, setting)) > line.sigma:
+        calibrated = _by_line(vehicle, record, line, setting)
+    return replace(
+        prior_vehicle,
+        vehicle=calibrated,
+        force_per_bar=force_per_bar(calibrated) if setting.by_pressure else None,
+        stops=stops,
+        logs=len(evidence),
+        differing=tuple(
+            logs[i].path
+            for i, e in evidence.items()
+            if abs(_contradiction(calibrated, e.line, setting)) > _STATED_SIGMAS
+        ),
+    )
+
+
+def _by_line(vehicle: Vehicle, record: AxleRecord, line: BrakeLine, setting: _Setting) -> Vehicle:
+    """The vehicle of its prior and the line, which measures ln of the force at its mean brake."""
+    top = _clamping_force(vehicle, line, setting)
+    at = MeanBrake(top, 1.0, line.speed, 0.0, not line.rolling)
+    prior = model.line_prior(vehicle, top, line.speed)
+    scale = calibrated_vehicle.scale_sigma(vehicle, at.by_wheels, setting.train)
+    prior[model.SCALE] = Parameter(0.0, scale)
+    mean, sigmas = np.array([prior[i] for i in range(model.SHARED)]).T
+    covariance, g = np.diag(sigmas**2), at.gradient
+    gain = covariance @ g / (g @ covariance @ g + line.sigma**2)
+    posterior = solve.Posterior(
+        mean,
+        sigmas,
+        mean + gain * _error(vehicle, line, setting),
+        covariance - np.outer(gain, g @ covariance),
+        0.0,
+    )
+    return calibrated_vehicle.calibrate_vehicle(vehicle, record, at, prior, posterior, 1).vehicle

@@ -1,0 +1,141 @@
+"""The brake of a train from its log alone: a straight line of the deceleration over the pressure.
+
+All axles together stop the train, whether they roll or slide. With the adhesion of each from its
+own brake, (1) gives
+
+    −v̇ − r = (1 + ρ) c mean(max(x − x₀, 0)) + ρ mean(ω̇R),
+
+with x the axles' pressures (or clamping forces, where the log has these), x₀ the value from which
+the brake acts, ρ the rotating mass over the mass and r the deceleration of a train that coasts.
+c is the deceleration of a train that rolls, per pressure. No vehicle is needed for that.
+
+The line is rough: it knows no gradient. The longitudinal model begins at it, and where no brake
+application has wheels that all roll, it is all that the log says of the brake.
+
+Samples with a larger error count less (Huber, Ann. Math. Stat. 35 (1964) 73). x₀ has a prior, since
+a log whose brake applications have one pressure does not show it.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model import Bools, Floats, Parameter
+from ..core.physics import CRAWL, GRADIENT, STANDING
+from ..core.signals import median
+from ..records.axle_channels import AxleChannels
+from .grid import FEWEST, Grid, erode
+from .longitudinal import RESISTANCE_OF_TRAINS
+
+ZERO = Parameter(1.5e4, 1.5e4)  # pressure from which brakes act, of any kind [Pa]
+ROTATING = Parameter(0.08, 0.03)  # rotating mass over mass, of any wheelset [-]
+GRADIENT_SIGMA = 0.05  # 1 sigma of a gradient: 5 per mille [m/s²]
+_ZERO_SHARE = 0.02  # 1 sigma of x₀ of a clamping force, of the highest one
+_APPLIED = 0.1  # of the highest pressure: a brake is on
+_RELEASED = 0.03  # of the highest pressure: none is
+_STEADY = 0.1  # of the highest pressure, within a second: more is a change
+_HUBER = 1.5  # sigma from which an error counts less
+_LEAST_SIGMA = 0.01  # of a deceleration over a second [m/s²]
+_ROUNDS = 20  # of the weights
+_LARGEST_SCATTER = 0.3  # of the deceleration: with more, it does not follow the pressure
+
+
+class BrakeLine(NamedTuple):
+    """How a train slows by its brake."""
+
+    slope: float  # c, deceleration per pressure or clamping force [m/s² per Pa or N]
+    zero: float  # x₀ [Pa or N]
+    sigma: float  # 1 sigma of ln c at the mean brake, by gradient, resistance and scatter
+    brake: float  # mean of the pressure or clamping force that acts, above x₀ [Pa or N]
+    speed: float  # mean speed [m/s]
+    rolling: bool  # whether all axles roll in it
+
+
+def find_brake_line(
+    axles: Sequence[AxleChannels], grid: Grid, rotating: float = ROTATING.value
+) -> BrakeLine | None:
+    """The line of a log; None where it shows none.
+
+    Args:
+        axles: all axles of the log, on one clock.
+        grid: the same on one time axis.
+        rotating: ρ, rotating mass over mass.
+    """
+    by_pressure = all(a.brake.meaning == "pressure" for a in axles)
+    x = np.array([grid.mean(row) for row in (grid.pressure if by_pressure else grid.clamping)])
+    mean_x = np.mean(x, axis=0)
+    top = float(np.nanmax(mean_x, initial=0.0))
+    rim_slowing = -np.mean(grid.slope(grid.rim), axis=0)
+    slowing = rim_slowing if grid.train is None else -grid.slope(grid.train)
+    v = np.mean(grid.rim, axis=0) if grid.train is None else grid.train
+    known: Bools = np.isfinite(mean_x) & np.isfinite(slowing) & np.isfinite(rim_slowing)
+    known &= (v > CRAWL) & erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
+    rolling: Bools = np.all(grid.rolling, axis=0)
+    if top <= 0.0:
+        return None
+    holds = erode(np.abs(grid.slope(mean_x)) <= _STEADY * top, grid.half_width)
+    applied = known & (mean_x > _APPLIED * top)
+    choices = [applied & rolling & holds, applied & rolling]
+    choices += [] if grid.train is None else [applied]
+    braked = next((mask for mask in choices if mask.sum() >= FEWEST), None)
+    if braked is None:
+        return None
+    coasting = _coasting_deceleration(slowing[known & rolling & (mean_x < _RELEASED * top)])
+    by_brake = (slowing + rotating * rim_slowing)[braked] / (1.0 + rotating) - coasting
+    zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
+    seconds = float(braked.sum()) * grid.step
+    line = _fit(x[:, braked], by_brake, zero, seconds)
+    return line and line._replace(
+        speed=float(np.mean(v[braked])), rolling=bool(rolling[braked].all())
+    )
+
+
+def _coasting_deceleration(slowing: Floats) -> float:
+    """The deceleration without brake [m/s²], by resistance and gradient; driven stretches apart."""
+    coasting = slowing[np.abs(slowing) < GRADIENT / 2.0]
+    return median(coasting) if len(coasting) >= FEWEST else RESISTANCE_OF_TRAINS.value
+
+
+def _fit(x: Floats, by_brake: Floats, zero: Parameter, seconds: float) -> BrakeLine | None:
+    """C and x₀ by least squares with weights, and with the prior of x₀.
+
+    Args:
+        x: pressures or clamping forces of the axles, (k, n).
+        by_brake: deceleration by the brake, (n,) [m/s²].
+        zero: the prior of x₀.
+        seconds: how long all samples are: those of one second are one.
+    """
+    x0 = zero.value
+    slope = float(np.sum(by_brake)) / max(float(np.sum(np.mean(x, axis=0) - x0)), 1e-9)
+    error = by_brake
+    for _ in range(_ROUNDS):
+        acting = x > x0
+        mean_x, share = np.mean(np.where(acting, x, 0.0), axis=0), np.mean(acting, axis=0)
+        error = by_brake - slope * (mean_x - share * x0)
+        sigma = max(1.4826 * float(np.median(np.abs(error))), _LEAST_SIGMA)
+        weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
+        weights *= max(seconds, 1.0) / len(by_brake)
+        prior_weight = 1.0 / max(slope * zero.tolerance, 1e-9) ** 2
+        # of c and d = c x₀: c mean(x) − share d, and (d − c x₀)² over its variance
+        A = np.array([
+            [weights @ mean_x**2, -(weights @ (mean_x * share))],
+            [-(weights @ (mean_x * share)), weights @ share**2],
+        ])  # fmt: skip
+        A += prior_weight * np.array([[zero.value**2, -zero.value], [-zero.value, 1.0]])
+        b = np.array([weights @ (mean_x * by_brake), -(weights @ (share * by_brake))])
+        previous, (slope, taken) = slope, np.linalg.solve(A, b).tolist()
+        if not slope > 0.0:
+            return None
+        x0 = taken / slope
+        if abs(slope - previous) < 1e-4 * slope:
+            break
+    brake = float(np.mean(np.maximum(x - x0, 0.0)))
+    deceleration = slope * brake
+    scatter = 1.4826 * float(np.median(np.abs(error)))
+    if deceleration <= 0.0 or scatter > _LARGEST_SCATTER * deceleration:
+        return None
+    by_chance = scatter / math.sqrt(max(seconds, 1.0))
+    absolute = math.hypot(GRADIENT_SIGMA, RESISTANCE_OF_TRAINS.tolerance, by_chance)
+    return BrakeLine(slope, x0, absolute / deceleration, brake, 0.0, False)
