@@ -25,6 +25,7 @@ import numpy as np
 
 from ..core.model import AxleRecord, IdentifiedVehicle, Parameter, Train, Vehicle, VehicleSource
 from ..core.physics import clamping, force_line, wheelset
+from ..formats.memory import Signals
 from ..records.brake_applications import find_applications
 from ..reference import calibrated_vehicle
 from ..reference.calibrated_vehicle import Evidence, MeanBrake
@@ -56,7 +57,7 @@ _BAR = 1e5  # [Pa]
 
 
 def identify_together(
-    paths: Sequence[Path],
+    paths: Sequence[Path | Signals],
     settings: Settings,
     axles: Sequence[int] = (),
     window: Window = (None, None),
@@ -105,15 +106,29 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
         logs: on one clock each.
         settings: what is stated.
     """
-    vehicle = settings.vehicle
-    by_pressure = all(a.brake.meaning == "pressure" for log in logs for a in log.axles)
-    setting = _Setting(settings.train, len(logs[0].axles), by_pressure)
-    parts = BRAKE if by_pressure else BRAKE[:1]
+    prior, lines = find_prior(logs, settings)
+    if not lines or not prior.known or prior.factor is not None:
+        return prior
+    setting = _setting(logs, settings)
+    evidence = {i: _evidence(logs[i], lines[i], prior.vehicle, setting) for i in lines}
+    return _posterior(prior, logs, evidence, setting)
+
+
+def find_prior(
+    logs: Sequence[AlignedLog], settings: Settings
+) -> tuple[IdentifiedVehicle, dict[int, BrakeLine]]:
+    """The vehicle before evidence, and the line of each log that shows one, by its place.
+
+    The stated vehicle, or the default one where the logs do not contradict it; else one of which
+    nothing is known but the line. Arguments as of `identify`.
+    """
+    setting, vehicle = _setting(logs, settings), settings.vehicle
+    parts = BRAKE if setting.by_pressure else BRAKE[:1]
     source: VehicleSource = "stated" if settings.stated & set(parts) else "default"
-    force = force_per_bar(vehicle) if by_pressure else None
-    stated = IdentifiedVehicle(vehicle, source, force, force)
+    force = force_per_bar(vehicle) if setting.by_pressure else None
+    prior = IdentifiedVehicle(vehicle, source, force, force)
     if settings.analysis.vehicle == "stated":
-        return stated
+        return prior, {}
     rotating = _rotating_share(vehicle, settings.stated)
     lines = {
         i: line
@@ -121,17 +136,22 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
         if log.grids and (line := find_brake_line(log.axles, log.grids.coarse, rotating))
     }
     if not lines or _single_pressure(logs):
-        return replace(stated, known=source == "stated")
+        return replace(prior, known=source == "stated"), {}
     line = max(lines.values(), key=lambda x: x.rolling)
     sigmas = _contradiction(vehicle, line, setting)
     if source == "stated" and abs(sigmas) > _STATED_SIGMAS:
-        return replace(stated, factor=math.exp(_error(vehicle, line, setting)))
+        return replace(prior, factor=math.exp(_error(vehicle, line, setting))), lines
     if source == "default" and abs(sigmas) > _DEFAULT_SIGMAS:
-        if by_pressure and not _is_brake(line):
-            return replace(stated, known=False)
-        source, vehicle = "log", _any_vehicle(vehicle, settings.stated, line, setting)
-    evidence = {i: _evidence(logs[i], lines[i], vehicle, setting) for i in lines}
-    return _posterior(replace(stated, source=source), vehicle, logs, evidence, setting)
+        if setting.by_pressure and not _is_brake(line):
+            return replace(prior, known=False), lines
+        vehicle = _any_vehicle(vehicle, settings.stated, line, setting)
+        return replace(prior, vehicle=vehicle, source="log"), lines
+    return prior, lines
+
+
+def _setting(logs: Sequence[AlignedLog], settings: Settings) -> "_Setting":
+    by_pressure = all(a.brake.meaning == "pressure" for log in logs for a in log.axles)
+    return _Setting(settings.train, len(logs[0].axles), by_pressure)
 
 
 def _is_brake(line: BrakeLine) -> bool:
@@ -242,8 +262,7 @@ def _evidence(log: AlignedLog, line: BrakeLine, vehicle: Vehicle, setting: _Sett
 
 
 def _posterior(
-    prior_vehicle: IdentifiedVehicle,
-    vehicle: Vehicle,
+    identified: IdentifiedVehicle,
     logs: Sequence[AlignedLog],
     evidence: dict[int, LogEvidence],
     setting: _Setting,
@@ -253,6 +272,7 @@ def _posterior(
     A brake that the longitudinal model does not describe, as cast iron whose friction falls quickly
     with speed, leaves it with another force than the line, which is the mean of what was measured.
     """
+    vehicle = identified.vehicle
     rolling = [e.joint for e in evidence.values() if e.joint.applications()]
     stops = sum(len(e.applications()) for e in rolling) or len(evidence)
     record = logs[0].axles[0].record
@@ -273,7 +293,7 @@ def _posterior(
     if calibrated is None or abs(_error(calibrated, line, setting)) > line.sigma:
         calibrated = _by_line(vehicle, record, line, setting)
     return replace(
-        prior_vehicle,
+        identified,
         vehicle=calibrated,
         force_per_bar=force_per_bar(calibrated) if setting.by_pressure else None,
         stops=stops,

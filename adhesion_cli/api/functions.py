@@ -18,9 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from ..analysis import analyze as analysis
+from ..analysis.identify import identify_together
 from ..analysis.inspection import inspect_log
 from ..analysis.slip_of_log import slip_of
 from ..channels.log import unchanged
+from ..core.model import IdentifiedVehicle
 from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..results import atomic_files
@@ -123,7 +125,11 @@ def compare(  # noqa: PLR0913 (the options of the command, each with a default)
     """
     span = from_s, to_s
     chosen = choices(settings, sections, _ALL_KEYWORDS, strict, span, reference, axles, algos)
-    return Comparison(tuple(_analyze(log, chosen) for log in logs_of(logs)))
+    named, identified = logs_of(logs), None
+    if len(named) > 1:
+        settings_of_logs, _, numbers, window = chosen
+        identified = identify_together(named, settings_of_logs, numbers, window)
+    return Comparison(tuple(_analyze(log, chosen, identified=identified) for log in named))
 
 
 @in_python
@@ -234,6 +240,14 @@ def convert(
     return path
 
 
-def _analyze(log: Path | Signals, chosen: Choices, train_speed: bool = False) -> Analysis:
+def _analyze(
+    log: Path | Signals,
+    chosen: Choices,
+    train_speed: bool = False,
+    identified: IdentifiedVehicle | None = None,
+) -> Analysis:
     settings, algos, axles, window = chosen
-    return Analysis(analysis.analyze(log, settings, algos, axles, window, train_speed=train_speed))
+    run = analysis.analyze(
+        log, settings, algos, axles, window, train_speed=train_speed, identified=identified
+    )
+    return Analysis(run)

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.prepare import prepare
-from ..analysis.request import open_log
+from ..analysis.identify import find_prior
+from ..analysis.prepare import AlignedLog, align_log, diagnose_log
+from ..analysis.request import open_log, read_log
 from ..analysis.settings import Settings, tree
-from ..channels.log import read
 from ..core import toml
 from ..core.annotated import Json
 from ..core.document import findings_document, tagged
@@ -93,13 +93,18 @@ def calibrate(
             they contradict each other.
     """
     all_settings: list[Settings] = []
-    logs: list[UsedLog] = []
+    read_logs: list[tuple[Log, AlignedLog]] = []
     for path in paths:
         progress(f"reading {path.name}")
-        settings_of_log, used_log = _read_log(path, settings)
+        settings_of_log, source = open_log(path, settings)
+        log = read_log(source, settings_of_log)
+        aligned = align_log(log, settings_of_log.vehicle, checks=settings_of_log.checks)
         all_settings.append(settings_of_log)
-        logs.append(used_log)
-    vehicle = _one_vehicle(all_settings)
+        read_logs.append((replace(log, channels=()), aligned))
+    _one_vehicle(all_settings)
+    settings = all_settings[0]
+    vehicle = find_prior([aligned for _, aligned in read_logs], settings)[0].vehicle
+    logs = [_used_log(log, aligned, vehicle, settings) for log, aligned in read_logs]
     rolling = _rolling_logs(logs)
     progress("fitting all brake applications")
     with_design = [u.evidence.design for u in rolling if u.evidence.design]
@@ -114,32 +119,28 @@ def calibrate(
     )
     applications = _applications(rolling, designs, posterior)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))
-    settings = replace(all_settings[0], vehicle=calibrated.vehicle)
+    analysis = replace(settings.analysis, vehicle="stated")  # the same logs are no new evidence
+    settings = replace(settings, vehicle=calibrated.vehicle, analysis=analysis)
     return CalibrationRun(settings, tuple(logs), calibrated, applications, findings)
 
 
 # Logs
 
 
-def _read_log(path: Path | Signals, settings: Settings) -> tuple[Settings, UsedLog]:
-    settings, source = open_log(path, settings)
-    vehicle, gap = settings.vehicle, round(settings.analysis.max_gap * 1e9)
-    log = read(source, settings.mappings, vehicle, max_gap_ns=gap)
-    prepared = prepare(log, vehicle, checks=settings.checks)
+def _used_log(log: Log, aligned: AlignedLog, vehicle: Vehicle, settings: Settings) -> UsedLog:
+    """What a log says with a vehicle near its own."""
+    prepared = diagnose_log(aligned, vehicle, settings.checks, settings.train)
     record, findings = prepared.records[0], (*log.findings, *prepared.findings)
     applications = brake_applications.find_applications(record)
-    log_evidence = reference.Evidence(None, (), 0.0)
+    evidence = reference.Evidence(None, (), 0.0)
     if scene := prepared.scene:
         start_ns = scene.grid.start_ns
-        log_evidence = reference.evidence(scene.explanation, start_ns, record, applications)
-    log_without_channels = replace(log, channels=())
-    return settings, UsedLog(
-        log_without_channels, record, log_evidence, tuple(dict.fromkeys(findings))
-    )
+        evidence = reference.evidence(scene.explanation, start_ns, record, applications)
+    return UsedLog(log, record, evidence, tuple(dict.fromkeys(findings)))
 
 
-def _one_vehicle(all_settings: Sequence[Settings]) -> Vehicle:
-    """The vehicle that all logs state.
+def _one_vehicle(all_settings: Sequence[Settings]) -> None:
+    """Whether all logs state one vehicle.
 
     Raises:
         UserError: where results state several, and where a tolerance leaves nothing to find.
@@ -156,25 +157,19 @@ def _one_vehicle(all_settings: Sequence[Settings]) -> Vehicle:
             text = f"vehicle.{name} has the tolerance 0: no log can change it"
             hint = f"state 1 sigma of what is known of it, as {toml.option(line)}"
             raise UserError(text, hint, code=2)
-    return vehicle
 
 
 def _rolling_logs(logs: Sequence[UsedLog]) -> list[UsedLog]:
     """The logs with brake applications of wheels that roll.
 
     Raises:
-        UserError: where these are fewer than two; where some logs have K and others pressures.
+        UserError: where there is none; where some logs have K and others pressures.
     """
     rolling = [u for u in logs if u.evidence.applications()]
     if not rolling:
         raise UserError(
             f"{logs[0].log.path}: no log has a brake application in which all wheels roll",
             "record service brakes on a dry rail, with 6 s before and after each",
-        )
-    if sum(len(u.evidence.applications()) for u in rolling) < 2:
-        raise UserError(
-            f"{rolling[0].log.path}: there is one brake application only",
-            "name more logs of this vehicle: in one application a gradient looks like a force",
         )
     if len({u.record.pressure is None for u in rolling}) > 1:
         raise UserError(
@@ -366,7 +361,7 @@ def as_toml(calibration: CalibrationRun) -> str:
 def as_tables(calibration: CalibrationRun) -> dict[str, Json]:
     """The vehicle, and how its logs were read, as tables of settings."""
     calibrated_tree, default_tree = tree(calibration.settings, []), tree(Settings(), [])
-    section_names = ("vehicle", "channels", "csv", "mcap", "can")
+    section_names = ("vehicle", "analysis", "channels", "csv", "mcap", "can")
     return {
         name: keys
         for name in section_names

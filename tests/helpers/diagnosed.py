@@ -89,7 +89,7 @@ def codes(log: Recordings, folder: Path) -> set[str]:
 
 def analysed(log: Recordings, folder: Path) -> Result:
     path = simulated.write(folder / "log.csv", log)
-    return analyze.analyze(path, DEFAULT, algos=["leso"])
+    return analyze.analyze(path, STATED, algos=["leso"])
 
 
 def outside(result: Result) -> float:

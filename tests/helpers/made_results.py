@@ -7,12 +7,12 @@ import numpy as np
 from adhesion_cli.core import physics
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import (
-    IdentifiedVehicle,
     AxleRecord,
     AxleResult,
     Channel,
     Column,
     Floats,
+    IdentifiedVehicle,
     Log,
     Reference,
     Result,
