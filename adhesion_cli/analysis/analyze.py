@@ -64,7 +64,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         findings = [f for f in findings if f.code != "vehicle-suspect"]
     if train_speed and all(r.train_speed is None for r in records):
         records, speed_findings = wheel_calibration.with_reference_speed(
-            records, prepared.all_records, vehicle, start_ns
+            records, prepared.all_records, vehicle, start_ns, identified.known
         )
         findings += speed_findings
 

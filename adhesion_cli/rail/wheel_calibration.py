@@ -100,14 +100,19 @@ def with_reference_speed(
     all_records: Sequence[AxleRecord],
     vehicle: Vehicle,
     start_ns: int,
+    known: bool = True,
 ) -> tuple[list[AxleRecord], list[Finding]]:
     """Records without a train speed get one estimated from all axles: `physics.reference_speed`.
+
+    Where the vehicle is not known, the fastest axle is the train: slides of all axles together
+    cannot be told from a hard brake.
 
     Args:
         records: the axles that need it.
         all_records: all axles of the log.
         vehicle: for the brake's deceleration, and the radii.
         start_ns: the log's start.
+        known: whether the vehicle is.
     """
     if any((np.diff(r.t) <= 0).any() for r in all_records):
         return list(records), [Finding("no-train-speed", "warning")]
@@ -132,10 +137,14 @@ def with_reference_speed(
     w = physics.wheelset(vehicle, all_records[0].axle)
     braking = physics.braked(np.nan_to_num(signals.finite_median(K)), w)
     braking *= _highest_friction_share(np.nan_to_num(fastest), vehicle)
+    if not known:
+        braking = np.full(len(t), np.inf)
     v = np.empty(len(t))
     seconds = (t - t[0]) * 1e-9
     compiled.function(_follow)(seconds, fastest, braking, v)
     findings = [Finding("reference-speed", "info", values={"axles": len(all_records)})]
+    if not known:
+        findings.append(Finding("common-slides-unknown", "info"))
     sliding = (fastest < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
     if sliding.any():
         seconds_of_log = (t - start_ns) * 1e-9

@@ -251,7 +251,7 @@ def test_settings_count_in_the_order_of_the_command_line(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "adhesion.toml").write_text("friction = 0.21\naxle_mass = 5001\ndiscs = 3\n")
     (tmp_path / "a.toml").write_text("friction = 0.22\naxle_mass = 5002\n")
-    settings = ["a.toml", {"vehicle": {"axle_mass": 5003}}]
+    settings = ["a.toml", {"vehicle": {"axle_mass": 5003}, "analysis": {"vehicle": "stated"}}]
     used = adhesion.analyze(BRAKE, settings=settings, vehicle={"phi": np.float64(0.24)}, algos="td")
     vehicle = used.settings["vehicle"]
     names = ("friction", "axle_mass", "discs")

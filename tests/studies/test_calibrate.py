@@ -121,7 +121,7 @@ def test_a_gradient_that_begins_with_the_brake_is_in_the_uncertainty(tmp_path: P
 
 def test_analyze_uses_what_calibrate_gives(logs: list[Path]) -> None:
     """The stated vehicle is the prior of both, and the same log the evidence."""
-    stated = settings.load({"vehicle": {"friction": STATED.friction.value}}, folder=False)
+    stated = settings.load({"vehicle": {"friction": 0.3, "lever_ratio": 2.4}}, folder=False)
     calibrated = calibrate.calibrate(logs[:1], stated, lambda _: None).settings.vehicle
     assert analyze.analyze(logs[0], stated, ["td"]).vehicle == calibrated
     assert calibrated.friction.value < 0.9 * STATED.friction.value
@@ -193,9 +193,14 @@ def test_logs_that_contradict_each_other_are_refused(logs: list[Path], tmp_path:
     assert caught.value.hint
 
 
-def test_one_application_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="one brake application"):
-        found(log(tmp_path / "one.csv", true(), applications=1))
+def test_one_application_says_less_than_many(
+    calibrated: calibrate.CalibrationRun, tmp_path: Path
+) -> None:
+    """Its gradient is most of the band."""
+    one = found(log(tmp_path / "one.csv", true(), applications=1))
+    row = one.result.rows["force_over_mass"]
+    assert abs(row.posterior - 1.0) < 2.0 * row.posterior_u
+    assert bands(calibrated)[1] < bands(one)[1] < bands(one)[0]
 
 
 def test_logs_without_brakes_are_refused_or_named(logs: list[Path], tmp_path: Path) -> None:

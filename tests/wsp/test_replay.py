@@ -124,7 +124,10 @@ def test_a_train_in_part_is_told(log: Path) -> None:
     assert told.names == {"axles": "3, 4"}
     whole = analysed(log)
     heavy = replace(whole.vehicle, axle_mass=Parameter(1.5 * 4797.0, 10.0))
-    for result, many in ((whole, 0), (replace(whole, vehicle=heavy), 1)):
+    for result, many in (
+        (whole, 0),
+        (replace(whole, identified=replace(whole.identified, vehicle=heavy)), 1),
+    ):
         found = [f for f in replay.case(result).findings if f.code == "replay-train-differs"]
         assert len(found) == many
         for f in found:

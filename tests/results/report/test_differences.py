@@ -21,7 +21,14 @@ RELATED = Vehicle(correlation=(("friction", "axle_mass", 0.8),))
 def made(path: Path, vehicle: Vehicle = RELATED, **of: Any) -> ReportRun:
     result = made_results.result(**of)
     settings = tree(Settings(vehicle), [])
-    return read(written(path, replace(result, vehicle=vehicle, settings=settings)))
+    return read(
+        written(
+            path,
+            replace(
+                result, identified=replace(result.identified, vehicle=vehicle), settings=settings
+            ),
+        )
+    )
 
 
 @pytest.fixture(scope="module")
