@@ -104,7 +104,8 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
         severity = "info"
         aligned = align_log(whole_log, settings.vehicle, checks=settings.checks)
         identified = identify([aligned], settings)
-        said = find_vehicle_findings(settings, identified, aligned)
+        vehicle_findings = find_vehicle_findings(settings, identified, aligned)
+        said = [f for f in vehicle_findings if f.code != "vehicle-default"]
         checked = diagnose_log(aligned, identified.vehicle, settings.checks, settings.train)
         unsaid = [f for f in checked.findings if f.code not in {x.code for x in said}]
         return [*said, *findings, *whole_log.findings, *unsaid]
