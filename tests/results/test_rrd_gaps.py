@@ -21,7 +21,9 @@ SECOND = 10**9
 
 def analysed(path: Path, lines: list[str]) -> Result:
     path.write_text("".join([SAMPLE[0], *lines]))
-    return analyze(path, settings.load(folder=False), ("neso", "imm"))
+    return analyze(
+        path, settings.load(None, ["vehicle.friction=0.3"], folder=False), ("neso", "imm")
+    )
 
 
 def seconds(line: str) -> float:
