@@ -18,7 +18,7 @@ from .identify import identify
 from .prepare import Window, align_log, diagnose_log
 from .request import choose_estimators, open_log, read_log
 from .settings import Settings
-from .vehicle_findings import find_vehicle_findings, state_diameters
+from .vehicle_findings import find_vehicle_findings, state_diameters, without_force_findings
 
 
 def analyze(  # noqa: PLR0913 (each choice of a run has a default)
@@ -75,9 +75,10 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     results, findings_by_axle = zip(*threads.run_each(analyzed, records), strict=True)
     axle_findings = [f for of_axle in findings_by_axle for f in of_axle]
 
+    findings += state_diameters(axle_findings, results, vehicle)
     if not identified.known:
         results = tuple(without_force(axle) for axle in results)
-    findings += state_diameters(axle_findings, results, vehicle)
+        findings = without_force_findings(findings)
     return Result(
         log,
         identified,

@@ -17,6 +17,22 @@ _FEW_DEFAULTS = 3  # defaults that the line of a finding names
 _LINE_LETTERS = 50  # letters that it has for them with their values
 
 
+_OF_FORCE = {
+    "coefficient-too-high",
+    "deceleration-unexplained",
+    "force-negative",
+    "noise-model",
+    "pressure-below-spring",
+    "speed-signal-loss",
+    "vehicle-suspect",
+}  # codes that judge a force
+
+
+def without_force_findings(findings: Sequence[Finding]) -> list[Finding]:
+    """The findings of a log whose vehicle is not known: none judges a force that nobody knows."""
+    return [f for f in findings if f.code not in _OF_FORCE]
+
+
 def find_vehicle_findings(
     settings: Settings, identified: IdentifiedVehicle, log: AlignedLog
 ) -> list[Finding]:

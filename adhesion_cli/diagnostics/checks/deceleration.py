@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.finding import Finding, Severity
 from ...core.model import Quantity
-from ...core.physics import G
+from ...core.physics import RELEASED_SHARE, G
 from ..registry import About
 from ..scene import Scene
 
@@ -32,11 +32,15 @@ class Params(NamedTuple):
 def check(p: Params, s: Scene) -> Iterator[Finding]:
     """Pieces with an impossible gradient; slower than explained is positive."""
     g = s.grid
+    K = np.max(np.nan_to_num(g.clamping), axis=0)
+    released = RELEASED_SHARE * K.max(initial=0.0) > K
     mask, largest = np.zeros(g.rim.shape[-1], dtype=np.bool_), 0.0
     for start, stop, gradient in s.explanation.pieces:
         is_significant = abs(gradient.value) - p.sigmas * gradient.tolerance > p.gradient
-        if is_significant and stop - start > p.lasts:
-            mask[round(start / g.step) : round(stop / g.step) + 1] = True
+        samples = slice(round(start / g.step), round(stop / g.step) + 1)
+        is_traction = gradient.value > 0.0 and bool(released[samples].all())
+        if is_significant and stop - start > p.lasts and not is_traction:
+            mask[samples] = True
             largest = max(largest, -gradient.value, key=abs)
     if mask.any():
         values = {"difference_mps2": largest, "gradient_share": abs(largest) / G}
