@@ -47,6 +47,7 @@ BRAKE = (
     "spring_force",
 )  # parameters of the brake
 _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
+_DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
 _STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
 _ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
 _MASS = Parameter(12e3, 3e3)  # of an axle, where it is not stated [kg]
@@ -141,7 +142,8 @@ def find_prior(
     sigmas = _contradiction(vehicle, line, setting)
     if source == "stated" and abs(sigmas) > _STATED_SIGMAS:
         return replace(prior, factor=math.exp(_error(vehicle, line, setting))), lines
-    if source == "default" and abs(sigmas) > _DEFAULT_SIGMAS:
+    differs = abs(sigmas) > _DEFAULT_SIGMAS or abs(_error(vehicle, line, setting)) > _DEFAULT_ERROR
+    if source == "default" and differs:
         if setting.by_pressure and not _is_brake(line):
             return replace(prior, known=False), lines
         vehicle = _any_vehicle(vehicle, settings.stated, line, setting)
@@ -238,13 +240,15 @@ def _any_vehicle(
         friction = Parameter(per_unit, _ANY_SHARE * per_unit)
         return replace(vehicle, friction=friction)
     phi, per_pascal = vehicle.friction.value, force_line(vehicle).per_pascal
+    # The same force at the mean brake, with x₀ before the log: it has it as evidence once.
+    per_unit *= line.brake / max(line.brake + line.zero - ZERO.value, 0.1 * line.brake)
     ratio = per_unit / phi / per_pascal * vehicle.lever_ratio.value
     piston = math.pi * vehicle.cylinder_diameter.value**2 / 4.0
     return replace(
         vehicle,
         friction=Parameter(phi, _ANY_SHARE * phi),
         lever_ratio=Parameter(ratio, 0.0),
-        spring_force=Parameter(max(line.zero, 0.0) * piston, ZERO.tolerance * piston),
+        spring_force=Parameter(ZERO.value * piston, ZERO.tolerance * piston),
     )
 
 

@@ -24,12 +24,12 @@ import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import CRAWL, GRADIENT, STANDING
-from ..core.signals import median
+from ..core.signals import median, true_runs
 from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid, erode
 from .longitudinal import RESISTANCE_OF_TRAINS
 
-ZERO = Parameter(1.5e4, 1.5e4)  # pressure from which brakes act, of any kind [Pa]
+ZERO = Parameter(1.5e4, 2e4)  # pressure from which brakes act, of any kind [Pa]
 ROTATING = Parameter(0.08, 0.03)  # rotating mass over mass, of any wheelset [-]
 GRADIENT_SIGMA = 0.05  # 1 sigma of a gradient: 5 per mille [m/s²]
 _ZERO_SHARE = 0.02  # 1 sigma of x₀ of a clamping force, of the highest one
@@ -37,7 +37,6 @@ _APPLIED = 0.1  # of the highest pressure: a brake is on
 _RELEASED = 0.03  # of the highest pressure: none is
 _STEADY = 0.1  # of the highest pressure, within a second: more is a change
 _HUBER = 1.5  # sigma from which an error counts less
-_LEAST_SIGMA = 0.01  # of a deceleration over a second [m/s²]
 _ROUNDS = 20  # of the weights
 _LARGEST_SCATTER = 0.3  # of the deceleration: with more, it does not follow the pressure
 
@@ -85,8 +84,7 @@ def find_brake_line(
     coasting = _coasting_deceleration(slowing[known & rolling & (mean_x < _RELEASED * top)])
     by_brake = (slowing + rotating * rim_slowing)[braked] / (1.0 + rotating) - coasting
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
-    seconds = float(braked.sum()) * grid.step
-    line = _fit(x[:, braked], by_brake, zero, seconds)
+    line = _fit(x[:, braked], by_brake, zero, len(true_runs(braked)))
     return line and line._replace(
         speed=float(np.mean(v[braked])), rolling=bool(rolling[braked].all())
     )
@@ -98,14 +96,14 @@ def _coasting_deceleration(slowing: Floats) -> float:
     return median(coasting) if len(coasting) >= FEWEST else RESISTANCE_OF_TRAINS.value
 
 
-def _fit(x: Floats, by_brake: Floats, zero: Parameter, seconds: float) -> BrakeLine | None:
+def _fit(x: Floats, by_brake: Floats, zero: Parameter, stops: int) -> BrakeLine | None:
     """C and x₀ by least squares with weights, and with the prior of x₀.
 
     Args:
         x: pressures or clamping forces of the axles, (k, n).
         by_brake: deceleration by the brake, (n,) [m/s²].
         zero: the prior of x₀.
-        seconds: how long all samples are: those of one second are one.
+        stops: uninterrupted stretches of these. The gradient of each is one error.
     """
     x0 = zero.value
     slope = float(np.sum(by_brake)) / max(float(np.sum(np.mean(x, axis=0) - x0)), 1e-9)
@@ -114,9 +112,10 @@ def _fit(x: Floats, by_brake: Floats, zero: Parameter, seconds: float) -> BrakeL
         acting = x > x0
         mean_x, share = np.mean(np.where(acting, x, 0.0), axis=0), np.mean(acting, axis=0)
         error = by_brake - slope * (mean_x - share * x0)
-        sigma = max(1.4826 * float(np.median(np.abs(error))), _LEAST_SIGMA)
+        scatter = 1.4826 * float(np.median(np.abs(error)))
+        sigma = math.hypot(scatter, GRADIENT_SIGMA)
         weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
-        weights *= max(seconds, 1.0) / len(by_brake)
+        weights *= stops / len(by_brake)
         prior_weight = 1.0 / max(slope * zero.tolerance, 1e-9) ** 2
         # of c and d = c x₀: c mean(x) − share d, and (d − c x₀)² over its variance
         A = np.array([
@@ -136,6 +135,6 @@ def _fit(x: Floats, by_brake: Floats, zero: Parameter, seconds: float) -> BrakeL
     scatter = 1.4826 * float(np.median(np.abs(error)))
     if deceleration <= 0.0 or scatter > _LARGEST_SCATTER * deceleration:
         return None
-    by_chance = scatter / math.sqrt(max(seconds, 1.0))
-    absolute = math.hypot(GRADIENT_SIGMA, RESISTANCE_OF_TRAINS.tolerance, by_chance)
+    by_stop = math.hypot(GRADIENT_SIGMA, scatter) / math.sqrt(stops)
+    absolute = math.hypot(by_stop, RESISTANCE_OF_TRAINS.tolerance)
     return BrakeLine(slope, x0, absolute / deceleration, brake, 0.0, False)
