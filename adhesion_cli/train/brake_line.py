@@ -106,11 +106,11 @@ def _fit(x: Floats, by_brake: Floats, zero: Parameter, stops: int) -> BrakeLine 
         stops: uninterrupted stretches of these. The gradient of each is one error.
     """
     x0 = zero.value
-    slope = float(np.sum(by_brake)) / max(float(np.sum(np.mean(x, axis=0) - x0)), 1e-9)
+    acting = x > _APPLIED * float(np.max(x))  # the others are released, or vented by a valve
+    mean_x, share = np.mean(np.where(acting, x, 0.0), axis=0), np.mean(acting, axis=0)
+    slope = float(np.sum(by_brake)) / max(float(np.sum(mean_x - share * x0)), 1e-9)
     error = by_brake
     for _ in range(_ROUNDS):
-        acting = x > x0
-        mean_x, share = np.mean(np.where(acting, x, 0.0), axis=0), np.mean(acting, axis=0)
         error = by_brake - slope * (mean_x - share * x0)
         scatter = 1.4826 * float(np.median(np.abs(error)))
         sigma = math.hypot(scatter, GRADIENT_SIGMA)
@@ -130,10 +130,11 @@ def _fit(x: Floats, by_brake: Floats, zero: Parameter, stops: int) -> BrakeLine 
         x0 = taken / slope
         if abs(slope - previous) < 1e-4 * slope:
             break
-    brake = float(np.mean(np.maximum(x - x0, 0.0)))
+    brake = float(np.mean(mean_x - share * x0))
     deceleration = slope * brake
     scatter = 1.4826 * float(np.median(np.abs(error)))
-    if deceleration <= 0.0 or scatter > _LARGEST_SCATTER * deceleration:
+    unexplained = math.sqrt(max(scatter**2 - GRADIENT_SIGMA**2, 0.0))  # by gradients
+    if deceleration <= 0.0 or unexplained > _LARGEST_SCATTER * deceleration:
         return None
     by_stop = math.hypot(GRADIENT_SIGMA, scatter) / math.sqrt(stops)
     absolute = math.hypot(by_stop, RESISTANCE_OF_TRAINS.tolerance)
