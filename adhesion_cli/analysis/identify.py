@@ -158,7 +158,7 @@ def _setting(logs: Sequence[AlignedLog], settings: Settings) -> "_Setting":
 
 def _is_brake(line: BrakeLine) -> bool:
     """Whether some brake slows a train like that; else a unit is wrong, or another brake acts."""
-    return _LEAST_FORCE < line.slope < _MOST_FORCE and line.zero > _LOWEST_ZERO
+    return _LEAST_FORCE < line.slope < _MOST_FORCE and line.zero > _LOWEST_ZERO and not line.mixed
 
 
 def force_per_bar(vehicle: Vehicle) -> Parameter:

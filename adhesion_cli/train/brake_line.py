@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import CRAWL, GRADIENT, STANDING
@@ -37,6 +38,10 @@ _APPLIED = 0.1  # of the highest pressure: a brake is on
 _RELEASED = 0.03  # of the highest pressure: none is
 _STEADY = 0.1  # of the highest pressure, within a second: more is a change
 _HUBER = 1.5  # sigma from which an error counts less
+_LEAST_SHARE = 0.6  # of the line's deceleration that a brake of any friction has
+_SIGMAS = 3.0  # of gradients
+_LARGEST_SLIP, _LARGEST_DIFFERENCE = 0.02, 0.25  # of wheels that roll [-], [m/s]
+_SHORTEST_MIXED = 0.9  # less deceleration for a shorter time is no other brake [s]
 _ROUNDS = 20  # of the weights
 _LARGEST_SCATTER = 0.3  # of the deceleration: with more, it does not follow the pressure
 
@@ -50,6 +55,7 @@ class BrakeLine(NamedTuple):
     brake: float  # mean of the pressure or clamping force that acts, above x₀ [Pa or N]
     speed: float  # mean speed [m/s]
     rolling: bool  # whether all axles roll in it
+    mixed: bool = False  # whether wheels slow much less than it says: another brake acted as well
 
 
 def find_brake_line(
@@ -85,8 +91,21 @@ def find_brake_line(
     by_brake = (slowing + rotating * rim_slowing)[braked] / (1.0 + rotating) - coasting
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
     line = _fit(x[:, braked], by_brake, zero, len(true_runs(braked)))
-    return line and line._replace(
-        speed=float(np.mean(v[braked])), rolling=bool(rolling[braked].all())
+    if line is None:
+        return None
+    # A brake that takes over from another one has the same deceleration at a higher pressure.
+    lowest_x = minimum_filter1d(np.nan_to_num(mean_x), 4 * grid.half_width + 1)
+    least = _LEAST_SHARE * line.slope * (lowest_x - line.zero) - GRADIENT_SIGMA * _SIGMAS
+    apart = np.max(grid.rim, axis=0) - np.min(grid.rim, axis=0)  # axles that slide differ
+    apart = apart if grid.train is None else np.fmax(apart, v - np.min(grid.rim, axis=0))
+    agree = erode(apart < _LARGEST_SLIP * v + _LARGEST_DIFFERENCE, 4 * grid.half_width)
+    slower = applied & agree & (rim_slowing - coasting < least)
+    # Wheels that slide together recover together in between.
+    steady = bool(np.min(rim_slowing[slower], initial=math.inf) > GRADIENT / 2.0)
+    return line._replace(
+        speed=float(np.mean(v[braked])),
+        rolling=bool(rolling[braked].all()),
+        mixed=steady and bool(slower.sum() * grid.step > _SHORTEST_MIXED),
     )
 
 
