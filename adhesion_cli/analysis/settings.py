@@ -122,7 +122,8 @@ class Settings:
 
     def with_vehicle(self, identified: IdentifiedVehicle) -> "Settings":
         """The settings with an identified vehicle: whoever reads these takes it as it is."""
-        analysis = replace(self.analysis, vehicle="stated")
+        use = "stated" if identified.known else self.analysis.vehicle
+        analysis = replace(self.analysis, vehicle=use)
         return replace(self, vehicle=identified.vehicle, analysis=analysis)
 
     def params(self, est: Estimator) -> Any:

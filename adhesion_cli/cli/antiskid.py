@@ -249,7 +249,7 @@ class _Outcome:
 
 def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcome) -> int:
     """Writes the files and prints the outcome; returns the exit code."""
-    from ..analysis.settings import Settings, tree
+    from ..analysis.settings import AnalysisSettings, Settings, tree
     from ..core import estimator
     from ..core.document import dumps
     from ..core.physics import G
@@ -263,9 +263,10 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
     estimators, laws = estimator.registry(), controller.registry()
     case, stops, metrics = outcome.case, outcome.stops, dumps(outcome.document)
     weight = case.vehicle.axle_mass.value * G
+    exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
     curve_bands = {"patent": bands(outcome.settings)}
     title = f"{case.name}: axle 1 under every controller"
-    stated = tree(Settings(case.vehicle, bands=bands(outcome.settings)), [])
+    stated = tree(Settings(case.vehicle, analysis=exact, bands=bands(outcome.settings)), [])
     all_paths = [*paths, *pictures(shared)]
     read = inputs(shared, source)
     with atomic_files.outputs(all_paths, shared.force, inputs=read) as (recording, *places):

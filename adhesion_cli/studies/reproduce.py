@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.analyze import analyze
-from ..analysis.settings import Settings
+from ..analysis.settings import AnalysisSettings, Settings
 from ..core import compiled
 from ..core.annotated import Json
 from ..core.document import tagged
@@ -143,12 +143,16 @@ def reproduce(
     varying = {algo: _measure_varying(algo, seeds[:5]) for algo in PUBLISHED}
     progress("analysing one log of each")
     with tempfile.TemporaryDirectory() as folder:
-        printed_settings = Settings(overrides={algo: printed(algo, INTERVAL) for algo in PUBLISHED})
+        exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
+        as_printed = {algo: printed(algo, INTERVAL) for algo in PUBLISHED}
+        printed_settings = Settings(analysis=exact, overrides=as_printed)
         results = (
             _analyze_scenario(Path(folder) / "constant.mcap", _constant(DELAY), printed_settings),
             _analyze_scenario(Path(folder) / "varying.mcap", _swinging(0.5), printed_settings),
             _analyze_scenario(
-                Path(folder) / "field-test.mcap", simulate.load("service-brake"), Settings()
+                Path(folder) / "field-test.mcap",
+                simulate.load("service-brake"),
+                Settings(analysis=exact),
             ),
         )
     with_process_noise = _measure_varying("kalman", seeds[:5], {"q": 1e-5})

@@ -19,6 +19,7 @@ from adhesion_cli.core.summary import (
     MeanAndHighest,
     ReferenceSummary,
     ResultSummary,
+    VehicleSummary,
 )
 from adhesion_cli.fleet import summary_tables
 from adhesion_cli.fleet.dataset import Dataset, KeptTables
@@ -55,7 +56,8 @@ def log(
         FindingSummary(code, severity[code], "", 1, None, (), {}, {}, code, None) for code in codes
     )
     summary = LogSummary(name, "csv", f"{name}0", start, 1.0, 1, 1)
-    return ResultSummary(summary, {}, (axle,), (), tuple(findings))
+    vehicle = VehicleSummary("stated", True, None, None, None, None)
+    return ResultSummary(summary, {}, vehicle, (axle,), (), tuple(findings))
 
 
 def failed(name: str) -> FailedLog:

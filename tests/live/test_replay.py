@@ -27,7 +27,7 @@ def replayed(log: Path) -> tuple[dict[int, list[LiveSample]], list[Finding]]:
 @each_log
 def test_a_replay_gives_what_analyze_gives(log: Path) -> None:
     found, _ = replayed(log)
-    result = analyze(log, load())
+    result = analyze(log, load(None, ["analysis.vehicle=stated"]))
     assert sorted(found) == [a.record.axle for a in result.axles]
     for axle in result.axles:
         of = {s.t: s for s in found[axle.record.axle]}

@@ -17,7 +17,8 @@ SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
 @pytest.fixture(scope="module")
 def low() -> Result:
-    return analyze(SAMPLES / "low-adhesion.csv", settings.load(), ["td"])
+    stated = settings.load(None, ["analysis.vehicle=stated"])
+    return analyze(SAMPLES / "low-adhesion.csv", stated, ["td"])
 
 
 def test_mean_and_highest_force_hold_the_true_ones(low: Result) -> None:

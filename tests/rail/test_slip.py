@@ -41,7 +41,8 @@ def analysed(name: str, train: bool | None = None, *stated: str) -> Result:
     with TemporaryDirectory() as folder:
         log = write(Path(folder) / f"{name}.csv", recordings(name, train=train))
 
-        return analyze.analyze(log, settings.load(None, stated), ["leso"], train_speed=True)
+        exact = ("analysis.vehicle=stated", *stated)
+        return analyze.analyze(log, settings.load(None, exact), ["leso"], train_speed=True)
 
 
 @cache
