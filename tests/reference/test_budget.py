@@ -18,7 +18,9 @@ SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
 @pytest.fixture(scope="module", params=["low-adhesion.csv", "service-brake.csv"])
 def result(request: pytest.FixtureRequest) -> Result:
-    return analyze(SAMPLES / request.param, settings.load(), ["td"])
+    return analyze(
+        SAMPLES / request.param, settings.load(None, ["analysis.vehicle=stated"]), ["td"]
+    )
 
 
 def drawn(vehicle: Vehicle, rng: np.random.Generator) -> Vehicle:

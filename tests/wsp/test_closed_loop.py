@@ -830,7 +830,8 @@ def test_operating_point_peak_and_bands_are_where_the_axes_say(recording: Path) 
 def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
     stop, vehicle = stopped("short", "rule"), short().vehicle
     path = tmp_path / "short.rule.antiskid.mcap"
-    carried = settings.tree(settings.Settings(vehicle), [])
+    exact = settings.AnalysisSettings(vehicle="stated")
+    carried = settings.tree(settings.Settings(vehicle, analysis=exact), [])
     mcap.write_stop(path, "short", stop, vehicle, carried, "{}", ["a book"])
     result = analyze.analyze(path, settings.load(folder=False), ["kalman"])
     assert not [f for f in result.findings if f.lossy]
