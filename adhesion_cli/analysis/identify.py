@@ -294,7 +294,8 @@ def _posterior(
             solve.joint(designs, prior),
             len(designs),
         ).vehicle
-    if calibrated is None or abs(_error(calibrated, line, setting)) > line.sigma:
+    few = not line.rolling  # most of the braking has slides, which the line takes and the model not
+    if calibrated is None or few or abs(_error(calibrated, line, setting)) > line.sigma:
         calibrated = _by_line(vehicle, record, line, setting)
     return replace(
         identified,
