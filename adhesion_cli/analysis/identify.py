@@ -16,7 +16,7 @@ Sources: JCGM 102, 6.2; `reference.calibrated_vehicle`.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,17 +35,8 @@ from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.explain import explain
 from .prepare import AlignedLog, Window, align_log
 from .request import open_log, read_log
-from .settings import Settings
+from .settings import BRAKE, Settings
 
-BRAKE = (
-    "friction",
-    "discs",
-    "efficiency",
-    "lever_ratio",
-    "radius_ratio",
-    "cylinder_diameter",
-    "spring_force",
-)  # parameters of the brake
 _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
 _DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
 _STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
@@ -124,8 +115,8 @@ def find_prior(
     nothing is known but the line. Arguments as of `identify`.
     """
     setting, vehicle = _setting(logs, settings), settings.vehicle
-    parts = BRAKE if setting.by_pressure else BRAKE[:1]
-    source: VehicleSource = "stated" if settings.stated & set(parts) else "default"
+    is_stated = settings.states_brake(setting.by_pressure)
+    source: VehicleSource = "stated" if is_stated else "default"
     force = force_per_bar(vehicle) if setting.by_pressure else None
     prior = IdentifiedVehicle(vehicle, source, force, force)
     if settings.analysis.vehicle == "stated":
@@ -136,6 +127,7 @@ def find_prior(
         for i, log in enumerate(logs)
         if log.grids and (line := find_brake_line(log.axles, log.grids.coarse, rotating))
     }
+    prior = replace(prior, differing_stops=tuple(_differing_stops(logs, lines)))
     if not lines or _single_pressure(logs):
         return replace(prior, known=source == "stated"), {}
     line = max(lines.values(), key=lambda x: x.rolling)
@@ -149,6 +141,17 @@ def find_prior(
         vehicle = _any_vehicle(vehicle, settings.stated, line, setting)
         return replace(prior, vehicle=vehicle, source="log"), lines
     return prior, lines
+
+
+def _differing_stops(
+    logs: Sequence[AlignedLog], lines: dict[int, BrakeLine]
+) -> Iterator[tuple[str, float, float, float]]:
+    for i, line in lines.items():
+        log = logs[i]
+        assert log.grids is not None
+        since = (log.grids.coarse.start_ns - log.view.start_ns) * 1e-9
+        for x in line.differing:
+            yield log.path, since + x.start, since + x.stop, x.share
 
 
 def _setting(logs: Sequence[AlignedLog], settings: Settings) -> "_Setting":

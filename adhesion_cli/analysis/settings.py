@@ -57,6 +57,15 @@ MEANINGS = {
 
 
 VEHICLE_USES = ("log", "stated")
+BRAKE = (
+    "friction",
+    "discs",
+    "efficiency",
+    "lever_ratio",
+    "radius_ratio",
+    "cylinder_diameter",
+    "spring_force",
+)  # parameters of the brake
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +115,10 @@ class Settings:
     def stated(self) -> frozenset[str]:
         """Vehicle parameters that the user states, though it may be the default's value."""
         return frozenset(self.tables.get("vehicle", {}))
+
+    def states_brake(self, by_pressure: bool) -> bool:
+        """Whether any of the brake is stated; only the friction counts where K is logged."""
+        return bool(self.stated & set(BRAKE if by_pressure else BRAKE[:1]))
 
     def over(self, carried: Tables) -> "Settings":
         """These settings over those that a result file carries.

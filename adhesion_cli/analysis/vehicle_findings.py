@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.finding import Finding
+from ..core.finding import Finding, merge_spans
 from ..core.model import AxleResult, IdentifiedVehicle, Vehicle, quantities
 from ..diagnostics.checks.vehicle import fitting_values
 from .prepare import AlignedLog
@@ -48,6 +48,11 @@ def find_vehicle_findings(
         for path in identified.differing
         if path == log.path
     ]
+    stops = [stop for path, *stop in identified.differing_stops if path == log.path]
+    if stops:
+        share = max((x for _, _, x in stops), key=lambda x: abs(x - 1.0))
+        spans, values = merge_spans([(a, b) for a, b, _ in stops]), {"share": share}
+        findings.append(Finding("stops-differ", "warning", "", len(stops), spans, values))
     if not identified.known:
         return [*findings, Finding("vehicle-unknown", "warning")]
     if identified.factor is not None:
@@ -60,6 +65,12 @@ def find_vehicle_findings(
     return findings + default_parameters(
         settings, any(a.record.pressure is not None for a in log.axles)
     )
+
+
+def live_findings(settings: Settings, by_pressure: bool) -> list[Finding]:
+    """What must be said of the vehicle where there is no log to find its brake in."""
+    needed = [] if settings.states_brake(by_pressure) else [Finding("vehicle-needed", "warning")]
+    return needed + default_parameters(settings, by_pressure)
 
 
 def default_parameters(settings: Settings, by_pressure: bool) -> list[Finding]:

@@ -19,7 +19,7 @@ _OF_SLIDES = (
 )
 _OF_BUDGETS = (
     "Uncertainty budget of the mean force by JCGM 100 (GUM). Type A: from the samples; type B: "
-    "tolerances of the vehicle as stated, or their defaults. u: standard uncertainty, in the unit "
+    "tolerances of the vehicle, stated or left by the log. u: standard uncertainty, in the unit "
     "of the value; noise in N. u(F): what it adds to the force; share: of the variance."
 )
 _BOUND = "≥: the true value is at least this."

@@ -30,6 +30,7 @@ def command(
     from ..analysis.summarise import summarise
     from ..core.document import dumps
     from ..core.text import printable
+    from ..results.vehicle_text import describe_vehicle
     from ..scores.metrics import pool_scores
     from . import terminal
 
@@ -44,6 +45,8 @@ def command(
     if shared.json:
         print(dumps(result_document(summaries)))
     else:
+        vehicles = [describe_vehicle(x.vehicle, x.axles) for x in summaries]
+        print("\n".join(map(terminal.folded, dict.fromkeys(vehicles))))
         for r in analysed:
             rows = [(str(a.record.axle), s) for a in r.axles for s in a.scores]
             print(terminal.scores(rows, Path(r.log.path).name))

@@ -188,9 +188,9 @@ class _Run:
         return 3 if any(f.lossy for f in self._tally.findings) else 0
 
     def _defaults(self, by_pressure: bool) -> "list[Finding]":
-        from ..analysis.vehicle_findings import default_parameters
+        from ..analysis.vehicle_findings import live_findings
 
-        return default_parameters(self._settings, by_pressure)
+        return live_findings(self._settings, by_pressure)
 
     def _say(self, text: str) -> None:
         """Text on stderr, above the line of the samples."""

@@ -28,9 +28,11 @@ def command(logs: Logs, shared: Shared) -> int:
     from ..analysis.summarise import summarise
     from ..core.document import dumps
     from ..core.errors import UserError
+    from ..core.summary import summarise_vehicle
     from ..core.text import printable
     from ..rail.slope import Bands
     from ..results.figures import of_slip
+    from ..results.vehicle_text import describe_vehicle
     from . import terminal
 
     if shared.figure and len(logs) > 1:
@@ -59,7 +61,9 @@ def command(logs: Logs, shared: Shared) -> int:
         print(dumps(slip_document(logs_read, axles_of, findings, files)))
     else:
         for (result, axles, slip_summaries), files_of in zip(slip_results, sets, strict=True):
-            print(f"{printable(result.log.path)}\n{table(axles, result.log.start_ns())}")
+            vehicle = terminal.folded(describe_vehicle(summarise_vehicle(result.identified)))
+            text = table(axles, result.log.start_ns())
+            print(f"{printable(result.log.path)}\n{vehicle}\n{text}")
             print(terminal.wrote(*files_of))
             terminal.show(slip_summaries, shared.quiet)
     return results.finished(shared, pairs[-1][1], [f for s in slip_results for f in s.findings])

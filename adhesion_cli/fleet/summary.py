@@ -338,4 +338,4 @@ def _stated_vehicle(folder: Path, settings: str) -> str:
         value = entry.get("value") if isinstance(entry, dict) else entry
         if isinstance(value, int | float):
             values.append(f"{name} {value:g}")
-    return ", ".join(values) or "default vehicle"
+    return ", ".join(values) or "not stated"

@@ -17,11 +17,10 @@ a log whose brake applications have one pressure does not show it.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
 
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import CRAWL, GRADIENT, STANDING
@@ -41,9 +40,20 @@ _HUBER = 1.5  # sigma from which an error counts less
 _LEAST_SHARE = 0.6  # of the line's deceleration that a brake of any friction has
 _SIGMAS = 3.0  # of gradients
 _LARGEST_SLIP, _LARGEST_DIFFERENCE = 0.02, 0.25  # of wheels that roll [-], [m/s]
+_FRICTION_SCATTER = 0.05  # 1 sigma of the friction from stop to stop, by heat
+_SURE_SIGMAS = 4.0  # from which a stop differs from the others
+_SHORTEST_STOP = 2.0  # a shorter one has no mean [s]
 _SHORTEST_MIXED = 0.9  # less deceleration for a shorter time is no other brake [s]
 _ROUNDS = 20  # of the weights
 _LARGEST_SCATTER = 0.3  # of the deceleration: with more, it does not follow the pressure
+
+
+class DifferingStop(NamedTuple):
+    """A brake application whose deceleration the line of all does not explain."""
+
+    start: float  # after the first time of the grid [s]
+    stop: float
+    share: float  # its deceleration over that of the line
 
 
 class BrakeLine(NamedTuple):
@@ -55,6 +65,7 @@ class BrakeLine(NamedTuple):
     brake: float  # mean of the pressure or clamping force that acts, above x₀ [Pa or N]
     speed: float  # mean speed [m/s]
     rolling: bool  # whether all axles roll in it
+    differing: tuple[DifferingStop, ...] = ()  # stops that the line does not explain
     mixed: bool = False  # whether wheels slow much less than it says: another brake acted as well
 
 
@@ -88,25 +99,83 @@ def find_brake_line(
     if braked is None:
         return None
     coasting = _coasting_deceleration(slowing[known & rolling & (mean_x < _RELEASED * top)])
-    by_brake = (slowing + rotating * rim_slowing)[braked] / (1.0 + rotating) - coasting
+    by_brake = (slowing + rotating * rim_slowing) / (1.0 + rotating) - coasting
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
-    line = _fit(x[:, braked], by_brake, zero, len(true_runs(braked)))
+    stops = true_runs(braked)
+    line = _fit(_acting(x, braked), by_brake[braked], zero, len(stops))
     if line is None:
         return None
-    # A brake that takes over from another one has the same deceleration at a higher pressure.
-    lowest_x = minimum_filter1d(np.nan_to_num(mean_x), 4 * grid.half_width + 1)
-    least = _LEAST_SHARE * line.slope * (lowest_x - line.zero) - GRADIENT_SIGMA * _SIGMAS
-    apart = np.max(grid.rim, axis=0) - np.min(grid.rim, axis=0)  # axles that slide differ
-    apart = apart if grid.train is None else np.fmax(apart, v - np.min(grid.rim, axis=0))
-    agree = erode(apart < _LARGEST_SLIP * v + _LARGEST_DIFFERENCE, 4 * grid.half_width)
-    slower = applied & agree & (rim_slowing - coasting < least)
-    # Wheels that slide together recover together in between.
-    steady = bool(np.min(rim_slowing[slower], initial=math.inf) > GRADIENT / 2.0)
+    slows_less = _slows_less(grid, mean_x, rim_slowing - coasting, line) & applied
     return line._replace(
         speed=float(np.mean(v[braked])),
         rolling=bool(rolling[braked].all()),
-        mixed=steady and bool(slower.sum() * grid.step > _SHORTEST_MIXED),
+        mixed=bool(slows_less.sum() * grid.step > _SHORTEST_MIXED)
+        # Wheels that slide together recover together in between.
+        and bool(np.min(rim_slowing[slows_less]) > GRADIENT / 2.0),
+        differing=tuple(_differing_stops(grid, _acting(x, braked), by_brake[braked], stops, line)),
     )
+
+
+class _Acting(NamedTuple):
+    """What acts of the axles' pressures or clamping forces; shape (n,)."""
+
+    mean: Floats  # over all axles
+    share: Floats  # of the axles, the others are released, or vented by a valve
+
+    def above(self, zero: float) -> Floats:
+        """Mean of what is above x₀."""
+        above: Floats = self.mean - self.share * zero
+        return above
+
+
+def _acting(x: Floats, braked: Bools) -> _Acting:
+    acting = x[:, braked] > _APPLIED * float(np.max(x[:, braked]))
+    return _Acting(np.mean(np.where(acting, x[:, braked], 0.0), axis=0), np.mean(acting, axis=0))
+
+
+def _slows_less(grid: Grid, mean_x: Floats, rim_slowing: Floats, line: BrakeLine) -> Bools:
+    """Where wheels that roll slow much less than the line says, shape (n,).
+
+    A brake that takes over from another one has the same deceleration at a higher pressure.
+    """
+    width = 2 * grid.half_width
+    nearby = np.lib.stride_tricks.sliding_window_view(
+        np.pad(np.nan_to_num(mean_x), width, "edge"), 2 * width + 1
+    )
+    least = _LEAST_SHARE * line.slope * (nearby.min(axis=-1) - line.zero)
+    lowest_rim, v = np.min(grid.rim, axis=0), np.max(grid.rim, axis=0)  # axles that slide differ
+    v = v if grid.train is None else np.fmax(v, grid.train)
+    agree = erode(v - lowest_rim < _LARGEST_SLIP * v + _LARGEST_DIFFERENCE, 2 * width)
+    slows_less: Bools = agree & (rim_slowing < least - _SIGMAS * GRADIENT_SIGMA)
+    return slows_less
+
+
+def _differing_stops(
+    grid: Grid,
+    acting: _Acting,
+    by_brake: Floats,
+    stops: Sequence[tuple[int, int]],
+    line: BrakeLine,
+) -> Iterator[DifferingStop]:
+    """The stops that no gradient and no scatter of the friction brings to the line.
+
+    Args:
+        grid: of all axles.
+        acting: in the stops, (n,).
+        by_brake: deceleration by the brake in them, (n,) [m/s²].
+        stops: where they are on the grid.
+        line: of all of them.
+    """
+    expected = line.slope * acting.above(line.zero)
+    end = 0
+    for start, stop in stops:
+        begin, end = end, end + stop - start
+        force, deceleration = np.mean(expected[begin:end]), np.mean(by_brake[begin:end])
+        sigma = math.hypot(GRADIENT_SIGMA, _FRICTION_SCATTER * force)
+        long_enough = (stop - start) * grid.step > _SHORTEST_STOP
+        if long_enough and abs(deceleration - force) > _SURE_SIGMAS * sigma:
+            seconds = start * grid.step, (stop - 1) * grid.step
+            yield DifferingStop(*seconds, float(deceleration / force))
 
 
 def _coasting_deceleration(slowing: Floats) -> float:
@@ -115,22 +184,20 @@ def _coasting_deceleration(slowing: Floats) -> float:
     return median(coasting) if len(coasting) >= FEWEST else RESISTANCE_OF_TRAINS.value
 
 
-def _fit(x: Floats, by_brake: Floats, zero: Parameter, stops: int) -> BrakeLine | None:
-    """C and x₀ by least squares with weights, and with the prior of x₀.
+def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> BrakeLine | None:
+    """Slope and zero by least squares with weights, and with the prior of the zero.
 
     Args:
-        x: pressures or clamping forces of the axles, (k, n).
+        acting: pressures or clamping forces, (n,).
         by_brake: deceleration by the brake, (n,) [m/s²].
         zero: the prior of x₀.
         stops: uninterrupted stretches of these. The gradient of each is one error.
     """
-    x0 = zero.value
-    acting = x > _APPLIED * float(np.max(x))  # the others are released, or vented by a valve
-    mean_x, share = np.mean(np.where(acting, x, 0.0), axis=0), np.mean(acting, axis=0)
-    slope = float(np.sum(by_brake)) / max(float(np.sum(mean_x - share * x0)), 1e-9)
+    x0, (mean_x, share) = zero.value, acting
+    slope = float(np.sum(by_brake)) / max(float(np.sum(acting.above(x0))), 1e-9)
     error = by_brake
     for _ in range(_ROUNDS):
-        error = by_brake - slope * (mean_x - share * x0)
+        error = by_brake - slope * acting.above(x0)
         scatter = 1.4826 * float(np.median(np.abs(error)))
         sigma = math.hypot(scatter, GRADIENT_SIGMA)
         weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
@@ -149,7 +216,7 @@ def _fit(x: Floats, by_brake: Floats, zero: Parameter, stops: int) -> BrakeLine 
         x0 = taken / slope
         if abs(slope - previous) < 1e-4 * slope:
             break
-    brake = float(np.mean(mean_x - share * x0))
+    brake = float(np.mean(acting.above(x0)))
     deceleration = slope * brake
     scatter = 1.4826 * float(np.median(np.abs(error)))
     unexplained = math.sqrt(max(scatter**2 - GRADIENT_SIGMA**2, 0.0))  # by gradients

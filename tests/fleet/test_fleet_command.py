@@ -32,7 +32,7 @@ def test_counts_exit_code_and_summary(run: Run, tmp_path: Path) -> None:
     assert run("report", "fleet-results").returncode == 0
     page = (tmp_path / "fleet-results.html").read_text("utf-8")
     assert shown.stdout.splitlines()[0] in page  # logs and brake applications
-    for cell in ("By day", "default vehicle", "none.csv"):
+    for cell in ("By day", "not stated", "none.csv"):
         assert cell in page
     assert run("report", "fleet-results", "other.mcap", "-o", "a.html").returncode == 2
     assert run("report", "logs").stderr.startswith("error: logs: holds no results of a fleet")

@@ -116,7 +116,7 @@ def test_days_and_vehicles_are_apart(folder: Path) -> None:
         ("2026-03-01", 3), ("2026-03-02", 1), ("unknown", 1)
     ]  # fmt: skip
     assert [(r.settings, r.stated, r.applications) for r in found.by_settings] == [
-        ("abcd", "friction 0.25", 4), ("ef01", "default vehicle", 1)
+        ("abcd", "friction 0.25", 4), ("ef01", "not stated", 1)
     ]  # fmt: skip
 
 

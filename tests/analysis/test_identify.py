@@ -1,0 +1,200 @@
+"""The vehicle of a run: stated values are the prior, the log's deceleration is the evidence."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.commands import Run
+from helpers.vehicle_logs import STATED, log, true
+
+from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.analysis.identify import identify_together
+from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import Parameter, Result, Vehicle
+from adhesion_cli.core.physics import G, force_line, wheelset
+from adhesion_cli.core.summary import MeanAndHighest
+from adhesion_cli.results.vehicle_text import describe_vehicle
+
+METRO = replace(
+    Vehicle(), lever_ratio=Parameter(8.0, 0.0), axle_mass=Parameter(14e3, 0.0),
+    spring_force=Parameter(600.0, 0.0),
+)  # fmt: skip
+STATEMENT = {"friction": 0.3, "lever_ratio": 2.4}
+
+
+def run(path: Path, vehicle: dict[str, object] | None = None, **sections: object) -> Result:
+    stated = settings.load({"vehicle": vehicle or {}, **sections}, folder=False)
+    return analyze(path, stated, ["td"], train_speed=True)
+
+
+def coefficients(result: Result) -> list[MeanAndHighest]:
+    axles = summarise(result, {}).axles
+    found = [a.coefficient for axle in axles for a in axle.applications]
+    assert found
+    assert all(found)
+    return [c for c in found if c]
+
+
+def true_coefficients(path: Path, vehicle: Vehicle, result: Result) -> list[float]:
+    """The mean µ of each brake application, by the vehicle as it is."""
+    w, line = wheelset(vehicle, 1), force_line(vehicle)
+    (axle,) = result.axles
+    assert axle.record.pressure is not None
+    means = []
+    for s in axle.applications:
+        force = w.phi * np.maximum(line.per_pascal * axle.record.pressure[s] - line.at_zero, 0.0)
+        turning = np.isfinite(axle.reference.force[s])
+        means.append(float(np.mean(w.rolling * force[turning])) / (w.mass * G))
+    return means
+
+
+def first(result: Result) -> Finding:
+    return result.findings[0]
+
+
+@pytest.mark.parametrize("stops", [1, 4])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nobody_stated_the_vehicle_and_the_log_shows_its_brake(
+    seed: int, stops: int, tmp_path: Path
+) -> None:
+    path = log(tmp_path / "log.csv", METRO, seed, stops)
+    result = run(path)
+    found = result.identified
+    assert (found.source, found.known, found.stops) == ("log", True, stops)
+    assert result.vehicle.axle_mass.tolerance > 0.2 * result.vehicle.axle_mass.value
+    for c, mu in zip(coefficients(result), true_coefficients(path, METRO, result), strict=True):
+        assert c.mean == pytest.approx(mu, abs=c.mean_u95)
+        assert 0.05 * mu < c.mean_u95 < 0.2 * mu
+    forces = [a.force_n for a in summarise(result, {}).axles[0].applications]
+    assert all(f and f.mean_u95 > 0.4 * f.mean for f in forces)
+
+
+def test_light_stops_are_seen(tmp_path: Path) -> None:
+    """The default's spring takes 1.1 bar: nothing would be left of these."""
+    path = log(tmp_path / "log.csv", METRO, applications=4)
+    text = path.read_text().splitlines()
+    rows = [line.split(",") for line in text[1:]]
+    assert max(float(p) for _, p, _ in rows) < 3.6
+    assert len(run(path).axles[0].applications) == 4
+
+
+def test_the_default_vehicle_is_kept_where_the_log_agrees(tmp_path: Path) -> None:
+    result = run(log(tmp_path / "log.csv", Vehicle(), applications=3))
+    assert result.identified.source == "default"
+    assert first(result).code == "vehicle-default"
+    assert result.vehicle.friction.value == pytest.approx(0.3, rel=0.1)
+    assert result.vehicle.friction.tolerance < 0.03
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.2])
+def test_a_stated_friction_that_is_wrong_is_mended_by_half(factor: float, tmp_path: Path) -> None:
+    path, as_is = tmp_path / "log.csv", true(factor)
+    log(path, as_is, applications=4)
+    result = run(path, STATEMENT)
+    assert result.identified.source == "stated"
+    for c, mu in zip(coefficients(result), true_coefficients(path, as_is, result), strict=True):
+        assert abs(c.mean / mu - 1.0) < 0.6 * abs(1.0 / factor - 1.0)
+        assert c.mean == pytest.approx(mu, abs=c.mean_u95)
+
+
+def test_a_stated_vehicle_that_the_log_contradicts_stays_and_is_the_first_finding(
+    tmp_path: Path,
+) -> None:
+    result = run(log(tmp_path / "log.csv", true(2.0), applications=4), STATEMENT)
+    assert result.vehicle.friction.value == 0.3
+    told = first(result)
+    assert (told.code, told.severity) == ("vehicle-suspect", "warning")
+    assert told.values["factor"] == pytest.approx(2.0, rel=0.15)
+    assert [f.code for f in result.findings].count("vehicle-suspect") == 1
+
+
+def test_what_has_no_tolerance_never_moves(tmp_path: Path) -> None:
+    exact = {name: {"value": value, "tolerance": 0.0} for name, value in STATEMENT.items()}
+    for name in ("axle_mass", "efficiency", "cylinder_diameter", "wheelset_inertia"):
+        exact[name] = {"value": getattr(STATED, name).value, "tolerance": 0.0}
+    result = run(log(tmp_path / "log.csv", true(1.1), applications=4), exact)
+    for name in exact:
+        assert getattr(result.vehicle, name).value == pytest.approx(exact[name]["value"], rel=1e-9)
+
+
+def test_a_run_may_keep_the_stated_vehicle(tmp_path: Path) -> None:
+    path = log(tmp_path / "log.csv", true(1.2), applications=3)
+    result = run(path, STATEMENT, analysis={"vehicle": "stated"})
+    assert result.vehicle == settings.load({"vehicle": STATEMENT}, folder=False).vehicle
+    assert result.identified.stops == 0
+
+
+def test_stated_parts_are_kept_where_the_brake_is_not_stated(tmp_path: Path) -> None:
+    result = run(log(tmp_path / "log.csv", METRO, applications=3), {"axle_mass": 14e3})
+    assert result.identified.source == "log"
+    assert result.vehicle.axle_mass.value == pytest.approx(14e3, rel=0.02)
+    force = summarise(result, {}).axles[0].applications[0].force_n
+    assert force
+    assert force.mean_u95 < 0.25 * force.mean
+
+
+def test_without_a_brake_in_the_log_nothing_is_known(run_in: Run, tmp_path: Path) -> None:
+    log(tmp_path / "log.csv", METRO, applications=0)
+    done = run_in("analyze", "log.csv", "--json", "-a", "td")
+    (result,) = json.loads(done.stdout)["results"]
+    assert not result["vehicle"]["known"]
+    assert result["findings"][0]["code"] == "vehicle-unknown"
+    assert not any(a["force_n"] for axle in result["axles"] for a in axle["applications"])
+    assert done.returncode == 0
+    again = run_in("analyze", "log.adhesion.mcap", "--json", "-a", "td", "-o", "again")
+    assert not json.loads(again.stdout)["results"][0]["vehicle"]["known"]
+
+
+@pytest.fixture(name="run_in")
+def _run_in(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
+    (tmp_path / "again").mkdir()
+    fixture: Run = request.getfixturevalue("run")
+    return fixture
+
+
+def test_logs_that_are_named_together_are_one_trains(tmp_path: Path) -> None:
+    stated = settings.load(folder=False)
+    logs = [log(tmp_path / f"{i}.csv", METRO, i, 2) for i in range(3)]
+    together = identify_together(logs, stated)
+    assert together
+    assert (together.stops, together.logs, together.differing) == (6, 3, ())
+    alone = run(logs[0]).identified
+    assert together.vehicle.friction.tolerance <= alone.vehicle.friction.tolerance
+    weak = replace(METRO, friction=Parameter(0.12, 0.0))
+    foreign = log(tmp_path / "foreign.csv", weak, 7, 2)
+    mixed = identify_together([*logs, foreign], stated)
+    assert mixed
+    assert mixed.differing == (str(foreign),)
+    result = analyze(foreign, stated, ["td"], identified=mixed)
+    assert first(result).code == "log-differs"
+
+
+def test_a_stop_under_another_brake_is_told_where_it_is(tmp_path: Path) -> None:
+    path = log(tmp_path / "log.csv", METRO, applications=5)
+    head, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    weak = [
+        f"{t},{0.4 * float(p) if 58.0 < float(t) < 84.0 else float(p):.4f},{v}" for t, p, v in cells
+    ]
+    path.write_text("\n".join([head, *weak, ""]))
+    (told,) = [f for f in run(path).findings if f.code == "stops-differ"]
+    assert told.values["share"] > 1.5
+    ((begin, end),) = told.spans
+    assert 58.0 < begin < end < 84.0
+
+
+def test_the_line_says_what_is_known(tmp_path: Path) -> None:
+    paths = [log(tmp_path / f"{i}.csv", METRO, applications=n) for i, n in enumerate((3, 0))]
+    lines = []
+    for path in paths:
+        summary = summarise(run(path), {})
+        lines.append(describe_vehicle(summary.vehicle, summary.axles))
+    assert "3 brake applications of this log" in lines[0]
+    assert "not known" in lines[1]
+    stated = summarise(run(paths[0], {"friction": 0.3, "lever_ratio": 8.0, "axle_mass": 14e3}), {})
+    kilonewtons = 0.3 * 1e5 * force_line(METRO).per_pascal / 1e3
+    assert f"{kilonewtons:.3g} kN" in describe_vehicle(stated.vehicle, stated.axles)
