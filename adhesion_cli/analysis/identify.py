@@ -84,13 +84,6 @@ class _Setting(NamedTuple):
     by_pressure: bool  # whether pressures are logged, not clamping forces
 
 
-class LogEvidence(NamedTuple):
-    """What one log says of the brake, by a vehicle near the one that it shows."""
-
-    line: BrakeLine
-    joint: Evidence  # its rolling brake applications
-
-
 def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:
     """The vehicle of logs of one train.
 
@@ -102,8 +95,19 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
     if not lines or not prior.known or prior.factor is not None:
         return prior
     setting = _setting(logs, settings)
-    evidence = {i: _evidence(logs[i], lines[i], prior.vehicle, setting) for i in lines}
-    return _posterior(prior, logs, evidence, setting)
+    identified, sigmas = _posterior(prior, logs, lines, setting)
+    line = _most_rolling(lines)
+    if prior.source == "stated" and sigmas > _STATED_SIGMAS:
+        return replace(prior, factor=math.exp(_error(prior.vehicle, line, setting)))
+    if prior.source == "default" and sigmas > _DEFAULT_SIGMAS:
+        vehicle = _any_vehicle(settings.vehicle, settings.stated, line, setting)
+        prior = replace(prior, vehicle=vehicle, source="log")
+        identified, _ = _posterior(prior, logs, lines, setting)
+    return identified
+
+
+def _most_rolling(lines: dict[int, BrakeLine]) -> BrakeLine:
+    return max(lines.values(), key=lambda x: x.rolling)
 
 
 def find_prior(
@@ -130,7 +134,7 @@ def find_prior(
     prior = replace(prior, differing_stops=tuple(_differing_stops(logs, lines)))
     if not lines or _single_pressure(logs):
         return replace(prior, known=source == "stated"), {}
-    line = max(lines.values(), key=lambda x: x.rolling)
+    line = _most_rolling(lines)
     sigmas = _contradiction(vehicle, line, setting)
     if source == "stated" and abs(sigmas) > _STATED_SIGMAS:
         return replace(prior, factor=math.exp(_error(vehicle, line, setting))), lines
@@ -255,7 +259,7 @@ def _any_vehicle(
     )
 
 
-def _evidence(log: AlignedLog, line: BrakeLine, vehicle: Vehicle, setting: _Setting) -> LogEvidence:
+def _evidence(log: AlignedLog, vehicle: Vehicle, setting: _Setting) -> Evidence:
     """What the rolling brake applications of a log say, with a vehicle near its own."""
     log = log.clamped_by(vehicle)
     assert log.grids is not None
@@ -263,55 +267,67 @@ def _evidence(log: AlignedLog, line: BrakeLine, vehicle: Vehicle, setting: _Sett
     record = log.axles[0].record
     applications = find_applications(record)
     start_ns = log.grids.coarse.start_ns
-    return LogEvidence(
-        line, calibrated_vehicle.evidence(explanation, start_ns, record, applications)
-    )
+    return calibrated_vehicle.evidence(explanation, start_ns, record, applications)
 
 
 def _posterior(
-    identified: IdentifiedVehicle,
+    prior: IdentifiedVehicle,
     logs: Sequence[AlignedLog],
-    evidence: dict[int, LogEvidence],
+    lines: dict[int, BrakeLine],
     setting: _Setting,
-) -> IdentifiedVehicle:
-    """The vehicle of prior and evidence.
+) -> tuple[IdentifiedVehicle, float]:
+    """The vehicle of prior and evidence, and by how many sigma the evidence differs from the prior.
 
     A brake that the longitudinal model does not describe, as cast iron whose friction falls quickly
     with speed, leaves it with another force than the line, which is the mean of what was measured.
     """
-    vehicle = identified.vehicle
-    rolling = [e.joint for e in evidence.values() if e.joint.applications()]
-    stops = sum(len(e.applications()) for e in rolling) or len(evidence)
-    record = logs[0].axles[0].record
-    line = min((e.line for e in evidence.values()), key=lambda x: x.sigma)
-    calibrated = None
+    vehicle = prior.vehicle
+    evidence = [_evidence(logs[i], vehicle, setting) for i in lines]
+    rolling = [e for e in evidence if e.applications()]
+    line = min(lines.values(), key=lambda x: x.sigma)
+    calibrated, sigmas = None, abs(_contradiction(vehicle, line, setting))
     if rolling:
         designs = pieces.join_designs([e.design for e in rolling if e.design], vehicle)
         delay = max(abs(e.delay) for e in rolling)
-        prior = calibrated_vehicle.prior(designs, vehicle, delay, setting.train)
+        parameters = calibrated_vehicle.prior(designs, vehicle, delay, setting.train)
+        posterior, at = solve.joint(designs, parameters), calibrated_vehicle.mean_brake(designs)
         calibrated = calibrated_vehicle.calibrate_vehicle(
-            vehicle,
-            record,
-            calibrated_vehicle.mean_brake(designs),
-            prior,
-            solve.joint(designs, prior),
-            len(designs),
+            vehicle, logs[0].axles[0].record, at, parameters, posterior, len(designs)
         ).vehicle
-    few = not line.rolling  # most of the braking has slides, which the line takes and the model not
-    if calibrated is None or few or abs(_error(calibrated, line, setting)) > line.sigma:
-        calibrated = _by_line(vehicle, record, line, setting)
-    return replace(
-        identified,
+    # Where most of the braking has slides, the line takes them and the model does not. And nothing
+    # but the log holds a brake of which nothing is known to the mean of what was measured.
+    by_line = calibrated is None or not line.rolling
+    if calibrated and prior.source == "log":
+        by_line |= abs(_error(calibrated, line, setting)) > line.sigma
+    if calibrated is None or by_line:
+        calibrated = _by_line(vehicle, logs[0].axles[0].record, line, setting)
+    elif prior.source != "log":
+        sigmas = _distance(posterior, at)
+    differing = (
+        logs[i].path
+        for i, x in lines.items()
+        if abs(_contradiction(calibrated, x, setting)) > _STATED_SIGMAS
+    )
+    identified = replace(
+        prior,
         vehicle=calibrated,
         force_per_bar=force_per_bar(calibrated) if setting.by_pressure else None,
-        stops=stops,
+        stops=sum(len(e.applications()) for e in rolling) or len(evidence),
         logs=len(evidence),
-        differing=tuple(
-            logs[i].path
-            for i, e in evidence.items()
-            if abs(_contradiction(calibrated, e.line, setting)) > _STATED_SIGMAS
-        ),
+        differing=tuple(differing) if len(lines) > 1 else (),
     )
+    return identified, sigmas
+
+
+def _distance(posterior: solve.Posterior, at: MeanBrake) -> float:
+    """By how many sigma the force of the evidence differs from that of the prior.
+
+    What a normal prior moves by has the variance that it loses.
+    """
+    n, g = model.SHARED, at.gradient
+    change = float(g @ (posterior.mean[:n] - posterior.prior))
+    lost = np.diag(posterior.prior_sigma**2) - posterior.covariance[:n, :n]
+    return abs(change) / math.sqrt(max(float(g @ lost @ g), 1e-12))
 
 
 def _by_line(vehicle: Vehicle, record: AxleRecord, line: BrakeLine, setting: _Setting) -> Vehicle:
