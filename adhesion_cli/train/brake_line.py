@@ -40,6 +40,7 @@ _HUBER = 1.5  # sigma from which an error counts less
 _LEAST_SHARE = 0.6  # of the line's deceleration that a brake of any friction has
 _SIGMAS = 3.0  # of gradients
 _LARGEST_SLIP, _LARGEST_DIFFERENCE = 0.02, 0.25  # of wheels that roll [-], [m/s]
+_ROLLING_SHARE = 0.2  # of the braking: less rolling says little of it
 _FRICTION_SCATTER = 0.05  # 1 sigma of the friction from stop to stop, by heat
 _SURE_SIGMAS = 4.0  # from which a stop differs from the others
 _SHORTEST_STOP = 2.0  # a shorter one has no mean [s]
@@ -93,9 +94,11 @@ def find_brake_line(
         return None
     holds = erode(np.abs(grid.slope(mean_x)) <= _STEADY * top, grid.half_width)
     applied = known & (mean_x > _APPLIED * top)
-    choices = [applied & rolling & holds, applied & rolling]
-    choices += [] if grid.train is None else [applied]
-    braked = next((mask for mask in choices if mask.sum() >= FEWEST), None)
+    choices, fewest = [applied & rolling & holds, applied & rolling], FEWEST
+    if grid.train is not None:  # it shows what slides add, so a small part of the braking is none
+        choices.append(applied)
+        fewest = max(FEWEST, round(_ROLLING_SHARE * float(applied.sum())))
+    braked = next((mask for mask in choices if mask.sum() >= fewest), None)
     if braked is None:
         return None
     coasting = _coasting_deceleration(slowing[known & rolling & (mean_x < _RELEASED * top)])
