@@ -74,6 +74,9 @@ def without_force(axle: AxleResult) -> AxleResult:
         estimates=dict.fromkeys(axle.estimates, unknown),
         scores=(),
         sigmas=dict.fromkeys(axle.sigmas, unknown),
+        slope=None if axle.slope is None else unknown,
+        slope_confidence=None if axle.slope is None else np.zeros(len(unknown)),
+        region=None if axle.region is None else np.zeros_like(axle.region),
     )
 
 

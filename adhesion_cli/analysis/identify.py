@@ -39,6 +39,7 @@ from .settings import BRAKE, Settings
 
 _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
 _DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
+_DOUBT_SIGMAS = 2.0  # from which what is stated is in doubt
 _STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
 _ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
 _MASS = Parameter(12e3, 3e3)  # of an axle, where it is not stated [kg]
@@ -73,7 +74,7 @@ def identify_together(
                 logs.append(align_log(log, settings.vehicle, axles, window, settings.checks))
         except Exception:
             continue
-    return identify(logs, settings) if logs else None
+    return identify(logs, settings) if logs and len(_kinds(logs)) == 1 else None
 
 
 class _Setting(NamedTuple):
@@ -95,10 +96,15 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
     if not lines or not prior.known or prior.factor is not None:
         return prior
     setting = _setting(logs, settings)
+    if not calibrated_vehicle.scale_sigma(prior.vehicle, False, setting.train):
+        return prior  # exactly known: nothing can move
     identified, sigmas = _posterior(prior, logs, lines, setting)
     line = _most_rolling(lines)
     if prior.source == "stated" and sigmas > _STATED_SIGMAS:
         return replace(prior, factor=math.exp(_error(prior.vehicle, line, setting)))
+    if prior.source == "stated" and sigmas > _DOUBT_SIGMAS:
+        factor = math.exp(_error(prior.vehicle, line, setting))
+        identified = replace(identified, doubt=(factor, sigmas))
     if prior.source == "default" and sigmas > _DEFAULT_SIGMAS:
         vehicle = _any_vehicle(settings.vehicle, settings.stated, line, setting)
         prior = replace(prior, vehicle=vehicle, source="log")
@@ -122,18 +128,23 @@ def find_prior(
     is_stated = settings.states_brake(setting.by_pressure)
     source: VehicleSource = "stated" if is_stated else "default"
     force = force_per_bar(vehicle) if setting.by_pressure else None
+    if settings.analysis.vehicle == "stated":  # by the user, or a result that carries its vehicle
+        source = "stated" if vehicle != Vehicle() else source
+        return IdentifiedVehicle(vehicle, source, force, force), {}
     prior = IdentifiedVehicle(vehicle, source, force, force)
-    if settings.analysis.vehicle == "stated":
-        return prior, {}
     rotating = _rotating_share(vehicle, settings.stated)
     lines = {
         i: line
         for i, log in enumerate(logs)
         if log.grids and (line := find_brake_line(log.axles, log.grids.coarse, rotating))
     }
+    mixed = tuple(logs[i].path for i, line in lines.items() if line.mixed)
+    if mixed and len(mixed) < len(lines):  # the others show the brake without another one
+        lines = {i: line for i, line in lines.items() if not line.mixed}
+        prior = replace(prior, differing=mixed)
     prior = replace(prior, differing_stops=tuple(_differing_stops(logs, lines)))
-    if not lines or _single_pressure(logs):
-        return replace(prior, known=source == "stated"), {}
+    if not lines or _single_pressure(logs) or len(_kinds(logs)) > 1:
+        return _unknown(prior), {}
     line = _most_rolling(lines)
     sigmas = _contradiction(vehicle, line, setting)
     if source == "stated" and abs(sigmas) > _STATED_SIGMAS:
@@ -141,7 +152,7 @@ def find_prior(
     differs = abs(sigmas) > _DEFAULT_SIGMAS or abs(_error(vehicle, line, setting)) > _DEFAULT_ERROR
     if source == "default" and differs:
         if setting.by_pressure and not _is_brake(line):
-            return replace(prior, known=False), lines
+            return _unknown(prior), lines
         vehicle = _any_vehicle(vehicle, settings.stated, line, setting)
         return replace(prior, vehicle=vehicle, source="log"), lines
     return prior, lines
@@ -161,6 +172,18 @@ def _differing_stops(
 def _setting(logs: Sequence[AlignedLog], settings: Settings) -> "_Setting":
     by_pressure = all(a.brake.meaning == "pressure" for log in logs for a in log.axles)
     return _Setting(settings.train, len(logs[0].axles), by_pressure)
+
+
+def _unknown(prior: IdentifiedVehicle) -> IdentifiedVehicle:
+    """The stated vehicle without evidence; nothing where nobody stated it."""
+    if prior.source == "stated":
+        return prior
+    return replace(prior, known=False, force_per_bar=None, stated_force_per_bar=None)
+
+
+def _kinds(logs: Sequence[AlignedLog]) -> set[str]:
+    """What the brakes are measured by: pressures, clamping forces."""
+    return {str(a.brake.meaning) for log in logs for a in log.axles}
 
 
 def _is_brake(line: BrakeLine) -> bool:
@@ -300,7 +323,7 @@ def _posterior(
     if calibrated and prior.source == "log":
         by_line |= abs(_error(calibrated, line, setting)) > line.sigma
     if calibrated is None or by_line:
-        calibrated = _by_line(vehicle, logs[0].axles[0].record, line, setting)
+        calibrated = _by_line(vehicle, logs[0].axles[0].record, [*lines.values()], setting)
     elif prior.source != "log":
         sigmas = _distance(posterior, at)
     differing = (
@@ -314,7 +337,7 @@ def _posterior(
         force_per_bar=force_per_bar(calibrated) if setting.by_pressure else None,
         stops=sum(len(e.applications()) for e in rolling) or len(evidence),
         logs=len(evidence),
-        differing=tuple(differing) if len(lines) > 1 else (),
+        differing=(*prior.differing, *differing) if len(lines) > 1 else prior.differing,
     )
     return identified, sigmas
 
@@ -330,21 +353,26 @@ def _distance(posterior: solve.Posterior, at: MeanBrake) -> float:
     return abs(change) / math.sqrt(max(float(g @ lost @ g), 1e-12))
 
 
-def _by_line(vehicle: Vehicle, record: AxleRecord, line: BrakeLine, setting: _Setting) -> Vehicle:
-    """The vehicle of its prior and the line, which measures ln of the force at its mean brake."""
+def _by_line(
+    vehicle: Vehicle, record: AxleRecord, lines: Sequence[BrakeLine], setting: _Setting
+) -> Vehicle:
+    """The vehicle of its prior and the lines: each measures ln of the force at its mean brake."""
+    line = min(lines, key=lambda x: x.sigma)
     top = _clamping_force(vehicle, line, setting)
     at = MeanBrake(top, 1.0, line.speed, 0.0, not line.rolling)
     prior = model.line_prior(vehicle, top, line.speed)
     scale = calibrated_vehicle.scale_sigma(vehicle, at.by_wheels, setting.train)
     prior[model.SCALE] = Parameter(0.0, scale)
+    errors = np.array([_error(vehicle, x, setting) for x in lines])
+    weights = np.array([x.sigma**-2.0 for x in lines]) * np.isfinite(errors)
+    error = float(np.sum(weights * np.nan_to_num(errors)) / weights.sum())
+    # What lines differ by beyond their own errors, friction over force and speed, is in it, too.
+    scatter = float(np.sum(weights * (np.nan_to_num(errors) - error) ** 2) / weights.sum())
+    variance = max(1.0 / float(weights.sum()), scatter)
     mean, sigmas = np.array([prior[i] for i in range(model.SHARED)]).T
     covariance, g = np.diag(sigmas**2), at.gradient
-    gain = covariance @ g / (g @ covariance @ g + line.sigma**2)
+    gain = covariance @ g / (g @ covariance @ g + variance)
     posterior = solve.Posterior(
-        mean,
-        sigmas,
-        mean + gain * _error(vehicle, line, setting),
-        covariance - np.outer(gain, g @ covariance),
-        0.0,
+        mean, sigmas, mean + gain * error, covariance - np.outer(gain, g @ covariance), 0.0
     )
     return calibrated_vehicle.calibrate_vehicle(vehicle, record, at, prior, posterior, 1).vehicle

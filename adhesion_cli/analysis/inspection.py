@@ -20,7 +20,7 @@ from .identify import identify
 from .prepare import align_log, diagnose_log
 from .settings import Settings
 from .summarise import summarise_channel
-from .vehicle_findings import find_vehicle_findings
+from .vehicle_findings import find_vehicle_findings, without_force_findings
 
 
 class LogInspection(NamedTuple):
@@ -108,6 +108,7 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
         said = [f for f in vehicle_findings if f.code != "vehicle-default"]
         checked = diagnose_log(aligned, identified.vehicle, settings.checks, settings.train)
         unsaid = [f for f in checked.findings if f.code not in {x.code for x in said}]
+        unsaid = unsaid if identified.known else without_force_findings(unsaid)
         return [*said, *findings, *whole_log.findings, *unsaid]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}

@@ -43,28 +43,32 @@ def find_vehicle_findings(
         identified: the vehicle that is used.
         log: that is analysed with it.
     """
-    findings = [
-        Finding("log-differs", "warning", names={"log": Path(path).name})
-        for path in identified.differing
-        if path == log.path
-    ]
+    findings = []
+    if not identified.known:
+        findings.append(Finding("vehicle-unknown", "warning"))
+    if identified.factor is not None:
+        values = {"factor": identified.factor}
+        names = {"fits": fitting_values(identified.vehicle, identified.factor)}
+        findings.append(Finding("vehicle-suspect", "warning", values=values, names=names))
+    if identified.doubt is not None:
+        factor, sigmas = identified.doubt
+        values = {"factor": factor, "sigmas": sigmas}
+        findings.append(Finding("vehicle-in-doubt", "warning", values=values))
+    if log.path in identified.differing:
+        findings.append(Finding("log-differs", "warning", names={"log": Path(log.path).name}))
     stops = [stop for path, *stop in identified.differing_stops if path == log.path]
     if stops:
         share = max((x for _, _, x in stops), key=lambda x: abs(x - 1.0))
         spans, values = merge_spans([(a, b) for a, b, _ in stops]), {"share": share}
         findings.append(Finding("stops-differ", "warning", "", len(stops), spans, values))
-    if not identified.known:
-        return [*findings, Finding("vehicle-unknown", "warning")]
-    if identified.factor is not None:
-        values = {"factor": identified.factor}
-        names = {"fits": fitting_values(identified.vehicle, identified.factor)}
-        findings.append(Finding("vehicle-suspect", "warning", values=values, names=names))
+    carried = settings.analysis.vehicle == "stated" and identified.source == "stated"
+    if not identified.known or carried:
+        return findings
     if identified.source == "log":
         by_log = Finding("vehicle-by-log", "info", values={"stops": identified.stops})
         return [*findings, by_log]
-    return findings + default_parameters(
-        settings, any(a.record.pressure is not None for a in log.axles)
-    )
+    by_pressure = any(a.record.pressure is not None for a in log.axles)
+    return findings + default_parameters(settings, by_pressure)
 
 
 def live_findings(settings: Settings, by_pressure: bool) -> list[Finding]:

@@ -342,6 +342,8 @@ class IdentifiedVehicle:
     logs: int = 0  # the logs that have them
     known: bool = True  # whether the adhesion force can be known
     factor: float | None = None  # the log's brake force over the stated one, where that is used
+    # where the log and what is stated differ by 2 to 4 sigma: the log's force over that, and sigmas
+    doubt: tuple[float, float] | None = None
     # stops that the brake of all does not explain: path of the log, begin and end after its start
     # [s], share of the expected deceleration
     differing_stops: tuple[tuple[str, float, float, float], ...] = ()

@@ -117,6 +117,10 @@ class VehicleSummary:
     stated_u95: Annotated[Number, Quantity("N", "its expanded uncertainty (95 %)")]
     stops: Annotated[int, Quantity("", "brake applications whose deceleration was used")] = 0
     logs: Annotated[int, Quantity("", "logs that they are of")] = 0
+    contradicted_by: Annotated[
+        Number,
+        Quantity("-", "the log's brake force over the stated one, where it contradicts that"),
+    ] = None
 
 
 class AxleSummary(NamedTuple):
@@ -295,4 +299,5 @@ def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
         stated and Z95 * stated.tolerance,
         x.stops,
         x.logs,
+        x.factor,
     )

@@ -7,7 +7,7 @@ import numpy as np
 from ..core.summary import AxleSummary, VehicleSummary
 
 _UNKNOWN = (
-    "Vehicle: not stated, and the log does not show its brake. Adhesion force and µ are not known. "
+    "Vehicle: not stated, and the log cannot show its brake. Adhesion force and µ are not known. "
     "State the vehicle with -c FILE.toml."
 )
 
@@ -31,18 +31,21 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         ]
         accuracy = f", µ ± {np.median(shares):.0f} %" if shares else ""
         return (
-            "Vehicle: not stated, and not the default one. Brake force per mass is found from "
+            "Vehicle: not stated. Its brake force per mass is found from "
             f"{evidence}{accuracy}. State the vehicle (-c FILE.toml) for newtons and a narrower "
             "band."
         )
     words = "as stated" if vehicle.source == "stated" else "not stated, the default one"
     stated = _force(vehicle.stated_force_per_bar_n, vehicle.stated_u95)
     used = _force(vehicle.force_per_bar_n, vehicle.u95)
+    if vehicle.contradicted_by:
+        factor = f"{vehicle.contradicted_by:.2g} times"
+        return f"Vehicle: {words}, but the log contradicts it: its brake is {factor} as strong."
     if not vehicle.stops:
         return f"Vehicle: {words}{stated and f', force per bar {stated}'}."
     if not stated or not used:
         return f"Vehicle: {words}, with {evidence}."
-    return f"Vehicle: {words}, force per bar {stated}; {used} with {evidence}."
+    return f"Vehicle: {words}, force per bar {stated}. Used: {used}, with {evidence}."
 
 
 def _evidence(vehicle: VehicleSummary) -> str:

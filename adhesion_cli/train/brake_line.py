@@ -18,12 +18,13 @@ a log whose brake applications have one pressure does not show it.
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
-from ..core.physics import CRAWL, GRADIENT, STANDING
+from ..core.physics import CRAWL, GRADIENT, NO_FORCE, STANDING
 from ..core.signals import median, true_runs
 from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid, erode
@@ -33,6 +34,9 @@ ZERO = Parameter(1.5e4, 2e4)  # pressure from which brakes act, of any kind [Pa]
 ROTATING = Parameter(0.08, 0.03)  # rotating mass over mass, of any wheelset [-]
 GRADIENT_SIGMA = 0.05  # 1 sigma of a gradient: 5 per mille [m/s²]
 _ZERO_SHARE = 0.02  # 1 sigma of x₀ of a clamping force, of the highest one
+_LOWEST_BRAKE = 2e4  # a highest pressure below it brakes nothing [Pa]
+_LEAST_KNOWN = 0.5  # of the log: a sensor with less of it is gone
+_SINGULAR = 1e14  # condition of normal equations that have no solution; their units differ by 1e10
 _APPLIED = 0.1  # of the highest pressure: a brake is on
 _RELEASED = 0.03  # of the highest pressure: none is
 _STEADY = 0.1  # of the highest pressure, within a second: more is a change
@@ -82,6 +86,9 @@ def find_brake_line(
     """
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
     x = np.array([grid.mean(row) for row in (grid.pressure if by_pressure else grid.clamping)])
+    grid, x = _without_gone_sensors(grid, x)
+    if not len(x):
+        return None
     mean_x = np.mean(x, axis=0)
     top = float(np.nanmax(mean_x, initial=0.0))
     rim_slowing = -np.mean(grid.slope(grid.rim), axis=0)
@@ -90,7 +97,7 @@ def find_brake_line(
     known: Bools = np.isfinite(mean_x) & np.isfinite(slowing) & np.isfinite(rim_slowing)
     known &= (v > CRAWL) & erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
     rolling: Bools = np.all(grid.rolling, axis=0)
-    if top <= 0.0:
+    if not top > (_LOWEST_BRAKE if by_pressure else NO_FORCE):
         return None
     holds = erode(np.abs(grid.slope(mean_x)) <= _STEADY * top, grid.half_width)
     applied = known & (mean_x > _APPLIED * top)
@@ -117,6 +124,17 @@ def find_brake_line(
         and bool(np.min(rim_slowing[slows_less]) > GRADIENT / 2.0),
         differing=tuple(_differing_stops(grid, _acting(x, braked), by_brake[braked], stops, line)),
     )
+
+
+def _without_gone_sensors(grid: Grid, x: Floats) -> tuple[Grid, Floats]:
+    """Without axles, or the train speed, of which half of the log or more has no value."""
+    lasts = np.isfinite(grid.rim).mean(axis=-1) > _LEAST_KNOWN
+    lasts &= np.isfinite(x).mean(axis=-1) > _LEAST_KNOWN
+    train = grid.train
+    if train is not None and not np.isfinite(train).mean() > _LEAST_KNOWN:
+        train = None
+    rows = (grid.rim[lasts], grid.clamping[lasts], grid.pressure[lasts])
+    return replace(grid, rim=rows[0], clamping=rows[1], pressure=rows[2], train=train), x[lasts]
 
 
 class _Acting(NamedTuple):
@@ -213,6 +231,8 @@ def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> Brak
         ])  # fmt: skip
         A += prior_weight * np.array([[zero.value**2, -zero.value], [-zero.value, 1.0]])
         b = np.array([weights @ (mean_x * by_brake), -(weights @ (share * by_brake))])
+        if not np.linalg.cond(A) < _SINGULAR:
+            return None
         previous, (slope, taken) = slope, np.linalg.solve(A, b).tolist()
         if not slope > 0.0:
             return None
