@@ -1,6 +1,7 @@
 """The vehicle of a run: stated values are the prior, the log's deceleration is the evidence."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.identify import identify_together
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.finding import Finding
-from adhesion_cli.core.model import Parameter, Result, Vehicle
+from adhesion_cli.core.model import Parameter, Result, Vehicle, quantities
 from adhesion_cli.core.physics import G, force_line, wheelset
 from adhesion_cli.core.summary import MeanAndHighest
 from adhesion_cli.results.vehicle_text import describe_vehicle
@@ -198,3 +199,56 @@ def test_the_line_says_what_is_known(tmp_path: Path) -> None:
     stated = summarise(run(paths[0], {"friction": 0.3, "lever_ratio": 8.0, "axle_mass": 14e3}), {})
     kilonewtons = 0.3 * 1e5 * force_line(METRO).per_pascal / 1e3
     assert f"{kilonewtons:.3g} kN" in describe_vehicle(stated.vehicle, stated.axles)
+
+
+def with_columns(path: Path, target: Path, change: Callable[[list[str], float], list[str]]) -> Path:
+    """A log with other cells; `change` takes those of a row and its time."""
+    head, *rows = path.read_text().splitlines()
+    changed = [change(row.split(","), float(row.split(",")[0])) for row in rows]
+    names = head.split(",") + [f"axle {i} speed [km/h]" for i in range(2, len(changed[0]) - 1)]
+    target.write_text("\n".join([",".join(names), *map(",".join, changed), ""]))
+    return target
+
+
+def test_a_window_without_a_brake_is_no_fault(tmp_path: Path) -> None:
+    path = log(tmp_path / "log.csv", METRO, applications=2)
+    noise = np.random.default_rng(1).normal(0.0, 0.01, 10_000)
+    rows = iter(noise)
+    noisy = with_columns(
+        path, tmp_path / "noise.csv", lambda c, _: [c[0], f"{float(c[1]) + next(rows):.3f}", c[2]]
+    )
+    stated = settings.load(folder=False)
+    assert not analyze(noisy, stated, ["td"], window=(0.0, 7.0)).identified.known
+    known = settings.load({"vehicle": STATEMENT}, folder=False)
+    assert analyze(noisy, known, ["td"], window=(0.0, 7.0)).identified.known
+
+
+def test_a_vehicle_that_is_exactly_known_is_taken_as_it_is(tmp_path: Path) -> None:
+    exact = {
+        name: {"value": np.atleast_2d(getattr(STATED, name))[0][0], "tolerance": 0.0}
+        for name in quantities(Vehicle)
+    }
+    result = run(log(tmp_path / "log.csv", true(1.1), applications=2), exact, train={"alike": 0.0})
+    assert result.vehicle.friction == Parameter(0.3, 0.0)
+
+
+def test_a_sensor_that_ends_leaves_the_others(tmp_path: Path) -> None:
+    """A second axle without values after a third of the log."""
+    path = log(tmp_path / "log.csv", METRO, applications=4)
+    lost = with_columns(path, tmp_path / "lost.csv", lambda c, t: [*c, c[2] if t < 30.0 else ""])
+    assert run(lost).identified.source == "log"
+
+
+def test_logs_of_pressures_and_of_forces_are_not_one_evidence(tmp_path: Path) -> None:
+    pressures = log(tmp_path / "log.csv", METRO, applications=3)
+    line = force_line(METRO)
+    forces = tmp_path / "forces.csv"
+    rows = pressures.read_text().splitlines()[1:]
+    cells = [row.split(",") for row in rows]
+    K = [max(line.per_pascal * 1e5 * float(p) - line.at_zero, 0.0) for _, p, _ in cells]
+    lines = [f"{t},{k:.1f},{v}" for (t, _, v), k in zip(cells, K, strict=True)]
+    forces.write_text("\n".join(["time [s],clamping force [N],wheel speed [km/h]", *lines, ""]))
+    assert identify_together([pressures, forces], settings.load(folder=False)) is None
+    found = run(forces)
+    assert found.identified.source == "log"
+    assert found.identified.force_per_bar is None
