@@ -22,6 +22,7 @@ from adhesion_cli.core.model import (
     Channel,
     Column,
     Floats,
+    IdentifiedVehicle,
     Log,
     Reference,
     Result,
@@ -39,7 +40,7 @@ def result(t: Times, v: list[Floats]) -> Result:
     record = AxleRecord(1, t, v[0], v[0], v[1], (slice(0, len(t)),))
     reference = Reference("", "", v[0], v[1], v[2])
     axle = AxleResult(record, reference, {"neso": v[4], "td": v[3]}, (), ())
-    return Result(log, Vehicle(), (axle,), (), {})
+    return Result(log, IdentifiedVehicle(Vehicle(), "stated", None), (axle,), (), {})
 
 
 def by_objects(path: Path, message: str, fields: list[str], t: Times, v: list[Floats]) -> None:

@@ -61,8 +61,7 @@ def find_vehicle_findings(
         share = max((x for _, _, x in stops), key=lambda x: abs(x - 1.0))
         spans, values = merge_spans([(a, b) for a, b, _ in stops]), {"share": share}
         findings.append(Finding("stops-differ", "warning", "", len(stops), spans, values))
-    carried = settings.analysis.vehicle == "stated" and identified.source == "stated"
-    if not identified.known or carried:
+    if not identified.known:
         return findings
     if identified.source == "log":
         by_log = Finding("vehicle-by-log", "info", values={"stops": identified.stops})
