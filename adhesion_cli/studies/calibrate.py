@@ -89,14 +89,19 @@ def calibrate(
         progress: receives a line at each step.
 
     Raises:
-        UserError: where a log cannot be read; where the logs do not determine the vehicle; where
-            they contradict each other.
+        UserError: where a log cannot be read, or is a result; where the logs do not determine the
+            vehicle; where they contradict each other.
     """
     all_settings: list[Settings] = []
     read_logs: list[tuple[Log, AlignedLog]] = []
     for path in paths:
         progress(f"reading {path.name}")
         settings_of_log, source = open_log(path, settings)
+        if settings_of_log.analysis.vehicle != settings.analysis.vehicle:
+            raise UserError(
+                f"{path.name}: a result, whose vehicle has the evidence of its log already",
+                "name the logs themselves: each counts once",
+            )
         log = read_log(source, settings_of_log)
         aligned = align_log(log, settings_of_log.vehicle, checks=settings_of_log.checks)
         all_settings.append(settings_of_log)

@@ -12,6 +12,7 @@ from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Z95, Parameter, Train, Vehicle
 from adhesion_cli.core.physics import wheelset
+from adhesion_cli.results import mcap
 from adhesion_cli.studies import calibrate
 
 
@@ -201,6 +202,14 @@ def test_one_application_says_less_than_many(
     row = one.result.rows["force_over_mass"]
     assert abs(row.posterior - 1.0) < 2.0 * row.posterior_u
     assert bands(calibrated)[1] < bands(one)[1] < bands(one)[0]
+
+
+def test_a_result_is_no_second_evidence(logs: list[Path], tmp_path: Path) -> None:
+    stated = settings.Settings(vehicle=STATED)
+    result = analyze.analyze(logs[0], stated, ["td"])
+    mcap.write_result(tmp_path / "log.adhesion.mcap", result, "{}")
+    with pytest.raises(UserError, match=r"log\.adhesion\.mcap: a result"):
+        calibrate.calibrate([tmp_path / "log.adhesion.mcap"], stated, lambda _: None)
 
 
 def test_logs_without_brakes_are_refused_or_named(logs: list[Path], tmp_path: Path) -> None:
