@@ -17,7 +17,7 @@ width of the band, and slides that were invented.
 
 import argparse
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -29,6 +29,7 @@ from adhesion_cli.analysis.settings import load
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.model import Floats
 from adhesion_cli.core.physics import G
+from adhesion_cli.core.summary import AxleSummary
 
 KINDS = ("several stops", "a short stop", "one bogie", "foreign brake")
 STEP = 0.005  # of the simulation [s]
@@ -145,8 +146,10 @@ def judge(job: tuple[str, int]) -> tuple[str, list[Row]]:
     return kind, list(_rows(summarise(result, {}).axles, truth, train))
 
 
-def _rows(axles: object, truth: list[tuple[float, float]], train: Train) -> Iterator[Row]:
-    for axle in axles:  # type: ignore[attr-defined]
+def _rows(
+    axles: Sequence[AxleSummary], truth: list[tuple[float, float]], train: Train
+) -> Iterator[Row]:
+    for axle in axles:
         for a in axle.applications:
             command, mu = min(truth, key=lambda x: abs(x[0] - a.start_s))
             if abs(command - a.start_s) < 4.0 and (train.braked == 1.0 or axle.axle < 3):

@@ -15,10 +15,10 @@ from ..rail import wheel_calibration
 from . import settings as settings_module
 from .axle import analyze_axle, without_force
 from .identify import identify
-from .prepare import Window, align_log, diagnose_log
+from .prepare import Window, align_log
 from .request import choose_estimators, open_log, read_log
 from .settings import Settings
-from .vehicle_findings import find_vehicle_findings, state_diameters, without_force_findings
+from .vehicle_findings import diagnose_with, state_diameters, without_force_findings
 
 
 def analyze(  # noqa: PLR0913 (each choice of a run has a default)
@@ -55,13 +55,10 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     aligned = align_log(log, settings.vehicle, axles, window, settings.checks)
     if identified is None or settings.analysis.vehicle == "stated":
         identified = identify([aligned], settings)
-    vehicle_findings = find_vehicle_findings(settings, identified, aligned)
+    vehicle_findings, prepared = diagnose_with(aligned, identified, settings)
     settings = settings.with_vehicle(identified)
     vehicle = settings.vehicle
-    prepared = diagnose_log(aligned, vehicle, settings.checks, settings.train)
     records, findings = prepared.records, [*prepared.findings]
-    if identified.factor is not None:  # said once, and first
-        findings = [f for f in findings if f.code != "vehicle-suspect"]
     if train_speed and all(r.train_speed is None for r in records):
         records, speed_findings = wheel_calibration.with_reference_speed(
             records, prepared.all_records, vehicle, start_ns, identified.known

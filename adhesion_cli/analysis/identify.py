@@ -16,15 +16,23 @@ Sources: JCGM 102, 6.2; `reference.calibrated_vehicle`.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.model import AxleRecord, IdentifiedVehicle, Parameter, Train, Vehicle, VehicleSource
-from ..core.physics import clamping, force_line, wheelset
+from ..core.model import (
+    AxleRecord,
+    DifferingStop,
+    IdentifiedVehicle,
+    Parameter,
+    Train,
+    Vehicle,
+    VehicleSource,
+)
+from ..core.physics import clamping, force_line, piston_area, wheelset
 from ..formats.memory import Signals
 from ..records.brake_applications import find_applications
 from ..reference import calibrated_vehicle
@@ -35,7 +43,7 @@ from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.explain import explain
 from .prepare import AlignedLog, Window, align_log
 from .request import open_log, read_log
-from .settings import BRAKE, Settings
+from .settings import Settings
 
 _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
 _DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
@@ -72,7 +80,7 @@ def identify_together(
             if settings_of_log.analysis.vehicle == "log":
                 log = read_log(source, settings_of_log)
                 logs.append(align_log(log, settings.vehicle, axles, window, settings.checks))
-        except Exception:
+        except Exception:  # its own analysis says what is wrong with a log
             continue
     return identify(logs, settings) if logs and len(_kinds(logs)) == 1 else None
 
@@ -100,11 +108,11 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
         return prior  # exactly known: nothing can move
     identified, sigmas = _posterior(prior, logs, lines, setting)
     line = _most_rolling(lines)
-    if prior.source == "stated" and sigmas > _STATED_SIGMAS:
-        return replace(prior, factor=math.exp(_error(prior.vehicle, line, setting)))
     if prior.source == "stated" and sigmas > _DOUBT_SIGMAS:
         factor = math.exp(_error(prior.vehicle, line, setting))
-        identified = replace(identified, doubt=(factor, sigmas))
+        if sigmas > _STATED_SIGMAS:
+            return replace(prior, factor=factor)
+        return replace(identified, doubt=(factor, sigmas))
     if prior.source == "default" and sigmas > _DEFAULT_SIGMAS:
         vehicle = _any_vehicle(settings.vehicle, settings.stated, line, setting)
         prior = replace(prior, vehicle=vehicle, source="log")
@@ -142,7 +150,8 @@ def find_prior(
     if mixed and len(mixed) < len(lines):  # the others show the brake without another one
         lines = {i: line for i, line in lines.items() if not line.mixed}
         prior = replace(prior, differing=mixed)
-    prior = replace(prior, differing_stops=tuple(_differing_stops(logs, lines)))
+    stops = {logs[i].path: _differing_stops(logs[i], line) for i, line in lines.items()}
+    prior = replace(prior, differing_stops=stops)
     if not lines or _single_pressure(logs) or len(_kinds(logs)) > 1:
         return _unknown(prior), {}
     line = _most_rolling(lines)
@@ -158,20 +167,17 @@ def find_prior(
     return prior, lines
 
 
-def _differing_stops(
-    logs: Sequence[AlignedLog], lines: dict[int, BrakeLine]
-) -> Iterator[tuple[str, float, float, float]]:
-    for i, line in lines.items():
-        log = logs[i]
-        assert log.grids is not None
-        since = (log.grids.coarse.start_ns - log.view.start_ns) * 1e-9
-        for x in line.differing:
-            yield log.path, since + x.start, since + x.stop, x.share
+def _differing_stops(log: AlignedLog, line: BrakeLine) -> tuple[DifferingStop, ...]:
+    """The stops that the line of a log does not explain, after the start of the log."""
+    assert log.grids is not None
+    since = (log.grids.coarse.start_ns - log.view.start_ns) * 1e-9
+    return tuple(
+        stop._replace(start=since + stop.start, stop=since + stop.stop) for stop in line.differing
+    )
 
 
 def _setting(logs: Sequence[AlignedLog], settings: Settings) -> "_Setting":
-    by_pressure = all(a.brake.meaning == "pressure" for log in logs for a in log.axles)
-    return _Setting(settings.train, len(logs[0].axles), by_pressure)
+    return _Setting(settings.train, len(logs[0].axles), _kinds(logs) == {"pressure"})
 
 
 def _unknown(prior: IdentifiedVehicle) -> IdentifiedVehicle:
@@ -193,11 +199,7 @@ def _is_brake(line: BrakeLine) -> bool:
 
 def force_per_bar(vehicle: Vehicle) -> Parameter:
     """Brake force at the rim of an axle's wheels per bar, with 1 sigma [N]. Source: (15)."""
-    shares: dict[str, float] = {
-        name: getattr(vehicle, name).tolerance / getattr(vehicle, name).value for name in BRAKE[:5]
-    }
-    diameter = vehicle.cylinder_diameter
-    shares["cylinder_diameter"] = 2.0 * diameter.tolerance / diameter.value
+    shares = calibrated_vehicle.brake_shares(vehicle)
     force = vehicle.friction.value * force_line(vehicle).per_pascal * _BAR
     return Parameter(force, force * math.sqrt(float(vehicle.covariance(shares, shares))))
 
@@ -273,7 +275,7 @@ def _any_vehicle(
     # The same force at the mean brake, with x₀ before the log: it has it as evidence once.
     per_unit *= line.brake / max(line.brake + line.zero - ZERO.value, 0.1 * line.brake)
     ratio = per_unit / phi / per_pascal * vehicle.lever_ratio.value
-    piston = math.pi * vehicle.cylinder_diameter.value**2 / 4.0
+    piston = piston_area(vehicle)
     return replace(
         vehicle,
         friction=Parameter(phi, _ANY_SHARE * phi),

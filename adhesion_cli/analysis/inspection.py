@@ -17,10 +17,10 @@ from ..formats.memory import Signals
 from ..formats.open import kind, open_source
 from ..formats.source import Source
 from .identify import identify
-from .prepare import align_log, diagnose_log
+from .prepare import align_log
 from .settings import Settings
 from .summarise import summarise_channel
-from .vehicle_findings import find_vehicle_findings, without_force_findings
+from .vehicle_findings import diagnose_with
 
 
 class LogInspection(NamedTuple):
@@ -104,12 +104,9 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
         severity = "info"
         aligned = align_log(whole_log, settings.vehicle, checks=settings.checks)
         identified = identify([aligned], settings)
-        vehicle_findings = find_vehicle_findings(settings, identified, aligned)
+        vehicle_findings, checked = diagnose_with(aligned, identified, settings)
         said = [f for f in vehicle_findings if f.code != "vehicle-default"]
-        checked = diagnose_log(aligned, identified.vehicle, settings.checks, settings.train)
-        unsaid = [f for f in checked.findings if f.code not in {x.code for x in said}]
-        unsaid = unsaid if identified.known else without_force_findings(unsaid)
-        return [*said, *findings, *whole_log.findings, *unsaid]
+        return [*said, *findings, *whole_log.findings, *checked.findings]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}
         return [Finding("not-analysable", severity, names=names)]

@@ -22,6 +22,7 @@ from ..core import estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.model import IdentifiedVehicle, Parameter, Quantity, Train, Vehicle, quantities
+from ..core.physics import CHAIN
 from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
@@ -57,15 +58,8 @@ MEANINGS = {
 
 
 VEHICLE_USES = ("log", "stated")
-BRAKE = (
-    "friction",
-    "discs",
-    "efficiency",
-    "lever_ratio",
-    "radius_ratio",
-    "cylinder_diameter",
-    "spring_force",
-)  # parameters of the brake
+# parameters of the brake
+BRAKE = ("friction", *CHAIN, "cylinder_diameter", "spring_force")
 
 
 @dataclass(frozen=True, slots=True)

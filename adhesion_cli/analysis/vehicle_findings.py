@@ -9,7 +9,7 @@ import numpy as np
 from ..core.finding import Finding, merge_spans
 from ..core.model import AxleResult, IdentifiedVehicle, Vehicle, quantities
 from ..diagnostics.checks.vehicle import fitting_values
-from .prepare import AlignedLog
+from .prepare import AlignedLog, Prepared, diagnose_log
 from .settings import Settings
 
 _CALIBRATED = "wheel-calibrated"
@@ -56,10 +56,9 @@ def find_vehicle_findings(
         findings.append(Finding("vehicle-in-doubt", "warning", values=values))
     if log.path in identified.differing:
         findings.append(Finding("log-differs", "warning", names={"log": Path(log.path).name}))
-    stops = [stop for path, *stop in identified.differing_stops if path == log.path]
-    if stops:
-        share = max((x for _, _, x in stops), key=lambda x: abs(x - 1.0))
-        spans, values = merge_spans([(a, b) for a, b, _ in stops]), {"share": share}
+    if stops := identified.differing_stops.get(log.path):
+        share = max((stop.share for stop in stops), key=lambda x: abs(x - 1.0))
+        spans, values = merge_spans([stop[:2] for stop in stops]), {"share": share}
         findings.append(Finding("stops-differ", "warning", "", len(stops), spans, values))
     if not identified.known:
         return findings
@@ -68,6 +67,22 @@ def find_vehicle_findings(
         return [*findings, by_log]
     by_pressure = any(a.record.pressure is not None for a in log.axles)
     return findings + default_parameters(settings, by_pressure)
+
+
+def diagnose_with(
+    log: AlignedLog, identified: IdentifiedVehicle, settings: Settings
+) -> tuple[list[Finding], Prepared]:
+    """What must be said of the vehicle first, and the log diagnosed, without saying it again.
+
+    Arguments as of `find_vehicle_findings`.
+    """
+    vehicle_findings = find_vehicle_findings(settings, identified, log)
+    prepared = diagnose_log(log, identified.vehicle, settings.checks, settings.train)
+    codes = {f.code for f in vehicle_findings}
+    findings = [f for f in prepared.findings if f.code not in codes]
+    if not identified.known:
+        findings = without_force_findings(findings)
+    return vehicle_findings, prepared._replace(findings=findings)
 
 
 def live_findings(settings: Settings, by_pressure: bool) -> list[Finding]:

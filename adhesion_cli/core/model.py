@@ -327,6 +327,14 @@ class Train(NamedTuple):
         return braked_mass / (braked_mass + self.unbraked_mass)
 
 
+class DifferingStop(NamedTuple):
+    """A brake application whose deceleration the brake of all stops does not explain."""
+
+    start: float  # [s]
+    stop: float  # [s]
+    share: float  # its deceleration over the expected one
+
+
 VehicleSource = Literal["stated", "default", "log"]
 
 
@@ -344,9 +352,8 @@ class IdentifiedVehicle:
     factor: float | None = None  # the log's brake force over the stated one, where that is used
     # where the log and what is stated differ by 2 to 4 sigma: the log's force over that, and sigmas
     doubt: tuple[float, float] | None = None
-    # stops that the brake of all does not explain: path of the log, begin and end after its start
-    # [s], share of the expected deceleration
-    differing_stops: tuple[tuple[str, float, float, float], ...] = ()
+    # stops that the brake of all does not explain, after the start of the log, by its path
+    differing_stops: Mapping[str, tuple[DifferingStop, ...]] = field(default_factory=dict)
     differing: tuple[str, ...] = ()  # paths of logs that brake otherwise than all together
 
 

@@ -81,6 +81,10 @@ def with_fade(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
     )
 
 
+# parameters between the piston and K: n, η, i and the ratio of radii
+CHAIN = ("discs", "efficiency", "lever_ratio", "radius_ratio")
+
+
 class ForceLine(NamedTuple):
     """(15) above the spring's force, where it is a straight line."""
 
@@ -88,11 +92,16 @@ class ForceLine(NamedTuple):
     at_zero: float  # what the spring takes from K [N]
 
 
+def piston_area(vehicle: Vehicle) -> float:
+    """Area of the piston of the brake cylinder [m²]."""
+    return math.pi * vehicle.cylinder_diameter.value**2 / 4.0
+
+
 def force_line(vehicle: Vehicle) -> ForceLine:
-    """The constants of (15): with n η i and the ratio of radii, K over the force of the piston."""
+    """The constants of (15): with the chain, K over the force of the piston."""
     v = vehicle
-    ratio = v.discs.value * v.efficiency.value * v.lever_ratio.value * v.radius_ratio.value
-    per_pascal = ratio * math.pi * v.cylinder_diameter.value**2 / 4.0
+    ratio = math.prod(getattr(v, name).value for name in CHAIN)
+    per_pascal = ratio * piston_area(v)
     return ForceLine(per_pascal, ratio * v.spring_force.value)
 
 

@@ -17,6 +17,11 @@ _STOP = 0.3  # and does, if it stays so for this long [s]
 _DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
 
 
+def robust_sigma(errors: Floats) -> float:
+    """1 sigma of normal errors about zero by their median size, whatever outliers there are."""
+    return 1.4826 * float(np.median(np.abs(errors)))
+
+
 def median(x: Floats | Times) -> float:
     """`np.median` of x (n,), n > 0; faster where one value is the usual one, as of intervals."""
     usual = x[len(x) // 2]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..core import time_axis
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity, Times
-from ..core.signals import edges, true_runs, white_noise
+from ..core.signals import edges, robust_sigma, true_runs, white_noise
 from .faults import Fault
 
 ABOUT = About("Outliers", "limits of wheels, valves and trains as stated for each parameter")
@@ -296,7 +296,7 @@ def noise_among_outliers(c: Channel, threshold: float) -> float:
         previous = sigma
         inside = bend[bend <= 2.0 * threshold + 10.0 * sigma + 6.0 * c.coarsest]
         if len(inside):
-            middle = 1.4826 * float(np.median(inside))
+            middle = robust_sigma(inside)
             sigma = max(sigma, (middle - 3.0 * c.coarsest) / math.sqrt(6.0))
     return 8.0 * sigma + 6.0 * c.coarsest
 

@@ -28,14 +28,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.model import Z95, AxleRecord, Floats, Parameter, Train, Vehicle
-from ..core.physics import RELEASED_SHARE, force_line, wheelset
+from ..core.physics import CHAIN, RELEASED_SHARE, force_line, piston_area, wheelset
 from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.explanation import Design, Explanation
 from ..train.grid import FEWEST
 from . import force
 
-_CHAIN = ("discs", "efficiency", "lever_ratio", "radius_ratio")
 # 1 sigma from log to log, assumed: of the friction by heat and wear, of the pressure's zero.
 LOG_TO_LOG = {model.SCALE: 0.02, model.OFFSET: 0.005}
 _SOURCES = {
@@ -170,17 +169,27 @@ def calibrate_vehicle(
     return Calibrated(calibrated, rows, correlation, newtons, band)
 
 
+def brake_shares(vehicle: Vehicle) -> dict[str, float]:
+    """By how much each tolerance of the brake moves ln of its force per pressure: C together."""
+    shares = {name: _share(vehicle, name) for name in ("friction", *CHAIN)}
+    return shares | {"cylinder_diameter": 2.0 * _share(vehicle, "cylinder_diameter")}
+
+
 def _shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
-    """By how much each tolerance moves ln s: C is what has no other name; M is `axle_mass`."""
-    v = vehicle
-    names = ("friction", *_CHAIN, "axle_mass", "wheelset_inertia", "cylinder_diameter")
-    shares = {name: getattr(v, name).tolerance / getattr(v, name).value for name in names}
-    R, w = v.radius(1), wheelset(v, 1).rolling
-    factors = {"axle_mass": -w, "wheelset_inertia": w - 1.0, "cylinder_diameter": 2.0}
+    """By how much each tolerance moves ln s: C is `brake_shares`, M is `axle_mass`."""
+    R, w = vehicle.radius(1), wheelset(vehicle, 1).rolling
     radius_factor = 2.0 * (1.0 - w) - radius  # a rim speed is ω times the radius that is stated
-    return {n: factors.get(n, 1.0) * x for n, x in shares.items()} | {
-        "wheel_radius": radius_factor * R.tolerance / R.value
+    return brake_shares(vehicle) | {
+        "axle_mass": -w * _share(vehicle, "axle_mass"),
+        "wheelset_inertia": (w - 1.0) * _share(vehicle, "wheelset_inertia"),
+        "wheel_radius": radius_factor * R.tolerance / R.value,
     }
+
+
+def _share(vehicle: Vehicle, name: str) -> float:
+    """The tolerance of a parameter as a share of it."""
+    p: Parameter = getattr(vehicle, name)
+    return p.tolerance / p.value
 
 
 def prior(
@@ -191,14 +200,11 @@ def prior(
     The axles outside the log may have another brake force per mass: that moves the train's
     deceleration and no parameter of these axles.
     """
-    priors = model.stated_prior(designs[0], vehicle)
+    interval = max(d.interval for d in designs)
+    priors = model.line_prior(vehicle, designs[0].top, designs[0].mean, interval)
     by_wheels = any(d.creeps for d in designs)
     priors[model.SCALE] = Parameter(0.0, scale_sigma(vehicle, by_wheels, train))
-    interval = max(d.interval for d in designs)
-    usual = model.stated_prior(designs[0]._replace(interval=interval), vehicle)[
-        model.DELAY
-    ].tolerance
-    priors[model.DELAY] = Parameter(0.0, max(usual, delay))
+    priors[model.DELAY] = Parameter(0.0, max(priors[model.DELAY].tolerance, delay))
     return priors
 
 
@@ -226,13 +232,8 @@ def _vehicle(
         posterior: the posterior of these.
     """
     n, shares = len(model.UNITS), _shares(v, at.by_wheels)
-    mass, inertia = (
-        {name: getattr(v, name).tolerance / getattr(v, name).value}
-        for name in ("axle_mass", "wheelset_inertia")
-    )
-    apart = ("axle_mass", "wheelset_inertia", "wheel_radius")
-    chain = {name: x for name, x in shares.items() if name not in apart}
-    errors = (chain, mass, inertia)
+    mass, inertia = ({name: _share(v, name)} for name in ("axle_mass", "wheelset_inertia"))
+    errors = (brake_shares(v), mass, inertia)
     S, scale_variance = posterior.mean[model.SCALE], prior[model.SCALE].tolerance ** 2
     stated_covariance = np.array([[v.covariance(a, b) for a in errors] for b in errors])
     gain = np.array([v.covariance(error, shares) for error in errors]) / scale_variance
@@ -242,7 +243,7 @@ def _vehicle(
     joint = A @ posterior.covariance[:n, :n] @ A.T
     joint[n:, n:] += stated_covariance - scale_variance * np.outer(gain, gain)
     C, M, of_inertia = gain * S
-    piston = at.top / force_line(v).per_pascal * math.pi * v.cylinder_diameter.value**2 / 4.0
+    piston = at.top / force_line(v).per_pascal * piston_area(v)
     x = posterior.mean
     phi = v.friction.value * model.friction_share(v, at.speed)
     friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
@@ -300,7 +301,7 @@ def _posterior_vehicle(
         name: Parameter(rows[name].posterior, rows[name].posterior_u) for name in names
     }
     exact: dict[str, Any] = {
-        n: Parameter(getattr(v, n).value, 0.0) for n in (*_CHAIN, "cylinder_diameter")
+        n: Parameter(getattr(v, n).value, 0.0) for n in (*CHAIN, "cylinder_diameter")
     }
     friction_speed = Parameter(speed, 0.0)
     return replace(v, **determined, **exact, friction_speed=friction_speed, correlation=related)

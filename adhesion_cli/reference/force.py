@@ -14,7 +14,7 @@ import numpy as np
 from ..core import innovations
 from ..core.errors import unknown
 from ..core.model import AxleRecord, Floats, Reference, Vehicle, Wheelset
-from ..core.physics import rolling_deceleration, wheelset
+from ..core.physics import CHAIN, rolling_deceleration, wheelset
 from ..core.signals import driven, moving, white_noise
 from . import run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
@@ -178,8 +178,7 @@ def contributions(
         * R.tolerance,
     }
     if record.pressure is not None:
-        names = ("discs", "efficiency", "lever_ratio", "radius_ratio")
-        chain = {name: getattr(vehicle, name) for name in names}
+        chain = {name: getattr(vehicle, name) for name in CHAIN}
         ratio = math.prod(x.value for x in chain.values())  # K over the piston's force    (15)
         piston = K + np.where(K > 0.0, ratio * vehicle.spring_force.value, 0.0)
         d = vehicle.cylinder_diameter

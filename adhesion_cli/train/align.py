@@ -45,11 +45,13 @@ def align(
     if accelerometer and all(a.train is None for a in axles):
         axles, integration_findings = _integrated(axles, accelerometer, vehicle)
         findings += integration_findings
-    coarse = grid(axles, vehicle)
-    if not coarse:
+    grids = build_grids(axles, vehicle)
+    if not grids:
         return Aligned(axles, None, findings)
-    axles, clock_findings = _on_one_clock(axles, coarse, view)
-    return Aligned(axles, build_grids(axles, vehicle), findings + clock_findings)
+    axles, clock_findings = _on_one_clock(axles, grids.coarse, view)
+    if clock_findings:  # the train speed is another one
+        grids = build_grids(axles, vehicle)
+    return Aligned(axles, grids, findings + clock_findings)
 
 
 def _integrated(

@@ -23,16 +23,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import Bools, Floats, Parameter
+from ..core.model import Bools, DifferingStop, Floats, Parameter
 from ..core.physics import CRAWL, GRADIENT, NO_FORCE, STANDING
-from ..core.signals import median, true_runs
+from ..core.signals import median, robust_sigma, true_runs
 from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid, erode
-from .longitudinal import RESISTANCE_OF_TRAINS
+from .longitudinal import GRADIENT_SIGMA, RESISTANCE_OF_TRAINS
 
 ZERO = Parameter(1.5e4, 2e4)  # pressure from which brakes act, of any kind [Pa]
 ROTATING = Parameter(0.08, 0.03)  # rotating mass over mass, of any wheelset [-]
-GRADIENT_SIGMA = 0.05  # 1 sigma of a gradient: 5 per mille [m/s²]
 _ZERO_SHARE = 0.02  # 1 sigma of x₀ of a clamping force, of the highest one
 _LOWEST_BRAKE = 2e4  # a highest pressure below it brakes nothing [Pa]
 _LEAST_KNOWN = 0.5  # of the log: a sensor with less of it is gone
@@ -53,14 +52,6 @@ _ROUNDS = 20  # of the weights
 _LARGEST_SCATTER = 0.3  # of the deceleration: with more, it does not follow the pressure
 
 
-class DifferingStop(NamedTuple):
-    """A brake application whose deceleration the line of all does not explain."""
-
-    start: float  # after the first time of the grid [s]
-    stop: float
-    share: float  # its deceleration over that of the line
-
-
 class BrakeLine(NamedTuple):
     """How a train slows by its brake."""
 
@@ -70,7 +61,8 @@ class BrakeLine(NamedTuple):
     brake: float  # mean of the pressure or clamping force that acts, above x₀ [Pa or N]
     speed: float  # mean speed [m/s]
     rolling: bool  # whether all axles roll in it
-    differing: tuple[DifferingStop, ...] = ()  # stops that the line does not explain
+    # stops that the line does not explain, after the first time of the grid
+    differing: tuple[DifferingStop, ...] = ()
     mixed: bool = False  # whether wheels slow much less than it says: another brake acted as well
 
 
@@ -111,8 +103,8 @@ def find_brake_line(
     coasting = _coasting_deceleration(slowing[known & rolling & (mean_x < _RELEASED * top)])
     by_brake = (slowing + rotating * rim_slowing) / (1.0 + rotating) - coasting
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
-    stops = true_runs(braked)
-    line = _fit(_acting(x, braked), by_brake[braked], zero, len(stops))
+    stops, acting = true_runs(braked), _acting(x[:, braked])
+    line = _fit(acting, by_brake[braked], zero, len(stops))
     if line is None:
         return None
     slows_less = _slows_less(grid, mean_x, rim_slowing - coasting, line) & applied
@@ -122,7 +114,7 @@ def find_brake_line(
         mixed=bool(slows_less.sum() * grid.step > _SHORTEST_MIXED)
         # Wheels that slide together recover together in between.
         and bool(np.min(rim_slowing[slows_less]) > GRADIENT / 2.0),
-        differing=tuple(_differing_stops(grid, _acting(x, braked), by_brake[braked], stops, line)),
+        differing=tuple(_differing_stops(grid, acting, by_brake[braked], stops, line)),
     )
 
 
@@ -133,6 +125,8 @@ def _without_gone_sensors(grid: Grid, x: Floats) -> tuple[Grid, Floats]:
     train = grid.train
     if train is not None and not np.isfinite(train).mean() > _LEAST_KNOWN:
         train = None
+    if lasts.all() and train is grid.train:
+        return grid, x
     rows = (grid.rim[lasts], grid.clamping[lasts], grid.pressure[lasts])
     return replace(grid, rim=rows[0], clamping=rows[1], pressure=rows[2], train=train), x[lasts]
 
@@ -149,9 +143,9 @@ class _Acting(NamedTuple):
         return above
 
 
-def _acting(x: Floats, braked: Bools) -> _Acting:
-    acting = x[:, braked] > _APPLIED * float(np.max(x[:, braked]))
-    return _Acting(np.mean(np.where(acting, x[:, braked], 0.0), axis=0), np.mean(acting, axis=0))
+def _acting(x: Floats) -> _Acting:
+    acting = x > _APPLIED * float(np.max(x))
+    return _Acting(np.mean(np.where(acting, x, 0.0), axis=0), np.mean(acting, axis=0))
 
 
 def _slows_less(grid: Grid, mean_x: Floats, rim_slowing: Floats, line: BrakeLine) -> Bools:
@@ -219,7 +213,7 @@ def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> Brak
     error = by_brake
     for _ in range(_ROUNDS):
         error = by_brake - slope * acting.above(x0)
-        scatter = 1.4826 * float(np.median(np.abs(error)))
+        scatter = robust_sigma(error)
         sigma = math.hypot(scatter, GRADIENT_SIGMA)
         weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
         weights *= stops / len(by_brake)
@@ -241,7 +235,7 @@ def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> Brak
             break
     brake = float(np.mean(acting.above(x0)))
     deceleration = slope * brake
-    scatter = 1.4826 * float(np.median(np.abs(error)))
+    scatter = robust_sigma(error)
     unexplained = math.sqrt(max(scatter**2 - GRADIENT_SIGMA**2, 0.0))  # by gradients
     if deceleration <= 0.0 or unexplained > _LARGEST_SCATTER * deceleration:
         return None

@@ -38,7 +38,7 @@ vehicles have up to 7e-5 1/m, by 0.6 kg/m³ times 10 m² over 80 t.
 import math
 
 from ..core.model import Parameter, Vehicle
-from ..core.physics import force_line
+from ..core.physics import force_line, piston_area
 from .explanation import Design
 
 UNITS = {
@@ -55,6 +55,7 @@ SHARED = len(UNITS)
 CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
 _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
 RESISTANCE_OF_TRAINS = Parameter(0.015, 0.015)  # r [m/s²]
+GRADIENT_SIGMA = 0.05  # 1 sigma of gradients along the track: 5 per mille, assumed [m/s²]
 _DRAG = Parameter(3e-5, 2e-5)  # [1/m]
 _EXACT = 1e-4  # 1 sigma of ln s of a vehicle without tolerances
 _DELAY_SIGMA = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
@@ -105,5 +106,5 @@ def friction_share(vehicle: Vehicle, speed: float) -> float:
 def spring_share(top: float, vehicle: Vehicle) -> Parameter:
     """What the return spring takes, of the highest K [N], as stated."""
     line, force = force_line(vehicle), vehicle.spring_force
-    ratio = line.per_pascal / (math.pi * vehicle.cylinder_diameter.value**2 / 4.0)
+    ratio = line.per_pascal / piston_area(vehicle)
     return Parameter(line.at_zero / top, ratio * force.tolerance / top)

@@ -13,11 +13,10 @@ from ..core.signals import true_runs, white_noise
 from ..records.axle_channels import AxleChannels
 from .explanation import Design
 from .grid import FEWEST, FINE_STEP, Grid, Grids, erode
-from .longitudinal import FLOOR, friction_share
+from .longitudinal import FLOOR, GRADIENT_SIGMA, friction_share
 
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _GRADIENT_CHANGE = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
-_TRACK_GRADIENT = 0.05  # 1 sigma of gradients along the track: 5 per mille, assumed [m/s²]
 _CORRELATION_LENGTH = 1000.0  # they are correlated by exp(-x) over so many [m], assumed
 _UNCORRELATED_GRADIENT = 0.005  # 1 sigma of what is not correlated: curves, wind [m/s²]
 _CHANGE = 0.1  # of the highest K within a second: a build-up, a release
@@ -125,7 +124,7 @@ def along_track(d: Design) -> Design:
     distance = sum_by_piece(d, integral(d, d.relative_speed + d.mean)[d.samples]) / d.size
     separation = np.abs(distance[:, None] - distance) / _CORRELATION_LENGTH
     return d._replace(
-        gradient_covariance=_TRACK_GRADIENT**2 * np.exp(-separation)
+        gradient_covariance=GRADIENT_SIGMA**2 * np.exp(-separation)
         + _UNCORRELATED_GRADIENT**2 * np.eye(len(distance))
     )
 

@@ -277,9 +277,9 @@ def joint(designs: Sequence[Design], prior: Mapping[int, Parameter]) -> Posterio
     start = np.array([prior[i].value for i in range(SHARED)])
     brakes = [BrakeDeceleration(d) for d in designs]
     coarse_mean = search(brakes, [d.size for d in designs], prior, [start]).mean
-    pairs = zip(designs, gradients(designs, coarse_mean), strict=True)
+    pairs = zip(brakes, gradients(designs, coarse_mean), strict=True)
     sample_counts = [
-        independent_samples(d, residual(d, coarse_mean, slopes)) for d, slopes in pairs
+        independent_samples(brake.d, brake.residual(coarse_mean, slopes)) for brake, slopes in pairs
     ]
     return search(brakes, sample_counts, prior, [coarse_mean]).posterior()
 
