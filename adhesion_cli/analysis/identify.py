@@ -315,9 +315,12 @@ def _posterior(
         designs = pieces.join_designs([e.design for e in rolling if e.design], vehicle)
         delay = max(abs(e.delay) for e in rolling)
         parameters = calibrated_vehicle.prior(designs, vehicle, delay, setting.train)
-        posterior, at = solve.joint(designs, parameters), calibrated_vehicle.mean_brake(designs)
+        posterior, brake_point = (
+            solve.joint(designs, parameters),
+            calibrated_vehicle.mean_brake(designs),
+        )
         calibrated = calibrated_vehicle.calibrate_vehicle(
-            vehicle, logs[0].axles[0].record, at, parameters, posterior, len(designs)
+            vehicle, logs[0].axles[0].record, brake_point, parameters, posterior, len(designs)
         ).vehicle
     # Where most of the braking has slides, the line takes them and the model does not. And nothing
     # but the log holds a brake of which nothing is known to the mean of what was measured.
@@ -327,7 +330,7 @@ def _posterior(
     if calibrated is None or by_line:
         calibrated = _by_line(vehicle, logs[0].axles[0].record, [*lines.values()], setting)
     elif prior.source != "log":
-        sigmas = _distance(posterior, at)
+        sigmas = _distance(posterior, brake_point)
     differing = (
         logs[i].path
         for i, x in lines.items()
@@ -344,15 +347,15 @@ def _posterior(
     return identified, sigmas
 
 
-def _distance(posterior: solve.Posterior, at: MeanBrake) -> float:
+def _distance(posterior: solve.Posterior, brake_point: MeanBrake) -> float:
     """By how many sigma the force of the evidence differs from that of the prior.
 
     What a normal prior moves by has the variance that it loses.
     """
-    n, g = model.SHARED, at.gradient
+    n, g = model.SHARED, brake_point.gradient
     change = float(g @ (posterior.mean[:n] - posterior.prior))
-    lost = np.diag(posterior.prior_sigma**2) - posterior.covariance[:n, :n]
-    return abs(change) / math.sqrt(max(float(g @ lost @ g), 1e-12))
+    lost_variance = np.diag(posterior.prior_sigma**2) - posterior.covariance[:n, :n]
+    return abs(change) / math.sqrt(max(float(g @ lost_variance @ g), 1e-12))
 
 
 def _by_line(
@@ -361,9 +364,9 @@ def _by_line(
     """The vehicle of its prior and the lines: each measures ln of the force at its mean brake."""
     line = min(lines, key=lambda x: x.sigma)
     top = _clamping_force(vehicle, line, setting)
-    at = MeanBrake(top, 1.0, line.speed, 0.0, not line.rolling)
+    brake_point = MeanBrake(top, 1.0, line.speed, 0.0, not line.rolling)
     prior = model.line_prior(vehicle, top, line.speed)
-    scale = calibrated_vehicle.scale_sigma(vehicle, at.by_wheels, setting.train)
+    scale = calibrated_vehicle.scale_sigma(vehicle, brake_point.by_wheels, setting.train)
     prior[model.SCALE] = Parameter(0.0, scale)
     errors = np.array([_error(vehicle, x, setting) for x in lines])
     weights = np.array([x.sigma**-2.0 for x in lines]) * np.isfinite(errors)
@@ -372,9 +375,11 @@ def _by_line(
     scatter = float(np.sum(weights * (np.nan_to_num(errors) - error) ** 2) / weights.sum())
     variance = max(1.0 / float(weights.sum()), scatter)
     mean, sigmas = np.array([prior[i] for i in range(model.SHARED)]).T
-    covariance, g = np.diag(sigmas**2), at.gradient
+    covariance, g = np.diag(sigmas**2), brake_point.gradient
     gain = covariance @ g / (g @ covariance @ g + variance)
     posterior = solve.Posterior(
         mean, sigmas, mean + gain * error, covariance - np.outer(gain, g @ covariance), 0.0
     )
-    return calibrated_vehicle.calibrate_vehicle(vehicle, record, at, prior, posterior, 1).vehicle
+    return calibrated_vehicle.calibrate_vehicle(
+        vehicle, record, brake_point, prior, posterior, 1
+    ).vehicle

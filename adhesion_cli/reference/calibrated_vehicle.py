@@ -143,7 +143,7 @@ def mean_brake(designs: Sequence[Design]) -> MeanBrake:
 def calibrate_vehicle(
     vehicle: Vehicle,
     record: AxleRecord,
-    at: MeanBrake,
+    brake_point: MeanBrake,
     prior: dict[int, Parameter],
     posterior: solve.Posterior,
     logs: int,
@@ -153,7 +153,7 @@ def calibrate_vehicle(
     Args:
         vehicle: as stated.
         record: any of the logs.
-        at: the mean brake of the logs, from `mean_brake`.
+        brake_point: the mean brake of the logs, from `mean_brake`.
         prior: of the shared parameters, from `prior`.
         posterior: their posterior.
         logs: how many there are.
@@ -162,9 +162,9 @@ def calibrate_vehicle(
     for i, sigma in LOG_TO_LOG.items():  # the next log differs, and each of these did
         covariance[i, i] += sigma**2 * (1.0 + 1.0 / logs)
     posterior = posterior._replace(covariance=covariance)
-    calibrated, rows, correlation = _vehicle(vehicle, at, prior, posterior)
+    calibrated, rows, correlation = _vehicle(vehicle, brake_point, prior, posterior)
     newtons, band = zip(
-        *(_band(v, vehicle, at, record) for v in (vehicle, calibrated)), strict=True
+        *(_band(v, vehicle, brake_point, record) for v in (vehicle, calibrated)), strict=True
     )
     return Calibrated(calibrated, rows, correlation, newtons, band)
 
@@ -221,17 +221,17 @@ def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:
 
 
 def _vehicle(
-    v: Vehicle, at: MeanBrake, prior: dict[int, Parameter], posterior: solve.Posterior
+    v: Vehicle, brake_point: MeanBrake, prior: dict[int, Parameter], posterior: solve.Posterior
 ) -> tuple[Vehicle, dict[str, CalibratedParameter], Floats]:
     """The calibrated vehicle, the table, and the correlation of its rows.
 
     Args:
         v: as stated.
-        at: the mean brake of the logs.
+        brake_point: the mean brake of the logs.
         prior: of the shared parameters.
         posterior: the posterior of these.
     """
-    n, shares = len(model.UNITS), _shares(v, at.by_wheels)
+    n, shares = len(model.UNITS), _shares(v, brake_point.by_wheels)
     mass, inertia = ({name: _share(v, name)} for name in ("axle_mass", "wheelset_inertia"))
     errors = (brake_shares(v), mass, inertia)
     S, scale_variance = posterior.mean[model.SCALE], prior[model.SCALE].tolerance ** 2
@@ -243,9 +243,9 @@ def _vehicle(
     joint = A @ posterior.covariance[:n, :n] @ A.T
     joint[n:, n:] += stated_covariance - scale_variance * np.outer(gain, gain)
     C, M, of_inertia = gain * S
-    piston = at.top / force_line(v).per_pascal * piston_area(v)
+    piston = brake_point.top / force_line(v).per_pascal * piston_area(v)
     x = posterior.mean
-    phi = v.friction.value * model.friction_share(v, at.speed)
+    phi = v.friction.value * model.friction_share(v, brake_point.speed)
     friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
     I = v.wheelset_inertia.value * math.exp(of_inertia)  # noqa: E741
     spring = max(v.spring_force.value + piston * float(x[model.OFFSET]), 0.0)
@@ -283,7 +283,7 @@ def _vehicle(
         )
         for name, (place, factor, prior_value, prior_u, posterior_value, unit) in table.items()
     }
-    return _posterior_vehicle(v, rows, correlation, at.speed), rows, correlation
+    return _posterior_vehicle(v, rows, correlation, brake_point.speed), rows, correlation
 
 
 def _posterior_vehicle(
@@ -308,17 +308,17 @@ def _posterior_vehicle(
 
 
 def _band(
-    v: Vehicle, stated_vehicle: Vehicle, at: MeanBrake, record: AxleRecord
+    v: Vehicle, stated_vehicle: Vehicle, brake_point: MeanBrake, record: AxleRecord
 ) -> tuple[float, float]:
     """Force of a rolling axle at the mean brake and the half-width of its 95 % band [N]."""
-    speed_difference = at.speed + at.faster - v.friction_speed.value
+    speed_difference = brake_point.speed + brake_point.faster - v.friction_speed.value
     w = wheelset(v, record.axle)
     stated_line, line = force_line(stated_vehicle), force_line(v)
-    K = at.share * at.top - (line.at_zero - stated_line.at_zero)
+    K = brake_point.share * brake_point.top - (line.at_zero - stated_line.at_zero)
     K *= 1.0 + v.friction_fade.value * speed_difference
     F = w.phi * K * w.rolling
     dw = -w.a * w.phi * K * (1.0 - w.rolling)
     contributions = force.contributions(
-        record, v, *(np.array([x]) for x in (K, dw, at.speed + at.faster))
+        record, v, *(np.array([x]) for x in (K, dw, brake_point.speed + brake_point.faster))
     )
     return float(F), Z95 * math.sqrt(float(v.covariance(contributions, contributions)[0]))

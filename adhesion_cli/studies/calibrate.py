@@ -118,9 +118,9 @@ def calibrate(
     prior = reference.prior(designs, vehicle, delay, settings.train)
     posterior = solve.joint(designs, prior)
     _check_agreement(rolling, designs, prior, posterior)
-    at = reference.mean_brake(designs)
+    brake_point = reference.mean_brake(designs)
     calibrated = reference.calibrate_vehicle(
-        vehicle, rolling[0].record, at, prior, posterior, len(designs)
+        vehicle, rolling[0].record, brake_point, prior, posterior, len(designs)
     )
     applications = _applications(rolling, designs, posterior)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))

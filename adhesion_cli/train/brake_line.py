@@ -86,21 +86,21 @@ def find_brake_line(
     rim_slowing = -np.mean(grid.slope(grid.rim), axis=0)
     slowing = rim_slowing if grid.train is None else -grid.slope(grid.train)
     v = np.mean(grid.rim, axis=0) if grid.train is None else grid.train
-    known: Bools = np.isfinite(mean_x) & np.isfinite(slowing) & np.isfinite(rim_slowing)
-    known &= (v > CRAWL) & erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
+    measured: Bools = np.isfinite(mean_x) & np.isfinite(slowing) & np.isfinite(rim_slowing)
+    measured &= (v > CRAWL) & erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
     rolling: Bools = np.all(grid.rolling, axis=0)
     if not top > (_LOWEST_BRAKE if by_pressure else NO_FORCE):
         return None
-    holds = erode(np.abs(grid.slope(mean_x)) <= _STEADY * top, grid.half_width)
-    applied = known & (mean_x > _APPLIED * top)
-    choices, fewest = [applied & rolling & holds, applied & rolling], FEWEST
+    steady = erode(np.abs(grid.slope(mean_x)) <= _STEADY * top, grid.half_width)
+    applied = measured & (mean_x > _APPLIED * top)
+    choices, fewest = [applied & rolling & steady, applied & rolling], FEWEST
     if grid.train is not None:  # it shows what slides add, so a small part of the braking is none
         choices.append(applied)
         fewest = max(FEWEST, round(_ROLLING_SHARE * float(applied.sum())))
     braked = next((mask for mask in choices if mask.sum() >= fewest), None)
     if braked is None:
         return None
-    coasting = _coasting_deceleration(slowing[known & rolling & (mean_x < _RELEASED * top)])
+    coasting = _coasting_deceleration(slowing[measured & rolling & (mean_x < _RELEASED * top)])
     by_brake = (slowing + rotating * rim_slowing) / (1.0 + rotating) - coasting
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
     stops, acting = true_runs(braked), _acting(x[:, braked])
@@ -137,10 +137,10 @@ class _Acting(NamedTuple):
     mean: Floats  # over all axles
     share: Floats  # of the axles, the others are released, or vented by a valve
 
-    def above(self, zero: float) -> Floats:
+    def excess(self, zero: float) -> Floats:
         """Mean of what is above x₀."""
-        above: Floats = self.mean - self.share * zero
-        return above
+        excess: Floats = self.mean - self.share * zero
+        return excess
 
 
 def _acting(x: Floats) -> _Acting:
@@ -157,11 +157,11 @@ def _slows_less(grid: Grid, mean_x: Floats, rim_slowing: Floats, line: BrakeLine
     nearby = np.lib.stride_tricks.sliding_window_view(
         np.pad(np.nan_to_num(mean_x), width, "edge"), 2 * width + 1
     )
-    least = _LEAST_SHARE * line.slope * (nearby.min(axis=-1) - line.zero)
+    slowest = _LEAST_SHARE * line.slope * (nearby.min(axis=-1) - line.zero)
     lowest_rim, v = np.min(grid.rim, axis=0), np.max(grid.rim, axis=0)  # axles that slide differ
     v = v if grid.train is None else np.fmax(v, grid.train)
     agree = erode(v - lowest_rim < _LARGEST_SLIP * v + _LARGEST_DIFFERENCE, 2 * width)
-    slows_less: Bools = agree & (rim_slowing < least - _SIGMAS * GRADIENT_SIGMA)
+    slows_less: Bools = agree & (rim_slowing < slowest - _SIGMAS * GRADIENT_SIGMA)
     return slows_less
 
 
@@ -181,16 +181,17 @@ def _differing_stops(
         stops: where they are on the grid.
         line: of all of them.
     """
-    expected = line.slope * acting.above(line.zero)
-    end = 0
+    expected = line.slope * acting.excess(line.zero)
+    place = 0  # of the stop's first sample in those of all stops
     for start, stop in stops:
-        begin, end = end, end + stop - start
-        force, deceleration = np.mean(expected[begin:end]), np.mean(by_brake[begin:end])
+        samples = slice(place, place + stop - start)
+        place = samples.stop
+        force, deceleration = np.mean(expected[samples]), np.mean(by_brake[samples])
         sigma = math.hypot(GRADIENT_SIGMA, _FRICTION_SCATTER * force)
-        long_enough = (stop - start) * grid.step > _SHORTEST_STOP
-        if long_enough and abs(deceleration - force) > _SURE_SIGMAS * sigma:
-            seconds = start * grid.step, (stop - 1) * grid.step
-            yield DifferingStop(*seconds, float(deceleration / force))
+        seconds = (stop - start) * grid.step
+        if seconds > _SHORTEST_STOP and abs(deceleration - force) > _SURE_SIGMAS * sigma:
+            span = start * grid.step, (stop - 1) * grid.step
+            yield DifferingStop(*span, float(deceleration / force))
 
 
 def _coasting_deceleration(slowing: Floats) -> float:
@@ -209,10 +210,10 @@ def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> Brak
         stops: uninterrupted stretches of these. The gradient of each is one error.
     """
     x0, (mean_x, share) = zero.value, acting
-    slope = float(np.sum(by_brake)) / max(float(np.sum(acting.above(x0))), 1e-9)
+    slope = float(np.sum(by_brake)) / max(float(np.sum(acting.excess(x0))), 1e-9)
     error = by_brake
     for _ in range(_ROUNDS):
-        error = by_brake - slope * acting.above(x0)
+        error = by_brake - slope * acting.excess(x0)
         scatter = robust_sigma(error)
         sigma = math.hypot(scatter, GRADIENT_SIGMA)
         weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
@@ -227,13 +228,13 @@ def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> Brak
         b = np.array([weights @ (mean_x * by_brake), -(weights @ (share * by_brake))])
         if not np.linalg.cond(A) < _SINGULAR:
             return None
-        previous, (slope, taken) = slope, np.linalg.solve(A, b).tolist()
+        previous, (slope, intercept) = slope, np.linalg.solve(A, b).tolist()
         if not slope > 0.0:
             return None
-        x0 = taken / slope
+        x0 = intercept / slope
         if abs(slope - previous) < 1e-4 * slope:
             break
-    brake = float(np.mean(acting.above(x0)))
+    brake = float(np.mean(acting.excess(x0)))
     deceleration = slope * brake
     scatter = robust_sigma(error)
     unexplained = math.sqrt(max(scatter**2 - GRADIENT_SIGMA**2, 0.0))  # by gradients
