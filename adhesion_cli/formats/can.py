@@ -26,6 +26,7 @@ _NO_VALUE = re.compile(  # texts of a value table that say that there is no valu
     r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
     r"|undef\w*|reserved|unknown|no[ _]?(signal|value)|init\w*|ung(ü|ue)ltig|fehler\w*)\b"
 )
+_FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no value
 _LISTED_NAMES = 6  # names of one finding
 
 
@@ -399,6 +400,8 @@ def _raw(bits: NDArray[np.uint8], signal: Any) -> NDArray[Any]:
             raw |= bits[:, position].astype(np.uint64) << np.uint64(power)
     n = signal.length
     if signal.is_float:
+        if n not in _FLOAT_BITS:
+            return np.full(len(raw), np.nan)
         return raw.astype(f"<u{n // 8}").view(f"<f{n // 8}")
     if signal.is_signed:
         unused_bits = np.uint64(64 - n)

@@ -22,6 +22,8 @@ class Can(Messages):
         UserError: where there is no such bus, no DBC, or a library is missing.
     """
 
+    _form = "not a frame of the DBC"
+
     def __init__(self, place: str, options: ReadOptions) -> None:
         name = f"can:{place}"
         if not options.dbc:

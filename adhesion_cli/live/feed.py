@@ -12,6 +12,7 @@ from ..formats.source import Field, Source
 
 TICK = 0.02  # longest wait for a row, after which the others may do something [s]
 PAUSE = 1.0  # after the first samples: by then the fields are known [s]
+FARTHEST = 1 << 62  # from 1970 [ns], or the differences of times do not fit 64 bits
 WAITING = 4096  # pieces of a sender that does not wait; more are dropped
 
 T = TypeVar("T")

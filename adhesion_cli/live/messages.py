@@ -1,7 +1,6 @@
 """Samples as objects in JSON, one a message: by standard input, a file, UDP or MQTT."""
 
 import json
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +21,6 @@ _DEEPEST, _MOST_VALUES = 8, 1000
 _MOST_FIELDS = 5000  # of a sender
 _HEAD_MESSAGES = 200  # messages that show the fields
 _EXAMPLE_CHARACTERS = 40  # characters of a message that is reported
-_FARTHEST = 9.2e18  # nanoseconds that 64 bits hold
 _LARGE = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # numbers that count from 1970 in this unit
 
 
@@ -66,6 +64,8 @@ class Messages:
         options: how to read them.
         dropped: how many messages were dropped since the last call.
     """
+
+    _form = "not an object in JSON"  # what a message is that cannot be read
 
     def __init__(
         self,
@@ -145,11 +145,12 @@ class Messages:
         """Time and values of a message; None where it has none, which is counted."""
         try:
             return self.parsed(message)
-        except (UnreadableError, ValueError, RecursionError) as error:
+        except Exception as error:  # whatever one message raises, the next ones come
             if not self._bad:
-                has_message = isinstance(error, UnreadableError)
-                self._why = str(error) if has_message else "not an object in JSON"
-                self._example = repr(message[:_EXAMPLE_CHARACTERS].decode("utf-8", "replace"))
+                self._why = str(error) if isinstance(error, UnreadableError) else self._form
+                is_text = isinstance(message, bytes)
+                text = message.decode("utf-8", "replace") if is_text else str(message)
+                self._example = repr(text[:_EXAMPLE_CHARACTERS])
             self._bad += 1
             return None
 
@@ -158,7 +159,7 @@ class Messages:
 
         Raises:
             UnreadableError: says why it cannot be read.
-            ValueError: it is no JSON.
+            Exception: it has not the form of such a message.
         """
         if not message.strip():
             return None
@@ -209,8 +210,6 @@ class Messages:
         if unit not in NS_PER_UNIT:
             raise UnreadableError(f"its time is stated in {unit!r}")
         exact = value * NS_PER_UNIT[unit]
-        if not math.isfinite(exact) or abs(exact) > _FARTHEST:
-            raise UnreadableError("no time that can be read")
         return round(exact)
 
 

@@ -12,7 +12,7 @@ from ..core.finding import Finding
 from ..diagnostics.diagnosis import sensor_thresholds
 from ..formats.source import Source
 from .axle import LiveAxle, LiveSample, Measuring
-from .feed import Feed, FeedRow
+from .feed import FARTHEST, Feed, FeedRow
 from .wheels import LiveWheels, Places
 
 _SPANS = 20  # of a finding that grows
@@ -126,7 +126,9 @@ def follow(
         tally.add(wheels.lacking())
         for p in wheels.axles[len(axles) :]:
             axles.append(LiveAxle(_measuring(p, settings), settings.vehicle, algos))
-        if row is not None:
+        if row is not None and abs(row.t) > FARTHEST:
+            tally.add([_too_far(row)])
+        elif row is not None:
             start = row.t if start is None else start
             if samples := axle_samples(row, wheels, axles, start):
                 for sink in sinks:
@@ -138,6 +140,12 @@ def follow(
         for sink in sinks:
             sink.idle()
     tally.add(feed.findings())
+
+
+def _too_far(row: FeedRow) -> Finding:
+    example = "after 2116" if row.t > 0 else "before 1824"
+    names = {"reason": "time is more than 146 years from 1970", "example": example}
+    return Finding("messages-unreadable", "warning", names=names)
 
 
 def _measuring(p: Places, settings: Settings) -> Measuring:

@@ -17,6 +17,7 @@ from ..records.choose import Key, axle_numbers, brake_of, find, incomplete
 from .feed import PAUSE, FeedRow
 
 _COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 16, 24, 32))  # where counters start anew
+_LARGEST = 1e15  # in SI: no sensor gives as much, and estimators need not compute with it
 _LARGEST_TURN = 0.25  # of such a range in one interval: more is a reset
 
 
@@ -150,7 +151,8 @@ class LiveWheels:
         """Time [ns] and value in SI of each place that has one."""
         values = {}
         for place, x in row.values.items():
-            if math.isfinite(x) and (reading := self._scales[place].convert(row.t, x)):
+            reading = self._scales[place].convert(row.t, x) if math.isfinite(x) else None
+            if reading and abs(reading[1]) < _LARGEST:
                 values[place] = reading
         return values
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...core.units import in_name
+from ...core.units import in_name, unit
 from .header_words import is_units_row, normal, time_name
 
 HEAD_BYTES = 1 << 20
@@ -73,7 +73,8 @@ class Dialect:
             return False
         if is_units_row(cells):
             own_units = [u or in_name(n)[1] for n, u in zip(self.names, self.units, strict=True)]
-            return any(b and a != b for a, b in zip(_key(own_units), _key(cells), strict=False))
+            pairs = zip(_key(own_units), _key(cells), map(without_brackets, cells), strict=False)
+            return any(a != b and unit(text) for a, b, text in pairs)
         units = sum(bool(in_name(c)[1]) for c in said)
         names_time = any(map(time_name, said)) or units >= len(said) / 2
         return names_time and not any(map(is_number, said))
