@@ -3,7 +3,7 @@
 A state holds the parameters, the wheelset and the method's own state.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 from types import FunctionType
 from typing import Any, NamedTuple, cast
@@ -16,6 +16,7 @@ from ..wsp.controller import Observed
 from .ascii_text import ascii_text
 from .c_types import INT, Kind, Number, Scalar, Struct, c_name, declaration
 from .expressions import Cost
+from .templates import render
 from .translate import INLINE, Translation, folded
 
 # The fields of `Wheelset` that are vehicle parameters; the others follow from them.
@@ -35,18 +36,6 @@ _STATUS = (
     ("NOT_FINITE", "the result is no finite number"),
     ("NOT_BEGUN", "no init of this state was OK"),
 )
-_BEGUN = 0x41444845  # what only init puts into a state: other memory hardly ever holds it
-
-
-# A struct that a function returns then needs no memory.
-_INLINE = f"""\
-/* gcc and clang put each function into its callers, unless they optimize for size. */
-#if defined(__GNUC__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__)
-#define {INLINE} static inline __attribute__((always_inline))
-#else
-#define {INLINE} static inline
-#endif
-"""
 
 
 class Code(NamedTuple):
@@ -86,40 +75,55 @@ class Interface:
         self.given = self.c.types.named(given_type, name, public=True)
         self.now = self.c.types.named(method.State, "now", public=True)
         self.interval = quantities(Sample)["h"]
-        self.limited = False  # whether a longer interval can be unstable
+        longest_step = getattr(self.estimator, "longest_step", None)
+        # whether a longer interval can be unstable
+        self.limited = longest_step is not None and longest_step.__name__ == "longest_step"
 
     def code(self) -> Code:
         """Header and source."""
-        step, cost = self._step()
-        start, initial_call = self._call(self.method.init, self._begins())
-        longest = getattr(self.estimator, "longest_step", None)
-        self.limited = longest is not None and longest.__name__ == "longest_step"
-        limit, judged = [], Cost()
+        calls, costs = self._calls()
+        read = frozenset(x for s, x in self.c.read if s == f"{self.name}_observed")
+        tests = self._tests(read)
+        absent = {"BAD_WHEELSET": not self.estimator, "TOO_LONG": not self.limited}
+        statuses = tuple(x for x in _STATUS if not absent.get(x[0]))
+        context = {
+            "interface": self,
+            "statuses": statuses,
+            "title": ascii_text(f"{self.method.title}. {self.method.source}."),
+            "calls": calls,
+            "tests": tests,
+            "inline": INLINE,
+            "declaration": lambda *kinds: _fold(*declaration(*kinds)),
+            "fold": _fold,
+        }
+        header, source = (render(f"method.{x}.jinja", **context) for x in ("h", "c"))
+        return Code(header, source, costs, statuses, read)
+
+    def _calls(self) -> tuple[dict[str, str], dict[str, Cost]]:
+        """The calls of the method's own functions, and what those of the export cost."""
+        p: tuple[str, Kind] = ("*p", self.params)
+        own: list[tuple[str, Kind]] = [("state->now", self.now), ("h", self.real)]
+        sample: list[tuple[str, Kind]] = [("*o", self.given)]
+        wheelset: list[tuple[str, Kind]] = []
+        if self.estimator:
+            wheelset, sample = [("*w", self.given)], [("K", self.real), ("y", self.real)]
+            own.insert(0, ("state->w", self.given))
+        step, step_cost = self._call(self.method.step, [("state->p", self.params), *own, *sample])
+        start, init_cost = self._call(self.method.init, [p, *wheelset, *sample])
+        calls = {"step": step, "start": start, "longest": ""}
         if self.limited:
-            call, judged = self._call(longest, [("*p", self.params)])
-            limit = [f"state->longest = {call};"]
-        wheelset_code, of_wheelset = "", Cost()
+            assert self.estimator
+            calls["longest"], cost = self._call(self.estimator.longest_step, [p])
+            init_cost += cost
+        checks = Cost({"compare": 2 * len(self.inputs) + 2})
+        ranges = Cost({"compare": 2 * len(self.params.fields)})
         if self.estimator:
             four = [(c_name(x), self.real) for x in ("R", "phi", "I", "m")]
-            wheelset_code, of_wheelset = self._call(wheelset_of, four)
-        read = frozenset(x for s, x in self.c.read if s == f"{self.name}_observed")
-        checks = Cost({"compare": 2 * len(self.inputs) + 2})
-        sections = [
-            self._defaults(wheelset_code),
-            self._wheelset(wheelset_code) if self.estimator else "",
-            self._ranges(read),
-            self._init(start, limit, bool(self.estimator)),
-            self._step_text(step),
-        ]
-        input_count = len(WHEELSET_INPUTS) + len(self.given.fields) if self.estimator else 0
-        ranges = Cost({"compare": 2 * len(self.params.fields) + input_count})
-        costs = {"init": initial_call + judged + of_wheelset + checks + ranges}
-        costs["step"] = cost + checks + Cost({"compare": 1 + self.limited})
-        body = "\n".join(x for x in sections if x)
-        statuses = tuple(x for x in _STATUS if self._returned(x[0]))
-        return Code(self._header(statuses), self._source(body), costs, statuses, read)
-
-    # --- what the functions compute ---------------------------------------------------------------
+            init_cost += self._call(wheelset_of, four)[1]
+            ranges += Cost({"compare": len(WHEELSET_INPUTS) + len(self.given.fields)})
+        costs = {"init": init_cost + checks + ranges}
+        costs["step"] = step_cost + checks + Cost({"compare": 1 + self.limited})
+        return calls, costs
 
     def _call(self, f: Any, arguments: Sequence[tuple[str, Kind]]) -> tuple[str, Cost]:
         """A call of a translated function."""
@@ -128,74 +132,26 @@ class Interface:
         texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in passed]
         return f"{function.name}({', '.join(texts).replace('&*', '')})", function.cost
 
-    def _begins(self) -> list[tuple[str, Kind]]:
-        p: tuple[str, Kind] = ("*p", self.params)
-        if self.estimator:
-            return [p, ("*w", self.given), ("K", self.real), ("y", self.real)]
-        return [p, ("*o", self.given)]
-
-    def _step(self) -> tuple[list[str], Cost]:
-        """The lines that bring `next` one sample on."""
-        p: tuple[str, Kind] = ("state->p", self.params)
-        s: tuple[str, Kind] = ("state->now", self.now)
-        h: tuple[str, Kind] = ("h", self.real)
-        w: tuple[str, Kind] = ("state->w", self.given)
-        sample: list[tuple[str, Kind]] = [("K", self.real), ("y", self.real)]
-        arguments = [p, w, s, h, *sample] if self.estimator else [p, s, h, ("*o", self.given)]
-        call, cost = self._call(self.method.step, arguments)
-        return [f"{self.name}_now next = {call};"], cost
-
-    # --- text -------------------------------------------------------------------------------------
-
-    def _returned(self, status: str) -> bool:
-        return {"BAD_WHEELSET": bool(self.estimator), "TOO_LONG": self.limited}.get(status, True)
-
-    def _signatures(self, r: str = "real") -> dict[str, str]:
-        """The public functions, by what they do; `r` is the floating-point type."""
+    def signatures(self, real: str) -> dict[str, str]:
+        """The public functions, by what they do; `real` is the floating-point type."""
         n = self.name
         state, p = f"{n}_state *state", f"const {n}_params *p"
         if self.estimator:
-            parameters, sample = f"const {n}_wheelset *w, ", f"{r} K, {r} y"
+            parameters, sample = f"const {n}_wheelset *w, ", f"{real} K, {real} y"
         else:
             parameters, sample = "", f"const {n}_observed *o"
-        wheelset = {
-            "wheelset": f"{n}_wheelset {n}_default_wheelset(void)",
-            "wheelset_of": f"{n}_status {n}_wheelset_of({n}_wheelset *w, {r} radius, {r} phi, "
-            f"{r} inertia, {r} mass)",
-        }
+        vehicle = f"{real} radius, {real} phi, {real} inertia, {real} mass"
         return {
             "defaults": f"{n}_params {n}_defaults(void)",
-            **(wheelset if self.estimator else {}),
+            "wheelset": f"{n}_wheelset {n}_default_wheelset(void)",
+            "wheelset_of": f"{n}_status {n}_wheelset_of({n}_wheelset *w, {vehicle})",
             "init": f"{n}_status {n}_init({state}, {p}, {parameters}{sample})",
-            "step": f"{n}_status {n}_step({state}, {r} h, {sample})",
+            "step": f"{n}_status {n}_step({state}, {real} h, {sample})",
         }
-
-    def _header(self, statuses: tuple[tuple[str, str], ...]) -> str:
-        n, public = self.name, [s for s in self.c.types.structs if s.public]
-        title = ascii_text(f"{self.method.title}. {self.method.source}.")
-        origin = f"   Made by adhesion {self.version}. Units are SI. "
-        origin += "Ranges stand beside the values: README.md. */"
-        lines = folded([f"/* {n}.h: {title}", origin])
-        lines += [f"#ifndef {self.macro}_H", f"#define {self.macro}_H", "", "#include <stdint.h>"]
-        real = f"{n}_real"
-        lines += ["", f"typedef {self.number.c} {real};", ""]
-        lines += ["/* What a function returns; if it is not OK, the estimate is as before. */"]
-        lines += ["typedef enum {"]
-        marks = [f"    {self.macro}_{x} = {i}" for i, (x, _) in enumerate(statuses)]
-        last_mark = len(marks) - 1
-        for i, (mark, (_, text)) in enumerate(zip(marks, statuses, strict=True)):
-            lines.append(f"{mark}{',' if i < last_mark else ''} /* {text} */")
-        lines += [f"}} {n}_status;", ""]
-        for s in public:
-            lines += folded(declaration(s, real))
-        lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
-        lines += [*folded(declaration(self.state(), real)), *self._prototypes()]
-        lines += ["#ifdef __cplusplus", "}", "#endif", "", "#endif", ""]
-        return "\n".join(lines)
 
     def state(self) -> Struct:
         """What the caller keeps for one axle."""
-        members: list[tuple[str, Kind | None, str]] = [
+        members: list[tuple[str, Kind, str]] = [
             ("begun", INT, "whether init was OK"),
             ("p", self.params, "as given to init"),
         ]
@@ -204,7 +160,7 @@ class Interface:
         if self.limited:
             members.append(("longest", self.real, "the longest stable interval [s]"))
         members.append(("now", self.now, f"the answer: {', '.join(self.answers())}"))
-        fields = tuple((x, kind) for x, kind, _ in members if kind is not None)
+        fields = tuple((x, kind) for x, kind, _ in members)
         notes = tuple(text for *_, text in members)
         return Struct(f"{self.name}_state", fields, "State of one axle.", notes, True)
 
@@ -214,72 +170,43 @@ class Interface:
             return ["sigma", *KIND.answer] if self.estimator.has_sigma else [*KIND.answer]
         return ["judged", "valve"]
 
-    def _prototypes(self) -> list[str]:
-        descriptions = {
-            "defaults": "The parameters that the export was made with.",
-            "wheelset": "The wheelset that it was made with.",
-            "wheelset_of": "Of radius [m], pad friction phi [-], inertia [kg m^2], mass [kg].",
-            "init": "The first sample, and the first after a gap: K [N], y [rad/s].",
-            "step": "One sample later: h [s] since the last one, K [N], y [rad/s].",
+    def literals(self, values: Iterable[float]) -> str:
+        """Numbers in C, one after the other."""
+        return ", ".join(map(self.number.literal, values))
+
+    def _tests(self, read: frozenset[str]) -> dict[str, str]:
+        """What holds for parameters, wheelset, inputs, interval and answers that are in order.
+
+        Args:
+            read: the inputs that the method reads.
+        """
+        annotations = quantities(self.method.Params)
+        tests = {
+            "params": [
+                x for n, q in annotations.items() for x in self._range_tests(f"p->{c_name(n)}", q)
+            ]
         }
-        if not self.estimator:
-            descriptions["init"] = "The first tick."
-            descriptions["step"] = "One tick later: h [s] since the last one."
-        lines = []
-        for key, signature in self._signatures(f"{self.name}_real").items():
-            lines += [f"/* {descriptions[key]} */", *folded([f"{signature};"]), ""]
-        return lines
-
-    def _source(self, body: str) -> str:
-        private = [s for s in self.c.types.structs if not s.public]
-        lines = [f"/* {self.name}.c: made by adhesion {self.version} from the Python source. */"]
-        lines += [f'#include "{self.name}.h"', "", "#include <float.h>", "#include <math.h>"]
-        begun = f"#define BEGUN ({_BEGUN}) /* in a state: init was OK */"
-        lines += ["#include <stdbool.h>", "#include <stddef.h>", "", begun]
-        for macro, (value, comment) in self.c.constants.items():
-            lines += [f"#define {macro} ({value})" + (f" /* {comment} */" if comment else "")]
-        lines += ["", _INLINE, f"typedef {self.name}_real real;", ""]
-        for s in private:
-            lines += folded(declaration(s))
-        return "\n".join([*lines, *self.c.functions, body])
-
-    def _defaults(self, wheelset_code: str) -> str:
-        values = ", ".join(self.number.literal(x) for x in self.p)
-        lines = [f"    return ({self.name}_params){{{values}}};"]
-        text = self._function("defaults", lines)
-        if wheelset_code:
-            name, _, _ = wheelset_code.partition("(")
-            literals = ", ".join(self.number.literal(x) for x in self.vehicle)
-            text += "\n" + self._function("wheelset", [f"    return {name}({literals});"])
-        return text
-
-    def _wheelset(self, wheelset_code: str) -> str:
-        name, _, _ = wheelset_code.partition("(")
-        assignment = f"*w = {name}(radius, phi, inertia, mass);"
-        guards = [("w == NULL", "BAD_POINTER"), (_negated(self._vehicle_tests("")), "BAD_WHEELSET")]
-        return self._function("wheelset_of", self._guarded(guards, [assignment]))
+        if self.estimator:
+            derived = [x for x, _ in self.given.fields if x not in WHEELSET_INPUTS]
+            same = [f"(w->{x} == same.{x})" for x in derived]
+            tests |= {"vehicle": self._vehicle_tests("")}
+            tests |= {"wheelset": [*self._vehicle_tests("w->"), *same]}
+            inputs = {n: n for n in ("K", "y")}
+        else:
+            inputs = {n: f"o->{n}" for n in self.inputs if n in read}
+        ranges = [self._range_tests(x, self.inputs[n]) for n, x in inputs.items()]
+        tests |= {"input": [*chain.from_iterable(ranges)]}
+        tests |= {"interval": self._range_tests("h", self.interval)}
+        kinds, finite = dict(self.now.fields), self.c.helper("finite")
+        real_answers = [x for x in self.answers() if kinds[x] == self.real]
+        tests |= {"finite": [f"{finite}(next.{x})" for x in real_answers]}
+        return {name: " && ".join(x) for name, x in tests.items()}
 
     def _vehicle_tests(self, owner: str) -> list[str]:
         """The comparisons that hold for the inputs of a wheelset."""
         limits = quantities(Vehicle)
         tests = [self._range_tests(owner + x, limits[name]) for x, name in WHEELSET_INPUTS.items()]
         return list(chain.from_iterable(tests))
-
-    def _ranges(self, read: frozenset[str]) -> str:
-        annotations = quantities(self.method.Params)
-        tests = [x for n, q in annotations.items() for x in self._range_tests(f"p->{c_name(n)}", q)]
-        text = self._test(f"params_ok(const {self.name}_params *p)", tests)
-        if self.estimator:
-            call = "physics_wheelset_of(w->radius, w->phi, w->inertia, w->mass)"
-            declaration = f"const {self.name}_wheelset same = {call};"
-            derived = [x for x, _ in self.given.fields if x not in WHEELSET_INPUTS]
-            tests = [*self._vehicle_tests("w->"), *(f"(w->{x} == same.{x})" for x in derived)]
-            text += self._test(f"wheelset_ok(const {self.name}_wheelset *w)", tests, declaration)
-            tests = [x for n in ("K", "y") for x in self._range_tests(n, self.inputs[n])]
-            return text + self._test("input_ok(real K, real y)", tests)
-        names_read = [n for n in self.inputs if n in read]
-        tests = [x for n in names_read for x in self._range_tests(f"o->{n}", self.inputs[n])]
-        return text + self._test(f"input_ok(const {self.name}_observed *o)", tests)
 
     def _range_tests(self, value: str, q: Quantity) -> list[str]:
         """The comparisons that hold in the range of a quantity, and for no NaN."""
@@ -293,49 +220,6 @@ class Interface:
             return [f"({self.c.helper('nan')}({value}) || ({' && '.join(range_tests)}))"]
         return range_tests
 
-    def _test(self, signature: str, tests: list[str], preamble: str = "") -> str:
-        lines = [f"{INLINE} bool {signature}", "{", *([f"    {preamble}"] if preamble else [])]
-        lines += folded([f"    return {' && '.join(tests)};"])
-        return "\n".join([*lines, "}", "", ""])
 
-    def _init(self, start: str, prepared: list[str], with_wheelset: bool) -> str:
-        statements = ["state->p = *p;", *(["state->w = *w;"] if with_wheelset else []), *prepared]
-        pointers = f"(state == NULL) || (p == NULL) || ({'w' if with_wheelset else 'o'} == NULL)"
-        guards = [(pointers, "BAD_POINTER"), ("!params_ok(p)", "BAD_PARAMETER")]
-        guards += [("!wheelset_ok(w)", "BAD_WHEELSET")] if with_wheelset else []
-        guards += [(f"!input_ok({'K, y' if with_wheelset else 'o'})", "BAD_INPUT")]
-        statements += [f"state->now = {start};", "state->begun = BEGUN;"]
-        return self._function("init", self._guarded(guards, statements))
-
-    def _step_text(self, step: list[str]) -> str:
-        tests = self._range_tests("h", self.interval)
-        sample = "K, y" if self.estimator else "o"
-        pointers = "state == NULL" if self.estimator else "(state == NULL) || (o == NULL)"
-        guards = [(pointers, "BAD_POINTER"), ("state->begun != BEGUN", "NOT_BEGUN")]
-        guards += [(f"{_negated(tests)} || !input_ok({sample})", "BAD_INPUT")]
-        if self.limited:
-            guards += [("h > state->longest", "TOO_LONG")]
-        kinds = dict(self.now.fields)
-        finite = self.c.helper("finite")
-        sound = [f"{finite}(next.{x})" for x in self.answers() if kinds[x] == self.real]
-        statements = [*step, f"if ({' && '.join(sound)}) {{", "    state->now = next;", "} else {"]
-        statements += [f"    status = {self.macro}_NOT_FINITE;", "}"]
-        return self._function("step", self._guarded(guards, statements))
-
-    def _guarded(self, guards: list[tuple[str, str]], statements: list[str]) -> list[str]:
-        """Statements that run if no guard holds; else its status is returned."""
-        lines = [f"    {self.name}_status status = {self.macro}_OK;"]
-        word = "if"
-        for test, status in guards:
-            lines += folded([f"    {word} ({test}) {{"])
-            lines += [f"        status = {self.macro}_{status};"]
-            word = "} else if"
-        body = folded(["        " + x for x in statements])
-        return [*lines, "    } else {", *body, "    }", "    return status;"]
-
-    def _function(self, key: str, lines: list[str]) -> str:
-        return "\n".join([*folded([self._signatures()[key]]), "{", *lines, "}", ""])
-
-
-def _negated(tests: list[str]) -> str:
-    return f"!({' && '.join(tests)})"
+def _fold(*lines: str) -> str:
+    return "\n".join(folded([*lines]))
