@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @shared(*ALL_NAMES)
-def command(  # noqa: PLR0913 (one option each)
+def command(
     logs: Logs,
     shared: Shared,
     scores: Annotated[bool, option("--scores", None, "Score the estimators axle by axle.")] = False,
@@ -26,10 +26,7 @@ def command(  # noqa: PLR0913 (one option each)
     ] = False,
     table: Annotated[
         Path | None,
-        option("--table", "FILE", "Also write brake applications: FILE.csv or FILE.parquet."),
-    ] = None,
-    decimal: Annotated[
-        str | None, option("--decimal", "MARK", "Decimal mark of --table FILE.csv: . or ,")
+        option("--table", "FILE", "Also write tables: FILE.xlsx, FILE.csv or FILE.parquet."),
     ] = None,
 ) -> int:
     """Compute adhesion force and coefficient of each log.
@@ -37,8 +34,8 @@ def command(  # noqa: PLR0913 (one option each)
     Shows each brake application with its uncertainty, the slides, and how well each online
     estimator follows. Writes <log>.adhesion.mcap and <log>.adhesion.rrd.
 
-    --table writes one row per log, axle and brake application. With --decimal , semicolons part the
-    cells, as spreadsheets with decimal commas expect.
+    --table writes one row per log, axle and brake application. A workbook (FILE.xlsx) also has
+    sheets of the estimators, the findings and the logs.
 
     Of several logs, those that fail are listed, and the others are written. With --strict, none is
     written if one fails.
@@ -51,7 +48,8 @@ def command(  # noqa: PLR0913 (one option each)
     from ..core.document import dumps
     from ..core.summary import FailedLog
 
-    _check_table(table, decimal)
+    if table:
+        _suffix(table)
     sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
     if report:
         sets = [[*files, files[0].with_suffix(".html")] for files in sets]
@@ -66,7 +64,7 @@ def command(  # noqa: PLR0913 (one option each)
         files[2]: partial(write_report, name=files[0].name) for _, files in successes if report
     }
     if table:
-        attachments[table] = partial(_write_table, name=table, decimal=decimal, summaries=summaries)
+        attachments[table] = partial(_write_table, name=table, summaries=summaries)
     analysed, written = [r for r, _ in successes], [files for _, files in successes]
     results.write(shared, analysed, written, summaries, attachments=attachments)
     of_log = iter(summaries)
@@ -81,27 +79,23 @@ def command(  # noqa: PLR0913 (one option each)
     return 3 if len(successes) < len(outcomes) else code
 
 
-def _check_table(table: Path | None, decimal: str | None) -> None:
-    """Refuses another format, and a decimal mark without a table."""
-    from ..core.errors import UserError
+def _suffix(table: Path) -> str:
+    """The format of the table."""
     from ..results.tables import kind
 
-    if table:
-        kind(table, decimal)
-    elif decimal:
-        raise UserError("--decimal is for a table", "add --table FILE.csv", code=2)
+    return kind(table)
 
 
-def _write_table(
-    place: Path, _: Path, *, name: Path, decimal: str | None, summaries: "Sequence[ResultSummary]"
-) -> None:
-    from ..results import tables, verified
+def _write_table(place: Path, _: Path, *, name: Path, summaries: "Sequence[ResultSummary]") -> None:
+    from ..results import tables
 
-    rows = tables.applications(summaries)
-    if tables.kind(name, decimal) == ".csv":
-        tables.write_csv(place, rows, decimal or ".")
-    else:
-        verified.write(place, tables.packed(rows))
+    sheets = {
+        "applications": tables.applications(summaries),
+        "estimators": tables.estimators(summaries),
+        "findings": tables.findings(summaries),
+        "logs": tables.table(map(tables.log_row, summaries), tables.LOGS),
+    }
+    tables.write(place, _suffix(name), sheets)
 
 
 def _show(

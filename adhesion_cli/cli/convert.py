@@ -12,10 +12,12 @@ from .options import LOG_KINDS, Shared, check, load_settings, places, shared
 @shared("config", "set_", "dbc", "json", "force", "strict", "rejects")
 def command(
     log: Annotated[Path, typer.Argument(metavar="IN", help=f"{LOG_KINDS}, or a result.")],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .mcap or .parquet.")],
+    target: Annotated[
+        Path, typer.Argument(metavar="OUT", help="A .csv, .mcap, .parquet or .xlsx.")
+    ],
     shared: Shared,
 ) -> int:
-    """Convert a log to CSV, MCAP or Parquet; units survive.
+    """Convert a log to CSV, MCAP, Parquet or Excel; units survive.
 
     Writes the channels as logged, in the format of OUT's suffix.
 

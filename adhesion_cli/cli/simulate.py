@@ -10,7 +10,9 @@ from .options import ScenarioName, Seed, Shared, option, shared
 def command(
     shared: Shared,
     scenario: Annotated[str, ScenarioName] = "",
-    out: Annotated[Path | None, option("-o --out", "FILE", "Log: .csv, .mcap or .parquet.")] = None,
+    out: Annotated[
+        Path | None, option("-o --out", "FILE", "Log: .csv, .mcap, .parquet or .xlsx.")
+    ] = None,
     list_: Annotated[bool, option("--list", None, "Show the bundled scenarios.")] = False,
     seed: Seed = None,
     dt: Annotated[

@@ -19,6 +19,7 @@ def writer(target: Path) -> Callable[[Path, Log], None]:
         ".csv": wide_table.write_csv,
         ".mcap": mcap.write_log,
         ".parquet": wide_table.write_parquet,
+        ".xlsx": wide_table.write_workbook,
     }
     if target.suffix.lower() not in writers:
         suffixes = ", ".join(writers)

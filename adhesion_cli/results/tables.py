@@ -32,8 +32,8 @@ from ..core.summary import (
 )
 from ..core.text import printable, utf8
 from ..reference.calibrated_vehicle import CalibratedParameter
-from . import names
-from .verified import verified
+from . import names, verified
+from .workbook import workbook
 
 _TYPES = {
     str: pa.string(),
@@ -156,41 +156,57 @@ def log_row(result: ResultSummary | FailedLog) -> LogRow:
     )
 
 
-def kind(path: Path, decimal: str | None) -> str:
+def kind(path: Path) -> str:
     """The format that a table's name states: its suffix.
 
     Raises:
-        UserError: for another suffix, and a decimal mark that it cannot have.
+        UserError: for another suffix.
     """
     suffix = path.suffix.lower()
-    if suffix not in (".csv", ".parquet"):
-        text, hint = f"{path}: a table is CSV or Parquet", "--table FILE.csv or FILE.parquet"
+    if suffix not in (".csv", ".parquet", ".xlsx"):
+        text, hint = f"{path}: a table is CSV, Parquet or Excel", f"--table {path.stem}.xlsx"
         raise UserError(text, hint, code=2)
-    if decimal not in (None, ".", ","):
-        raise UserError(f"--decimal {decimal}: not a decimal mark", '"." or ","', code=2)
-    if decimal and suffix != ".csv":
-        raise UserError("--decimal is for CSV", "--table FILE.csv", code=2)
     return suffix
 
 
-def write_csv(path: Path, table: Any, decimal: str = ".") -> None:
-    """Write a table as CSV for a spreadsheet; a cell without a value is empty.
+def write(path: Path, suffix: str, sheets: Mapping[str, Any]) -> None:
+    """Write tables in the format of a suffix, see `kind`.
 
     Args:
         path: file to write; its old content is lost.
-        table: a `pyarrow.Table`.
-        decimal: the mark of decimals; with a comma, semicolons part the cells.
+        suffix: of its name; a workbook holds all tables, other files the first one.
+        sheets: a `pyarrow.Table` by the name of its sheet.
 
     Raises as `verified.verified`.
     """
+    first_table = next(iter(sheets.values()))
+    if suffix == ".xlsx":
+        _write_workbook(path, sheets)
+    elif suffix == ".csv":
+        _write_csv(path, first_table)
+    else:
+        verified.write(path, packed(first_table))
+
+
+def _write_workbook(path: Path, sheets: Mapping[str, Any]) -> None:
+    with workbook(path) as book:
+        for name, table in sheets.items():
+            book.check(table.num_rows, table.num_columns)
+            sheet = book.sheet(name, table.schema)
+            for batch in table.to_batches():
+                sheet.write_batch(batch)
+
+
+def _write_csv(path: Path, table: Any) -> None:
+    """A table as other programs read it; a cell without a value is empty."""
 
     def cell_text(value: Any) -> str:
         if isinstance(value, str):
             return names.cell(printable(value))
-        return "" if value is None else str(value).replace(".", decimal)
+        return "" if value is None else str(value)
 
-    with verified(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as text_file:
-        rows = csv.writer(text_file, delimiter=";" if decimal == "," else ",", lineterminator="\n")
+    with verified.verified(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as text_file:
+        rows = csv.writer(text_file, lineterminator="\n")
         rows.writerow(table.column_names)
         rows.writerows([cell_text(x) for x in row.values()] for row in table.to_pylist())
 

@@ -1,4 +1,4 @@
-"""A log as one table, as CSV or Parquet: a column per channel, a row per time stamp.
+"""A log as one table, as CSV, Parquet or Excel: a column per channel, a row per time stamp.
 
 Channels with different time stamps share a row only where the stamps are equal. Nothing is
 interpolated. Every channel keeps its own order: where its time jumps back, a new pass through time
@@ -19,6 +19,7 @@ from ..core.model import Log, Times
 from ..core.text import distinct
 from . import names
 from .verified import verified
+from .workbook import workbook
 
 _ROWS = 1 << 16  # made at once
 
@@ -32,10 +33,7 @@ def write_csv(path: Path, log: Log) -> None:
 
     Raises as `verified.verified`.
     """
-    titles = ["time" if log.absolute else "time [s]"]
-    for name, unit in names.channels(log):
-        has_unit = not unit or name.endswith((f"[{unit}]", f"({unit})"))
-        titles.append(names.cell(name if has_unit else f"{name} [{unit}]"))
+    titles = map(names.cell, _titles(log))
     schema = pa.schema(list(zip(titles, _types(log), strict=True)))
     with verified(path) as file, CSVWriter(file, schema) as writer:
         _write(writer, log, schema)
@@ -56,6 +54,27 @@ def write_parquet(path: Path, log: Log) -> None:
         _write(writer, log, schema)
 
 
+def write_workbook(path: Path, log: Log) -> None:
+    """The same as an Excel workbook, whose time stamps hold microseconds.
+
+    Raises:
+        UserError: the log has more rows or channels than a sheet holds.
+    """
+    schema = pa.schema(list(zip(_titles(log), _types(log), strict=True)))
+    axes = _axes(log)
+    with workbook(path) as book:
+        book.check(sum(len(_rows(axes, x)[0]) for x in _slices(axes)), len(schema))
+        _write(book.sheet("log", schema), log, schema)
+
+
+def _titles(log: Log) -> Iterator[str]:
+    """The heads of the columns, with units."""
+    yield "time" if log.absolute else "time [s]"
+    for name, unit in names.channels(log):
+        has_unit = not unit or name.endswith((f"[{unit}]", f"({unit})"))
+        yield name if has_unit else f"{name} [{unit}]"
+
+
 def _types(log: Log) -> list[Any]:
     """The Arrow types of the columns: the time's, and each channel's."""
     time = pa.timestamp("ns", "UTC") if log.absolute else pa.float64()
@@ -64,7 +83,7 @@ def _types(log: Log) -> list[Any]:
 
 def _write(writer: Any, log: Log, schema: Any) -> None:
     """The rows in order, some at once; a channel's column is null where it has no value."""
-    axes = {id(c.data.t): _Axis.from_times(c.data.t) for c in log.channels}
+    axes = _axes(log)
     for slices in _slices(axes):
         t, rows = _rows(axes, slices)
         columns = [pa.array(t if log.absolute else t / 1e9, schema.types[0])]
@@ -95,6 +114,11 @@ class _Axis(NamedTuple):
         """The first sample behind a place."""
         start, stop = self.edges[np.minimum([place[0], place[0] + 1], len(self.edges) - 1)]
         return int(start + np.searchsorted(self.t[start:stop], place[1], side="right"))
+
+
+def _axes(log: Log) -> dict[int, _Axis]:
+    """The times of the channels, by the identity of their arrays."""
+    return {id(c.data.t): _Axis.from_times(c.data.t) for c in log.channels}
 
 
 def _slices(axes: dict[int, _Axis]) -> Iterator[dict[int, slice]]:

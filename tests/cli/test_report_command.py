@@ -7,6 +7,8 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import openpyxl
+import pytest
 from helpers.trains import rows
 from pyarrow import parquet
 
@@ -43,7 +45,7 @@ def test_a_raw_log_and_another_suffix_are_refused(run: Run, tmp_path: Path) -> N
 
 def test_analyze_writes_report_and_table_as_one_set(run: Run, tmp_path: Path) -> None:
     (tmp_path / "=a;b.csv").write_text(rows())
-    options = ("-a", "td", "--report", "--table", "t.csv", "--decimal", ",", "--json")
+    options = ("-a", "td", "--report", "--table", "t.csv", "--json")
     done = run("analyze", "=a;b.csv", *options)
     assert done.returncode == 0, done.stderr
     (entry,) = json.loads(done.stdout)["results"]
@@ -61,13 +63,12 @@ def test_analyze_writes_report_and_table_as_one_set(run: Run, tmp_path: Path) ->
     assert (tmp_path / "again.html").read_bytes() == page
 
     with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file, delimiter=";")
+        (row,) = csv.DictReader(file)
     (axle,) = entry["axles"]
     (one,) = axle["applications"]
     assert row["log"] == "'=a;b.csv"  # no formula, and one cell
     assert (row["sha256"], row["axle"]) == (entry["log"]["sha256"], "1")
-    assert float(row["force_n_mean"].replace(",", ".")) == one["force_n"]["mean"]
-    assert "." not in row["force_n_mean"] + row["start_s"]
+    assert float(row["force_n_mean"]) == one["force_n"]["mean"]
     assert row["utilisation"] == ""
 
     refused = run("analyze", "=a;b.csv", "-a", "td", "-o", "new", "--table", "t.csv")
@@ -88,10 +89,24 @@ def test_a_table_of_several_logs_is_parquet_with_units(run: Run, tmp_path: Path)
     assert "t.parquet" in (tmp_path / "b.adhesion.sha256").read_text()
 
 
+def test_a_workbook_has_a_sheet_per_table(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "=a.csv").write_text(rows())
+    done = run("analyze", "=a.csv", "-a", "td", "--table", "t.xlsx", "--json")
+    assert done.returncode == 0, done.stderr
+    (entry,) = json.loads(done.stdout)["results"]
+    book = openpyxl.load_workbook(tmp_path / "t.xlsx")
+    assert book.sheetnames == ["applications", "estimators", "findings", "logs"]
+    heads, row = book["applications"].iter_rows(values_only=True)
+    force = entry["axles"][0]["applications"][0]["force_n"]["mean"]
+    assert row[0] == "=a.csv"
+    assert row[heads.index("force_n_mean [N]")] == pytest.approx(force, rel=1e-14)
+    codes = [code.value for code in book["findings"]["C"][1:]]
+    assert codes == [finding["code"] for finding in entry["findings"]]
+
+
 def test_what_a_table_cannot_be_is_refused_before_the_work(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(rows())
-    for wrong in ("--table t.xlsx", "--decimal ,", "--table t.csv --decimal ;",
-                  "--table t.parquet --decimal ,"):  # fmt: skip
+    for wrong in ("--table t.xls", "--table t"):
         done = run("analyze", "a.csv", *wrong.split())
         assert done.returncode == 2, wrong
         assert "hint:" in done.stderr

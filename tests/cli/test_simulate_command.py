@@ -89,7 +89,7 @@ def test_scenarios_are_listed(run: Run) -> None:
     [
         (("service-brake",), "-o FILE", 2),
         (("servce-brake", "-o", "a.csv"), "service-brake", 2),
-        (("service-brake", "-o", "a.txt"), ".csv, .mcap, .parquet", 2),
+        (("service-brake", "-o", "a.txt"), ".csv, .mcap, .parquet, .xlsx", 2),
         (("service-brake", "-o", "nowhere/a.csv"), "no such folder", 1),
         (("own.toml", "-o", "a.csv"), "shorter", 1),
     ],
