@@ -65,7 +65,7 @@ def command(  # noqa: PLR0913 (one option each)
     with _workers(workers, scheduler) as pool:
         code = _run(paths, shared, out or _FOLDER, pool, recordings)
     if summary and out and not shared.json:
-        _summary([str(out)], shared)
+        code = max(code, _summary([str(out)], shared))
     return code
 
 
@@ -170,6 +170,7 @@ def _summary(paths: list[str], shared: Shared) -> int:
     from ..core.document import dumps, tagged
     from ..core.errors import UserError
     from ..fleet.summary import summarise_fleet
+    from . import terminal
 
     if len(paths) != 1:
         text = f"--summary shows one folder of results, not {len(paths)}"
@@ -177,7 +178,8 @@ def _summary(paths: list[str], shared: Shared) -> int:
         raise UserError(text, hint, code=2)
     summary = summarise_fleet(Path(paths[0]))
     print(dumps(tagged("fleet-summary", **as_json(summary))) if shared.json else _text(summary))
-    return 0
+    terminal.show(summary.loss, shared.quiet)
+    return 3 if summary.loss else 0
 
 
 def _text(fleet: "FleetSummary") -> str:
@@ -193,8 +195,9 @@ def _text(fleet: "FleetSummary") -> str:
     failed = [
         f"  {printable(row['log'])}\n    error: {printable(row['error'])}" for row in fleet.failed
     ]
-    damaged = [f"  {printable(log)}" for log in fleet.damaged]
+    damaged, lost = ([f"  {printable(log)}" for log in x] for x in (fleet.damaged, fleet.lost))
     lines += [*_first_lines("Failed logs:", failed), *_first_lines("Damaged logs:", damaged)]
+    lines += _first_lines("Damaged or missing results:", lost)
     return "\n".join(lines)
 
 

@@ -9,6 +9,7 @@ from . import results
 from .options import Shared, option, shared
 
 if TYPE_CHECKING:
+    from ..core.finding import Finding
     from ..results.report.campaign import Campaign
 
 _Results = Annotated[
@@ -53,9 +54,11 @@ def command(
         raise UserError(f"{target}: a report is an HTML page", "-o FILE.html", code=2)
     atomic_files.check([target], shared.force, inputs=paths)
     progress = terminal.progress(shared.quiet)
-    runs = []
+    runs: list[run.ReportRun] = []
+    loss: list[Finding] = []
     if folders:
-        text = page.campaign_page(_campaign(folders[0], name))
+        fleet_page, loss = _campaign(folders[0], name)
+        text = page.campaign_page(fleet_page)
     else:
         for path in paths:
             progress(f"reading {path.name}")
@@ -69,12 +72,14 @@ def command(
         print(dumps(tagged("report", outputs={"html": str(target)}, differences=difference_rows)))
     else:
         print(terminal.wrote(target))
-    return 0
+    terminal.show(loss, shared.quiet)
+    return 3 if loss else 0
 
 
-def _campaign(folder: Path, name: str) -> "Campaign":
-    """The page on the results of a fleet."""
+def _campaign(folder: Path, name: str) -> "tuple[Campaign, list[Finding]]":
+    """The page on the results of a fleet, and the finding on those that are damaged."""
     from ..fleet.summary import summarise_fleet
     from ..fleet.summary_tables import campaign
 
-    return campaign(name, summarise_fleet(folder))
+    fleet = summarise_fleet(folder)
+    return campaign(name, fleet), fleet.loss

@@ -1,13 +1,15 @@
 """The results of a fleet: a folder of Parquet files for each table.
 
 A file is named by the hash of the log's content, the hash of the settings and the version of the
-program. The file of a log in `logs` appears last: what has one there is done.
+program. The file of a log in `logs` appears last, and holds a hash of the others: a log is done
+where all of them are whole.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,10 +22,16 @@ from ..core.text import printable, utf8
 from ..results import atomic_files, tables
 from ..results.tables import LogRow
 
-TABLES = ("applications", "estimators", "findings", "logs")
+_OTHERS = ("applications", "estimators", "findings")
+TABLES = (*_OTHERS, "logs")
 RECORDINGS = "recordings"
 SETTINGS = "settings"  # a file for each hash, with what it is of
 _DIGITS = 16  # of the hash
+_PARQUET = dataset.ParquetFileFormat(
+    default_fragment_scan_options=dataset.ParquetFragmentScanOptions(
+        page_checksum_verification=True
+    )
+)
 
 
 class KeptTables(NamedTuple):
@@ -48,7 +56,6 @@ class DoneLog(NamedTuple):
     log: str
     status: str
     lossy: bool
-    file: str  # that holds the row
 
 
 class Dataset:
@@ -80,12 +87,15 @@ class Dataset:
             raise UserError(text, "choose another folder with --out") from error
 
     def finished_logs(self) -> dict[str, list[DoneLog]]:
-        """What `run` asks of the logs that are there, by key; a damaged file is not there."""
-        files = sorted(str(path) for path in (self._folder / "logs").glob(f"*{self._suffix}"))
+        """What `run` asks of the logs that are there, by key; what is damaged is not there."""
+        files = sorted((self._folder / "logs").glob(f"*{self._suffix}"))
+        columns = ("log", "status", "lossy", "tables_sha256")
         by_key: dict[str, list[DoneLog]] = {}
-        for row in _rows(files):
-            key = Path(row.file).name.removesuffix(self._suffix)
-            by_key.setdefault(key, []).append(row)
+        for row in read_logs(files, columns)[0]:
+            file = Path(row["__filename"])
+            if row["status"] == "error" or is_whole(file, row["tables_sha256"]):
+                done = DoneLog(row["log"], row["status"], row["lossy"])
+                by_key.setdefault(file.name.removesuffix(self._suffix), []).append(done)
         return by_key
 
     def row(self, key: str) -> LogRow:
@@ -101,8 +111,10 @@ class Dataset:
         content: dict[Path, bytes] = {}
         for log in logs:
             content |= {self._path(name, log.key): data for name, data in log.files.items()}
-            names = sorted(map(utf8, log.names))
-            rows = [replace(log.row, log=name) for name in names]
+            row = log.row
+            if log.files:
+                row = replace(row, tables_sha256=_digest(log.files[name] for name in _OTHERS))
+            rows = [replace(row, log=name) for name in sorted(map(utf8, log.names))]
             content[self._path("logs", log.key)] = tables.packed(tables.table(rows, tables.LOGS))
         with atomic_files.sets([[path] for path in content], True, sweeps=False) as places:
             for (place,), data in zip(places, content.values(), strict=True):
@@ -116,18 +128,38 @@ class Dataset:
         return self._folder / table / f"{key}{self._suffix}"
 
 
-def _rows(files: list[str]) -> list[DoneLog]:
-    """Name, status, whether it is lossy, and the file of each row of these tables of logs."""
+def read_logs(files: Sequence[Path], columns: Sequence[str]) -> tuple[list[Json], list[Path]]:
+    """The rows of tables of logs, `__filename` among their columns; and which files are damaged."""
     if not files:
-        return []
+        return [], []
     try:
-        table = dataset.dataset(files, tables.LOGS, "parquet")
-        columns = ["log", "status", "lossy", "__filename"]
-        rows = [DoneLog(*row.values()) for row in table.to_table(columns).to_pylist()]
+        names = [str(file) for file in files]
+        table = dataset.dataset(names, tables.LOGS, _PARQUET).to_table([*columns, "__filename"])
+        return table.to_pylist(), []
     except (OSError, pa.ArrowException):
-        middle = len(files) // 2  # one of them is damaged
-        return [*_rows(files[:middle]), *_rows(files[middle:])] if middle else []
-    return rows
+        if len(files) == 1:
+            return [], list(files)
+    parts = files[: len(files) // 2], files[len(files) // 2 :]
+    rows, damaged = zip(*(read_logs(part, columns) for part in parts), strict=True)
+    return [*chain(*rows)], [*chain(*damaged)]
+
+
+def is_whole(log: Path, tables_sha256: str | None) -> bool:
+    """Whether the other tables of an analysed log are there, as they were written.
+
+    Args:
+        log: its file in the table of logs.
+        tables_sha256: what this says of the others.
+    """
+    try:
+        contents = [(log.parents[1] / name / log.name).read_bytes() for name in _OTHERS]
+    except OSError:
+        return False
+    return _digest(contents) == tables_sha256
+
+
+def _digest(contents: Iterable[bytes]) -> str:
+    return sha256(b"".join(sha256(content).digest() for content in contents)).hexdigest()
 
 
 def hashed(settings: Json) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from multiprocessing.pool import ThreadPool
 from queue import SimpleQueue
 from typing import Any
 
@@ -31,10 +32,12 @@ class Processes:
         self._waiting = ThreadPoolExecutor(count)  # each for the answer of a process
 
     def map_jobs(self, do: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
-        """`do` of each, in order; it mostly reads, so threads are enough."""
-        with ThreadPoolExecutor(self.capacity) as threads:
-            for start in range(0, len(items), work.BLOCK):
-                yield from threads.map(do, items[start : start + work.BLOCK])
+        """`do` of each, in order; it mostly reads, so threads are enough.
+
+        A caller that is interrupted does not wait for what they read.
+        """
+        with ThreadPool(self.capacity) as threads:
+            yield from threads.imap(do, items)
 
     def submit(self, do: Callable[..., Any], *arguments: Any) -> "Future[Any]":
         """Calls a function in an idle process."""

@@ -10,16 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow import dataset
 
 from ..core.annotated import Json
 from ..core.errors import UserError
-from ..core.finding import is_lossy
+from ..core.finding import Finding, is_lossy
 from ..core.model import Floats
 from ..core.text import printable
-from .dataset import SETTINGS, TABLES
+from .dataset import SETTINGS, TABLES, is_whole, read_logs
 
 BANDS = (0.0, 40.0, 80.0, 120.0, 160.0, 200.0)  # edges of the speed bands [km/h]
 _SHARES = (5.0, 50.0, 95.0)  # percentiles
@@ -29,8 +28,9 @@ _OF_APPLICATION = (
     "log sha256 axle start_s from_mps to_mps coefficient_mean slides slide_s slide_distance_m "
     "max_slip slide_energy_j settings version"
 ).split()
+_FILE = "__filename"
 _OF_FINDING = ("log", "sha256", "code", "severity", "message", "settings", "version")
-_OF_LOG = ("log", "sha256", "status", "error", "hint", "start", "version", "settings")
+_OF_LOG = ("log sha256 status error hint start version settings tables_sha256").split()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +127,14 @@ class FleetSummary:
     evaluated: Evaluation
     failed: list[dict[str, str]]  # log, error, hint
     damaged: list[str]
+    lost: list[str]  # logs whose results are damaged or missing; a file where no log is known
+
+    @property
+    def loss(self) -> list[Finding]:
+        """The finding on results that are damaged or missing, if any are."""
+        values = {"results": float(len(self.lost))}
+        lost = Finding("fleet-results-damaged", "error", count=len(self.lost), values=values)
+        return [lost] if self.lost else []
 
 
 class _LogRow(NamedTuple):
@@ -140,12 +148,8 @@ class _LogRow(NamedTuple):
     start: datetime | None
     version: str | None
     settings: str | None
+    tables_sha256: str | None
     file: str
-
-    @property
-    def key(self) -> str:
-        """What the rows of the other tables have in common with it."""
-        return f"{self.sha256}-{self.settings}-{self.version}"
 
 
 def summarise_fleet(folder: Path) -> FleetSummary:
@@ -157,19 +161,26 @@ def summarise_fleet(folder: Path) -> FleetSummary:
     Raises:
         UserError: the folder holds no results, or they cannot be read.
     """
+    files = {t: sorted((folder / t).glob("*.parquet")) for t in TABLES}
+    if not files["logs"] or not all((folder / name).is_dir() for name in TABLES):
+        text = f"{printable(str(folder))}: holds no results of a fleet"
+        raise UserError(text, "name the folder that `adhesion fleet -o` wrote")
     try:
-        logs = _newest(_read(folder, "logs", (*_OF_LOG, "__filename")))
+        rows, damaged = read_logs(files["logs"], _OF_LOG)
+        logs, lost = _whole([_LogRow(*row.values()) for row in rows])
+        lost += map(str, damaged)
+        named = {path.name for path in files["logs"]}
+        lost += sorted(str(x) for x in files[TABLES[0]] if x.name not in named)
+        logs = _newest(logs)
         analysed = [row for row in logs if row.status != "error"]
-        keys = pa.array(sorted({row.key for row in analysed}), pa.string())
-        applications = _with_keys(_read(folder, "applications", _OF_APPLICATION), keys)
-        findings = _with_keys(_read(folder, "findings", _OF_FINDING), keys)
+        names = sorted({Path(row.file).name for row in analysed})
+        applications = _read(folder / "applications", names, (*_OF_APPLICATION, _FILE))
+        findings = _read(folder / "findings", names, _OF_FINDING)
     except (OSError, pa.ArrowException) as error:
         text = f"{printable(str(folder))}: cannot be read as results of a fleet ({error})"
-        hint = "name the folder that `adhesion fleet -o` wrote; to analyse first, add -o"
-        raise UserError(text, hint) from error
-    days = {row.key: row.start.date().isoformat() for row in analysed if row.start}
-    row_keys = _keys(applications).to_pylist()
-    row_days = [days.get(key, "unknown") for key in row_keys]
+        raise UserError(text, "run `adhesion fleet` on the logs again, with -o") from error
+    days = {Path(row.file).name: row.start.date().isoformat() for row in analysed if row.start}
+    row_days = [days.get(Path(x).name, "unknown") for x in applications[_FILE].to_pylist()]
     settings = applications["settings"].to_pylist()
     return FleetSummary(
         logs={s: sum(r.status == s for r in logs) for s in ("ok", "damaged", "error")},
@@ -188,44 +199,33 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         evaluated=_evaluated(analysed),
         failed=[{"log": r.log, "error": r.error, "hint": r.hint or ""} for r in logs if r.error],
         damaged=sorted({row.log for row in logs if row.status == "damaged"}),
+        lost=lost,
     )
 
 
-def _read(folder: Path, table: str, names: Sequence[str]) -> Any:
-    """Columns of a table.
-
-    Raises:
-        UserError: the folder has no such table.
-    """
-    files = sorted((folder / table).glob("*.parquet")) if set(TABLES) <= _inside(folder) else []
-    if table == "logs" and not files:
-        text = f"{printable(str(folder))}: holds no results of a fleet"
-        raise UserError(text, "name the folder that `adhesion fleet -o` wrote")
-    if not files:  # every log failed
-        return pa.table({name: pa.array([], pa.null()) for name in names})
-    return dataset.dataset([str(file) for file in files], format="parquet").to_table(
-        columns=list(names)
-    )
+def _whole(rows: Sequence[_LogRow]) -> tuple[list[_LogRow], list[str]]:
+    """The rows of logs whose tables are whole, and the names of the other logs."""
+    whole, others = list[_LogRow](), list[str]()
+    for row in rows:
+        if row.status == "error" or is_whole(Path(row.file), row.tables_sha256):
+            whole.append(row)
+        else:
+            others.append(row.log)
+    return whole, sorted(set(others))
 
 
-def _inside(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+def _read(folder: Path, names: Sequence[str], columns: Sequence[str]) -> Any:
+    """Columns of the files with these names."""
+    if not names:  # every log failed
+        return pa.table({name: pa.array([], pa.null()) for name in columns})
+    files = [str(folder / name) for name in names]
+    return dataset.dataset(files, format="parquet").to_table(columns=list(columns))
 
 
-def _keys(table: Any) -> Any:
-    key_columns = (table[name].cast(pa.string()) for name in ("sha256", "settings", "version"))
-    return pc.binary_join_element_wise(*key_columns, "-")
-
-
-def _with_keys(table: Any, keys: Any) -> Any:
-    """The rows of these results."""
-    return table.filter(pc.is_in(_keys(table), keys))
-
-
-def _newest(table: Any) -> list[_LogRow]:
+def _newest(rows: Sequence[_LogRow]) -> list[_LogRow]:
     """The row that counts of each log and settings."""
     newest: dict[tuple[str, str | None], tuple[Any, _LogRow]] = {}
-    for row in (_LogRow(*values.values()) for values in table.to_pylist()):
+    for row in rows:
         numbers = [int(x) for x in re.findall(r"\d+", row.version or "")]
         age = numbers, Path(row.file).stat().st_mtime_ns
         key = row.log, row.settings

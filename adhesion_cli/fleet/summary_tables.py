@@ -93,6 +93,7 @@ def lists(fleet: FleetSummary) -> list[PageTable]:
         PageTable(
             "Damaged logs and suspect units", check, 4, links=_links(fleet), marked="severity"
         ),
+        PageTable("Damaged or missing results", [{"log": log} for log in fleet.lost], 1),
     )
     return [table for table in all_lists if table.rows]
 

@@ -21,6 +21,7 @@ from ..core.errors import UserError, as_user_error
 from ..core.model import Result
 from ..core.summary import FailedLog, ResultSummary
 from ..core.text import printable
+from ..formats.open import check_kind
 from ..results import atomic_files, tables
 from ..results.tables import LogRow
 from .locations import Location, local
@@ -83,8 +84,10 @@ class Outcome(NamedTuple):
 def identified(log: Location) -> tuple[str, dict[str, str]]:
     """The hash of a log's content; where it cannot be read, error and hint."""
     try:
-        with local(log.place) as path, path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest(), {}
+        with local(log.place) as path:
+            check_kind(path)
+            with path.open("rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest(), {}
     except Exception as error:  # every kind of URL has its own errors
         return "", _error_document(error, log.place, log.name)
 

@@ -99,6 +99,17 @@ def kind(path: Path) -> str | None:
     return log_format.kind if log_format else None
 
 
+def check_kind(path: Path) -> None:
+    """Refuses a pipe or a device: reading it may wait for ever, or never end.
+
+    Raises:
+        UserError: as said.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        hint = "write it to a file, and name that"
+        raise UserError(f"{path}: a pipe or a device, not a file", hint)
+
+
 def _format(path: Path) -> Format | None:
     head, suffix = _first_bytes(path), path.suffix.lower()
     by_head = (candidate for candidate in FORMATS if candidate.begins.match(head))
@@ -113,8 +124,7 @@ def _first_bytes(path: Path) -> bytes:
         UserError: where there is no such file, or it is empty.
     """
     try:
-        if path.is_fifo():
-            raise UserError(f"{path}: a pipe, not a file", "write it to a file, and name that")
+        check_kind(path)
         with path.open("rb") as file:
             head = file.read(_HEAD)
     except FileNotFoundError:

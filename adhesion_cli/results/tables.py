@@ -49,7 +49,7 @@ class LogRow:
     """A log of a run over many: whether it was analysed, and how.
 
     `status` is `ok`, `damaged` (a finding is an error) or `error`. `lossy` says that data was lost
-    or repaired, or may be wrong.
+    or repaired, or may be wrong. `tables_sha256` is of the files that hold its other tables.
     """
 
     log: str
@@ -66,6 +66,7 @@ class LogRow:
     seconds: Annotated[float | None, Quantity("s", "that the analysis took")] = None
     version: str | None = None
     settings: str | None = None
+    tables_sha256: str | None = None
 
 
 def _field(name: str, kind: Any, unit: str = "") -> Any:
@@ -214,7 +215,7 @@ def _write_csv(path: Path, table: Any) -> None:
 def packed(table: Any) -> bytes:
     """A table as the bytes of a Parquet file."""
     sink = io.BytesIO()
-    parquet.write_table(table, sink, compression="zstd")
+    parquet.write_table(table, sink, compression="zstd", write_page_checksum=True)
     return sink.getvalue()
 
 

@@ -1,7 +1,11 @@
 """`adhesion fleet` as a user runs it."""
 
 import json
+import os
+import signal
 import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,6 +63,48 @@ def test_a_summary_of_what_is_no_result_and_one_after_a_run(run: Run, tmp_path: 
     both = run("fleet", "logs", "-o", "results", "--summary", "-a", "td")
     assert both.returncode == 0
     assert run("fleet", "--summary", "results").stdout in both.stdout
+
+
+def test_damaged_results_are_reported_and_made_again(run: Run, tmp_path: Path) -> None:
+    logs_of_fleet.write(tmp_path / "logs", 2)
+    fleet = "fleet", "logs", "-o", "results", "-a", "td", "--workers", "1", "--json"
+    assert json.loads(run(*fleet).stdout)["done"] == 2
+    before = {path: path.read_bytes() for path in (tmp_path / "results").glob("estimators/*")}
+    next(iter(before)).write_bytes(b"")
+    shown = run("fleet", "--summary", "results")
+    assert shown.returncode == 3
+    assert "fleet-results-damaged" in shown.stderr
+    assert "Damaged or missing results:\n  logs/stop-00" in shown.stdout
+    assert run("report", "results").returncode == 3
+    again = json.loads(run(*fleet).stdout)
+    assert (again["done"], again["skipped"]) == (1, 1)
+    assert {path: path.read_bytes() for path in before} == before
+    assert run("fleet", "--summary", "results").returncode == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with a name")
+def test_a_pipe_is_a_failed_log_and_an_interrupt_ends_what_is_read(tmp_path: Path) -> None:
+    """Neither waits for what never ends."""
+    logs_of_fleet.write(tmp_path / "logs", 1)
+    os.mkfifo(tmp_path / "logs" / "pipe.csv")
+    command = [sys.executable, "-m", "adhesion_cli", "fleet", "-a", "td"]
+    made = subprocess.run(
+        [*command, "logs", "/dev/zero", "--json"],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    counts = json.loads(made.stdout)
+    assert (made.returncode, counts["done"], counts["failed"]) == (3, 1, 2)
+    assert "pipe.csv: a pipe or a device, not a file" in made.stderr
+    with (tmp_path / "large.csv").open("wb") as large:
+        large.truncate(1 << 40)
+    with subprocess.Popen([*command, "large.csv"], cwd=tmp_path, stderr=subprocess.PIPE) as run:
+        while not list(tmp_path.glob("fleet-results/settings/*.json")):
+            time.sleep(0.02)
+        time.sleep(0.3)  # it hashes now
+        begin = time.monotonic()
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=60)
+    assert (run.returncode, time.monotonic() - begin < 10.0) == (130, True)
 
 
 @pytest.mark.parametrize(

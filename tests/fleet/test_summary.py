@@ -142,6 +142,25 @@ def test_of_one_log_only_the_newest_result_counts(folder: Path) -> None:
     assert found.by_speed[-1].with_slides == 0
 
 
+@pytest.mark.parametrize("table", ["applications", "estimators", "findings", "logs"])
+@pytest.mark.parametrize("content", [b"", b"PAR1 PAR1", None])
+def test_damaged_results_are_left_out_and_named(
+    folder: Path, table: str, content: bytes | None
+) -> None:
+    assert summarise_fleet(folder).loss == []
+    path = folder / table / "a0-abcd-1.2.parquet"
+    path.write_bytes(content or b"")
+    if content is None:
+        path.unlink()
+    found = summarise_fleet(folder)
+    assert (found.logs["ok"], found.applications) == (2, 2)
+    (name,) = found.lost
+    assert name.endswith("a" if table != "logs" else "a0-abcd-1.2.parquet")
+    assert [f.code for f in found.loss] == ["fleet-results-damaged"]
+    assert f"Damaged or missing results:\n  {name}" in _text(found)
+    assert name in campaign_page(summary_tables.campaign("x", found))
+
+
 def test_only_failed_logs_make_a_summary(tmp_path: Path) -> None:
     write(tmp_path, failed("e"))
     found = summarise_fleet(tmp_path)
