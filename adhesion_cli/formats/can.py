@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import UserError
 from ..core.model import Bools, Floats, Times
-from .can_files import Problems, blf_prefix, checked_lines
+from .can_files import Problems, checked_lines, cut_off
 from .source import Field, ReadOptions
 from .tables import YEAR_1990, Columns, Contents, NamedColumn, Note, TableSamples, fields
 
@@ -158,13 +158,9 @@ class Reader:
             count = len(problems.lines)
             names = {"example": problems.example}
             yield Note("can-lines-skipped", "warning", "", count, values, names)
-        for code, times in (
-            ("can-error-frames", problems.errors),
-            ("can-frames-lost", problems.loss_times),
-        ):
-            if times:
-                instants = _ticks(np.array(times), self._start).tolist()
-                yield Note(code, "warning", "", len(instants), times=[(t, t) for t in instants])
+        if problems.errors:
+            instants = [(t, t) for t in _ticks(np.array(problems.errors), self._start).tolist()]
+            yield Note("can-error-frames", "warning", "", len(instants), times=instants)
         if self._unknown:
             ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_LISTED_NAMES))
             count = sum(self._unknown.values())
@@ -326,8 +322,8 @@ def _open_frames(path: Path, problems: Problems) -> tuple[Iterator[Any], Any]:
     with path.open("rb") as file:
         head = file.read(512)
     if head.startswith(b"LOGG"):
-        prefix: Any = blf_prefix(path, problems)
-        blf = can.BLFReader(prefix)
+        blf: Any = can.BLFReader(path)
+        problems.damage = cut_off(path)
         return _until_damage(blf, problems), lambda: (blf.start_timestamp, blf.start_timestamp)
     if b";$FILEVERSION" in head or path.suffix.lower() == ".trc":
         trc: Any = can.TRCReader
@@ -343,7 +339,7 @@ def _until_damage(frames: Any, problems: Problems) -> Iterator[Any]:
         yield from frames
     except Exception as error:  # whatever the library raises, the rest is lost
         reason = " ".join(str(error).split())[:100] or type(error).__name__
-        problems.damage = problems.damage or f"frames cannot be read: {reason}"
+        problems.damage = f"frames cannot be read: {reason}"
 
 
 def _asc_start(path: Path, problems: Problems) -> float:

@@ -1,15 +1,14 @@
 """Parquet logs: a column per channel, its unit in the field's metadata."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from ..core import toml
 from ..core.errors import UserError
-from ..core.model import Bools, Floats, Times
 from ..core.text import distinct
 from . import time_columns
 from .source import Field, ReadOptions
@@ -17,6 +16,7 @@ from .tables import Columns, Contents, Note, TableSamples, TableSource
 from .time_columns import HEAD
 
 _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
+_READ_ERRORS = (pa.ArrowException, OSError, ValueError)  # of damaged files
 _UNIT_KEYS = (b"unit", b"units", b"Unit", b"Units")  # of a field's metadata
 
 
@@ -30,13 +30,13 @@ def open_parquet(path: Path, options: ReadOptions) -> TableSource:
 
 
 class Reader:
-    """A Parquet file, row group by row group."""
+    """A Parquet file. A damaged one is refused: its checksums show where, and a copy is sound."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._path = path
         try:
             self._file = _open_file(path)
-        except (pa.ArrowException, OSError) as error:
+        except _READ_ERRORS as error:
             raise _damaged(path, _first_line(error)) from None
         schema, meta = self._file.schema_arrow, self._file.metadata
         self._rows = meta.num_rows
@@ -48,7 +48,7 @@ class Reader:
             )
         self._check_size(2)
         units = [_unit(schema.field(i)) for i in columns]
-        heads = {name: self._head(name) for name in self._names}
+        heads = self._heads()
         self._clock, time_reason = time_columns.find(heads, units, self._rows, options, path)
         self._device = _device(self._names, options, path)
         time = self._clock.columns
@@ -91,98 +91,51 @@ class Reader:
                 "write the file again with the program that made it",
             )
 
-    def _head(self, name: str) -> Any:
-        """The first values of a column, from the first row group in which it is sound."""
-        for group in range(self._file.metadata.num_row_groups):
-            try:
-                batches = self._file.iter_batches(HEAD, row_groups=[group], columns=[name])
-                if head := next(batches, None):
-                    return head.column(0)
-            except (pa.ArrowException, OSError, ValueError):
-                continue
-        return None
+    def _heads(self) -> dict[str, Any]:
+        """The first values of each column."""
+        try:
+            head = next(self._file.iter_batches(HEAD, columns=self._names), None)
+        except _READ_ERRORS as error:
+            raise _damaged(self._path, _first_line(error)) from None
+        head = head or self._file.schema_arrow.empty_table()
+        return {name: head.column(name) for name in self._names}
 
     def read(self, wanted: Sequence[int]) -> Columns:
-        """See `tables.Reader`. A damaged part of a column costs its samples, or those of a time."""
+        """See `tables.Reader`."""
         names = [self._numbers[i] for i in wanted]
         times = [self._names[i] for i in self._clock.columns]
         self._check_size(len(names) + len(times))
-        pieces: list[_Piece] = []
-        lost_groups: list[tuple[int, str]] = []  # rows, and why
-        untimed = 0
-        for group in range(self._file.metadata.num_row_groups):
-            try:
-                arrays = [self._column(group, name) for name in times]
-                t, ok = time_columns.times(arrays, self._clock)
-            except (pa.ArrowException, OSError, ValueError) as error:
-                damage = f"row group {group + 1}: {_first_line(error)}"
-                lost_groups.append((self._file.metadata.row_group(group).num_rows, damage))
-                continue
-            untimed += int(np.count_nonzero(~ok))
-            if self._device:
-                ok &= self._is_of_device(group, *self._device)
-            pieces.append(_Piece(t[ok], [self._values(group, name, ok) for name in names]))
-        if not pieces:
-            raise _damaged(self._path, lost_groups[0][1])
-        if self._device and not any(len(piece.t) for piece in pieces):
-            name, equals = self._device
-            text = f"{self._path}: no row has {equals!r} in column {name!r}"
-            raise UserError(text, "state a value of this column in channels.group")
+        device, equals = self._device or ("", "")
+        arrays = self._arrays({*names, *times, *([device] if device else [])})
+        t, ok = time_columns.times([arrays[name] for name in times], self._clock)
         notes = []
-        if lost_groups:
-            values = {
-                "kept_rows": sum(len(piece.t) for piece in pieces),
-                "lost_rows": sum(n for n, _ in lost_groups),
-            }
-            names_of = {"damage": lost_groups[0][1]}
-            notes.append(Note("log-damaged", "error", "", len(lost_groups), values, names_of))
-        if untimed:
+        if untimed := int(np.count_nonzero(~ok)):
             notes.append(Note("time-unreadable", "warning", "", untimed))
+        if device:
+            cells = arrays[device].cast(pa.string()).to_pylist()
+            ok &= np.array([cell == equals for cell in cells], np.bool_)
+            if not ok.any():
+                text = f"{self._path}: no row has {equals!r} in column {device!r}"
+                raise UserError(text, "state a value of this column in channels.group")
         series = []
-        for k in range(len(names)):
-            value, null, bad = (
-                np.concatenate([piece.series[k][x] for piece in pieces]) for x in range(3)
-            )
-            series.append(TableSamples(0, value, {"value-missing": null, "value-damaged": bad}))
-        return Columns([np.concatenate([piece.t for piece in pieces])], series, notes)
+        for name in names:
+            value = arrays[name].cast(pa.float64(), safe=False).fill_null(np.nan)
+            null = np.asarray(arrays[name].is_null())
+            series.append(TableSamples(0, np.asarray(value)[ok], {"value-missing": null[ok]}))
+        return Columns([t[ok]], series, notes)
 
-    def _column(self, group: int, name: str) -> Any:
-        """A column of a row group as one array.
+    def _arrays(self, names: Collection[str]) -> dict[str, Any]:
+        """Whole columns, each as one array.
 
         Raises:
-            pa.ArrowException, OSError: where it is damaged.
+            UserError: where one is damaged.
         """
-        column = self._file.read_row_group(group, columns=[name]).column(0)
-        column.validate(full=True)
-        return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
-
-    def _is_of_device(self, group: int, name: str, equals: str) -> Bools:
-        """The rows of a row group that belong to the stated device; none where it is damaged."""
         try:
-            cells = self._column(group, name).cast(pa.string()).fill_null("")
-        except (pa.ArrowException, OSError, ValueError):
-            return np.zeros(self._file.metadata.row_group(group).num_rows, np.bool_)
-        return np.array([cell == equals for cell in cells.to_pylist()], np.bool_)
-
-    def _values(self, group: int, name: str, ok: Bools) -> tuple[Floats, Bools, Bools]:
-        """Values of a row group's rows that have a time; where there is none; what is damaged."""
-        n, is_null = int(np.count_nonzero(ok)), np.zeros(len(ok), np.bool_)[ok]
-        try:
-            array = self._column(group, name)
-            null = np.asarray(array.is_null())
-            value = np.asarray(array.cast(pa.float64(), safe=False).fill_null(np.nan))
-        except (pa.ArrowException, OSError, ValueError):
-            return np.full(n, np.nan), is_null, ~is_null
-        if len(value) != len(ok):
-            return np.full(n, np.nan), is_null, ~is_null
-        return value[ok], null[ok], is_null
-
-
-class _Piece(NamedTuple):
-    """A row group: times, and for each column values, what is missing and what is damaged."""
-
-    t: Times
-    series: list[tuple[Floats, Bools, Bools]]
+            table = self._file.read(list(names))
+            table.validate(full=True)
+        except _READ_ERRORS as error:
+            raise _damaged(self._path, _first_line(error)) from None
+        return {name: table.column(name).combine_chunks() for name in names}
 
 
 def _device(names: Sequence[str], options: ReadOptions, path: Path) -> tuple[str, str] | None:

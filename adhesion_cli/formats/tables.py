@@ -25,7 +25,6 @@ MASKS: Mapping[str, Severity] = {  # what a mask over samples says
     "value-missing": "info",
     "value-marked-invalid": "warning",
     "value-is-text": "warning",
-    "value-damaged": "error",
 }
 
 

@@ -11,7 +11,6 @@ from ..core.errors import UserError
 from ..core.model import Bools, Times
 from . import time_columns
 from .csv.clock import Clock
-from .prefix import Prefix
 from .source import Field, ReadOptions
 from .tables import (
     YEAR_1990,
@@ -24,8 +23,6 @@ from .tables import (
     nanoseconds,
 )
 
-_LEAD = 28  # bytes before each segment
-_UNFINISHED = 0xFFFF_FFFF_FFFF_FFFF  # length of a segment that the logger did not close
 _SINCE_1904 = 2_082_844_800  # seconds from the epoch of LabVIEW to 1970
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of a channel
 
@@ -56,10 +53,8 @@ class Reader:
         from nptdms import TdmsFile
 
         self._path, self._options = path, options
-        complete, damage = _segments(path)
-        if not complete:
-            raise ValueError(damage)
-        self._file: Any = TdmsFile.open(Prefix(path, complete), raw_timestamps=True)
+        # As a file without a name: the library would trust an index file beside the log.
+        self._file: Any = TdmsFile.open(path.open("rb"), raw_timestamps=True)
         self._channels: list[tuple[Any, _Axis]] = []
         self._texts: list[str] = []
         notes: list[Note] = []
@@ -81,9 +76,8 @@ class Reader:
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
             notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
-        self._rows = self._longest()
-        rows, self._damaged = sum(self._rows.values()), bool(damage)
-        if damage:
+        rows = self._count_rows()
+        if damage := self._damage():
             values = {"kept_rows": rows}
             notes.append(Note("log-damaged", "error", "", 1, values, {"damage": damage}))
         reasons = {
@@ -101,7 +95,6 @@ class Reader:
             UserError: where the others have no time.
         """
         channels = [c for c in group.channels() if len(c)]
-        self._check(channels)
         without_wave = [c for c in channels if not _wave(c)]
         for channel in channels:
             if not _is_number(channel):
@@ -114,17 +107,6 @@ class Reader:
             axis = self._by_columns(group.name, without_wave)
             own_names = [c for c in without_wave if c.name not in axis.names and _is_number(c)]
             self._channels += [(channel, axis) for channel in own_names]
-
-    def _check(self, channels: Sequence[Any]) -> None:
-        """Refuses channels that claim more than the file holds.
-
-        Raises:
-            ValueError: names one.
-        """
-        size = self._path.stat().st_size
-        for channel in channels:
-            if len(channel) > size:
-                raise ValueError(f"channel {channel.name!r} states {len(channel)} samples")
 
     def _by_columns(self, group: str, channels: Sequence[Any]) -> _Columns:
         """The time of a group that has time channels.
@@ -152,13 +134,21 @@ class Reader:
         time_channels = [self._file[axis.group][name][:rows] for name in axis.names]
         return time_columns.times([_array(values) for values in time_channels], axis.clock)
 
-    def _longest(self) -> dict[tuple[str, _Axis], int]:
-        """Samples of the longest channel of each group and time."""
+    def _damage(self) -> str:
+        """What is wrong at the end of the file, which the library passes over; "" for nothing."""
+        segments = self._file._reader._segments
+        end = segments[-1].next_segment_pos if segments else 0
+        if self._file.file_status.incomplete_final_segment:
+            return "the last segment is not complete"
+        return f"byte {end}: no segment begins there" if end < self._path.stat().st_size else ""
+
+    def _count_rows(self) -> int:
+        """Samples of the longest channel of each group and time, in all."""
         rows: dict[tuple[str, _Axis], int] = {}
         for c, axis in self._channels:
             key = c.group_name, axis
             rows[key] = max(len(c), rows.get(key, 0))
-        return rows
+        return sum(rows.values())
 
     def _reason(self, start: int) -> str:
         """Which time was taken, for people."""
@@ -185,22 +175,14 @@ class Reader:
         for k in wanted:
             channel, axis = self._channels[k]
             value = np.asarray(channel[:], np.float64)
-            sample_count = len(value)
-            if self._damaged:  # what others of its time still have, this one has lost
-                missing = self._rows[channel.group_name, axis] - sample_count
-                value = np.pad(value, (0, missing), constant_values=np.nan)
             t, ok = self._times(axis, len(value))
-            if sample_count > len(t) or not ok.all():
-                invalid = sample_count - int(np.count_nonzero(ok[:sample_count]))
-                notes.append(Note("time-unreadable", "warning", channel.name, invalid))
             n = min(len(value), len(t))
-            key = axis, n
-            if key not in places:
-                places[key] = len(axes)
+            if invalid := len(value) - int(np.count_nonzero(ok[:n])):
+                notes.append(Note("time-unreadable", "warning", channel.name, invalid))
+            if (axis, n) not in places:
+                places[axis, n] = len(axes)
                 axes.append(t[:n][ok[:n]])
-            is_missing = np.arange(n)[ok[:n]] >= sample_count
-            masks = {"value-damaged": is_missing} if sample_count < n else {}
-            series.append(TableSamples(places[key], value[:n][ok[:n]], masks))
+            series.append(TableSamples(places[axis, n], value[:n][ok[:n]]))
         return Columns(axes, series, notes)
 
     def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:
@@ -214,28 +196,6 @@ class Reader:
 
 def _reason(clock: Clock) -> str:
     return clock.reason.replace("(units row)", "(channel's unit)")
-
-
-def _segments(path: Path) -> tuple[int, str]:
-    """Bytes of the file that are whole segments, or the last one as far as it was written.
-
-    Also what is wrong behind them, "" where nothing is.
-    """
-    size, offset = path.stat().st_size, 0
-    with path.open("rb") as file:
-        while offset < size:
-            file.seek(offset)
-            lead = file.read(_LEAD)
-            if len(lead) < _LEAD or not lead.startswith(b"TDSm"):
-                return offset, f"byte {offset}: no segment begins there"
-            order = "big" if lead[4] & 64 else "little"  # of all numbers but the mask
-            length = int.from_bytes(lead[12:20], order)  # type: ignore[arg-type]
-            if length == _UNFINISHED:
-                return size, f"byte {offset}: the logger did not close the last segment"
-            if offset + _LEAD + length > size:
-                return size, f"byte {offset}: the file ends inside a segment"
-            offset += _LEAD + length
-    return size, ""
 
 
 def _wave(channel: Any) -> _Wave | None:

@@ -26,7 +26,7 @@ def find(
     """Decides which column is the time, and why; with findings on that, and on mixed devices.
 
     Args:
-        heads: Arrow array of the first values of each column, by name; None where it is damaged.
+        heads: Arrow array of the first values of each column, by name.
         units: of each column, "" where none is stated.
         rows: of the whole table.
         options: what the user stated.
@@ -36,11 +36,11 @@ def find(
         UserError: where no column is a time, or its unit is open.
     """
     names = tuple(heads)
-    cells = [_cells(head) if head is not None else [] for head in heads.values()]
+    cells = [_cells(head) for head in heads.values()]
     longest = max(map(len, cells), default=0)
     cells = [fit(column, longest) for column in cells]
     chosen = tuple(
-        unit or ("ns" if head is not None and pa.types.is_duration(head.type) else "")
+        unit or ("ns" if pa.types.is_duration(head.type) else "")
         for unit, head in zip(units, heads.values(), strict=True)
     )
     dialect = Dialect(
