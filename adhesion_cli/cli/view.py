@@ -4,10 +4,8 @@ import os
 import re
 import shlex
 import shutil
-import signal
-import sys
 from collections.abc import Callable
-from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +15,8 @@ from .display import check_display, no_window_error
 from .options import Shared, option, shared
 
 _PORTS = 9090, 9876  # of page and data, as Rerun has them
-_RERUN = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1"]
+# The viewer's program in its package, on macOS, Windows and Linux.
+_PROGRAMS = "Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun"
 _STARTS = 2.0  # after which a viewer that runs has opened its window [s]
 _WRITES = "`adhesion analyze LOG` writes one"
 _ESTIMATE = re.compile(r"/axle/\d+/estimate/")  # of a result; a comparison's begin with the log
@@ -90,7 +89,7 @@ def show_recording(recording: Path) -> None:
     Raises:
         UserError: where the viewer ends at once.
     """
-    _started(_rerun(recording), f"{_view(recording)} --serve")
+    _started(_rerun(str(recording)), f"{_view(recording)} --serve")
 
 
 def start_viewer() -> str:
@@ -100,7 +99,7 @@ def start_viewer() -> str:
         UserError: where it ends at once.
     """
     port = _is_free(_PORTS[1])
-    _started([*_RERUN, "--port", str(port)], "adhesion live SOURCE -o DIR")
+    _started(_rerun("--port", str(port)), "adhesion live SOURCE -o DIR")
     return f"rerun+http://127.0.0.1:{port}/proxy"
 
 
@@ -112,8 +111,9 @@ def _started(command: list[str], serves: str) -> None:
     """
     import subprocess
 
-    null = subprocess.DEVNULL
-    viewer = subprocess.Popen(command, stdin=null, stdout=null, stderr=null, start_new_session=True)
+    from ..core.children import start_program
+
+    viewer = start_program(command, stderr=subprocess.DEVNULL)
     try:
         code = viewer.wait(_STARTS)
     except subprocess.TimeoutExpired:
@@ -128,27 +128,31 @@ def serve_recording(recording: Path) -> None:
     Raises:
         UserError: where the server ends by itself.
     """
-    import subprocess
-
+    from ..core.children import start_program
     from ..core.errors import UserError
 
     page, data = map(_is_free, _PORTS)
     url = f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
     print(f"open {url}\nCtrl-C ends it", flush=True)
     ports = ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
-    command, env = [*_rerun(recording), *ports], {**os.environ, "RUST_LOG": "error"}
-    null = subprocess.DEVNULL
-    server = subprocess.Popen(command, stdin=null, stdout=null, env=env, start_new_session=True)
+    env = {**os.environ, "RUST_LOG": "error"}
+    server = start_program(_rerun(str(recording), *ports), env=env)
     try:
         code = server.wait()
     finally:
-        with suppress(ProcessLookupError):  # it has ended, with the process that it started
-            os.killpg(server.pid, signal.SIGTERM)
+        server.terminate()
+        server.wait()
     raise UserError(f"{recording}: the server ended with exit code {code}")
 
 
-def _rerun(recording: Path) -> list[str]:
-    return [*_RERUN, str(recording)]
+def _rerun(*arguments: str) -> list[str]:
+    """The viewer's own program with these arguments: ending it leaves no process behind."""
+    spec = find_spec("rerun_cli")
+    assert spec is not None
+    assert spec.origin is not None
+    folder = Path(spec.origin).parent
+    program = next(p for name in _PROGRAMS if (p := folder / name).is_file())
+    return [str(program), "--bind", "127.0.0.1", *arguments]
 
 
 def _view(result: Path) -> str:

@@ -1,11 +1,13 @@
-"""Child processes that call functions, one at a time: what a child does cannot end its caller.
+"""Where processes start: children that call functions, and programs that go on without us.
 
-A child is a fresh Python on every system. It does not import from the folder where it is started,
-its output goes nowhere, and it ends with its caller, however that ends.
+What a child does cannot end its caller. A child is a fresh Python on every system. It does not
+import from the folder where it is started, its output goes nowhere, and it ends with its caller,
+however that ends.
 """
 
 import contextlib
 import json
+import math
 import os
 import pickle
 import signal
@@ -26,11 +28,16 @@ _PATIENCE = 5.0  # for a child that ends by itself [s]
 
 
 class ChildDiedError(Exception):
-    """A child ended before its answer; `code` is its exit code."""
+    """A child ended before its answer.
 
-    def __init__(self, code: int) -> None:
+    Attributes:
+        code: its exit code.
+        was_late: it was ended because its time was over.
+    """
+
+    def __init__(self, code: int, was_late: bool = False) -> None:
         super().__init__(f"the process died ({code})")
-        self.code = code
+        self.code, self.was_late = code, was_late
 
 
 class Child:
@@ -60,12 +67,30 @@ class Child:
         """Whether it waits for calls of this process."""
         return self._owner == os.getpid() and self._process.poll() is None
 
-    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: Any, seconds: float = math.inf) -> Any:
         """What the function returns or raises there.
+
+        Args:
+            function: of a module that the child can import.
+            arguments: for it.
+            seconds: after which the process is ended.
 
         Raises:
             ChildDiedError: the process died.
         """
+        if seconds == math.inf:
+            return self._call(function, arguments)
+        clock = threading.Timer(seconds, self._process.kill)
+        clock.start()
+        try:
+            return self._call(function, arguments)
+        except ChildDiedError as error:
+            error.was_late = clock.finished.is_set()
+            raise
+        finally:
+            clock.cancel()
+
+    def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         requests, answers = self._process.stdin, self._process.stdout
         assert requests is not None
         assert answers is not None
@@ -96,6 +121,20 @@ class Child:
             with contextlib.suppress(OSError):
                 pipe.close()  # type: ignore[union-attr]
         return code
+
+
+def start_program(command: list[str], **options: Any) -> "subprocess.Popen[bytes]":
+    """Starts a program that an interrupt of this one (Ctrl-C) does not reach.
+
+    Args:
+        command: its path and arguments.
+        options: as of `subprocess.Popen`.
+    """
+    null = subprocess.DEVNULL
+    if sys.platform == "win32":
+        flags = subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW
+        return subprocess.Popen(command, stdin=null, stdout=null, creationflags=flags, **options)
+    return subprocess.Popen(command, stdin=null, stdout=null, start_new_session=True, **options)
 
 
 def serve() -> None:

@@ -41,6 +41,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .cache_folder import cache_folder
 from .estimator import Estimator, check_step
 from .model import Floats, Times, Wheelset
 
@@ -265,7 +266,7 @@ def _key(roots: Iterable[Any]) -> str:
 
 def _folder(key: str) -> Path:
     """The cache folder of a key; makes it, and deletes those that were not used for long."""
-    folder = _root() / key
+    folder = cache_folder() / key
     try:
         folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder.mkdir(exist_ok=True)
@@ -277,12 +278,6 @@ def _folder(key: str) -> Path:
         return folder
     _prune(folder.parent)
     return folder
-
-
-def _root() -> Path:
-    """Where the cache is, unless it cannot be written."""
-    from_environment = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    return Path(from_environment or Path.home() / ".cache") / "adhesion-cli"
 
 
 @cache

@@ -9,7 +9,6 @@ import contextlib
 import importlib
 import importlib.util
 import os
-import signal
 import sys
 import threading
 from collections.abc import Sequence
@@ -23,7 +22,7 @@ from .source import ReadOptions
 from .tables import Columns, Contents, Reader, TableSource
 
 _MEMORY = 3 << 30, 24  # bytes that reading a log may take, and for each byte of the file
-_SECONDS = 120, 2e-6  # of processor time, and for each byte of the file
+_SECONDS = 120, 2e-6  # for one answer, and for each byte of the file
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +68,11 @@ class _Remote:
             UserError: where the file cannot be read.
         """
         kind, path = self._library.kind, self._path.absolute()
+        seconds = _SECONDS[0] + _SECONDS[1] * path.stat().st_size
         try:
-            return _child(kind).call(_read, kind, path, self._options, wanted)
+            return _child(kind).call(_read, kind, path, self._options, wanted, seconds=seconds)
         except ChildDiedError as error:
-            outcome = "crashes"
-            if sys.platform != "win32" and error.code in (-signal.SIGXCPU, -signal.SIGKILL):
-                outcome = "does not come to an end"
+            outcome = "does not come to an end" if error.was_late else "crashes"
             reason = f"its reader {outcome}"
             raise _damaged(self._path, self._library.description, reason) from None
         except UserError as error:
@@ -145,16 +143,12 @@ def _allowed(size: int) -> int:
 
 
 def _limit(path: Path) -> None:
-    """Limits the memory and the time that reading a log of this size may take."""
+    """Limits the memory that reading a log of this size may take; Windows has no such limit."""
     if sys.platform == "win32":
         return
     import resource
 
-    size = path.stat().st_size
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    seconds = int(usage.ru_utime + usage.ru_stime + _SECONDS[0] + _SECONDS[1] * size)
-    for kind, limit in ((resource.RLIMIT_CPU, seconds), (resource.RLIMIT_DATA, _allowed(size))):
-        hard = resource.getrlimit(kind)[1]
-        soft_limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
-        with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(kind, (soft_limit, hard))
+    limit, hard = _allowed(path.stat().st_size), resource.getrlimit(resource.RLIMIT_DATA)[1]
+    soft_limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_DATA, (soft_limit, hard))

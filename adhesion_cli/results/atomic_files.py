@@ -1,7 +1,8 @@
 """The output files of a run appear complete under their names, or not at all.
 
-A file is a hidden one in the folder of its target until everything is written, checked and on the
-disk. The end of the run removes it; if the run was killed, the next run does.
+Until everything is written, checked and on the disk, a file lies in a hidden folder beside its
+target. The end of the run removes that folder; if the run was killed, the next run does. No file is
+open when it gets its name or is removed: Windows allows neither.
 
 A run may write several sets, one for each log, and a file of a set may lie in another folder. The
 manifest lies in the folder of the set's first file and names the others from there.
@@ -17,26 +18,37 @@ never mixed, no file is incomplete, and a manifest (`<stem>.sha256`, for `sha256
 if the whole run is complete. A signal that ends a run waits meanwhile.
 """
 
-import fcntl
 import hashlib
 import os
-import secrets
+import re
+import shutil
 import signal
+import sys
+import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO
 
+from filelock import FileLock
+
+from ..core.cache_folder import cache_folder
 from ..core.errors import UserError
 from ..core.text import as_url, printable
 from .verified import verified
 
 _HIDDEN = ".adhesion-"
+_LOCK = "lock"  # a file in the hidden folder, locked as long as its run lives
 _ELSEWHERE = "write to another folder"
-_UNLOCKED_AGE = 60.0  # age of a hidden file that its run may not have locked yet [s]
+_UNLOCKED_AGE = 60.0  # age of a hidden folder that its run may not have locked yet [s]
+_WINDOWS_REFUSES = re.compile(
+    r'[<>:"|?*\x00-\x1f]|[. ]$|^(con|prn|aux|nul|com\d|lpt\d)(\.|$)', re.IGNORECASE
+)
+_PATIENCE = 2.0  # for another program that holds a result open [s]
+_PAUSE = 0.05  # between two tries [s]
 _MANIFEST_HEAD = "# adhesion: written last, when the files below were whole\n"  # a comment
 
 
@@ -52,14 +64,20 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
         UserError: a target is a URL, its folder is missing or read-only, a result exists already,
             an output is an input (by whatever name), or two outputs have one name.
     """
-    checked: set[Path] = set()
+    checked: set[str] = set()
     for path in paths:
         refuse_url(path)
         file_name, folder = _printable_path(path), _printable_path(path.parent)
-        if (place := path.parent.resolve() / path.name) in checked:
+        place = str(path.parent.resolve() / path.name)
+        if sys.platform != "linux":  # disks there do not tell capitals from small letters
+            place = place.casefold()
+        if place in checked:
             hint = "run several logs one by one, each with its own --out"
             raise UserError(f"{file_name}: two results of this run would have this name", hint)
         checked.add(place)
+        if sys.platform == "win32" and _WINDOWS_REFUSES.search(path.name):
+            text = f"{file_name}: Windows does not allow this name for a file"
+            raise UserError(text, 'choose another name, without any of < > : " | ? *')
         if not path.parent.is_dir():
             raise UserError(f"{folder}: no such folder", "create it, or write elsewhere")
         if not os.access(path.parent, os.W_OK | os.X_OK):
@@ -159,32 +177,30 @@ def sets(
         if sweeps:
             sweep(folders)
         with ExitStack() as stack:
-
-            def hidden(path: Path) -> Path:
-                return stack.enter_context(_hidden(path.parent))
-
-            place_sets = [[hidden(path) for path in paths] for paths in path_sets]
+            hidden = {folder: stack.enter_context(_hidden_folder(folder)) for folder in folders}
+            place_sets = [[hidden[p.parent] / p.name for p in paths] for paths in path_sets]
             yield [list(places) for places in place_sets]  # theirs to change
             files = dict(zip(targets, chain(*place_sets), strict=True))
             for paths, places in zip(path_sets, place_sets, strict=True):
                 if len(paths) > 1:
-                    place = files[manifest(paths[0])] = hidden(paths[0])
+                    target = manifest(paths[0])
+                    place = files[target] = hidden[target.parent] / target.name
                     with verified(place) as digests:
                         digests.write(_manifest(paths, places))
             for place in files.values():  # one by one: an interrupt would wait for threads
-                with place.open("rb") as file:
+                with place.open("r+b") as file:  # Windows wants a file that is open for writing
                     os.fsync(file.fileno())
-            with _locked(folders) as descriptors, _uninterrupted():
+            with _publishing(), _uninterrupted():
                 manifests = [manifest(paths[0]) for paths in path_sets if paths]
                 stale = [path for path in manifests if _is_manifest(path)]
                 if not force:  # another run was faster, or somebody else's manifest
                     _refuse_existing([path for path in files if path not in stale])
+                for path in filter(os.path.lexists, [*stale, *files]):  # is one held open?
+                    _patiently(path, partial(os.rename, path, path))
                 for path in [*stale, *reversed([*files][1:])]:  # all but the record
                     path.unlink(missing_ok=True)
                 for path, place in files.items():
-                    place.replace(path)
-                for descriptor in descriptors:
-                    os.fsync(descriptor)
+                    _patiently(path, partial(place.replace, path))
     except OSError as error:
         names = ", ".join(map(_printable_path, folders))
         text = f"{names}: cannot write the results ({error.strerror or error})"
@@ -210,51 +226,61 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def sweep(folders: Sequence[Path]) -> None:
-    """Remove the hidden files of killed runs: no process holds them, and they are not new."""
-    for path in (path for folder in folders for path in folder.glob(f"{_HIDDEN}*.part")):
-        with suppress(OSError), path.open("rb") as file:
+    """Remove the hidden folders of killed runs: no process locks them, and they are not new."""
+    for path in (path for folder in folders for path in folder.glob(f"{_HIDDEN}*")):
+        with suppress(OSError):
             if time.time() - path.stat().st_mtime > _UNLOCKED_AGE:
-                _lock(file)
-                path.unlink()
+                with FileLock(path / _LOCK, blocking=False):
+                    pass
+                shutil.rmtree(path)
 
 
-def _lock(file: BinaryIO) -> None:
-    """Keep the sweep of other runs from a hidden file.
+@contextmanager
+def _hidden_folder(folder: Path) -> Iterator[Path]:
+    """A folder in this one that vanishes at the end, with what is still in it."""
+    path = Path(tempfile.mkdtemp(prefix=_HIDDEN, dir=folder))
+    lock = FileLock(path / _LOCK, thread_local=False)
+    try:
+        with suppress(OSError, NotImplementedError):  # a file system without locks
+            lock.acquire(blocking=False)
+        yield path
+    finally:
+        with _uninterrupted():
+            lock.release()
+            shutil.rmtree(path, ignore_errors=True)  # what stays, the next run removes
+
+
+@contextmanager
+def _publishing() -> Iterator[None]:
+    """Keeps the other runs of this user from publishing meanwhile."""
+    with ExitStack() as stack:
+        with suppress(OSError, NotImplementedError):  # no cache folder, or one without locks
+            folder = cache_folder()
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            stack.enter_context(FileLock(folder / "publishing.lock"))
+        yield
+
+
+def _patiently(path: Path, action: Callable[[], object]) -> None:
+    """Does something to a result that another program may hold open, as Windows lets it.
 
     Raises:
-        OSError: another run keeps it.
+        UserError: it is still open after a short while.
     """
-    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-@contextmanager
-def _hidden(folder: Path) -> Iterator[Path]:
-    """An empty file that vanishes unless it is renamed."""
-    path = folder / f"{_HIDDEN}{secrets.token_hex(8)}.part"
-    with path.open("xb") as file:
+    end = time.monotonic() + _PATIENCE
+    while True:
         try:
-            with suppress(OSError):  # a file system without locks
-                _lock(file)
-            yield path
-        finally:
-            with suppress(OSError):  # it has its name; else the next run removes it
-                path.unlink()
-
-
-@contextmanager
-def _locked(folders: Sequence[Path]) -> Iterator[list[int]]:
-    """Keep other runs from publishing into the folders meanwhile; yields their descriptors.
-
-    Every run locks them in the same order, each once: none waits for one that waits for it.
-    """
-    with ExitStack() as stack:
-        descriptors: list[int] = []
-        for folder in sorted({x.resolve() for x in folders}):
-            descriptors.append(os.open(folder, os.O_RDONLY | os.O_CLOEXEC))
-            stack.callback(os.close, descriptors[-1])
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(descriptors[-1], fcntl.LOCK_EX)
-        yield descriptors
+            action()
+        except PermissionError as error:
+            if sys.platform != "win32":
+                raise
+            if time.monotonic() > end:
+                text = f"{_printable_path(path)}: another program has this file open"
+                hint = "close it there (viewer, Excel, virus scanner), then run again"
+                raise UserError(text, hint) from error
+            time.sleep(_PAUSE)
+        else:
+            return
 
 
 def belong_together(paths: Sequence[Path]) -> bool:

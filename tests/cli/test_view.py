@@ -58,7 +58,8 @@ def test_a_display_that_does_not_work_is_an_error(
     monkeypatch.setattr("adhesion_cli.cli.view._STARTS", 30.0)
     # At the usual port another test may have a server, which would take the recording.
     port = ["--port", str(view._is_free(0))]
-    monkeypatch.setattr("adhesion_cli.cli.view._RERUN", [*view._RERUN, *port])
+    command = view._rerun(*port)
+    monkeypatch.setattr("adhesion_cli.cli.view._rerun", lambda *arguments: [*command, *arguments])
     with pytest.raises(UserError, match="exit code 1") as raised:
         app(["view", "a b.rrd"], standalone_mode=False)
     assert "--serve" in raised.value.hint

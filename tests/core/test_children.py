@@ -78,3 +78,11 @@ def test_modules_of_the_working_folder_are_not_imported(
         assert child.call(os.getcwd) == str(tmp_path)
     finally:
         child.end()
+
+
+def test_a_call_that_does_not_end_ends_the_child() -> None:
+    child = Child()
+    with pytest.raises(ChildDiedError) as error:
+        child.call(time.sleep, 60.0, seconds=0.5)
+    assert error.value.was_late
+    assert not child.is_usable

@@ -97,7 +97,7 @@ def test_compiling_is_told_once_for_a_cache(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
-    monkeypatch.setattr(compiled, "_root", lambda: tmp_path / "cache")
+    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path / "cache")
     monkeypatch.setattr(compiled, "report", told.append)
     for _ in range(2):
         compiled._compiled.cache_clear()

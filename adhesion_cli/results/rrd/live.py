@@ -1,7 +1,7 @@
 """Samples as a recording that grows: a file, or a viewer that shows it."""
 
+import struct
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,11 @@ from ...core.text import printable
 from .. import palette
 from ..samples import Samples
 from . import overview, parts
-from .piped import Piped
 
-_PATIENCE = 10.0  # for a disk, at the end [s]
+# An .rrd stream: its header, then messages, each after its kind and length; the last is its end.
+_STREAM_HEADER = 12  # bytes
+_MESSAGE = struct.Struct("<QQ")
+_END = 0  # the kind of the last message
 
 
 def check_viewer(url: str) -> None:
@@ -58,11 +60,14 @@ class LiveRecording:
         self._sent: set[str] = set()  # entities with their style, and names of lines
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
-        self._file = Piped(target.open("wb", buffering=0)) if isinstance(target, Path) else None
-        with self._file or nullcontext():
-            sink = rr.FileSink(self._file.place) if self._file else rr.GrpcSink(str(target))
-            self._rec.set_sinks(sink, default_blueprint=self._layout())
+        self._file = target.open("wb", buffering=0) if isinstance(target, Path) else None
+        if self._file:
+            self._stream = rr.binary_stream(self._rec)
+            self._rec.send_blueprint(self._layout(), make_active=False, make_default=True)
+        else:
+            self._rec.set_sinks(rr.GrpcSink(str(target)), default_blueprint=self._layout())
         self._rec.send_recording_name(name)
+        self._write()
 
     def add(self, samples: Mapping[int, Samples]) -> None:
         """Sends the new samples of some axles.
@@ -70,8 +75,6 @@ class LiveRecording:
         Raises:
             OSError: where the file cannot be written.
         """
-        if self._file:
-            self._file.check()
         if arrived := [axle for axle in samples if axle not in self._axles]:
             self._axles += arrived
             self._rec.send_blueprint(self._layout())
@@ -84,6 +87,29 @@ class LiveRecording:
                 if is_first:
                     self._sent.add(path)
                     self._name("all" if path.startswith("all/") else f"axle/{axle}", plot)
+        self._write()
+
+    def _write(self) -> None:
+        """Appends to the file what was sent since the last call.
+
+        Each read of the SDK's stream is a whole recording. Its header goes into the file once, and
+        its end never: a file may grow, and one that was cut by a kill can be read.
+
+        Raises:
+            OSError: where the file cannot be written.
+        """
+        if not self._file:
+            return
+        data = self._stream.read() or b""
+        start = 0 if self._file.tell() == 0 else _STREAM_HEADER
+        end = _STREAM_HEADER
+        while end < len(data):
+            kind, length = _MESSAGE.unpack_from(data, end)
+            if kind == _END:
+                break
+            end += _MESSAGE.size + length
+        while start < end:
+            start += self._file.write(data[start:end])
 
     def _name(self, tab: str, plot: parts.SeriesPlot) -> None:
         """Sends the names of lines that are not in the list of their tab yet."""
@@ -99,10 +125,10 @@ class LiveRecording:
             OSError: where the file cannot be written.
         """
         self._rec.flush(timeout_sec=2.0)
+        self._write()
         self._rec.disconnect()
         if self._file:
-            self._file.wait(_PATIENCE)
-            self._file.check()
+            self._file.close()
 
     def _plots(self, axle: int, x: Samples) -> list[tuple[str, parts.SeriesPlot]]:
         """Entity and plot of each chart."""
