@@ -120,18 +120,21 @@ def _told(error: BaseException) -> int:
 
 
 def _prepare_streams() -> None:
-    """A character that an output's encoding lacks becomes its code, not an error after the work.
+    """What goes to a pipe or a file is UTF-8 on every system, with the line ends of POSIX.
+
+    A character that a stream cannot hold becomes its code, not an error after the work.
 
     Raises:
         UserError: where the results would go nowhere.
     """
     if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w")  # noqa: SIM115  (else print means stdout)
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  (else print means stdout)
     if sys.stdout is None:
-        hint = "redirect it to a file, or to /dev/null"
-        raise UserError("standard output is closed", hint)
+        raise UserError("standard output is closed", "redirect it to a file")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
+            if not stream.isatty():
+                stream.reconfigure(encoding="utf-8", newline="\n")
             stream.reconfigure(errors="backslashreplace")
 
 
