@@ -7,6 +7,12 @@
 A name is loaded when it is first used, so that the import itself takes no time.
 """
 
+import sys
+
+# `python -m adhesion_cli` would import modules from the working folder: a log may lie beside them.
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
+    del sys.path[0]
+
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:

@@ -44,8 +44,9 @@ class Child:
     """A process that calls functions, one at a time."""
 
     def __init__(self) -> None:
-        package_folder = str(Path(__file__).parents[2])
-        path = json.dumps([*filter(None, sys.path), package_folder])
+        working_folder, package_folder = os.path.realpath("."), str(Path(__file__).parents[2])
+        folders = [x for x in sys.path if os.path.realpath(x) != working_folder]
+        path = json.dumps([*folders, package_folder])
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _START, path],
             stdin=subprocess.PIPE,

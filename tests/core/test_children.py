@@ -3,6 +3,7 @@
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -17,6 +18,12 @@ def answer_late(begun: str) -> str:
     Path(begun).touch()
     time.sleep(1.0)
     return "late"
+
+
+def slowly(x: int, seconds: float) -> int:
+    """The same number, after a while."""
+    time.sleep(seconds)
+    return x
 
 
 def test_an_error_comes_back_with_its_trace_and_the_child_works_on() -> None:
@@ -56,6 +63,37 @@ def test_an_interrupted_call_ends_the_child(tmp_path: Path) -> None:
     assert not child.is_usable
 
 
+class Interrupted(BaseException):
+    """As a notebook or a timeout raises it, at any time."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no alarm clock")
+def test_no_answer_is_lost_or_taken_for_another() -> None:
+    """Calls that are interrupted at 60 instants, each followed by one that is not."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise Interrupted
+
+    interrupted, child = 0, Child()
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for k in range(60):
+            child = child if child.is_usable else Child()
+            assert child.call(abs, -k) == k
+            signal.setitimer(signal.ITIMER_REAL, 1e-4 * (1 + 8 * (k % 20)))
+            try:
+                assert child.call(slowly, k, 4e-4 * (k % 7)) == k
+            except Interrupted:
+                interrupted += 1
+            finally:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+            assert not child.is_usable or child.call(abs, k) == k
+    finally:
+        signal.signal(signal.SIGALRM, before)
+        child.end()
+    assert interrupted > 10
+
+
 def test_an_answer_to_another_call_ends_the_child() -> None:
     child = Child()
     pipe = child._process.stdin
@@ -73,6 +111,7 @@ def test_modules_of_the_working_folder_are_not_imported(
         (tmp_path / f"{name}.py").write_text("import os; os._exit(9)\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend("")  # as in an interactive Python
+    monkeypatch.syspath_prepend(str(tmp_path))  # as by `python -m`, of a Dask worker too
     child = Child()
     try:
         assert child.call(os.getcwd) == str(tmp_path)

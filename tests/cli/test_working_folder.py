@@ -1,0 +1,86 @@
+"""No module of the working folder is executed: logs come in folders of other people."""
+
+import re
+import subprocess
+import sys
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+from helpers.live_runs import LOW, SERVICE
+
+from adhesion_cli.cli import app
+
+# Python's own modules, and all that is installed, except this package.
+NAMES = sorted({*sys.stdlib_module_names, *packages_distributions()} - {"adhesion_cli"})
+CODES = {"inspect": "1", "fleet": "3", "view": "1"}  # the others end with 0
+COMMANDS = {
+    "inspect": ["x.mf4", str(LOW)],
+    "analyze": [str(LOW), "--axle", "1", "--table", "x.parquet", "-o", "."],
+    "compare": ["low-adhesion.adhesion.mcap"],
+    "fleet": [str(SERVICE), "x.mf4", "-a", "td", "--workers", "1"],
+    "slip": [str(LOW), "--axle", "1"],
+    "antiskid": ["--help"],
+    "calibrate": [str(SERVICE)],
+    "tune": ["--help"],
+    "live": ["--replay", str(SERVICE), "--speed", "0", "-a", "td", "-o", "."],
+    "simulate": ["--help"],
+    "reproduce": ["--help"],
+    "explain": ["gap"],
+    "convert": [str(SERVICE), "x.csv"],
+    "recover": ["low-adhesion.adhesion.mcap", "-o", "y.mcap"],
+    "report": ["low-adhesion.adhesion.mcap", "-o", "y.html"],
+    "view": ["low-adhesion.adhesion.mcap"],
+    "estimators": [],
+    "export-c": ["td", "-o", "c"],
+}
+RUN = """
+import os, runpy, sys
+sys.path[0] = os.getcwd()  # as `python -m` does
+for words in sys.argv[1:]:
+    sys.argv = ["-m", *words.split("|")]
+    try:
+        runpy.run_module("adhesion_cli", run_name="__main__", alter_sys=True)
+    except SystemExit as end:
+        print("\\nended", words.partition("|")[0], end.code)
+"""
+
+
+@pytest.fixture
+def hostile(tmp_path: Path) -> Path:
+    """A folder with a module of every name, each of which says that it was executed."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for name in filter(str.isidentifier, NAMES):
+        text = f"import os\nopen({str(tmp_path / 'executed')!r}, 'a').write({name!r} + chr(10))\n"
+        (folder / f"{name}.py").write_text(text + "os._exit(9)\n", "utf-8")
+    (folder / "x.mf4").write_bytes(b"MDF     4.10    x".ljust(999, b"\0"))
+    return folder
+
+
+def test_no_command_executes_a_module_of_the_working_folder(hostile: Path) -> None:
+    assert list(COMMANDS) == app._COMMANDS
+    (hostile.parent / "run.py").write_text(RUN, "utf-8")
+    words = ["|".join([name, *more]) for name, more in COMMANDS.items()]
+    made = subprocess.run(
+        [sys.executable, hostile.parent / "run.py", *words],
+        cwd=hostile, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    executed = hostile.parent / "executed"
+    assert not executed.exists(), executed.read_text()
+    codes = dict(re.findall(r"(?m)^ended (\S+) (\d+)$", made.stdout))
+    assert codes == {name: CODES.get(name, "0") for name in COMMANDS}, made.stderr
+
+
+def test_the_program_itself_is_loaded_from_where_it_is(hostile: Path) -> None:
+    """By `python -m`, too; what Python itself imports before the program is not ours."""
+    code = "import runpy, sys; print(*sys.modules)"
+    before = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, check=True)
+    for name in before.stdout.decode().split():
+        (hostile / f"{name}.py").unlink(missing_ok=True)
+    made = subprocess.run(
+        [sys.executable, "-m", "adhesion_cli", "estimators"],
+        cwd=hostile, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert not (hostile.parent / "executed").exists()
+    assert (made.returncode, "imm" in made.stdout) == (0, True), made.stderr
