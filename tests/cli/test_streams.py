@@ -97,7 +97,7 @@ def test_a_pipe_gets_utf8_whatever_the_code_page(tmp_path: Path, encoding: str) 
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     for command, holds in (
         (["inspect", "a.csv"], "轮速(km/h)"),
-        (["inspect", "a.csv", "--json"], '"轮速(km/h)"'),
+        (["inspect", "a.csv", "--json"], r'"\u8f6e\u901f(km/h)"'),
         (["explain", "vehicle-default"], "…"),
     ):
         done = subprocess.run(
