@@ -177,7 +177,9 @@ class _Run:
                 wheels = wheels_of(self._feed, self._settings, self._shared.axle)
                 self._tally.add(self._defaults(any(p.is_pressure for p in wheels.axles)))
                 sinks: list[Sink] = [self._counts, self._waiting]
-                for sink in self._sinks([p.axle for p in wheels.axles]):
+                axles = [p.axle for p in wheels.axles]
+                self._files = self._new_files(stack)
+                for sink in self._sinks(axles):
                     stack.callback(sink.close)
                     sinks.append(sink)
                 follow(self._feed, wheels, self._settings, self._algos, sinks, self._tally)
@@ -215,6 +217,19 @@ class _Run:
             lines.append(f"findings: {len(findings)} (warnings and errors: {warnings})")
         self._say("\n".join([*lines, *([terminal.wrote(f) for f in self._files])]))
 
+    def _new_files(self, stack: ExitStack) -> list[Path]:
+        """The files of -o, empty; nobody else writes them before the end of the stack."""
+        from ..live.recording import new_files
+
+        if not (out := self._shared.out):
+            return []
+        name = self._feed.name
+        stem = re.sub(r"\W+", "-", name if "://" in name else Path(name).stem).strip("-")
+        files = [out / f"{stem}.live{kind}" for kind in (".mcap", ".rrd")]
+        inputs = [*self._shared.config, *self._shared.dbc, Path(name)]
+        stack.enter_context(new_files(files, self._shared.force, inputs))
+        return files
+
     def _sinks(self, axles: list[int]) -> "Iterator[Sink]":
         """Who takes the samples: the file first, so that it has what the others fail on."""
         from ..live.shown import JsonLines
@@ -236,20 +251,15 @@ class _Run:
     def _recordings(self, axles: list[int], names: list[str]) -> "Iterator[Sink]":
         """The files, and the viewer."""
         from ..live.recording import Batches, LiveView, Mcap
-        from ..results import atomic_files
         from ..results.rrd.live import LiveRecording
 
-        name, settings, out = self._feed.name, self._settings, self._shared.out
+        name, settings = self._feed.name, self._settings
         viewers: list[tuple[Path | str, float]] = []
-        if out:
-            stem = re.sub(r"\W+", "-", name if "://" in name else Path(name).stem).strip("-")
-            files = [out / f"{stem}.live{kind}" for kind in (".mcap", ".rrd")]
-            inputs = [*self._shared.config, *self._shared.dbc]
-            atomic_files.check(files, self._shared.force, inputs=inputs)
-            record = Mcap(files[0], name, settings, self._algos, axles, self._tally.add)
-            self._files = files
-            viewers.append((files[1], _RERUN_CHUNK))
-            yield Batches(record, sorted(self._algos), axles, _CHUNK)
+        if self._files:
+            record, picture = self._files
+            target = Mcap(record, name, settings, self._algos, axles, self._tally.add)
+            yield Batches(target, sorted(self._algos), axles, _CHUNK)
+            viewers.append((picture, _RERUN_CHUNK))
         if self._screens.viewer:
             viewers.append((self._screens.viewer, _FRAME))
         for to, interval in viewers:

@@ -1,17 +1,20 @@
 """Samples as files that can be read while they grow, and after a kill; or in a viewer."""
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from ..analysis.settings import Settings, tree
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.text import printable
+from ..results import atomic_files
 from ..results.mcap import GrowingResult
 from ..results.rrd.live import LiveRecording
 from ..results.samples import Samples
@@ -19,6 +22,43 @@ from .axle import LiveEstimate, LiveSample
 
 _WAITING_SAMPLES = 100_000  # samples that wait for a file before the sender has to
 _NOTHING = LiveEstimate(float("nan"), float("nan"))
+
+
+@contextmanager
+def new_files(paths: Sequence[Path], force: bool, inputs: Sequence[Path]) -> Iterator[None]:
+    """Empty files of these names, which no other run writes meanwhile.
+
+    They have their names while they grow, so that they can be read. What had a name before is
+    removed, and not written to: another program may hold it, or it may be a link.
+
+    Args:
+        paths: the files of one run.
+        force: whether results that exist may be replaced.
+        inputs: what the run reads, which must survive.
+
+    Raises:
+        UserError: as `atomic_files.check`, another run writes these files, or they cannot be made.
+    """
+    atomic_files.check(paths, force, inputs=inputs)
+    lock = FileLock(paths[0].with_name(f".{paths[0].name}.lock"), blocking=False)
+    try:
+        with suppress(NotImplementedError):  # a file system without locks
+            lock.acquire()
+        for path in paths:
+            if force:
+                path.unlink(missing_ok=True)
+            path.open("xb").close()
+    except Timeout as error:
+        text = f"{printable(str(paths[0]))}: another run of `live` is writing this file"
+        raise UserError(text, "end that run, or name another folder with -o") from error
+    except OSError as error:
+        raise _unwritten(paths[0], error) from error
+    try:
+        yield
+    finally:
+        lock.release()
+        with suppress(OSError):
+            Path(lock.lock_file).unlink()
 
 
 class Target(Protocol):
@@ -106,7 +146,7 @@ class Mcap:
     """A file of all samples; see `GrowingResult`.
 
     Args:
-        path: of the file; an older one is replaced.
+        path: of the file, which is empty.
         log: name of the sender.
         settings: in force.
         algos: estimators with their parameters.
@@ -133,14 +173,14 @@ class Mcap:
             self._file = path.open("wb")
             self._result = GrowingResult(self._file, log, settings_tree, settings.vehicle, nothing)
         except OSError as error:
-            raise self._failed(error) from error
+            raise _unwritten(self._path, error) from error
 
     def add(self, samples: Mapping[int, Samples]) -> None:
         """See `Target`."""
         try:
             self._result.add(samples)
         except OSError as error:
-            raise self._failed(error) from error
+            raise _unwritten(self._path, error) from error
         if dropped := self._result.lost:
             self._result.lost = 0
             self._report([Finding("not-recorded", "warning", count=dropped)])
@@ -151,12 +191,13 @@ class Mcap:
             with self._file:
                 self._result.finish()
         except OSError as error:
-            raise self._failed(error) from error
+            raise _unwritten(self._path, error) from error
 
-    def _failed(self, error: OSError) -> UserError:
-        text = f"{printable(str(self._path))}: cannot be written: {error.strerror}"
-        hint = "what is in the file so far can be read; free space, or name another folder with -o"
-        return UserError(text, hint)
+
+def _unwritten(path: Path, error: OSError) -> UserError:
+    text = f"{printable(str(path))}: cannot be written: {error.strerror}"
+    hint = "what is in the file so far can be read; free space, or name another folder with -o"
+    return UserError(text, hint)
 
 
 class LiveView:

@@ -6,12 +6,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import recordings
+from helpers.commands import Run
 from helpers.live_runs import (
     LOW,
     SERVICE,
@@ -73,6 +75,53 @@ def test_the_file_goes_on_where_the_reader_of_the_lines_stands_still(tmp_path: P
     assert 500 < int(dropped[1]) < 2596  # a pipe holds some hundred
     whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load())
     assert len(whole.axles[0].record.t) == 2601
+
+
+def test_a_second_run_does_not_write_what_the_first_one_writes(tmp_path: Path) -> None:
+    arguments = "--replay", SERVICE, "--json", "-o", "out", "--force"
+    with running(tmp_path, *arguments, "--speed", "1") as first:
+        taken(first, 5)
+        with running(tmp_path, *arguments, "--speed", "0") as second:
+            (told,) = lines_of(second.communicate(timeout=60)[0])
+        assert second.returncode == 1
+        assert told["error"] == (
+            "out/service-brake.live.mcap: another run of `live` is writing this file"
+        )
+        first.send_signal(signal.SIGINT)
+        lines = 5 + len(lines_of(first.communicate(timeout=60)[0]))
+    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load())
+    assert len(whole.axles[0].record.t) == lines
+    assert not list(tmp_path.glob("out/.*"))
+    with running(tmp_path, *arguments, "--speed", "0") as third:
+        third.communicate(timeout=60)
+    assert third.returncode == 0
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".rrd"])
+def test_a_link_is_replaced_and_its_target_stays(run: Run, tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "precious").write_text("precious")
+    path = tmp_path / f"service-brake.live{suffix}"
+    path.symlink_to(tmp_path / "precious")
+    arguments = "live", "--replay", SERVICE, "--speed", "0", "-q", "-a", "td", "-o", "."
+    assert run(*arguments).returncode == 1  # it exists
+    assert path.is_symlink()
+    assert run(*arguments, "--force").returncode == 0
+    assert (tmp_path / "precious").read_text() == "precious"
+    assert not path.is_symlink()
+    assert path.stat().st_size > 1000
+
+
+@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
+def test_the_log_itself_is_no_target(
+    run: Run, tmp_path: Path, link: Callable[[Path, Path], None]
+) -> None:
+    log = tmp_path / "log.csv"
+    log.write_bytes(SERVICE.read_bytes())
+    link(tmp_path / "log.live.mcap", log)
+    made = run("live", "--replay", "log.csv", "--speed", "0", "-o", ".", "--force")
+    assert made.returncode == 1
+    assert "log.live.mcap: is the input itself" in made.stderr
+    assert log.read_bytes() == SERVICE.read_bytes()
 
 
 def test_a_full_disk_ends_the_run_and_what_was_written_can_be_read(tmp_path: Path) -> None:
