@@ -22,14 +22,6 @@ def robust_sigma(errors: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(errors)))
 
 
-def median(x: Floats | Times) -> float:
-    """`np.median` of x (n,), n > 0; faster where one value is the usual one, as of intervals."""
-    usual = x[len(x) // 2]
-    if 2 * np.count_nonzero(x == usual) > len(x):
-        return float(usual)
-    return float(np.median(x))
-
-
 def finite_median(x: Floats) -> Floats:
     """Median over the rows that have a value, of x (k, n); NaN where none has."""
     ordered, count = np.sort(x, axis=0), len(x) - np.isnan(x).sum(axis=0)  # NaN comes last

@@ -25,7 +25,7 @@ import numpy as np
 
 from ..core.model import Bools, DifferingStop, Floats, Parameter
 from ..core.physics import CRAWL, GRADIENT, NO_FORCE, STANDING
-from ..core.signals import median, robust_sigma, true_runs
+from ..core.signals import robust_sigma, true_runs
 from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid, erode
 from .longitudinal import GRADIENT_SIGMA, RESISTANCE_OF_TRAINS
@@ -197,7 +197,9 @@ def _differing_stops(
 def _coasting_deceleration(slowing: Floats) -> float:
     """The deceleration without brake [m/s²], by resistance and gradient; driven stretches apart."""
     coasting = slowing[np.abs(slowing) < GRADIENT / 2.0]
-    return median(coasting) if len(coasting) >= FEWEST else RESISTANCE_OF_TRAINS.value
+    if len(coasting) < FEWEST:
+        return RESISTANCE_OF_TRAINS.value
+    return float(np.median(coasting))
 
 
 def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> BrakeLine | None:

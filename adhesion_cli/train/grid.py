@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.model import (
     Z95,
@@ -17,7 +16,7 @@ from ..core.model import (
     Vehicle,
 )
 from ..core.physics import GRADIENT, RELEASED_SHARE
-from ..core.signals import median, true_runs
+from ..core.signals import true_runs
 from ..records.axle_channels import AxleChannels
 
 FEWEST = 8  # samples on it that show anything
@@ -134,7 +133,7 @@ class Grids(NamedTuple):
 
 def build_grids(axles: Sequence[AxleChannels], vehicle: Vehicle) -> Grids | None:
     """Both grids; None where `grid` is. Arguments as of it."""
-    coarse, fine = grids(axles, vehicle, [STEP, FINE_STEP])
+    coarse, fine = (grid(axles, vehicle, step) for step in (STEP, FINE_STEP))
     return Grids(coarse, fine) if coarse and fine else None
 
 
@@ -146,174 +145,76 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
         vehicle: for the wheels' radii.
         finest: step where the log is fast enough [s].
     """
-    return grids(axles, vehicle, [finest])[0]
-
-
-def grids(
-    axles: Sequence[AxleChannels], vehicle: Vehicle, finest: Sequence[float]
-) -> list[Grid] | list[None]:
-    """`grid` for several steps: each channel is integrated once."""
-    steps = _steps(axles, finest)
-    if not steps:
-        return [None] * len(finest)
+    step = _step(axles, finest)
+    if step is None:
+        return None
     start_ns = max(int(a.record.t[0]) for a in axles)
     stop_ns = min(int(a.record.t[-1]) for a in axles)
-    evens = [_GridTimes.build(s, int((stop_ns - start_ns) / 1e9 / s) + 1) for s in steps]
-    means = _Means(start_ns, evens)
-    rows = [np.full((3, len(axles), len(e.t)), np.nan) for e in evens]
-    for i, a in enumerate(axles):
-        r, radius = a.record, vehicle.radius(a.record.axle).value
-        for row, x in zip(rows, means.average(r, r.wheel_speed), strict=True):
-            row[0, i] = radius * x
-        brakes = [r.clamping_force_smooth, *([] if r.pressure is None else [r.pressure])]
-        for k, brake in enumerate(brakes, 1):
-            # The true one is higher than where the sensor's range ends.
-            unsaturated = brake if r.saturated is None else np.where(r.saturated, np.nan, brake)
-            for row, x in zip(rows, means.average(r, unsaturated), strict=True):
-                row[k, i] = x
-    trains = means.average_train(axles)
-    return [
-        Grid(start_ns, e.step, rim, clamping, pressure, train, error)
-        for e, (rim, clamping, pressure), (train, error) in zip(evens, rows, trains, strict=True)
-    ]
+    t = step * np.arange(int((stop_ns - start_ns) / 1e9 / step) + 1, dtype=np.float64)
+    rim, clamping, pressure = np.full((3, len(axles), len(t)), np.nan)
+    for i, r in enumerate(a.record for a in axles):
+        rim[i] = vehicle.radius(r.axle).value * _means(r, r.wheel_speed, start_ns, t)
+        for row, brake in ((clamping, r.clamping_force_smooth), (pressure, r.pressure)):
+            if brake is not None:
+                # The true one is higher than where the sensor's range ends.
+                known = brake if r.saturated is None else np.where(r.saturated, np.nan, brake)
+                row[i] = _means(r, known, start_ns, t)
+    return Grid(start_ns, step, rim, clamping, pressure, *_train(axles, start_ns, t))
 
 
-def _steps(axles: Sequence[AxleChannels], finest: Sequence[float]) -> list[float]:
-    """The step of each grid [s]; none where there can be no grid."""
+def _step(axles: Sequence[AxleChannels], finest: float) -> float | None:
+    """The step of a grid [s]; None where there can be no grid."""
     if not axles:
-        return []
+        return None
     usual = 0.0
-    for i, a in enumerate(axles):
-        if i == 0 or not np.array_equal(a.record.t, axles[i - 1].record.t):
-            intervals = np.diff(a.record.t)
-            if (intervals <= 0).any():
-                return []  # it is not known what was at the same time
-            usual = max(usual, median(intervals) / 1e9)
+    for intervals in (np.diff(a.record.t) for a in axles):
+        if (intervals <= 0).any():
+            return None  # it is not known what was at the same time
+        usual = max(usual, float(np.median(intervals)) / 1e9)
     start_ns = max(int(a.record.t[0]) for a in axles)
     span = (min(int(a.record.t[-1]) for a in axles) - start_ns) / 1e9
-    steps = [max(usual, min(s, span / 200.0), span / _MOST_SAMPLES) for s in finest]
+    step = max(usual, min(finest, span / 200.0), span / _MOST_SAMPLES)
     if usual > _LONGEST_INTERVAL:
-        steps = [max(s, span / 500.0) for s in steps]
-    return steps if all(int(span / s) + 1 >= FEWEST for s in steps) else []
+        step = max(step, span / 500.0)
+    return step if int(span / step) + 1 >= FEWEST else None
 
 
-class _GridTimes(NamedTuple):
-    """The times of a grid."""
+def _means(record: AxleRecord, x: Floats, start_ns: int, t: Floats) -> Floats:
+    """Means of a channel of an axle over the steps of a grid, (n,); NaN outside the segments.
 
-    step: float  # [s]
-    t: Floats  # after its first time, (n,) [s]
-
-    @classmethod
-    def build(cls, step: float, n: int) -> "_GridTimes":
-        return cls(step, step * np.arange(n, dtype=np.float64))
-
-
-class _Place(NamedTuple):
-    """Where times lie between samples, for what is linear between these."""
-
-    left: NDArray[np.int64]
-    right: NDArray[np.int64]
-    distance: Floats  # the sample before [s]
-    gap: Floats  # between the two samples [s]
-
-    @classmethod
-    def locate(cls, u: Floats, t: Floats) -> "_Place":
-        """Times t, rising and within those of the samples, u."""
-        left_index = np.searchsorted(u, t, side="right") - 1
-        right_index = np.minimum(left_index + 1, len(u) - 1)
-        return cls(
-            left_index,
-            right_index,
-            t - u[left_index],
-            np.where(right_index > left_index, u[right_index] - u[left_index], 1),
+    Args:
+        record: of the axle.
+        x: the channel, NaN where it has no value.
+        start_ns: the first time of the grid [ns].
+        t: times of the grid after that, (n,) [s].
+    """
+    means, half_step = np.full(len(t), np.nan), t[1] / 2.0
+    for s in record.segments:
+        u, finite = (record.t[s] - start_ns) / 1e9, np.isfinite(x[s])
+        if finite.sum() < 2:
+            continue
+        known, y = u[finite], x[s][finite]
+        inside = (t >= known[0]) & (t <= known[-1])
+        left, right = (
+            np.clip(t[inside] + side, known[0], known[-1]) for side in (-half_step, half_step)
         )
-
-    def interpolate(self, x: Floats) -> Floats:
-        """What samples x give there."""
-        left_value = x[self.left]
-        value: Floats = (x[self.right] - left_value) / self.gap * self.distance + left_value
-        return value
-
-
-class _Cells:
-    """The steps of a grid, each around its time, over samples at the times u (m,) [s]."""
-
-    def __init__(self, u: Floats, times: _GridTimes) -> None:
-        self.inside = (times.t >= u[0]) & (times.t <= u[-1])
-        t, half_step = times.t[self.inside], times.step / 2.0
-        left, right = (np.clip(t + x, u[0], u[-1]) for x in (-half_step, half_step))
-        self._width = right - left
-        self._lower, self._upper = _Place.locate(u, left), _Place.locate(u, right)
-
-    def means(self, area: Floats) -> Floats:
-        """Means over the steps inside, by the integral up to each sample (m,)."""
-        mean: Floats = (self._upper.interpolate(area) - self._lower.interpolate(area)) / self._width
-        return mean
+        area = np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2.0 * np.diff(known))])
+        gained = np.interp(right, known, area) - np.interp(left, known, area)
+        bridged = np.interp(t[inside], u, finite) < 0.5  # no gap is bridged
+        means[inside] = np.where(bridged, np.nan, gained / (right - left))
+    return means
 
 
-class _Means:
-    """Means of an axle's channels over the steps of grids that begin at `first` [ns]."""
-
-    def __init__(self, start_ns: int, evens: Sequence[_GridTimes]) -> None:
-        self._start_ns, self._evens = start_ns, evens
-        self._axle_times = np.empty(0)  # times of the latest axle [s]
-        self._record: AxleRecord | None = None
-        self._cells: dict[int, list[_Cells]] = {}  # of whole segments, by their beginning
-
-    def average(self, record: AxleRecord, x: Floats) -> list[Floats]:
-        """Of each grid, (n,); NaN outside the segments."""
-        self._take(record)
-        rows = [np.full(len(e.t), np.nan) for e in self._evens]
-        for s in record.segments:
-            t, finite = self._axle_times[s], np.isfinite(x[s])
-            complete = bool(finite.all())
-            u, y = (t, x[s]) if complete else (t[finite], x[s][finite])
-            if len(u) < 2:
-                continue
-            cells = self._cells.get(s.start) if complete else None
-            cells = cells or [_Cells(u, e) for e in self._evens]
-            if complete:
-                self._cells[s.start] = cells
-            area = _integral(u, y)
-            for times, c, row in zip(self._evens, cells, rows, strict=True):
-                mean = c.means(area)
-                if not complete:  # no gap is bridged
-                    bridged = np.interp(times.t[c.inside], t, finite) < 0.5
-                    mean = np.where(bridged, np.nan, mean)
-                row[c.inside] = mean
-        return rows
-
-    def average_train(
-        self, axles: Sequence[AxleChannels]
-    ) -> list[tuple[Floats | None, Floats | float]]:
-        """The train speed and its error (95 %), of each grid."""
-        for r in (a.record for a in axles):
-            if r.train_speed is not None:
-                speeds = self.average(r, r.train_speed)
-                if r.train_speed_sigma is None:
-                    return [(v, 0.0) for v in speeds]
-                sigmas = self.average(r, r.train_speed_sigma)
-                return [(v, Z95 * s) for v, s in zip(speeds, sigmas, strict=True)]
-        return [(None, 0.0) for _ in self._evens]
-
-    def _take(self, r: AxleRecord) -> None:
-        """Takes the times of an axle; columns of one table share them."""
-        previous, self._record = self._record, r
-        if previous is r or (
-            previous and previous.segments == r.segments and np.array_equal(previous.t, r.t)
-        ):
-            return
-        self._axle_times, self._cells = (r.t - self._start_ns) / 1e9, {}
-
-
-def _integral(u: Floats, y: Floats) -> Floats:
-    """∫ y du up to each sample, shape (m,)."""
-    area = np.zeros(len(u))
-    middle = y[1:] + y[:-1]
-    middle /= 2.0
-    middle *= np.diff(u)
-    np.cumsum(middle, out=area[1:])
-    return area
+def _train(
+    axles: Sequence[AxleChannels], start_ns: int, t: Floats
+) -> tuple[Floats | None, Floats | float]:
+    """The train speed and its error (95 %), (n,)."""
+    for r in (a.record for a in axles):
+        if r.train_speed is not None:
+            sigma = r.train_speed_sigma
+            error = 0.0 if sigma is None else Z95 * _means(r, sigma, start_ns, t)
+            return _means(r, r.train_speed, start_ns, t), error
+    return None, 0.0
 
 
 def largest(x: Floats) -> Floats:
