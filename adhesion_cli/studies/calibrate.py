@@ -212,12 +212,12 @@ def _check_agreement(
     origin = np.array([prior[i].value for i in range(n)])
     slopes = solve.gradients(designs, joint.mean)
     for d, log_gradients in zip(designs, slopes, strict=True):
-        posterior = solve.fit(
+        posterior = solve.search(
             [d],
             [solve.independent_samples(d, solve.residual(d, joint.mean, log_gradients))],
             prior,
             [joint.mean[:n]],
-        )
+        ).posterior()
         means.append(posterior.mean[:n] - origin)
         informations.append(np.linalg.inv(posterior.covariance[:n, :n]))
     total = P + sum(x - P for x in informations)

@@ -22,16 +22,15 @@ from .longitudinal import (
 )
 from .pieces import build_design, sum_by_piece, without_slope
 from .solve import (
-    BrakeDeceleration,
     Likeliest,
     Posterior,
     independent_samples,
     residual,
     search,
+    unbent_loss,
 )
 
 _NO_DRAG = Parameter(0.0, 1e-9)  # by the gradient and γ of long pieces, in a diagnosis [1/m]
-_STARTS = 64  # points that all fits of one design begin at, or fewer
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
 CLEAR_GAIN = 12.0  # gain of another cause that is clear: twice the log of the likelihood
 EQUAL_GAIN = 8.0  # two causes with less between them cannot be separated
@@ -48,9 +47,8 @@ _LITTLE_SPEED = 0.1  # less than this shows little of a brake [m/s]
 _ANY_FACTOR = 25.0  # times as steep: no other vehicle's line
 
 
-def _starts(brake: BrakeDeceleration, prior: Mapping[int, Parameter]) -> list[Floats]:
+def _starts(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
     """Where to look: with what is free, each by itself."""
-    d = brake.d
     base = np.array([prior[i].value for i in range(SHARED)])
     reach = min(LARGEST_DELAY, float(d.t[-1]) / 4.0)
     delays = np.linspace(-reach, reach, 41) if math.isinf(prior[DELAY].tolerance) else [0.0]
@@ -62,15 +60,14 @@ def _starts(brake: BrakeDeceleration, prior: Mapping[int, Parameter]) -> list[Fl
         x = base.copy()
         x[DELAY], x[OFFSET] = delay, offset
         if scales:
-            x[SCALE] = _likeliest_scale(brake, x)
+            x[SCALE] = _likeliest_scale(d, x)
         starts.append(x)
     return starts
 
 
-def _likeliest_scale(brake: BrakeDeceleration, x: Floats) -> float:
+def _likeliest_scale(d: Design, x: Floats) -> float:
     """The ln s that fits best with any gradients."""
-    d = brake.d
-    u, v = without_slope(d, brake.speed_loss(x)), without_slope(d, d.v)
+    u, v = without_slope(d, unbent_loss(d, x)), without_slope(d, d.v)
     A, B, C = sum_by_piece(d, v * v), sum_by_piece(d, v * u), sum_by_piece(d, u * u)
     s = _FACTORS[:, None]
     squares = np.maximum(A + 2.0 * s * B + s * s * C, 0.0) / d.size + d.floor**2
@@ -117,37 +114,32 @@ def _explain(d: Design, vehicle: Vehicle) -> Explanation:
     any_delay = {DELAY: Parameter(0.0, math.inf)}
     any_line = {SCALE: Parameter(0.0, math.inf), OFFSET: offset}
     free_prior = {**prior, **any_delay, **any_line}
-    brake = BrakeDeceleration(d, _STARTS)
     start = np.array([prior[i].value for i in range(SHARED)])
-    stated_fit = search([brake], [d.size], prior, [start])
+    stated_fit = search([d], [d.size], prior, [start])
     pieces = _gradients(d, stated_fit.posterior())
-    near_fit = search([brake], [d.size], free_prior, [stated_fit.mean])
+    near_fit = search([d], [d.size], free_prior, [stated_fit.mean])
     mean_squares = (
-        sum_by_piece(d, brake.residual(stated_fit.mean, stated_fit.mean[SHARED:]) ** 2) / d.size
+        sum_by_piece(d, residual(d, stated_fit.mean, stated_fit.mean[SHARED:]) ** 2) / d.size
     )
     noise = _NOISE_RATIO * math.hypot(d.noise, d.floor)
     if stated_fit.cost - near_fit.cost < clearly and (mean_squares < noise**2).all():
         return AS_STATED._replace(pieces=pieces)
-    global_starts = _starts(brake, free_prior)
-    free_fit = search([brake], [d.size], free_prior, global_starts)
+    global_starts = _starts(d, free_prior)
+    free_fit = search([d], [d.size], free_prior, global_starts)
     sample_counts = [
-        independent_samples(
-            d, without_slope(d, brake.residual(free_fit.mean, np.zeros(len(d.size))))
-        )
+        independent_samples(d, without_slope(d, residual(d, free_fit.mean, np.zeros(len(d.size)))))
     ]
-    fits = {"stated": search([brake], sample_counts, prior, _starts(brake, prior))}
+    fits = {"stated": search([d], sample_counts, prior, _starts(d, prior))}
     for name, cause_prior in (("late", {**prior, **any_delay}), ("line", {**prior, **any_line})):
-        fits[name] = _best(
-            brake, sample_counts, cause_prior, _starts(brake, cause_prior), [fits["stated"]]
-        )
+        fits[name] = _best(d, sample_counts, cause_prior, _starts(d, cause_prior), [fits["stated"]])
     fits["both"] = _best(
-        brake, sample_counts, free_prior, [*global_starts, free_fit.mean], list(fits.values())
+        d, sample_counts, free_prior, [*global_starts, free_fit.mean], list(fits.values())
     )
     return _judge(d, sample_counts, fits, vehicle, clearly)._replace(pieces=pieces)
 
 
 def _best(
-    brake: BrakeDeceleration,
+    d: Design,
     sample_counts: Sequence[Floats],
     prior: Mapping[int, Parameter],
     starts: Sequence[Floats],
@@ -158,11 +150,9 @@ def _best(
     A model is never less likely than one that it contains; one search may end where it is. Of few
     pieces the gradients explain as much as a line does, and a better fit shows nothing.
     """
-    contained_fits = inside if len(brake.d.size) >= _SEVERAL_PIECES else ()
+    contained_fits = inside if len(d.size) >= _SEVERAL_PIECES else ()
     start_sets = [starts, *([fit.mean] for fit in contained_fits)]
-    return min(
-        (search([brake], sample_counts, prior, x) for x in start_sets), key=lambda fit: fit.cost
-    )
+    return min((search([d], sample_counts, prior, x) for x in start_sets), key=lambda fit: fit.cost)
 
 
 def _gradients(d: Design, p: Posterior) -> tuple[Piece, ...]:

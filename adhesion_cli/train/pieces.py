@@ -102,10 +102,10 @@ def _with_pieces(d: Design, piece_start: NDArray[np.int64]) -> Design:
     )
     t, u = d.t[d.samples], d.relative_speed + d.mean
     d = d._replace(time=t - repeat_by_piece(d, sum_by_piece(d, t) / d.size))
-    unbent = _without_bend(d, d.measured)
+    unbent = without_bend(d, d.measured)
     smooth = d.measured - without_slope(d, unbent)
     return d._replace(
-        v=unbent, speed=smooth, squared=_without_bend(d, integral(d, u * u)[d.samples])
+        v=unbent, speed=smooth, squared=without_bend(d, integral(d, u * u)[d.samples])
     )
 
 
@@ -214,26 +214,14 @@ def repeat_by_piece(d: Design, x: Floats) -> Floats:
     return np.repeat(x, d.size.astype(int), axis=-1)
 
 
-def _without_bend(d: Design, x: Floats) -> Floats:
+def without_bend(d: Design, x: Floats) -> Floats:
     """What is left of x without α and γ of its piece, (m,): gradients change within it."""
-    return without_bend_by(d, x, quadratic(d))
-
-
-def quadratic(d: Design) -> tuple[Floats, Floats]:
-    """t² without its mean in each piece (m,), and the sums of its squares (p,)."""
-    bent = d.time**2
-    bent -= repeat_by_piece(
-        d, sum_by_piece(d, bent) / d.size
-    )  # times are even: a straight line leaves it
-    return bent, np.maximum(sum_by_piece(d, bent**2), 1e-30)
-
-
-def without_bend_by(d: Design, x: Floats, bend: tuple[Floats, Floats]) -> Floats:
-    """`_without_bend`, with what `quadratic` gives."""
-    x = np.subtract(x, repeat_by_piece(d, sum_by_piece(d, x) / d.size))
+    x = x - repeat_by_piece(d, sum_by_piece(d, x) / d.size)
     if not d.has_quadratic:
         return x
-    bent, squares = bend
+    # Times are even: a straight line leaves t² without its mean.
+    bent = d.time**2 - repeat_by_piece(d, sum_by_piece(d, d.time**2) / d.size)
+    squares = np.maximum(sum_by_piece(d, bent**2), 1e-30)
     factor = np.where(d.size >= _FEWEST_BENT, sum_by_piece(d, x * bent) / squares, 0.0)
     unbent: Floats = x - repeat_by_piece(d, factor) * bent
     return unbent
