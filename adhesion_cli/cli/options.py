@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
+from ..core import cache_folder
 from .display import check_display
 
 if TYPE_CHECKING:
@@ -157,6 +158,7 @@ def shared(
         @functools.wraps(command)
         def run(**given: Any) -> int:
             values = Shared(**{p.name: given.pop(p.name) for p in extra})
+            cache_folder.report = functools.partial(_report, values.quiet)
             if not values.out:
                 return command(shared=values, **given)
             from ..results import atomic_files
@@ -171,6 +173,12 @@ def shared(
         return run
 
     return decorate
+
+
+def _report(quiet: bool, text: str) -> None:
+    from .terminal import message  # with numpy, and seldom needed
+
+    message(text, quiet)
 
 
 def load_settings(shared: Shared) -> "Settings":

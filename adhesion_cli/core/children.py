@@ -20,6 +20,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from .cache_folder import cache_folder
+
 # A child computes with one thread: the other processors have children of their own.
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -47,12 +49,13 @@ class Child:
         working_folder, package_folder = os.path.realpath("."), str(Path(__file__).parents[2])
         folders = [x for x in sys.path if os.path.realpath(x) != working_folder]
         path = json.dumps([*folders, package_folder])
+        cache = {"XDG_CACHE_HOME": str(cache_folder().parent)}  # a temporary one is ours to remove
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _START, path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env=dict.fromkeys(_THREADS, "1") | os.environ,
+            env=dict.fromkeys(_THREADS, "1") | os.environ | cache,
         )
         self._owner = os.getpid()  # a fork of this process must not use the pipes
         self._lock = threading.Lock()

@@ -17,18 +17,16 @@ make a NamedTuple, and Python crashes there if a signal (Ctrl-C) came meanwhile.
 gives inf or NaN, as in numpy. Arithmetic is strict: compiled and plain results are equal bit for
 bit.
 
-Machine code is kept on disk, in the user's cache folder, or in a temporary one if that cannot be
-written. numba's own cache does not notice a change in another module. So each folder is named by a
-hash over the files of all functions that a loop reaches and the constants that these name: an edit
-compiles only the loops that it touches. Several processes may run at once.
+Machine code is kept on disk, in the user's cache folder. numba's own cache does not notice a change
+in another module. So each folder is named by a hash over the files of all functions that a loop
+reaches and the constants that these name: an edit compiles only the loops that it touches. Several
+processes may run at once.
 """
 
-import atexit
 import math
 import os
 import shutil
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -267,25 +265,10 @@ def _key(roots: Iterable[Any]) -> str:
 def _folder(key: str) -> Path:
     """The cache folder of a key; makes it, and deletes those that were not used for long."""
     folder = cache_folder() / key
-    try:
-        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with suppress(OSError):  # a full disk
         folder.mkdir(exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
         os.utime(folder)  # the latest used
-    except OSError:
-        folder = _temporary_root() / key
-        folder.mkdir(exist_ok=True)
-        return folder
     _prune(folder.parent)
-    return folder
-
-
-@cache
-def _temporary_root() -> Path:
-    """Where this process keeps its code if the cache cannot be written; it goes with it."""
-    report("the cache of compiled code cannot be written: every run compiles anew")
-    folder = Path(tempfile.mkdtemp(prefix="adhesion-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 

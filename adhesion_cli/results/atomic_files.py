@@ -254,10 +254,8 @@ def _hidden_folder(folder: Path) -> Iterator[Path]:
 def _publishing() -> Iterator[None]:
     """Keeps the other runs of this user from publishing meanwhile."""
     with ExitStack() as stack:
-        with suppress(OSError, NotImplementedError):  # no cache folder, or one without locks
-            folder = cache_folder()
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            stack.enter_context(FileLock(folder / "publishing.lock"))
+        with suppress(OSError, NotImplementedError):  # a file system without locks
+            stack.enter_context(FileLock(cache_folder() / "publishing.lock"))
         yield
 
 

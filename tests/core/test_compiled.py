@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import adhesion_cli
-from adhesion_cli.core import compiled, estimator
+from adhesion_cli.core import cache_folder, compiled, estimator
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
 
@@ -97,7 +97,7 @@ def test_compiling_is_told_once_for_a_cache(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
-    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(compiled, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(compiled, "report", told.append)
     for _ in range(2):
         compiled._compiled.cache_clear()
@@ -192,18 +192,48 @@ def test_processes_may_start_at_once(copy, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the cache is elsewhere")
-@pytest.mark.parametrize("kind", ["no folder", "mine"])
+@pytest.mark.parametrize("kind", ["no folder", "mine", "of another user", "open to others"])
 def test_where_the_cache_is(tmp_path, monkeypatch, kind):
     """What lies in the cache is run: without a folder of the user's own there is none to keep."""
     home, temporary = tmp_path / "home", tmp_path / "tmp"
     temporary.mkdir()
     monkeypatch.setenv("XDG_CACHE_HOME", str(home))
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    told: list[str] = []
+    monkeypatch.setattr(cache_folder, "report", told.append)
     if kind == "no folder":
         home.write_text("a file")
+    elif kind != "mine":
+        (home / "adhesion-cli").mkdir(parents=True)
+        mode, user = (0o777, os.getuid()) if kind == "open to others" else (0o755, 12345)
+        os.chmod(home / "adhesion-cli", mode)
+        monkeypatch.setattr(os, "geteuid", lambda: user)
     folder = compiled._folder("key")
+    assert compiled._folder("other").parent == folder.parent
+    assert len(told) == (kind != "mine")
     assert folder.is_relative_to(home if kind == "mine" else temporary)
     assert folder.is_dir()
+
+
+def test_a_process_without_a_cache_leaves_nothing_and_its_children_share_it(tmp_path):
+    (tmp_path / "tmp").mkdir()
+    (tmp_path / "file").touch()
+    code = """
+import os
+from adhesion_cli.core import cache_folder, children
+cache_folder.report = print
+folder = str(cache_folder.cache_folder())
+for _ in range(3):
+    child = children.Child()
+    print(str(child.call(cache_folder.cache_folder)) == folder, os.path.isdir(folder))
+    child.end()
+"""
+    told = answer(
+        start(PACKAGE.parent, code, XDG_CACHE_HOME=tmp_path / "file", TMPDIR=tmp_path / "tmp")
+    )
+    assert told.splitlines()[1:] == ["True True"] * 3
+    assert told.startswith(f"{tmp_path / 'file' / 'adhesion-cli'}: not used, it cannot be written")
+    assert not list((tmp_path / "tmp").iterdir())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the cache is elsewhere")
