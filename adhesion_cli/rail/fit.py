@@ -169,28 +169,15 @@ def _adhesion(
     return _bend_factor(slip, speed, x, shape) * force / patch.load
 
 
-def _node_factors(setup: Setup, x: Floats, slip_step: float, factors: Floats) -> None:
-    """Fills e^g of each point at the nodes of its slip, moved by `slip_step`; shape (n, nodes)."""
-    for i in range(len(setup.p.slip)):
-        slip = _slip(setup, x, i) + slip_step
-        for k in range(len(_NODES)):
-            node_slip = slip + _NODES[k][1] * setup.p.noise[i]
-            factors[i, k] = _bend_factor(node_slip, setup.p.speed[i], x, setup.shape)
-
-
-def _mean_mu(
-    setup: Setup, x: Floats, slip_step: float, factors: Floats, mean: Floats, variance: Floats
-) -> None:
-    """Fills mean and variance of μ over the noise of each point's slip, moved by `slip_step`."""
+def _mean_mu(setup: Setup, x: Floats, mean: Floats, variance: Floats) -> None:
+    """Fills mean and variance of μ over the noise of each point's slip."""
     rail = _rail(x)
     for i in range(len(setup.p.slip)):
-        slip = _slip(setup, x, i) + slip_step
+        slip, speed = _slip(setup, x, i), setup.p.speed[i]
         mean_value, square_value = 0.0, 0.0
-        for k in range(len(_NODES)):
-            weight, node = _NODES[k]
-            node_slip, speed = slip + node * setup.p.noise[i], setup.p.speed[i]
-            force = creep_force(node_slip * speed, speed, rail, setup.patch)[0]
-            mu = factors[i, k] * force / setup.patch.load
+        for weight, node in _NODES:
+            node_slip = slip + node * setup.p.noise[i]
+            mu = _adhesion(node_slip, speed, rail, x, setup.patch, setup.shape)
             mean_value += weight * mu
             square_value += weight * mu * mu
         mean[i], variance[i] = mean_value, max(square_value - mean_value * mean_value, 0.0)
@@ -205,36 +192,29 @@ def _slip(setup: Setup, x: Floats, i: int) -> float:
 def _errors(setup: Setup, x: Floats, noise: Floats, errors: Floats) -> None:
     """Fills the errors of the points, in sigma, shape (n,)."""
     n = len(setup.p.slip)
-    factors, mean, variance = np.empty((n, len(_NODES))), np.empty(n), np.empty(n)
-    _node_factors(setup, x, 0.0, factors)
-    _mean_mu(setup, x, 0.0, factors, mean, variance)
+    mean, variance = np.empty(n), np.empty(n)
+    _mean_mu(setup, x, mean, variance)
     for i in range(n):
         errors[i] = (setup.p.mu[i] - mean[i]) / noise[i]
 
 
 def _slopes(setup: Setup, x: Floats, scale: Floats, slopes: Floats) -> None:
     """Fills the derivatives of the mean by each unknown, times `scale`; shape (unknowns, n)."""
-    p, n, rail = setup.p, len(setup.p.slip), _rail(x)
-    factors, stepped_factors = np.empty((n, len(_NODES))), np.empty((n, len(_NODES)))
-    _node_factors(setup, x, 0.0, factors)
-    _node_factors(setup, x, _SLIP_STEP, stepped_factors)
+    p, rail = setup.p, _rail(x)
     share_derivative, A_derivative = 1.0 - rail.k_s / rail.k_a, rail.A * (1.0 - rail.A)
-    for i in range(n):
+    for i in range(len(p.slip)):
         mean = slip_slope = stiffness_slope = share_slope = A_slope = B_slope = 0.0
-        for k in range(len(_NODES)):
-            weight, node = _NODES[k]
-            node_slip, speed = _slip(setup, x, i) + node * p.noise[i], p.speed[i]
+        point_slip, speed = _slip(setup, x, i), p.speed[i]
+        for weight, node in _NODES:
+            node_slip = point_slip + node * p.noise[i]
             force, slope, k_a, k_s, A, B = creep_slopes(node_slip * speed, speed, rail, setup.patch)
-            factor = weight * factors[i, k] / setup.patch.load
+            bend = _bend_factor(node_slip, speed, x, setup.shape)
+            stepped_slip = point_slip + _SLIP_STEP + node * p.noise[i]
+            stepped = _bend_factor(stepped_slip, speed, x, setup.shape)
+            factor = weight * bend / setup.patch.load
             mean += factor * force
             slip_slope += factor * slope * speed
-            slip_slope += (
-                weight
-                * (stepped_factors[i, k] - factors[i, k])
-                / _SLIP_STEP
-                * force
-                / setup.patch.load
-            )
+            slip_slope += weight * (stepped - bend) / _SLIP_STEP * force / setup.patch.load
             stiffness_slope += factor * (k_a + k_s)
             share_slope += factor * k_s * share_derivative
             A_slope += factor * A * A_derivative
@@ -469,12 +449,9 @@ class _LocalSearch:
         self._search, self._start = search, start
         self._errors, self._slopes = compiled.function(_errors), compiled.function(_slopes)
         setup, n = search.setup, len(search.setup.p.t)
-        factors, mean, variance = np.empty((n, len(_NODES))), np.empty(n), np.empty(n)
-        clipped = np.clip(start, *_UNKNOWN_RANGE)
-        compiled.function(_node_factors)(setup, clipped, 0.0, factors)
-        compiled.function(_mean_mu)(setup, clipped, 0.0, factors, mean, variance)
+        mean, variance = np.empty(n), np.empty(n)
+        compiled.function(_mean_mu)(setup, np.clip(start, *_UNKNOWN_RANGE), mean, variance)
         self.noise: Floats = np.sqrt(sigma * sigma + setup.p.swing**2 + variance)
-        self._scale, self._prior = -search.weight / self.noise, np.diag(1.0 / search.prior_sigma)
         self._first_residual = (setup.p.mu - mean) / self.noise
         self._first_slopes = self._computed(start)
 
@@ -491,10 +468,10 @@ class _LocalSearch:
         return self._first_slopes if np.array_equal(x, self._start) else self._computed(x)
 
     def _computed(self, x: Floats) -> Floats:
-        n = len(self.noise)
+        n, scale = len(self.noise), -self._search.weight / self.noise
         slopes = np.empty((len(x), n + len(x)))
-        self._slopes(self._search.setup, x.clip(*_UNKNOWN_RANGE), self._scale, slopes)
-        slopes[:, n:] = self._prior
+        self._slopes(self._search.setup, x.clip(*_UNKNOWN_RANGE), scale, slopes)
+        slopes[:, n:] = np.diag(1.0 / self._search.prior_sigma)
         return slopes
 
     def solve(self, prior_mean: Floats, added: Floats | float) -> tuple[Floats, Floats]:
