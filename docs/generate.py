@@ -5,10 +5,10 @@ catalogue of findings. A test compares the pages with what this program writes.
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 import typer.main
 
@@ -31,6 +31,7 @@ _DOCUMENTS = (  # schema, key, class of what stands there
     ("adhesion.slip/1", "axles[]", SlipSummary),
     ("adhesion.inspect/1", "logs[]", InspectedLog),
 )
+_WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 _HEAD = "<!-- written by docs/generate.py -->\n"
 _TEXTS = {
     "key of a channel": {
@@ -204,13 +205,48 @@ def json_page() -> str:
     ]
     for schema, key, cls in _DOCUMENTS:
         parts.append(f"## `{schema}`: `{key}`")
-        rows = [
-            f"| `{k.path}` | {k.kind} | {k.unit} | {_cell(k.text)} |"
-            for k in annotated.json_keys(cls)
-        ]
+        rows = [f"| `{k.path}` | {k.kind} | {k.unit} | {_cell(k.text)} |" for k in _json_keys(cls)]
         parts.append("\n".join(["| key | is | unit | what |", "|---|---|---|---|", *rows]))
     parts.append("[Result files](files.md) says which command prints which document.")
     return "\n\n".join(parts) + "\n"
+
+
+class _JsonKey(NamedTuple):
+    """A key of a JSON document."""
+
+    path: str  # `axles[].reference.band_n`
+    kind: str  # what stands there, in words
+    unit: str
+    text: str
+
+
+def _json_keys(cls: Any, path: str = "", unit: str = "") -> Iterator[_JsonKey]:
+    """The keys of the document of a class, each table after the key that leads to it."""
+    hints = annotated.hints(cls)
+    for name in annotated.names(cls):
+        kind, quantity = annotated.plain(hints[name])
+        inner, words, brackets = kind, _WORDS.get(kind, ""), ""
+        if get_origin(kind) in (Mapping, dict):
+            inner, words, brackets = get_args(kind)[1], "table", ".NAME"
+        elif get_origin(kind) is tuple:
+            inner, is_list = get_args(kind)[0], get_args(kind)[-1] is Ellipsis
+            words, brackets = ("list", "[]") if is_list else ("[from, to]", "")
+            words = "list of [from, to]" if get_origin(inner) is tuple else words
+        elif get_origin(kind) is Literal:
+            words = " or ".join(f"`{x}`" for x in get_args(kind))
+        brackets = brackets if annotated.is_class(inner) else ""
+        text = (
+            quantity.text
+            if quantity
+            else (inner.__doc__ or "")
+            if annotated.is_class(inner)
+            else ""
+        )
+        unit_here = quantity.unit or unit if quantity else unit
+        shown = "" if annotated.is_class(inner) else unit_here
+        yield _JsonKey(f"{path}{name}{brackets}", words or "table", shown, text.partition("\n")[0])
+        if annotated.is_class(inner):
+            yield from _json_keys(inner, f"{path}{name}{brackets}.", unit_here)
 
 
 def _anchor(section: str) -> str:

@@ -39,7 +39,6 @@ from ..results import atomic_files, result_rows, slip_text, tables
 from ..results.text_tables import number, records
 from ..scores.metrics import pool_scores
 from ..studies import calibrate
-from . import shown
 from .choices import File, axles_of, in_python
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ _Rows = Sequence[Mapping[str, str]]
 
 
 class _Tables(ABC):
-    """A result that gives tables, and shows itself as text or in a notebook."""
+    """A result that gives tables, and shows itself as text."""
 
     _tables: ClassVar[tuple[str, ...]]  # the names; the first is the usual one
 
@@ -101,26 +100,16 @@ class _Tables(ABC):
         title, captioned = self._display()
         sections = [f"{caption}\n{records(rows)}" for caption, rows in captioned.items() if rows]
         lines = [
-            f"{log}{_line(f)}" for log, captioned in self._grouped_findings() for f in captioned
+            f"{log}{f.severity}: {f.message} ({f.code}) {f.channel}"
+            for log, group in self._grouped_findings()
+            for f in group
         ]
         text = "\n\n".join(filter(None, [title, *sections, "\n".join(lines)]))
         return "\n".join(line.rstrip() for line in text.splitlines())
 
-    def _repr_html_(self) -> str:
-        title, captioned = self._display()
-        sections = [shown.table(rows, caption) for caption, rows in captioned.items()]
-        finding_lists = (
-            shown.findings(captioned, log) for log, captioned in self._grouped_findings()
-        )
-        return shown.page(title, *sections, *finding_lists)
-
     def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
         """The findings, each group with what stands in front of it."""
         return [("", self.findings)]
-
-
-def _line(f: Finding) -> str:
-    return f"{f.severity}: {f.message} ({f.code}) {f.channel}"
 
 
 class _Axles(dict[int, Any]):

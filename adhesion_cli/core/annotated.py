@@ -12,7 +12,6 @@ from types import UnionType
 from typing import (
     Annotated,
     Any,
-    Literal,
     NamedTuple,
     TypeVar,
     Union,
@@ -26,7 +25,6 @@ from .model import Quantity
 
 Json = dict[str, Any]  # what `json.dumps` takes
 T = TypeVar("T")
-_WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
 
 class FieldColumn(NamedTuple):
@@ -59,38 +57,6 @@ def from_json(cls: type[T], document: Mapping[str, Any]) -> T:
     return cast("T", _read(cls, document))
 
 
-class JsonKey(NamedTuple):
-    """A key of a JSON document."""
-
-    path: str  # `axles[].reference.band_n`
-    kind: str  # what stands there, in words
-    unit: str
-    text: str
-
-
-def json_keys(cls: Any, path: str = "", unit: str = "") -> Iterator[JsonKey]:
-    """The keys of the document of a class, each table after the key that leads to it."""
-    hints = _hints(cls)
-    for name in _names(cls):
-        kind, quantity = _plain(hints[name])
-        inner, words, brackets = kind, _WORDS.get(kind, ""), ""
-        if get_origin(kind) in (Mapping, dict):
-            inner, words, brackets = get_args(kind)[1], "table", ".NAME"
-        elif get_origin(kind) is tuple:
-            inner, is_list = get_args(kind)[0], get_args(kind)[-1] is Ellipsis
-            words, brackets = ("list", "[]") if is_list else ("[from, to]", "")
-            words = "list of [from, to]" if get_origin(inner) is tuple else words
-        elif get_origin(kind) is Literal:
-            words = " or ".join(f"`{x}`" for x in get_args(kind))
-        brackets = brackets if _is_class(inner) else ""
-        text = quantity.text if quantity else (inner.__doc__ or "") if _is_class(inner) else ""
-        unit_here = quantity.unit or unit if quantity else unit
-        shown = "" if _is_class(inner) else unit_here
-        yield JsonKey(f"{path}{name}{brackets}", words or "table", shown, text.partition("\n")[0])
-        if _is_class(inner):
-            yield from json_keys(inner, f"{path}{name}{brackets}.", unit_here)
-
-
 @cache
 def columns(cls: Any) -> tuple[FieldColumn, ...]:
     """The columns of a table whose rows are such objects; lists are left out.
@@ -112,7 +78,7 @@ def _fields(cls: Any) -> "tuple[Field[Any], ...]":
     return tuple(f for f in fields(cls) if f.metadata.get("in_json", True))
 
 
-def _names(cls: type) -> dict[str, bool]:
+def names(cls: type) -> dict[str, bool]:
     """The fields that are in JSON, and whether each must be there."""
     if is_dataclass(cls):
         return {f.name: f.default is MISSING and f.default_factory is MISSING for f in _fields(cls)}
@@ -121,11 +87,12 @@ def _names(cls: type) -> dict[str, bool]:
 
 
 @cache
-def _hints(cls: Any) -> dict[str, Any]:
+def hints(cls: Any) -> dict[str, Any]:
+    """The types of its fields, with their annotations."""
     return get_type_hints(cls, include_extras=True)
 
 
-def _plain(hint: Any) -> tuple[Any, Quantity | None]:
+def plain(hint: Any) -> tuple[Any, Quantity | None]:
     """A type without None and without its annotation, and that annotation."""
     quantity = None
     if get_origin(hint) is Annotated:
@@ -136,19 +103,19 @@ def _plain(hint: Any) -> tuple[Any, Quantity | None]:
     return hint, quantity
 
 
-def _is_class(hint: Any) -> bool:
+def is_class(hint: Any) -> bool:
+    """Whether a type is a class with fields."""
     return isinstance(hint, type) and (is_dataclass(hint) or hasattr(hint, "_fields"))
 
 
 def _read(hint: Any, value: Any) -> Any:
-    kind, _ = _plain(hint)
+    kind, _ = plain(hint)
     if value is None:
         return None
-    if _is_class(kind):
-        hints = _hints(kind)
+    if is_class(kind):
         return kind(**{
-            name: _read(hints[name], value[name])
-            for name, needed in _names(kind).items()
+            name: _read(hints(kind)[name], value[name])
+            for name, needed in names(kind).items()
             if needed or name in value
         })  # fmt: skip
     if get_origin(kind) is tuple:
@@ -158,11 +125,11 @@ def _read(hint: Any, value: Any) -> Any:
 
 
 def _columns(cls: type, unit: str, path: tuple[str, ...]) -> Iterator[FieldColumn]:
-    for name in _names(cls):
-        kind, quantity = _plain(_hints(cls)[name])
+    for name in names(cls):
+        kind, quantity = plain(hints(cls)[name])
         unit_here, text = (quantity.unit or unit, quantity.text) if quantity else (unit, "")
         here = (*path, name)
-        if _is_class(kind):
+        if is_class(kind):
             yield from _columns(kind, unit_here, here)
         elif get_origin(kind) is tuple and len(get_args(kind)) == 2 and get_args(kind)[1] is float:
             for place, end in enumerate(("low", "high")):
