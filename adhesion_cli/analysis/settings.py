@@ -31,6 +31,8 @@ from ..wsp import controller
 Table = toml.Table
 Tables = Tree[str, Any]  # of TOML, read only
 _FORMAT_HINT = "settings are TOML, for example the line: vehicle.friction = 0.3"
+# In words, because a shell takes some of these marks for its own.
+MARKS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", "pipe": "|", "point": "."}
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
 MCAP_KEYS = {"max_inflated": int, "max_record": int, "max_series": int}
 CAN_KEYS = {"dbc": list}
@@ -185,10 +187,20 @@ def stated_tables(
         toml.read(source, _FORMAT_HINT) if isinstance(source, Path) else dict(source)
         for source in files
     ]
-    layers.append({})
-    for source in assignments:
-        _merge(layers[-1], assignment(source) if isinstance(source, str) else source)
+    layers.append(merged(assignments))
     return _merge_layers(map(_normalise_names, layers))
+
+
+def merged(assignments: Iterable[str | Tables]) -> Table:
+    """The tables that several `--set`, or keywords of a call, state.
+
+    Raises:
+        UserError: where one has no name or no value.
+    """
+    tree: Table = {}
+    for source in assignments:
+        _merge(tree, assignment(source) if isinstance(source, str) else source)
+    return tree
 
 
 def _merge_layers(layers: Iterable[Tables]) -> Table:
@@ -343,6 +355,8 @@ def _normalise_names(layer: Tables) -> Table:
     """One layer with every vehicle parameter under its own name in `vehicle`, diameters halved."""
     keys = vehicle_keys()
     normalised = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
+    if isinstance(channels := layer.get("channels"), dict):
+        normalised["channels"] = {k: _spaced_axles(v) for k, v in channels.items()}
     bare_keys = {k: v for k, v in layer.items() if k in keys}
     vehicle: Table = {}
     for key, value in [*bare_keys.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]:
@@ -389,7 +403,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     mappings, time_options = _channels(tree.get("channels", {}))
     options = {
         **time_options,
-        **_fields("csv", tree.get("csv", {}), CSV_KEYS),
+        **_marks(_fields("csv", tree.get("csv", {}), CSV_KEYS)),
         **_fields("mcap", tree.get("mcap", {}), MCAP_KEYS),
         **_files(_fields("can", tree.get("can", {}), CAN_KEYS)),
         **{k: v for k, v in read.items() if v is not None},
@@ -570,6 +584,18 @@ def _fields(section: str, table: Any, types: Tree[str, type]) -> Table:
             kind[list] = 'a list of texts, as ["brake.dbc"]'
             raise UserError(f"{name} = {value!r} is wrong", f"write {kind[types[key]]}", code=2)
     return fields
+
+
+def _spaced_axles(meaning: Any) -> Any:
+    """The channels of a meaning, with `axle1`, which needs no quotes in a shell, as `axle 1`."""
+    if not isinstance(meaning, dict):
+        return meaning
+    return {re.sub(r"^axle(?=\d)", "axle ", key): entry for key, entry in meaning.items()}
+
+
+def _marks(csv: Tables) -> Table:
+    """The section with every mark that is stated by its name as the mark itself."""
+    return {k: MARKS.get(v, v) if k in ("delimiter", "decimal") else v for k, v in csv.items()}
 
 
 def _files(lists: Tables) -> Table:

@@ -26,7 +26,7 @@ SettingsSources = File | Mapping[str, Any] | Sequence[File | Mapping[str, Any]] 
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
-_OPTION = re.compile(r"`?--set ('(?:[^']|'\"'\"')*'|[^\s;,`)]+)`?")
+_OPTIONS = re.compile(r"`?(?:--set (?:\"[^\"]*\"|[^\s;,`)\"]+) ?)+(?<! )`?")
 _VALUE = re.compile(r"--(from|to|axle|dt|seed) (\d[\d.]*)")
 _KEYWORD_OF_OPTION = {
     "--from": "from_s",
@@ -138,24 +138,25 @@ def in_python(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def as_keywords(text: str) -> str:
-    r"""A message of the command line with its options as keywords.
+    """A message of the command line with its options as keywords.
 
-    >>> words("state it, as --set 'csv.decimal = \",\"', or leave out --strict")
-    "state it, as csv={'decimal': ','}, or leave out strict=True"
+    >>> as_keywords("state it, as `--set csv.decimal=comma`, or leave out --strict")
+    "state it, as csv={'decimal': 'comma'}, or leave out strict=True"
     """
-    text = _OPTION.sub(_keywords, text)
+    text = _OPTIONS.sub(_keywords, text)
     text = _VALUE.sub(lambda m: f"{_KEYWORD.get(m[1], m[1])}={m[2]}", text)
     for option, word in _KEYWORD_OF_OPTION.items():
         text = text.replace(option, word)
     return text
 
 
-def _keywords(option: re.Match[str]) -> str:
-    """One `--set` as keywords; what is no line of TOML stays."""
+def _keywords(options: re.Match[str]) -> str:
+    """Some `--set` as keywords; what states nothing stays."""
+    words = shlex.split(options[0].strip("`"))
     try:
-        tables = settings.assignment(" ".join(shlex.split(option[1])))
-    except (UserError, ValueError):
-        return option[0]
+        tables = settings.merged(word for word in words if word != "--set")
+    except UserError:
+        return options[0]
     return ", ".join(f"{name}={value!r}" for name, value in tables.items())
 
 

@@ -313,7 +313,7 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
 
 def _key(meaning: str, axle: int | None) -> str:
     """The key in [channels] that states this meaning."""
-    return meaning if axle is None else f'{meaning}."axle {axle}"'
+    return meaning if axle is None else f"{meaning}.axle{axle}"
 
 
 def _index(field: Field, named: str) -> str:

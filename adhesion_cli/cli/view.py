@@ -2,7 +2,6 @@
 
 import os
 import re
-import shlex
 import shutil
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -11,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from ..core.text import shell_word
 from .display import check_display, no_window_error
 from .options import Shared, option, shared
 
@@ -156,7 +156,7 @@ def _rerun(*arguments: str) -> list[str]:
 
 
 def _view(result: Path) -> str:
-    return f"adhesion view {shlex.quote(str(result))}"
+    return f"adhesion view {shell_word(str(result))}"
 
 
 def _is_free(port: int) -> int:

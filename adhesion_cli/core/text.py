@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import shlex
 import sys
 import unicodedata
 from collections import Counter
@@ -11,6 +12,8 @@ from pathlib import Path
 
 # Control, format (bidi overrides, zero width, tags), surrogate, line and paragraph separators.
 _UNSAFE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+_BARE_WORD = re.compile(r"[\w%+=:./-]+")
+_EVERY_SHELL = re.compile(r"[^\"'$`!\\\x00-\x1f]+")
 _KIND_OF_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # a letter alone is a drive
 
 
@@ -26,6 +29,24 @@ def printable(text: str) -> str:
         c.encode("unicode_escape").decode() if unicodedata.category(c) in _UNSAFE else c
         for c in text
     )
+
+
+def is_pasted_whole(text: str) -> bool:
+    """Whether cmd, PowerShell and POSIX shells take the text as it is, in double quotes."""
+    return _EVERY_SHELL.fullmatch(text) is not None
+
+
+def shell_word(text: str) -> str:
+    r"""The text as one word for a shell.
+
+    Double quotes mean the same to cmd, PowerShell and POSIX shells, single quotes do not.
+
+    >>> shell_word("brake.csv"), shell_word("brake test.csv")
+    ('brake.csv', '"brake test.csv"')
+    """
+    if _BARE_WORD.fullmatch(text):
+        return text
+    return f'"{text}"' if sys.platform == "win32" or is_pasted_whole(text) else shlex.quote(text)
 
 
 def utf8(text: str) -> str:

@@ -2,19 +2,20 @@
 
 import json
 import re
-import shlex
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from .errors import UserError
+from .text import is_pasted_whole, shell_word
 
 _MOST_BYTES = 1 << 20  # bytes of a file
 _LONGEST = 4_000  # characters of a line; the parser's memory is the square of a key's dots
 DEEPEST = 16  # tables and lists inside each other
 _NAMES_IN_HINT = 5  # names of files in a hint
+_MOST_OPTIONS = 8  # in a hint
 _LARGEST = 1e18  # no number of a setting is larger
 
 
@@ -116,8 +117,8 @@ def target(path: Path) -> Path:
 
 
 def quoted(text: str) -> str:
-    """A TOML basic string; without apostrophes, which would end a text in a shell."""
-    return json.dumps(text, ensure_ascii=False).replace("'", "\\u0027")
+    """A TOML basic string."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def table(entries: Mapping[str, str | int]) -> str:
@@ -144,10 +145,36 @@ def value(item: Any) -> str:
     )
 
 
-def option(line: str) -> str:
-    """The option for a shell that states one line of TOML, as `--set 'csv.decimal = ","'`.
+def option(*lines: str) -> str:
+    """The options that state lines of TOML, as `--set vehicle.friction=0.3`, in back quotes.
+
+    A text that cannot be pasted into every shell makes them lines for `adhesion.toml`.
 
     Args:
-        line: with its heading; the same line may stand at the top of a TOML file.
+        lines: each with its heading; the same line may stand at the top of a TOML file.
     """
-    return f"--set {shlex.quote(line)}"
+    values = [pair for line in lines for pair in _values(tomllib.loads(line), "")]
+    texts = [f"{name}={x if isinstance(x, str) else value(x)}" for name, x in values]
+    is_short = len(texts) <= _MOST_OPTIONS and all(map(is_pasted_whole, texts))
+    if not is_short or any(isinstance(x, str) and not _is_bare_text(x) for _, x in values):
+        return " and ".join(f"`{line}`" for line in lines) + " in adhesion.toml"
+    return f"`{' '.join(f'--set {shell_word(text)}' for text in texts)}`"
+
+
+def _values(tree: Table, heading: str) -> Iterator[tuple[str, Any]]:
+    """Every value by its dotted key."""
+    for name, item in tree.items():
+        path = f"{heading}{name.replace('axle ', 'axle')}"
+        if isinstance(item, Mapping):
+            yield from _values(dict(item), f"{path}.")
+        else:
+            yield path, item
+
+
+def _is_bare_text(text: str) -> bool:
+    """Whether a text without quotes is read as the same text."""
+    try:
+        number = tomllib.loads(f"x = {text}")["x"]
+        return type(number) in (int, float) and str(number) == text
+    except tomllib.TOMLDecodeError:
+        return text == text.strip()

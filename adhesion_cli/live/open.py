@@ -1,9 +1,9 @@
 """The sender that a source names."""
 
-import shlex
 from pathlib import Path
 
 from ..core.errors import UserError
+from ..core.text import shell_word
 from ..formats.open import kind
 from ..formats.source import ReadOptions
 from . import bytes_arriving
@@ -47,7 +47,7 @@ def open_feed(source: str, options: ReadOptions) -> Feed:
         return GrowingMcap(path, options)
     if format_:
         text = f"{source}: a file of the format {format_} is not followed while it grows"
-        raise UserError(text, f"play it: `adhesion live --replay {shlex.quote(source)}`", code=2)
+        raise UserError(text, f"play it: `adhesion live --replay {shell_word(source)}`", code=2)
     return _text(pieces, options, path)
 
 

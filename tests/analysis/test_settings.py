@@ -1,11 +1,13 @@
 import ast
 import re
-import shlex
 import tomllib
 from pathlib import Path
 from string import Formatter
 
 import pytest
+from helpers.pasted import pasted
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.cli.explain import entry
@@ -112,7 +114,7 @@ def test_channels() -> None:
         ("vehicle.friction='x'", "number"),
         ("neso.beta1", "--set neso.beta1=100"),
         ("channels.presure='x'", "pressure"),
-        ("channels.pressure.left='x'", "axle 1"),
+        ("channels.pressure.left='x'", "axle1"),
         ("analysis.slowest=-1", "slip"),
         ("csv.header='no'", "true or false"),
         ("channels.time={source='sensor'}", "publish"),
@@ -223,9 +225,9 @@ def test_a_unit_without_a_channel_is_one_for_all() -> None:
 def test_what_is_too_large_or_not_finite_is_refused_by_its_key(line: str) -> None:
     key = line.split("=")[0].strip().split(".")[0]
     Path("c.toml").write_text(line + "\n")
-    for given in ({"config": Path("c.toml")}, {"assignments": [line]}):
+    for source in ({"config": Path("c.toml")}, {"assignments": [line]}):
         with pytest.raises(UserError, match=key) as error:
-            settings.load(**given)
+            settings.load(**source)
         assert error.value.code == 2
         assert len(error.value.text) < 200
 
@@ -243,11 +245,12 @@ def test_every_setting_in_a_remedy_can_be_pasted() -> None:
     """In TOML quotes, or between backticks; fields in braces stand for a number or a key."""
     found = []
     for code, words in catalogue().items():
-        for quoted, bare in re.findall(r"--set (?:'([^']+)'|([^\s'`]+)`)", words.remedy):
-            fields = {name: 7 for _, name, _, _ in Formatter().parse(words.remedy) if name}
-            line = (quoted or bare).format(**fields | {"key": "speed", "diameters": [0.9, 0.92]})
-            settings.load(assignments=[line], folder=False)
-            found.append(code)
+        fields = {name: 7 for _, name, _, _ in Formatter().parse(words.remedy) if name}
+        fields |= {"key": "speed", "diameters": [0.9, 0.92]}
+        for options in re.findall(r"`([^`]*--set [^`]+)`", words.remedy):
+            stated = pasted(options.format(**fields))
+            settings.load(assignments=stated, folder=False)
+            found += [code] * len(stated)
             shown = entry(words)
             assert "{…}" not in str(shown["remedy"])
         assert words.remedy.count("--set") == found.count(code), code
@@ -262,9 +265,10 @@ def test_every_setting_in_a_page_can_be_pasted() -> None:
         if page.name == "findings.md":  # remedies with "…" for what a finding states itself
             continue
         text = page.read_text(encoding="utf-8")
-        for quoted, bare in re.findall(r"--set (?:'([^']+)'|([^\s'`]+))", text):
-            if not re.match(r"name=|\S*(NAME|CHECK)\b", quoted or bare):
-                settings.load(assignments=[quoted or bare])
+        assert "--set '" not in text  # cmd knows no single quotes
+        for line in pasted(text):
+            if not re.match(r"name=|\S*(NAME|CHECK)\b", line):
+                settings.load(assignments=[line])
                 lines += 1
         for block in re.findall(r"^```toml\n(.*?)^```$", text, re.M | re.S):
             if tomllib.loads(block).keys() <= {"limit", "rail"}:
@@ -282,11 +286,11 @@ def test_every_setting_in_a_hint_can_be_pasted() -> None:
     for path in (ROOT / "adhesion_cli").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found |= set(re.findall(r"--set '([^']+)'", node.value))
+                found |= {x for x in re.findall(r"`--set (\S+)`", node.value) if "{" not in x}
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == "toml.option":
-                (line,) = node.args
-                assert "…" not in ast.unparse(line), path.name
-                found |= {line.value} if isinstance(line, ast.Constant) else set()
+                for line in node.args:
+                    assert "…" not in ast.unparse(line), path.name
+                    found |= {line.value} if isinstance(line, ast.Constant) else set()
     assert len(found) >= 6
     for line in found:
         settings.load(assignments=[line])
@@ -303,17 +307,36 @@ def test_every_setting_in_a_hint_can_be_pasted() -> None:
 def test_the_line_in_the_hint_of_a_wrong_setting_is_accepted(wrong: str) -> None:
     with pytest.raises(UserError) as error:
         settings.load(assignments=[wrong])
-    options = shlex.split(error.value.hint)
-    settings.load(assignments=[options[options.index("--set") + 1]])
+    assert pasted(error.value.hint)
+    settings.load(assignments=pasted(error.value.hint))
 
 
-def test_a_line_for_a_shell_may_hold_any_name() -> None:
-    name = """driver's "valve" \\ 1"""
+@given(name=st.text(st.characters(exclude_categories=["C"]), min_size=1, max_size=12))
+@example(name="""driver's "valve" \\ 1""")
+@example(name="1.50")
+@example(name="true")
+@example(name="2026-01-01")
+def test_a_hint_states_any_name_and_needs_no_single_quotes(name: str) -> None:
     line = f"channels.group = {{channel = {toml.quoted(name)}, equals = '1'}}"
-    for option in (
-        f"--set 'channels.speed = {{channel = {toml.quoted(name)}}}'",
-        toml.option(line),
-    ):
-        _, pasted = shlex.split(option)
-        stated = settings.load(assignments=[pasted])
-        assert name in (stated.read.group_channel, *(m.channel for m in stated.mappings))
+    option = toml.option(line)
+    if "in adhesion.toml" in option:
+        assert option == f"`{line}` in adhesion.toml"
+    else:
+        assert not set("'$\\!") & set(option)
+        assert settings.load(assignments=pasted(option), folder=False).read.group_channel in (
+            name,
+            f"column {name}" * name.isdigit(),
+        )
+
+
+@pytest.mark.parametrize("word", settings.MARKS)
+def test_a_mark_may_be_stated_in_a_word(word: str) -> None:
+    mark = settings.load(assignments=[f"csv.delimiter={word}"], folder=False).read.delimiter
+    assert mark == settings.MARKS[word]
+
+
+def test_an_axle_needs_no_quotes() -> None:
+    stated = ["channels.speed.axle2.channel=v2", "channels.speed.axle2.unit=km/h"]
+    Path("c.toml").write_text('channels.speed."axle 2" = {channel = "other", teeth = 80}')
+    (mapping,) = settings.load(Path("c.toml"), stated).mappings
+    assert (mapping.channel, mapping.axle, mapping.unit, mapping.teeth) == ("v2", 2, "km/h", 80)

@@ -600,11 +600,11 @@ def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path)
     (told,) = json.loads(done.stdout)["logs"][0]["findings"]
     assert told["code"] == "not-analysable"
     assert "unknown unit 'furlong'" in told["names"]["reason"]
-    assert "--set 'channels.pressure = {unit = \"bar\"}'" in told["hint"]
+    assert "`--set channels.pressure.unit=bar`" in told["hint"]
     shown = run("inspect", "c.csv").stdout
     assert re.search(r"pressure +\S+ +not stated", shown)
     line = next(x for x in shown.splitlines() if x.startswith("hint: "))
-    assert "--set 'channels.pressure = {unit = \"bar\"}'" in line
+    assert "`--set channels.pressure.unit=bar`" in line
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """One pressure against the other axles': reported where it is wrong, and only there."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import simulated
 from helpers.diagnosed import DEFAULT, at_rate
+from helpers.pasted import pasted
 from helpers.simulated import Recordings, pressed
 
 from adhesion_cli.analysis import settings
@@ -71,8 +71,7 @@ def test_a_pressure_apart_from_all_others_is_told(fault: str, tmp_path: Path) ->
 def test_the_line_on_a_pressure_unit_states_that_of_its_axle(tmp_path: Path) -> None:
     told = warned(FAULTS["another unit"](at_rate("four-axles", 20.0), AXLE), tmp_path)
     (found,) = (f for f in told if f.code == "pressure-unit-differs")
-    (line,) = re.findall(r"--set '([^']+)'", str(found.hint))
-    (stated,) = settings.load(assignments=[line], folder=False).mappings
+    (stated,) = settings.load(assignments=pasted(str(found.hint)), folder=False).mappings
     assert (stated.meaning, stated.axle, stated.unit) == ("pressure", AXLE, "bar")
 
 

@@ -1,6 +1,5 @@
 """A train that slows otherwise than the stated vehicle does."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from helpers.diagnosed import (
     clean,
     found,
 )
+from helpers.pasted import pasted
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.prepare import prepare
@@ -57,8 +57,7 @@ def test_the_friction_that_would_fit_is_told(
     )
     assert all(f.values["factor"] == pytest.approx(friction / 0.3, rel=0.1) for f in told)
     for f in told:  # its remedy has one line for each parameter
-        lines = re.findall(r"--set '([^']+)'", f.names["fits"])
-        fits = settings.load(assignments=lines, folder=False).vehicle
+        fits = settings.load(assignments=pasted(f.names["fits"]), folder=False).vehicle
         assert fits.friction.value == pytest.approx(friction, rel=0.1)
 
 

@@ -85,7 +85,7 @@ class Parser:
         if isinstance(outcome, str) or outcome.num_rows != len(lines):
             reason = outcome if isinstance(outcome, str) else "its quotes cannot be followed"
             text = f"{self.table.path}: cannot be read from line {block.first_line} on: {reason}"
-            hint = "correct the log, or state its dialect, as --set 'csv.delimiter = \";\"'"
+            hint = "correct the log, or state its dialect, as `--set csv.delimiter=semicolon`"
             raise UserError(text, hint)
         arrays = {int(name[1:]): outcome[name].combine_chunks() for name in outcome.column_names}
         clock, decimal = self.table.clock, self.table.dialect.decimal

@@ -159,7 +159,7 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
             best, largest_share = (score, width, delimiter), share
     if best is None:
         hint = "a log needs a time column and one more; if it has, state what separates them, as "
-        hint += "--set 'csv.delimiter = \";\"'"
+        hint += "`--set csv.delimiter=semicolon`"
         raise UserError(f"{path}: no delimiter splits the rows into columns", hint)
     _, width, delimiter = best
     delimiter_name = "whitespace" if delimiter == " " else repr(delimiter)
@@ -180,7 +180,7 @@ def _decimal(
     if options.decimal:
         if options.decimal not in (".", ","):
             text = f"decimal {options.decimal!r} is neither '.' nor ','"
-            raise UserError(text, "state it, as --set 'csv.decimal = \",\"'", code=2)
+            raise UserError(text, "state it, as `--set csv.decimal=comma`", code=2)
         return options.decimal, f"{options.decimal!r} (stated)"
     commas = 0  # columns with decimal commas, less those with decimal points
     example = ""
@@ -193,7 +193,7 @@ def _decimal(
     if commas <= 0:
         return ".", "'.' (no decimal comma in most columns)"
     if not _proves_decimal(rows, width, ","):
-        hint = 'state it, as --set \'csv.decimal = ","\' (or ".")'
+        hint = "state it, as `--set csv.decimal=comma` (or point)"
         raise UserError(f"{path}: {example!r} may be a decimal comma or grouped thousands", hint)
     return ",", f"',' (as in {example!r})"
 
@@ -214,7 +214,7 @@ def _refuse_grouped(
         integers = [c for c in cells if c.isdigit()]
         if len(dotted) > 1 and integers and all(len(c) <= 3 for c in integers):
             text = f"{path}: column {name!r}: {dotted[0]!r} and {integers[0]!r} may be grouped "
-            hint = "if it is a decimal point, state it, as --set 'csv.decimal = \".\"'"
+            hint = "if it is a decimal point, state it, as `--set csv.decimal=point`"
             raise UserError(text + "thousands or a decimal point", hint)
 
 

@@ -54,7 +54,7 @@ def _given_encoding(head: bytes, encoding: str, path: Path) -> tuple[str, str]:
         codec = codecs.lookup(encoding).name
         b"a".decode(codec, "replace")  # refuses codecs that are no text, as base64
     except (LookupError, UnicodeError):
-        hint = "state it, as --set 'csv.encoding = \"utf-16\"' (or utf-8, gb18030, cp1252)"
+        hint = "state it, as `--set csv.encoding=utf-16` (or utf-8, gb18030, cp1252)"
         raise UserError(f"{path}: unknown encoding {encoding!r}", hint) from None
     if codec == "utf-16":  # without a mark: whichever half holds the NULs of ASCII
         codec = "utf-16-be" if head[0:4000:2].count(0) > head[1:4000:2].count(0) else "utf-16-le"

@@ -66,7 +66,7 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
     if start is None:
         reason = f"no row of {table.width} cells holds numbers"
         hint = "give a log with data rows; if its numbers use a decimal comma, state it, as "
-        hint += "--set 'csv.decimal = \",\"'"
+        hint += "`--set csv.decimal=comma`"
         raise UserError(f"{table.path}: no data rows under the header ({reason})", hint)
     if has_header is False:
         return Header([], None, start, start)

@@ -67,23 +67,29 @@ def find_keys(table: CsvTable) -> Keys:
     return Keys()
 
 
+def _of_one_device(column: str, device: str) -> dict[str, str]:
+    """The line of TOML, and the option, that read one device only."""
+    line = f"channels.group = {toml.value({'channel': column, 'equals': device})}"
+    return {"line": line, "option": toml.option(line)}
+
+
 def _stated_keys(table: CsvTable, i: int, named: list[int]) -> Keys:
     """The series of the stated column. Further columns may separate those of its one value."""
     dialect, path, equals = table.dialect, table.path, table.options.group_equals
     name = dialect.names[i]
     groups = [g for (g,) in read_rows(table, [], (i,)).met]
-    line = f"channels.group = {toml.value({'channel': name, 'equals': groups[0]})}"
+    option = _of_one_device(name, groups[0])["option"]
     if equals is None:
         if len(groups) > _MAX_GROUPS:
             text = f"{path}: column {name!r} has {len(groups)} values, too many to be devices"
-            raise UserError(text, f"state one, as {toml.option(line)}")
+            raise UserError(text, f"state one, as {option}")
         return replace(_keys(dialect, (i,), [(g,) for g in groups]), findings=())
     if equals not in groups:
-        hint = f"state one, as {toml.option(line)}; values: {', '.join(groups[:20])}"
+        hint = f"state one, as {option}; values: {', '.join(groups[:20])}"
         raise UserError(f"{path}: no row has {equals!r} in column {name!r}", hint)
     other_group = next((g for g in sorted(groups) if g != equals), equals)
     names = {"groups": listed(sorted(groups)), "read": equals}
-    names |= {"column": toml.quoted(name), "other": toml.quoted(other_group)}
+    names |= _of_one_device(name, other_group)
     finding = _finding("one-device-read", name, {"devices": len(groups)}, names)
     if unused := tuple(k for k in named if k != i):
         columns = (i, *unused)
@@ -131,7 +137,7 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
     device = group[0] if group else 0
     column_names = [dialect.names[i] for i in columns]
     names = {"columns": listed(column_names), "titles": listed(x.title for x in series.values())}
-    names |= {"column": toml.quoted(column_names[device]), "first": toml.quoted(keys[0][device])}
+    names |= _of_one_device(column_names[device], keys[0][device])
     finding = _finding("long-layout", column_names[0], {"series": len(series)}, names)
     return Keys(columns, series, (finding,))
 
@@ -179,8 +185,7 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
             smooth.append(step_within < 0.5 * step_across)
         if smooth and sum(smooth) >= 0.5 * len(smooth):
             name, devices = dialect.names[i], sorted(counts)
-            names = {"groups": listed(devices), "column": toml.quoted(name)}
-            names |= {"first": toml.quoted(devices[0])}
+            names = {"groups": listed(devices), **_of_one_device(name, devices[0])}
             return _finding(
                 "devices-interleaved", name, {"devices": len(devices)}, names, "warning"
             )

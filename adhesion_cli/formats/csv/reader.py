@@ -213,19 +213,16 @@ def _headerless(dialect: Dialect, path: Path) -> UserError:
     """The refusal of a table without names of columns, with the mapping to write."""
     first_row = dialect.rows[0]
     key = interleaved(dialect, (0,))
-    group, hint, channels = "", "", list(range(2, len(first_row) + 1))
+    group, channels = "", list(range(2, len(first_row) + 1))
+    lines = ["channels.time = {channel = 1, unit = 's'}"]
     if key:
         group = f"; column {key.channel!r} seems to hold devices: {key.names['groups']}"
-        group_is = f"{{channel = {key.names['column']}, equals = {key.names['first']}}}"
-        hint = toml.option(f"channels.group = {group_is}") + " "
+        lines.append(key.names["line"])
         channels = [k for k in channels if key.channel != f"column {k}"]
+    lines.append(f"channels.pressure = {{channel = {channels[0]}, unit = 'bar'}}")
+    lines.append(f"channels.speed = {{channel = {channels[-1]}, unit = 'km/h'}}")
     return UserError(
         f"{path}: has no header row (line {dialect.first_line} is numbers: "
         f"{', '.join(first_row[:4])}{', …' if len(first_row) > 4 else ''}){group}",
-        "state its columns by number, as "
-        + toml.option('channels.time = {channel = "column 1", unit = "s"}')
-        + f" {hint}"
-        + toml.option(f'channels.pressure = {{channel = "column {channels[0]}", unit = "bar"}}')
-        + " "
-        + toml.option(f'channels.speed = {{channel = "column {channels[-1]}", unit = "km/h"}}'),
+        f"state its columns by number, as {toml.option(*lines)}",
     )

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from ...core.summary import (
     ResultSummary,
     VehicleSummary,
 )
+from ...core.text import shell_word
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
 from ..names import METRICS, PROVENANCE, SETTINGS, flat
@@ -117,7 +117,7 @@ def read(path: Path, name: str = "") -> ReportRun:
     """
     if path.suffix.lower() == ".rrd":
         text = f"{path}: a recording for the Rerun viewer, not a result"
-        raise UserError(text, f"name the result: {shlex.quote(str(path.with_suffix('.mcap')))}")
+        raise UserError(text, f"name the result: {shell_word(str(path.with_suffix('.mcap')))}")
     if path.is_file() and path.stat().st_size and kind(path) != "mcap":
         raise _no_result(path)
     source = open_source(path, ReadOptions(strict=True))
@@ -133,7 +133,7 @@ def read(path: Path, name: str = "") -> ReportRun:
         text = (
             f"{path}: what it says of its analysis is not complete (made by {version}; {error!r})"
         )
-        hint = f"make it again: `adhesion analyze {shlex.quote(str(path))} -o FOLDER`"
+        hint = f"make it again: `adhesion analyze {shell_word(str(path))} -o FOLDER`"
         raise UserError(text, hint) from error
     log, findings, channels = summary.log, summary.findings, summary.channels
     vehicle = summary.vehicle
@@ -198,7 +198,7 @@ def _entry(path: Path, source: Source) -> Json:
 
 
 def _no_result(path: Path) -> UserError:
-    command = f"`adhesion analyze {shlex.quote(str(path))}`"
+    command = f"`adhesion analyze {shell_word(str(path))}`"
     hint = f"{command} makes a *.adhesion.mcap of it, and with --report this page"
     return UserError(f"{path}: a log, not a result", hint)
 

@@ -1,7 +1,6 @@
 """Logs that must be read right, and logs that must be refused in the right words."""
 
 import gzip
-import re
 import subprocess
 import sys
 import time
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.pasted import pasted
 from helpers.trains import START, three_trains
 
 from adhesion_cli.analysis import settings
@@ -258,7 +258,7 @@ def test_asks_for_the_unit_where_several_are_plausible(log, step, n):
     log.write_text("time,p\n" + rows(step, n, ".0f"))
     with pytest.raises(UserError, match="unit of time column 'time'") as error:
         open_csv(log, ReadOptions())
-    assert """--set 'channels.time = {channel = "time", unit = "ms"}'""" in error.value.hint
+    assert pasted(error.value.hint) == ["channels.time.channel=time", "channels.time.unit=ms"]
 
 
 def test_epoch_nanoseconds_are_exact(log):
@@ -744,10 +744,9 @@ def test_what_is_stated_and_cannot_be_is_refused(log, stated, text, hint):
     assert hint in error.value.hint
 
 
-def pasted(hint):
-    """The reading options of the line in a hint."""
-    (line,) = re.findall(r"--set '([^']+)'", hint)
-    return settings.load(assignments=[line], folder=False).read
+def options_of(hint):
+    """The reading options that a hint states."""
+    return settings.load(assignments=pasted(hint), folder=False).read
 
 
 def test_the_line_on_devices_reads_one_and_then_the_other(log):
@@ -755,7 +754,7 @@ def test_the_line_on_devices_reads_one_and_then_the_other(log):
     options = ReadOptions()
     for code, group in (("long-layout", "1"), ("one-device-read", "2")):
         (found,) = (f for f in open_csv(log, options).findings if f.code == code)
-        options = pasted(found.hint)
+        options = options_of(found.hint)
         assert {f.group for f in open_csv(log, options).fields} == {group}
 
 
@@ -764,7 +763,7 @@ def test_the_line_in_a_refusal_of_devices_names_one(log, devices):
     log.write_text("t [s],x,p\n" + "".join(f"{k},{k % devices},1\n" for k in range(5000)))
     with pytest.raises(UserError, match=r"too many|no row") as error:
         open_csv(log, ReadOptions(group_channel="x", group_equals="9" if devices < 9 else None))
-    options = pasted(error.value.hint)
+    options = options_of(error.value.hint)
     assert (options.group_channel, options.group_equals) == ("x", "0")
 
 
@@ -787,7 +786,7 @@ def test_what_rises_but_counts_rows_or_is_measured_is_no_time(log, name):
     log.write_text(f"{name},p,v\n" + "".join(f"{k},1.5,{9 - k}\n" for k in range(9)))
     with pytest.raises(UserError, match="no column is a time") as error:
         open_csv(log, ReadOptions())
-    assert "time = {channel" in error.value.hint
+    assert "channels.time.channel=" in error.value.hint
     assert open_csv(log, ReadOptions(time_channel="column 1", time_unit="s")).fields
 
 
@@ -870,7 +869,7 @@ REFUSED = {
     "no header": (
         b"0,1,2\n1,2,3\n2,3,4\n",
         "no header",
-        'time = {channel = "column 1", unit = "s"}',
+        "--set channels.time.channel=1 --set channels.time.unit=s",
     ),
     "header of other width": (
         b"t [s],p\n0,1,2\n1,2,3\n2,3,4\n",
@@ -904,11 +903,11 @@ REFUSED = {
         "grouped thousands or a decimal",
         "decimal",
     ),
-    "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "time = {channel"),
+    "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "channels.time.channel="),
     "day or month": (
         b"Time;p\n01/02/2026 13:00:00;1\n05/03/2026 13:00:01;2\n",
         "day/month or month/day",
-        """--set 'channels.time = {channel = "Time", unit = "dmy"}' (or "mdy")""",
+        """--set channels.time.channel=Time --set channels.time.unit=dmy` (or "mdy")""",
     ),
     "day, month or short year": (
         b"Time;p\n01/02/03 13:00:00;1\n05/03/04 13:00:01;2\n",
@@ -918,12 +917,12 @@ REFUSED = {
     "date only": (
         b"Date;p\n2026-01-01;1\n2026-01-01;2\n",
         "no column is a time",
-        "time = {channel",
+        "channels.time.channel=",
     ),
     "two different times": (
         b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n",
         "both times, and differ",
-        'channel = "column 1"',
+        '--set "channels.time.channel=column 1"',
     ),
     "seconds beyond 2060": (
         b"t [s];p\n1795266307000;1\n1795266307010;2\n",
@@ -933,12 +932,12 @@ REFUSED = {
     "a time for each channel": (
         b"x [s];p;x [s];v\n0;1;0;1\n1;2;0.5;2\n2;3;1;2\n3;3;;\n",
         "both times, and differ",
-        'channel = "column 1"',
+        '--set "channels.time.channel=column 1"',
     ),
     "numbered times": (
         b"t1 [s];p;t2 [s];v\n0;1;5;1\n1;2;6;2\n",
         "both times, and differ",
-        'channel = "column 1"',
+        '--set "channels.time.channel=column 1"',
     ),
     "a time for each of two channels, the slower one first": (
         b"t_p [s];p;t_w [s];v\n" + b"".join(b"%d;1;%.1f;1\n" % (k, k / 2) for k in range(9)),
@@ -959,7 +958,7 @@ REFUSED = {
     "a unit of time stated twice": (
         b"time_ms;p\ns;bar\n0;1\n0.01;2\n0.02;3\n",
         "unit of time column 'time_ms' is stated twice: 's' .units row. and 'ms' .header.",
-        'channel = "time_ms"',
+        "channels.time.channel=time_ms",
     ),
     "hours and minutes": (
         b"Time;p\n12:05;1\n12:06;2\n",
@@ -1026,7 +1025,7 @@ def test_interleaved_devices_without_a_name_are_reported(log):
     source, _ = read(log, text, time_channel="column 1", time_unit="s")
     (found,) = (f for f in source.findings if f.code == "devices-interleaved")
     assert (found.severity, found.channel, found.count) == ("warning", "column 2", 2)
-    assert 'group = {channel = "column 2", equals = "0"}' in found.hint
+    assert options_of(found.hint) == ReadOptions(group_channel="column 2", group_equals="0")
 
 
 def test_log_of_three_interleaved_trains(tmp_path):
