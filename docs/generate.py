@@ -62,7 +62,6 @@ _TEXTS = {
     "key of `mcap`": {
         "max_inflated": "largest chunk, inflated [bytes]; all of a file: 1000 times its size more",
         "max_record": "largest record [bytes]; schemas, channels and JSON messages: 1/32 of it",
-        "max_series": "numbers in messages that are offered, all channels together",
     },
 }
 _IN_LOOP = (

@@ -34,7 +34,7 @@ _FORMAT_HINT = "settings are TOML, for example the line: vehicle.friction = 0.3"
 # In words, because a shell takes some of these marks for its own.
 MARKS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", "pipe": "|", "point": "."}
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
-MCAP_KEYS = {"max_inflated": int, "max_record": int, "max_series": int}
+MCAP_KEYS = {"max_inflated": int, "max_record": int}
 CAN_KEYS = {"dbc": list}
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
 GROUP_KEYS = {"channel": str, "equals": str}

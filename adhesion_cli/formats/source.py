@@ -55,7 +55,6 @@ class ReadOptions:
     max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
     max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to; all: and 1000 x the file
     max_record: int = 1 << 27  # bytes one MCAP record may declare
-    max_series: int = 1 << 13  # numbers of an MCAP log's messages that are offered
 
     @property
     def max_part(self) -> int:

@@ -118,29 +118,6 @@ class BlockReader:
         records, stop = self._find(self._file.read(offset, size), offset, outside=True)
         return RecordBlock(offset, offset + stop, False), records
 
-    def disguised(self, offset: int, length: int) -> tuple[RecordBlock, Records] | None:
-        """A chunk whose record has a wrong opcode, None for any other record.
-
-        Raises:
-            DamageError: where the record is shaped as a chunk and is not whole.
-        """
-        if not _like_chunk(self._file.read(offset, min(HEADER.size + length, _CHUNK_START))):
-            return None
-        block = RecordBlock(offset, offset + HEADER.size + length, True)
-        try:
-            _, _, compression, packed, spare = self._fields(block)
-        except DamageError:
-            return None
-        if compression not in _INFLATE or not packed:
-            return None
-        try:
-            records = self.records(block)
-        except DamageError:
-            if spare:  # a record of another kind can look like this
-                return None
-            raise
-        return (block, records) if len(records.start) or records.definitions else None
-
     def next_chunk(self, offset: int) -> RecordBlock | None:
         """The first whole chunk from an offset on."""
         for piece in range(offset, self._file.size, PIECE):
@@ -159,7 +136,7 @@ class BlockReader:
         """Walks over records, one by one; returns them, and where the walk ends.
 
         That is the end of the bytes, or the first record that is not whole, or that may not stand
-        among messages, or one too many. Outside chunks it is also a later one that may be a chunk.
+        among messages, or one too many.
 
         Args:
             data: the records.
@@ -184,8 +161,6 @@ class BlockReader:
                 if length < BEFORE_DATA:
                     break
                 starts.append(p)
-            elif outside and p and _like_chunk(data[p : p + _CHUNK_START]):
-                break
             elif opcode in definition:
                 definitions.append(p)
             elif opcode <= Opcode.DATA_END:
@@ -209,19 +184,13 @@ class BlockReader:
             limit = self._limit + self._spent + extra - self._allowed
             raise DamageError(offset, damage, RAISE_LIMIT.format("max_inflated", limit))
 
-    def _fields(self, block: RecordBlock) -> tuple[int, int, str, bytes, int]:
-        """A chunk's inflated size, CRC, compression and packed bytes, and the bytes behind them."""
-        length = block.length - HEADER.size
-        content = self._file.content(block.offset, length)
+    def _inflate(self, block: RecordBlock) -> bytes:
+        """The records in a chunk."""
+        content = self._file.content(block.offset, block.length - HEADER.size)
         content.read(16)  # the time range, which nothing here relies on
         size, crc = content.read8(), content.read4()
         compression = content.read_prefixed_string()
         packed = content.read(content.read8())
-        return size, crc, compression, packed, length - content.count
-
-    def _inflate(self, block: RecordBlock) -> bytes:
-        """The records in a chunk."""
-        size, crc, compression, packed, _ = self._fields(block)
         if size > self._limit:
             hint = RAISE_LIMIT.format("max_inflated", size)
             raise DamageError(
@@ -244,11 +213,6 @@ class BlockReader:
         block.checked = bool(crc)
         self.compressions.add(compression or "none")
         return data
-
-
-def _like_chunk(start: bytes) -> bool:
-    """Whether a record may be a chunk, whatever its opcode says."""
-    return bool(_CHUNK.match(b"\x06" + start[1:]))
 
 
 def load(data: bytes, offsets: Offsets, kind: str) -> NDArray[Any]:

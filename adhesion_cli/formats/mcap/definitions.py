@@ -9,13 +9,9 @@ from mcap.records import Channel, Schema
 from .blocks import Records
 from .records import RAISE_LIMIT, Content, DamageError
 
-Key = tuple[int, int]  # opcode and id
-
 _LONGEST = 4096  # characters of a topic
 _HEADS = 100  # first messages of a channel that are kept, to learn from them what it holds
-_HEAD_BYTES = 1 << 18  # of one channel, beyond which no more are kept
-_ALL_BYTES = 64 << 20  # of all channels together
-_MORE_BYTES = 32 << 20  # of these, which only the very first ones may exceed
+_HEAD_BYTES = 1 << 18  # of one channel, beyond which no more than the first is kept
 
 
 class Definitions:
@@ -29,8 +25,7 @@ class Definitions:
         self._limit = limit
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        self._hashes: dict[Key, int] = {}  # of the records, which many writers repeat
-        self._doubted: set[Key] = set()  # defined a second time, differently
+        self._hashes: dict[tuple[int, int], int] = {}  # of records, which many writers repeat
 
     def read(self, opcode: int, raw: bytes, offset: int) -> None:
         """Reads a Schema or Channel record.
@@ -49,7 +44,6 @@ class Definitions:
             raise DamageError(offset, f"a {kind} of {len(raw)} bytes, limit {self._limit}", hint)
         key, hashed = (opcode, int.from_bytes(raw[:2], "little")), hash(raw)
         if self._hashes.get(key) == hashed:
-            self._doubted.discard(key)  # what follows goes by this definition again
             return
         definition: Any = (Schema if kind == "schema" else Channel).read(Content(raw, offset))
         definitions: dict[int, Any] = self.schemas if kind == "schema" else self.channels
@@ -59,19 +53,10 @@ class Definitions:
         if len(name) > _LONGEST:
             raise DamageError(offset, f"a name of {len(name)} characters, limit {_LONGEST}")
         if definitions.setdefault(definition.id, definition) != definition:
-            self._doubted.add(key)
             raise DamageError(
                 offset, f"{kind} {definition.id} is defined a second time, differently"
             )
         self._hashes[key] = hashed
-
-    def doubtful(self, channels: set[int]) -> set[int]:
-        """Those of some channels that were contradicted, or whose schema was."""
-        doubted = {number for opcode, number in self._doubted if opcode == Opcode.CHANNEL}
-        for channel in self.channels.values() if self._doubted else ():
-            if (int(Opcode.SCHEMA), channel.schema_id) in self._doubted:
-                doubted.add(channel.id)
-        return doubted & channels
 
 
 class FirstMessages:
@@ -85,7 +70,6 @@ class FirstMessages:
     def __init__(self) -> None:
         self.of: dict[int, tuple[int, list[bytes]]] = {}
         self.full: set[int] = set()
-        self._bytes = 0
 
     def add(self, records: Records) -> None:
         """Keeps messages of a block, of channels that are not full."""
@@ -97,11 +81,8 @@ class FirstMessages:
             if channel in self.full:
                 continue
             heads = self.of.setdefault(channel, (time, []))[1]
-            room = _ALL_BYTES - self._bytes
-            if heads:
-                room = min(_MORE_BYTES - self._bytes, _HEAD_BYTES - sum(map(len, heads[1:])))
-            if stop - start <= room:
-                self._bytes += stop - start
+            room = _HEAD_BYTES - sum(map(len, heads[1:]))
+            if not heads or stop - start <= room:
                 heads.append(records.data[start:stop])
-            if stop - start > room or len(heads) == _HEADS:
+            if len(heads) == _HEADS or stop - start > room:
                 self.full.add(channel)

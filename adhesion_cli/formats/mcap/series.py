@@ -105,18 +105,10 @@ class Discovery:
         self._decoders: dict[int, Decoder] = {}  # by schema id
 
     def report(self, series: list[Series]) -> Iterator[Finding]:
-        """Looks into all series, as far as the limit of offered numbers allows."""
-        total, remaining = 0, list[Series]()
+        """Looks into all series that have messages."""
         for s in (entry for entry in series if entry.rows):
-            if total >= self._options.max_series:
-                remaining.append(s)
-                continue
             yield from self._look(s)
             s.heads = []
-            total += len(s.fields)
-        if remaining:
-            values = {"series": total, "needed": total + len(remaining)}
-            yield remaining[0].finding("mcap-series-limit", "warning", len(remaining), values)
 
     def _look(self, s: Series) -> Iterator[Finding]:
         try:
@@ -170,7 +162,7 @@ def _trees(s: Series, decoder: Decoder) -> list[Tree]:
         except UndecodableError as e:
             reason = reason or str(e)
     if not trees:
-        raise UndecodableError(f"first messages: {reason or 'the first one is too large'}")
+        raise UndecodableError(f"first messages: {reason}")
     return trees
 
 

@@ -232,8 +232,6 @@ class Walk:
             if offset == len(MAGIC) and opcode != Opcode.HEADER:
                 self._note(DamageError(offset, "first record is no header"))
             try:
-                if not self._data_end and opcode not in (Opcode.CHUNK, Opcode.ATTACHMENT):
-                    self._refuse_chunk(opcode, offset, length)
                 if opcode in (*_DEFINITIONS, Opcode.MESSAGE) and not self._data_end:
                     next_record = self._run(offset, next_record)
                 else:
@@ -354,17 +352,6 @@ class Walk:
         block = RecordBlock(offset, offset + HEADER.size + length, True)
         self._take(block, self._reader.records(block))
 
-    def _refuse_chunk(self, opcode: int, offset: int, length: int) -> None:
-        """Takes up a chunk whose opcode is wrong.
-
-        Raises:
-            DamageError: where the record is such a chunk.
-        """
-        if recovered := self._reader.disguised(offset, length):
-            self._take(*recovered)
-            size = HEADER.size + length
-            raise DamageError(offset, f"a chunk of {size} bytes whose opcode says kind {opcode}")
-
     def _run(self, offset: int, next_record: int) -> int:
         """Takes up the records outside chunks from an offset on; returns where to read on."""
         size = max(min(PIECE, self._file.size - offset), next_record - offset)
@@ -379,8 +366,7 @@ class Walk:
         """Takes up a block's definitions and counts its messages.
 
         Raises:
-            DamageError: where a definition, a time or the channel of a message is wrong. None of
-                its messages are taken.
+            DamageError: where a definition or a time is wrong. None of its messages are taken.
         """
         for place in records.definitions:
             opcode, length = HEADER.unpack_from(records.data, place)
@@ -389,11 +375,6 @@ class Walk:
             self._definitions.read(opcode, raw, block.offset)
         counts = np.bincount(records.channel)
         met = np.flatnonzero(counts).tolist()
-        if doubtful := self._definitions.doubtful(set(met)):
-            damage = (
-                f"messages of channel {min(doubtful)}, whose definition was contradicted before"
-            )
-            raise DamageError(block.offset, damage)
         if len(log := records.log_time):
             if log.min() < 0:
                 raise DamageError(block.offset, "a log time beyond the year 2262")
