@@ -10,6 +10,7 @@ from pathlib import Path
 from ..core.errors import UserError
 from .feed import TICK, Pump
 
+MOST_HEAD = 1 << 20  # bytes in which a table begins
 _BLOCK = 1 << 16
 _BLANK = b"\xef\xbb\xbf \t\r\n"
 STDIN = "standard input"
@@ -34,7 +35,7 @@ class Pieces:
         """The first bytes that are no blank; waits for them. Another call gives the same ones.
 
         Raises:
-            UserError: where the sender ends before.
+            UserError: where the sender ends before, or sends only blanks.
         """
         if begins := self.begins.lstrip(_BLANK):
             return begins
@@ -43,6 +44,8 @@ class Pieces:
             if begins := self.begins.lstrip(_BLANK):
                 self._pieces = chain([self.begins], self._pieces)
                 return begins
+            if len(self.begins) > MOST_HEAD:
+                break
         raise UserError(f"{self.name}: ended without a row", "check what sends the samples")
 
 

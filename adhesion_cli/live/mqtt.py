@@ -38,7 +38,7 @@ class Mqtt(Messages):
             from paho.mqtt.enums import CallbackAPIVersion
         except ImportError:
             raise UserError(f"{name}: paho-mqtt is not installed", _INSTALL) from None
-        self._arrived: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._arrived: queue.Queue[bytes | None] = queue.Queue(1)  # the pump keeps the others
         self._answered, self._refused = threading.Event(), ""
         self._client: Any = client.Client(CallbackAPIVersion.VERSION2)
         self._client.on_connect, self._client.on_message = self._connected, self._message
@@ -47,12 +47,12 @@ class Mqtt(Messages):
         except (OSError, ValueError) as error:
             text = f"{name}: no broker answers: {getattr(error, 'strerror', None) or error}"
             raise UserError(text, "check host and port; the usual port is 1883") from None
+        pump = Pump(self._arrived.get, patient=False)
         self._client.loop_start()
         if not self._answered.wait(_WAIT) or self._refused:
             self.close()
             text = f"{name}: the broker refuses: {self._refused or 'no answer'}"
             raise UserError(text, "check that it lets this computer read the topic")
-        pump = Pump(self._arrived.get, patient=False)
         super().__init__(name, in_datagrams(pump), options, pump.dropped_count)
 
     def _connected(self, client: Any, _: Any, __: Any, reason: Any, ___: Any) -> None:

@@ -20,7 +20,7 @@ from ..results.rrd.live import LiveRecording
 from ..results.samples import Samples
 from .axle import LiveEstimate, LiveSample
 
-_WAITING_SAMPLES = 100_000  # samples that wait for a file before the sender has to
+_WAITING_SAMPLES = 20_000  # samples that wait for a file before the sender has to
 _NOTHING = LiveEstimate(float("nan"), float("nan"))
 
 

@@ -1,5 +1,7 @@
 """Samples for Foxglove: a WebSocket server with the topics and messages of a result file."""
 
+import secrets
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,13 +10,16 @@ from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..results import descriptors
 from .axle import LiveSample
+from .gate import Gate
 
 _INSTALL = installed_by("live")
 _HOST = "127.0.0.1"  # nobody else is let in
+# An address of this computer that no page can guess; macOS has but the usual one.
+_INNER = "127.{}.{}.{}" if sys.platform != "darwin" else _HOST
 
 
 class Served:
-    """A server on this computer.
+    """A server on this computer, which no page of another web site reaches.
 
     Args:
         port: it listens there; 0: on a free one.
@@ -36,9 +41,11 @@ class Served:
         self._vehicle, context = vehicle, foxglove.Context()
         self._context = context  # without it, its channels are closed
         try:
+            inner = _INNER.format(*(1 + secrets.randbelow(254) for _ in range(3)))
             self._server = foxglove.start_server(
-                name="adhesion", host=_HOST, port=port, context=context
+                name="adhesion", host=inner, port=0, context=context
             )
+            self._gate = Gate(_HOST, port, (inner, self._server.port))
         except Exception as error:  # the binding's word for what cannot be opened
             text = f"--serve {port}: cannot listen: {error}"
             raise UserError(text, "name another port") from None
@@ -71,7 +78,7 @@ class Served:
     @property
     def url(self) -> str:
         """Where Foxglove finds it."""
-        return f"ws://{_HOST}:{self._server.port}"
+        return f"ws://{_HOST}:{self._gate.port}"
 
     def take(self, samples: Sequence[LiveSample]) -> None:
         """See `Sink`."""
@@ -96,4 +103,5 @@ class Served:
 
     def close(self) -> None:
         """See `Sink`."""
+        self._gate.close()
         self._server.stop()

@@ -11,7 +11,7 @@ from ..core.finding import Finding
 from ..formats.csv.arriving import ArrivingCsv
 from ..formats.csv.reader import CsvSource, open_csv
 from ..formats.source import Field, ReadOptions, Source
-from .bytes_arriving import Pieces
+from .bytes_arriving import MOST_HEAD, Pieces
 from .feed import PAUSE, AddSource, FeedRow
 
 _HEAD_LINES = 20  # lines that show how a table is written
@@ -45,7 +45,7 @@ class LiveTable:
                 self._head, quiet = self._head + piece, time.monotonic()
             elif lines >= _FEWEST and time.monotonic() - quiet > PAUSE:
                 break
-            if lines >= _HEAD_LINES:
+            if lines >= _HEAD_LINES or len(self._head) > MOST_HEAD:
                 break
         self._source = self._open_source(self._head)
         return self._source

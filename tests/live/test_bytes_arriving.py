@@ -3,6 +3,7 @@
 import json
 import signal
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,10 @@ from helpers.live_runs import (
 
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import load
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.live.bytes_arriving import Pieces
+from adhesion_cli.live.open import _text
 from adhesion_cli.live.replay import Replay
 
 
@@ -86,3 +91,19 @@ def test_standard_input_takes_a_table_and_objects_in_json(tmp_path: Path) -> Non
         said.append(lines_of(out))
     assert said[0] == said[1]
     assert len(said[0]) == 800
+
+
+@pytest.mark.parametrize("byte", [b" ", b"x", b"{"])
+def test_a_sender_without_an_end_of_a_line_is_an_error(byte: bytes) -> None:
+    """And is not kept for ever."""
+    taken_bytes = 0
+
+    def pieces() -> Iterator[bytes]:
+        nonlocal taken_bytes
+        for _ in range(1000):
+            taken_bytes += 1 << 16
+            yield byte * (1 << 16)
+
+    with pytest.raises(UserError):
+        _text(Pieces("x", pieces()), ReadOptions(), None).head()
+    assert taken_bytes < 1 << 22 or byte == b"{"  # which may be many long messages

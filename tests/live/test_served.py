@@ -1,12 +1,16 @@
 """Samples for Foxglove."""
 
 import json
+from collections.abc import Iterator
+from contextlib import nullcontext
+from typing import Any
 
 import pytest
 from helpers.live_runs import (
     samples_of,
 )
 
+from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
 
 
@@ -25,3 +29,47 @@ def test_foxglove_gets_the_topics_of_an_axle_that_comes_later() -> None:
     topics = {c["topic"] for one in told for c in one.get("channels", [])}
     of = ("input", "slip", "estimate/td", "estimate/imm")
     assert topics == {f"/axle/{n}/{t}" for n in (1, 2) for t in of}
+
+
+@pytest.fixture
+def served() -> Iterator[Any]:
+    pytest.importorskip("foxglove")
+    from adhesion_cli.live.served import Served
+
+    server = Served(0, Vehicle(), [1], ["td"])
+    yield server
+    server.close()
+
+
+@pytest.mark.parametrize(
+    ("origin", "is_let_in"),
+    [
+        (None, True),  # a program
+        ("file://", True),
+        ("https://app.foxglove.dev", True),
+        ("http://localhost:8080", True),
+        ("http://[::1]:8080", True),
+        ("https://evil.example", False),
+        ("http://127.0.0.1.evil.example", False),
+        ("https://app.foxglove.dev.evil.example", False),
+        ("https://notfoxglove.dev", False),
+        ("null", False),
+        ("http://[", False),
+    ],
+)
+def test_pages_of_other_web_sites_stay_outside(
+    served: Any, origin: str | None, is_let_in: bool
+) -> None:
+    websockets = pytest.importorskip("websockets")
+    sync = pytest.importorskip("websockets.sync.client")
+    more = {"origin": origin, "subprotocols": ["foxglove.sdk.v1"]}
+    refused = nullcontext() if is_let_in else pytest.raises(websockets.InvalidStatus, match="403")
+    with refused, sync.connect(served.url, **more) as client:
+        assert client.recv(timeout=20)
+
+
+def test_a_taken_port_is_an_error(served: Any) -> None:
+    from adhesion_cli.live.served import Served
+
+    with pytest.raises(UserError, match="cannot listen"):
+        Served(int(served.url.rpartition(":")[2]), Vehicle(), [1], ["td"])
