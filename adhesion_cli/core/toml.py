@@ -34,7 +34,7 @@ def read(path: Path, hint: str) -> Table:
             data = file.read(_MOST_BYTES + 1)
         if len(data) > _MOST_BYTES:
             raise UserError(f"{path}: is larger than {_MOST_BYTES >> 20} MiB", hint, code=2)
-        return parsed(data.decode(), str(path))
+        return parsed(data.decode("utf-8-sig"), str(path))
     except FileNotFoundError:
         raise UserError(f"{path}: no such file", _nearby(path), code=2) from None
     except OSError as error:

@@ -330,11 +330,11 @@ def _stated_vehicle(folder: Path, settings: str) -> str:
     """What the settings of a hash state of the vehicle, in a line."""
     try:
         text = (folder / SETTINGS / f"{settings}.json").read_text("utf-8")
-        vehicle = json.loads(text)["stated"].get("vehicle", {})
-    except (OSError, ValueError, KeyError, AttributeError):
+        vehicle = json.loads(text)["stated"].get("vehicle", {}).items()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return "unknown"
     values = []
-    for name, entry in vehicle.items():
+    for name, entry in vehicle:
         value = entry.get("value") if isinstance(entry, dict) else entry
         if isinstance(value, int | float):
             values.append(f"{name} {value:g}")

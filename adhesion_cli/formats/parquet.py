@@ -178,6 +178,8 @@ def _damaged(path: Path, damage: str) -> UserError:
 
 
 def _first_line(error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return "the name of a column is not UTF-8"
     return " ".join(str(error).splitlines()[0].split())[:160] if str(error) else "unreadable"
 
 

@@ -50,7 +50,14 @@ class Pieces:
 
 
 def standard_input() -> Pieces:
-    """What another program pipes into this one."""
+    """What another program pipes into this one.
+
+    Raises:
+        UserError: where it is closed.
+    """
+    if sys.stdin is None:
+        hint = "pipe samples in, or name a file that grows"
+        raise UserError("standard input is closed", hint)
     pump = Pump(lambda: os.read(sys.stdin.fileno(), _BLOCK) or None, patient=True)
     return Pieces(STDIN, iter(pump))
 

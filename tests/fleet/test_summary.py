@@ -161,6 +161,12 @@ def test_damaged_results_are_left_out_and_named(
     assert name in campaign_page(summary_tables.campaign("x", found))
 
 
+@pytest.mark.parametrize("text", ["[]", "1", "{}", '{"stated": []}', '{"stated": {"vehicle": []}}'])
+def test_settings_that_are_none_are_unknown(folder: Path, text: str) -> None:
+    (folder / "settings" / "abcd.json").write_text(text)
+    assert {row.stated for row in summarise_fleet(folder).by_settings} == {"unknown"}
+
+
 def test_only_failed_logs_make_a_summary(tmp_path: Path) -> None:
     write(tmp_path, failed("e"))
     found = summarise_fleet(tmp_path)

@@ -139,3 +139,11 @@ def test_rows_of_several_devices(tmp_path: Path) -> None:
         source.columns(source.fields)
     with pytest.raises(UserError, match="state which"):
         open_source(path, ReadOptions(group_channel="device"))
+
+
+def test_a_name_that_is_no_text_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    log(path, pa.array(SECONDS), "s")
+    path.write_bytes(path.read_bytes().replace(b"speed", b"sp\xff\xfed"))
+    with pytest.raises(UserError, match="the name of a column is not UTF-8"):
+        open_source(path, ReadOptions())

@@ -107,3 +107,10 @@ def test_a_sender_without_an_end_of_a_line_is_an_error(byte: bytes) -> None:
     with pytest.raises(UserError):
         _text(Pieces("x", pieces()), ReadOptions(), None).head()
     assert taken_bytes < 1 << 22 or byte == b"{"  # which may be many long messages
+
+
+def test_a_closed_standard_input_is_an_error(tmp_path: Path) -> None:
+    with running(tmp_path, "-", code="sys.stdin = None") as process:
+        _, told = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert told.startswith("error: standard input is closed\nhint: ")

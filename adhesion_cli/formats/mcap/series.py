@@ -26,6 +26,7 @@ from .fields import (
 from .stamps import Stamp, stamp
 from .walk import Walk
 
+_NEED_SCHEMA = ("protobuf", "cdr")  # encodings
 YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
 
 
@@ -54,6 +55,11 @@ class Series:
     def name(self) -> str:
         """The schema's name."""
         return self.schema.name if self.schema else ""
+
+    @property
+    def lacks_schema(self) -> bool:
+        """Whether it states a schema that the file does not define."""
+        return self.schema_id != 0 and self.schema is None
 
     def finding(
         self,
@@ -121,6 +127,8 @@ class Discovery:
         except UndecodableError as e:
             yield s.finding("mcap-topic-unreadable", "error", reason=str(e))
             return
+        if s.lacks_schema:
+            yield s.finding("mcap-schema-missing", "warning", schema=str(s.schema_id))
         s.tree = typical(trees)
         yield from _offer(s, s.decoder)
         _find_stamp(s, trees)
@@ -132,8 +140,10 @@ class Discovery:
 
             text = schema.data if schema and schema.encoding == "jsonschema" else b""
             return JsonDecoder(text, self._options.max_part)
-        if s.schema_id and schema is None:
+        if s.lacks_schema:
             raise UndecodableError(f"the file does not define its schema {s.schema_id}")
+        if schema is None and s.encoding in _NEED_SCHEMA:
+            raise UndecodableError("it has no schema")
         kind = s.encoding, schema.encoding if schema else ""
         if schema is None or kind not in (("protobuf", "protobuf"), ("cdr", "ros2msg")):
             return None
