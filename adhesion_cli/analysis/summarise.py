@@ -1,8 +1,6 @@
 """An analysed log as its summary, which JSON, tables, pages and Python have in common."""
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +9,6 @@ from ..core.summary import (
     AxleSummary,
     BrakeApplication,
     ChannelSummary,
-    Coverage,
     LogSummary,
     ReferenceSummary,
     ResultSummary,
@@ -19,11 +16,6 @@ from ..core.summary import (
     summarise_vehicle,
 )
 from ..core.text import iso
-
-if TYPE_CHECKING:
-    from ..rail.applications import Application
-    from ..rail.events import Slide
-    from ..reference.budget import Budget
 
 
 def summarise(
@@ -83,52 +75,7 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
     from ..rail.applications import find_applications  # slow to import, and only results need it
 
     start = result.log.start_ns()
-    return {
-        a.record.axle: tuple(
-            _application(a.record.axle, x, start) for x in find_applications(a, result.vehicle)
-        )
-        for a in result.axles
-    }
-
-
-def _application(axle: int, x: "Application", start_ns: int) -> BrakeApplication:
-    slides, utilisation = x.slides, x.utilisation
-    return BrakeApplication(
-        axle=axle,
-        start_s=(x.start_ns - start_ns) / 1e9,
-        end_s=(x.end_ns - start_ns) / 1e9,
-        from_mps=x.from_mps,
-        to_mps=x.to_mps,
-        force_n=x.force,
-        coefficient=x.coefficient,
-        slides=len(slides),
-        slide_spans=tuple(_span(s, start_ns) for s in slides),
-        slide_s=sum(s.duration for s in slides),
-        slide_distance_m=sum(s.distance for s in slides),
-        max_slip=max((s.max_slip for s in slides), default=None),
-        slide_energy_j=_sum([s.energy for s in slides]),
-        at_least=any(s.is_lower_bound for s in slides),
-        utilisation=utilisation and utilisation.value,
-        utilisation_ci=utilisation and (utilisation.lower, utilisation.upper),
-        budget=x.budget and x.budget.rows,
-        coverage=x.budget and _coverage(x.budget),
-        slip_unknown_s=x.unknown_time,
-    )
-
-
-def _span(slide: "Slide", start_ns: int) -> tuple[float, float]:
-    begin = (slide.start - start_ns) / 1e9
-    return begin, begin + slide.duration
-
-
-def _coverage(b: "Budget") -> Coverage:
-    return Coverage(b.u, b.k, b.freedom if math.isfinite(b.freedom) else None)
-
-
-def _sum(values: Sequence[float | None]) -> float | None:
-    """None where one is not known."""
-    numbers = [v for v in values if v is not None]
-    return sum(numbers) if len(numbers) == len(values) else None
+    return {a.record.axle: find_applications(a, result.vehicle, start) for a in result.axles}
 
 
 def _rows_used(result: Result) -> int:

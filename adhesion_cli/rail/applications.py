@@ -5,7 +5,6 @@ Uncertainties are those of JCGM 100 (GUM), see `reference.budget`.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -14,51 +13,21 @@ from numpy.typing import NDArray
 from ..core import physics, threads
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Times, Vehicle
 from ..core.signals import coverage_factor
-from ..core.summary import MeanAndHighest
+from ..core.summary import BrakeApplication, Contribution, Coverage, MeanAndHighest
 from ..reference import budget
-from ..reference.budget import Budget
 from . import rail_under_slides, sliding
 from .events import Slide
-from .fit import Interval
 
 
-@dataclass(frozen=True, slots=True)
-class Application:
-    """One brake application of one axle; None is what the log does not show.
-
-    Attributes:
-        samples: of the record.
-        start_ns: [ns].
-        end_ns: [ns].
-        from_mps: speed at the start: the train's, or where it is not known, ωR of the wheel [m/s].
-        to_mps: speed at the end.
-        force: adhesion force [N].
-        coefficient: adhesion coefficient F/(m g).
-        slides: that begin in it, in the order of time.
-        utilisation: mean μ in its slides over the highest that the rail could give.
-        budget: of the mean force.
-        unknown_time: time in which the wheel turns and its slip is not known [s].
-    """
-
-    samples: slice
-    start_ns: int
-    end_ns: int
-    from_mps: float | None
-    to_mps: float | None
-    force: MeanAndHighest | None
-    coefficient: MeanAndHighest | None
-    slides: tuple[Slide, ...]
-    utilisation: Interval | None
-    budget: Budget | None
-    unknown_time: float
-
-
-def find_applications(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
+def find_applications(
+    axle: AxleResult, vehicle: Vehicle, start_ns: int = 0
+) -> tuple[BrakeApplication, ...]:
     """The brake applications of an axle, in the order of time.
 
     Args:
         axle: with its slip, where the log has a train speed.
         vehicle: for the coefficient and its tolerance.
+        start_ns: the log's start, from which times count [ns].
     """
     slides, merged = sliding.slides(axle), list[list[slice]]()
     for s in axle.applications:
@@ -70,8 +39,10 @@ def find_applications(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
     contributions = (
         budget.contributions_by_parameter(axle.record, vehicle, axle.reference) if merged else {}
     )
-    return threads.run_each(
-        lambda parts: _application(context, parts, slides, contributions), merged
+    return tuple(
+        threads.run_each(
+            lambda parts: _application(context, parts, slides, contributions, start_ns), merged
+        )
     )
 
 
@@ -86,39 +57,50 @@ def _locked(record: AxleRecord, pause: slice) -> bool:
 def _application(
     context: rail_under_slides.AxleContext,
     pieces: Sequence[slice],
-    slides: Sequence[Slide],
+    all_slides: Sequence[Slide],
     contributions: Mapping[str, Floats],
-) -> Application:
+    log_start: int,
+) -> BrakeApplication:
     axle, vehicle = context.axle, context.vehicle
     record, samples = axle.record, slice(pieces[0].start, pieces[-1].stop)
-    start_ns, end_ns = int(record.t[samples.start]), int(record.t[samples.stop - 1])
     speed = rim = record.wheel_speed[samples] * vehicle.radius(record.axle).value
     if record.train_speed is not None:
         speed = np.where(np.isfinite(record.train_speed[samples]), record.train_speed[samples], rim)
     finite = speed[np.isfinite(speed)]
     from_speed, to_speed = (float(finite[i]) if len(finite) else None for i in (0, -1))
-    force, own_budget = _measured(axle, vehicle, pieces, contributions) or (None, None)
+    force, rows, coverage = _measured(axle, vehicle, pieces, contributions) or (None, None, None)
     weight = vehicle.axle_mass.value * physics.G
-    own_slides = tuple(x for x in slides if samples.start <= x.samples.start < samples.stop)
-    return Application(
-        samples,
-        start_ns,
-        end_ns,
-        from_speed,
-        to_speed,
-        force,
-        force and _coefficient(force, weight, vehicle, _mass(axle, samples)),
-        own_slides,
-        rail_under_slides.utilisation(context, own_slides),
-        own_budget,
-        rail_under_slides.unknown_slip(record, samples, vehicle)[1],
+    slides = [x for x in all_slides if samples.start <= x.samples.start < samples.stop]
+    begins = [(x.start - log_start) / 1e9 for x in slides]
+    energies = [x.energy for x in slides if x.energy is not None]
+    utilisation = rail_under_slides.utilisation(context, slides)
+    return BrakeApplication(
+        axle=record.axle,
+        start_s=(int(record.t[samples.start]) - log_start) / 1e9,
+        end_s=(int(record.t[samples.stop - 1]) - log_start) / 1e9,
+        from_mps=from_speed,
+        to_mps=to_speed,
+        force_n=force,
+        coefficient=force and _coefficient(force, weight, vehicle, _mass(axle, samples)),
+        slides=len(slides),
+        slide_spans=tuple((t, t + x.duration) for t, x in zip(begins, slides, strict=True)),
+        slide_s=sum(x.duration for x in slides),
+        slide_distance_m=sum(x.distance for x in slides),
+        max_slip=max((x.max_slip for x in slides), default=None),
+        slide_energy_j=sum(energies) if len(energies) == len(slides) else None,
+        at_least=any(x.is_lower_bound for x in slides),
+        utilisation=utilisation and utilisation.value,
+        utilisation_ci=utilisation and (utilisation.lower, utilisation.upper),
+        budget=rows,
+        coverage=coverage,
+        slip_unknown_s=rail_under_slides.unknown_slip(record, samples, vehicle)[1],
     )
 
 
 def _measured(
     axle: AxleResult, vehicle: Vehicle, pieces: Sequence[slice], contributions: Mapping[str, Floats]
-) -> tuple[MeanAndHighest, Budget] | None:
-    """The force of an application [N]; None where the reference has no value.
+) -> tuple[MeanAndHighest, tuple[Contribution, ...], Coverage] | None:
+    """The force of an application [N] and its budget; None where the reference has no value.
 
     Args:
         axle: with its reference.
@@ -138,12 +120,11 @@ def _measured(
     all_indices = np.concatenate(finite_pieces)
     top = int(all_indices[np.argmax(ref.force[all_indices] - Z95 * ref.sigma[all_indices])])
     mean = partial(_mean, axle.record.t, pieces=finite_pieces)
-    mean_budget = budget.mean_budget(axle, vehicle, contributions, mean, len(all_indices))
+    rows, coverage = budget.mean_budget(axle, vehicle, contributions, mean, len(all_indices))
     noise, u = float(ref.sigma[top]), math.hypot(ref.sigma[top], ref.tolerance[top])
     k = coverage_factor(budget.freedom(noise, u, len(all_indices)))
-    return MeanAndHighest(
-        mean(ref.force), mean_budget.k * mean_budget.u, float(ref.force[top]), k * u
-    ), mean_budget
+    u95, highest = coverage.k * coverage.u_n, float(ref.force[top])
+    return MeanAndHighest(mean(ref.force), u95, highest, k * u), rows, coverage
 
 
 def _mean(t: Times, x: Floats, pieces: Sequence[NDArray[np.int64]]) -> float:

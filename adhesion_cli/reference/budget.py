@@ -8,28 +8,14 @@ does not shrink with the number of samples.
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Reference, Vehicle, quantities
 from ..core.physics import wheelset, with_fade
 from ..core.signals import coverage_factor
-from ..core.summary import Contribution
+from ..core.summary import Contribution, Coverage
 from .force import contributions
 
 NOISE = "noise"  # name of the row for noise and smoothing
-
-
-class Budget(NamedTuple):
-    """The rows, the largest first, and what they give together."""
-
-    rows: tuple[Contribution, ...]
-    u: float  # combined standard uncertainty [N]
-    freedom: float  # effective degrees of freedom by Welch and Satterthwaite; inf without noise
-
-    @property
-    def k(self) -> float:
-        """Coverage factor of 95 %."""
-        return coverage_factor(self.freedom)
 
 
 def coefficient_u95(u95: float, force: float, vehicle: Vehicle, together: float) -> float:
@@ -68,8 +54,8 @@ def mean_budget(
     columns: Mapping[str, Floats],
     mean: Callable[[Floats], float],
     samples: int,
-) -> Budget:
-    """The budget of the mean force of a brake application.
+) -> tuple[tuple[Contribution, ...], Coverage]:
+    """The budget of the mean force of a brake application, the largest share first, and its sum.
 
     Args:
         axle: with its reference.
@@ -95,7 +81,8 @@ def mean_budget(
             )
     rows.sort(key=lambda row: -row.share)
     u = math.sqrt(variance)
-    return Budget(tuple(rows), u, freedom(noise, u, samples))
+    n = freedom(noise, u, samples)
+    return tuple(rows), Coverage(u, coverage_factor(n), n if math.isfinite(n) else None)
 
 
 def _share(variance: float, total: float) -> float:

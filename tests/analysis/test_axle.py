@@ -22,7 +22,7 @@ def test_a_force_less_sure_than_large_is_not_shown(tmp_path: Path) -> None:
     assert (told.count, told.channel) == (1, "axle 1")
     (axle,) = result.axles
     assert all(s.rmse_n is None for s in axle.scores)
-    assert [a.force for a in find_applications(axle, result.vehicle)] == [
+    assert [a.force_n for a in find_applications(axle, result.vehicle)] == [
         None
     ]  # its slides are still shown
     braked = axle.record.clamping_force > 1000.0

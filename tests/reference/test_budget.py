@@ -10,6 +10,7 @@ from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.core import physics
 from adhesion_cli.core.model import Z95, Floats, Parameter, Result, Vehicle, quantities
+from adhesion_cli.core.signals import coverage_factor
 from adhesion_cli.rail.applications import find_applications
 from adhesion_cli.reference import budget
 
@@ -44,8 +45,8 @@ def test_first_order_is_what_drawn_vehicles_give(result: Result, of_rim: bool) -
 
     moved = budget.contributions_by_parameter(record, vehicle, ref)
     of = replace(axle, record=record, reference=ref)
-    found = budget.mean_budget(of, vehicle, moved, mean, len(at))
-    assert np.isinf(found.freedom)
+    _, found = budget.mean_budget(of, vehicle, moved, mean, len(at))
+    assert found.degrees_of_freedom is None
     assert found.k == Z95
     assert record.pressure is not None
     w = physics.wheelset(vehicle, 1)
@@ -59,38 +60,38 @@ def test_first_order_is_what_drawn_vehicles_give(result: Result, of_rim: bool) -
         dw = acceleration * (vehicle.radius(1).value / R if of_rim else 1.0)
         F = other.friction.value * K + other.wheelset_inertia.value * dw / R
         means.append(F.mean())
-    assert found.u == pytest.approx(np.std(means), rel=0.07)
+    assert found.u_n == pytest.approx(np.std(means), rel=0.07)
 
 
 def test_a_budget_adds_up_and_gives_the_expanded_uncertainty(result: Result) -> None:
     (one,) = find_applications(result.axles[0], result.vehicle)
     assert one.budget
-    assert one.force
-    rows = one.budget.rows
+    assert one.coverage
+    assert one.force_n
+    rows = one.budget
     assert sum(row.share for row in rows) == pytest.approx(1.0)
     assert [row.share for row in rows] == sorted((row.share for row in rows), reverse=True)
     for row in rows:
         assert row.contribution_n == pytest.approx(abs(row.u * row.sensitivity))
-    assert np.hypot.reduce([row.contribution_n for row in rows]) == pytest.approx(one.budget.u)
-    assert one.force.mean_u95 == one.budget.k * one.budget.u
+    assert np.hypot.reduce([row.contribution_n for row in rows]) == pytest.approx(one.coverage.u_n)
+    assert one.force_n.mean_u95 == one.coverage.k * one.coverage.u_n
     assert [row.quantity for row in rows if row.type == "A"] == ["noise"]
 
 
 def test_correlated_tolerances_add_up_to_the_whole(result: Result) -> None:
     pair = ("friction", "spring_force", 0.8)
     vehicle = replace(result.vehicle, correlation=(pair,))
-    alone, together = (
-        find_applications(result.axles[0], v)[0].budget for v in (result.vehicle, vehicle)
-    )
-    assert alone
-    assert together
-    by = {row.quantity: row.u * row.sensitivity for row in together.rows}
+    alone, together = (find_applications(result.axles[0], v)[0] for v in (result.vehicle, vehicle))
+    assert alone.coverage
+    assert together.budget
+    assert together.coverage
+    by = {row.quantity: row.u * row.sensitivity for row in together.budget}
     extra = 2.0 * 0.8 * by["friction"] * by["spring_force"]
-    assert together.u**2 == pytest.approx(alone.u**2 + extra)
-    assert sum(row.share for row in together.rows) == pytest.approx(1.0)
+    assert together.coverage.u_n**2 == pytest.approx(alone.coverage.u_n**2 + extra)
+    assert sum(row.share for row in together.budget) == pytest.approx(1.0)
 
 
 def test_few_samples_of_noise_alone_have_students_factor() -> None:
     assert budget.freedom(10.0, 10.0, 6) == 5.0
     assert budget.freedom(10.0, 20.0, 6) == 80.0
-    assert budget.Budget((), 1.0, 5.0).k == pytest.approx(2.571, rel=0.003)
+    assert coverage_factor(5.0) == pytest.approx(2.571, rel=0.003)
