@@ -58,6 +58,7 @@ _TEXTS = {
         "encoding": "of the text, as `gb18030`",
         "max_unpacked": "largest gzipped CSV, unpacked [bytes]",
     },
+    "key of `xlsx`": {"sheet": "that is read; else the first with columns of numbers"},
     "key of `can`": {"dbc": 'files that say which signals the frames hold, as `["brake.dbc"]`'},
     "key of `mcap`": {
         "max_inflated": "largest chunk, inflated [bytes]; all of a file: 1000 times its size more",
@@ -109,8 +110,8 @@ def settings_page() -> str:
         *(
             f"## [{section}]\n\n{_kinds(f'key of `{section}`', keys, ReadOptions())}\n"
             for section, keys in (
-                ("csv", settings.CSV_KEYS), ("mcap", settings.MCAP_KEYS),
-                ("can", settings.CAN_KEYS),
+                ("csv", settings.CSV_KEYS), ("xlsx", settings.XLSX_KEYS),
+                ("mcap", settings.MCAP_KEYS), ("can", settings.CAN_KEYS),
             )
         ),
         *(

@@ -34,6 +34,7 @@ _FORMAT_HINT = "settings are TOML, for example the line: vehicle.friction = 0.3"
 # In words, because a shell takes some of these marks for its own.
 MARKS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", "pipe": "|", "point": "."}
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
+XLSX_KEYS = {"sheet": str}
 MCAP_KEYS = {"max_inflated": int, "max_record": int}
 CAN_KEYS = {"dbc": list}
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
@@ -47,7 +48,15 @@ CHANNEL_KEYS = {
     "wrap": float,
 }
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
-_ORIGIN = ("channels", "csv", "mcap", "can", "selection", "antiskid")  # what a result was made from
+_ORIGIN = (
+    "channels",
+    "csv",
+    "xlsx",
+    "mcap",
+    "can",
+    "selection",
+    "antiskid",
+)  # what a result was made from
 MEANINGS = {
     "pressure": "pressure",
     "speed": "wheel_speed",
@@ -290,6 +299,7 @@ def _log_sections(
     sections = {
         "channels": channels,
         "csv": {k: getattr(read, k) for k in CSV_KEYS},
+        "xlsx": {k: getattr(read, k) for k in XLSX_KEYS},
         "mcap": {k: getattr(read, k) for k in MCAP_KEYS},
         "can": {"dbc": list(read.dbc)},
         "selection": {**selection, "strict": read.strict},
@@ -380,7 +390,17 @@ def _halve(value: Any) -> Any:
 
 def sections() -> list[str]:
     """The names of all sections."""
-    return ["vehicle", "channels", "csv", "mcap", "can", "analysis", "diagnostics", *_numeric()]
+    return [
+        "vehicle",
+        "channels",
+        "csv",
+        "xlsx",
+        "mcap",
+        "can",
+        "analysis",
+        "diagnostics",
+        *_numeric(),
+    ]
 
 
 def _numeric() -> "dict[str, methods.Tunable]":
@@ -404,6 +424,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     options = {
         **time_options,
         **_marks(_fields("csv", tree.get("csv", {}), CSV_KEYS)),
+        **_fields("xlsx", tree.get("xlsx", {}), XLSX_KEYS),
         **_fields("mcap", tree.get("mcap", {}), MCAP_KEYS),
         **_files(_fields("can", tree.get("can", {}), CAN_KEYS)),
         **{k: v for k, v in read.items() if v is not None},

@@ -52,7 +52,7 @@ class Ended(int):
     """Exit code of a command whose normal end is Ctrl-C: no error is shown."""
 
 
-LOG_KINDS = "CSV, MCAP, Parquet, MDF (MF4), TDMS, CAN"
+LOG_KINDS = "CSV, Excel, MCAP, Parquet, MDF (MF4), TDMS, CAN"
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help=f"{LOG_KINDS}, or results.")]
 Seed = Annotated[int | None, option("--seed", "N", "Noise seed, instead of the scenario's.", min=0)]
 ScenarioName = typer.Argument(

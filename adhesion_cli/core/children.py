@@ -47,7 +47,9 @@ class Child:
 
     def __init__(self) -> None:
         working_folder, package_folder = os.path.realpath("."), str(Path(__file__).parents[2])
-        folders = [x for x in sys.path if os.path.realpath(x) != working_folder]
+        folders = [
+            x for x in sys.path if x == package_folder or os.path.realpath(x) != working_folder
+        ]
         path = json.dumps([*folders, package_folder])
         cache = {"XDG_CACHE_HOME": str(cache_folder().parent)}  # a temporary one is ours to remove
         self._process = subprocess.Popen(

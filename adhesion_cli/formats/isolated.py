@@ -11,7 +11,7 @@ import importlib.util
 import os
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,25 @@ class Library:
             )
         return TableSource(path, self.kind, options, _Remote(self, path, options))
 
+    def call(self, path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
+        """What a function makes of a log in the other process; it takes the path first.
+
+        Raises:
+            UserError: where the file cannot be read.
+        """
+        absolute = path.absolute()
+        seconds = _SECONDS[0] + _SECONDS[1] * path.stat().st_size
+        try:
+            return _child(self.kind).call(
+                _call, self.description, absolute, function, arguments, seconds=seconds
+            )
+        except ChildDiedError as error:
+            outcome = "does not come to an end" if error.was_late else "crashes"
+            raise _damaged(path, self.description, f"its reader {outcome}") from None
+        except UserError as error:
+            error.text = error.text.replace(str(absolute), str(path))
+            raise
+
 
 class _Remote:
     """A `Reader` whose library runs in the other process."""
@@ -67,17 +86,7 @@ class _Remote:
         Raises:
             UserError: where the file cannot be read.
         """
-        kind, path = self._library.kind, self._path.absolute()
-        seconds = _SECONDS[0] + _SECONDS[1] * path.stat().st_size
-        try:
-            return _child(kind).call(_read, kind, path, self._options, wanted, seconds=seconds)
-        except ChildDiedError as error:
-            outcome = "does not come to an end" if error.was_late else "crashes"
-            reason = f"its reader {outcome}"
-            raise _damaged(self._path, self._library.description, reason) from None
-        except UserError as error:
-            error.text = error.text.replace(str(path), str(self._path))
-            raise
+        return self._library.call(self._path, _read, self._library.kind, self._options, wanted)
 
 
 def _damaged(path: Path, description: str, reason: str) -> UserError:
@@ -103,30 +112,34 @@ def _child(kind: str) -> Child:
 _opened: dict[Any, Reader] = {}  # the log that was read last, by what it was opened with
 
 
-def _read(kind: str, path: Path, options: ReadOptions, wanted: list[int] | None) -> Any:
-    """What the log holds, or columns of it; runs in the other process.
+def _call(description: str, path: Path, function: Callable[..., Any], arguments: Any) -> Any:
+    """What the function makes of the file; runs in the other process.
 
     Raises:
         UserError: where the file cannot be read.
     """
     try:
-        files = [str(path), *filter(os.path.isfile, options.dbc)]
-        key = path, options, *(os.stat(file).st_mtime_ns for file in files)
-        if key not in _opened:
-            _opened.clear()  # lets the file before go
-            _limit(path)
-            module = importlib.import_module(f".{kind}", __package__)
-            _opened[key] = module.Reader(path, options)
         _limit(path)
-        return _opened[key].contents if wanted is None else _opened[key].read(wanted)
+        return function(path, *arguments)
     except Exception as error:
         _opened.clear()
         if isinstance(error, UserError):
             raise
-        raise _as_user_error(error, kind, path) from error
+        raise _as_user_error(error, description, path) from error
 
 
-def _as_user_error(error: Exception, kind: str, path: Path) -> UserError:
+def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None) -> Any:
+    """What the log holds, or columns of it; runs in the other process."""
+    files = [str(path), *filter(os.path.isfile, options.dbc)]
+    key = path, options, *(os.stat(file).st_mtime_ns for file in files)
+    if key not in _opened:
+        _opened.clear()  # lets the file before go
+        module = importlib.import_module(f".{kind}", __package__)
+        _opened[key] = module.Reader(path, options)
+    return _opened[key].contents if wanted is None else _opened[key].read(wanted)
+
+
+def _as_user_error(error: Exception, description: str, path: Path) -> UserError:
     """What went wrong, as the user sees it."""
     if isinstance(error, MemoryError):
         size = _allowed(path.stat().st_size) / 2**30
@@ -135,7 +148,7 @@ def _as_user_error(error: Exception, kind: str, path: Path) -> UserError:
     reason = " ".join(str(error).split())[:120]
     if type(error) is not ValueError:
         reason = f"its structure is wrong ({type(error).__name__}: {reason})"
-    return _damaged(path, kind.upper(), reason)
+    return _damaged(path, description, reason)
 
 
 def _allowed(size: int) -> int:

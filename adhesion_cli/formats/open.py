@@ -49,6 +49,12 @@ def _parquet(path: Path, options: ReadOptions) -> Source:
     return open_parquet(path, options)
 
 
+def _xlsx(path: Path, options: ReadOptions) -> Source:
+    from .xlsx import open_workbook
+
+    return open_workbook(path, options)
+
+
 def _famos(path: Path, _: ReadOptions) -> Source:
     """Its library gives wrong values for sound files, and no error; see docs/howto/my-log.md."""
     hint = "export it from FAMOS as CSV, MDF 4 or TDMS"
@@ -58,6 +64,12 @@ def _famos(path: Path, _: ReadOptions) -> Source:
 FORMATS = (
     Format("mcap", re.compile(rb"\x89MCAP0\r\n"), (".mcap",), _mcap),
     Format("parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _parquet),
+    Format(
+        "xlsx",
+        re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0"),
+        (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"),
+        _xlsx,
+    ),
     Format(
         "mf4",
         re.compile(rb"(MDF|UnFinMF) "),

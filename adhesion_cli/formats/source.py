@@ -36,7 +36,7 @@ class Field:
 class ReadOptions:
     """What the user stated about a log, and what reading may cost.
 
-    They come from the TOML's `[channels]`, `[csv]`, `[mcap]` and `[can]`, and from flags.
+    They come from the TOML's `[channels]`, `[csv]`, `[xlsx]`, `[mcap]` and `[can]`, and from flags.
     """
 
     time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
@@ -49,6 +49,7 @@ class ReadOptions:
     delimiter: str | None = None
     decimal: str | None = None
     encoding: str | None = None
+    sheet: str | None = None  # of a workbook; None: decided
     dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding
     rejects: bool = False  # CSV: remember each row and cell left out
@@ -91,7 +92,7 @@ class Source(Protocol):
     """An opened log. Opening reads the head (CSV) or walks the records (MCAP), not the values."""
 
     path: Path
-    format: str  # "csv", "mcap", "parquet", "mf4", "tdms", "can"
+    format: str  # "csv", "mcap", "parquet", "xlsx", "mf4", "tdms", "can"
     absolute: bool  # time stamps count from 1970
     rows: int  # rows or messages in the log; final after `columns`
     time_reason: str  # which clock was taken, and why

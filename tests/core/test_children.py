@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from adhesion_cli.core import children
 from adhesion_cli.core.children import Child, ChildDiedError
 
 
@@ -115,6 +116,21 @@ def test_modules_of_the_working_folder_are_not_imported(
     child = Child()
     try:
         assert child.call(os.getcwd) == str(tmp_path)
+    finally:
+        child.end()
+
+
+def test_a_child_runs_the_package_of_its_caller_where_another_one_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "adhesion_cli").mkdir()
+    (tmp_path / "adhesion_cli" / "__init__.py").write_text("import os; os._exit(9)\n")
+    clone = Path(children.__file__).parents[2]
+    monkeypatch.chdir(clone)
+    monkeypatch.setattr(sys, "path", [str(clone), str(tmp_path), *sys.path])
+    child = Child()
+    try:
+        assert child.call(os.getcwd) == str(clone)
     finally:
         child.end()
 

@@ -138,7 +138,7 @@ def _time_of_day(groups: _Groups) -> tuple[Times, Bools]:
     ok = ~said | ((hour >= 1) & (hour <= 12))
     afternoon = np.asarray(pc.equal(pc.utf8_lower(half_day), "p"))
     hour = np.where(said, hour % 12 + 12 * afternoon, hour)
-    ok &= (hour < 24) & (minute < 60) & (second <= 60)
+    ok &= ((hour < 24) | ("y" not in groups.names)) & (minute < 60) & (second <= 60)
     fraction = groups.number("f") + groups.number("l") * 1_000_000
     return (hour * 3600 + minute * 60 + second) * _S + fraction, ok
 

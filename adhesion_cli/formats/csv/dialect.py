@@ -16,7 +16,7 @@ INFINITE = tuple(
 )
 _NULLS = frozenset((*NULLS, *INFINITE))
 
-COMMENT = re.compile(r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!)|%|//)")
+COMMENT = re.compile(r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!|NAME\?|NUM!|NULL!)|%|//)")
 _DATE = (
     r"(?:\d{1,4}[-/.年]\d{1,2}[-/.月]\d{1,4}日?|\d{1,2}[-. ]?[A-Za-zä]{3}\.?[-. ]?\d{2,4}|\d{8})"
 )

@@ -10,8 +10,6 @@ from .dialect import HEAD_BYTES
 _HEAD_LINES = 600
 _CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
 _MAGIC = (
-    (b"PK\x03\x04", "an Excel workbook (.xlsx) or ZIP archive"),
-    (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)"),
     (b"\x89HDF", "an HDF5 or MATLAB v7.3 file"),
     (b"MATLAB 5.0", "a MATLAB file"),
     (b"MDF     ", "an ASAM MDF recording"),
@@ -19,7 +17,7 @@ _MAGIC = (
     (b"\x28\xb5\x2f\xfd", "zstd-compressed"),
     (b"version https://git-lfs", "a Git LFS pointer (git lfs pull fetches its file)"),
 )
-FORMATS = "CSV, MCAP, Parquet, MDF 4, TDMS, CAN (BLF, ASC, TRC)"
+FORMATS = "CSV, MCAP, Parquet, Excel, MDF 4, TDMS, CAN (BLF, ASC, TRC)"
 READABLE = f"give a log in one of the formats: {FORMATS}"
 Line = tuple[int, str]  # number, from 1, and text
 

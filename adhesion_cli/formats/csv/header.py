@@ -142,8 +142,10 @@ def _continues(names: list[list[str]], cells: list[str], width: int) -> bool:
         return said >= len(cells) / 2 and (pairs <= said / 2 or said == len(cells))
     repeated = len(set(names[0])) < len(names[0])
     spanning = repeated and said >= 2 and len(cells) == width
+    # a time above a column without a name: the two cells were one in a spreadsheet
+    is_merged = any(time_name(c) for c, n in zip(cells, names[0], strict=False) if not n)
     is_complete = width > 2 and said == len(cells) == width and len(names) < 2
-    return pairs <= said / 2 and (spanning or is_complete)
+    return pairs <= said / 2 and (spanning or is_merged or is_complete)
 
 
 def _commented_header(table: FirstRows, first_line: int) -> list[list[str]]:

@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -40,15 +41,7 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
     Raises:
         UserError: where the file is no such table, or can be read in more than one way.
     """
-    head, complete, size = read_head(path)
-    dialect = detect_dialect(head, complete, options, path)
-    if complete and len(dialect.rows) < 2:
-        hint = "give a log of several rows"
-        raise UserError(f"{path}: {len(dialect.rows)} data row, nothing to analyse", hint)
-    if not dialect.headed and options.time_channel is None:
-        raise _headerless(dialect, path)
-    rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
-    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path), rows)
+    return CsvSource.open(path, options)
 
 
 class CsvSource:
@@ -94,6 +87,19 @@ class CsvSource:
             self.reasons["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
         elif key := interleaved(dialect, clock.columns):
             self._report(key)
+
+    @classmethod
+    def open(cls, path: Path, options: ReadOptions) -> Self:
+        """Opens a log, see `open_csv`."""
+        head, complete, size = read_head(path)
+        dialect = detect_dialect(head, complete, options, path)
+        if complete and len(dialect.rows) < 2:
+            hint = "give a log of several rows"
+            raise UserError(f"{path}: {len(dialect.rows)} data row, nothing to analyse", hint)
+        if not dialect.headed and options.time_channel is None:
+            raise _headerless(dialect, path)
+        rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
+        return cls(path, options, dialect, find_clock(dialect, options, rows, path), rows)
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
         """Each column of numbers once for each series, with the numbers of series and column."""

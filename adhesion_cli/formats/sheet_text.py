@@ -1,0 +1,316 @@
+"""The cells of a sheet as lines of text, by fastexcel; runs in a process of its own.
+
+fastexcel rounds what it gives as text: numbers to nine decimals, times to milliseconds. As a number
+it gives each cell as the file holds it, but none of a time. So a workbook is read twice, the second
+time without its styles, which alone say that a number is a time.
+"""
+
+import re
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from ..core import toml
+from ..core.errors import UserError, unknown
+from ..core.model import Bools
+from .csv.dialect import number_grammar
+
+_OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook
+_ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
+_PARTS = ("xl/workbook.xml", "xl/workbook.bin", "content.xml")  # one is in each workbook
+_STYLES = re.compile(rb"(?s)(PK\x03\x04.{26}|PK\x01\x02.{42})xl/styles\.")  # heads of a ZIP file
+_MOST_BYTES = 4 << 30  # of all parts, unpacked
+
+_TIME = r"^[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]+)?$"
+_ANY_TIME = r"^\s*[0-9]{1,4}[-./:][0-9]{1,2}[-./:]"  # also as a text
+_EXACT = r"^-?[0-9]+(\.[0-9]+)?$"  # a text that Arrow reads as a number
+_COMMA = f"^(?:{number_grammar(',').pattern})$"
+_GROUPED = r"^[+-]?[1-9][0-9]{0,2},[0-9]{3}$"
+_DETAIL = re.compile(r"(?:(Error)|DurationIso)\(\"?(?:PT)?(\w+)(?:\.(\d+)S)?")
+_ERRORS = {"Div0": "#DIV/0!", "NA": "#N/A", "Name": "#NAME?", "Null": "#NULL!", "Num": "#NUM!"}
+_VALUELESS = re.compile(
+    rb'<c r="([A-Z]+[0-9]+)"[^>]*><f(?:/|[^>]*/|[^>]*>[^<]*</f)>\s*(?:<v\s*/>|<v>\s*</v>)?\s*</c>'
+)
+
+_DAY = 86_400_000_000  # [µs]
+_DAY_1899, _DAY_1904, _DAY_1906 = -25_568, -24_107, -23_376  # 31 December, 1 January; from 1970
+_ROWS = 1 << 16  # written at once
+_HEAD = 5  # rows in which an empty column may have a name
+
+
+class SheetText(NamedTuple):
+    """What was written."""
+
+    name: str
+    others: list[str]  # further sheets
+
+
+class _Column(NamedTuple):
+    """The cells of a column, Arrow arrays of shape (n,), null where a cell is empty."""
+
+    text: Any
+    number: Any  # also of texts that are one; of a time the days
+    is_time: Any
+    is_comma: Any  # a text with a decimal comma
+
+    @property
+    def is_of_numbers(self) -> bool:
+        """Whether at least half of the cells are numbers or times, and two are."""
+        times = pc.fill_null(pc.match_substring_regex(self.text, _ANY_TIME), False)
+        typed = pc.or_(pc.or_(pc.is_valid(self.number), self.is_comma), times)
+        filled = len(self.text) - self.text.null_count
+        return bool((pc.sum(typed).as_py() or 0) >= max(2, filled / 2))
+
+
+def write_text(path: Path, target: Path, stated: str | None, decimal: str | None) -> SheetText:
+    """Writes the cells of a sheet as lines; row N of the sheet is line N.
+
+    Args:
+        path: the workbook.
+        target: the file to write; tabs are between its cells, its decimal mark is a point.
+        stated: the name of the sheet; None for the first visible one with columns of numbers.
+        decimal: the stated mark of numbers that are texts.
+
+    Raises:
+        UserError: where the workbook cannot be read, or has no such sheet.
+    """
+    book = _Book(path)
+    if stated is not None and stated not in book.names:
+        error = unknown("sheet", stated, book.names)
+        raise UserError(f"{path}: {error.text}", error.hint)
+    hidden = []
+    for name in book.names if stated is None else [stated]:
+        columns, is_visible = book.columns(name)
+        if stated is not None or (is_visible and sum(c.is_of_numbers for c in columns) > 1):
+            break
+        hidden += [name] * (not is_visible)
+    else:
+        sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden) for x in book.names)
+        hint = f"state the sheet, as {option('NAME')}; sheets: {sheets}"
+        raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
+    place = f"{path}: sheet {name!r}"
+    if not columns:
+        raise UserError(f"{place} is empty", f"state another sheet, as {option('NAME')}")
+    if any(c.text[_HEAD:].null_count == len(c.text[_HEAD:]) for c in columns):
+        _refuse_valueless(path, name, place)
+    has_commas = _has_decimal_commas(columns, decimal, place)
+    cells = [_quoted(_cells(column, has_commas)) for column in columns]
+    with target.open("wb") as file:
+        file.writelines(_lines(cells))
+    return SheetText(name, [x for x in book.names if x != name])
+
+
+def option(name: str) -> str:
+    """The option that states a sheet."""
+    return toml.option(f"xlsx.sheet = {toml.quoted(name)}")
+
+
+class _Book:
+    """An opened workbook.
+
+    Raises:
+        UserError: where it is encrypted, no workbook, or too large.
+        ValueError: where it is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import fastexcel
+
+        data = path.read_bytes()
+        if not data.startswith(_OLE):
+            _check_parts(path)
+        elif _ENCRYPTED in data:
+            hint = "open it in Excel, and save it without a password"
+            raise UserError(f"{path}: the workbook is encrypted", hint)
+        unstyled = _STYLES.sub(rb"\1xl/styles_", data)
+        self._has_serials = unstyled != data
+        self._text, self._number = fastexcel.read_excel(data), fastexcel.read_excel(unstyled)
+        self.names = self._text.sheet_names
+
+    def columns(self, name: str) -> tuple[list[_Column], bool]:
+        """The columns of a sheet from its first filled one on, and whether people see it."""
+        sheet = self._text.load_sheet(name, header_row=None, skip_rows=0, dtypes="string")
+        texts, errors = sheet.to_arrow_with_errors()
+        details = {e.offset_position: _detail(e.detail) for e in (errors.errors if errors else ())}
+        is_visible = sheet.visible == "visible"
+        del sheet  # one of the two in memory is enough
+        sheet = self._number.load_sheet(name, header_row=None, skip_rows=0, dtypes="float")
+        pairs = zip(texts.columns, sheet.to_arrow().columns, strict=True)
+        columns = []
+        for k, (text, number) in enumerate(pairs):
+            rows = {row: detail for (row, column), detail in details.items() if column == k}
+            columns.append(self._column(_with(text, rows), number))
+        return columns, is_visible
+
+    def _column(self, text: Any, number: Any) -> _Column:
+        number = pc.if_else(pc.is_finite(number), number, None)
+        is_time = _matches(text, _TIME)
+        if self._has_serials:  # else nothing tells a time from its text
+            is_time = pc.and_(is_time, pc.is_valid(number))
+        is_comma = pc.and_(_matches(text, _COMMA), pc.is_null(number))
+        return _Column(text, number, is_time, is_comma)
+
+
+def _check_parts(path: Path) -> None:
+    """Refuses a ZIP file that is no workbook, unpacks to too much, or is damaged.
+
+    Raises:
+        UserError: it is no workbook, or too large.
+        ValueError: a part of it is damaged.
+    """
+    try:
+        with zipfile.ZipFile(path) as parts:
+            if not set(_PARTS) & set(parts.namelist()):
+                hint = "unpack it, and name the log that is in it"
+                raise UserError(f"{path}: a ZIP archive, not a workbook", hint)
+            size = sum(part.file_size for part in parts.infolist())
+            if size > _MOST_BYTES:
+                text = f"{path}: unpacks to {size >> 30} GiB, more than {_MOST_BYTES >> 30}"
+                raise UserError(text, "delete the sheets that are not needed, or export it as CSV")
+            damaged_part = parts.testzip()
+    except zipfile.BadZipFile as error:
+        raise ValueError(str(error)) from None
+    if damaged_part:
+        raise ValueError(f"its part {damaged_part} has changed")
+
+
+def _refuse_valueless(path: Path, name: str, place: str) -> None:
+    """Refuses a sheet with a formula that has no value, as programs write that do not compute.
+
+    Raises:
+        UserError: names the cell.
+    """
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as parts:
+        if _PARTS[0] not in parts.namelist():
+            return
+        book, relations = (
+            ElementTree.fromstring(parts.read(part))
+            for part in (_PARTS[0], "xl/_rels/workbook.xml.rels")
+        )
+        relation = next(
+            value
+            for sheet in book.iterfind("{*}sheets/{*}sheet")
+            if sheet.get("name") == name
+            for key, value in sheet.items()
+            if key.endswith("}id")
+        )
+        target = next(r.get("Target", "") for r in relations if r.get("Id") == relation)
+        tail = b""
+        with parts.open(target.lstrip("/") if target[0] == "/" else f"xl/{target}") as sheet_file:
+            while block := sheet_file.read(1 << 20):
+                if match := _VALUELESS.search(tail + block):
+                    text = f"{place}, cell {match[1].decode()}: a formula without a value"
+                    raise UserError(text, "open the workbook in Excel, and save it")
+                tail = block[-(1 << 14) :]
+
+
+def _matches(text: Any, pattern: str) -> Any:
+    return pc.fill_null(pc.match_substring_regex(text, pattern), False)
+
+
+def _detail(detail: str) -> str:
+    """The cell that fastexcel describes where it gives no text: an error, or a time of LibreOffice.
+
+    >>> _detail("Expected string but got 'Error(Div0)'")
+    '#DIV/0!'
+    >>> _detail("Expected string but got 'DurationIso(PT26H00M01.25S)'")
+    '26:00:01.25'
+    """
+    match = _DETAIL.search(detail)
+    if match is None:
+        return ""
+    if match[1]:
+        return _ERRORS.get(match[2], f"#{match[2].upper()}!")
+    return ":".join(re.findall("[0-9]+", match[2])) + (f".{match[3]}" if match[3] else "")
+
+
+def _with(text: Any, rows: dict[int, str]) -> Any:
+    """The text with other cells in some rows."""
+    if not rows:
+        return text
+    mask = np.zeros(len(text), np.bool_)
+    mask[list(rows)] = True
+    return pc.replace_with_mask(text, mask, pa.array([rows[k] for k in sorted(rows)], text.type))
+
+
+def _has_decimal_commas(columns: Sequence[_Column], decimal: str | None, place: str) -> bool:
+    """Whether the commas in numbers that are texts are decimal marks.
+
+    Raises:
+        UserError: where they may group digits as well.
+    """
+    if decimal:
+        return decimal == ","
+    commas = [c.text.filter(c.is_comma) for c in columns if c.is_of_numbers]
+    commas = [texts for texts in commas if len(texts)]
+    if commas and all(pc.all(_matches(texts, _GROUPED)).as_py() for texts in commas):
+        text = f"{place}: {commas[0][0].as_py()!r} may be a decimal comma or grouped thousands"
+        raise UserError(text, "state it, as `--set csv.decimal=comma` (or point)")
+    return bool(commas)
+
+
+def _cells(column: _Column, has_commas: bool) -> Any:
+    """The cells of a column as a text log has them, each number with all its digits."""
+    text, number, is_time, is_comma = column
+    exact = pc.and_(pc.is_valid(number), _matches(text, _EXACT))
+    rounded = pc.cast(pc.if_else(exact, text, None), pa.float64())
+    is_rounded = pc.and_(exact, pc.not_equal(pc.fill_null(rounded, 0.0), pc.fill_null(number, 0.0)))
+    cells = pc.if_else(is_rounded, pc.cast(number, pa.string()), text)
+    if has_commas:
+        cells = pc.if_else(is_comma, pc.replace_substring(text, ",", "."), cells)
+    return pc.if_else(is_time, _times(column), cells) if pc.any(is_time).as_py() else cells
+
+
+def _times(column: _Column) -> Any:
+    """The times of a column as text: dates, times of day, or both, to the microsecond."""
+    text, number, is_time, _ = column
+    stamps = pc.utf8_slice_codeunits(pc.replace_substring(text, "T", " "), 0, 26)
+    try:
+        t = pc.cast(pc.if_else(is_time, stamps, None), pa.timestamp("us")).cast(pa.int64())
+    except pa.ArrowInvalid:  # a text that is no date
+        return text
+    mask: Bools = np.asarray(is_time)
+    us, days = np.asarray(t.fill_null(0)), np.asarray(number.fill_null(0.0))
+    exact = mask & np.asarray(number.is_valid())
+    whole_days = np.floor(days)
+    serial = whole_days.astype(np.int64) * _DAY + np.rint((days - whole_days) * _DAY).astype(
+        np.int64
+    )
+    # the text shows to which of Excel's two date systems the number belongs
+    us = np.where(exact, serial + np.rint((us - serial) / _DAY).astype(np.int64) * _DAY, us)
+    if us[mask].max() < _DAY_1906 * _DAY:  # no date
+        day_zero = _DAY_1904 if us[mask].min() >= _DAY_1904 * _DAY else _DAY_1899
+        us = np.where(exact, serial, us - day_zero * _DAY)
+        hours = pc.utf8_lpad(pc.cast(pa.array(us // (_DAY // 24)), pa.string()), 2, "0")
+        clock = pc.utf8_slice_codeunits(pa.array(us, pa.timestamp("us")).cast(pa.string()), 13)
+        return pc.binary_join_element_wise(hours, clock, "")
+    cells = pa.array(us, pa.timestamp("us")).cast(pa.string())
+    return pc.utf8_slice_codeunits(cells, 0, 10) if not (us[mask] % _DAY).any() else cells
+
+
+def _quoted(cells: Any) -> Any:
+    """The cells without tabs and line ends; with the quotes that a text log needs."""
+    cells = pc.fill_null(cells, "")
+    if pc.any(pc.match_substring_regex(cells, r"[\t\r\n]")).as_py():
+        cells = pc.replace_substring_regex(cells, r"[\t\r\n]+", " ")
+    has_quote = pc.match_substring(cells, '"')
+    if pc.any(has_quote).as_py():
+        doubled = pc.replace_substring(cells, '"', '""')
+        cells = pc.if_else(has_quote, pc.binary_join_element_wise('"', doubled, '"', ""), cells)
+    return cells
+
+
+def _lines(cells: Sequence[Any]) -> Iterator[bytes]:
+    """The rows as lines; one without a filled cell is empty."""
+    for begin in range(0, len(cells[0]), _ROWS):
+        rows = pc.binary_join_element_wise(*(c.slice(begin, _ROWS) for c in cells), "\t")
+        rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)
+        yield ("\n".join(rows.to_pylist()) + "\n").encode()
