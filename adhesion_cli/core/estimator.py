@@ -28,7 +28,6 @@ a segment is not scored (`brake_applications.find_start_ups`).
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from . import methods, toml
@@ -76,11 +75,11 @@ class Estimator(Method):
 KIND = Kind("estimators", "an estimator", About, ("F",), "the estimate [N]", "core.estimator")
 
 
-def registry(*extra_folders: Path) -> dict[str, Estimator]:
-    """Every estimator by name, sorted: the package's own, then those of `extra_folders`.
+def registry() -> dict[str, Estimator]:
+    """Every estimator by name, sorted.
 
     Raises:
-        UserError: for a folder that does not exist, a file without an estimator, a repeated name.
+        UserError: for a file without an estimator.
     """
     return {
         name: Estimator(
@@ -91,12 +90,11 @@ def registry(*extra_folders: Path) -> dict[str, Estimator]:
             m.State,
             m.init,
             m.step,
-            m.path,
             module.ABOUT.claims,
             getattr(module, "longest_step", _any_step),
             getattr(module, "nis", None),
         )
-        for name, (m, module) in methods.scan(KIND, *extra_folders).items()
+        for name, (m, module) in methods.scan(KIND).items()
     }
 
 

@@ -13,12 +13,9 @@ sample and, compiled by `compiled`, over whole logs.
 """
 
 import importlib
-import importlib.util
-import sys
+import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from hashlib import sha256
-from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Annotated, Any, NamedTuple, Protocol
 
@@ -48,7 +45,6 @@ class Method:
     State: type[Any]
     init: Callable[..., Any]
     step: Callable[..., Any]
-    path: Path
 
 
 class Kind(NamedTuple):
@@ -67,24 +63,19 @@ class Kind(NamedTuple):
         return f"see `adhesion_cli.{self.module}` on what the file of {self.noun} holds"
 
 
-def scan(kind: Kind, *extra_folders: Path) -> dict[str, tuple[Method, ModuleType]]:
-    """Every method of a kind by name, sorted: the package's own, then those of `extra_folders`.
+def scan(kind: Kind) -> dict[str, tuple[Method, ModuleType]]:
+    """Every method of a kind by name, sorted.
 
     Raises:
-        UserError: for a folder that does not exist, a file without such a method, a repeated name.
+        UserError: for a file without such a method.
     """
-    packaged_folder = Path(__file__).parents[1] / kind.folder
+    package = importlib.import_module(f"adhesion_cli.{kind.folder.replace('/', '.')}")
     methods: dict[str, tuple[Method, ModuleType]] = {}
-    for folder in (packaged_folder, *map(Path, extra_folders)):
-        if not folder.is_dir():
-            raise UserError(f"{folder}: no such folder of {Path(kind.folder).name}", code=2)
-        for path in sorted(folder.glob("[!_]*.py")):
-            if path.stem in methods:
-                existing = methods[path.stem][0].path
-                raise UserError(f"{path}: {path.stem!r} is already {existing}", "rename the file")
-            module = _module(kind, path, packaged=folder is packaged_folder)
-            methods[path.stem] = _method(kind, path, module), module
-    return dict(sorted(methods.items()))
+    for name in sorted(info.name for info in pkgutil.iter_modules(package.__path__)):
+        if not name.startswith("_"):
+            module = importlib.import_module(f"{package.__name__}.{name}")
+            methods[name] = _method(kind, name, module), module
+    return methods
 
 
 class Tunable(Protocol):
@@ -119,32 +110,9 @@ def validate(tunable: Tunable, overrides: Mapping[str, float]) -> Any:
     return tunable.Params(**{name: float(value) for name, value in overrides.items()})
 
 
-def _module(kind: Kind, path: Path, packaged: bool) -> ModuleType:
-    """The module at `path`; one outside the package is loaded anew, under a unique name."""
-    try:
-        if packaged:
-            place = kind.folder.replace("/", ".")
-            return importlib.import_module(f"adhesion_cli.{place}.{path.stem}")
-        # Named by its contents, wherever it is: cached machine code needs the same name again.
-        sources = b"".join(p.read_bytes() for p in sorted(path.parent.glob("*.py")))
-        folder = sha256(sources).hexdigest()[:8]
-        spec = importlib.util.spec_from_file_location(
-            f"{Path(kind.folder).name}_{folder}.{path.stem}", path
-        )
-        assert spec is not None  # the name ends in .py
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # where annotations are looked up
-        spec.loader.exec_module(module)
-    except Exception as e:
-        text = f"{path}: cannot be loaded: {type(e).__name__}: {e}"
-        raise UserError(text, kind.remedy) from e
-    return module
-
-
-def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
-    names = ("ABOUT", "Params", "State", "init", "step")
-    missing = [name for name in names if not hasattr(module, name)]
+def _method(kind: Kind, name: str, module: ModuleType) -> Method:
+    path, names = module.__file__, ("ABOUT", "Params", "State", "init", "step")
+    missing = [x for x in names if not hasattr(module, x)]
     if missing:
         raise UserError(f"{path}: not {kind.noun}, lacks {', '.join(missing)}", kind.remedy)
     about, P, S = module.ABOUT, module.Params, module.State
@@ -155,11 +123,11 @@ def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
         text = f"{path}: State must end with {', '.join(kind.answer)}: {kind.meaning}"
         raise UserError(text, kind.remedy)
     annotated = quantities(P)
-    for name in P._fields:
-        if name not in annotated or name not in P._field_defaults:
-            text = f"{path}: Params.{name} lacks its Quantity or its default"
+    for field in P._fields:
+        if field not in annotated or field not in P._field_defaults:
+            text = f"{path}: Params.{field} lacks its Quantity or its default"
             raise UserError(text, kind.remedy)
-    return Method(path.stem, about.title, about.source, P, S, module.init, module.step, path)
+    return Method(name, about.title, about.source, P, S, module.init, module.step)
 
 
 def bind(f: Callable[..., Any], stand_ins: Mapping[Any, Any]) -> Callable[..., Any]:

@@ -3,6 +3,8 @@
 import functools
 import json
 import math
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,7 +21,7 @@ from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.cli.app import app
-from adhesion_cli.core import estimator, methods, physics
+from adhesion_cli.core import estimator, physics
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import LOCKED
@@ -28,7 +30,7 @@ from adhesion_cli.rail import creep_law, sliding, slope
 from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import (
     closed_loop,
-    controller,
+    controllers,
     documents,
     reference_speed,
     scenario,
@@ -182,9 +184,17 @@ ABOUT = About("Lazy", "nobody")
 '''
 
 
-def test_a_fourth_controller_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "lazy.py").write_text(LAZY, encoding="utf-8")
-    laws = {name: m for name, (m, _) in methods.scan(controller.KIND, tmp_path).items()}
+@pytest.fixture
+def fourth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The place of one more controller."""
+    monkeypatch.setattr(controllers, "__path__", [*controllers.__path__, str(tmp_path)])
+    yield tmp_path / "lazy.py"
+    sys.modules.pop("adhesion_cli.wsp.controllers.lazy", None)
+
+
+def test_a_fourth_controller_is_one_file(fourth: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fourth.write_text(LAZY, encoding="utf-8")
+    laws = registry()
     assert list(laws) == ["lazy", "none", "patent", "rule"]
     monkeypatch.setattr(wsp_controller, "controllers", lambda: laws)
     samples = [(k * 10**7, 9.0, [9.0 / 0.42], [1e3 * k]) for k in range(5)]
@@ -200,10 +210,10 @@ def test_a_fourth_controller_is_one_file(tmp_path: Path, monkeypatch: pytest.Mon
         (('About("Lazy", "nobody")', "None"), "ABOUT must be"),
     ],
 )
-def test_a_broken_controller_is_named(tmp_path: Path, change: tuple[str, str], says: str) -> None:
-    (tmp_path / "lazy.py").write_text(LAZY.replace(*change), encoding="utf-8")
+def test_a_broken_controller_is_named(fourth: Path, change: tuple[str, str], says: str) -> None:
+    fourth.write_text(LAZY.replace(*change), encoding="utf-8")
     with pytest.raises(UserError, match=says) as caught:
-        methods.scan(controller.KIND, tmp_path)
+        registry()
     assert "lazy.py" in caught.value.text
     assert "adhesion_cli.wsp.controller" in caught.value.hint
 
