@@ -8,7 +8,7 @@ Its `State` ends with `judged`, the slip that it decided on, and `valve`, the co
   it has `Observed`.
 """
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Protocol
 
 from ..core import methods
 from ..core.methods import About, Kind, Method
@@ -37,6 +37,13 @@ class Observed(NamedTuple):
     at_least: Annotated[
         int, Quantity("-", "valve that the WSP controller asks for; else `APPLY`", APPLY, DUMP)
     ]
+
+
+class Drives(Protocol):
+    """The two magnet valves of one axle, as a WSP controller or a test rig switches them."""
+
+    def set(self, hold: bool, vent: bool) -> None:
+        """Energises the valves or not; with both at rest the brake sets the pressure."""
 
 
 KIND = Kind(

@@ -6,7 +6,8 @@ simulated train. `online` feeds it sample by sample from a log, a bus or a test 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from ..estimators.kalman import step as estimate_step
 from ..rail import slope
 from ..rail.slope import init as slope_init
 from ..rail.slope import step as slope_step
-from .controller import APPLY, Observed
+from .controller import APPLY, DUMP, Drives, Observed
 from .controller import registry as controllers
 from .controllers.none import init as control_init
 from .controllers.none import step as control_step
@@ -311,17 +312,20 @@ def choose(
 def online(
     unit: Chosen,
     samples: Iterable[tuple[int, float | None, Sequence[float], Sequence[float]]],
-) -> Iterator[list[int]]:
+    drives: Sequence[Drives] = (),
+) -> Generator[list[int]]:
     """The valves of every axle after each sample, as the samples arrive; needs no compiler.
 
     After a sample with a value that is no number, both valves of every axle are at rest. The next
-    sample starts anew, with the known wheel radii. Where samples fail to come, whoever switches the
-    valves has to release them.
+    sample starts anew, with the known wheel radii. The valves are also at rest when the samples end
+    or fail, and when the iterator is closed. A feed that stops without an end needs a watchdog
+    behind `drives`.
 
     Args:
         unit: from `choose`.
         samples: (time [ns], train speed [m/s] or None, wheel speed [rad/s] of every axle, K [N] of
             every axle), with rising time.
+        drives: the valves of every axle, or none.
 
     Yields:
         `controller.APPLY`, `HOLD` or `DUMP` of every axle.
@@ -334,24 +338,33 @@ def online(
     train, wheels = TrainEstimate(math.nan, 0.0, NO_PILOT), list[Wheel]()
     axles = list[ControlledAxle]()
     previous: float = -math.inf
-    for t, measured, y, K in samples:
-        h, previous = (t - previous) * 1e-9, t
-        n = len(axles or y)
-        if not len(y) == len(K) == n > 0 or len(c.radii) not in (1, n):
-            text = f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces, "
-            text += f"{len(c.radii)} wheel radii for {n} axles"
-            raise UserError(text, "one of each for every axle in every sample")
-        if h <= 0.0:
-            raise UserError(f"at {t} ns: not after the sample before", "samples in order of time")
-        wheels = [axle.wheel for axle in axles] or wheels or initial_wheels(c, n)
-        v = math.nan if measured is None else measured
-        if not all(map(math.isfinite, (*y, *K))) or not (measured is None or math.isfinite(v)):
-            wheels, axles = [wheel._replace(free_time=0.0) for wheel in wheels], []
-        elif axles:
-            train, axles = tick_step(c, train, axles, h, v, y, K)
-        else:
-            train, axles = start_step(c, wheels, v, y, K)
-        yield [axle.controller.valve for axle in axles] or [APPLY] * n
+    with ExitStack() as stack:
+        for drive in drives:
+            stack.callback(drive.set, False, False)
+        for t, measured, y, K in samples:
+            h, previous = (t - previous) * 1e-9, t
+            n = len(axles or drives or y)
+            if not len(y) == len(K) == n > 0 or len(c.radii) not in (1, n):
+                text = f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces, "
+                text += f"{len(c.radii)} wheel radii for {n} axles"
+                raise UserError(text, "one of each for every axle in every sample")
+            if h <= 0.0:
+                text = f"at {t} ns: not after the sample before"
+                raise UserError(text, "samples in order of time")
+            wheels = [axle.wheel for axle in axles] or wheels or initial_wheels(c, n)
+            v = math.nan if measured is None else measured
+            if all(map(math.isfinite, (*y, *K))) and (measured is None or math.isfinite(v)):
+                if axles:
+                    train, axles = tick_step(c, train, axles, h, v, y, K)
+                else:
+                    train, axles = start_step(c, wheels, v, y, K)
+                valves = [axle.controller.valve for axle in axles]
+            else:
+                wheels = [wheel._replace(free_time=0.0) for wheel in wheels]
+                axles, valves = [], [APPLY] * n
+            for drive, valve in zip(drives, valves, strict=bool(drives)):
+                drive.set(valve != APPLY, valve == DUMP)
+            yield valves
 
 
 def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, dict[str, float]]:

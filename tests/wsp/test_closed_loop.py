@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -197,9 +198,11 @@ def test_a_fourth_controller_is_one_file(fourth: Path, monkeypatch: pytest.Monke
     laws = registry()
     assert list(laws) == ["lazy", "none", "patent", "rule"]
     monkeypatch.setattr(wsp_controller, "controllers", lambda: laws)
+    switches = Switches()
     samples = [(k * 10**7, 9.0, [9.0 / 0.42], [1e3 * k]) for k in range(5)]
     chosen = wsp_controller.choose("lazy", "leso", {}, short().vehicle)
-    assert list(wsp_controller.online(chosen, samples)) == [[HOLD]] * 5
+    assert list(wsp_controller.online(chosen, samples, [switches])) == [[HOLD]] * 5
+    assert switches.seen == [(True, False)] * 5 + [(False, False)]
 
 
 @pytest.mark.parametrize(
@@ -221,19 +224,31 @@ def test_a_broken_controller_is_named(fourth: Path, change: tuple[str, str], say
 # --- the loop -----------------------------------------------------------------------------------
 
 
+class Switches:
+    """A rig that remembers how its valves were switched."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[bool, bool]] = []
+
+    def set(self, hold: bool, vent: bool) -> None:
+        self.seen.append((hold, vent))
+
+
 def fed_back(controller: str, algo: str, train_speed: str) -> np.ndarray:
     """Valves of a stop, which are those of the same unit fed with the stop's measured values."""
     s = replace(case("slippery-stop"), train=replace(case("slippery-stop").train, speed=9.0))
     s = replace(s, antiskid=replace(s.antiskid, train_speed=train_speed))
-    stop = closed_loop.run(s, controller, algo=algo)
+    stop, switches = closed_loop.run(s, controller, algo=algo), [Switches() for _ in range(4)]
     speed = [None] * len(stop.t) if train_speed == "axles" else stop.measured_train_speed.tolist()
     samples = zip(
         stop.t.tolist(), speed, stop.measured_wheel_speed.tolist(),
         stop.measured_clamping_force.tolist(), strict=True,
     )  # fmt: skip
     chosen = wsp_controller.choose(controller, algo, {}, s.vehicle, closed_loop.speed_noise(s))
-    valves = np.array(list(wsp_controller.online(chosen, samples)))
+    valves = np.array(list(wsp_controller.online(chosen, samples, switches)))
     np.testing.assert_array_equal(valves, stop.valve)
+    for seen, valve in zip(switches, valves.T.tolist(), strict=True):
+        assert seen.seen == [*((x != APPLY, x == DUMP) for x in valve), (False, False)]
     return valves
 
 
@@ -277,11 +292,44 @@ def test_a_sample_that_lacks_an_axle_is_refused() -> None:
             list(wsp_controller.online(chosen, samples))
 
 
-def test_samples_out_of_order_are_refused() -> None:
+@pytest.mark.parametrize("end", ["fails", "order", "drive", "closed"])
+def test_valves_rest_however_the_samples_end(end: str) -> None:
+    slide = [(10**7 * i, 20.0, [47.0 - 0.5 * i] * 2, [15e3] * 2) for i in range(40)]
+
+    class Broken(Switches):
+        def set(self, hold: bool, vent: bool) -> None:
+            super().set(hold, vent)
+            if vent:
+                raise OSError("no answer")
+
+    def samples() -> Iterator[Any]:
+        yield from slide
+        if end == "order":
+            yield slide[0]
+        raise OSError("the bus is off")
+
+    drives = [Switches(), Broken() if end == "drive" else Switches()]
+    valves = wsp_controller.online(
+        wsp_controller.choose("patent", closed_loop.ESTIMATOR, {}, Vehicle()), samples(), drives
+    )
+    if end == "closed":
+        while next(valves) != [DUMP, DUMP]:
+            pass
+        valves.close()
+    else:
+        with pytest.raises((OSError, UserError)):
+            list(valves)
+    for drive in drives:
+        assert drive.seen[-2:] == [(True, True), (False, False)]
+
+
+def test_samples_out_of_order_and_missing_drives_are_refused() -> None:
     chosen = wsp_controller.choose("patent", closed_loop.ESTIMATOR, {}, Vehicle())
     one = (0, 9.0, [20.0], [1e3])
     with pytest.raises(UserError, match="not after"):
         list(wsp_controller.online(chosen, [one, one]))
+    with pytest.raises(UserError, match="for 2 axles"):
+        list(wsp_controller.online(chosen, [one], [Switches()] * 2))
 
 
 @pytest.mark.parametrize("controller", ["patent", "rule"])
