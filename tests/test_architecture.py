@@ -1,6 +1,7 @@
 """What each part of the package may import."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -20,6 +21,21 @@ def test_the_contracts_between_packages_hold() -> None:
     command = [sys.executable, "-c", code, "--no-cache"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+def test_the_hashes_are_of_the_versions_that_are_tested() -> None:
+    """And of all packages; those that build the package, pip takes by itself."""
+
+    def versions(name: str) -> dict[str, str]:
+        text = (ROOT / name).read_text(encoding="utf-8")
+        pairs = re.findall(r"(?m)^([\w.-]+)==([\w.]+)", text)
+        return {re.sub(r"[-_.]+", "-", package).lower(): version for package, version in pairs}
+
+    tested, hashed = versions("constraints.txt"), versions("constraints-hashes.txt")
+    assert tested.keys() - hashed.keys() <= {"hatchling"}
+    assert {k: v for k, v in hashed.items() if k in tested} == {
+        k: v for k, v in tested.items() if k in hashed
+    }
 
 
 def test_no_function_is_longer_than_a_screen() -> None:
