@@ -48,15 +48,8 @@ CHANNEL_KEYS = {
     "wrap": float,
 }
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
-_ORIGIN = (
-    "channels",
-    "csv",
-    "xlsx",
-    "mcap",
-    "can",
-    "selection",
-    "antiskid",
-)  # what a result was made from
+_OF_LOGS = ("channels", "csv", "xlsx", "mcap", "can")  # sections on how logs are read
+_ORIGIN = (*_OF_LOGS, "selection", "antiskid")  # what a result was made from
 MEANINGS = {
     "pressure": "pressure",
     "speed": "wheel_speed",
@@ -390,17 +383,7 @@ def _halve(value: Any) -> Any:
 
 def sections() -> list[str]:
     """The names of all sections."""
-    return [
-        "vehicle",
-        "channels",
-        "csv",
-        "xlsx",
-        "mcap",
-        "can",
-        "analysis",
-        "diagnostics",
-        *_numeric(),
-    ]
+    return ["vehicle", *_OF_LOGS, "analysis", "diagnostics", *_numeric()]
 
 
 def _numeric() -> "dict[str, methods.Tunable]":

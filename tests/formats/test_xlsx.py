@@ -241,6 +241,32 @@ def test_merged_heads_name_the_columns_below(tmp_path: Path) -> None:
     assert list(read(opened(path))) == ["Achse 1 p [bar] []", "Achse 1 v [km/h] []"]
 
 
+def test_the_sheet_of_a_german_engineer(tmp_path: Path) -> None:
+    merged = ["A4:A5", "B4:B5", "C4:D4", "E4:F4", "G4:G5"]
+    rows: Rows = [
+        ["Versuch:", "Bremsversuch 4711"],
+        ["Prüfer", "Müller"],
+        ["Fahrzeug", "ET 4711"],
+        ["Datum", "Uhrzeit", "C-Druck", None, "v Rad", None, "v Zug"],
+        [None, None, *["Achse 1", "Achse 2"] * 2, None],
+        [None, None, "bar", "bar", "km/h", "km/h", "km/h"],
+    ]
+    for k in range(20):
+        stamp = _START + k * _STEP
+        values: Rows = [[0.1 * k, "0,5", 80.0 - k, 79.5 - k, None if k % 5 else 80.25 - k]]
+        rows.append([stamp.date(), stamp.time(), *values[0]])
+    sheets: dict[str, Rows] = {"Deckblatt": [["Bericht"]], "Messung": rows}
+    source = opened(write(tmp_path / "a.xlsx", sheets, merged=merged))
+    names = [f"{f.channel} [{f.unit}]" for f in source.fields]
+    assert names == ["C-Druck Achse 1 [bar]", "C-Druck Achse 2 [bar]", "v Rad Achse 1 [km/h]",
+                     "v Rad Achse 2 [km/h]", "v Zug [km/h]"]  # fmt: skip
+    assert source.metadata["preamble"]["Prüfer"] == "Müller"
+    columns = source.columns(source.fields)
+    assert columns[1].value.tolist() == [0.5] * 20
+    assert int(columns[4].valid.sum()) == 4
+    assert str(columns[0].t[1].astype("datetime64[ns]")) == "2026-11-21T13:05:07.020000000"
+
+
 def test_blank_rows_cost_nothing(tmp_path: Path) -> None:
     rows = log()
     rows[8:8] = [[], []]

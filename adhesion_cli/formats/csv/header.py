@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 
 from ...core import toml
@@ -140,8 +141,9 @@ def _continues(names: list[list[str]], cells: list[str], width: int) -> bool:
     pairs = sum(bool(re.match(r"[^:=\[(]+[:=]\s*\S", c)) for c in cells)
     if not names:
         return said >= len(cells) / 2 and (pairs <= said / 2 or said == len(cells))
-    repeated = len(set(names[0])) < len(names[0])
-    spanning = repeated and said >= 2 and len(cells) == width
+    columns = list(zip(*_spread(names), strict=False))
+    titled = list(zip(*_spread([cells, *names]), strict=False))
+    spanning = said >= 2 and len(cells) == width and len(set(titled)) > len(set(columns))
     # a time above a column without a name: the two cells were one in a spreadsheet
     is_merged = any(time_name(c) for c, n in zip(cells, names[0], strict=False) if not n)
     is_complete = width > 2 and said == len(cells) == width and len(names) < 2
@@ -208,15 +210,18 @@ def refuse_width(table: FirstRows, header: Header, width: int) -> None:
 
 def column_names(heads: list[list[str]], width: int) -> tuple[str, ...]:
     """Distinct names of the columns."""
-    filled = [fit(cells, width) for cells in heads]
-    for cells in filled[:-1]:  # a title above several columns stands in the first of them
-        for i in range(1, width):
-            cells[i] = cells[i] or cells[i - 1]
+    filled = _spread([fit(cells, width) for cells in heads])
     names = [
         " ".join(dict.fromkeys(row[i] for row in filled if row[i])) or f"column {i + 1}"
         for i in range(width)
     ]
     return tuple(distinct(names))
+
+
+def _spread(heads: list[list[str]]) -> list[list[str]]:
+    """The rows of a header with each title above all its columns; it stands in the first."""
+    spread = [list(accumulate(cells, lambda title, cell: cell or title)) for cells in heads[:-1]]
+    return [*spread, *heads[-1:]]
 
 
 def lines_before(table: FirstRows, header: Header) -> dict[str, int]:

@@ -876,11 +876,11 @@ def test_a_date_has_no_hour_24(tmp_path: Path) -> None:
 def test_a_time_above_a_column_without_a_name_is_a_part_of_the_header(tmp_path: Path) -> None:
     """As a spreadsheet writes heads that are merged."""
     log = tmp_path / "a.csv"
-    heads = "Fahrzeug;4711;\nZeit [s];Achse 1;\n;p [bar];v [km/h]\n"
+    heads = "Prüfer;Müller;\nZeit [s];Achse 1;\n;p [bar];v [km/h]\n"
     log.write_text(heads + "".join(f"{k / 50};1.5;{80 - k}\n" for k in range(9)))
     source = open_csv(log, ReadOptions())
     assert [f.channel for f in source.fields] == ["Achse 1 p [bar]", "Achse 1 v [km/h]"]
-    assert source.metadata == {"preamble": {"Fahrzeug": "4711"}}
+    assert source.metadata == {"preamble": {"Prüfer": "Müller"}}
 
 
 REFUSED = {
