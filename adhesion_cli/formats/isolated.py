@@ -60,7 +60,9 @@ class Library:
                 _call, self.description, absolute, function, arguments, seconds=seconds
             )
         except ChildDiedError as error:
-            outcome = "does not come to an end" if error.was_late else "crashes"
+            outcome = (
+                "does not come to an end" if error.was_late else "crashes or needs too much memory"
+            )
             raise _damaged(path, self.description, f"its reader {outcome}") from None
         except UserError as error:
             error.text = error.text.replace(str(absolute), str(path))

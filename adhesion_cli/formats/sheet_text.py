@@ -99,6 +99,8 @@ def write_text(path: Path, target: Path, stated: str | None, decimal: str | None
         raise UserError(f"{place} is empty", f"state another sheet, as {option('NAME')}")
     if any(c.text[_HEAD:].null_count == len(c.text[_HEAD:]) for c in columns):
         _refuse_valueless(path, name, place)
+    while len(columns) > 2 and len(columns[-1].text) - columns[-1].text.null_count < 2:
+        columns.pop()  # a cell far from the table is no channel
     has_commas = _has_decimal_commas(columns, decimal, place)
     cells = [_quoted(_cells(column, has_commas)) for column in columns]
     with target.open("wb") as file:

@@ -267,6 +267,22 @@ def test_the_sheet_of_a_german_engineer(tmp_path: Path) -> None:
     assert str(columns[0].t[1].astype("datetime64[ns]")) == "2026-11-21T13:05:07.020000000"
 
 
+def test_notes_beside_and_below_the_table(tmp_path: Path) -> None:
+    rows = log(60)
+    for k, note in enumerate(("Faktor", 3.6, "Versatz", 0.25, "Bemerkung", "Sensor getauscht")):
+        row = rows[3 + k // 2]
+        row += [None] * (6 + k - len(row)) + [note]
+    rows[5] += [None] * 10 + ["x"]
+    rows += [[], [None, "Mittelwert"]]
+    source = opened(write(tmp_path / "a.xlsx", {"s": rows}))
+    columns = dict(
+        zip((f.channel for f in source.fields), source.columns(source.fields), strict=True)
+    )
+    assert [f.channel for f in source.fields][:2] == ["p [bar]", "v [km/h]"]
+    assert columns["p [bar]"].value.tolist() == [row[1] for row in rows[1:61]]
+    assert columns["p [bar]"].valid.all()
+
+
 def test_blank_rows_cost_nothing(tmp_path: Path) -> None:
     rows = log()
     rows[8:8] = [[], []]

@@ -24,6 +24,7 @@ from .header_words import is_units_row, time_name
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 _REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")
+_USED = 0.1  # of a column's cells in the head hold data
 Row = tuple[int, list[str]]  # number of its line, and cells
 
 
@@ -129,24 +130,39 @@ def _text_above(table: FirstRows, start: int) -> Header:
     if texts(top - 1) and texts(top - 2) and is_units_row(rows[top - 1][1]):
         top = units = top - 1
     names: list[list[str]] = []
-    while len(names) < 4 and texts(top - 1) and _continues(names, rows[top - 1][1], width):
+    used = _count_used(table, start)
+    while len(names) < 4 and texts(top - 1) and _continues(names, rows[top - 1][1], width, used):
         top -= 1
         names.insert(0, rows[top][1])
     return Header(names, units, top, start)
 
 
-def _continues(names: list[list[str]], cells: list[str], width: int) -> bool:
-    """Whether a row of text above the header's rows so far is one of them."""
+def _count_used(table: FirstRows, start: int) -> int:
+    """Columns with data; the others of a spreadsheet hold notes beside the table."""
+    data = table.of_width(start)
+    filled = (sum(not is_null(cell) for cell in column) for column in zip(*data, strict=True))
+    return sum(n >= _USED * len(data) for n in filled)
+
+
+def _continues(names: list[list[str]], cells: list[str], width: int, used: int) -> bool:
+    """Whether a row of text above the header's rows so far is one of them.
+
+    Args:
+        names: of these rows.
+        cells: of the row.
+        width: cells of a data row.
+        used: columns with data.
+    """
     said = sum(map(bool, cells))
     pairs = sum(bool(re.match(r"[^:=\[(]+[:=]\s*\S", c)) for c in cells)
     if not names:
-        return said >= len(cells) / 2 and (pairs <= said / 2 or said == len(cells))
+        return said >= used / 2 and (pairs <= said / 2 or said >= used)
     columns = list(zip(*_spread(names), strict=False))
     titled = list(zip(*_spread([cells, *names]), strict=False))
     spanning = said >= 2 and len(cells) == width and len(set(titled)) > len(set(columns))
     # a time above a column without a name: the two cells were one in a spreadsheet
     is_merged = any(time_name(c) for c, n in zip(cells, names[0], strict=False) if not n)
-    is_complete = width > 2 and said == len(cells) == width and len(names) < 2
+    is_complete = width > 2 and said >= used and len(cells) == width and len(names) < 2
     return pairs <= said / 2 and (spanning or is_merged or is_complete)
 
 
@@ -220,8 +236,11 @@ def column_names(heads: list[list[str]], width: int) -> tuple[str, ...]:
 
 def _spread(heads: list[list[str]]) -> list[list[str]]:
     """The rows of a header with each title above all its columns; it stands in the first."""
-    spread = [list(accumulate(cells, lambda title, cell: cell or title)) for cells in heads[:-1]]
-    return [*spread, *heads[-1:]]
+
+    def last_title(title: str, cell: str) -> str:
+        return cell or title
+
+    return [*(list(accumulate(cells, last_title)) for cells in heads[:-1]), *heads[-1:]]
 
 
 def lines_before(table: FirstRows, header: Header) -> dict[str, int]:
