@@ -68,12 +68,12 @@ class _ClockSamples(NamedTuple):
     correlated: float  # samples in a row with correlated noise
     usable: Bools  # where the rim turns and its deceleration is known (axles, n)
     fast: Bools  # where it is not slow for its axle (axles, n)
-    factors: Floats  # of c and q, 0 where not known (axles, 2, n)
-    products: Floats  # of these: c², c q, q² (axles, 3, n)
+    by_radius: Floats  # factor of c, 0 where not known (axles, n)
+    by_creep: Floats  # factor of q, likewise
 
     def select(self, axles: Bools) -> "_ClockSamples":
         """Those of some axles."""
-        of_axles = ("rim", "released", "usable", "fast", "factors", "products")
+        of_axles = ("rim", "released", "usable", "fast", "by_radius", "by_creep")
         return self._replace(**{name: getattr(self, name)[axles] for name in of_axles})
 
 
@@ -142,8 +142,6 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
     if g.train is not None:
         train_slows = np.nan_to_num(-g.slope(g.train)[::stride]) > _SLOWING
     usable = np.isfinite(slowing) & (rim > CRAWL)
-    c = np.where(usable, rim, 0.0)
-    q = np.where(usable, rim * np.maximum(slowing, 0.0), 0.0)
     fast = np.array([x > 0.3 * np.nanmax(x) for x in rim])
     return _ClockSamples(
         t,
@@ -154,8 +152,8 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
         correlated,
         usable,
         fast,
-        np.stack([c, q], axis=1),
-        np.stack([c * c, c * q, q * q], axis=1),
+        np.where(usable, rim, 0.0),
+        np.where(usable, rim * np.maximum(slowing, 0.0), 0.0),
     )
 
 
@@ -225,19 +223,18 @@ def _fit(s: _ClockSamples, v: Floats) -> _Fit:
     k = len(s.rim)
     usable = s.usable & np.isfinite(v) & (v > CRAWL)
     d = np.where(usable, v - s.rim, 0.0)
-    sides = s.factors * d[:, None]
     weights = (s.noise / np.array([*([_WORN] * k), _CREEPAGE[1]])) ** 2  # as numbers of samples
     expected = np.append(np.zeros(k), _CREEPAGE[0])
     x, residual, rolling, cutoff = _start(s, v), d, usable, _CUTOFF_SIGMAS * s.noise
     margin = round(_SLIDE_MARGIN / (s.t[1] - s.t[0]))
     for n in range(8):
-        residual, previous = d - (s.factors[:, 0] * x[:k, None] + s.factors[:, 1] * x[k]), rolling
+        residual, previous = d - (s.by_radius * x[:k, None] + s.by_creep * x[k]), rolling
         rolling = (
             usable & (np.abs(residual) < cutoff) & erode(~usable | (residual < cutoff), margin)
         )
         if n > 0 and np.array_equal(rolling, previous):
             break  # the next fit would be this one
-        x = _solved(s.products, sides, rolling, weights, expected)
+        x = _solved(s, rolling, d, weights, expected)
     residuals = residual[usable]
     loss = (
         float(np.mean(np.minimum(residuals**2, cutoff**2)))
@@ -248,22 +245,19 @@ def _fit(s: _ClockSamples, v: Floats) -> _Fit:
 
 
 def _solved(
-    products: Floats, sides: Floats, rolling: Bools, weights: Floats, expected: Floats
+    s: _ClockSamples, rolling: Bools, d: Floats, weights: Floats, expected: Floats
 ) -> Floats:
-    """Every axle's c, and q, by the normal equations of the used samples.
+    """Every axle's c, and q, by the normal equations of the samples without slides.
 
     Args:
-        products: of the factors of c and q, (axles, 3, n).
-        sides: the factors times what they explain, (axles, 2, n).
-        rolling: samples (axles, n).
+        s: all samples.
+        rolling: which are used (axles, n).
+        d: what c and q explain (axles, n) [m/s].
         weights: of what is expected of c and q, as numbers of samples (axles + 1,).
         expected: of c and q (axles + 1,).
     """
-    k, ones = len(rolling), rolling[:, :, None].astype(np.float64)
-    cc, cq, qq = (products @ ones)[:, :, 0].T
-    A: Floats = np.zeros((k + 1, k + 1))
-    np.fill_diagonal(A, np.append(cc, qq.sum()) + weights)
-    A[k, :k] = A[:k, k] = cq  # two axles share no sample
-    of_c, of_q = (sides @ ones)[:, :, 0].T
-    b: Floats = np.append(of_c, of_q.sum()) + weights * expected
+    k, c, q = len(d), s.by_radius * rolling, s.by_creep * rolling
+    A: Floats = np.diag(np.append((c * c).sum(axis=1), (q * q).sum()) + weights)
+    A[k, :k] = A[:k, k] = (c * q).sum(axis=1)  # two axles share no sample
+    b: Floats = np.append((c * d).sum(axis=1), (q * d).sum()) + weights * expected
     return np.asarray(np.linalg.solve(A, b), np.float64)
