@@ -1,6 +1,5 @@
 """ASAM MDF logs of versions 3 and 4 (MF4), by asammdf; runs in a process of its own."""
 
-import zlib
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -69,14 +68,7 @@ class Reader:
             if not self._is_time(group, master):
                 timeless.append(self._names[g])
                 continue
-            self._row_counts[g], damage = self._whole_rows(group)
-            if damage:
-                values = {
-                    "kept_rows": self._row_counts[g],
-                    "lost_rows": count - self._row_counts[g],
-                }
-                subject = f"group {self._names[g]!r}, {damage}"
-                notes.append(Note("log-damaged", "error", "", 1, values, {"damage": subject}))
+            self._row_counts[g] = int(count)
             rows += self._row_counts[g]
             for i, channel in enumerate(group.channels):
                 if i == master:
@@ -146,46 +138,6 @@ class Reader:
             named.append(NamedColumn(self._names[g], name, unit, f"{g + 1} {self._names[g]}"))
         return fields(named, "channel's unit")
 
-    def _whole_rows(self, group: Any) -> tuple[int, str]:
-        """Rows of a group whose bytes are whole, and what is wrong with those after them."""
-        count = int(group.channel_group.cycles_nr)
-        record = group.channel_group.samples_byte_nr + (
-            group.channel_group.invalidation_bytes_nr if self._is_version_4 else 0
-        )
-        if not group.sorted or not record:
-            return count, ""
-        complete_bytes, damage = 0, ""
-        for block in list(group.get_data_blocks()):
-            if damage := self._damage(block):
-                break
-            complete_bytes += block.original_size
-        if self._is_version_4 and damage:
-            group.data_blocks = _before_damage(group.data_blocks, complete_bytes)
-        rows = min(complete_bytes // record, count)
-        if rows < count:
-            return rows, damage or "its data end early"
-        return count, ""
-
-    def _damage(self, block: Any) -> str:
-        """What is wrong with a block of data; "" where it is whole."""
-        if block.location != 0:  # a copy in memory or in a temporary file
-            return ""
-        size = self._path.stat().st_size
-        if block.address + block.compressed_size > size:
-            return f"byte {block.address}: the file ends inside a block of data"
-        if block.block_type in (1, 2):  # deflate, plain or transposed
-            with self._path.open("rb") as file:
-                file.seek(block.address)
-                packed = file.read(block.compressed_size)
-            try:
-                inflater = zlib.decompressobj()
-                text = inflater.decompress(packed, block.original_size + 1)
-            except zlib.error:
-                return f"byte {block.address}: compressed data do not unpack"
-            if len(text) != block.original_size or not inflater.eof:
-                return f"byte {block.address}: compressed data have another length than stated"
-        return ""
-
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""
         places = [self._places[k] for k in wanted]
@@ -196,7 +148,6 @@ class Reader:
                 [(None, *place) for place in group_places],
                 raw=True,
                 copy_master=False,
-                record_count=self._row_counts[g],
             )
             t, ok = nanoseconds(signals[0].timestamps, self._start)
             rows = len(t)
@@ -223,17 +174,6 @@ class Reader:
                     masks["value-is-text"] = text[ok]
                 series[place] = TableSamples(a, value[ok], masks)
         return Columns(axes, [series[place] for place in places], notes)
-
-
-def _before_damage(blocks: Sequence[Any], complete_bytes: int) -> list[Any]:
-    """The first blocks, which hold this many bytes."""
-    blocks_kept, size = [], 0
-    for block in blocks:
-        if size >= complete_bytes:
-            break
-        blocks_kept.append(block)
-        size += block.original_size
-    return blocks_kept
 
 
 def _physical(signal: Any, texts: Sequence[int]) -> tuple[Floats, Bools | None]:

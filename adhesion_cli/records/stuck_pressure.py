@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity
@@ -104,7 +105,8 @@ def _silent(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> Bools:
     small = max(p.small * float(x.max()), 2.5 * brake.step)
     turns = _turns(value, small, 1.5 * brake.step)
     j = min(max(2, round(p.near * rate)), 20)
-    level = _range(np.pad(value, j, "edge"), 2 * j + 1) <= p.level * small
+    nearby = sliding_window_view(np.pad(value, j, "edge"), 2 * j + 1)
+    level = np.ptp(nearby, axis=1) <= p.level * small
 
     def longest(selected: Bools) -> float:
         """What the noise there allows."""
@@ -121,19 +123,6 @@ def _silent(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> Bools:
     usual_length = float(np.sort(length[not_highest])[-4:][0]) if not_highest.any() else 0.0
     shortest = max(longest(level), p.longer * usual_length)
     return np.where(not_highest, length >= shortest, length > longest(np.ones_like(level)))
-
-
-def _range(x: Floats, count: int) -> Floats:
-    """Range of so many values in a row, shape (n - many + 1,)."""
-    upper, lower, width = x, x, 1  # of so many; two stretches make one that is up to twice as long
-    while width < count:
-        growth = min(width, count - width)
-        upper, lower = (
-            np.maximum(upper[growth:], upper[:-growth]),
-            np.minimum(lower[growth:], lower[:-growth]),
-        )
-        width += growth
-    return upper - lower
 
 
 def _turns(value: Floats, largest_noise: float, clear_change: float) -> Bools:

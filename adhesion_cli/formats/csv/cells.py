@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats, Times
-from . import arrow as pc
 from .dialect import INFINITE, NULLS, number_grammar
 
 NUMBER, NO_VALUE, NO_NUMBER, IS_INFINITE = range(4)  # states of a cell

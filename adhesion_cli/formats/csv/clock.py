@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from ...core.finding import Finding
 from ...core.model import Bools, Times
-from . import arrow as pc
 from . import cells
 from .header_words import NS_PER_UNIT
 
