@@ -5,8 +5,10 @@ it gives each cell as the file holds it, but none of a time. So a workbook is re
 time without its styles, which alone say that a number is a time.
 """
 
+import posixpath
 import re
 import zipfile
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,12 +20,12 @@ import pyarrow.compute as pc
 
 from ..core import toml
 from ..core.errors import UserError, unknown
-from ..core.model import Bools
 from .csv.dialect import number_grammar
 
 _OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
-_PARTS = ("xl/workbook.xml", "xl/workbook.bin", "content.xml")  # one is in each workbook
+_BOOK, _RELATIONS = "xl/workbook.xml", "xl/_rels/workbook.xml.rels"
+_ID = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
 _STYLES = re.compile(rb"(?s)(PK\x03\x04.{26}|PK\x01\x02.{42})xl/styles\.")  # heads of a ZIP file
 _MOST_BYTES = 4 << 30  # of all parts, unpacked
 
@@ -41,6 +43,7 @@ _VALUELESS = re.compile(
 _DAY = 86_400_000_000  # [µs]
 _DAY_1899, _DAY_1904, _DAY_1906 = -25_568, -24_107, -23_376  # 31 December, 1 January; from 1970
 _ROWS = 1 << 16  # written at once
+_LONGEST = 1 << 14  # bytes of a cell with a formula
 _HEAD = 5  # rows in which an empty column may have a name
 
 
@@ -139,15 +142,15 @@ class _Book:
         """The columns of a sheet from its first filled one on, and whether people see it."""
         sheet = self._text.load_sheet(name, header_row=None, skip_rows=0, dtypes="string")
         texts, errors = sheet.to_arrow_with_errors()
-        details = {e.offset_position: _detail(e.detail) for e in (errors.errors if errors else ())}
+        details: dict[int, dict[int, str]] = defaultdict(dict)  # by column and row
+        for error in errors.errors if errors else ():
+            row, column = error.offset_position
+            details[column][row] = _detail(error.detail)
         is_visible = sheet.visible == "visible"
         del sheet  # one of the two in memory is enough
         sheet = self._number.load_sheet(name, header_row=None, skip_rows=0, dtypes="float")
         pairs = zip(texts.columns, sheet.to_arrow().columns, strict=True)
-        columns = []
-        for k, (text, number) in enumerate(pairs):
-            rows = {row: detail for (row, column), detail in details.items() if column == k}
-            columns.append(self._column(_with(text, rows), number))
+        columns = [self._column(_with(x, details[k]), n) for k, (x, n) in enumerate(pairs)]
         return columns, is_visible
 
     def _column(self, text: Any, number: Any) -> _Column:
@@ -168,7 +171,7 @@ def _check_parts(path: Path) -> None:
     """
     try:
         with zipfile.ZipFile(path) as parts:
-            if not set(_PARTS) & set(parts.namelist()):
+            if not any(x.startswith("xl/") or x == "content.xml" for x in parts.namelist()):
                 hint = "unpack it, and name the log that is in it"
                 raise UserError(f"{path}: a ZIP archive, not a workbook", hint)
             size = sum(part.file_size for part in parts.infolist())
@@ -191,27 +194,26 @@ def _refuse_valueless(path: Path, name: str, place: str) -> None:
     if not zipfile.is_zipfile(path):
         return
     with zipfile.ZipFile(path) as parts:
-        if _PARTS[0] not in parts.namelist():
+        part, tail = _part(parts, name), b""
+        if part not in parts.namelist():
             return
-        book, relations = (
-            ElementTree.fromstring(parts.read(part))
-            for part in (_PARTS[0], "xl/_rels/workbook.xml.rels")
-        )
-        relation = next(
-            value
-            for sheet in book.iterfind("{*}sheets/{*}sheet")
-            if sheet.get("name") == name
-            for key, value in sheet.items()
-            if key.endswith("}id")
-        )
-        target = next(r.get("Target", "") for r in relations if r.get("Id") == relation)
-        tail = b""
-        with parts.open(target.lstrip("/") if target[0] == "/" else f"xl/{target}") as sheet_file:
-            while block := sheet_file.read(1 << 20):
+        with parts.open(part) as sheet:
+            while block := sheet.read(1 << 20):
                 if match := _VALUELESS.search(tail + block):
                     text = f"{place}, cell {match[1].decode()}: a formula without a value"
                     raise UserError(text, "open the workbook in Excel, and save it")
-                tail = block[-(1 << 14) :]
+                tail = block[-_LONGEST:]
+
+
+def _part(parts: zipfile.ZipFile, name: str) -> str:
+    """The part of an .xlsx that holds a sheet, "" in other workbooks."""
+    if not {_BOOK, _RELATIONS} <= set(parts.namelist()):
+        return ""
+    relations = ElementTree.fromstring(parts.read(_RELATIONS))
+    targets = {relation.get("Id"): relation.get("Target", "") for relation in relations}
+    sheets = ElementTree.fromstring(parts.read(_BOOK)).iterfind("{*}sheets/{*}sheet")
+    ids = (sheet.get(_ID) for sheet in sheets if sheet.get("name") == name)
+    return posixpath.join("/xl", targets.get(next(ids, None), "")).lstrip("/")
 
 
 def _matches(text: Any, pattern: str) -> Any:
@@ -279,23 +281,22 @@ def _times(column: _Column) -> Any:
         t = pc.cast(pc.if_else(is_time, stamps, None), pa.timestamp("us")).cast(pa.int64())
     except pa.ArrowInvalid:  # a text that is no date
         return text
-    mask: Bools = np.asarray(is_time)
     us, days = np.asarray(t.fill_null(0)), np.asarray(number.fill_null(0.0))
-    exact = mask & np.asarray(number.is_valid())
-    whole_days = np.floor(days)
-    serial = whole_days.astype(np.int64) * _DAY + np.rint((days - whole_days) * _DAY).astype(
-        np.int64
-    )
+    exact = np.asarray(pc.and_(is_time, pc.is_valid(number)))
+    whole = np.floor(days)
+    serial = whole.astype(np.int64) * _DAY + np.rint((days - whole) * _DAY).astype(np.int64)
     # the text shows to which of Excel's two date systems the number belongs
     us = np.where(exact, serial + np.rint((us - serial) / _DAY).astype(np.int64) * _DAY, us)
-    if us[mask].max() < _DAY_1906 * _DAY:  # no date
-        day_zero = _DAY_1904 if us[mask].min() >= _DAY_1904 * _DAY else _DAY_1899
-        us = np.where(exact, serial, us - day_zero * _DAY)
-        hours = pc.utf8_lpad(pc.cast(pa.array(us // (_DAY // 24)), pa.string()), 2, "0")
-        clock = pc.utf8_slice_codeunits(pa.array(us, pa.timestamp("us")).cast(pa.string()), 13)
-        return pc.binary_join_element_wise(hours, clock, "")
-    cells = pa.array(us, pa.timestamp("us")).cast(pa.string())
-    return pc.utf8_slice_codeunits(cells, 0, 10) if not (us[mask] % _DAY).any() else cells
+    day_zero = np.where(us < _DAY_1904 * _DAY, _DAY_1899, _DAY_1904)
+    elapsed = np.where(exact, serial, us - day_zero * _DAY)
+    is_date = us >= _DAY_1906 * _DAY
+    cells = pa.array(np.where(is_date, us, elapsed), pa.timestamp("us")).cast(pa.string())
+    hours = pc.utf8_lpad(pc.cast(pa.array(elapsed // (_DAY // 24)), pa.string()), 2, "0")
+    clock = pc.binary_join_element_wise(hours, pc.utf8_slice_codeunits(cells, 13), "")
+    is_day = is_date & (us % _DAY == 0)
+    if 2 * np.count_nonzero(is_day) > np.count_nonzero(is_date & np.asarray(is_time)):
+        cells = pc.if_else(is_day, pc.utf8_slice_codeunits(cells, 0, 10), cells)
+    return pc.if_else(is_date, cells, clock)
 
 
 def _quoted(cells: Any) -> Any:

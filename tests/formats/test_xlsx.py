@@ -242,11 +242,12 @@ def test_merged_heads_name_the_columns_below(tmp_path: Path) -> None:
 
 
 def test_the_sheet_of_a_german_engineer(tmp_path: Path) -> None:
-    merged = ["A4:A5", "B4:B5", "C4:D4", "E4:F4", "G4:G5"]
+    merged = ["A5:A6", "B5:B6", "C5:D5", "E5:F5", "G5:G6"]
     rows: Rows = [
         ["Versuch:", "Bremsversuch 4711"],
         ["Prüfer", "Müller"],
-        ["Fahrzeug", "ET 4711"],
+        ["Beginn", _START],
+        ["Tag", _START.date()],
         ["Datum", "Uhrzeit", "C-Druck", None, "v Rad", None, "v Zug"],
         [None, None, *["Achse 1", "Achse 2"] * 2, None],
         [None, None, "bar", "bar", "km/h", "km/h", "km/h"],
