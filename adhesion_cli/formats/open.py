@@ -11,6 +11,7 @@ from .isolated import Library
 from .memory import Signals
 from .source import ReadOptions, Source
 
+_WORKBOOK = re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0")  # or an archive, or another old document
 _HEAD = 512  # bytes that are looked at
 
 
@@ -50,6 +51,9 @@ def _parquet(path: Path, options: ReadOptions) -> Source:
 
 
 def _xlsx(path: Path, options: ReadOptions) -> Source:
+    """Text may have the suffix .xls: some instruments export it so."""
+    if not _WORKBOOK.match(_first_bytes(path)):
+        return _csv(path, options)
     from .xlsx import open_workbook
 
     return open_workbook(path, options)
@@ -66,7 +70,7 @@ FORMATS = (
     Format("parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _parquet),
     Format(
         "xlsx",
-        re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0"),
+        _WORKBOOK,
         (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"),
         _xlsx,
     ),

@@ -32,7 +32,7 @@ def open_workbook(path: Path, options: ReadOptions) -> "WorkbookSource":
     Raises:
         UserError: where the workbook cannot be read or has no such sheet, or the sheet is no log.
     """
-    folder = TemporaryDirectory(prefix="adhesion-")
+    folder = TemporaryDirectory(prefix="adhesion-", ignore_cleanup_errors=True)
     text = Path(folder.name) / "sheet.txt"
     sheet: SheetText = _LIBRARY.call(path, write_text, text, options.sheet, options.decimal)
     of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=".")

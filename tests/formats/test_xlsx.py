@@ -399,6 +399,13 @@ def test_an_old_workbook() -> None:
     assert [x for _, x in values] == pytest.approx([0.1 * k for k in range(20)], rel=1e-15)
 
 
+def test_text_with_the_suffix_of_a_workbook(tmp_path: Path) -> None:
+    path = tmp_path / "a.xls"
+    path.write_text("time [s]\tp [bar]\n" + "".join(f"{k / 50}\t1.5\n" for k in range(9)))
+    source = opened(path)
+    assert (source.format, len(read(source)["p [bar] []"])) == ("csv", 9)
+
+
 # ---------------------------------------------------------------------------------- the right sheet
 
 
