@@ -135,12 +135,20 @@ def _texts(array: Any) -> list[str | None]:
     return [None if x is None else printable(x)[:_MAX_TEXT] for x in array.to_pylist()]
 
 
+class _Exact(float):
+    """A number with all its digits; XlsxWriter formats others with 16."""
+
+    def __format__(self, _: str) -> str:
+        return repr(float(self))
+
+
 def _numbers(array: Any) -> list[float | None]:
-    return pc.if_else(pc.is_finite(array), array, None).to_pylist()  # type: ignore[no-any-return]
+    finite = pc.if_else(pc.is_finite(array), array, None).to_pylist()
+    return [_Exact(x) if isinstance(x, float) else x for x in finite]
 
 
 def _days(array: Any) -> list[float | None]:
     """Times as days of Excel. Whole days are split off, as float64 does not hold nanoseconds."""
     ns = array.cast(pa.timestamp("ns", array.type.tz)).cast(pa.int64())
     days, rest = np.divmod(np.asarray(ns.fill_null(0)), _DAY)
-    return pa.array(_DAY_1970 + days + rest / _DAY, mask=~np.asarray(array.is_valid())).to_pylist()  # type: ignore[no-any-return]
+    return _numbers(pa.array(_DAY_1970 + days + rest / _DAY, mask=~np.asarray(array.is_valid())))

@@ -102,7 +102,7 @@ def test_analyze_gives_the_same_figures(name: str, logs: dict[str, Path], run: R
     assert axles(logs[name]) == axles(brakes.SAMPLE)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".mcap", ".parquet"])
+@pytest.mark.parametrize("suffix", [".csv", ".mcap", ".parquet", ".xlsx"])
 def test_convert_writes_what_it_read(
     suffix: str, logs: dict[str, Path], tmp_path: Path, sample: dict[str, Any]
 ) -> None:
@@ -112,7 +112,7 @@ def test_convert_writes_what_it_read(
     read = Read(target)
     assert read.source.absolute
     for channel, (unit, t, value) in sample.items():
-        assert read.units[channel] == (unit if suffix != ".csv" else "")
+        assert read.units[channel] == (unit if suffix not in (".csv", ".xlsx") else "")
         assert np.array_equal(read.values[channel][0], t)
         assert np.array_equal(read.values[channel][1], value)
 

@@ -34,7 +34,7 @@ def test_each_cell_has_the_type_of_its_column(tmp_path: Path) -> None:
         ]
     )
     time = datetime(2026, 11, 29, 13, 5, 7, 250_000)
-    rows = [[1234.5, 0.1, 3, True, time], [float("nan"), float("inf"), 4, None, None]]
+    rows = [[0.1 + 0.2, 1e-300, 3, True, time], [float("nan"), float("inf"), 4, None, None]]
     sheet = written(tmp_path / "a.xlsx", pa.table(list(zip(*rows, strict=True)), schema=schema))
     heads, first_row, second_row = sheet.iter_rows(values_only=True)
     assert heads == ("force [N]", "slip", "axle", "valid", "start [UTC]")
