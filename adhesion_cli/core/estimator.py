@@ -8,7 +8,7 @@ An estimator is a method in `estimators/`; `methods` says what its file holds. I
 - `step(p, w, s, h, K, y) -> State`, the state one sample later. `w` is `model.Wheelset`. `h` is the
   actual interval to this sample [s], `K` its clamping force [N], `y` its wheel speed [rad/s].
 
-The same `step` runs sample by sample (`online`) and compiled over whole logs (`compiled.batch`).
+The same `step` runs sample by sample (`advance`) and compiled over whole logs (`compiled.batch`).
 `nis(p, w, s, h, K, y) -> float` is optional: the normalised innovation squared of this sample, by
 the state before it. It is NaN where the estimator does not use the sample.
 `longest_step(p) -> float` is optional. It is the longest interval [s] at which `step` is stable,
@@ -26,7 +26,7 @@ a segment is not scored (`brake_applications.find_start_ups`).
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
@@ -96,28 +96,6 @@ def registry() -> dict[str, Estimator]:
         )
         for name, (m, module) in methods.scan(KIND).items()
     }
-
-
-def online(
-    est: Estimator, p: Any, w: Wheelset, samples: Iterable[tuple[int, float, float]]
-) -> Iterator[float]:
-    """F̂ [N] after each sample of one segment, as the samples arrive; needs no compiler.
-
-    Args:
-        est: the estimator.
-        p: its parameters, from `methods.validate`.
-        w: constants of the wheelset.
-        samples: (time [ns], K [N], y [rad/s]), time rising strictly.
-
-    Raises:
-        UserError: at an interval at which these parameters are unstable.
-    """
-    state: Any = None
-    previous_ns = 0
-    for t, K, y in samples:
-        state = advance(est, p, w, state, (t - previous_ns) * 1e-9, K, y)
-        previous_ns = t
-        yield state.F
 
 
 def advance(  # noqa: PLR0913 (a step, and whose)

@@ -35,8 +35,11 @@ w = wheelset(Vehicle(), 1)
 t = np.arange(200) * 1_000_000
 K, y = np.full(200, 21e3), 40.0 - 2e-9 * t
 F = compiled.batch(est, est.Params(), w, t, K, y, np.array([0]))[0]
-online = estimator.online(est, est.Params(), w, zip(t.tolist(), K.tolist(), y.tolist()))
-print(json.dumps([F.tolist(), list(online)]))
+state, online = None, []
+for K_now, y_now in zip(K.tolist(), y.tolist()):
+    state = estimator.advance(est, est.Params(), w, state, 1_000_000 * 1e-9, K_now, y_now)
+    online.append(state.F)
+print(json.dumps([F.tolist(), online]))
 """
 
 

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers.brake_signals import REGISTRY, STEADY, W, rolling_brake, simulated
+from helpers.brake_signals import REGISTRY, STEADY, W, online, rolling_brake, simulated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -41,11 +41,11 @@ def run(name, t, K, y, starts=(0,), **overrides):
     return compiled.batch(est, p, W, ns(t), K, y, np.array(starts))[0]
 
 
-def online(name, t, K, y, **overrides):
+def sample_by_sample(name, t, K, y, **overrides):
     est = REGISTRY[name]
     p = methods.validate(est, overrides)
     samples = zip(ns(t).tolist(), K.tolist(), y.tolist(), strict=True)
-    return np.array(list(estimator.online(est, p, W, samples)))
+    return np.array(list(online(est, p, samples)))
 
 
 def slide(t):
@@ -102,7 +102,7 @@ def test_online_equals_batch(name):
     t = jittery(400, seed=1)
     K, y, _ = slide(t)
     y = y + np.random.default_rng(2).normal(0.0, 3e-3, len(t))
-    np.testing.assert_array_equal(run(name, t, K, y), online(name, t, K, y))
+    np.testing.assert_array_equal(run(name, t, K, y), sample_by_sample(name, t, K, y))
 
 
 @every
@@ -481,7 +481,7 @@ def test_euler_refuses_a_step_at_which_it_is_unstable():
         for h, refused in ((0.98 * longest, False), (1.02 * longest, True)):
             t = h * np.arange(3000)
             K, y = np.full_like(t, 21e3), 40.0 - 2.7 * t
-            for way in (run, online):
+            for way in (run, sample_by_sample):
                 if refused:
                     with pytest.raises(UserError, match="unstable"):
                         way(name, t, K, y, euler=1.0)
@@ -562,7 +562,7 @@ def test_a_sixth_estimator_is_one_file(sixth):
     expected[99] = 0.0
     np.testing.assert_allclose(F, np.concatenate([[0.0], expected]), rtol=1e-12)
     samples = zip(ns(t)[:100].tolist(), K.tolist(), y.tolist(), strict=False)
-    np.testing.assert_array_equal(list(estimator.online(est, p, W, samples)), F[:100])
+    np.testing.assert_array_equal(list(online(est, p, samples)), F[:100])
 
 
 @pytest.mark.parametrize(

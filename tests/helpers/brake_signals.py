@@ -38,3 +38,12 @@ def simulated(name, seed):
             (slice(0, len(speed.t)),),
             truth=np.interp(speed.t, simulation.t, simulation.signal("truth", axle)),
         )  # fmt: skip
+
+
+def online(est, p, samples):
+    """F̂ [N] after each (time [ns], K [N], y [rad/s]), as they arrive."""
+    state, previous = None, 0
+    for t, K, y in samples:
+        state = estimator.advance(est, p, W, state, (t - previous) * 1e-9, K, y)
+        previous = t
+        yield state.F
