@@ -265,4 +265,5 @@ class _Run:
         for to, interval in viewers:
             live = LiveRecording(name, settings.vehicle, axles, names, to)
             live_view = LiveView(live, lambda error: self._say(f"the recording ends here: {error}"))
-            yield Batches(live_view, names, axles, interval)
+            report = self._say if isinstance(to, str) else None
+            yield Batches(live_view, names, axles, interval, report)

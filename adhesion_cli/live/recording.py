@@ -21,6 +21,7 @@ from ..results.samples import Samples
 from .axle import LiveEstimate, LiveSample
 
 _WAITING_SAMPLES = 20_000  # samples that wait for a file before the sender has to
+_PATIENCE = 5.0  # for a viewer, at the end [s]
 _NOTHING = LiveEstimate(float("nan"), float("nan"))
 
 
@@ -81,11 +82,19 @@ class Batches:
         algos: names of the estimators.
         axles: numbers of the axles.
         interval: between two batches [s].
+        report: None for a target that samples wait for. Of another one it is called once, with the
+            text that samples are dropped.
     """
 
     def __init__(
-        self, target: Target, algos: Sequence[str], axles: Sequence[int], interval: float
+        self,
+        target: Target,
+        algos: Sequence[str],
+        axles: Sequence[int],
+        interval: float,
+        report: Callable[[str], None] | None = None,
     ) -> None:
+        self._report, self._drops = report, False
         self._target, self._algos = target, list(algos)
         self._axles, self._interval = axles, interval
         self._waiting: list[LiveSample] = []
@@ -99,9 +108,18 @@ class Batches:
         """See `Sink`."""
         with self._change:
             while len(self._waiting) > _WAITING_SAMPLES and not self._error:  # a slow disk
-                self._change.wait()
+                if self._report:
+                    self._waiting.clear()
+                    self._drop(self._report)
+                else:
+                    self._change.wait()
             self._check()
             self._waiting += samples
+
+    def _drop(self, report: Callable[[str], None]) -> None:
+        if not self._drops:
+            self._drops = True
+            report("the viewer is slower than the samples: it gets only some of them")
 
     def idle(self) -> None:
         """See `Sink`."""
@@ -112,8 +130,9 @@ class Batches:
         with self._change:
             self._is_ending = True
             self._change.notify()
-        self._thread.join()
-        self._target.finish()
+        self._thread.join(_PATIENCE if self._report else None)
+        if not self._thread.is_alive():
+            self._target.finish()
         self._check()
 
     def _check(self) -> None:

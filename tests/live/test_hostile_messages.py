@@ -10,7 +10,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from helpers import mcap_logs
 from helpers.live_runs import Kept, message
+from mcap.records import Channel
 
 from adhesion_cli.analysis.request import choose_estimators
 from adhesion_cli.analysis.settings import Settings, load
@@ -19,6 +21,7 @@ from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.live.bytes_arriving import Pieces
 from adhesion_cli.live.can import Can
 from adhesion_cli.live.feed import Feed
+from adhesion_cli.live.growing_mcap import GrowingMcap
 from adhesion_cli.live.messages import Messages, in_datagrams, lines
 from adhesion_cli.live.recording import Batches, LiveView, Mcap
 from adhesion_cli.live.run import Tally, follow, wheels_of
@@ -177,6 +180,31 @@ def test_frames_of_a_bus(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     kept, tally = followed(feed, settings, tmp_path)
     check(kept, tally)
     assert 2 not in kept.of  # a float of 24 bits is none
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_messages_of_an_mcap(seed: int, tmp_path: Path) -> None:
+    random_ = random.Random(seed)
+
+    def said(speed: str, pressure: str = "1.0") -> bytes:
+        text = f'{{"axle 1 speed [km/h]": {speed}, "axle 1 bc pressure [bar]": {pressure}}}'
+        return text.encode()
+
+    def bad() -> Any:
+        t = random_.choice([0, 1, 30 * 10**9, 10**18, 2**62, 2**63 - 1])
+        numbers = said(random_.choice(NUMBERS), random_.choice(NUMBERS))
+        return mcap_logs.message(1, t, random_.choice([numbers, *BYTES[:-1]]))
+
+    messages = [mcap_logs.message(1, k * 10**7, said("80.0")) for k in range(HEAD)]
+    for k in range(GOOD):
+        messages += [bad() for _ in range(random_.randrange(4))]
+        messages.append(mcap_logs.message(1, 10**10 + k * 10**8, said(f"{80 - k / 10}")))
+    path = tmp_path / "log.mcap"
+    log = mcap_logs.Log([], [Channel(1, "/a", "json", {}, 0)], messages, per_chunk=20)
+    path.write_bytes(log.bytes())
+    kept, tally = followed(GrowingMcap(path, ReadOptions()), Settings(), tmp_path)
+    assert sum(bool(s.estimates) for s in kept.of[1]) >= HEAD + GOOD
+    assert any(f.code == "mcap-bad-message" for f in tally.findings)
 
 
 @pytest.mark.parametrize("seed", range(6))

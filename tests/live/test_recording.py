@@ -21,6 +21,7 @@ from helpers.live_runs import (
     lines_of,
     message,
     running,
+    samples_of,
     taken,
 )
 from helpers.mounts import mounted
@@ -28,6 +29,7 @@ from mcap.reader import make_reader
 
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import load
+from adhesion_cli.live import recording
 
 
 @pytest.mark.parametrize("then", [(), (-50.0,)])
@@ -122,6 +124,26 @@ def test_the_log_itself_is_no_target(
     assert made.returncode == 1
     assert "log.live.mcap: is the input itself" in made.stderr
     assert log.read_bytes() == SERVICE.read_bytes()
+
+
+def test_a_viewer_that_takes_nothing_stops_no_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "_WAITING_SAMPLES", 10)
+    monkeypatch.setattr(recording, "_PATIENCE", 0.1)
+
+    class Stalled:
+        def add(self, samples: object) -> None:
+            time.sleep(60.0)
+
+        def finish(self) -> None:
+            raise AssertionError
+
+    told: list[str] = []
+    batches = recording.Batches(Stalled(), ["td"], [1], 0.001, told.append)
+    for sample in samples_of(200):
+        batches.take([sample])
+        time.sleep(0.001)
+    batches.close()
+    assert told == ["the viewer is slower than the samples: it gets only some of them"]
 
 
 def test_a_full_disk_ends_the_run_and_what_was_written_can_be_read(tmp_path: Path) -> None:
