@@ -131,7 +131,7 @@ def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Sp
     begins = t[np.maximum(first_place - between_rows, 0)]
     stops = t[np.minimum(last_place, len(t) - 1)]
     if len(begins) > _LISTED_SPANS:  # those with the least time between them are joined
-        order = np.argpartition(begins[1:] - stops[:-1], 1 - _LISTED_SPANS)
+        order = np.argsort(begins[1:] - stops[:-1], kind="stable")  # equal ones: the last stay
         cuts = np.sort(order[1 - _LISTED_SPANS :])
         begins, stops = begins[np.append(0, cuts + 1)], stops[np.append(cuts, -1)]
     bounds = np.sort([begins, stops], axis=0) - start  # a clock may have gone back

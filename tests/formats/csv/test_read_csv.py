@@ -286,6 +286,15 @@ def test_bad_and_missing_cells_are_counted_apart_and_located(log):
     assert (missing.values["line"], missing.spans) == (4, ((2.0, 3.0), (8.0, 8.0)))
 
 
+def test_of_equal_gaps_the_first_are_joined_on_every_system(log):
+    missing = [*range(2, 42, 8), *range(42, 282, 4)]
+    text = "t [s],p\n" + "".join(f"{k},{'' if k in missing else 1}\n" for k in range(300))
+    source, _ = read(log, text)
+    (lost,) = (f for f in source.findings if f.code == "csv-missing-cells")
+    single = [*range(2, 42, 8), *range(226, 282, 4)]
+    assert set(lost.spans) == {(42.0, 222.0), *((float(t), float(t)) for t in single)}
+
+
 @pytest.mark.parametrize("cell", ["inf", "-Infinity", "+INF", "1e400", '"inf"'])
 def test_infinity_is_a_value_lost(log, cell):
     rows = "".join(f"{k},{cell if k == 7 else k}\n" for k in range(20))
