@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from helpers.systems import not_on_windows
 
 from adhesion_cli.core import children
 from adhesion_cli.core.children import Child, ChildDiedError
@@ -68,7 +69,7 @@ class Interrupted(BaseException):
     """As a notebook or a timeout raises it, at any time."""
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no alarm clock")
+@not_on_windows("has no alarm clock")
 def test_no_answer_is_lost_or_taken_for_another() -> None:
     """Calls that are interrupted at 60 instants, each followed by one that is not."""
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from helpers.systems import not_on_windows
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -147,6 +148,7 @@ finally:
 """
 
 
+@not_on_windows("has no alarm clock")
 def test_a_signal_in_a_compiled_stop_is_heard_at_its_end() -> None:
     with start(PACKAGE.parent, INTERRUPTED) as process:
         _, err = process.communicate(timeout=120)
@@ -284,6 +286,7 @@ def test_a_damaged_cache_costs_time_and_no_run(
     assert machine_code(tmp_path) == before  # whole again
 
 
+@not_on_windows("has no limit of the size of files")
 def test_a_cache_on_a_full_disk_is_done_without(
     copy: Path, filled: tuple[Path, str], tmp_path: Path
 ) -> None:

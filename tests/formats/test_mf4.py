@@ -2,7 +2,6 @@
 
 import os
 import signal
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from asammdf import MDF, Signal
 from helpers import brakes
+from helpers.systems import not_on_windows
 
 from adhesion_cli.channels.log import needed, survey
 from adhesion_cli.core.errors import UserError
@@ -131,7 +131,7 @@ def test_a_hole_in_packed_data_is_refused(tmp_path: Path) -> None:
         columns(path)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no limits of memory there")
+@not_on_windows("has no limit of memory")
 def test_a_file_that_claims_too_many_rows_is_refused(tmp_path: Path) -> None:
     path = brakes.mdf(tmp_path / "a.mf4", brakes.groups())
     raw = bytearray(path.read_bytes())

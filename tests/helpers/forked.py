@@ -40,6 +40,10 @@ class Forked(subprocess.Popen[str]):
         self, folder: Path, arguments: list[str], code: str = "", *, bare: bool = False,
         environ: Mapping[str, str] = _NONE, **streams: Any,
     ) -> None:  # fmt: skip
+        if sys.platform == "win32":
+            import pytest
+
+            pytest.skip("Windows cannot fork")
         self._request = {
             "folder": str(folder), "arguments": arguments, "code": code,
             "environ": {**os.environ, **environ},

@@ -1,14 +1,11 @@
 """What `adhesion live` shows on a terminal, and what it says."""
 
-import fcntl
 import json
 import os
-import pty
 import signal
 import socket
 import struct
 import subprocess
-import termios
 import threading
 import time
 from collections.abc import Sequence
@@ -25,6 +22,11 @@ from helpers.live_runs import (
     read_all,
     running,
 )
+
+NO_TERMINAL = "Windows has no terminals of this kind"
+fcntl = pytest.importorskip("fcntl", reason=NO_TERMINAL)
+pty = pytest.importorskip("pty", reason=NO_TERMINAL)
+termios = pytest.importorskip("termios", reason=NO_TERMINAL)
 
 # So long without a sample is silence.
 SOON = "from adhesion_cli.live import shown; shown._SILENCE = 1.5"
