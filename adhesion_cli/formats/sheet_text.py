@@ -31,7 +31,7 @@ _MOST_BYTES = 4 << 30  # of all parts, unpacked
 
 _TIME = r"^[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]+)?$"
 _ANY_TIME = r"^\s*[0-9]{1,4}[-./:][0-9]{1,2}[-./:]"  # also as a text
-_EXACT = r"^-?[0-9]+(\.[0-9]+)?$"  # a text that Arrow reads as a number
+_NUMBER = r"^-?[0-9]+(\.[0-9]+)?$"  # a text that Arrow reads as a number
 _COMMA = f"^(?:{number_grammar(',').pattern})$"
 _GROUPED = r"^[+-]?[1-9][0-9]{0,2},[0-9]{3}$"
 _DETAIL = re.compile(r"(?:(Error)|DurationIso)\(\"?(?:PT)?(\w+)(?:\.(\d+)S)?")
@@ -51,7 +51,7 @@ class SheetText(NamedTuple):
     """What was written."""
 
     name: str
-    others: list[str]  # further sheets
+    other_sheets: list[str]
 
 
 class _Column(NamedTuple):
@@ -65,36 +65,36 @@ class _Column(NamedTuple):
     @property
     def is_of_numbers(self) -> bool:
         """Whether at least half of the cells are numbers or times, and two are."""
-        times = pc.fill_null(pc.match_substring_regex(self.text, _ANY_TIME), False)
-        typed = pc.or_(pc.or_(pc.is_valid(self.number), self.is_comma), times)
-        filled = len(self.text) - self.text.null_count
-        return bool((pc.sum(typed).as_py() or 0) >= max(2, filled / 2))
+        times = _matches(self.text, _ANY_TIME)
+        is_typed = pc.or_(pc.or_(pc.is_valid(self.number), self.is_comma), times)
+        cell_count = len(self.text) - self.text.null_count
+        return bool((pc.sum(is_typed).as_py() or 0) >= max(2, cell_count / 2))
 
 
-def write_text(path: Path, target: Path, stated: str | None, decimal: str | None) -> SheetText:
+def write_text(path: Path, target: Path, sheet_name: str | None, decimal: str | None) -> SheetText:
     """Writes the cells of a sheet as lines; row N of the sheet is line N.
 
     Args:
         path: the workbook.
         target: the file to write; tabs are between its cells, its decimal mark is a point.
-        stated: the name of the sheet; None for the first visible one with columns of numbers.
+        sheet_name: as stated; None for the first visible one with columns of numbers.
         decimal: the stated mark of numbers that are texts.
 
     Raises:
         UserError: where the workbook cannot be read, or has no such sheet.
     """
     book = _Book(path)
-    if stated is not None and stated not in book.names:
-        error = unknown("sheet", stated, book.names)
+    if sheet_name is not None and sheet_name not in book.names:
+        error = unknown("sheet", sheet_name, book.names)
         raise UserError(f"{path}: {error.text}", error.hint)
-    hidden = []
-    for name in book.names if stated is None else [stated]:
+    hidden_sheets = []
+    for name in book.names if sheet_name is None else [sheet_name]:
         columns, is_visible = book.columns(name)
-        if stated is not None or (is_visible and sum(c.is_of_numbers for c in columns) > 1):
+        if sheet_name is not None or (is_visible and sum(c.is_of_numbers for c in columns) > 1):
             break
-        hidden += [name] * (not is_visible)
+        hidden_sheets += [name] * (not is_visible)
     else:
-        sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden) for x in book.names)
+        sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
         hint = f"state the sheet, as {option('NAME')}; sheets: {sheets}"
         raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
     place = f"{path}: sheet {name!r}"
@@ -170,19 +170,19 @@ def _check_parts(path: Path) -> None:
         ValueError: a part of it is damaged.
     """
     try:
-        with zipfile.ZipFile(path) as parts:
-            if not any(x.startswith("xl/") or x == "content.xml" for x in parts.namelist()):
+        with zipfile.ZipFile(path) as archive:
+            if not any(x.startswith("xl/") or x == "content.xml" for x in archive.namelist()):
                 hint = "unpack it, and name the log that is in it"
                 raise UserError(f"{path}: a ZIP archive, not a workbook", hint)
-            size = sum(part.file_size for part in parts.infolist())
+            size = sum(member.file_size for member in archive.infolist())
             if size > _MOST_BYTES:
                 text = f"{path}: unpacks to {size >> 30} GiB, more than {_MOST_BYTES >> 30}"
                 raise UserError(text, "delete the sheets that are not needed, or export it as CSV")
-            damaged_part = parts.testzip()
+            damaged_member = archive.testzip()
     except zipfile.BadZipFile as error:
         raise ValueError(str(error)) from None
-    if damaged_part:
-        raise ValueError(f"its part {damaged_part} has changed")
+    if damaged_member:
+        raise ValueError(f"its part {damaged_member} has changed")
 
 
 def _refuse_valueless(path: Path, name: str, place: str) -> None:
@@ -193,11 +193,11 @@ def _refuse_valueless(path: Path, name: str, place: str) -> None:
     """
     if not zipfile.is_zipfile(path):
         return
-    with zipfile.ZipFile(path) as parts:
-        part, tail = _part(parts, name), b""
-        if part not in parts.namelist():
+    with zipfile.ZipFile(path) as archive:
+        member, tail = _member(archive, name), b""
+        if member not in archive.namelist():
             return
-        with parts.open(part) as sheet:
+        with archive.open(member) as sheet:
             while block := sheet.read(1 << 20):
                 if match := _VALUELESS.search(tail + block):
                     text = f"{place}, cell {match[1].decode()}: a formula without a value"
@@ -205,13 +205,13 @@ def _refuse_valueless(path: Path, name: str, place: str) -> None:
                 tail = block[-_LONGEST:]
 
 
-def _part(parts: zipfile.ZipFile, name: str) -> str:
+def _member(archive: zipfile.ZipFile, name: str) -> str:
     """The part of an .xlsx that holds a sheet, "" in other workbooks."""
-    if not {_BOOK, _RELATIONS} <= set(parts.namelist()):
+    if not {_BOOK, _RELATIONS} <= set(archive.namelist()):
         return ""
-    relations = ElementTree.fromstring(parts.read(_RELATIONS))
+    relations = ElementTree.fromstring(archive.read(_RELATIONS))
     targets = {relation.get("Id"): relation.get("Target", "") for relation in relations}
-    sheets = ElementTree.fromstring(parts.read(_BOOK)).iterfind("{*}sheets/{*}sheet")
+    sheets = ElementTree.fromstring(archive.read(_BOOK)).iterfind("{*}sheets/{*}sheet")
     ids = (sheet.get(_ID) for sheet in sheets if sheet.get("name") == name)
     return posixpath.join("/xl", targets.get(next(ids, None), "")).lstrip("/")
 
@@ -264,9 +264,11 @@ def _has_decimal_commas(columns: Sequence[_Column], decimal: str | None, place: 
 def _cells(column: _Column, has_commas: bool) -> Any:
     """The cells of a column as a text log has them, each number with all its digits."""
     text, number, is_time, is_comma = column
-    exact = pc.and_(pc.is_valid(number), _matches(text, _EXACT))
-    rounded = pc.cast(pc.if_else(exact, text, None), pa.float64())
-    is_rounded = pc.and_(exact, pc.not_equal(pc.fill_null(rounded, 0.0), pc.fill_null(number, 0.0)))
+    is_number = pc.and_(pc.is_valid(number), _matches(text, _NUMBER))
+    text_value = pc.cast(pc.if_else(is_number, text, None), pa.float64())
+    is_rounded = pc.and_(
+        is_number, pc.not_equal(pc.fill_null(text_value, 0.0), pc.fill_null(number, 0.0))
+    )
     cells = pc.if_else(is_rounded, pc.cast(number, pa.string()), text)
     if has_commas:
         cells = pc.if_else(is_comma, pc.replace_substring(text, ",", "."), cells)
@@ -282,16 +284,18 @@ def _times(column: _Column) -> Any:
     except pa.ArrowInvalid:  # a text that is no date
         return text
     us, days = np.asarray(t.fill_null(0)), np.asarray(number.fill_null(0.0))
-    exact = np.asarray(pc.and_(is_time, pc.is_valid(number)))
-    whole = np.floor(days)
-    serial = whole.astype(np.int64) * _DAY + np.rint((days - whole) * _DAY).astype(np.int64)
+    has_serial = np.asarray(pc.and_(is_time, pc.is_valid(number)))
+    whole_days = np.floor(days)
+    serial = whole_days.astype(np.int64) * _DAY + np.rint((days - whole_days) * _DAY).astype(
+        np.int64
+    )
     # the text shows to which of Excel's two date systems the number belongs
-    us = np.where(exact, serial + np.rint((us - serial) / _DAY).astype(np.int64) * _DAY, us)
+    us = np.where(has_serial, serial + np.rint((us - serial) / _DAY).astype(np.int64) * _DAY, us)
     day_zero = np.where(us < _DAY_1904 * _DAY, _DAY_1899, _DAY_1904)
-    elapsed = np.where(exact, serial, us - day_zero * _DAY)
+    elapsed_us = np.where(has_serial, serial, us - day_zero * _DAY)
     is_date = us >= _DAY_1906 * _DAY
-    cells = pa.array(np.where(is_date, us, elapsed), pa.timestamp("us")).cast(pa.string())
-    hours = pc.utf8_lpad(pc.cast(pa.array(elapsed // (_DAY // 24)), pa.string()), 2, "0")
+    cells = pa.array(np.where(is_date, us, elapsed_us), pa.timestamp("us")).cast(pa.string())
+    hours = pc.utf8_lpad(pc.cast(pa.array(elapsed_us // (_DAY // 24)), pa.string()), 2, "0")
     clock = pc.binary_join_element_wise(hours, pc.utf8_slice_codeunits(cells, 13), "")
     is_day = is_date & (us % _DAY == 0)
     if 2 * np.count_nonzero(is_day) > np.count_nonzero(is_date & np.asarray(is_time)):
@@ -306,8 +310,10 @@ def _quoted(cells: Any) -> Any:
         cells = pc.replace_substring_regex(cells, r"[\t\r\n]+", " ")
     has_quote = pc.match_substring(cells, '"')
     if pc.any(has_quote).as_py():
-        doubled = pc.replace_substring(cells, '"', '""')
-        cells = pc.if_else(has_quote, pc.binary_join_element_wise('"', doubled, '"', ""), cells)
+        quotes_doubled = pc.replace_substring(cells, '"', '""')
+        cells = pc.if_else(
+            has_quote, pc.binary_join_element_wise('"', quotes_doubled, '"', ""), cells
+        )
     return cells
 
 

@@ -40,9 +40,11 @@ def open_workbook(path: Path, options: ReadOptions) -> "WorkbookSource":
         try:
             source = WorkbookSource.open(text, of_text)
         except UserError as error:
-            if sheet.others and not options.sheet:
-                error.hint = f"{error.hint}; or state another sheet ({listed(sheet.others)}), as "
-                error.hint += option(sheet.others[0])
+            if sheet.other_sheets and not options.sheet:
+                error.hint = (
+                    f"{error.hint}; or state another sheet ({listed(sheet.other_sheets)}), as "
+                )
+                error.hint += option(sheet.other_sheets[0])
             raise
     source.attach(path, folder, sheet, is_stated=options.sheet is not None)
     return source
@@ -61,9 +63,9 @@ class WorkbookSource(CsvSource):
         reason = "stated" if is_stated else "the first with columns of numbers"
         decisions = {k: v for k, v in self.reasons.items() if k not in _OF_TEXT}
         self.reasons = {"sheet": f"{sheet.name!r} ({reason})", **decisions}
-        if sheet.others and not is_stated:
-            names = {"sheet": repr(sheet.name), "others": listed(sheet.others)}
-            names["option"] = option(sheet.others[0])
+        if sheet.other_sheets and not is_stated:
+            names = {"sheet": repr(sheet.name), "others": listed(sheet.other_sheets)}
+            names["option"] = option(sheet.other_sheets[0])
             self.findings.append(Finding("one-sheet-read", "info", names=names))
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:

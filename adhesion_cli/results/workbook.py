@@ -51,7 +51,7 @@ def workbook(path: Path) -> Iterator["Workbook"]:
     buffer = io.BytesIO()
     writer = Writer(buffer, {"constant_memory": True})
     writer.set_properties({"created": _CREATED})
-    yield Workbook(path, writer)
+    yield Workbook(writer)
     writer.close()
     with verified(path) as file:
         file.write(buffer.getbuffer())
@@ -60,8 +60,8 @@ def workbook(path: Path) -> Iterator["Workbook"]:
 class Workbook:
     """A workbook that is being written; see `workbook`."""
 
-    def __init__(self, path: Path, writer: Any) -> None:
-        self._path, self._writer = path, writer
+    def __init__(self, writer: Any) -> None:
+        self._writer = writer
         self._head = writer.add_format({"bold": True, "bottom": 1})
         self._time = writer.add_format({"num_format": _TIME})
 
@@ -72,7 +72,7 @@ class Workbook:
             UserError: names both sizes.
         """
         if rows >= MAX_ROWS or columns > MAX_COLUMNS:
-            text = f"{self._path}: a sheet holds {MAX_ROWS - 1} rows and {MAX_COLUMNS} columns, "
+            text = f"an Excel sheet holds {MAX_ROWS - 1} rows and {MAX_COLUMNS} columns, "
             text += f"the table has {rows} and {columns}"
             raise UserError(text, "write it as CSV, Parquet or MCAP")
 
@@ -143,12 +143,14 @@ class _Exact(float):
 
 
 def _numbers(array: Any) -> list[float | None]:
-    finite = pc.if_else(pc.is_finite(array), array, None).to_pylist()
-    return [_Exact(x) if isinstance(x, float) else x for x in finite]
+    numbers = pc.if_else(pc.is_finite(array), array, None).to_pylist()
+    return [_Exact(x) if isinstance(x, float) else x for x in numbers]
 
 
 def _days(array: Any) -> list[float | None]:
     """Times as days of Excel. Whole days are split off, as float64 does not hold nanoseconds."""
     ns = array.cast(pa.timestamp("ns", array.type.tz)).cast(pa.int64())
-    days, rest = np.divmod(np.asarray(ns.fill_null(0)), _DAY)
-    return _numbers(pa.array(_DAY_1970 + days + rest / _DAY, mask=~np.asarray(array.is_valid())))
+    days, time_of_day = np.divmod(np.asarray(ns.fill_null(0)), _DAY)
+    return _numbers(
+        pa.array(_DAY_1970 + days + time_of_day / _DAY, mask=~np.asarray(array.is_valid()))
+    )

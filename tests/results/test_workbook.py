@@ -107,7 +107,7 @@ def test_a_log_without_a_date_has_seconds(tmp_path: Path) -> None:
 def test_a_log_of_more_rows_than_a_sheet_is_refused(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(workbook, "MAX_ROWS", 3)
     wide_table.write_workbook(tmp_path / "a.xlsx", log(1.0, 2.0, absolute=False))
-    with pytest.raises(UserError, match=r"a sheet holds 2 rows.*has 3") as refusal:
+    with pytest.raises(UserError, match=r"sheet holds 2 rows.*has 3") as refusal:
         wide_table.write_workbook(tmp_path / "b.xlsx", log(1.0, 2.0, 3.0, absolute=False))
     assert "CSV, Parquet or MCAP" in str(refusal.value.hint)
     assert not (tmp_path / "b.xlsx").exists()

@@ -24,7 +24,7 @@ from .header_words import is_units_row, time_name
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 _REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")
-_USED = 0.1  # of a column's cells in the head hold data
+_DATA_SHARE = 0.1  # of a column's cells in the head hold data
 Row = tuple[int, list[str]]  # number of its line, and cells
 
 
@@ -130,39 +130,43 @@ def _text_above(table: FirstRows, start: int) -> Header:
     if texts(top - 1) and texts(top - 2) and is_units_row(rows[top - 1][1]):
         top = units = top - 1
     names: list[list[str]] = []
-    used = _count_used(table, start)
-    while len(names) < 4 and texts(top - 1) and _continues(names, rows[top - 1][1], width, used):
+    data_columns = _count_data_columns(table, start)
+    while (
+        len(names) < 4
+        and texts(top - 1)
+        and _continues(names, rows[top - 1][1], width, data_columns)
+    ):
         top -= 1
         names.insert(0, rows[top][1])
     return Header(names, units, top, start)
 
 
-def _count_used(table: FirstRows, start: int) -> int:
+def _count_data_columns(table: FirstRows, start: int) -> int:
     """Columns with data; the others of a spreadsheet hold notes beside the table."""
     data = table.of_width(start)
     filled = (sum(not is_null(cell) for cell in column) for column in zip(*data, strict=True))
-    return sum(n >= _USED * len(data) for n in filled)
+    return sum(n >= _DATA_SHARE * len(data) for n in filled)
 
 
-def _continues(names: list[list[str]], cells: list[str], width: int, used: int) -> bool:
+def _continues(names: list[list[str]], cells: list[str], width: int, data_columns: int) -> bool:
     """Whether a row of text above the header's rows so far is one of them.
 
     Args:
         names: of these rows.
         cells: of the row.
         width: cells of a data row.
-        used: columns with data.
+        data_columns: columns with data.
     """
     said = sum(map(bool, cells))
     pairs = sum(bool(re.match(r"[^:=\[(]+[:=]\s*\S", c)) for c in cells)
     if not names:
-        return said >= used / 2 and (pairs <= said / 2 or said >= used)
+        return said >= data_columns / 2 and (pairs <= said / 2 or said >= data_columns)
     columns = list(zip(*_spread(names), strict=False))
     titled = list(zip(*_spread([cells, *names]), strict=False))
     spanning = said >= 2 and len(cells) == width and len(set(titled)) > len(set(columns))
     # a time above a column without a name: the two cells were one in a spreadsheet
     is_merged = any(time_name(c) for c, n in zip(cells, names[0], strict=False) if not n)
-    is_complete = width > 2 and said >= used and len(cells) == width and len(names) < 2
+    is_complete = width > 2 and said >= data_columns and len(cells) == width and len(names) < 2
     return pairs <= said / 2 and (spanning or is_merged or is_complete)
 
 
