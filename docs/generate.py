@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 import typer.main
 
-from adhesion_cli.analysis import settings
+from adhesion_cli.analysis import settings, stated_brake
 from adhesion_cli.cli.app import app
 from adhesion_cli.cli.explain import entry
 from adhesion_cli.core import annotated, estimator, methods, units
@@ -88,6 +88,18 @@ def settings_page() -> str:
         "tolerance}`, the tolerance 1 sigma, in the parameter's unit; without one the default's "
         "share of the value. `wheel_radius` (or `wheel_diameter`) may be a list, one per axle.\n",
         _table(_of_vehicle()),
+        "The brake as engineers state it, in place of `discs`, `lever_ratio`, `radius_ratio` and "
+        "`cylinder_diameter`, is one of the two tables below. `rotating_mass` (a share of "
+        "`axle_mass`) may stand in place of `wheelset_inertia`. `adhesion vehicle PRESET` prints "
+        "a file with all of them.\n",
+        "### [vehicle.disc_brake]\n",
+        "Needs `discs`, `piston_diameter` (or `piston_area`), `caliper_ratio`, `mean_radius`, and "
+        "the wheel's diameter. Without a value: 2 pads per disc, 1 cylinder per disc.\n",
+        _table(_of_brake(stated_brake.DiscBrake)),
+        "### [vehicle.tread_brake]\n",
+        "Needs `piston_diameter` (or `piston_area`) and `rigging_ratio`. Without a value: 1 "
+        "cylinder per axle.\n",
+        _table(_of_brake(stated_brake.TreadBrake)),
         "## [channels]\n",
         "What each channel of a log means; results of ours say it themselves.\n",
         "| line | states |\n|---|---|",
@@ -260,6 +272,11 @@ def _of_vehicle() -> Iterator[tuple[str, str, Quantity]]:
         p: Parameter = default if isinstance(default, Parameter) else default[0]
         also = f" or `{q.symbol}`" if q.symbol else ""
         yield f"`{name}`{also}", f"{p.value:g} ± {p.tolerance:g}", q
+
+
+def _of_brake(table: type[Any]) -> Iterator[tuple[str, str, Quantity]]:
+    for name, q in quantities(table).items():
+        yield f"`{name}`", "", q
 
 
 def _annotated(of: type[Any]) -> Iterator[tuple[str, str, Quantity]]:

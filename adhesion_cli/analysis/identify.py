@@ -32,7 +32,7 @@ from ..core.model import (
     Vehicle,
     VehicleSource,
 )
-from ..core.physics import clamping, force_line, piston_area, wheelset
+from ..core.physics import BAR, braked, clamping, force_line, piston_area, wheelset
 from ..formats.memory import Signals
 from ..records.brake_applications import find_applications
 from ..reference import calibrated_vehicle
@@ -54,7 +54,6 @@ _MASS = Parameter(12e3, 3e3)  # of an axle, where it is not stated [kg]
 _FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
 _LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
 _LOWEST_ZERO = -3e4  # pressure from which a brake acts: lower, another brake acts [Pa]
-_BAR = 1e5  # [Pa]
 
 
 def identify_together(
@@ -200,8 +199,15 @@ def _is_brake(line: BrakeLine) -> bool:
 def force_per_bar(vehicle: Vehicle) -> Parameter:
     """Brake force at the rim of an axle's wheels per bar, with 1 sigma [N]. Source: (15)."""
     shares = calibrated_vehicle.brake_shares(vehicle)
-    force = vehicle.friction.value * force_line(vehicle).per_pascal * _BAR
+    force = vehicle.friction.value * force_line(vehicle).per_pascal * BAR
     return Parameter(force, force * math.sqrt(float(vehicle.covariance(shares, shares))))
+
+
+def deceleration_per_bar(vehicle: Vehicle) -> Parameter:
+    """Deceleration per bar of a car whose axles all brake and roll, with 1 sigma [m/s²]."""
+    shares = calibrated_vehicle.slowing_shares(vehicle, radius=False)
+    slowing = float(braked(force_line(vehicle).per_pascal * BAR, wheelset(vehicle, 1)))
+    return Parameter(slowing, slowing * math.sqrt(float(vehicle.covariance(shares, shares))))
 
 
 def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> float:

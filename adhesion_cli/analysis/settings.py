@@ -27,6 +27,7 @@ from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
 from ..wsp import controller
+from . import stated_brake
 
 Table = toml.Table
 Tables = Tree[str, Any]  # of TOML, read only
@@ -179,9 +180,23 @@ def stated_tables(
 ) -> Table:
     """What files and `--set` state, as tables that `load` takes in place of them.
 
+    A brake as engineers state it is there as the parameters of (15).
+
     Raises:
-        UserError: for an unreadable file, and an unknown vehicle parameter.
+        UserError: for an unreadable file, an unknown vehicle parameter, a brake stated twice.
     """
+    tables = layered_tables(config, assignments, folder)
+    if vehicle := tables.get("vehicle"):
+        tables["vehicle"] = stated_brake.with_parameters(vehicle)
+    return tables
+
+
+def layered_tables(
+    config: SettingsSource | Sequence[SettingsSource] | None = None,
+    assignments: Sequence[str | Tables] = (),
+    folder: bool = True,
+) -> Table:
+    """What files and `--set` state, each key under its own name."""
     local_file = Path("adhesion.toml")
     layers = [toml.read(local_file, _FORMAT_HINT)] if folder and local_file.is_file() else []
     files = [config] if isinstance(config, Path | Tree) else config or ()
@@ -356,7 +371,7 @@ def _same_kind(a: Tables, b: Tables) -> bool:
 
 def _normalise_names(layer: Tables) -> Table:
     """One layer with every vehicle parameter under its own name in `vehicle`, diameters halved."""
-    keys = vehicle_keys()
+    keys = vehicle_keys() | {key: key for key in stated_brake.KEYS}
     normalised = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
     if isinstance(channels := layer.get("channels"), dict):
         normalised["channels"] = {k: _spaced_axles(v) for k, v in channels.items()}

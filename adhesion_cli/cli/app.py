@@ -16,7 +16,7 @@ from .options import Ended
 
 _COMMANDS = (
     "inspect analyze compare fleet slip antiskid calibrate tune live simulate reproduce explain "
-    "convert recover report view estimators export-c"
+    "convert recover report view estimators vehicle export-c"
 ).split()
 app = typer.Typer(
     name="adhesion",

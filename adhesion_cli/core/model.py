@@ -249,7 +249,8 @@ class Vehicle:
         Parameter, Quantity("-", "friction coefficient φ of pad or shoe", 0.01, 1.0, "phi")
     ] = Parameter(0.3, 0.03)
     discs: Annotated[
-        Parameter, Quantity("-", "number n of brake discs per axle", 1.0, 16.0, "n")
+        Parameter,
+        Quantity("-", "number n of clamping forces per axle: brake discs", 0.05, 64.0, "n"),
     ] = Parameter(2.0, 0.0)
     efficiency: Annotated[
         Parameter, Quantity("-", "efficiency η of the caliper", 0.1, 1.0, "eta")

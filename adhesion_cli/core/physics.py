@@ -14,6 +14,7 @@ import numpy as np
 from .model import AxleRecord, Floats, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
+BAR = 1e5  # [Pa]
 HARDER = 1.2  # brakes may decelerate by this factor more than their parameters say
 GRADIENT = 0.4  # deceleration by a gradient of 4 %, the steepest of ordinary lines [m/s²]
 LOCKING = 30.0  # no brake decelerates a wheel harder, even without adhesion [m/s²]

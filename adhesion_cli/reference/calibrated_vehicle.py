@@ -175,8 +175,13 @@ def brake_shares(vehicle: Vehicle) -> dict[str, float]:
     return shares | {"cylinder_diameter": 2.0 * _share(vehicle, "cylinder_diameter")}
 
 
-def _shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
-    """By how much each tolerance moves ln s: C is `brake_shares`, M is `axle_mass`."""
+def slowing_shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
+    """By how much each tolerance moves ln s: C is `brake_shares`, M is `axle_mass`.
+
+    Args:
+        vehicle: with its tolerances.
+        radius: whether the speed is ω times the stated radius, not a measured train speed.
+    """
     R, w = vehicle.radius(1), wheelset(vehicle, 1).rolling
     radius_factor = 2.0 * (1.0 - w) - radius  # a rim speed is ω times the radius that is stated
     return brake_shares(vehicle) | {
@@ -216,7 +221,7 @@ def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:
         by_wheels: whether the deceleration is that of the wheels.
         train: how alike its axles are.
     """
-    shares = _shares(vehicle, by_wheels)
+    shares = slowing_shares(vehicle, by_wheels)
     return math.hypot(math.sqrt(float(vehicle.covariance(shares, shares))), train.alike)
 
 
@@ -231,7 +236,7 @@ def _vehicle(
         prior: of the shared parameters.
         posterior: the posterior of these.
     """
-    n, shares = len(model.UNITS), _shares(v, brake_point.by_wheels)
+    n, shares = len(model.UNITS), slowing_shares(v, brake_point.by_wheels)
     mass, inertia = ({name: _share(v, name)} for name in ("axle_mass", "wheelset_inertia"))
     errors = (brake_shares(v), mass, inertia)
     S, scale_variance = posterior.mean[model.SCALE], prior[model.SCALE].tolerance ** 2

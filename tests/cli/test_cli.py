@@ -245,6 +245,7 @@ BAD = {
     "estimators": ("estimators -a nesso", 2, "nesso"),
     "export-c": ("export-c nesso", 2, "nesso"),
     "explain": ("explain pressure-dely", 2, "pressure-dely"),
+    "vehicle": ("vehicle -c missing.toml", 2, "missing.toml"),
 }
 
 
