@@ -154,6 +154,7 @@ class _Book:
         return columns, is_visible
 
     def _column(self, text: Any, number: Any) -> _Column:
+        text = pc.if_else(pc.equal(text, ""), None, text)
         number = pc.if_else(pc.is_finite(number), number, None)
         is_time = _matches(text, _TIME)
         if self._has_serials:  # else nothing tells a time from its text
