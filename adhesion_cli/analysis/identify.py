@@ -7,6 +7,7 @@ brake. `train.brake_line` reads it from the log alone. Then
 |---|---|---|
 | the brake, or nothing | agrees | the posterior of stated tolerances and log |
 | the brake | differs by more than 4 sigma | the stated one, and `vehicle-suspect` says so |
+| the brake | slows more, and not by the pressure | the stated one, and `other-brake` says so |
 | nothing | differs from the default by more than 3 sigma | the log's, by any brake |
 | nothing | shows no brake | not known: the log has no adhesion in newtons or as µ |
 
@@ -155,6 +156,10 @@ def find_prior(
         return _unknown(prior), {}
     line = _most_rolling(lines)
     sigmas = _contradiction(vehicle, line, setting)
+    if line.mixed and (source == "default" or sigmas > _DOUBT_SIGMAS):
+        prior = replace(prior, other_brake=True)
+        if source == "stated":
+            return replace(prior, factor=math.exp(_error(vehicle, line, setting))), lines
     if source == "stated" and abs(sigmas) > _STATED_SIGMAS:
         return replace(prior, factor=math.exp(_error(vehicle, line, setting))), lines
     differs = abs(sigmas) > _DEFAULT_SIGMAS or abs(_error(vehicle, line, setting)) > _DEFAULT_ERROR

@@ -44,9 +44,12 @@ def find_vehicle_findings(
         log: that is analysed with it.
     """
     findings = []
+    if identified.other_brake:
+        values = {} if identified.factor is None else {"factor": identified.factor}
+        findings.append(Finding("other-brake", "warning", values=values))
     if not identified.known:
         findings.append(Finding("vehicle-unknown", "warning"))
-    if identified.factor is not None:
+    if identified.factor is not None and not identified.other_brake:
         values = {"factor": identified.factor}
         names = {"fits": fitting_values(identified.vehicle, identified.factor)}
         findings.append(Finding("vehicle-suspect", "warning", values=values, names=names))

@@ -356,6 +356,7 @@ class IdentifiedVehicle:
     # stops that the brake of all does not explain, after the start of the log, by its path
     differing_stops: Mapping[str, tuple[DifferingStop, ...]] = field(default_factory=dict)
     differing: tuple[str, ...] = ()  # paths of logs that brake otherwise than all together
+    other_brake: bool = False  # whether a brake without a pressure in the logs slows the train, too
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,6 +121,9 @@ class VehicleSummary:
         Number,
         Quantity("-", "the log's brake force over the stated one, where it contradicts that"),
     ] = None
+    other_brake: Annotated[
+        bool, Quantity("", "whether a brake without a pressure in the log slows the train, too")
+    ] = False
 
 
 class AxleSummary(NamedTuple):
@@ -300,4 +303,5 @@ def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
         x.stops,
         x.logs,
         x.factor,
+        x.other_brake,
     )

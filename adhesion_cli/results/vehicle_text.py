@@ -38,6 +38,11 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
     words = "as stated" if vehicle.source == "stated" else "not stated, the default one"
     stated = _force(vehicle.stated_force_per_bar_n, vehicle.stated_u95)
     used = _force(vehicle.force_per_bar_n, vehicle.u95)
+    if vehicle.other_brake:
+        return (
+            f"Vehicle: {words}, but another brake slows the train as well. Force and µ are those "
+            "of the air brake alone."
+        )
     if vehicle.contradicted_by:
         factor = f"{vehicle.contradicted_by:.2g} times"
         return f"Vehicle: {words}, but the log contradicts it: its brake is {factor} as strong."

@@ -108,7 +108,13 @@ def calibrate(
         read_logs.append((replace(log, channels=()), aligned))
     _one_vehicle(all_settings)
     settings = all_settings[0]
-    vehicle = find_prior([aligned for _, aligned in read_logs], settings)[0].vehicle
+    prior_vehicle, _ = find_prior([aligned for _, aligned in read_logs], settings)
+    vehicle = prior_vehicle.vehicle
+    if prior_vehicle.other_brake:
+        finding = Finding("other-brake", "warning")
+        raise UserError(
+            f"{', '.join(p.name for p in paths)}: {finding.message}", finding.hint or ""
+        )
     logs = [_used_log(log, aligned, vehicle, settings) for log, aligned in read_logs]
     rolling = _rolling_logs(logs)
     progress("fitting all brake applications")

@@ -8,17 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.commands import Run
-from helpers.vehicle_logs import STATED, log, true
+from helpers.vehicle_logs import STATED, blended_log, log, true
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.identify import identify_together
 from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Parameter, Result, Vehicle, quantities
 from adhesion_cli.core.physics import G, force_line, wheelset
 from adhesion_cli.core.summary import MeanAndHighest
 from adhesion_cli.results.vehicle_text import describe_vehicle
+from adhesion_cli.studies.calibrate import calibrate
 
 METRO = replace(
     Vehicle(), lever_ratio=Parameter(8.0, 0.0), axle_mass=Parameter(14e3, 0.0),
@@ -111,6 +113,30 @@ def test_a_stated_vehicle_that_the_log_contradicts_stays_and_is_the_first_findin
     assert (told.code, told.severity) == ("vehicle-suspect", "warning")
     assert told.values["factor"] == pytest.approx(2.0, rel=0.15)
     assert [f.code for f in result.findings].count("vehicle-suspect") == 1
+
+
+# Of the force per bar that the stop at 2.2 bar shows: what engineers would state.
+BLENDED = {"friction": 0.3, "lever_ratio": 4.0, "axle_mass": 12e3, "spring_force": 200}
+
+
+@pytest.mark.parametrize("stated", [None, BLENDED])
+def test_a_brake_without_a_pressure_is_the_first_finding(
+    stated: dict[str, object] | None, tmp_path: Path
+) -> None:
+    result = run(blended_log(tmp_path / "log.csv"), stated)
+    assert (first(result).code, first(result).severity) == ("other-brake", "warning")
+    assert result.identified.known == (stated is not None)
+    assert not {"vehicle-suspect", "vehicle-in-doubt"} & {f.code for f in result.findings}
+    if stated:
+        assert first(result).values["factor"] > 1.2
+        assert result.vehicle.friction == settings.load({"vehicle": stated}).vehicle.friction
+        assert "those of the air brake alone" in describe_vehicle(summarise(result, {}).vehicle)
+
+
+def test_calibrate_refuses_a_log_with_another_brake(tmp_path: Path) -> None:
+    stated = settings.load({"vehicle": BLENDED}, folder=False)
+    with pytest.raises(UserError, match=r"log\.csv: .* another brake may act"):
+        calibrate([blended_log(tmp_path / "log.csv")], stated)
 
 
 def test_what_has_no_tolerance_never_moves(tmp_path: Path) -> None:

@@ -51,3 +51,14 @@ def log(
     rows = [f"{a:.2f},{b / 1e5:.4f},{3.6 * c:.4f}" for a, b, c in zip(t, p, rim, strict=True)]
     path.write_text("time [s],bc pressure [bar],wheel speed [km/h]\n" + "\n".join(rows) + "\n")
     return path
+
+
+def blended_log(path: Path) -> Path:
+    """A stop in which the pressure rises where another brake fades; the train slows as before."""
+    t = np.arange(0.0, 60.0, 0.05)
+    v = np.clip(22.0 - 0.75 * np.maximum(t - 10.0, 0.0), 0.0, None)
+    p = np.where((t > 10.0) & (v > 4.0), 0.7, 0.0) + np.where((v <= 4.0) & (v > 0.0), 2.2, 0.0)
+    rows = [f"{a:.2f},{b:.3f},{3.6 * c:.3f},{3.6 * c:.3f}" for a, b, c in zip(t, p, v, strict=True)]
+    head = "time [s],bc pressure [bar],axle 1 speed [km/h],axle 2 speed [km/h]"
+    path.write_text("\n".join([head, *rows, ""]))
+    return path

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.vehicle_logs import log
+from helpers.vehicle_logs import blended_log, log
 
 from adhesion_cli.analysis.prepare import align_log
 from adhesion_cli.analysis.request import open_log, read_log
@@ -45,14 +45,6 @@ def test_no_brake_has_no_line(tmp_path: Path) -> None:
 
 
 def test_a_brake_that_takes_over_at_a_higher_pressure_is_not_alone(tmp_path: Path) -> None:
-    """Blended: the pressure rises where the other brake fades, and the train slows as before."""
-    t = np.arange(0.0, 60.0, 0.05)
-    v = np.clip(22.0 - 0.75 * np.maximum(t - 10.0, 0.0), 0.0, None)
-    p = np.where((t > 10.0) & (v > 4.0), 0.7, 0.0) + np.where((v <= 4.0) & (v > 0.0), 2.2, 0.0)
-    rows = [f"{a:.2f},{b:.3f},{3.6 * c:.3f},{3.6 * c:.3f}" for a, b, c in zip(t, p, v, strict=True)]
-    head = "time [s],bc pressure [bar],axle 1 speed [km/h],axle 2 speed [km/h]"
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join([head, *rows, ""]))
-    found = line_of(path)
+    found = line_of(blended_log(tmp_path / "log.csv"))
     assert found
     assert found.mixed
