@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import UserError
+from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
 from .can_files import Problems, checked_lines, cut_off
 from .source import Field, ReadOptions
-from .tables import YEAR_1990, Columns, Contents, NamedColumn, Note, TableSamples, fields
+from .tables import YEAR_1990, Columns, Contents, NamedColumn, TableSamples, fields
 
 _NO_VALUE = re.compile(  # texts of a value table that say that there is no value
     r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
@@ -103,9 +104,19 @@ class Reader:
         )
         if not self._start:
             time_reason = "time stamp of each frame, to the microsecond; no start stated"
-        notes = list(self._notes(problems, rows))
+        findings = list(self._findings(problems, rows))
+        events = []
+        if problems.errors:
+            finding = Finding("can-error-frames", "warning", count=len(problems.errors))
+            events.append((finding, _ticks(np.array(problems.errors), self._start)))
         self.contents = Contents(
-            self._fields(), self._start, time_reason, rows, reasons, notes=notes
+            self._fields(),
+            self._start,
+            time_reason,
+            rows,
+            reasons,
+            findings=findings,
+            events=events,
         )
 
     def _read(self, messages: dict[tuple[int, bool], Any], problems: Problems) -> None:
@@ -148,24 +159,21 @@ class Reader:
             f"{self._path}: the log has no frames", "check that the logger recorded anything"
         )
 
-    def _notes(self, problems: Problems, rows: int) -> Iterator[Note]:
+    def _findings(self, problems: Problems, rows: int) -> Iterator[Finding]:
         """What is wrong with the log."""
         if problems.damage:
             values = {"kept_rows": rows}
-            yield Note("log-damaged", "error", "", 1, values, {"damage": problems.damage})
+            yield Finding("log-damaged", "error", "", 1, (), values, {"damage": problems.damage})
         if problems.lines:
             values = {"line": problems.lines[0]}
             count = len(problems.lines)
             names = {"example": problems.example}
-            yield Note("can-lines-skipped", "warning", "", count, values, names)
-        if problems.errors:
-            instants = [(t, t) for t in _ticks(np.array(problems.errors), self._start).tolist()]
-            yield Note("can-error-frames", "warning", "", len(instants), times=instants)
+            yield Finding("can-lines-skipped", "warning", "", count, (), values, names)
         if self._unknown:
             ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_LISTED_NAMES))
             count = sum(self._unknown.values())
             values = {"messages": len(self._unknown)}
-            yield Note("can-unknown-frames", "info", "", count, values, {"ids": ids})
+            yield Finding("can-unknown-frames", "info", "", count, (), values, {"ids": ids})
 
     def _fields(self) -> list[Field]:
         """A field for each signal of a message that occurs."""

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.errors import UserError
+from ..core.finding import Finding
 from ..core.model import Bools, Floats
 from .source import Field, ReadOptions
 from .tables import (
@@ -15,7 +16,6 @@ from .tables import (
     Columns,
     Contents,
     NamedColumn,
-    Note,
     TableSamples,
     fields,
     nanoseconds,
@@ -57,7 +57,7 @@ class Reader:
         self._places: list[_ChannelPlace] = []
         self._row_counts: dict[int, int] = {}  # whole rows of each group
         self._names: dict[int, str] = {}
-        notes: list[Note] = []
+        findings: list[Finding] = []
         rows, timeless, texts = 0, [], []
         for g, group in enumerate(self._mdf.groups):
             count = group.channel_group.cycles_nr
@@ -79,7 +79,7 @@ class Reader:
                     texts.append(channel.name)
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time axis"}
-            notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
+            findings.append(Finding("group-not-read", "info", "", len(timeless), (), {}, names))
         reason = "time channel of each group, in seconds"
         reason += f" after the start of the log ({zone})" if self._start else "; no start stated"
         reasons = {
@@ -87,7 +87,9 @@ class Reader:
             "groups": len(self._row_counts),
             "not numeric": ", ".join(dict.fromkeys(texts)),
         }
-        self.contents = Contents(self._fields(), self._start, reason, rows, reasons, notes=notes)
+        self.contents = Contents(
+            self._fields(), self._start, reason, rows, reasons, findings=findings
+        )
 
     def _begin(self) -> tuple[int, str]:
         """Start of the log since 1970 [ns], 0 where the file states none, and its zone."""
@@ -141,7 +143,7 @@ class Reader:
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""
         places = [self._places[k] for k in wanted]
-        axes, series, notes = [], {}, []
+        axes, series, findings = [], {}, []
         for a, g in enumerate(dict.fromkeys(place.group for place in places)):
             group_places = list(dict.fromkeys(place for place in places if place.group == g))
             signals = self._mdf.select(
@@ -154,10 +156,10 @@ class Reader:
             if rows < self._row_counts[g]:
                 values = {"kept_rows": rows, "lost_rows": self._row_counts[g] - rows}
                 note_values = {"damage": f"group {self._names[g]!r}, its data end early"}
-                notes.append(Note("log-damaged", "error", "", 1, values, note_values))
+                findings.append(Finding("log-damaged", "error", "", 1, (), values, note_values))
             if not ok.all():
                 lost_rows = int(np.count_nonzero(~ok))
-                notes.append(Note("time-unreadable", "warning", self._names[g], lost_rows))
+                findings.append(Finding("time-unreadable", "warning", self._names[g], lost_rows))
             axes.append(t[ok])
             for place, signal in zip(group_places, signals, strict=True):
                 if len(signal.samples) != rows:
@@ -173,7 +175,7 @@ class Reader:
                 if text is not None:
                     masks["value-is-text"] = text[ok]
                 series[place] = TableSamples(a, value[ok], masks)
-        return Columns(axes, [series[place] for place in places], notes)
+        return Columns(axes, [series[place] for place in places], findings)
 
 
 def _physical(signal: Any, texts: Sequence[int]) -> tuple[Floats, Bools | None]:

@@ -9,10 +9,11 @@ import pyarrow as pa
 
 from ..core import toml
 from ..core.errors import UserError
+from ..core.finding import Finding
 from ..core.text import distinct
 from . import time_columns
 from .source import Field, ReadOptions
-from .tables import Columns, Contents, Note, TableSamples, TableSource
+from .tables import Columns, Contents, TableSamples, TableSource
 from .time_columns import HEAD
 
 _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
@@ -49,7 +50,7 @@ class Reader:
         self._check_size(2)
         units = [_unit(schema.field(i)) for i in columns]
         heads = self._heads()
-        self._clock, time_reason = time_columns.find(heads, units, self._rows, options, path)
+        self._clock, findings = time_columns.find(heads, units, self._rows, options, path)
         self._device = _device(self._names, options, path)
         time = self._clock.columns
         numeric = [
@@ -71,11 +72,10 @@ class Reader:
             "time column": str(kind),
             "not numeric": ", ".join(skipped),
         }
-        notes = [
-            Note(f.code, f.severity, f.channel, f.count, f.values, f.names) for f in time_reason
-        ]
         reason = self._clock.reason.replace("(units row)", "(field metadata)")
-        self.contents = Contents(fields, start, reason, self._rows, reasons, notes=notes)
+        self.contents = Contents(
+            fields, start, reason, self._rows, reasons, findings=list(findings)
+        )
 
     def _check_size(self, columns: int) -> None:
         """Refuses a file that says it holds much more than it can.
@@ -108,9 +108,9 @@ class Reader:
         device, equals = self._device or ("", "")
         arrays = self._arrays({*names, *times, *([device] if device else [])})
         t, ok = time_columns.times([arrays[name] for name in times], self._clock)
-        notes = []
+        findings = []
         if untimed := int(np.count_nonzero(~ok)):
-            notes.append(Note("time-unreadable", "warning", "", untimed))
+            findings.append(Finding("time-unreadable", "warning", "", untimed))
         if device:
             cells = arrays[device].cast(pa.string()).to_pylist()
             ok &= np.array([cell == equals for cell in cells], np.bool_)
@@ -122,7 +122,7 @@ class Reader:
             value = arrays[name].cast(pa.float64(), safe=False).fill_null(np.nan)
             null = np.asarray(arrays[name].is_null())
             series.append(TableSamples(0, np.asarray(value)[ok], {"value-missing": null[ok]}))
-        return Columns([t[ok]], series, notes)
+        return Columns([t[ok]], series, findings)
 
     def _arrays(self, names: Collection[str]) -> dict[str, Any]:
         """Whole columns, each as one array.

@@ -5,7 +5,7 @@ columns and findings of them, the same way for every format.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -28,27 +28,6 @@ MASKS: Mapping[str, Severity] = {  # what a mask over samples says
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Note:
-    """A finding before the log's start is known: its times are those of the log."""
-
-    code: str
-    severity: Severity
-    channel: str = ""
-    count: int = 1
-    values: Mapping[str, float] = field(default_factory=dict)
-    names: Mapping[str, str] = field(default_factory=dict)
-    times: Sequence[tuple[int, int]] = ()  # from and to [ns]
-
-    def finding(self, start: int) -> Finding:
-        """The finding, in a log that starts there [ns]."""
-        begin, stop = np.array(self.times, np.int64).reshape(-1, 2).T
-        spans = time_axis.spans_of(begin, stop, start) if len(begin) else ()
-        return Finding(
-            self.code, self.severity, self.channel, self.count, spans, self.values, self.names
-        )
-
-
 @dataclass(slots=True)
 class Contents:
     """What opening a log tells."""
@@ -59,7 +38,8 @@ class Contents:
     rows: int
     reasons: dict[str, object] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    notes: list[Note] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    events: list[tuple[Finding, Times]] = field(default_factory=list)  # findings, and when [ns]
 
     @property
     def absolute(self) -> bool:
@@ -80,7 +60,7 @@ class Columns(NamedTuple):
 
     axes: list[Times]
     series: list[TableSamples]
-    notes: list[Note]
+    findings: list[Finding]
 
 
 class Reader(Protocol):
@@ -112,7 +92,7 @@ class TableSource:
         self.account: dict[str, str] = {}
         self.findings: list[Finding] = []
         self._places = {f: i for i, f in enumerate(contents.fields)}
-        self._report(note.finding(0) for note in contents.notes if not note.times)
+        self._report(contents.findings)
 
     def _report(self, findings: Iterable[Finding]) -> None:
         report(self, findings, self._options, "samples")
@@ -125,10 +105,11 @@ class TableSource:
                     f"{self.path}: no channel {f.channel!r}",
                     "`adhesion inspect` lists the channels of a log",
                 )
-        axes, series, notes = self._reader.read([self._places[f] for f in wanted])
+        axes, series, findings = self._reader.read([self._places[f] for f in wanted])
         start = min((time_axis.earliest(t) for t in axes if len(t)), default=0)
-        timed_notes = (note for note in self._reader.contents.notes if note.times)
-        self._report(note.finding(start) for note in (*notes, *timed_notes))
+        events = self._reader.contents.events
+        self._report(findings)
+        self._report(replace(f, spans=time_axis.spans_of(t, t, start)) for f, t in events)
         columns = []
         for f, (axis, value, masks) in zip(wanted, series, strict=True):
             t, valid = axes[axis], np.ones(len(value), np.bool_)

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from ..core.errors import UserError
+from ..core.finding import Finding
 from ..core.model import Bools, Times
 from . import time_columns
 from .csv.clock import Clock
@@ -17,7 +18,6 @@ from .tables import (
     Columns,
     Contents,
     NamedColumn,
-    Note,
     TableSamples,
     fields,
     nanoseconds,
@@ -57,7 +57,7 @@ class Reader:
         self._file: Any = TdmsFile.open(path.open("rb"), raw_timestamps=True)
         self._channels: list[tuple[Any, _Axis]] = []
         self._texts: list[str] = []
-        notes: list[Note] = []
+        findings: list[Finding] = []
         refused: dict[str, UserError] = {}  # by group
         for group in self._file.groups():
             try:
@@ -75,18 +75,18 @@ class Reader:
             self._channels = [pair for pair in self._channels if self._start(pair[1])]
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
-            notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
+            findings.append(Finding("group-not-read", "info", "", len(timeless), (), {}, names))
         rows = self._count_rows()
         if damage := self._damage():
             values = {"kept_rows": rows}
-            notes.append(Note("log-damaged", "error", "", 1, values, {"damage": damage}))
+            findings.append(Finding("log-damaged", "error", "", 1, (), values, {"damage": damage}))
         reasons = {
             "version": self._file.tdms_version,
             "groups": len(self._file.groups()),
             "not numeric": ", ".join(dict.fromkeys(self._texts)),
         }
         reason = self._reason(start)
-        self.contents = Contents(self._fields(), start, reason, rows, reasons, notes=notes)
+        self.contents = Contents(self._fields(), start, reason, rows, reasons, findings=findings)
 
     def _add(self, group: Any) -> None:
         """Adds the channels of a group, those with a time of their own first.
@@ -171,19 +171,19 @@ class Reader:
         """See `tables.Reader`."""
         axes: list[Times] = []
         places: dict[Any, int] = {}
-        series, notes = [], []
+        series, findings = [], []
         for k in wanted:
             channel, axis = self._channels[k]
             value = np.asarray(channel[:], np.float64)
             t, ok = self._times(axis, len(value))
             n = min(len(value), len(t))
             if invalid := len(value) - int(np.count_nonzero(ok[:n])):
-                notes.append(Note("time-unreadable", "warning", channel.name, invalid))
+                findings.append(Finding("time-unreadable", "warning", channel.name, invalid))
             if (axis, n) not in places:
                 places[axis, n] = len(axes)
                 axes.append(t[:n][ok[:n]])
             series.append(TableSamples(places[axis, n], value[:n][ok[:n]]))
-        return Columns(axes, series, notes)
+        return Columns(axes, series, findings)
 
     def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:
         """Times [ns] of a channel of n samples, and which of them hold."""

@@ -22,7 +22,7 @@ class AxleChannels(NamedTuple):
         if pressure is None or smooth_pressure is None:
             return self
         K = clamping_force(pressure, vehicle)
-        smooth = K if smooth_pressure is pressure else clamping_force(smooth_pressure, vehicle)
+        smooth = clamping_force(smooth_pressure, vehicle)
         step = self.brake.step * force_line(vehicle).per_pascal
         record = replace(
             self.record, clamping_force=K, clamping_force_smooth=smooth, clamping_force_step=step

@@ -69,29 +69,26 @@ def _axle(
         channels[key] if (key := find(channels, meaning, keys.axle)) else None
         for meaning in ("train_speed", "truth", "true_slip")
     )
-    rows = slice(None) if in_segment.all() else in_segment  # all of them need no copy
-    last_value = sampled.last_value[rows]
-    same_times = sampled.smooth is sampled.last_value
-    smooth = last_value if same_times else sampled.smooth[rows]
+    last_value, smooth = sampled.last_value[in_segment], sampled.smooth[in_segment]
     is_pressure = brake.meaning == "pressure"
     limit, unit = screened.ranges.get(keys.brake), units.unit(speed.measured_in)
     record = AxleRecord(
         keys.axle,
-        speed.data.t[rows],
+        speed.data.t[in_segment],
         last_value,
         smooth,
-        speed.data.value[rows],
+        speed.data.value[in_segment],
         segments,
         wheel_speed_step=speed.step,
         pressure=last_value if is_pressure else None,
-        train_speed=_interpolated(speed, train)[rows] if train else None,
-        truth=_interpolated(speed, truth)[rows] if truth else None,
-        true_slip=_interpolated(speed, slip)[rows] if slip else None,
+        train_speed=_interpolated(speed, train)[in_segment] if train else None,
+        truth=_interpolated(speed, truth)[in_segment] if truth else None,
+        true_slip=_interpolated(speed, slip)[in_segment] if slip else None,
         clamping_force_step=brake.step,
         train_speed_interval=1.0 / train.rate_hz if train and train.rate_hz else 0.0,
         of_totals=unit is not None and to_si.is_total(unit),
         of_rim=unit is not None and to_si.is_rim(unit),
-        saturated=sampled.last_value[in_segment] >= limit if limit is not None else None,
+        saturated=last_value >= limit if limit is not None else None,
         wheel_period_step=speed.period_step,
     )
     axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None)
@@ -100,23 +97,15 @@ def _axle(
 
 def _sampled(speed: Channel, brake: Channel) -> _Sampled:
     """A brake, pressure or K, at the wheel speed's times."""
-    pieces = []
-    for instants in time_axis.instants_of(speed):
-        last_value, fresh = time_axis.hold_last(instants, brake)
-        smooth = time_axis.interpolated(instants, brake)
-        if not np.isfinite(smooth).all():
-            smooth = np.where(np.isfinite(smooth), smooth, last_value)
-        pieces.append(_Sampled(last_value, smooth, fresh))
-    if len(pieces) == 1:
-        return pieces[0]
-    return _Sampled(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
+    held = [time_axis.hold_last(instants, brake) for instants in time_axis.instants_of(speed)]
+    last_value, fresh = (np.concatenate(column) for column in zip(*held, strict=True))
+    smooth = _interpolated(speed, brake)
+    return _Sampled(last_value, np.where(np.isfinite(smooth), smooth, last_value), fresh)
 
 
 def _interpolated(speed: Channel, channel: Channel) -> Floats:
-    pieces = [
-        time_axis.interpolated(instants, channel) for instants in time_axis.instants_of(speed)
-    ]
-    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+    instants = time_axis.instants_of(speed)
+    return np.concatenate([time_axis.interpolated(piece, channel) for piece in instants])
 
 
 def _report_gaps(

@@ -24,17 +24,9 @@ _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
     Opcode.CHUNK: "_chunk",
     Opcode.ATTACHMENT: "_attachment",
     Opcode.METADATA: "_metadata",
-    Opcode.MESSAGE_INDEX: "_message_index",
     Opcode.DATA_END: "_end_of_data",
 }
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_IN_SUMMARY = (  # records that stand behind the data only
-    Opcode.CHUNK_INDEX,
-    Opcode.ATTACHMENT_INDEX,
-    Opcode.METADATA_INDEX,
-    Opcode.STATISTICS,
-    Opcode.SUMMARY_OFFSET,
-)
 _MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
 _FOOTER = struct.Struct("<BQQQI8s")  # a footer, and the magic bytes after it
 
@@ -259,10 +251,6 @@ class Walk:
 
     def _record(self, opcode: int, offset: int, length: int) -> None:
         self._kinds[opcode] += 1
-        if opcode in _IN_SUMMARY and not (self._data_end or self.damage):
-            self._note(
-                DamageError(offset, f"a record of kind {opcode} and {length} bytes in the data")
-            )
         # A wrong byte can make an end of data of another record.
         if opcode in _IN_DATA and (self.damage or not self._data_end):
             getattr(self, _IN_DATA[opcode])(offset, length)
@@ -315,12 +303,6 @@ class Walk:
         if crc and self._file.crc(0, offset) != crc:
             raise DamageError(offset, "data section has another CRC than it says")
         self._all_checked = bool(crc)
-
-    def _message_index(self, offset: int, length: int) -> None:
-        said = int.from_bytes(self._file.content(offset, min(length, 6)).read(6)[2:], "little")
-        if said % 16 or 6 + said > length:
-            damage = f"a message index of {length} bytes that says it has {said} bytes of entries"
-            raise DamageError(offset, damage)
 
     def _metadata(self, offset: int, length: int) -> None:
         content = self._file.content(offset, min(length, self._options.max_part))
