@@ -203,6 +203,20 @@ def test_error_lines_of_a_trc_log(tmp_path: Path) -> None:
     assert findings["can-lines-skipped"].count == 1
 
 
+def test_a_last_line_that_is_cut_off_in_a_trc_log_is_skipped(tmp_path: Path) -> None:
+    """Up to its line end, of one byte or two: a frame without it may lack a digit."""
+    path = written(tmp_path / "a.trc", [frame(k / 10, bytes(5)) for k in range(20)])
+    raw, dbc = path.read_bytes(), stated(tmp_path)
+    body = raw.rstrip(b"\r\n")
+    assert raw[len(body) :] == b"\r\n"
+    for end in range(body.rfind(b"\n") + 1, len(raw) + 1):
+        path.write_bytes(raw[:end])
+        found, findings, _ = columns(path, dbc)
+        assert len(found["speed"].t) == (20 if end > len(body) else 19)
+        ends = raw[:end].endswith((b"\r", b"\n"))  # nothing tells it from a shorter log
+        assert ("can-lines-skipped" in findings) != ends
+
+
 def blf(path: Path) -> list[int]:
     """A BLF log of several containers; where each begins."""
     with can.BLFWriter(path) as log:
