@@ -81,7 +81,8 @@ def stuck(
     The speed should have changed as much as the other axles and the train. Where the log has none,
     the usual effect of the brake counts. Then the speed leaps by a good part of that,
     or never changes again. A wheel that turns from sliding to recovering leaves its value gently.
-    The highest value of all may be the end of the sensor's range: there the train speed counts.
+    The highest value of all may be the end of the sensor's range: there the train speed counts. So
+    it does where no other wheel moves.
 
     Args:
         p: thresholds.
@@ -120,7 +121,13 @@ def stuck(
         )
         expected[comparable] = among(relative_change[:, comparable], axis=0)
         steps[comparable] = p.steps
-        for of_train in relative_change[[c.meaning == "train_speed" for c in other_speeds]]:
+        is_train = np.array([c.meaning == "train_speed" for c in other_speeds])
+        # All wheel sensors may be stuck together, by the unit that sends them.
+        least = np.maximum(p.steps * speed.coarsest, p.moves * value)
+        none_moves = np.all(np.nan_to_num(relative_change[~is_train]) <= least, axis=0)
+        for of_train in relative_change[is_train]:
+            alone = comparable & none_moves & np.isfinite(of_train)
+            expected[alone] = of_train[alone]
             at_range_end = comparable & np.isfinite(of_train) & (value >= y.max())
             expected[at_range_end] = of_train[at_range_end]  # all wheels may be at that end
     constant = not np.ptp(y)

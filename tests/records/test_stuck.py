@@ -170,6 +170,21 @@ def test_a_gap_hides_no_dead_sensor(tmp_path: Path) -> None:
     assert "speed-stuck" in codes(holed, tmp_path)
 
 
+@pytest.mark.parametrize("name", ["four-axles", "service-brake"])
+def test_all_wheel_speeds_that_are_stuck_together_differ_from_the_trains(
+    name: str, tmp_path: Path
+) -> None:
+    log = simulated.recordings(name, train=True)
+    stuck = simulated.stuck(log, "wheel_speed", 0, 17.0, 3.0)
+    told = [f for f in found(stuck, tmp_path) if f.severity == "warning"]
+    assert {f.code for f in told} == {"speed-stuck"}
+    assert len(told) == len(simulated.which(log, "wheel_speed"))
+    for (start, stop), *more in (f.spans for f in told):
+        assert not more
+        assert 16.5 < start < 17.1  # a coarse speed may repeat by chance before
+        assert 19.9 < stop < 20.1
+
+
 @pytest.mark.parametrize("held", [0.2, 0.5, 2.0])
 @pytest.mark.parametrize("kmh", [0.0, 1.0])
 @pytest.mark.parametrize("name", MANY)
