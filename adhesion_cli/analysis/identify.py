@@ -215,11 +215,19 @@ def deceleration_per_bar(vehicle: Vehicle) -> Parameter:
     return Parameter(slowing, slowing * math.sqrt(float(vehicle.covariance(shares, shares))))
 
 
-def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> float:
-    if "wheelset_inertia" in stated:
-        w = wheelset(vehicle, 1)
-        return w.inertia / (w.mass * w.radius**2)
-    return ROTATING.value
+def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:
+    """Rotating mass over mass: of a stated inertia, else of any wheelset."""
+    if "wheelset_inertia" not in stated:
+        return ROTATING
+    w, R = wheelset(vehicle, 1), vehicle.radius(1)
+    share = w.inertia / (w.mass * w.radius**2)
+    inertia, mass = vehicle.wheelset_inertia, vehicle.axle_mass
+    sigma = math.hypot(
+        inertia.tolerance / inertia.value,
+        mass.tolerance / mass.value,
+        2.0 * R.tolerance / R.value,
+    )
+    return Parameter(share, sigma * share)
 
 
 def _single_pressure(logs: Sequence[AlignedLog]) -> bool:

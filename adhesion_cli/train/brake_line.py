@@ -57,7 +57,7 @@ class BrakeLine(NamedTuple):
 
     slope: float  # c, deceleration per pressure or clamping force [m/s² per Pa or N]
     zero: float  # x₀ [Pa or N]
-    sigma: float  # 1 sigma of ln c at the mean brake, by gradient, resistance and scatter
+    sigma: float  # 1 sigma of ln c at the mean brake, by gradient, resistance, scatter and ρ
     brake: float  # mean of the pressure or clamping force that acts, above x₀ [Pa or N]
     speed: float  # mean speed [m/s]
     rolling: bool  # whether all axles roll in it
@@ -67,7 +67,7 @@ class BrakeLine(NamedTuple):
 
 
 def find_brake_line(
-    axles: Sequence[AxleChannels], grid: Grid, rotating: float = ROTATING.value
+    axles: Sequence[AxleChannels], grid: Grid, rotating: Parameter = ROTATING
 ) -> BrakeLine | None:
     """The line of a log; None where it shows none.
 
@@ -76,6 +76,7 @@ def find_brake_line(
         grid: the same on one time axis.
         rotating: ρ, rotating mass over mass.
     """
+    rho = rotating.value
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
     x = np.array([grid.mean(row) for row in (grid.pressure if by_pressure else grid.clamping)])
     grid, x = _without_gone_sensors(grid, x)
@@ -101,14 +102,18 @@ def find_brake_line(
     if braked is None:
         return None
     coasting = _coasting_deceleration(slowing[measured & rolling & (mean_x < _RELEASED * top)])
-    by_brake = (slowing + rotating * rim_slowing) / (1.0 + rotating) - coasting
+    by_brake = (slowing + rho * rim_slowing) / (1.0 + rho) - coasting
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
     stops, acting = true_runs(braked), _acting(x[:, braked])
     line = _fit(acting, by_brake[braked], zero, len(stops))
     if line is None:
         return None
+    # How the deceleration by the brake changes with ρ: wheels that roll cancel it.
+    by_rotating = np.where(rolling, 0.0, rim_slowing - slowing)[braked] / (1.0 + rho) ** 2
+    of_rotating = float(np.mean(by_rotating)) * rotating.tolerance / (line.slope * line.brake)
     slows_less = _slows_less(grid, mean_x, rim_slowing - coasting, line) & applied
     return line._replace(
+        sigma=math.hypot(line.sigma, of_rotating),
         speed=float(np.mean(v[braked])),
         rolling=bool(rolling[braked].all()),
         mixed=bool(slows_less.sum() * grid.step > _SHORTEST_MIXED)

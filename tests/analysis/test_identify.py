@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import simulated
 from helpers.commands import Run
 from helpers.vehicle_logs import STATED, blended_log, log, true
 
@@ -137,6 +138,20 @@ def test_calibrate_refuses_a_log_with_another_brake(tmp_path: Path) -> None:
     stated = settings.load({"vehicle": BLENDED}, folder=False)
     with pytest.raises(UserError, match=r"log\.csv: .* another brake may act"):
         calibrate([blended_log(tmp_path / "log.csv")], stated)
+
+
+def test_where_all_wheels_slide_the_inertia_is_as_sure_as_its_statement(tmp_path: Path) -> None:
+    """A true friction is in no doubt. The log says more of it where the inertia is known better."""
+    path = simulated.write(tmp_path / "log.csv", simulated.recordings("slippery-stop"))
+    inertias = ({}, {"value": 145.0, "tolerance": 29.0}, {"value": 145.0, "tolerance": 0.0})
+    results = [
+        run(path, {"friction": 0.3, **({"wheelset_inertia": i} if i else {})}) for i in inertias
+    ]
+    for result in results:
+        assert result.identified.doubt is None
+        assert abs(result.vehicle.friction.value - 0.3) < 2.0 * result.vehicle.friction.tolerance
+    _, rough, exact = (r.vehicle.friction.tolerance for r in results)
+    assert exact < 0.95 * rough
 
 
 def test_what_has_no_tolerance_never_moves(tmp_path: Path) -> None:

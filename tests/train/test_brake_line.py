@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import simulated
 from helpers.vehicle_logs import blended_log, log
 
 from adhesion_cli.analysis.prepare import align_log
@@ -12,7 +13,7 @@ from adhesion_cli.analysis.request import open_log, read_log
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.core.model import Parameter, Vehicle
 from adhesion_cli.core.physics import force_line, wheelset
-from adhesion_cli.train.brake_line import BrakeLine, find_brake_line
+from adhesion_cli.train.brake_line import ROTATING, BrakeLine, find_brake_line
 
 TRAIN = replace(
     Vehicle(), lever_ratio=Parameter(8.0, 0.0), axle_mass=Parameter(14e3, 0.0),
@@ -20,21 +21,25 @@ TRAIN = replace(
 )  # fmt: skip
 
 
-def line_of(path: Path) -> BrakeLine | None:
+def line_of(path: Path, rotating: Parameter = ROTATING) -> BrakeLine | None:
     settings, source = open_log(path, Settings())
     aligned = align_log(read_log(source, settings), settings.vehicle)
     assert aligned.grids
-    return find_brake_line(aligned.axles, aligned.grids.coarse)
+    return find_brake_line(aligned.axles, aligned.grids.coarse, rotating)
+
+
+def error(found: BrakeLine, vehicle: Vehicle) -> float:
+    """Ln of the line's deceleration at its mean brake over the vehicle's own."""
+    w, line = wheelset(vehicle, 1), force_line(vehicle)
+    K = line.per_pascal * (found.brake + found.zero) - line.at_zero
+    return float(np.log(found.slope * found.brake / (w.phi * K * w.rolling / w.mass)))
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_force_at_the_mean_brake_is_the_trains(seed: int, tmp_path: Path) -> None:
     found = line_of(log(tmp_path / "log.csv", TRAIN, seed, 4))
     assert found
-    w, line = wheelset(TRAIN, 1), force_line(TRAIN)
-    K = line.per_pascal * (found.brake + found.zero) - line.at_zero
-    error = np.log(found.slope * found.brake / (w.phi * K * w.rolling / w.mass))
-    assert abs(error) < 2.0 * found.sigma < 0.3
+    assert abs(error(found, TRAIN)) < 2.0 * found.sigma < 0.3
     assert found.rolling
     assert not found.mixed
     assert not found.differing
@@ -48,3 +53,18 @@ def test_a_brake_that_takes_over_at_a_higher_pressure_is_not_alone(tmp_path: Pat
     found = line_of(blended_log(tmp_path / "log.csv"))
     assert found
     assert found.mixed
+
+
+def test_the_rotating_mass_is_an_error_of_wheels_that_slide_alone(tmp_path: Path) -> None:
+    sure = Parameter(ROTATING.value, 0.0)
+    rolls = log(tmp_path / "log.csv", TRAIN)
+    assert line_of(rolls, sure) == line_of(rolls)
+    slides = simulated.write(tmp_path / "log.csv", simulated.recordings("slippery-stop"))
+    w = wheelset(Vehicle(), 1)
+    own = Parameter(w.inertia / (w.mass * w.radius**2), 0.0)  # 0.17, far above the usual 0.08
+    usual, too_sure, exact = (line_of(slides, rotating) for rotating in (ROTATING, sure, own))
+    assert usual
+    assert too_sure
+    assert exact
+    assert 2.0 * too_sure.sigma < abs(error(usual, Vehicle())) < 2.0 * usual.sigma
+    assert abs(error(exact, Vehicle())) < exact.sigma
