@@ -74,7 +74,11 @@ def _cells(array: Any) -> list[str]:
         array = array.cast(pa.timestamp("ms"), safe=False)
     elif pa.types.is_boolean(array.type):
         array = array.cast(pa.int8())
-    return ["" if x is None else x for x in array.cast(pa.string()).to_pylist()]
+    zone = ""
+    if pa.types.is_timestamp(array.type) and array.type.tz:
+        # The text of another zone needs a database of time zones, which not every Windows has.
+        array, zone = array.cast(pa.timestamp(array.type.unit)), "Z"
+    return ["" if x is None else x + zone for x in array.cast(pa.string()).to_pylist()]
 
 
 def times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:

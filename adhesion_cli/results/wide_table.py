@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
-from pyarrow.csv import CSVWriter
+from pyarrow.csv import CSVWriter, WriteOptions
 
 from ..core.model import Log, Times
 from ..core.text import distinct
@@ -34,8 +35,11 @@ def write_csv(path: Path, log: Log) -> None:
     Raises as `verified.verified`.
     """
     titles = map(names.cell, _titles(log))
-    schema = pa.schema(list(zip(titles, _types(log), strict=True)))
-    with verified(path) as file, CSVWriter(file, schema) as writer:
+    _, *types = _types(log)
+    time_type = pa.string() if log.absolute else pa.float64()
+    schema = pa.schema(list(zip(titles, [time_type, *types], strict=True)))
+    options = WriteOptions(quoting_style="none")  # no cell below the head has a comma
+    with verified(path) as file, CSVWriter(file, schema, write_options=options) as writer:
         _write(writer, log, schema)
 
 
@@ -86,7 +90,7 @@ def _write(writer: Any, log: Log, schema: Any) -> None:
     axes = _axes(log)
     for slices in _slices(axes):
         t, rows = _rows(axes, slices)
-        columns = [pa.array(t if log.absolute else t / 1e9, schema.types[0])]
+        columns = [_time_column(t, schema.types[0])]
         for data in (channel.data for channel in log.channels):
             values, has_value = np.zeros(len(t)), np.zeros(len(t), bool)
             row, piece = rows[id(data.t)], slices[id(data.t)]
@@ -94,6 +98,17 @@ def _write(writer: Any, log: Log, schema: Any) -> None:
             has_value[row] = data.valid[piece]
             columns.append(pa.array(values, mask=~has_value | np.isnan(values)))
         writer.write_batch(pa.record_batch(columns, schema=schema))
+
+
+def _time_column(t: Times, kind: Any) -> Any:
+    """The times as seconds, as time stamps in UTC, or as the text of these."""
+    if pa.types.is_floating(kind):
+        return pa.array(t / 1e9)
+    if pa.types.is_timestamp(kind):
+        return pa.array(t, kind)
+    # Arrow writes a text with its zone only where the system has a database of time zones.
+    text = pa.array(t, pa.timestamp("ns")).cast(pa.string())
+    return pc.binary_join_element_wise(text, "Z", "")
 
 
 class _Axis(NamedTuple):

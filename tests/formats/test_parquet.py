@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.formats import time_columns
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
@@ -59,6 +60,12 @@ def test_the_time_column(tmp_path: Path, time: Any, unit: str, absolute: bool) -
     assert np.array_equal(speed.t, start + np.arange(N) * 10**7)
     assert np.array_equal(speed.value, (72 - SECONDS).astype(np.float32).astype(float))
     assert [f.unit for f in source.fields] == ["km/h", ""]
+
+
+def test_the_text_of_a_time_needs_no_database_of_time_zones() -> None:
+    """Some versions of Windows have none, and a text in local time needs one."""
+    text = time_columns._cells(ns("ns", "Asia/Shanghai"))
+    assert text[:2] == [x + "Z" for x in ns("ns")[:2].cast(pa.string()).to_pylist()]
 
 
 def test_a_null_is_no_sample_and_nan_is_one(tmp_path: Path) -> None:
