@@ -8,8 +8,10 @@ from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
+from helpers.systems import not_on_windows
 from mcap.writer import Writer
 
+pytestmark = not_on_windows("forbids such names")
 Run = Callable[..., CompletedProcess[str]]
 EVIL = "\x1b[2J\x1b]0;x\x07\u202e\u2066\x9b31m\x7f<script>alert(1)</script>"
 NAME = "m\x1b[31m\u202e<b>.mcap"
