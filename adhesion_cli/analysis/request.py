@@ -19,16 +19,17 @@ from .settings import VEHICLE_USES, Settings
 
 
 def choose_estimators(algos: Sequence[str]) -> list[Estimator]:
-    """The estimators of these names, every one if none is named.
+    """The estimators of these names in any case, every one if none is named.
 
     Raises:
         UserError: for a name the registry does not have.
     """
     by_name = estimator.registry()
     for name in algos:
-        if name not in by_name:
+        if name.lower() not in by_name:
             raise unknown("algorithm", name, list(by_name))
-    return [by_name[name] for name in dict.fromkeys(algos)] or list(by_name.values())
+    names = dict.fromkeys(name.lower() for name in algos)
+    return [by_name[name] for name in names] or list(by_name.values())
 
 
 def check_settings(settings: Settings) -> Settings:

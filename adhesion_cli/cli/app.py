@@ -5,13 +5,16 @@ Commands import what they need when they run, so that help and completion are in
 
 import re
 import sys
+from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import typer
 from typer.core import TyperCommand
 
 from ..core.errors import UserError
+from ..core.text import shell_word
 from .options import Ended
 
 _COMMANDS = (
@@ -64,6 +67,16 @@ def _root(
         raise typer.Exit(2)
 
 
+def _named_log(arguments: Sequence[str]) -> str:
+    """The command for somebody who names a log in place of a command; empty otherwise."""
+    path = Path(arguments[0]) if arguments else Path()
+    if path.is_file():
+        return f"`adhesion analyze {shell_word(str(path))}` analyses this log"
+    if arguments and path.is_dir():
+        return f"`adhesion fleet {shell_word(str(path))} -o DIR` analyses the logs of this folder"
+    return ""
+
+
 def run() -> int:
     """Runs the command that the arguments name; returns the exit code.
 
@@ -75,7 +88,7 @@ def run() -> int:
         code = app(standalone_mode=False) or 0
     except _ClickError as error:
         command = error.ctx.command_path if getattr(error, "ctx", None) else "adhesion"
-        hint = f"`{command} --help` shows the options"
+        hint = _named_log(sys.argv[1:]) or f"`{command} --help` shows the options"
         raise UserError(error.format_message(), hint, code=2) from error
     except typer.Abort:
         code = 130

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import UserError
-from ..core.text import as_url, printable
+from ..core.text import as_url, printable, shell_word
 from .isolated import Library
 from .memory import Signals
 from .source import ReadOptions, Source
@@ -115,6 +115,11 @@ def kind(path: Path) -> str | None:
     return log_format.kind if log_format else None
 
 
+def _folder_error(path: Path) -> UserError:
+    command = f"`adhesion fleet {shell_word(str(path))} -o DIR`"
+    return UserError(f"{path}: a folder, not a log", f"name the log files in it, or use {command}")
+
+
 def check_kind(path: Path) -> None:
     """Refuses a pipe or a device: reading it may wait for ever, or never end.
 
@@ -150,8 +155,10 @@ def _first_bytes(path: Path) -> bytes:
         hint = "a log is a file, write one first" if path.name == "-" else "check the path"
         raise UserError(f"{path}: no such file", hint) from None
     except IsADirectoryError:
-        raise UserError(f"{path}: a folder, not a log", "name the log files in it") from None
+        raise _folder_error(path) from None
     except OSError as error:
+        if path.is_dir():  # as Windows has it
+            raise _folder_error(path) from None
         raise UserError(f"{path}: {error.strerror}", "check the file's permissions") from None
     if not head:
         raise UserError(f"{path}: the file is empty", "check that the logger closed it")

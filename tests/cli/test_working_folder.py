@@ -35,6 +35,7 @@ COMMANDS = {
     "report": ["service-brake.adhesion.mcap", "-o", "y.html"],
     "view": [VIEWED],
     "estimators": [],
+    "vehicle": ["metro"],
     "export-c": ["td", "-o", "c"],
 }
 RUN = """
