@@ -23,12 +23,8 @@ COMMANDS = {
     "compare": ["service-brake.adhesion.mcap"],
     "fleet": [str(SERVICE), "x.mf4", "-a", "td", "--workers", "1"],
     "slip": [str(LOW), "--axle", "1"],
-    "antiskid": ["--help"],
     "calibrate": [str(SERVICE)],
-    "tune": ["--help"],
     "live": ["--replay", str(SERVICE), "--speed", "0", "-a", "td", "-o", "."],
-    "simulate": ["--help"],
-    "reproduce": ["--help"],
     "explain": ["gap"],
     "convert": [str(SERVICE), "x.csv"],
     "recover": ["service-brake.adhesion.mcap", "-o", "y.mcap"],
@@ -63,9 +59,9 @@ def hostile(tmp_path: Path) -> Path:
 
 
 def test_no_command_executes_a_module_of_the_working_folder(hostile: Path) -> None:
-    assert list(COMMANDS) == app._COMMANDS
+    commands = {name: COMMANDS.get(name, ["--help"]) for name in app._COMMANDS}
     (hostile.parent / "run.py").write_text(RUN, "utf-8")
-    words = ["|".join([name, *more]) for name, more in COMMANDS.items()]
+    words = ["|".join([name, *more]) for name, more in commands.items()]
     made = subprocess.run(
         [sys.executable, hostile.parent / "run.py", *words],
         cwd=hostile, capture_output=True, text=True, check=False,
@@ -75,7 +71,7 @@ def test_no_command_executes_a_module_of_the_working_folder(hostile: Path) -> No
     assert not executed.exists(), executed.read_text()
     codes = dict(re.findall(r"(?m)^ended (\S+) (\d+)$", made.stdout))
     codes.pop("view")  # its viewer starts, and finds no display, or the one of another test
-    assert codes == {n: CODES.get(n, "0") for n in COMMANDS if n != "view"}, made.stderr
+    assert codes == {n: CODES.get(n, "0") for n in commands if n != "view"}, made.stderr
 
 
 def test_the_program_itself_is_loaded_from_where_it_is(hostile: Path) -> None:
