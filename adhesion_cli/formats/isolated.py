@@ -6,6 +6,7 @@ all logs of one format, so that the library is loaded once.
 """
 
 import contextlib
+import gc
 import importlib
 import importlib.util
 import os
@@ -138,7 +139,11 @@ def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None)
         _opened.clear()  # lets the file before go
         module = importlib.import_module(f".{kind}", __package__)
         _opened[key] = module.Reader(path, options)
-    return _opened[key].contents if wanted is None else _opened[key].read(wanted)
+    if wanted is None:
+        return _opened[key].contents
+    columns = _opened.pop(key).read(wanted)
+    gc.collect()  # closes the file, else nobody can replace it on Windows
+    return columns
 
 
 def _as_user_error(error: Exception, description: str, path: Path) -> UserError:

@@ -136,8 +136,8 @@ def test_the_reason_told_is_the_same_in_every_run() -> None:
     )
     told = {
         subprocess.run(
-            [sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": str(seed)},
-            capture_output=True, text=True, check=True,
+            [sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True,
+            env={**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONUTF8": "1"},
         ).stdout
         for seed in range(4)
     }  # fmt: skip

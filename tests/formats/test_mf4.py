@@ -157,6 +157,16 @@ def test_a_library_that_crashes_is_one_error(tmp_path: Path) -> None:
     assert len(open_source(path, ReadOptions()).fields) == 17
 
 
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="asks Linux for the open files")
+def test_a_log_that_was_read_is_closed(tmp_path: Path) -> None:
+    """Windows replaces and removes no file that is open."""
+    path = brakes.mdf(tmp_path / "a.mf4", brakes.groups())
+    source = open_source(path, ReadOptions())
+    source.columns(source.fields)
+    files = Path(f"/proc/{isolated._children['mf4'].pid}/fd").iterdir()
+    assert path not in {file.readlink() for file in files}
+
+
 def test_without_the_library_the_error_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
