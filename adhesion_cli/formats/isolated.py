@@ -12,6 +12,7 @@ import importlib.util
 import os
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -126,9 +127,15 @@ def _call(description: str, path: Path, function: Callable[..., Any], arguments:
         return function(path, *arguments)
     except Exception as error:
         _opened.clear()
+        cause: BaseException | None = error
+        while cause:  # its frames hold the file
+            traceback.clear_frames(cause.__traceback__)
+            cause = cause.__context__
         if isinstance(error, UserError):
             raise
         raise _as_user_error(error, description, path) from error
+    finally:
+        gc.collect()  # closes the file: on Windows, nobody can replace one that is open
 
 
 def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None) -> Any:
@@ -141,9 +148,7 @@ def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None)
         _opened[key] = module.Reader(path, options)
     if wanted is None:
         return _opened[key].contents
-    columns = _opened.pop(key).read(wanted)
-    gc.collect()  # closes the file, else nobody can replace it on Windows
-    return columns
+    return _opened.pop(key).read(wanted)
 
 
 def _as_user_error(error: Exception, description: str, path: Path) -> UserError:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -158,11 +159,17 @@ def test_a_library_that_crashes_is_one_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="asks Linux for the open files")
-def test_a_log_that_was_read_is_closed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_damaged", [False, True])
+def test_a_log_that_was_read_is_closed(tmp_path: Path, is_damaged: bool) -> None:
     """Windows replaces and removes no file that is open."""
-    path = brakes.mdf(tmp_path / "a.mf4", brakes.groups())
-    source = open_source(path, ReadOptions())
-    source.columns(source.fields)
+    path = brakes.mdf(tmp_path / "a.mf4", brakes.groups(), compression=1)
+    if is_damaged:
+        raw = bytearray(path.read_bytes())
+        packed = raw.index(b"##DZ", raw.index(b"##DZ") + 4)
+        raw[packed + 100 : packed + 200] = bytes(100)
+        path.write_bytes(raw)
+    with suppress(UserError):
+        columns(path)
     files = Path(f"/proc/{isolated._children['mf4'].pid}/fd").iterdir()
     assert path not in {file.readlink() for file in files}
 
