@@ -43,6 +43,8 @@ COMMANDS = [
     ["report", RESULT, "-o", "brake.html", "--json"],
     ["simulate", "leaf-film", "-o", "leaf-film.mcap", "--json"],
     ["convert", "leaf-film.mcap", "leaf-film.csv", "--json"],
+    ["convert", LOG, "brake.xlsx", "--json"],
+    ["inspect", "brake.xlsx", "--json"],
     ["antiskid", "slippery-stop", "--json"],
     ["calibrate", LOG, "leaf-film.mcap", "-o", "train.toml", "--json"],
     ["tune", LOG, "leaf-film.mcap", "-a", "leso", "--json"],

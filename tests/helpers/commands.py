@@ -19,7 +19,9 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 def in_process(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
     """What the command prints, and its exit code."""
     words = ["adhesion", *map(str, arguments)]
-    streams = [io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2)]
+    streams = [
+        io.TextIOWrapper(io.BytesIO(), "utf-8", newline="\n", write_through=True) for _ in range(2)
+    ]
     with (
         contextlib.chdir(folder),
         contextlib.redirect_stdout(streams[0]),
