@@ -98,7 +98,9 @@ class Finding:
         return catalogue()[self.code].remedy.format_map(self._fields()) or None
 
     def _fields(self) -> "_Fields":
-        return _Fields({**self.values, **self.names})
+        speeds = {k: v for k, v in self.values.items() if k.endswith("_mps")}
+        in_kmh = {k.replace("_mps", "_kmh"): 3.6 * v for k, v in speeds.items()}
+        return _Fields({**self.values, **in_kmh, **self.names})
 
 
 def merge_spans(spans: Sequence[Span], limit: int = 20) -> tuple[Span, ...]:

@@ -76,7 +76,7 @@ def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, largest_slip: float
     slip = np.geomspace(1e-4, largest_slip, 200)
     slowest, fastest = np.quantile(speeds, [0.05, 0.95]).tolist()
     for v, colour in ((rail.speed, BLACK), (slowest, GREY), (fastest, GREY)):
-        mu, name = curve(rail.best, v, slip, vehicle), f"fit at {v:.1f} m/s"
+        mu, name = curve(rail.best, v, slip, vehicle), f"fit at {3.6 * v:.0f} km/h"
         yield Line(name, 100.0 * slip, mu, colour, dashed=colour == GREY)
 
 

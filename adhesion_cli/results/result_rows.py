@@ -15,7 +15,7 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "axle": axle,
         "at [s]": number(a.start_s, 1),
         "for [s]": number(a.end_s - a.start_s, 1),
-        "v [m/s]": "–".join(number(v, 1) for v in (a.from_mps, a.to_mps)),
+        "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
         "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3),
         "µ max": _with_u95(mu and (mu.max, mu.max_u95), 1.0, 3),
         "F [kN]": _with_u95(force and (force.mean, force.mean_u95), 1e-3),

@@ -41,7 +41,7 @@ def rail_row(rail: RailFit) -> dict[str, str]:
     return {
         "peak slip [%]": peak,
         "peak µ": _spread(rail.peak_mu, 3),
-        "speed [m/s]": number(rail.speed if rail.peak_slip_limit else None, 1),
+        "speed [km/h]": number(3.6 * rail.speed if rail.peak_slip_limit else None, 1),
         "utilisation": _spread(rail.utilisation, 3),
     }
 
