@@ -56,7 +56,7 @@ def test_slides_are_one_row_per_application_in_80_columns() -> None:
 def test_what_the_log_does_not_show_is_a_dash() -> None:
     unknown = one(force_n=None, coefficient=None, from_mps=None, slides=1, slide_energy_j=None)
     lines = tables([axle(1, unknown)]).splitlines()
-    assert lines[2].split()[3:] == ["-–10.0", "-", "-", "-", "-"]
+    assert lines[2].split()[3:] == ["-–36.1", "-", "-", "-", "-"]
     assert tables([axle(1)]) == "No brake application."
 
 

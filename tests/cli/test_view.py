@@ -34,10 +34,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "code", "text", "hint"),
     [
-        (["view", "a b.sha256"], 2, "a b.sha256", "adhesion view 'a b.rrd'"),
+        (["view", "a b.sha256"], 2, "a b.sha256", 'adhesion view "a b.rrd"'),
         (["view", "log.csv"], 2, "log.csv", "`adhesion analyze LOG` writes one"),
         (["view", "no.mcap"], 1, "no.mcap: no such file", "`adhesion analyze LOG` writes one"),
-        (["view", "a b.rrd"], 1, "no display", "`adhesion view 'a b.rrd' --serve`"),
+        (["view", "a b.rrd"], 1, "no display", '`adhesion view "a b.rrd" --serve`'),
         (["analyze", "log.csv", "--view"], 1, "no display", "`adhesion view RESULT --serve`"),
     ],
 )

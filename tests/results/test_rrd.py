@@ -406,7 +406,7 @@ def test_a_fitted_rail_is_drawn_among_the_points(tmp_path: Path) -> None:
         s = (place - x(0.0)) / (x(1.0) - x(0.0))
         force = creep_force(s * 12.0, 12.0, law, PATCH)[0]
         assert mu(height) == pytest.approx(force / PATCH.load, rel=0.02, abs=1e-3)
-    assert "fit at 12.0 m/s" in static(path, "/axle/1/slip/notes", "labels")[0]
+    assert "fit at 43 km/h" in static(path, "/axle/1/slip/notes", "labels")[0]
     assert static(path, "/axle/1/note", "text") == ["a note"]
 
 

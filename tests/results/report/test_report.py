@@ -273,7 +273,7 @@ def test_the_band_has_no_height_where_nothing_is_known(run: ReportRun) -> None:
 def test_of_a_recording_the_result_is_named() -> None:
     with pytest.raises(UserError) as refused:
         read(Path("a stop.adhesion.rrd"))
-    assert "'a stop.adhesion.mcap'" in refused.value.hint
+    assert '"a stop.adhesion.mcap"' in refused.value.hint
 
 
 @pytest.mark.parametrize("kind", ["log", "comparison", "older", "damaged"])
