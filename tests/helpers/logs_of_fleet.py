@@ -1,7 +1,6 @@
 """Small logs of a fleet, and work that ends its process."""
 
 import os
-import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ def killed(item: work.Item, job: work.Job) -> Any:
     mark = name.with_suffix(".tried")
     if name.name.startswith("dies") or (name.name.startswith("once") and not mark.exists()):
         mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
+        os._exit(9)  # as a kill does, on every system
     return work.analysed(item, job)
 
 
