@@ -3,7 +3,6 @@
 import functools
 import json
 import math
-import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from helpers.commands import in_process
+from helpers.pasted import pasted
 from helpers.simulated import changed, late, recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
@@ -302,7 +302,7 @@ def test_diameters_of_calibrated_wheels_are_stated_as_the_hint_says(tmp_path: Pa
     told = found()
     assert [f.channel for f in told] == ["axle 3", "axle 4"]
     (hint,) = {f.hint or "" for f in told}
-    (setting,) = re.findall(r"--set (vehicle\.wheel_diameter=[^`]+)`", hint)
+    (setting,) = pasted(hint)
     every = json.loads(setting.partition("=")[2])
     assert every[:2] == [0.84, 0.84]
     assert every[2:] == [pytest.approx(f.values["diameter_m"], abs=1e-4) for f in told]

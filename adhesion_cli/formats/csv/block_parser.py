@@ -35,6 +35,7 @@ class CsvTable:
     dialect: Dialect
     clock: Clock
     types: dict[int, Any]  # Arrow type by column, set to text where cells do not fit
+    expected: int = 0  # rows, about: columns of this size need no second copy to grow
 
 
 @dataclass(slots=True)

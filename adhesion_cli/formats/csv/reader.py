@@ -52,7 +52,9 @@ class CsvSource:
 
     format = "csv"
 
-    def __init__(self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock) -> None:
+    def __init__(
+        self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock, rows: float
+    ) -> None:
         self.path = path
         self.absolute = clock.absolute
         self.time_reason = clock.reason
@@ -64,7 +66,7 @@ class CsvSource:
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
         types = dict.fromkeys(clock.columns, clock.type)
-        self.table = CsvTable(path, options, dialect, clock, types)
+        self.table = CsvTable(path, options, dialect, clock, types, round(1.06 * rows))
         self.keys = find_keys(self.table)
         self._series = list(self.keys.series.values()) or [LongSeries()]
         self.findings += self.keys.findings
@@ -97,7 +99,7 @@ class CsvSource:
         if not dialect.headed and options.time_channel is None:
             raise _headerless(dialect, path)
         rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
-        return cls(path, options, dialect, find_clock(dialect, options, rows, path))
+        return cls(path, options, dialect, find_clock(dialect, options, rows, path), rows)
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
         """Each column of numbers once for each series, with the numbers of series and column."""

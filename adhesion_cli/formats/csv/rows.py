@@ -56,7 +56,7 @@ def read_rows(
     lines = Lines(table.path, table.dialect, table.options.max_unpacked)
     losses = Losses(table.dialect, lines, table.options.rejects)
     groups = Groups(keys, wanted)
-    pieces: dict[int, list[NDArray[Any]]] = {}  # of each column
+    by_column: dict[int, NDArray[Any]] = {}
     row_count = 0
     for parsed in threads.run_ahead(Parser(table, indices, keys).parse, lines.blocks()):
         if not parsed.timed.all():
@@ -64,15 +64,21 @@ def read_rows(
         timed = parsed.timed.copy()
         codes = groups.codes(parsed, timed)
         losses.add(parsed, timed, row_count)
-        row_count += int(timed.sum())
+        stop = row_count + int(timed.sum())
         for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values}.items():
-            pieces.setdefault(i, []).append(array if timed.all() else array[timed])
+            if i not in by_column:
+                by_column[i] = np.empty(max(table.expected, stop), array.dtype)
+            if stop > len(by_column[i]):
+                by_column[i].resize(stop + stop // 8, refcheck=False)
+            by_column[i][row_count:stop] = array if timed.all() else array[timed]
+        row_count = stop
     if not row_count:
         hint = "state the time, as " + toml.option('channels.time = {channel = "NAME", unit = "s"}')
         raise UserError(f"{table.path}: no row has a time stamp that can be read", hint)
     losses.lines["used"] = row_count
-    columns = {i: np.concatenate(pieces.pop(i)) for i in list(pieces)}
-    return CsvRows(columns.pop(_T), columns.pop(_SERIES), columns, groups.met, losses, lines)
+    for column in by_column.values():
+        column.resize(row_count, refcheck=False)
+    return CsvRows(by_column.pop(_T), by_column.pop(_SERIES), by_column, groups.met, losses, lines)
 
 
 def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:

@@ -1,6 +1,5 @@
 """Samples as a recording that grows: a file, or a viewer that shows it."""
 
-import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,11 +14,6 @@ from ...core.text import printable
 from .. import palette
 from ..samples import Samples
 from . import overview, parts
-
-# An .rrd stream: its header, then messages, each after its kind and length; the last is its end.
-_STREAM_HEADER = 12  # bytes
-_MESSAGE = struct.Struct("<QQ")
-_END = 0  # the kind of the last message
 
 
 def check_viewer(url: str) -> None:
@@ -59,12 +53,13 @@ class LiveRecording:
         self._start: int | None = None
         self._sent: set[str] = set()  # entities with their style, and names of lines
         rr.set_strict_mode(True)
-        self._rec = rr.RecordingStream("adhesion")
         self._file = target.open("wb", buffering=0) if isinstance(target, Path) else None
+        self._rec: rr.RecordingStream
         if self._file:
-            self._stream = rr.binary_stream(self._rec)
+            self._rec = parts.RecordingInFile(self._file)
             self._rec.send_blueprint(self._layout(), make_active=False, make_default=True)
         else:
+            self._rec = rr.RecordingStream("adhesion")
             self._rec.set_sinks(rr.GrpcSink(str(target)), default_blueprint=self._layout())
         self._rec.send_recording_name(name)
         self._write()
@@ -90,26 +85,8 @@ class LiveRecording:
         self._write()
 
     def _write(self) -> None:
-        """Appends to the file what was sent since the last call.
-
-        Each read of the SDK's stream is a whole recording. Its header goes into the file once, and
-        its end never: a file may grow, and one that was cut by a kill can be read.
-
-        Raises:
-            OSError: where the file cannot be written.
-        """
-        if not self._file:
-            return
-        data = self._stream.read() or b""
-        start = 0 if self._file.tell() == 0 else _STREAM_HEADER
-        end = _STREAM_HEADER
-        while end < len(data):
-            kind, length = _MESSAGE.unpack_from(data, end)
-            if kind == _END:
-                break
-            end += _MESSAGE.size + length
-        while start < end:
-            start += self._file.write(data[start:end])
+        if isinstance(self._rec, parts.RecordingInFile):
+            self._rec.write()
 
     def _name(self, tab: str, plot: parts.SeriesPlot) -> None:
         """Sends the names of lines that are not in the list of their tab yet."""

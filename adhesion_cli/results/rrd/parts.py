@@ -2,10 +2,11 @@
 
 import hashlib
 import re
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, BinaryIO, Literal, Protocol
 
 import numpy as np
 import rerun as rr
@@ -53,17 +54,68 @@ def write(
     """
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     identity = hashlib.sha256(source_identity.encode()).hexdigest()
-    rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
-    # The SDK's own file would not report a full disk, and waits for ever after one.
-    stream = rr.binary_stream(rec)
     layout = Layout([page.layout() for page in pages], timeline)
-    rec.send_blueprint(layout, make_active=False, make_default=True)
-    rec.send_recording_name(name)
-    for page in pages:
-        page.send(rec)
     with verified(path) as file:
-        file.write(stream.read() or b"")
-    rec.disconnect()
+        rec = RecordingInFile(file, f"adhesion-{identity[:16]}")
+        rec.send_blueprint(layout, make_active=False, make_default=True)
+        rec.send_recording_name(name)
+        for page in pages:
+            page.send(rec)
+        rec.write()
+        rec.disconnect()
+
+
+# An .rrd stream: its header, then messages, each after its kind and length; the last is its end.
+_STREAM_HEADER = 12  # bytes
+_MESSAGE = struct.Struct("<QQ")
+_END = 0  # the kind of the last message
+_CALLS = 8  # calls that send data, after which the file gets them
+
+
+class RecordingInFile(rr.RecordingStream):
+    """A recording in a file that we write.
+
+    The SDK's own file would not report a full disk, and the SDK waits for ever after one. Nothing
+    but some calls' data is in memory. The file has no footer, as with the SDK's `write_footer` off:
+    it may grow, and one that a kill has cut can be read.
+
+    Args:
+        file: to write to.
+        recording_id: tells it from others; a new one if it is not given.
+    """
+
+    def __init__(self, file: BinaryIO, recording_id: str | None = None) -> None:
+        super().__init__("adhesion", recording_id=recording_id)
+        self._file, self._stream = file, rr.binary_stream(self)
+        self._has_header, self._calls = False, 0
+
+    def send_columns(self, *columns: Any, **options: Any) -> None:
+        """As of the SDK; now and then the data goes into the file."""
+        rr.send_columns(*columns, **options, recording=self)
+        self._calls += 1
+        if self._calls % _CALLS == 0:
+            self.write()
+
+    def write(self) -> None:
+        """Appends to the file what was sent since the last call.
+
+        Each read of the SDK's stream is a whole recording. Its header goes into the file once, and
+        its end never.
+
+        Raises:
+            OSError: where the file cannot be written.
+        """
+        data = memoryview(self._stream.read() or b"")
+        start = _STREAM_HEADER if self._has_header else 0
+        end = _STREAM_HEADER
+        while end < len(data):
+            kind, length = _MESSAGE.unpack_from(data, end)
+            if kind == _END:
+                break
+            end += _MESSAGE.size + length
+        while start < end <= len(data):
+            start += self._file.write(data[start:end])
+            self._has_header = True
 
 
 # ---- data
