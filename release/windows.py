@@ -86,7 +86,7 @@ def python_files(folder: Path) -> Iterator[tuple[str, bytes]]:
 
 def package_files(folder: Path, wheel: Path) -> Iterator[tuple[str, bytes]]:
     """Path in the zip and content of each file of the package and of what it needs."""
-    needs = f"{wheel}[formats]", *WINDOWS_ONLY, f"--constraint={ROOT / 'constraints.txt'}"
+    needs = f"{wheel}[formats,live]", *WINDOWS_ONLY, f"--constraint={ROOT / 'constraints.txt'}"
     download(folder / "wheels", *needs, *TARGET, "--only-binary=:all:")
     for path in sorted((folder / "wheels").iterdir()):
         with zipfile.ZipFile(path) as archive:

@@ -345,8 +345,7 @@ def assignment(text: str) -> Table:
         return toml.parsed(text, "--set")
     except tomllib.TOMLDecodeError:
         value = value.strip()
-        # as people write numbers and TOML does not; else a bare word is a text
-        bare_number = re.fullmatch(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?", value)
+        bare_number = toml.BARE_NUMBER.fullmatch(value)  # else a bare word is a text
     *sections, key = name.strip().split(".", toml.DEEPEST)
     return toml.bounded(_nested([*sections, key], float(value) if bare_number else value), "--set")
 
@@ -606,10 +605,16 @@ def _fields(section: str, table: Any, types: Tree[str, type]) -> Table:
 
 
 def _spaced_axles(meaning: Any) -> Any:
-    """The channels of a meaning, with `axle1`, which needs no quotes in a shell, as `axle 1`."""
+    """The channels of a meaning: a name alone as a table, `axle1` as `axle 1`.
+
+    A shell takes `axle1` without quotes. Tables merge, key by key.
+    """
+    if isinstance(meaning, str):
+        return {"channel": meaning}
     if not isinstance(meaning, dict):
         return meaning
-    return {re.sub(r"^axle(?=\d)", "axle ", key): entry for key, entry in meaning.items()}
+    spaced = {re.sub(r"^axle(?=\d)", "axle ", key): entry for key, entry in meaning.items()}
+    return {key: _spaced_axles(x) if key.startswith("axle ") else x for key, x in spaced.items()}
 
 
 def _marks(csv: Tables) -> Table:

@@ -80,7 +80,7 @@ class TreadBrake(NamedTuple):
 KINDS: Mapping[str, type[Any]] = {"disc_brake": DiscBrake, "tread_brake": TreadBrake}
 ROTATING_MASS = Quantity(
     "-", "rotating mass as a share of the axle's mass, in place of the inertia; brake calculation",
-    0.0, 1.0,
+    1e-3, 1.0,
 )  # fmt: skip
 KEYS = (*KINDS, "rotating_mass")
 # For each brake: the factors of n with their usual values, the ratio, and what must be stated.
@@ -152,7 +152,10 @@ def number(name: str, entry: Any, share: float = 0.0) -> Parameter:
         text = f"{name} = {entry!r} is no number"
         raise UserError(text, "write a number, or {value = …, tolerance = …}", code=2)
     value = float(table["value"])
-    return Parameter(value, float(table.get("tolerance", share * abs(value))))
+    tolerance = float(table.get("tolerance", share * abs(value)))
+    if tolerance < 0.0:
+        raise UserError(f"{name}: tolerance = {tolerance:g} is negative", "1 sigma, from 0", code=2)
+    return Parameter(value, tolerance)
 
 
 def _brake(kind: str, table: Any, vehicle: Table) -> Table:
@@ -211,7 +214,7 @@ def _inertia(vehicle: Table) -> Table:
 def _wheel_radius(vehicle: Table, needed_by: str) -> Parameter:
     """The mean of the stated wheel radii [m], with the tolerance of the first."""
     stated = vehicle.get("wheel_radius")
-    if not stated:
+    if stated is None or stated == []:
         hint = "state vehicle.wheel_diameter [m], too"
         raise UserError(f"{needed_by} needs the diameter of the wheels", hint, code=2)
     (default,) = Vehicle().wheel_radius
@@ -219,7 +222,9 @@ def _wheel_radius(vehicle: Table, needed_by: str) -> Parameter:
         number("vehicle.wheel_radius", entry, default.tolerance / default.value)
         for entry in (stated if isinstance(stated, list) else [stated])
     ]
-    return radii[0]._replace(value=sum(r.value for r in radii) / len(radii))
+    mean = sum(r.value for r in radii) / len(radii)
+    quantities(Vehicle)["wheel_radius"].check("vehicle.wheel_radius", mean)
+    return radii[0]._replace(value=mean)
 
 
 def _power_product(*factors: tuple[Parameter, float]) -> Parameter:

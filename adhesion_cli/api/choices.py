@@ -152,10 +152,10 @@ def as_keywords(text: str) -> str:
 
 def _keywords(options: re.Match[str]) -> str:
     """Some `--set` as keywords; what states nothing stays."""
-    words = shlex.split(options[0].strip("`"))
     try:
+        words = shlex.split(options[0].strip("`"))
         tables = settings.merged(word for word in words if word != "--set")
-    except UserError:
+    except (UserError, ValueError):
         return options[0]
     return ", ".join(f"{name}={value!r}" for name, value in tables.items())
 

@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +18,7 @@ from .options import Shared, option, shared
 _PORTS = 9090, 9876  # of page and data, as Rerun has them
 # The viewer's program in its package, on macOS, Windows and Linux.
 _PROGRAMS = "Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun"
+_STEP = 0.2  # Windows delivers no Ctrl-C while a process is waited for [s]
 _STARTS = 2.0  # after which a viewer that runs has opened its window [s]
 _WRITES = "`adhesion analyze LOG` writes one"
 _ESTIMATE = re.compile(r"/axle/\d+/estimate/")  # of a result; a comparison's begin with the log
@@ -138,7 +140,8 @@ def serve_recording(recording: Path) -> None:
     env = {**os.environ, "RUST_LOG": "error"}
     server = start_program(_rerun(str(recording), *ports), env=env)
     try:
-        code = server.wait()
+        while (code := server.poll()) is None:
+            time.sleep(_STEP)
     finally:
         server.terminate()
         server.wait()

@@ -14,10 +14,11 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from .cache_folder import cache_folder
@@ -27,6 +28,7 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
 _START += f"from {__name__} import serve; serve()"
 _PATIENCE = 5.0  # for a child that ends by itself [s]
+_STEP = 0.5  # of a wait that an interrupt ends on every system [s]
 
 
 class ChildDiedError(Exception):
@@ -61,6 +63,8 @@ class Child:
         )
         self._owner = os.getpid()  # a fork of this process must not use the pipes
         self._lock = threading.Lock()
+        self._answers: SimpleQueue[Any] = SimpleQueue()  # what the process sent, or why it cannot
+        threading.Thread(target=self._listen, daemon=True).start()
         self._number = 0  # of the request
 
     @property
@@ -84,28 +88,14 @@ class Child:
         Raises:
             ChildDiedError: the process died.
         """
-        if seconds == math.inf:
-            return self._call(function, arguments)
-        clock = threading.Timer(seconds, self._process.kill)
-        clock.start()
-        try:
-            return self._call(function, arguments)
-        except ChildDiedError as error:
-            error.was_late = clock.finished.is_set()
-            raise
-        finally:
-            clock.cancel()
-
-    def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        requests, answers = self._process.stdin, self._process.stdout
+        requests = self._process.stdin
         assert requests is not None
-        assert answers is not None
         with self._lock:
             self._number += 1
             try:
                 pickle.dump(pickle.dumps((self._number, function, arguments)), requests)
                 requests.flush()
-                number, outcome, trace = pickle.load(answers)
+                number, outcome, trace = self._answer(seconds)
             except (OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     self._process.wait(_PATIENCE)
@@ -118,6 +108,32 @@ class Child:
         if trace:
             raise outcome from RuntimeError(trace)
         return outcome
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        try:
+            while True:
+                self._answers.put(pickle.load(self._process.stdout))
+        except Exception as error:  # the process has ended, or sent what is no answer
+            self._answers.put(error)
+
+    def _answer(self, seconds: float) -> Any:
+        """The next answer; waiting in steps, because Windows delivers no Ctrl-C during a wait.
+
+        Raises:
+            ChildDiedError: it did not come in time.
+        """
+        end = time.monotonic() + seconds
+        while True:
+            try:
+                answer = self._answers.get(timeout=min(_STEP, max(end - time.monotonic(), 0.0)))
+            except Empty:
+                if time.monotonic() >= end:
+                    raise ChildDiedError(self.end(), was_late=True) from None
+            else:
+                if isinstance(answer, Exception):
+                    raise answer
+                return answer
 
     def end(self) -> int:
         """Ends the process, whatever it does; its exit code."""

@@ -44,7 +44,7 @@ def unknown(kind: str, name: str, names: list[str], listed_by: str = "") -> User
 
 def installed_by(extra: str) -> str:
     """The hint that installs an optional part of the program."""
-    return f"pip install 'adhesion-cli[{extra}]', or in a clone: pip install '.[{extra}]'"
+    return f'pip install "adhesion-cli[{extra}]", or in a clone: pip install ".[{extra}]"'
 
 
 def as_user_error(error: BaseException) -> UserError:

@@ -15,6 +15,7 @@ _MOST_BYTES = 1 << 20  # bytes of a file
 _LONGEST = 4_000  # characters of a line; the parser's memory is the square of a key's dots
 DEEPEST = 16  # tables and lists inside each other
 _NAMES_IN_HINT = 5  # names of files in a hint
+BARE_NUMBER = re.compile(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?")  # as people write, and TOML does not
 _MOST_OPTIONS = 8  # in a hint
 _LARGEST = 1e18  # no number of a setting is larger
 
@@ -175,6 +176,6 @@ def _is_bare_text(text: str) -> bool:
     """Whether a text without quotes is read as the same text."""
     try:
         number = tomllib.loads(f"x = {text}")["x"]
-        return type(number) in (int, float) and str(number) == text
+        return type(number) in (int, float) and abs(number) <= _LARGEST and str(number) == text
     except tomllib.TOMLDecodeError:
-        return text == text.strip()
+        return text == text.strip() and not BARE_NUMBER.fullmatch(text)

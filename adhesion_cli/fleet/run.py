@@ -14,6 +14,7 @@ from .dataset import Dataset, DoneLog, KeptTables
 from .locations import Location
 from .work import Item, Job, Outcome
 
+_STEP = 0.5  # [s]
 _DEAD = {
     "error": "the process that analysed the log died",
     "hint": "often memory is short: analyse this log alone with `adhesion analyze`",
@@ -183,7 +184,8 @@ def _worked(
         if batch:
             yield batch
         batch = []
-        for future in wait(running, return_when=FIRST_COMPLETED).done if running else ():
+        # In steps, because Windows delivers no Ctrl-C during a wait.
+        for future in wait(running, _STEP, FIRST_COMPLETED).done if running else ():
             item, tries = running.pop(future)
             try:
                 batch.append((item, future.result()))

@@ -205,13 +205,13 @@ def summarise_fleet(folder: Path) -> FleetSummary:
 
 def _whole(rows: Sequence[_LogRow]) -> tuple[list[_LogRow], list[str]]:
     """The rows of logs whose tables are whole, and the names of the other logs."""
-    whole, others = list[_LogRow](), list[str]()
+    whole, others = list[_LogRow](), list[_LogRow]()
     for row in rows:
-        if row.status == "error" or is_whole(Path(row.file), row.tables_sha256):
-            whole.append(row)
-        else:
-            others.append(row.log)
-    return whole, sorted(set(others))
+        is_good = row.status == "error" or is_whole(Path(row.file), row.tables_sha256)
+        (whole if is_good else others).append(row)
+    made_anew = {(row.log, row.settings) for row in whole}
+    lost = {row.log for row in others if (row.log, row.settings) not in made_anew}
+    return whole, sorted(lost)
 
 
 def _read(folder: Path, names: Sequence[str], columns: Sequence[str]) -> Any:

@@ -45,17 +45,17 @@ def new_files(paths: Sequence[Path], force: bool, inputs: Sequence[Path]) -> Ite
     try:
         with suppress(NotImplementedError):  # a file system without locks
             lock.acquire()
+        atomic_files.check_closed(paths)
         for path in paths:
             if force:
                 path.unlink(missing_ok=True)
             path.open("xb").close()
+        yield
     except Timeout as error:
         text = f"{printable(str(paths[0]))}: another run of `live` is writing this file"
         raise UserError(text, "end that run, or name another folder with -o") from error
     except OSError as error:
-        raise _unwritten(paths[0], error) from error
-    try:
-        yield
+        raise _unwritten(Path(error.filename or paths[0]), error) from error
     finally:
         lock.release()
         with suppress(OSError):

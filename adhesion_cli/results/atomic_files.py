@@ -27,7 +27,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from itertools import chain
@@ -195,8 +195,7 @@ def sets(
                 stale = [path for path in manifests if _is_manifest(path)]
                 if not force:  # another run was faster, or somebody else's manifest
                     _refuse_existing([path for path in files if path not in stale])
-                for path in filter(os.path.lexists, [*stale, *files]):  # is one held open?
-                    _patiently(path, partial(os.rename, path, path))
+                check_closed([*stale, *files])
                 for path in [*stale, *reversed([*files][1:])]:  # all but the record
                     path.unlink(missing_ok=True)
                 for path, place in files.items():
@@ -257,6 +256,16 @@ def _publishing() -> Iterator[None]:
         with suppress(OSError, NotImplementedError):  # a file system without locks
             stack.enter_context(FileLock(cache_folder() / "publishing.lock"))
         yield
+
+
+def check_closed(paths: Iterable[Path]) -> None:
+    """Refuse to replace files of which another program holds one open; all are whole then.
+
+    Raises:
+        UserError: names the file.
+    """
+    for path in filter(os.path.lexists, paths):
+        _patiently(path, partial(os.rename, path, path))
 
 
 def _patiently(path: Path, action: Callable[[], object]) -> None:

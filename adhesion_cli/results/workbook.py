@@ -49,7 +49,7 @@ def workbook(path: Path) -> Iterator["Workbook"]:
     from xlsxwriter import Workbook as Writer
 
     buffer = io.BytesIO()
-    writer = Writer(buffer, {"constant_memory": True})
+    writer = Writer(buffer, {"constant_memory": True, "tmpdir": str(path.parent)})
     writer.set_properties({"created": _CREATED})
     yield Workbook(writer)
     writer.close()

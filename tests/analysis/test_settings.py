@@ -315,6 +315,8 @@ def test_the_line_in_the_hint_of_a_wrong_setting_is_accepted(wrong: str) -> None
 @example(name="""driver's "valve" \\ 1""")
 @example(name="1.50")
 @example(name="true")
+@example(name="nan")
+@example(name=".5")
 @example(name="2026-01-01")
 def test_a_hint_states_any_name_and_needs_no_single_quotes(name: str) -> None:
     line = f"channels.group = {{channel = {toml.quoted(name)}, equals = '1'}}"
@@ -333,6 +335,15 @@ def test_a_hint_states_any_name_and_needs_no_single_quotes(name: str) -> None:
 def test_a_mark_may_be_stated_in_a_word(word: str) -> None:
     mark = settings.load(assignments=[f"csv.delimiter={word}"], folder=False).read.delimiter
     assert mark == settings.MARKS[word]
+
+
+def test_a_unit_is_added_to_a_channel_that_is_stated_by_its_name() -> None:
+    Path("c.toml").write_text('channels.pressure = "my_p"\nchannels.speed."axle 1" = "v1"')
+    stated = ["channels.pressure.unit=bar", "channels.speed.axle1.unit=km/h"]
+    by_meaning = {m.meaning: m for m in settings.load(Path("c.toml"), stated).mappings}
+    pressure, speed = by_meaning["pressure"], by_meaning["wheel_speed"]
+    assert (pressure.channel, pressure.axle, pressure.unit) == ("my_p", None, "bar")
+    assert (speed.channel, speed.axle, speed.unit) == ("v1", 1, "km/h")
 
 
 def test_an_axle_needs_no_quotes() -> None:

@@ -98,7 +98,13 @@ def test_a_rotating_mass_is_an_inertia() -> None:
         ({"disc_brake": DISC, "wheel_diameter": None}, "needs the diameter", "wheel_diameter"),
         ({"rotating_mass": 0.1, "wheelset_inertia": 100}, "the same inertia twice", "leave out"),
         ({"rotating_mass": 0.1, "axle_mass": None}, "needs the mass", "axle_mass"),
-        ({"rotating_mass": -0.1}, "out of range", "0 to 1"),
+        ({"rotating_mass": -0.1}, "out of range", "0.001 to 1"),
+        ({"rotating_mass": 0.1, "wheel_diameter": 0.0}, "wheel_radius = 0 is out", "0.1 to 1"),
+        (
+            {"disc_brake": {**DISC, "discs": {"value": 2, "tolerance": -1}}},
+            "is negative",
+            "1 sigma",
+        ),
     ],
 )
 def test_a_wrong_statement_is_one_error_with_key_and_remedy(

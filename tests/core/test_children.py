@@ -136,6 +136,22 @@ def test_a_child_runs_the_package_of_its_caller_where_another_one_is_installed(
         child.end()
 
 
+def test_the_time_of_a_call_begins_when_its_process_works_for_it() -> None:
+    """A thread that waits for the call of another one loses none of its time."""
+    child, answers = Child(), []
+
+    def ask() -> None:
+        answers.append(child.call(time.sleep, 1.0, seconds=1.8))
+
+    threads = [threading.Thread(target=ask) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    child.end()
+    assert answers == [None, None]
+
+
 def test_a_call_that_does_not_end_ends_the_child() -> None:
     child = Child()
     with pytest.raises(ChildDiedError) as error:

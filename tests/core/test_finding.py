@@ -1,6 +1,7 @@
 """Findings are data; every code has its words."""
 
 import ast
+import re
 from pathlib import Path
 from string import Formatter
 
@@ -31,6 +32,8 @@ def test_words_are_complete_and_short(code: str) -> None:
     assert not words.title.endswith(".")
     fields = {name for _, name, _, _ in Formatter().parse(words.message + words.remedy) if name}
     assert all(name.isidentifier() for name in fields)
+    assert not re.search(r"_mps:[^}]*\} [^{]*km/h|_kmh:[^}]*\} m/s", words.message)
+    assert not re.search(r"\{\w+_mps:", words.message)  # speeds are km/h on every screen
 
 
 def test_a_finding_fills_its_words() -> None:

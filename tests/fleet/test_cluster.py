@@ -117,5 +117,5 @@ def test_without_the_extra_the_error_says_what_installs_it(
     for arguments in ([tmp_path, "--scheduler", "tcp://127.0.0.1:9"], ["s3://bucket/logs"]):
         made = fleet(*arguments, "-o", tmp_path / "out")
         assert made.returncode == 1
-        assert "pip install 'adhesion-cli[fleet]'" in made.stderr.splitlines()[1]
+        assert 'pip install "adhesion-cli[fleet]"' in made.stderr.splitlines()[1]
         assert "Traceback" not in made.stderr

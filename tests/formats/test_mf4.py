@@ -181,4 +181,4 @@ def test_without_the_library_the_error_says_what_to_install(
     monkeypatch.setattr(isolated.importlib.util, "find_spec", lambda _: None)
     with pytest.raises(UserError, match="asammdf") as error:
         open_source(path, ReadOptions())
-    assert "pip install 'adhesion-cli[mf4]'" in error.value.hint
+    assert 'pip install "adhesion-cli[mf4]"' in error.value.hint
