@@ -5,7 +5,6 @@ whose page it is. Programs send no such header, or one that is not of the web.
 """
 
 import asyncio
-import contextlib
 import threading
 from urllib.parse import urlsplit
 
@@ -33,22 +32,32 @@ class Gate:
 
     def __init__(self, host: str, port: int, target: tuple[str, int]) -> None:
         self._target, self._loop = target, asyncio.new_event_loop()
+        starting = asyncio.start_server(self._enter, host, port)
         try:
-            server = self._loop.run_until_complete(asyncio.start_server(self._enter, host, port))
+            self._server = self._loop.run_until_complete(starting)
         except OSError:
             self._loop.close()
             raise
-        self.port: int = server.sockets[0].getsockname()[1]
+        self.port: int = self._server.sockets[0].getsockname()[1]
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Ends all connections."""
+        """Ends all connections, and takes no more."""
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
+        self._loop.close()
+
+    async def _end(self) -> None:
+        self._server.close()
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _enter(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(OSError, EOFError, TimeoutError, asyncio.LimitOverrunError):
+        try:
             head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _PATIENCE)
             if all(map(is_allowed, _origins(head))):
                 there = await asyncio.open_connection(*self._target)
@@ -57,7 +66,10 @@ class Gate:
             else:
                 writer.write(_REFUSAL)
                 await writer.drain()
-        writer.close()
+        except (OSError, EOFError, TimeoutError, asyncio.LimitOverrunError):
+            pass  # whoever connected is gone, or sent no request
+        finally:
+            writer.close()
 
 
 def is_allowed(origin: str) -> bool:
@@ -78,8 +90,11 @@ def _origins(head: bytes) -> list[str]:
 
 async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     """Bytes as fast as they are taken, to the end of either side."""
-    with contextlib.suppress(OSError):
+    try:
         while data := await reader.read(_BLOCK):
             writer.write(data)
             await writer.drain()
-    writer.close()
+    except OSError:
+        pass  # that side is gone
+    finally:
+        writer.close()

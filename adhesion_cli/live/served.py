@@ -19,7 +19,9 @@ _INNER = "127.{}.{}.{}" if sys.platform != "darwin" else _HOST
 
 
 class Served:
-    """A server on this computer, which no page of another web site reaches.
+    """A server on this computer, whose port refuses pages of other web sites.
+
+    On macOS, the SDK's own server behind it has the same address, on a port that changes.
 
     Args:
         port: it listens there; 0: on a free one.
@@ -45,7 +47,11 @@ class Served:
             self._server = foxglove.start_server(
                 name="adhesion", host=inner, port=0, context=context
             )
-            self._gate = Gate(_HOST, port, (inner, self._server.port))
+            try:
+                self._gate = Gate(_HOST, port, (inner, self._server.port))
+            except OSError:
+                self._server.stop()
+                raise
         except Exception as error:  # the binding's word for what cannot be opened
             text = f"--serve {port}: cannot listen: {error}"
             raise UserError(text, "name another port") from None

@@ -1,6 +1,7 @@
 """Samples for Foxglove."""
 
 import json
+import socket
 from collections.abc import Iterator
 from contextlib import nullcontext
 from typing import Any
@@ -12,6 +13,7 @@ from helpers.live_runs import (
 
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
+from adhesion_cli.live.gate import Gate
 
 
 def test_foxglove_gets_the_topics_of_an_axle_that_comes_later() -> None:
@@ -66,6 +68,21 @@ def test_pages_of_other_web_sites_stay_outside(
     refused = nullcontext() if is_let_in else pytest.raises(websockets.InvalidStatus, match="403")
     with refused, sync.connect(served.url, **more) as client:
         assert client.recv(timeout=20)
+
+
+def test_after_its_end_nothing_is_connected() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as target:
+        gate = Gate("127.0.0.1", 0, target.getsockname()[:2])
+        with socket.create_connection(("127.0.0.1", gate.port), 10.0) as client:
+            client.sendall(b"GET / HTTP/1.1\r\n\r\n")
+            target.settimeout(10.0)
+            there, _ = target.accept()
+            with there:
+                assert there.recv(99).startswith(b"GET")
+                gate.close()
+                assert client.recv(1) == b""
+        with pytest.raises(OSError, match="refused"):
+            socket.create_connection(("127.0.0.1", gate.port), 10.0)
 
 
 def test_a_taken_port_is_an_error(served: Any) -> None:
