@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
-from .can_files import Problems, checked_lines, cut_off
+from .can_files import Problems, blf_prefix, checked_lines
 from .source import Field, ReadOptions
 from .tables import YEAR_1990, Columns, Contents, NamedColumn, TableSamples, fields
 
@@ -106,9 +106,13 @@ class Reader:
             time_reason = "time stamp of each frame, to the microsecond; no start stated"
         findings = list(self._findings(problems, rows))
         events = []
-        if problems.errors:
-            finding = Finding("can-error-frames", "warning", count=len(problems.errors))
-            events.append((finding, _ticks(np.array(problems.errors), self._start)))
+        for code, times in (
+            ("can-error-frames", problems.errors),
+            ("can-frames-lost", problems.loss_times),
+        ):
+            if times:
+                finding = Finding(code, "warning", count=len(times))
+                events.append((finding, _ticks(np.array(times), self._start)))
         self.contents = Contents(
             self._fields(),
             self._start,
@@ -330,8 +334,8 @@ def _open_frames(path: Path, problems: Problems) -> tuple[Iterator[Any], Any]:
     with path.open("rb") as file:
         head = file.read(512)
     if head.startswith(b"LOGG"):
-        blf: Any = can.BLFReader(path)
-        problems.damage = cut_off(path)
+        prefix: Any = blf_prefix(path, problems)
+        blf = can.BLFReader(prefix)
         return _until_damage(blf, problems), lambda: (blf.start_timestamp, blf.start_timestamp)
     if b";$FILEVERSION" in head or path.suffix.lower() == ".trc":
         trc: Any = can.TRCReader
@@ -347,7 +351,7 @@ def _until_damage(frames: Any, problems: Problems) -> Iterator[Any]:
         yield from frames
     except Exception as error:  # whatever the library raises, the rest is lost
         reason = " ".join(str(error).split())[:100] or type(error).__name__
-        problems.damage = f"frames cannot be read: {reason}"
+        problems.damage = problems.damage or f"frames cannot be read: {reason}"
 
 
 def _asc_start(path: Path, problems: Problems) -> float:

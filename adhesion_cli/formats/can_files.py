@@ -1,16 +1,22 @@
 """What is wrong with CAN logs, which python-can passes over without a word.
 
-It takes lines that it cannot read for comments, or stops at them. It reads a BLF file that is cut
-off up to its end.
+It takes lines that it cannot read for comments, or stops at them. It stops at damaged parts of a
+BLF file, and unpacks without a limit.
 """
 
 import re
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from .prefix import Prefix
+
+_MOST_UNPACKED = 1 << 27  # bytes of one container of a BLF file
+_CONTAINER = 10  # type of an object that holds others
+_LOSS_OBJECTS = {2: "errors", 3: "errors", 125: "lost"}  # other objects: error, overload, data lost
 _FRAME = re.compile(  # a line of an ASC log that should hold a frame
     r"\s*\d+\.\d+\s+(CANFD\s+)?\d+\s+(?!Statistic|J1939|Overload|Status)"
     r"|.*[\0-\x08\x0e-\x1f\ufffd]"
@@ -30,6 +36,9 @@ class Problems:
     lines: list[int] = field(default_factory=list)  # that hold a frame which cannot be read
     example: str = ""  # the first of them
     errors: list[float] = field(default_factory=list)  # times of error frames, after the start [s]
+    loss_times: list[float] = field(
+        default_factory=list
+    )  # times at which the logger notes a loss [s]
     reader: Any = None  # of a text log
     version: str = ""  # of a TRC log
     begin: str = ""  # date and time at which the frames of an ASC log begin
@@ -139,17 +148,76 @@ def _trc_time(line: str) -> float:
         return 0.0
 
 
-def cut_off(path: Path) -> str:
-    """Where a BLF file ends inside one of its objects, "" where it is whole."""
+def blf_prefix(path: Path, problems: Problems) -> Prefix:
+    """The first bytes of a BLF file whose containers are whole, as a file.
+
+    Notes what is wrong behind them, and the errors and losses that the logger notes.
+    """
     size = path.stat().st_size
+    offset, tail = 144, b""
     with path.open("rb") as file:
-        head = file.read(8)
-        offset = struct.unpack_from("<L", head, 4)[0] if len(head) == 8 else size
+        head = file.read(144)
+        if len(head) == 144:
+            offset = struct.unpack_from("<L", head, 4)[0]
         while offset < size:
             file.seek(offset)
-            start = file.read(16)
-            length = struct.unpack_from("<L", start, 8)[0] if len(start) == 16 else 0
-            if length < 16 or offset + length > size:
-                return f"byte {offset}: the file ends inside an object, or no object begins there"
+            start = file.read(32)
+            length = struct.unpack_from("<L", start, 8)[0] if len(start) >= 16 else 0
+            if not start.startswith(b"LOBJ") or length < 16:
+                problems.damage = f"byte {offset}: no object begins there"
+                break
+            if offset + length > size:
+                problems.damage = f"byte {offset}: the file ends inside an object"
+                break
+            if struct.unpack_from("<L", start, 12)[0] == _CONTAINER:
+                file.seek(offset + 32)
+                method, unpacked = struct.unpack_from("<H6xL", start, 16)
+                data = _unpacked(file.read(length - 32), method, unpacked)
+                if data is None:
+                    problems.damage = f"byte {offset}: compressed frames do not unpack"
+                    break
+                remainder = _noted(tail + data, problems)
+                tail = remainder or b""
+                if remainder is None:
+                    problems.damage = f"byte {offset}: no object begins where one should"
+                    offset += length + length % 4  # what is before it is read
+                    break
             offset += length + length % 4
-    return ""
+    if tail and not problems.damage:
+        problems.damage = f"byte {min(offset, size)}: the last frame is cut off"
+    return Prefix(path, min(offset, size))
+
+
+def _unpacked(data: bytes, method: int, size: int) -> bytes | None:
+    """The content of a container, None where it is damaged."""
+    if method == 0:
+        return data
+    if method != 2 or size > _MOST_UNPACKED:
+        return None
+    unpack = zlib.decompressobj()
+    try:
+        content = unpack.decompress(data, size + 1)
+    except zlib.error:
+        return None
+    return content if unpack.eof and len(content) == size else None
+
+
+def _noted(data: bytes, problems: Problems) -> bytes | None:
+    """Notes errors and losses among objects; the rest that is not whole, None for no object."""
+    offset = 0
+    while True:
+        object_start = data.find(b"LOBJ", offset, offset + 8)
+        if object_start < 0:
+            return data[offset:] if offset + 8 > len(data) else None
+        if object_start + 32 > len(data):
+            return data[object_start:]
+        length, kind = struct.unpack_from("<LL", data, object_start + 8)
+        if length < 16:
+            return None
+        if object_start + length > len(data):
+            return data[object_start:]
+        if kind in _LOSS_OBJECTS:
+            flags, stamp = struct.unpack_from("<L4xQ", data, object_start + 16)
+            times = problems.errors if _LOSS_OBJECTS[kind] == "errors" else problems.loss_times
+            times.append(stamp * (1e-5 if flags == 1 else 1e-9))
+        offset = object_start + length

@@ -2,6 +2,7 @@
 
 import random
 import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -231,7 +232,7 @@ def blf(path: Path) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("damage", ["cut", "hole"])
+@pytest.mark.parametrize("damage", ["cut", "hole", "bomb"])
 def test_a_damaged_blf_keeps_the_frames_before_the_damage(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "a.blf"
     places = blf(path)
@@ -240,16 +241,32 @@ def test_a_damaged_blf_keeps_the_frames_before_the_damage(tmp_path: Path, damage
     raw, at = bytearray(path.read_bytes()), places[5]
     if damage == "cut":
         del raw[at + 60 :]
-    else:
+    elif damage == "hole":
         raw[at + 50 : at + 60] = bytes(10)
+    else:
+        packed = zlib.compress(bytes(200 << 20))
+        base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+        raw[at:] = base + struct.pack("<H6xL4x", 2, 200 << 20) + packed
     path.write_bytes(raw)
     found, findings, _ = columns(path, stated(tmp_path))
     n = len(found["speed"].t)
     assert 150 < n < 300
     assert np.array_equal(found["speed"].t, whole["speed"].t[:n])
     assert findings["log-damaged"].values["kept_rows"] == n
-    with pytest.raises(UserError, match=r"file is damaged: .* rows kept"):
+    with pytest.raises(UserError, match="byte"):
         open_source(path, ReadOptions(strict=True, dbc=stated(tmp_path)))
+
+
+def test_losses_that_the_logger_notes(tmp_path: Path) -> None:
+    path = tmp_path / "a.blf"
+    blf(path)
+    lost = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 40, 125, 2, 0, 0, 5 * 10**9) + bytes(8)
+    packed = zlib.compress(lost)
+    base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+    with path.open("ab") as file:
+        file.write(base + struct.pack("<H6xL4x", 2, len(lost)) + packed)
+    _, findings, _ = columns(path, stated(tmp_path))
+    assert findings["can-frames-lost"].spans == ((5.0, 5.0),)
 
 
 def test_dbc_on_the_command_line_and_in_a_file(
