@@ -91,7 +91,7 @@ class Reader:
                 "write the file again with the program that made it",
             )
 
-    def _heads(self) -> dict[str, Any]:
+    def _heads(self) -> dict[str, pa.Array]:
         """The first values of each column."""
         try:
             head = next(self._file.iter_batches(HEAD, columns=self._names), None)
@@ -124,7 +124,7 @@ class Reader:
             series.append(TableSamples(0, np.asarray(value)[ok], {"value-missing": null[ok]}))
         return Columns([t[ok]], series, findings)
 
-    def _arrays(self, names: Collection[str]) -> dict[str, Any]:
+    def _arrays(self, names: Collection[str]) -> dict[str, pa.Array]:
         """Whole columns, each as one array.
 
         Raises:

@@ -170,7 +170,7 @@ def kind(path: Path) -> str:
     return suffix
 
 
-def write(path: Path, suffix: str, sheets: Mapping[str, Any]) -> None:
+def write(path: Path, suffix: str, sheets: Mapping[str, pa.Table]) -> None:
     """Write tables in the format of a suffix, see `kind`.
 
     Args:
@@ -189,7 +189,7 @@ def write(path: Path, suffix: str, sheets: Mapping[str, Any]) -> None:
         verified.write(path, packed(first_table))
 
 
-def _write_workbook(path: Path, sheets: Mapping[str, Any]) -> None:
+def _write_workbook(path: Path, sheets: Mapping[str, pa.Table]) -> None:
     with workbook(path) as book:
         for name, table in sheets.items():
             book.check(table.num_rows, table.num_columns)
