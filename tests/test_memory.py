@@ -204,7 +204,7 @@ from helpers.made_results import result
 from adhesion_cli.core import threads
 from adhesion_cli.results import mcap, rrd
 threads.max_threads = 1  # each processor has buffers of its own
-mcap.CHUNK, rrd.results._ROWS = 1 << 18, 1 << 12
+mcap.CHUNK, rrd.results._ROWS, rrd.parts._MOST_WAITING = 1 << 18, 1 << 12, 1 << 20
 def write(n):
     whole = result(axles=1, n=n)
     before = begin()

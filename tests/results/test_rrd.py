@@ -3,6 +3,7 @@
 import socket
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from helpers.recordings import batches, column, static
 from hypothesis import given
 from hypothesis import strategies as st
 from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
 
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Floats, Result, Vehicle
@@ -471,3 +473,18 @@ def test_scores_have_no_column_without_values(small: Path, tmp_path: Path) -> No
     every = heads(tmp_path / "a.rrd")
     assert [x for x in every if x in few] == few
     assert len(every) == len(few) + 3
+
+
+@pytest.mark.parametrize("most", [128 << 20, 1000])
+def test_short_and_long_recordings_hold_the_same(
+    tmp_path: Path, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A long one is written bit by bit, without the footer that a short one has."""
+    monkeypatch.setattr(parts, "_MOST_WAITING", most)
+    path = tmp_path / "a.rrd"
+    rrd.write_result(path, result(1, 300))
+    assert path.read_bytes().count(b"RRF2FOOT") == (most > 1000)
+    with pytest.warns(RerunWarning) if most == 1000 else nullcontext():
+        chunks = list(RrdReader(path).stream())
+    rows = sum(chunk.num_rows for chunk in chunks)
+    assert rows > 3 * 300

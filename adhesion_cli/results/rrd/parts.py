@@ -61,23 +61,23 @@ def write(
         rec.send_recording_name(name)
         for page in pages:
             page.send(rec)
-        rec.write()
-        rec.disconnect()
+        rec.end()
 
 
 # An .rrd stream: its header, then messages, each after its kind and length; the last is its end.
 _STREAM_HEADER = 12  # bytes
 _MESSAGE = struct.Struct("<QQ")
 _END = 0  # the kind of the last message
-_CALLS = 8  # calls that send data, after which the file gets them
+_MOST_WAITING = 128 << 20  # bytes of data that may wait until the file gets them
 
 
 class RecordingInFile(rr.RecordingStream):
     """A recording in a file that we write.
 
-    The SDK's own file would not report a full disk, and the SDK waits for ever after one. Nothing
-    but some calls' data is in memory. The file has no footer, as with the SDK's `write_footer` off:
-    it may grow, and one that a kill has cut can be read.
+    The SDK's own file would not report a full disk, and the SDK waits for ever after one. A short
+    recording is written at its end, with the footer by which a reader finds its parts. A long one,
+    and one that grows, is written bit by bit and has no footer, as with the SDK's `write_footer`
+    off: memory is bounded, and a file that a kill has cut can be read.
 
     Args:
         file: to write to.
@@ -87,17 +87,19 @@ class RecordingInFile(rr.RecordingStream):
     def __init__(self, file: BinaryIO, recording_id: str | None = None) -> None:
         super().__init__("adhesion", recording_id=recording_id)
         self._file, self._stream = file, rr.binary_stream(self)
-        self._has_header, self._calls = False, 0
+        self._has_header, self._waiting = False, 0
 
-    def send_columns(self, *columns: Any, **options: Any) -> None:
-        """As of the SDK; now and then the data goes into the file."""
-        rr.send_columns(*columns, **options, recording=self)
-        self._calls += 1
-        if self._calls % _CALLS == 0:
+    def send_columns(  # type: ignore[override]
+        self, path: str, times: Any, columns: Any, **options: Any
+    ) -> None:
+        """As of the SDK; where much waits, it goes into the file."""
+        rr.send_columns(path, times, columns, **options, recording=self)
+        self._waiting += sum(column.as_arrow_array().nbytes for column in columns)
+        if self._waiting > _MOST_WAITING:
             self.write()
 
     def write(self) -> None:
-        """Appends to the file what was sent since the last call.
+        """Appends to the file what was sent since the last call, and no footer.
 
         Each read of the SDK's stream is a whole recording. Its header goes into the file once, and
         its end never.
@@ -105,12 +107,25 @@ class RecordingInFile(rr.RecordingStream):
         Raises:
             OSError: where the file cannot be written.
         """
-        data = memoryview(self._stream.read() or b"")
+        self._append(footer=False)
+
+    def end(self) -> None:
+        """Writes the rest; with a footer, where this is all.
+
+        Raises:
+            OSError: where the file cannot be written.
+        """
+        self._append(footer=not self._has_header)
+        self.disconnect()
+
+    def _append(self, footer: bool) -> None:
+        data, self._waiting = memoryview(self._stream.read() or b""), 0
         start = _STREAM_HEADER if self._has_header else 0
         end = _STREAM_HEADER
         while end < len(data):
             kind, length = _MESSAGE.unpack_from(data, end)
             if kind == _END:
+                end = len(data) if footer else end
                 break
             end += _MESSAGE.size + length
         while start < end <= len(data):
