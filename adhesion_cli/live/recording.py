@@ -41,21 +41,36 @@ def new_files(paths: Sequence[Path], force: bool, inputs: Sequence[Path]) -> Ite
         UserError: as `atomic_files.check`, another run writes these files, or they cannot be made.
     """
     atomic_files.check(paths, force, inputs=inputs)
-    lock = FileLock(paths[0].with_name(f".{paths[0].name}.lock"), blocking=False)
+    with _locked(paths[0]):
+        atomic_files.check_closed(paths)
+        for path in paths:
+            try:
+                if force:
+                    path.unlink(missing_ok=True)
+                path.open("xb").close()
+            except OSError as error:
+                raise _unwritten(path, error) from error
+        yield
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Keeps other runs from a file.
+
+    Raises:
+        UserError: another run has it.
+    """
+    lock = FileLock(path.with_name(f".{path.name}.lock"), blocking=False)
     try:
         with suppress(NotImplementedError):  # a file system without locks
             lock.acquire()
-        atomic_files.check_closed(paths)
-        for path in paths:
-            if force:
-                path.unlink(missing_ok=True)
-            path.open("xb").close()
-        yield
     except Timeout as error:
-        text = f"{printable(str(paths[0]))}: another run of `live` is writing this file"
+        text = f"{printable(str(path))}: another run of `live` is writing this file"
         raise UserError(text, "end that run, or name another folder with -o") from error
     except OSError as error:
-        raise _unwritten(Path(error.filename or paths[0]), error) from error
+        raise _unwritten(path, error) from error
+    try:
+        yield
     finally:
         lock.release()
         with suppress(OSError):

@@ -29,7 +29,9 @@ from mcap.reader import make_reader
 
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import load
+from adhesion_cli.core.errors import UserError
 from adhesion_cli.live import recording
+from adhesion_cli.live.recording import new_files
 
 
 @pytest.mark.parametrize("then", [(), (-50.0,)])
@@ -189,3 +191,20 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
         assert np.isfinite(force).all()
     (names,) = recordings.batches(path, "/lines/all")
     assert "axle 1" in str(names.to_pydict())
+
+
+def test_a_run_that_is_refused_leaves_the_lock_of_the_first_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.live.mcap"
+    with new_files([path], False, []):
+        for _ in range(2):
+            with pytest.raises(UserError, match="another run"), new_files([path], True, []):
+                pass
+    with new_files([path], True, []):
+        pass
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_an_error_while_the_files_grow_is_not_one_of_the_files(tmp_path: Path) -> None:
+    """As a reader of the lines that has gone."""
+    with pytest.raises(BrokenPipeError), new_files([tmp_path / "a.live.mcap"], False, []):
+        raise BrokenPipeError
