@@ -373,7 +373,7 @@ def _normalise_names(layer: Tables) -> Table:
     keys = vehicle_keys() | {key: key for key in stated_brake.KEYS}
     normalised = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
     if isinstance(channels := layer.get("channels"), dict):
-        normalised["channels"] = {k: _spaced_axles(v) for k, v in channels.items()}
+        normalised["channels"] = {k: _channel_tables(v) for k, v in channels.items()}
     bare_keys = {k: v for k, v in layer.items() if k in keys}
     vehicle: Table = {}
     for key, value in [*bare_keys.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]:
@@ -604,7 +604,7 @@ def _fields(section: str, table: Any, types: Tree[str, type]) -> Table:
     return fields
 
 
-def _spaced_axles(meaning: Any) -> Any:
+def _channel_tables(meaning: Any) -> Any:
     """The channels of a meaning: a name alone as a table, `axle1` as `axle 1`.
 
     A shell takes `axle1` without quotes. Tables merge, key by key.
@@ -614,7 +614,7 @@ def _spaced_axles(meaning: Any) -> Any:
     if not isinstance(meaning, dict):
         return meaning
     spaced = {re.sub(r"^axle(?=\d)", "axle ", key): entry for key, entry in meaning.items()}
-    return {key: _spaced_axles(x) if key.startswith("axle ") else x for key, x in spaced.items()}
+    return {key: _channel_tables(x) if key.startswith("axle ") else x for key, x in spaced.items()}
 
 
 def _marks(csv: Tables) -> Table:

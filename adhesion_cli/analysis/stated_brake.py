@@ -18,6 +18,13 @@ from ..core.errors import UserError, unknown
 from ..core.model import Parameter, Quantity, Vehicle, quantities
 from ..core.toml import Table
 
+_PistonArea = Annotated[
+    float, Quantity("m²", "in place of the diameter; cylinder data sheet", 1e-4, 1.0)
+]
+_SpringForce = Annotated[
+    float, Quantity("N", "return spring, at the piston; cylinder data sheet", 0.0, 50e3)
+]
+
 
 class DiscBrake(NamedTuple):
     """The keys of `[vehicle.disc_brake]`."""
@@ -32,12 +39,8 @@ class DiscBrake(NamedTuple):
     piston_diameter: Annotated[
         float, Quantity("m", "piston of one cylinder; cylinder data sheet (8 inch: 0.203)", 0.01, 1)
     ]
-    piston_area: Annotated[
-        float, Quantity("m²", "in place of the diameter; cylinder data sheet", 1e-4, 1.0)
-    ]
-    spring_force: Annotated[
-        float, Quantity("N", "return spring, at the piston; cylinder data sheet", 0.0, 50e3)
-    ]
+    piston_area: _PistonArea
+    spring_force: _SpringForce
     caliper_ratio: Annotated[
         float,
         Quantity("-", "force of one pad over force of the piston; caliper data sheet", 0.05, 50.0),
@@ -60,12 +63,8 @@ class TreadBrake(NamedTuple):
         float,
         Quantity("m", "piston of one cylinder; cylinder data sheet (16 inch: 0.406)", 0.01, 1),
     ]
-    piston_area: Annotated[
-        float, Quantity("m²", "in place of the diameter; cylinder data sheet", 1e-4, 1.0)
-    ]
-    spring_force: Annotated[
-        float, Quantity("N", "return spring, at the piston; cylinder data sheet", 0.0, 50e3)
-    ]
+    piston_area: _PistonArea
+    spring_force: _SpringForce
     rigging_ratio: Annotated[
         float,
         Quantity(

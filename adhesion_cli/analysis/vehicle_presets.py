@@ -83,7 +83,7 @@ def preset_toml(name: str) -> str:
     """
     if name not in names():
         raise unknown("vehicle", name, list(names()))
-    head = f"# The vehicle of {names()[name]}, typical values: replace them by your data sheets'.\n"
+    head = f"# Vehicle: {names()[name]}. Replace the values by those of your data sheets.\n"
     head += "# A number, or {value, tolerance}: the tolerance is 1 sigma, in the key's unit.\n"
     if name == PAPER:
         return head + _section("vehicle", _of_paper(), quantities(Vehicle))
@@ -99,18 +99,18 @@ def preset_toml(name: str) -> str:
 
 def _of_paper() -> dict[str, Value]:
     v = Vehicle()
-    listed = {name: getattr(v, name) for name in quantities(Vehicle)}
-    return {n: tuple(p if len(p) == 2 else p[0]) for n, p in listed.items()}
+    parameters = {name: getattr(v, name) for name in quantities(Vehicle)}
+    (parameters["wheel_radius"],) = v.wheel_radius
+    return {name: (p.value, p.tolerance) for name, p in parameters.items()}
 
 
 def _section(name: str, values: Mapping[str, Value], texts: Mapping[str, Quantity]) -> str:
     lines = []
     for key, value in values.items():
-        number = (
-            f"{value:g}"
-            if not isinstance(value, tuple)
-            else (f"{{value = {value[0]:g}, tolerance = {value[1]:g}}}")
-        )
+        if isinstance(value, tuple):
+            number = f"{{value = {value[0]:g}, tolerance = {value[1]:g}}}"
+        else:
+            number = f"{value:g}"
         unit = "" if texts[key].unit == "-" else f"{texts[key].unit}; "
         lines.append((f"{key} = {number}", f"# {unit}{texts[key].text}"))
     width = max(len(line) for line, _ in lines)

@@ -1,13 +1,10 @@
 """`adhesion vehicle`: a vehicle to start from, and what a stated one means at the rail."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from .options import Shared, shared
-
-if TYPE_CHECKING:
-    from ..core.model import Parameter
 
 
 @shared("config", "set_", "json")
@@ -42,50 +39,41 @@ def command(
 
 def _derived(shared: Shared) -> int:
     """The force at the rail, and the deceleration, of the stated vehicle."""
-    from ..analysis import settings as all_settings
+    from ..analysis import settings
     from ..analysis.identify import deceleration_per_bar, force_per_bar
     from ..analysis.stated_brake import clamping_faces
     from ..core import physics
     from ..core.document import dumps, tagged
     from ..core.model import Z95
-    from .options import load_settings
 
-    vehicle = load_settings(shared).vehicle
-    tables = all_settings.layered_tables(shared.config, shared.set_)
-    faces = clamping_faces(tables.get("vehicle", {}))
+    tables = settings.layered_tables(shared.config, shared.set_)
+    vehicle = settings.load(tables, folder=False).vehicle
+    force, deceleration = force_per_bar(vehicle), deceleration_per_bar(vehicle)
     line = physics.force_line(vehicle)
-    per_bar = line.per_pascal * physics.BAR
-    rows: list[tuple[str, str, Parameter, float, int]] = [
-        ("brake force at the rail, per axle", "kN/bar", force_per_bar(vehicle), 1e-3, 2),
-        (
-            "deceleration of a car, all axles braked",
-            "m/s²/bar",
-            deceleration_per_bar(vehicle),
-            1,
-            3,
-        ),
-    ]
-    more = [
-        ("equivalent clamping force K per axle", "kN/bar", per_bar / 1e3),
-        ("pressure at which the brake begins", "bar", line.at_zero / line.per_pascal / physics.BAR),
-    ]
-    if faces:
-        face = per_bar / faces / vehicle.radius_ratio.value
-        more.append(("clamping force of one pad or block", "kN/bar", face / 1e3))
+    clamping = line.per_pascal * physics.BAR
     if shared.json:
-        keys = ("force_per_bar_n", "deceleration_per_bar")
         body = {
-            key: {"value": x.value, "u95": Z95 * x.tolerance}
-            for key, (_, _, x, _, _) in zip(keys, rows, strict=True)
-        }
-        print(dumps(tagged("vehicle", **body, clamping_force_per_bar_n=per_bar)))
+            "force_per_bar_n": {"value": force.value, "u95": Z95 * force.tolerance},
+            "deceleration_per_bar": {
+                "value": deceleration.value, "u95": Z95 * deceleration.tolerance
+            },
+        }  # fmt: skip
+        print(dumps(tagged("vehicle", **body, clamping_force_per_bar_n=clamping)))
         return 0
-    for text, unit, x, factor, digits in rows:
-        print(
-            f"{text:<42} {factor * x.value:8.{digits}f} ± {factor * Z95 * x.tolerance:.{digits}f}"
-            f" {unit}"
-        )
-    for text, unit, value in more:
-        print(f"{text:<42} {value:8.2f} {unit}")
+    begins = line.at_zero / line.per_pascal / physics.BAR
+    force_u95, deceleration_u95 = Z95 * force.tolerance / 1e3, Z95 * deceleration.tolerance
+    rows = {
+        "brake force at the rail, per axle": f"{force.value / 1e3:8.2f} ± {force_u95:.2f} kN/bar",
+        "deceleration of a car, all axles braked": (
+            f"{deceleration.value:8.3f} ± {deceleration_u95:.3f} m/s²/bar"
+        ),
+        "equivalent clamping force K per axle": f"{clamping / 1e3:8.2f} kN/bar",
+        "pressure at which the brake begins": f"{begins:8.2f} bar",
+    }
+    if faces := clamping_faces(tables.get("vehicle", {})):
+        face = clamping / faces / vehicle.radius_ratio.value
+        rows["clamping force of one pad or block"] = f"{face / 1e3:8.2f} kN/bar"
+    for text, number in rows.items():
+        print(f"{text:<42} {number}")
     print("± is the expanded uncertainty (95 %). K is of all pads of one axle, at the wheel rim.")
     return 0

@@ -18,7 +18,6 @@ from .options import Shared, option, shared
 _PORTS = 9090, 9876  # of page and data, as Rerun has them
 # The viewer's program in its package, on macOS, Windows and Linux.
 _PROGRAMS = "Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun"
-_STEP = 0.2  # Windows delivers no Ctrl-C while a process is waited for [s]
 _STARTS = 2.0  # after which a viewer that runs has opened its window [s]
 _WRITES = "`adhesion analyze LOG` writes one"
 _ESTIMATE = re.compile(r"/axle/\d+/estimate/")  # of a result; a comparison's begin with the log
@@ -130,7 +129,7 @@ def serve_recording(recording: Path) -> None:
     Raises:
         UserError: where the server ends by itself.
     """
-    from ..core.children import start_program
+    from ..core.children import STEP, start_program
     from ..core.errors import UserError
 
     page, data = map(_is_free, _PORTS)
@@ -141,7 +140,7 @@ def serve_recording(recording: Path) -> None:
     server = start_program(_rerun(str(recording), *ports), env=env)
     try:
         while (code := server.poll()) is None:
-            time.sleep(_STEP)
+            time.sleep(STEP)
     finally:
         server.terminate()
         server.wait()

@@ -28,7 +28,7 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
 _START += f"from {__name__} import serve; serve()"
 _PATIENCE = 5.0  # for a child that ends by itself [s]
-_STEP = 0.5  # of a wait that an interrupt ends on every system [s]
+STEP = 0.5  # of a wait that an interrupt must end: Windows delivers no Ctrl-C during one [s]
 
 
 class ChildDiedError(Exception):
@@ -118,7 +118,7 @@ class Child:
             self._answers.put(error)
 
     def _answer(self, seconds: float) -> Any:
-        """The next answer; waiting in steps, because Windows delivers no Ctrl-C during a wait.
+        """The next answer.
 
         Raises:
             ChildDiedError: it did not come in time.
@@ -126,7 +126,7 @@ class Child:
         end = time.monotonic() + seconds
         while True:
             try:
-                answer = self._answers.get(timeout=min(_STEP, max(end - time.monotonic(), 0.0)))
+                answer = self._answers.get(timeout=min(STEP, max(end - time.monotonic(), 0.0)))
             except Empty:
                 if time.monotonic() >= end:
                     raise ChildDiedError(self.end(), was_late=True) from None

@@ -6,6 +6,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+from ..core.children import STEP
 from ..core.errors import UserError, as_user_error
 from ..core.text import utf8
 from ..results.tables import LogRow
@@ -14,7 +15,6 @@ from .dataset import Dataset, DoneLog, KeptTables
 from .locations import Location
 from .work import Item, Job, Outcome
 
-_STEP = 0.5  # [s]
 _DEAD = {
     "error": "the process that analysed the log died",
     "hint": "often memory is short: analyse this log alone with `adhesion analyze`",
@@ -184,8 +184,7 @@ def _worked(
         if batch:
             yield batch
         batch = []
-        # In steps, because Windows delivers no Ctrl-C during a wait.
-        for future in wait(running, _STEP, FIRST_COMPLETED).done if running else ():
+        for future in wait(running, STEP, FIRST_COMPLETED).done if running else ():
             item, tries = running.pop(future)
             try:
                 batch.append((item, future.result()))

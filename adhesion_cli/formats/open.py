@@ -115,18 +115,16 @@ def kind(path: Path) -> str | None:
     return log_format.kind if log_format else None
 
 
-def _folder_error(path: Path) -> UserError:
-    command = f"`adhesion fleet {shell_word(str(path))} -o DIR`"
-    return UserError(f"{path}: a folder, not a log", f"name the log files in it, or use {command}")
-
-
 def check_kind(path: Path) -> None:
-    """Refuses a pipe or a device: reading it may wait for ever, or never end.
+    """Refuses a folder; and a pipe or a device: reading it may wait for ever, or never end.
 
     Raises:
         UserError: as said.
     """
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    if path.is_dir():
+        hint = f"name the log files in it, or use `adhesion fleet {shell_word(str(path))} -o DIR`"
+        raise UserError(f"{path}: a folder, not a log", hint)
+    if path.exists() and not path.is_file():
         hint = "write it to a file, and name that"
         raise UserError(f"{path}: a pipe or a device, not a file", hint)
 
@@ -154,11 +152,7 @@ def _first_bytes(path: Path) -> bytes:
             raise UserError(f"{printable(url)}: a URL, not a file", hint) from None
         hint = "a log is a file, write one first" if path.name == "-" else "check the path"
         raise UserError(f"{path}: no such file", hint) from None
-    except IsADirectoryError:
-        raise _folder_error(path) from None
     except OSError as error:
-        if path.is_dir():  # as Windows has it
-            raise _folder_error(path) from None
         raise UserError(f"{path}: {error.strerror}", "check the file's permissions") from None
     if not head:
         raise UserError(f"{path}: the file is empty", "check that the logger closed it")
