@@ -14,7 +14,7 @@ from ..formats.memory import Signals
 from ..rail import wheel_calibration
 from . import settings as settings_module
 from .axle import analyze_axle, without_force
-from .identify import identify
+from .identify import find_log_brake, identify
 from .prepare import Window, align_log
 from .request import choose_estimators, open_log, read_log
 from .settings import Settings
@@ -83,4 +83,5 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         tuple(dict.fromkeys((*vehicle_findings, *log.findings, *findings))),
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys((results[0].reference.source, *(e.source for e in estimators)))),
+        find_log_brake(aligned, settings),
     )

@@ -28,6 +28,7 @@ from ..core.model import (
     AxleRecord,
     DifferingStop,
     IdentifiedVehicle,
+    LogBrake,
     Parameter,
     Train,
     Vehicle,
@@ -54,6 +55,7 @@ _ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
 _MASS = Parameter(12e3, 3e3)  # of an axle, where it is not stated [kg]
 _FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
 _LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
+_LARGEST_LN = 50.0  # of a force over that of a vehicle without one
 _LOWEST_ZERO = -3e4  # pressure from which a brake acts: lower, another brake acts [Pa]
 
 
@@ -169,6 +171,23 @@ def find_prior(
         vehicle = _any_vehicle(vehicle, settings.stated, line, setting)
         return replace(prior, vehicle=vehicle, source="log"), lines
     return prior, lines
+
+
+def find_log_brake(log: AlignedLog, settings: Settings) -> LogBrake | None:
+    """The brake that one log alone shows; None where it shows none, or another brake acted.
+
+    Args:
+        log: on one clock.
+        settings: with the vehicle that is used.
+    """
+    vehicle, setting = settings.vehicle, _setting([log], settings)
+    rotating = _rotating_share(vehicle, settings.stated)
+    line = log.grids and find_brake_line(log.axles, log.grids.coarse, rotating)
+    if not line or line.mixed or len(_kinds([log])) > 1:
+        return None
+    ratio = math.exp(min(_error(vehicle, line, setting), _LARGEST_LN))
+    per_bar, pressure = (line.slope * BAR, line.brake / BAR) if setting.by_pressure else (None,) * 2
+    return LogBrake(per_bar, ratio, line.sigma, pressure, line.speed)
 
 
 def _differing_stops(log: AlignedLog, line: BrakeLine) -> tuple[DifferingStop, ...]:

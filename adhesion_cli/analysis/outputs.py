@@ -4,18 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..core.text import stem as stem
+
 if TYPE_CHECKING:
     from ..core.model import Result
     from ..core.summary import ResultSummary
     from ..results.rrd.results import Note
 
 Pair = tuple[Path, Path]
-
-
-def stem(log: str | Path) -> str:
-    """A log's name without its endings; a result's is that of the log it was made from."""
-    name = Path(log).name.removesuffix(".gz")
-    return name.removesuffix(Path(name).suffix).removesuffix(".adhesion")
 
 
 def pair(folder: Path, log: str | Path, kind: str) -> Pair:

@@ -50,6 +50,7 @@ def summarise(
         tuple(_summarise_axle(a, braked[a.record.axle]) for a in result.axles),
         tuple(map(summarise_channel, used_channels)),
         tuple(map(summarise_finding, result.findings)),
+        result.brake,
     )
 
 

@@ -37,7 +37,7 @@ def command(
 
     Example: adhesion report service-brake.adhesion.mcap -o brake.html
     """
-    from ..core.document import dumps, tagged
+    from ..core.document import dumps, findings_document, tagged
     from ..core.errors import UserError
     from ..results import atomic_files, verified
     from ..results.report import differences, page, run
@@ -67,12 +67,16 @@ def command(
     progress(f"writing {target.name}")
     with atomic_files.outputs([target], shared.force, inputs=paths) as (place,):
         verified.write(place, text)
+    findings = differences.friction_findings(runs) if runs else []
     if shared.json:
-        difference_rows = [d._asdict() for d in differences.compare(runs)]
-        print(dumps(tagged("report", outputs={"html": str(target)}, differences=difference_rows)))
+        difference_rows = [d._asdict() for d in differences.compare(runs)] if runs else []
+        outputs, found = {"html": str(target)}, findings_document(findings)
+        document = tagged("report", outputs=outputs, differences=difference_rows, findings=found)
+        print(dumps(document))
     else:
         print(terminal.wrote(target))
-    terminal.show(loss, shared.quiet)
+    terminal.show([*findings, *loss], shared.quiet)
+    terminal.show_commands(findings, shared.quiet)
     return 3 if loss else 0
 
 

@@ -93,6 +93,12 @@ def show(findings_shown: Sequence[Finding], quiet: bool, heading: str = "") -> N
     message(heading + findings(findings_shown), quiet or not findings_shown)
 
 
+def show_commands(findings_shown: Sequence[Finding], quiet: bool) -> None:
+    """The commands of a remedy on stderr, one a line, to paste."""
+    for hint in dict.fromkeys(f.hint for f in findings_shown if f.names.get("commands")):
+        message(f"\n{hint}", quiet)
+
+
 def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str]]:
     """The findings that share a line, each with what the line says."""
     by_code: dict[str, dict[str, list[Finding]]] = {}

@@ -359,6 +359,20 @@ class IdentifiedVehicle:
     other_brake: bool = False  # whether a brake without a pressure in the logs slows the train, too
 
 
+class LogBrake(NamedTuple):
+    """The brake that the deceleration of one log shows, whatever vehicle is stated."""
+
+    deceleration_per_bar: Annotated[
+        float | None, Quantity("m/s²", "of a train that rolls, per bar; null with K")
+    ]
+    ratio: Annotated[float, Quantity("-", "the log's brake force over that of the vehicle used")]
+    sigma: Annotated[float, Quantity("-", "standard uncertainty of both, as a share")]
+    pressure_bar: Annotated[
+        float | None, Quantity("bar", "mean pressure above that at which the brake begins")
+    ]
+    speed_mps: Annotated[float, Quantity("m/s", "mean speed of the braking that shows it")]
+
+
 @dataclass(frozen=True, slots=True)
 class Nis:
     """Normalised innovation squared of a filter, mean over the log; names as in the JSON.
@@ -498,6 +512,7 @@ class Result:
     findings: tuple[Finding, ...]
     settings: dict[str, Any]  # every parameter used, as TOML would hold it
     sources: tuple[str, ...] = field(default=())  # literature of the methods used
+    brake: LogBrake | None = None  # by the deceleration of this log alone
 
     @property
     def vehicle(self) -> Vehicle:

@@ -8,7 +8,16 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
 from .finding import Finding
-from .model import NOT_IN_JSON, Z95, IdentifiedVehicle, Nis, Quantity, Score, VehicleSource
+from .model import (
+    NOT_IN_JSON,
+    Z95,
+    IdentifiedVehicle,
+    LogBrake,
+    Nis,
+    Quantity,
+    Score,
+    VehicleSource,
+)
 
 Number = float | None
 
@@ -190,6 +199,9 @@ class ResultSummary:
     axles: tuple[AxleSummary, ...]
     channels: tuple[ChannelSummary, ...]
     findings: tuple[FindingSummary, ...]
+    brake: Annotated[
+        LogBrake | None, Quantity("", "by the deceleration of this log alone; null if not shown")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,12 @@ def is_pasted_whole(text: str) -> bool:
     return _EVERY_SHELL.fullmatch(text) is not None
 
 
+def stem(log: str | Path) -> str:
+    """A log's name without its endings; a result's is that of the log it was made from."""
+    name = Path(log).name.removesuffix(".gz")
+    return name.removesuffix(Path(name).suffix).removesuffix(".adhesion")
+
+
 def shell_word(text: str) -> str:
     r"""The text as one word for a shell.
 

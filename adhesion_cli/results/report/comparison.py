@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
+from ...core.model import Z95
+from ...core.summary import BrakeApplication
 from ...core.text import by_uncertainty
 from ..text_tables import DASH, number
 from . import differences, words
@@ -20,10 +22,13 @@ def content(runs: Sequence[ReportRun]) -> dict[str, object]:
     """What the page has besides the runs and their figures, by its name in the template."""
     all_differences = differences.compare(runs)
     rows = _rows(all_differences)
+    findings = differences.friction_findings(runs)
+    messages = [f.message for f in findings]
     return {
-        "headline": _headline(runs, all_differences),
+        "headline": " ".join(messages) or _headline(runs, all_differences),
+        "commands": findings[0].names["commands"] if findings else "",
         "cautions": list(cautions(runs)),
-        "run_rows": [_run(i, run) for i, run in enumerate(runs, 1)],
+        "run_rows": [_run(i, run, not findings) for i, run in enumerate(runs, 1)],
         "rows": rows,
         "same_vehicle": all(differences.same_vehicle(runs[0], run) for run in runs[1:]),
         "has_brackets": any("(" in cell for row in rows for cell in row.values()),
@@ -65,25 +70,45 @@ def _headline(runs: Sequence[ReportRun], all_differences: Sequence[Difference]) 
     return f"{log}Adhesion used, against run 1: {', '.join(phrases)} of {braked}."
 
 
-def _run(place: int, run: ReportRun) -> dict[str, str]:
-    """One row of the table of runs."""
+def _run(place: int, run: ReportRun, comparable: bool) -> dict[str, str]:
+    """One row of the table of runs; µ only where those of the runs are comparable."""
     applications = [a for axle in run.axles for a in axle.applications]
-    means = [a.coefficient.mean for a in applications if a.coefficient]
+    means = [a.coefficient.mean for a in applications if a.coefficient and comparable]
     slip = max((a.max_slip or 0.0 for a in applications), default=0.0)
     slides_known = any(words.slides_known(axle) for axle in run.axles)
     mean_range = [number(f(means), 3) for f in (min, max)] if means else [DASH]
-    start = run.log.start
+    start, brake = run.log.start, run.brake
+    per_bar = brake and brake.deceleration_per_bar
+    u95 = brake and per_bar and Z95 * brake.sigma * per_bar
     return {
         "Run": str(place),
         "Log": run.name,
         "Begun": start[:16].replace("T", " ") if start else DASH,
         "Brake applications": str(max((len(a.applications) for a in run.axles), default=0)),
+        "Braked for [s]": number(sum(a.end_s - a.start_s for a in _first_axle(run)), 1),
+        "Deceleration, mean [m/s²]": number(_mean_deceleration(run), 3),
+        "per bar": " ± ".join(by_uncertainty(per_bar, u95, 3)) if per_bar and u95 else DASH,
         "µ mean": "–".join(dict.fromkeys(mean_range)),
         "Slides": str(sum(a.slides for a in applications)) if slides_known else "?",
         "Sliding for [s]": number(sum(a.slide_s for a in applications), 1),
         "Most slip [%]": words.percent(min(slip, 1.0), 1) if slip else DASH,
         "SHA-256": run.log.sha256[:8],
     }
+
+
+def _first_axle(run: ReportRun) -> Sequence[BrakeApplication]:
+    """The brake applications of the first axle that has some."""
+    return next((axle.applications for axle in run.axles if axle.applications), ())
+
+
+def _mean_deceleration(run: ReportRun) -> float | None:
+    """Speed lost over time in the brake applications [m/s²]; None where a speed is not known."""
+    lost = [
+        (a.from_mps - a.to_mps, a.end_s - a.start_s)
+        for a in _first_axle(run)
+        if a.from_mps is not None and a.to_mps is not None
+    ]
+    return sum(speed for speed, _ in lost) / sum(time for _, time in lost) if lost else None
 
 
 def _rows(all_differences: Sequence[Difference]) -> list[dict[str, str]]:

@@ -10,13 +10,21 @@ from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
+from ...core.finding import Finding
 from ...core.model import Vehicle
 from ...core.signals import coverage_factor
 from ...core.summary import BrakeApplication
+from ..friction_groups import (
+    FrictionGroup,
+    GroupedRun,
+    find_friction_differs,
+    group_by_friction,
+)
 from .run import ReportAxle, ReportRun
 
 _NOISE = "noise"
 _MASS = "axle_mass"
+_BY_BRAKE = ("force", "coefficient")  # quantities that the brake of the vehicle scales
 
 
 class Difference(NamedTuple):
@@ -34,15 +42,36 @@ class Difference(NamedTuple):
 
 
 def compare(runs: Sequence[ReportRun]) -> list[Difference]:
-    """All runs against the first one: brake applications by their order, axles by their number."""
+    """All runs against the first one: brake applications by their order, axles by their number.
+
+    A run with another brake than the first has no difference of force and coefficient: one vehicle
+    makes both wrong.
+    """
     reference, *others_runs = runs
     differences: list[Difference] = []
+    other_brake = {place for group in friction_groups(runs)[1:] for place in group.places}
     for place, run in enumerate(others_runs, 2):
         reference_axles = {axle.number: axle for axle in reference.axles}
         for axle in run.axles:
             if axle.number in reference_axles:
                 differences += _of_axle(place, reference_axles[axle.number], axle, run)
-    return differences
+    return [d for d in differences if d.quantity not in _BY_BRAKE or d.run not in other_brake]
+
+
+def friction_groups(runs: Sequence[ReportRun]) -> list[FrictionGroup]:
+    """The runs by their brakes."""
+    return group_by_friction(_grouped(runs))
+
+
+def friction_findings(runs: Sequence[ReportRun]) -> list[Finding]:
+    """That runs have different brakes, so that one vehicle is wrong for some of them."""
+    stated = any(run.vehicle.source == "stated" for run in runs)
+    vehicle_file = "my-train.toml" if stated else ""
+    return find_friction_differs(_grouped(runs), friction_groups(runs), vehicle_file)
+
+
+def _grouped(runs: Sequence[ReportRun]) -> list[GroupedRun]:
+    return [GroupedRun(run.log.path, run.brake) for run in runs]
 
 
 def unpaired(runs: Sequence[ReportRun]) -> bool:

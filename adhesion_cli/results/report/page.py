@@ -70,7 +70,9 @@ def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:
 
 
 def _comparison(runs: Sequence[ReportRun], figures: "Figures") -> str:
-    context = {**comparison.content(runs), "runs": runs, "plots": figures.of_runs(runs)}
+    content = comparison.content(runs)
+    plots = figures.of_runs(runs, adhesion=not content["commands"])
+    context = {**content, "runs": runs, "plots": plots}
     return _page("comparison.html", ", ".join(run.name for run in runs), figures, context)
 
 

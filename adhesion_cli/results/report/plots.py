@@ -78,8 +78,12 @@ class Figures:
         axles = {a.number: self._axle(a, sources[a.number], time, run.train) for a in run.axles}
         return RunFigures(overview, axles, longest_step)
 
-    def of_runs(self, runs: Sequence[ReportRun]) -> dict[int, list[str]]:
+    def of_runs(self, runs: Sequence[ReportRun], adhesion: bool = True) -> dict[int, list[str]]:
         """Speed and adhesion coefficient of each axle, all runs from the start of their braking.
+
+        Args:
+            runs: that are overlaid.
+            adhesion: whether the coefficients of the runs may be compared; else there is the speed.
 
         Returns:
             places of the figures, by axle.
@@ -90,8 +94,9 @@ class Figures:
         sources = {}
         for N in numbers:
             speed = self._figure("Speed of the wheel [km/h]", 230, time)
-            adhesion = self._figure("Adhesion coefficient [-]", 190, time)
-            adhesion.xaxis.axis_label = "time after the start of braking [s]"
+            coefficient = self._figure("Adhesion coefficient [-]", 190, time)
+            shown = [speed, coefficient] if adhesion else [speed]
+            shown[-1].xaxis.axis_label = "time after the start of braking [s]"
             items: dict[str, list[Any]] = {}
             axle_sources = []
             for i, run in enumerate(runs):
@@ -101,13 +106,13 @@ class Figures:
                     items[f"run {i + 1}"] = [
                         _line(speed, source, "rim", colour),
                         _line(speed, source, "train", palette.GREY, 0.8),
-                        _line(adhesion, source, "mu", colour),
+                        _line(coefficient, source, "mu", colour),
                     ]
                     axle_sources.append(source)
             speed.y_range = _range([_column(x, "rim") for x in axle_sources], is_full=True)
-            adhesion.y_range = _range([_column(x, "mu") for x in axle_sources])
+            coefficient.y_range = _range([_column(x, "mu") for x in axle_sources])
             _legend(speed, items)
-            sources[N] = [self._place(speed, f"axle-{N}-0"), self._place(adhesion, f"axle-{N}-1")]
+            sources[N] = [self._place(fig, f"axle-{N}-{i}") for i, fig in enumerate(shown)]
         return sources
 
     def of_bars(self, bars: Bars, place: str) -> str:

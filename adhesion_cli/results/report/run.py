@@ -11,7 +11,7 @@ import numpy as np
 from ...core import physics
 from ...core.annotated import Json, from_json
 from ...core.errors import UserError
-from ...core.model import AxleResult, Column, Floats, Result, Times
+from ...core.model import AxleResult, Column, Floats, LogBrake, Result, Times
 from ...core.summary import (
     AxleSummary,
     BrakeApplication,
@@ -82,6 +82,7 @@ class ReportRun:
     channels: Sequence[ChannelSummary]
     settings: Mapping[str, str]  # dotted keys with JSON values
     provenance: Mapping[str, str]
+    brake: LogBrake | None  # by the deceleration of the log alone
 
     @property
     def name(self) -> str:
@@ -136,9 +137,9 @@ def read(path: Path, name: str = "") -> ReportRun:
         hint = f"make it again: `adhesion analyze {shell_word(str(path))} -o FOLDER`"
         raise UserError(text, hint) from error
     log, findings, channels = summary.log, summary.findings, summary.channels
-    vehicle = summary.vehicle
+    name, vehicle = name or path.name, summary.vehicle
     return ReportRun(
-        name or path.name, log, vehicle, axles, findings, channels, settings, provenance
+        name, log, vehicle, axles, findings, channels, settings, provenance, summary.brake
     )
 
 
@@ -154,7 +155,7 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
     axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)
     log, findings, channels = summary.log, summary.findings, summary.channels
     vehicle, name = summary.vehicle, Path(log.path).name
-    return ReportRun(name, log, vehicle, axles, findings, channels, settings, {})
+    return ReportRun(name, log, vehicle, axles, findings, channels, settings, {}, summary.brake)
 
 
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:

@@ -11,7 +11,7 @@ from helpers import made_results
 from helpers.pages import EVIL, Elements, figures, written
 
 from adhesion_cli.analysis.settings import Settings, tree
-from adhesion_cli.core.model import Z95, Parameter, Vehicle
+from adhesion_cli.core.model import Z95, LogBrake, Parameter, Vehicle
 from adhesion_cli.results.report import comparison, differences, page
 from adhesion_cli.results.report.run import ReportRun, read
 
@@ -134,6 +134,23 @@ def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
     assert len(axes) == 1
     assert "onerror" not in str(of)
     assert runs[0].brake_s != runs[1].brake_s
+
+
+def test_runs_with_other_brakes_have_no_difference_of_adhesion(pair: list[ReportRun]) -> None:
+    brake = LogBrake(0.46, 0.92, 0.03, 2.9, 14.0)
+    runs = [
+        replace(pair[0], brake=brake),
+        replace(pair[1], brake=brake),
+        replace(pair[1], brake=brake._replace(deceleration_per_bar=0.55, ratio=1.10)),
+    ]
+    compared = {(d.run, d.quantity) for d in differences.compare(runs)}
+    assert {(2, "force"), (2, "coefficient")} <= compared
+    assert not {(3, "force"), (3, "coefficient")} & compared
+    text = page.page(runs)
+    assert differences.friction_findings(runs)[0].message in text
+    assert "adhesion calibrate stop.csv -c my-train.toml -o brake-2.toml" in text
+    drawn: Any = figures(text)
+    assert set(drawn["roots"].values()) == {"axle-1-0", "axle-2-0"}
 
 
 def test_a_small_difference_has_the_digits_of_its_uncertainty(pair: list[ReportRun]) -> None:

@@ -1,0 +1,142 @@
+"""Whether several runs have one brake, by the deceleration that each log shows.
+
+The adhesion of a wheel that rolls is the brake's force. Evaluated with one vehicle, runs with old
+and with new pads have the same µ per bar, and a difference of µ is then wrong, even in its sign.
+The deceleration per bar needs no vehicle. Runs that differ in it by more than its uncertainty
+(95 %) are of different groups.
+"""
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.finding import Finding
+from ..core.model import Z95, LogBrake
+from ..core.text import shell_word, stem
+
+_FADE = 0.015  # 1 sigma of the change of any friction over speed, relative [s/m]
+_BEGIN = 0.2  # 1 sigma of the pressure at which a brake begins [bar]
+
+
+class GroupedRun(NamedTuple):
+    """What must be known of a run."""
+
+    log: str  # path of its log
+    brake: LogBrake | None  # None where the log shows none: it stays in the first group
+
+
+class FrictionGroup(NamedTuple):
+    """Runs with one brake."""
+
+    places: tuple[int, ...]  # of the runs, the first is 1
+    factor: float  # brake force per mass and bar over that of the first group
+    u95: float  # its expanded uncertainty (95 %)
+
+
+def group_by_friction(runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
+    """The groups of runs with one brake; that of the first run is the first."""
+    known = sorted(
+        (run.brake.ratio, place, run.brake) for place, run in enumerate(runs, 1) if run.brake
+    )
+    groups = _split([(place, brake) for _, place, brake in known]) if known else []
+    groups.sort(key=lambda group: min(place for place, _ in group))
+    without = [place for place, run in enumerate(runs, 1) if not run.brake]
+    if not groups:
+        return [FrictionGroup(tuple(without), 1.0, 0.0)]
+    first, *_ = groups
+    result = []
+    for group in groups:
+        ratio = math.exp(_mean(group) - _mean(first))
+        places = sorted([place for place, _ in group] + without * (group is first))
+        u95 = Z95 * ratio * _sigma(first, group) * (group is not first)
+        result.append(FrictionGroup(tuple(places), ratio, u95))
+    return result
+
+
+def find_friction_differs(
+    runs: Sequence[GroupedRun], groups: Sequence[FrictionGroup], vehicle_file: str = ""
+) -> list[Finding]:
+    """The finding on each group that brakes otherwise than the first; its remedy is commands.
+
+    Args:
+        runs: all of them.
+        groups: of `group_by_friction`.
+        vehicle_file: file of the stated vehicle, empty without one.
+    """
+    if len(groups) < 2:
+        return []
+    names = {"base": _runs(groups[0].places), "commands": _commands(runs, groups, vehicle_file)}
+    return [
+        Finding(
+            "friction-differs",
+            "warning",
+            count=len(group.places),
+            values={"factor": group.factor, "u95": group.u95},
+            names={"runs": _runs(group.places), **names},
+        )
+        for group in groups[1:]
+    ]
+
+
+_Group = Sequence[tuple[int, LogBrake]]
+
+
+def _split(group: _Group) -> list[_Group]:
+    """The group, in the order of the ratio, cut where the parts differ most, if they differ.
+
+    Of many runs with one brake, the lowest and the highest differ by more than two of them do: the
+    fewer runs a part has of all, the larger the coverage factor (Bonferroni).
+    """
+    best, place = 1.0, 0
+    for i in range(1, len(group)):
+        fewer = min(i, len(group) - i)
+        k = NormalDist().inv_cdf(1.0 - 0.025 * fewer / (len(group) - fewer))
+        share = (_mean(group[i:]) - _mean(group[:i])) / (k * _sigma(group[:i], group[i:]))
+        if share > best:
+            best, place = share, i
+    return [*_split(group[:place]), *_split(group[place:])] if place else [group]
+
+
+def _mean(group: _Group) -> float:
+    return float(np.mean([math.log(brake.ratio) for _, brake in group]))
+
+
+def _sigma(group_a: _Group, group_b: _Group) -> float:
+    """1 sigma of the difference of ln of two ratios.
+
+    Gradient and resistance may be one error in all runs of a group, so it is that of one run.
+    """
+    sides = [[brake for _, brake in group] for group in (group_a, group_b)]
+    speeds = [np.mean([brake.speed_mps for brake in side]) for side in sides]
+    pressures = [[x.pressure_bar for x in side if x.pressure_bar] for side in sides]
+    begin = np.diff([1.0 / np.mean(x) for x in pressures])[0] if all(pressures) else 0.0
+    noise = [np.mean([brake.sigma for brake in side]) for side in sides]
+    return math.hypot(*noise, _FADE * (speeds[1] - speeds[0]), _BEGIN * begin)
+
+
+def _runs(places: Sequence[int]) -> str:
+    """Runs by their places: `run 3`, `runs 1 to 6`, `runs 1, 2, 5`."""
+    if len(places) == 1:
+        return f"run {places[0]}"
+    if len(places) > 2 and places[-1] - places[0] == len(places) - 1:
+        return f"runs {places[0]} to {places[-1]}"
+    return f"runs {', '.join(map(str, places))}"
+
+
+def _commands(
+    runs: Sequence[GroupedRun], groups: Sequence[FrictionGroup], vehicle_file: str
+) -> str:
+    """A vehicle for each group, and the comparison with them."""
+    stated = f" -c {shell_word(vehicle_file)}" if vehicle_file else ""
+    lines, results = [], []
+    for number, group in enumerate(groups, 1):
+        paths = [runs[place - 1].log for place in group.places]
+        logs, brake = " ".join(map(shell_word, paths)), f"brake-{number}"
+        lines += [f"adhesion calibrate {logs}{stated} -o {brake}.toml"]
+        lines += [f"adhesion analyze {logs} -c {brake}.toml -o {brake}"]
+        results += [f"{brake}/{stem(path)}.adhesion.mcap" for path in paths]
+    report = f"adhesion report {' '.join(map(shell_word, results))} -o compare.html"
+    return "\n".join([*lines, report])
