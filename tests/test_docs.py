@@ -79,6 +79,7 @@ def test_every_figure_is_made_by_a_command_of_its_page() -> None:
         "response.svg": "--response",
         "viewer.png": "adhesion view",
         "viewer-axle.png": "adhesion view",
+        "viewer-slip.png": "adhesion view",
         "report.png": "adhesion report",
     }
     shown = {

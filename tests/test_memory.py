@@ -1,7 +1,6 @@
 """Peak memory, each case in a process of its own: beside the columns nothing grows with the log."""
 
 import gzip
-import struct
 import subprocess
 import sys
 import zlib
@@ -153,31 +152,6 @@ def test_an_address_space_of_2_gb_is_enough(tmp_path: Path, command: str) -> Non
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert command != "analyze" or (tmp_path / "service-brake.adhesion.rrd").exists()
-
-
-RECOVER = """
-import zstandard
-from helpers.forked import Forked
-from adhesion_cli.formats.mcap.reader import McapSource
-from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.results import mcap_container
-before = begin()
-mcap_container.copy(Path(f"{path}.copy"), McapSource(path, ReadOptions(max_record=4 << 20)).walk)
-print(peak() - before)
-"""
-
-
-def test_recovering(tmp_path: Path) -> None:
-    """Neither the messages nor an attachment are held; it is copied whatever its size."""
-    path = tmp_path / "log.mcap"
-    many(path, 400_000, "zstd")
-    raw = path.read_bytes()
-    name = struct.pack("<QQI1sI", 0, 0, 1, b"a", 0)
-    large = name + struct.pack("<Q", 100 << 20) + bytes(100 << 20) + bytes(4)
-    end = raw.rindex(record(DataEnd(0)))
-    path.write_bytes(raw[:end] + struct.pack("<BQ", 9, len(large)) + large + raw[end:])
-    assert grown(RECOVER, path) < 16 * MIB
-    assert (tmp_path / "log.mcap.copy").read_bytes().count(large) == 1
 
 
 WRITE_LOG = """

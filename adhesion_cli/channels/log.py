@@ -248,7 +248,6 @@ def _log(
         source.rows,
         tuple(channels),
         (*source.findings, *findings),
-        source.rejects,
         source.account,
     )
 

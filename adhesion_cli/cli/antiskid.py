@@ -13,12 +13,10 @@ from .options import (
     Shared,
     check,
     completes,
-    draw,
     estimators,
     inputs,
     load_settings,
     option,
-    pictures,
     shared,
 )
 
@@ -44,7 +42,7 @@ _IDLE = {  # what has no effect, by what says where to stop
 }
 
 
-@shared(*_OF_LOGS.values(), *_OF_FILES.values(), "config", "set_", "json", "figure")
+@shared(*_OF_LOGS.values(), *_OF_FILES.values(), "config", "set_", "json")
 def command(  # noqa: PLR0913 (one parameter per option)
     shared: Shared,
     scenario: Annotated[str | None, ScenarioName] = None,
@@ -74,7 +72,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
 
     --from-log fits the rail to the slides of a log. Each controller then stops the log's train on
     that rail; intervals are those of the fit. Writes <name>.<controller>.antiskid.mcap, each a log,
-    and <name>.antiskid.rrd. --figure draws the stops of the first axle; with --rails, the table.
+    and <name>.antiskid.rrd.
 
     Settings: [patent], [rule], [slope] and the estimator; with --from-log also those of logs.
 
@@ -87,8 +85,6 @@ def command(  # noqa: PLR0913 (one parameter per option)
     mode = "--rails" if rails else "--from-log" if from_log else "SCENARIO"
     options = {flag: getattr(shared, name) for flag, name in (_OF_LOGS | _OF_FILES).items()}
     options |= {"--from-log": from_log, "--rails": rails, "--seed": seed, "--seeds": seeds}
-    if shared.figure:
-        options["--force"] = False  # has an effect on the figure
     settings: Stated = load_settings(shared).overrides
     idle = [flag for flag in _IDLE[mode] if _has_value(options[flag])]
     idle += [] if from_log else _idle_settings(shared, settings)
@@ -127,10 +123,8 @@ def _idle_settings(shared: Shared, settings: "Stated") -> list[str]:
 def _on_rails(
     shared: Shared, source: Path, case: "Scenario", seeds: int, algo: str, settings: "Stated"
 ) -> int:
-    """The stops of --rails, their table and picture."""
+    """The stops of --rails, their table."""
     from ..core.document import dumps
-    from ..results import atomic_files
-    from ..results.figures import of_sweep
     from ..wsp.controller import registry
     from ..wsp.documents import sweep_document
     from ..wsp.sweep import RAILS, sweep
@@ -143,13 +137,7 @@ def _on_rails(
     terminal.message(f"{count} stops to simulate, on all cores", shared.quiet)
     rows = sweep(case, seeds, algo, settings, terminal.progress(shared.quiet))
     document = sweep_document(case.name, seeds, algo, used_parameters, rows)
-    title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
-    for picture in pictures(shared):
-        with atomic_files.outputs([picture], shared.force) as (place,):
-            draw(shared, place, title, of_sweep(rows))
-    document["outputs"] = results.named(pictures(shared))
-    text = "\n".join([_rails(rows), *map(terminal.wrote, pictures(shared))])
-    print(dumps(document) if shared.json else text)
+    print(dumps(document) if shared.json else _rails(rows))
     return 0
 
 
@@ -254,7 +242,6 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
     from ..core.document import dumps
     from ..core.physics import G
     from ..results import atomic_files, mcap, rrd
-    from ..results.figures import of_stops
     from ..wsp import controller
     from ..wsp.documents import stop_settings
     from ..wsp.wsp_controller import bands
@@ -265,13 +252,11 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
     weight = case.vehicle.axle_mass.value * G
     exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
     curve_bands = {"patent": bands(outcome.settings)}
-    title = f"{case.name}: axle 1 under every controller"
     stated = tree(Settings(case.vehicle, analysis=exact, bands=bands(outcome.settings)), [])
-    all_paths = [*paths, *pictures(shared)]
     read = inputs(shared, source)
-    with atomic_files.outputs(all_paths, shared.force, inputs=read) as (recording, *places):
+    with atomic_files.outputs(paths, shared.force, inputs=read) as (recording, *places):
         origin: Json = {}
-        for record, stop in zip(places, stops, strict=False):
+        for record, stop in zip(places, stops, strict=True):
             sources = estimators[stop.algo].source, laws[stop.controller].source
             carried = stop_settings(
                 stop, case, outcome.settings, stated, outcome.track, **outcome.origin
@@ -283,12 +268,10 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
         origin["antiskid"] = {k: v for k, v in origin["antiskid"].items() if k != "controller"}
         page = rrd.StopsPage(stops, weight, curve_bands, verdict, origin)
         rrd.write_stops(recording, case.name, page)
-        for place in places[len(stops) :]:
-            draw(shared, place, title, of_stops(stops, weight, curve_bands))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop in stops)]
-    outputs = dict(zip(kinds, map(str, paths), strict=True)) | results.named(pictures(shared))
+    outputs = dict(zip(kinds, map(str, paths), strict=True))
     document = {**outcome.document, "outputs": outputs}
-    print(dumps(document) if shared.json else f"{outcome.text}\n{terminal.wrote(*all_paths)}")
+    print(dumps(document) if shared.json else f"{outcome.text}\n{terminal.wrote(*paths)}")
     terminal.show(outcome.findings, shared.quiet or shared.json)
     return results.finished(shared, paths[0], outcome.findings)
 

@@ -19,7 +19,7 @@ from .options import Ended
 
 _COMMANDS = (
     "inspect analyze compare fleet slip antiskid calibrate tune live simulate reproduce explain "
-    "convert recover report view estimators vehicle export-c"
+    "convert report view estimators vehicle export-c"
 ).split()
 app = typer.Typer(
     name="adhesion",

@@ -8,11 +8,9 @@ from .options import (
     Logs,
     Shared,
     check,
-    draw,
     inputs,
     load_settings,
     option,
-    pictures,
     settings_file,
     shared,
 )
@@ -21,11 +19,15 @@ if TYPE_CHECKING:
     from ..studies.calibrate import CalibrationRun
 
 
-@shared("config", "set_", "dbc", "json", "force", "strict", "figure")
+@shared("config", "set_", "dbc", "json", "force", "strict")
 def command(
     logs: Logs,
     shared: Shared,
     out: Annotated[Path | None, option("-o --out", "FILE.toml", "Write what -c takes.")] = None,
+    figure: Annotated[
+        Path | None,
+        option("--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf."),
+    ] = None,
 ) -> int:
     """Find the vehicle's force from the deceleration of its logs.
 
@@ -38,21 +40,23 @@ def command(
     Example: adhesion calibrate sample_logs/service-brake.csv leaf-film.mcap
     """
     from ..core.document import dumps
-    from ..results import atomic_files
+    from ..results import atomic_files, charts
     from ..studies import calibrate
     from . import terminal
 
     written = settings_file(out)
-    files = [*written, *pictures(shared)]
-    check(shared, written, *logs)
+    suffix = charts.kind(figure) if figure else ""
+    files = [*written, *([figure] if figure else [])]
+    check(shared, files, *logs)
     calibration = calibrate.calibrate(logs, load_settings(shared), terminal.progress(shared.quiet))
     if files:
         with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as places:
             if out:
                 places[0].write_text(calibrate.as_toml(calibration), encoding="utf-8")
-            if shared.figure:
+            if figure:
                 title = f"Calibration by {len(calibration.applications)} brake applications"
-                draw(shared, places[-1], title, calibrate.panels(calibration.applications))
+                panels = calibrate.panels(calibration.applications)
+                charts.write(places[-1], title, panels, suffix=suffix)
     if shared.json:
         print(dumps(calibrate.document(calibration, results.named(files))))
     else:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from . import results
-from .options import ALL_NAMES, Shared, places, shared
+from .options import ALL_NAMES, Shared, inputs, shared
 
 
 @shared(*ALL_NAMES)
@@ -30,6 +30,7 @@ def command(
     from ..analysis.summarise import summarise
     from ..core.document import dumps
     from ..core.text import printable
+    from ..results import atomic_files
     from ..results.vehicle_text import describe_vehicle
     from ..scores.metrics import pool_scores
     from . import terminal
@@ -40,7 +41,7 @@ def command(
     pair = results.pair(shared, logs[0], "compare")
     analysed = results.analysed(shared, logs, pair)
     summaries = [summarise(r, results.named(pair)) for r in analysed]
-    with places(shared, [pair], (r.log for r in analysed), logs) as (written,):
+    with atomic_files.outputs(pair, shared.force, inputs=inputs(shared, *logs)) as written:
         write_comparison(written, analysed, summaries, shared.full)
     if shared.json:
         print(dumps(result_document(summaries)))

@@ -6,10 +6,10 @@ from typing import Annotated
 import typer
 
 from . import results
-from .options import LOG_KINDS, Shared, check, load_settings, places, shared
+from .options import LOG_KINDS, Shared, check, inputs, load_settings, shared
 
 
-@shared("config", "set_", "dbc", "json", "force", "strict", "rejects")
+@shared("config", "set_", "dbc", "json", "force", "strict")
 def command(
     log: Annotated[Path, typer.Argument(metavar="IN", help=f"{LOG_KINDS}, or a result.")],
     target: Annotated[
@@ -25,12 +25,13 @@ def command(
     """
     from ..channels.log import unchanged
     from ..formats.open import open_source
+    from ..results import atomic_files
     from ..results.log_writer import writer
 
     write = writer(target)
     settings = load_settings(shared)
     check(shared, [target], log)
     result = unchanged(open_source(log, settings.read), settings.mappings)
-    with places(shared, [[target]], [result], [log]) as ((temporary,),):
+    with atomic_files.outputs([target], shared.force, inputs=inputs(shared, log)) as (temporary,):
         write(temporary, result)
     return results.single(shared, "convert", target, result.findings, channels=len(result.channels))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .options import Logs, Shared, check, load_settings, places, shared
+from .options import Logs, Shared, load_settings, shared
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
@@ -13,7 +13,7 @@ _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 _TO_STATE = ("not-analysable", "unit-unknown")  # findings that a setting ends
 
 
-@shared("config", "set_", "dbc", "json", "force", "strict", "rejects")
+@shared("config", "set_", "dbc", "json", "strict")
 def command(logs: Logs, shared: Shared) -> int:
     """Show what is in a log: channels, units, gaps, findings.
 
@@ -24,16 +24,9 @@ def command(logs: Logs, shared: Shared) -> int:
     from ..analysis.inspection import inspect
     from ..core.annotated import as_json
     from ..core.document import dumps, tagged
-    from ..core.errors import UserError
 
-    if shared.force and not shared.rejects:
-        text = "--force has no effect without --rejects: inspect writes nothing else"
-        raise UserError(text, "leave out --force", code=2)
-    check(shared, [], *logs)
     settings = load_settings(shared)
     inspected = [inspect(log, settings, shared.debug) for log in logs]
-    with places(shared, [[]], (i.log for i in inspected if i.log), logs):
-        pass
     if shared.json:
         print(dumps(tagged("inspect", logs=[as_json(i.summary) for i in inspected])))
     else:

@@ -3,8 +3,7 @@
 import copy
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
@@ -16,8 +15,6 @@ from .display import check_display
 
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
-    from ..core.model import Log
-    from ..results.charts import Panel
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -93,10 +90,6 @@ class Shared:
     force: Annotated[bool, option("--force", None, "Replace existing results.")] = False
     strict: Annotated[bool, option(
         "--strict", None, "Damaged data is an error, not a finding.")] = False
-    rejects: Annotated[Path | None, option(
-        "--rejects", "FILE.csv", "Write each rejected row and cell of CSV logs here.")] = None
-    figure: Annotated[Path | None, option(
-        "--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf.")] = None
     full: Annotated[bool, option(
         "--full", None, "Long logs: keep every computed sample, also between brakes.",
         )] = False
@@ -110,7 +103,7 @@ class Shared:
 
 _HINTS = get_type_hints(Shared, include_extras=True)
 ALWAYS = ("quiet", "debug")  # every command has these; `__main__` honours --debug
-ALL_NAMES = tuple(f.name for f in fields(Shared) if f.name not in (*ALWAYS, "figure"))
+ALL_NAMES = tuple(f.name for f in fields(Shared) if f.name not in ALWAYS)
 """What an analysis takes."""
 
 
@@ -189,8 +182,7 @@ def load_settings(shared: Shared) -> "Settings":
     """
     from ..analysis.settings import load
 
-    rejects = shared.rejects is not None
-    return load(shared.config, assignments(shared), strict=shared.strict, rejects=rejects)
+    return load(shared.config, assignments(shared), strict=shared.strict)
 
 
 def assignments(shared: Shared) -> list[str]:
@@ -206,60 +198,23 @@ def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
     """Refuses what could not be written after the work, of all that the run writes.
 
     Args:
-        shared: names what is written on request, rejected rows and a picture.
-        paths: the results.
+        shared: whether older results are replaced, and whether a viewer opens.
+        paths: all files that the run writes.
         logs: what the run reads.
 
     Raises:
-        UserError: as `atomic_files.check`; a picture with another suffix; a viewer without display.
+        UserError: as `atomic_files.check`; a viewer without display.
     """
     from ..results import atomic_files
 
     if shared.view:
         check_display("adhesion view RESULT --serve")
-    if shared.figure:
-        from ..results.charts import kind
-
-        kind(shared.figure)
-    all_paths = [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
-    atomic_files.check(all_paths, shared.force, inputs=inputs(shared, *logs))
+    atomic_files.check(paths, shared.force, inputs=inputs(shared, *logs))
 
 
 def inputs(shared: Shared, *logs: Path) -> list[Path]:
     """Everything a run reads, which must survive it."""
     return [*logs, *shared.config, *shared.dbc]
-
-
-@contextmanager
-def places(
-    shared: Shared, sets: Sequence[Sequence[Path]], logs: "Iterable[Log]", read: Sequence[Path]
-) -> Iterator[list[list[Path]]]:
-    """Where to write each set of outputs; the rejected rows of the logs appear with them.
-
-    Args:
-        shared: the file for rejected rows, and whether older results are replaced.
-        sets: the names of each set.
-        logs: the logs with their rejected rows.
-        read: the files of the logs.
-
-    Raises:
-        UserError: where they cannot be written.
-    """
-    from ..results import atomic_files
-    from . import terminal
-
-    rejects = [shared.rejects] if shared.rejects else []
-    first_set, *other_sets = sets
-    targets, protected = [[*first_set, *rejects], *other_sets], inputs(shared, *read)
-    with atomic_files.sets(targets, shared.force, inputs=protected) as written:
-        count = 0
-        if rejects:
-            from ..results.rejects import write_rejects  # it loads pyarrow
-
-            count = write_rejects(written[0].pop(), logs)
-        yield written
-    for path in rejects:
-        terminal.message(f"wrote {path}: {count} rows and cells left out", shared.quiet)
 
 
 def settings_file(out: Path | None) -> list[Path]:
@@ -271,20 +226,6 @@ def settings_file(out: Path | None) -> list[Path]:
     from ..core import toml
 
     return [toml.target(out)] if out else []
-
-
-def pictures(shared: Shared) -> list[Path]:
-    """The picture, if asked for."""
-    return [shared.figure] if shared.figure else []
-
-
-def draw(shared: Shared, place: Path, title: str, panels: "Sequence[Panel]") -> None:
-    """Writes the picture of `--figure` to a place of another name."""
-    from ..core.text import printable
-    from ..results import charts
-
-    assert shared.figure is not None
-    charts.write(place, printable(title), panels, suffix=charts.kind(shared.figure))
 
 
 def check_settings(shared: Shared) -> "Settings":

@@ -10,7 +10,7 @@ from ..analysis import outputs
 from ..analysis.outputs import Pair
 from ..analysis.outputs import named as named
 from ..analysis.outputs import stem as stem
-from .options import Shared, check, check_settings, places
+from .options import Shared, check, check_settings, inputs
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
@@ -115,15 +115,17 @@ def write(
     """Writes the files of each result; names appear when all are written.
 
     Args:
-        shared: whether existing files are replaced, and the file for rejected rows.
+        shared: whether existing files are replaced.
         results: of the logs.
         sets: the files of each: record, recording, and those of `attachments`.
         summaries: of each, from `summarise`.
         slips: the document on each log's slip, and a note on that of each axle with its rail.
         attachments: by its name, what writes a file; takes the place to write to and the record's.
     """
+    from ..results import atomic_files
+
     read = [Path(result.log.path) for result in results]
-    with places(shared, sets, (r.log for r in results), read) as written:
+    with atomic_files.sets(sets, shared.force, inputs=inputs(shared, *read)) as written:
         for i, (result, targets) in enumerate(zip(results, written, strict=True)):
             slip, notes = slips[i] if slips else ("", ())
             outputs.write_result(targets[:2], result, summaries[i], slip, notes, shared.full)

@@ -1,25 +1,23 @@
 """`adhesion slip`: the slip-adhesion curve of a log."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import results
-from .options import ALL_NAMES, Logs, Shared, draw, pictures, shared
+from .options import ALL_NAMES, Logs, Shared, shared
 
 if TYPE_CHECKING:
     from ..rail.rail_under_slides import Summary
 
 
-@shared(*(name for name in ALL_NAMES if name != "algo"), "figure")
+@shared(*(name for name in ALL_NAMES if name != "algo"))
 def command(logs: Logs, shared: Shared) -> int:
     """Show slip, slides and the adhesion curve of every axle.
 
     Writes <log>.slip.mcap and <log>.slip.rrd.
 
     Without a train speed, all axles together give a reference speed. All logs are analysed before
-    anything is written: if one fails, there are no results. --figure draws curve, slope and
-    confidence of the axles that slid.
+    anything is written: if one fails, there are no results.
 
     Example: adhesion slip sample_logs/low-adhesion.mcap --axle 1
     """
@@ -27,16 +25,11 @@ def command(logs: Logs, shared: Shared) -> int:
     from ..analysis.slip_of_log import carried, slip_of
     from ..analysis.summarise import summarise
     from ..core.document import dumps
-    from ..core.errors import UserError
     from ..core.summary import summarise_vehicle
     from ..core.text import printable
-    from ..rail.slope import Bands
-    from ..results.figures import of_slip
     from ..results.vehicle_text import describe_vehicle
     from . import terminal
 
-    if shared.figure and len(logs) > 1:
-        raise UserError("--figure shows one log", "run it for each of them", code=2)
     pairs = [results.pair(shared, log, "slip") for log in logs]
     analysed = results.analysed(shared, logs, [p for pair in pairs for p in pair], train_speed=True)
     progress = terminal.progress(shared.quiet)
@@ -44,23 +37,15 @@ def command(logs: Logs, shared: Shared) -> int:
     for result in analysed:
         progress(f"{result.log.path}: rail under each axle")
         slip_results.append(slip_of(result))
-    first_result, title = slip_results[0], f"Slip of {Path(analysed[0].log.path).name}"
-    bands = Bands(**first_result.result.settings["bands"])
-    sets = [[*pair, *pictures(shared)] for pair in pairs]
-
-    def draw_first(place: Path, _: Path) -> None:
-        draw(shared, place, title, of_slip(first_result.result, first_result.axles, bands))
-
     summaries, documents = [summarise(r, {}) for r in analysed], [*map(carried, slip_results)]
-    figures = dict.fromkeys(pictures(shared), draw_first)
-    results.write(shared, analysed, sets, summaries, documents, figures)
+    results.write(shared, analysed, pairs, summaries, documents)
     if shared.json:
-        files = [results.named(paths) for paths in sets]
+        files = [results.named(paths) for paths in pairs]
         logs_read, axles_of = [r.log for r in analysed], [s.axles for s in slip_results]
         findings = [s.findings for s in slip_results]
         print(dumps(slip_document(logs_read, axles_of, findings, files)))
     else:
-        for (result, axles, slip_summaries), files_of in zip(slip_results, sets, strict=True):
+        for (result, axles, slip_summaries), files_of in zip(slip_results, pairs, strict=True):
             vehicle = terminal.folded(describe_vehicle(summarise_vehicle(result.identified)))
             text = table(axles, result.log.start_ns())
             print(f"{printable(result.log.path)}\n{vehicle}\n{text}")

@@ -5,7 +5,7 @@ has a calendar (`Log.absolute`), since an unknown start otherwise.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
@@ -125,15 +125,6 @@ class Channel:
         return f"{self.name} {self.field}".strip()
 
 
-class Reject(NamedTuple):
-    """A row that was left out of a text log, or used without one of its cells."""
-
-    line: int  # of its first line, from 1
-    reason: str
-    column: str  # of the cell, "" where the whole row was left out
-    text: str  # the row as the file has it
-
-
 @dataclass(frozen=True, slots=True)
 class Log:
     """A log as read: its channels and everything that was found on the way."""
@@ -145,7 +136,6 @@ class Log:
     rows_read: int
     channels: tuple[Channel, ...]
     findings: tuple[Finding, ...]
-    rejects: Iterable[Reject] = ()  # of a text log, if asked for; read from the file again
     account: Mapping[str, str] = field(default_factory=dict)  # losses of the MCAP, see RECOVERED
 
     def find(self, meaning: Meaning, axle: int) -> Channel | None:

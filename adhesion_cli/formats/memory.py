@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
-from ..core.model import Column, Floats, Log, Reject, Times
+from ..core.model import Column, Floats, Log, Times
 from .source import Field
 
 _INDEX = "__index_level_0__"  # name of an index without one
@@ -143,7 +143,6 @@ class MemorySource:
         self.metadata: dict[str, dict[str, str]] = {}
         self.account: dict[str, str] = {}
         self.reasons: dict[str, object] = {}
-        self.rejects: Iterable[Reject] = ()
         several = len(axes) > 1  # then each signal has rows of its own
         self.fields: Sequence[Field] = [
             Field(n, unit=unit, unit_from="as given" if unit else "", signal=n if several else "")

@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Column, Reject
+from ..core.model import Column
 
 TimeSource = Literal["log", "publish", "header"]  # the clocks of an MCAP message
 
@@ -52,7 +52,6 @@ class ReadOptions:
     sheet: str | None = None  # of a workbook; None: decided
     dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding
-    rejects: bool = False  # CSV: remember each row and cell left out
     max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
     max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to; all: and 1000 x the file
     max_record: int = 1 << 27  # bytes one MCAP record may declare
@@ -100,7 +99,6 @@ class Source(Protocol):
     metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
     account: dict[str, str]  # what an MCAP has lost, which what is made of it must say as well
     reasons: dict[str, object]  # dialect decisions and why, for `inspect`
-    rejects: Iterable[Reject]  # rows and cells left out; complete after `columns`
 
     @property
     def fields(self) -> Sequence[Field]:

@@ -14,7 +14,7 @@ import numpy as np
 from ..core import time_axis
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
-from ..core.model import Bools, Column, Floats, Reject, Times
+from ..core.model import Bools, Column, Floats, Times
 from ..core.text import distinct
 from .source import Field, ReadOptions, report
 
@@ -75,8 +75,6 @@ class Reader(Protocol):
 
 class TableSource:
     """A log that a `Reader` reads; implements `Source`."""
-
-    rejects: Iterable[Reject] = ()
 
     def __init__(self, path: Path, kind: str, options: ReadOptions, reader: Reader) -> None:
         contents = reader.contents

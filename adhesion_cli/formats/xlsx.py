@@ -3,15 +3,15 @@
 So header, units and time are found by the rules of CSV. Line N of a message is row N of the sheet.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Column, Reject
+from ..core.model import Column
 from .csv.reader import CsvSource
 from .csv.time_column import listed
 from .isolated import Library
@@ -72,19 +72,7 @@ class WorkbookSource(CsvSource):
         """The wanted fields, see `Source`."""
         with _named(self.table.path, f"{self.path}: sheet {self._sheet!r}"):
             columns = super().columns(wanted)
-        self.rejects = _Rejects(self._folder, self.rejects) if self.rejects else ()
         return columns
-
-
-@dataclass(frozen=True, slots=True)
-class _Rejects:
-    """Rows and cells left out. Their texts stand in the folder, which must live as long."""
-
-    folder: TemporaryDirectory[str]
-    rejects: Iterable[Reject]
-
-    def __iter__(self) -> Iterator[Reject]:
-        return iter(self.rejects)
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 from ..core.annotated import Json
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Column, Reject
+from ..core.model import Column
 from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
 from ..formats.source import Field, ReadOptions
 from .feed import PAUSE, AddSource, FeedRow, Pump
@@ -45,7 +45,6 @@ class Fields:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     account: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, object] = field(default_factory=dict)
-    rejects: Iterable[Reject] = ()
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """No samples: they come as rows."""

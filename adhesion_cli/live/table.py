@@ -56,7 +56,7 @@ class LiveTable:
             path = Path(folder) / "head.csv"
             path.write_bytes(head[: head.rfind(b"\n") + 1])
             try:
-                source = open_csv(path, replace(self._options, rejects=False))
+                source = open_csv(path, self._options)
             except UserError as error:
                 text = error.text.replace(str(path), self.name)
                 raise UserError(text, error.hint, error.code) from None

@@ -55,17 +55,6 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Band:
-    """A shaded range of x, or of y."""
-
-    name: str  # in the legend
-    lower: float
-    upper: float
-    colour: str
-    of_x: bool = True
-
-
-@dataclass(frozen=True, slots=True)
 class Panel:
     """One chart."""
 
@@ -77,7 +66,6 @@ class Panel:
     log_y: bool = False
     y_range: tuple[float, float] | None = None  # None: all data
     x_range: tuple[float, float] | None = None
-    bands: Sequence[Band] = ()
     x_names: Sequence[str] = ()  # of x 0, 1, 2 … instead of numbers
 
 
@@ -126,9 +114,6 @@ def write(
 
 
 def _draw(axes: "Axes", panel: Panel) -> None:
-    for band in panel.bands:
-        span = axes.axvspan if band.of_x else axes.axhspan
-        span(band.lower, band.upper, color=band.colour, alpha=0.16, linewidth=0, label=band.name)
     for line in panel.lines:
         # Matplotlib leaves names that begin with "_" out of the legend.
         style: _Options = {"color": line.colour, "label": line.name or "_"}

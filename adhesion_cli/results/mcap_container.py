@@ -7,16 +7,13 @@ Specification: https://mcap.dev/spec
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 from mcap.records import (
-    AttachmentIndex,
     Channel,
     Chunk,
     ChunkIndex,
@@ -31,12 +28,10 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from ..core.model import RECOVERED
 from ..formats.mcap.records import MAGIC, written
-from .verified import verified
 
 if TYPE_CHECKING:
-    from ..formats.mcap.walk import Walk
+    pass
 
 Offsets = NDArray[np.int64]
 
@@ -82,7 +77,6 @@ class Container:
         self._channels: list[Channel] = []
         self._chunks = bytearray()  # their indexes as written: as objects they take ten times that
         self._chunk_count, self._times = 0, (0, 0)
-        self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: Counter[int] = Counter()
         self._append(MAGIC)
@@ -98,21 +92,6 @@ class Container:
         """Adds named texts."""
         offset, length = self._append(written(Metadata(name=name, metadata=entries)))
         self._metadata.append(MetadataIndex(offset, length, name))
-
-    def record(self, index: AttachmentIndex | MetadataIndex, pieces: Iterable[bytes]) -> None:
-        """Adds the record of another file, which need not fit into memory.
-
-        Args:
-            index: what the other file's index says, or should say, of it.
-            pieces: the whole record, in order.
-        """
-        index = replace(index, offset=self._offset)
-        for piece in pieces:
-            self._append(piece)
-        if isinstance(index, AttachmentIndex):
-            self._attachments.append(index)
-        else:
-            self._metadata.append(index)
 
     def chunk(self, packed: "Packed") -> None:
         """Adds a chunk of messages."""
@@ -146,7 +125,7 @@ class Container:
         """Adds the summary and the end."""
         self._append(written(DataEnd(self._crc)))
         statistics = Statistics(
-            attachment_count=len(self._attachments),
+            attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=dict(sorted(self._counts.items())),
             chunk_count=self._chunk_count,
@@ -161,7 +140,6 @@ class Container:
             Opcode.CHANNEL: written(*self._channels),
             Opcode.STATISTICS: written(statistics),
             Opcode.CHUNK_INDEX: bytes(self._chunks),
-            Opcode.ATTACHMENT_INDEX: written(*self._attachments),
             Opcode.METADATA_INDEX: written(*self._metadata),
         }
         start, summary, offsets = self._offset, b"", []
@@ -181,39 +159,3 @@ class Container:
         self._crc = zlib.crc32(data, self._crc)
         self._offset += len(data)
         return offset, len(data)
-
-
-def copy(path: Path, walk: "Walk") -> None:
-    """Writes what is whole in a file as a new one, reads it back and checks it.
-
-    Records of messages, attachments and metadata are kept to the byte; of a channel whose schema
-    is unknown the copy says that it has none. Metadata say what was damaged and what no checksum
-    guarded, as the copy's own CRCs would let all of it look sound.
-
-    Args:
-        path: file to write; its old content is lost.
-        walk: of the other file; a block of it at a time is in memory.
-
-    Raises:
-        UserError: the copy does not read back.
-        OSError: it cannot be written.
-    """
-    with verified(path) as file:
-        container = Container(file, walk.profile, walk.library)
-        for index in walk.metadata_records:
-            if index.name != RECOVERED:
-                container.record(index, walk.raw(index.offset, index.length))
-        for attachment in walk.attachments:
-            container.record(attachment, walk.raw(attachment.offset, attachment.length))
-        if account := walk.account():
-            container.metadata(RECOVERED, account)
-        schemas, channels = walk.schemas, list(walk.channels.values())
-        defined = [c if c.schema_id in schemas else replace(c, schema_id=0) for c in channels]
-        container.define(schemas.values(), defined)
-        for messages, channel, log_time, length in walk.messages():
-            entries = np.stack([log_time, np.cumsum(length) - length], axis=1)
-            order = np.argsort(channel, kind="stable")
-            ids, first_index = np.unique(channel[order], return_index=True)
-            index_parts = np.split(entries[order], first_index[1:])
-            container.chunk(packed(messages, dict(zip(ids.tolist(), index_parts, strict=True))))
-        container.finish()

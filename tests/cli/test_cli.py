@@ -1,6 +1,5 @@
 """The command as users run it: real processes, real files."""
 
-import csv
 import hashlib
 import json
 import re
@@ -241,7 +240,6 @@ BAD = {
     "simulate": ("simulate nowhere -o a.csv", 2, "nowhere"),
     "reproduce": ("reproduce -o missing.csv/a", 1, "missing.csv/a"),
     "convert": ("convert missing.csv a.mcap", 1, "missing.csv"),
-    "recover": ("recover missing.mcap -o a.mcap", 1, "missing.mcap"),
     "report": ("report missing.mcap -o a.html", 1, "missing.mcap"),
     "fleet": ("fleet missing.csv -o out", 1, "missing.csv"),
     "live": ("live missing.csv", 1, "missing.csv"),
@@ -372,7 +370,7 @@ def test_options_a_command_has_no_use_for_are_refused(run: Run, tmp_path: Path) 
     (tmp_path / "a.csv").write_text(rows(40))
     for command in (
         "inspect a.csv --algo neso", "convert a.csv b.mcap --from 1", "view a.rrd --set neso.k=1",
-        "convert a.csv b.mcap --axle 1", "estimators --view", "recover a.mcap -o b.mcap --algo td",
+        "convert a.csv b.mcap --axle 1", "estimators --view", "inspect a.csv --force",
     ):  # fmt: skip
         done = run(*command.split())
         assert done.returncode == 2, command
@@ -611,36 +609,6 @@ def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path)
     assert "`--set channels.pressure.unit=bar`" in line
 
 
-@pytest.mark.parametrize(
-    "command",
-    [["inspect"], ["analyze"], ["compare", "-a", "neso"], ["slip"], ["convert"]],
-)
-def test_what_was_left_out_is_written_where_asked_for(run: Run, tmp_path: Path, command) -> None:
-    lines = rows().splitlines()
-    lines[300] = "5.98,=cmd|' /C calc'!A1,\x1b[2J"
-    lines[301] = "-1"
-    (tmp_path / "log.csv").write_text("\n".join(lines))
-    out = ["out.mcap"] if command == ["convert"] else []
-    done = run(*command, "log.csv", *out, "--rejects", "left-out.csv")
-    assert done.returncode == 3, done.stderr
-    with (tmp_path / "left-out.csv").open(newline="") as file:
-        found = list(csv.DictReader(file))
-    text = "5.98,'=cmd|' /C calc'!A1,\\x1b[2J"  # where a comma parts cells a formula begins
-    assert found[:2] == [
-        {"file": "log.csv", "line": "301", "reason": "no number", "column": c,
-         "text": text}
-        for c in ("bc pressure [bar]", "wheel speed [km/h]")
-    ]  # fmt: skip
-    assert [(r["line"], r["reason"], r["text"]) for r in found[2:]] == [
-        ("302", "too few cells", "'-1")
-    ]
-    other = ["other.mcap"] if out else []
-    again = run(*command, "log.csv", *other, "--rejects", "left-out.csv")
-    assert again.returncode == 1
-    assert "--force" in again.stderr
-    assert not (tmp_path / "other.mcap").exists()
-
-
 def test_each_row_of_a_table_of_signals_counts_once(run: Run, tmp_path: Path) -> None:
     signals = "".join(
         f"{k / 20},{name},{value}\n"
@@ -650,20 +618,6 @@ def test_each_row_of_a_table_of_signals_counts_once(run: Run, tmp_path: Path) ->
     (tmp_path / "log.csv").write_text("time [s],signal,value\n" + signals)
     (result,) = json.loads(run("analyze", "log.csv", "--json").stdout)["results"]
     assert result["log"]["rows_used"] == result["log"]["rows_read"] == 400
-
-
-def test_rejects_and_results_appear_together(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text(rows() + "x\n")
-    assert run("analyze", "log.csv", "--rejects", "missing/left-out.csv").returncode == 1
-    assert run("analyze", "log.csv", "--strict", "--rejects", "left-out.csv").returncode == 1
-    assert run("convert", "log.csv", "a.csv", "--rejects", "a.csv").returncode == 1
-    assert run("inspect", "log.csv", "--force").returncode == 2  # nothing to replace
-    assert run("inspect", "log.csv", "--force", "--rejects", "log.csv").returncode == 1
-    Path(tmp_path, "my.toml").write_text("# mine\n")
-    mine = ["-c", "my.toml", "--force", "--rejects", "my.toml"]
-    assert run("inspect", "log.csv", *mine).returncode == 1
-    assert Path(tmp_path, "my.toml").read_text() == "# mine\n"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv", "my.toml"]
 
 
 def test_inspect_fits_a_screen(run: Run) -> None:

@@ -27,7 +27,6 @@ COMMANDS = {
     "live": ["--replay", str(SERVICE), "--speed", "0", "-a", "td", "-o", "."],
     "explain": ["gap"],
     "convert": [str(SERVICE), "x.csv"],
-    "recover": ["service-brake.adhesion.mcap", "-o", "y.mcap"],
     "report": ["service-brake.adhesion.mcap", "-o", "y.html"],
     "view": [VIEWED],
     "estimators": [],

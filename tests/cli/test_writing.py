@@ -30,9 +30,7 @@ COMMANDS = {
     ),
     "tune": ("s.csv a.csv -a leso -o {out}/b.toml", ["b.toml"]),
     "convert": ("a.csv {out}/b.mcap", ["b.mcap"]),
-    "recover": ("a.mcap -o {out}/b.mcap", ["b.mcap"]),
     "simulate": ("service-brake --dt 0.02 -o {out}/b.csv", ["b.csv"]),
-    "inspect": ("bad.csv --rejects {out}/b.csv", ["b.csv"]),
     "estimators": ("--response -a td -o {out}", ["response.svg"]),
     "antiskid": (
         "slippery-stop -o {out}",
@@ -110,7 +108,7 @@ def put(folder: Path, of: Files) -> None:
 
 def test_the_table_has_every_command_that_writes() -> None:
     # The tables of a fleet, and files that grow with the samples, have tests of their own.
-    others = {"explain", "view", "fleet", "live", "vehicle"}
+    others = {"explain", "inspect", "view", "fleet", "live", "vehicle"}
     assert {c.name for c in app.registered_commands} - set(COMMANDS) == others
 
 

@@ -15,7 +15,7 @@ PANEL = charts.Panel(
         charts.Line("line", X, np.where(X % 100 == 0, np.nan, X), "#123456"),
         charts.Line("", X, -X, palette.GREY, dashed=True),
         charts.Line("dots", X, X % 7, palette.BLACK, dots=2.0),
-    ], bands=[charts.Band("band", 100.0, 200.0, "#00ff00")],
+    ],
 )  # fmt: skip
 STARTS = {".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF"}
 
@@ -37,7 +37,7 @@ def test_the_suffix_is_the_format_and_the_bytes_are_the_same_again(
 def test_texts_and_the_legend_stand_in_an_svg(tmp_path: Path) -> None:
     charts.write(tmp_path / "a", "all of it", [PANEL])
     texts = [e.text for e in ET.parse(tmp_path / "a").iter() if e.tag.endswith("text")]
-    assert {"all of it", "a $title$ & <b>", "line", "dots", "band"} <= set(texts)
+    assert {"all of it", "a $title$ & <b>", "line", "dots"} <= set(texts)
     assert "_" not in texts
 
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adhesion_cli.core.model import Channel, Column, Log, Reject
-from adhesion_cli.results import rejects, wide_table
+from adhesion_cli.core.model import Channel, Column, Log
+from adhesion_cli.results import wide_table
 
 
 def channel(name: str, t: list[int], values: list[float], unit: str = "bar") -> Channel:
@@ -85,21 +85,6 @@ def test_missing_and_masked_values_are_empty(tmp_path: Path) -> None:
     p.data.valid[2] = False
     wide_table.write_csv(tmp_path / "a.csv", log(p))
     assert [row[1] for row in table(tmp_path / "a.csv")] == ["p [bar]", "1", "", ""]
-
-
-@pytest.mark.parametrize(
-    ("text", "cell"),
-    [
-        ("a;=2+2", "a;'=2+2"), ("1,@SUM(A1)|-x", "1,'@SUM(A1)|'-x"), ('"=1', "\"'=1"),
-        ("＝1+1", "'＝1+1"), ("-5", "'-5"), ("0.1;-3.5e-2,+7", "0.1;-3.5e-2,+7"), ("a=b", "a=b"),
-    ],
-)  # fmt: skip
-def test_no_program_finds_a_formula_behind_its_own_separator(
-    tmp_path: Path, text: str, cell: str
-) -> None:
-    rejected = [Reject(3, "no number", "p", text)]
-    rejects.write_rejects(tmp_path / "a.csv", [replace(log(), rejects=rejected)])
-    assert table(tmp_path / "a.csv")[1][-1] == cell
 
 
 def test_units_are_hostile_too(tmp_path: Path) -> None:

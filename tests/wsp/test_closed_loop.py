@@ -907,7 +907,7 @@ def test_a_receiver_of_1_hz_where_every_wheel_slides_has_no_known_delay(
 def test_antiskid_command(tmp_path: Path) -> None:
     adhesion = functools.partial(in_process, tmp_path, "antiskid")
 
-    done = adhesion("leaf-film", "--json", "--figure", "stop.svg")
+    done = adhesion("leaf-film", "--json")
     assert done.returncode == 0, done.stderr
     doc = json.loads(done.stdout)
     assert set(doc) == {
@@ -915,7 +915,7 @@ def test_antiskid_command(tmp_path: Path) -> None:
         "limits", "outputs",
     }  # fmt: skip
     assert doc["estimator"] == closed_loop.ESTIMATOR
-    assert list(doc["outputs"]) == ["rrd", "none.mcap", "patent.mcap", "rule.mcap", "svg"]
+    assert list(doc["outputs"]) == ["rrd", "none.mcap", "patent.mcap", "rule.mcap"]
     assert all((tmp_path / name).is_file() for name in doc["outputs"].values())
     assert (doc["schema"], doc["scenario"]) == ("adhesion.antiskid/1", "leaf-film")
     assert list(doc["controllers"]) == ["none", "patent", "rule"]
@@ -930,14 +930,10 @@ def test_antiskid_command(tmp_path: Path) -> None:
     for value in ("over dry", "utilisation", "air", "slip error", "limited"):
         assert any(line.startswith(f"{value}: ") for line in text.splitlines())
     laws = [f"leaf-film.{law}.antiskid" for law in registry()]
-    written = {"stop.svg", *(f"leaf-film.antiskid.{kind}" for kind in ("rrd", "sha256"))}
+    written = {*(f"leaf-film.antiskid.{kind}" for kind in ("rrd", "sha256"))}
     written |= {f"{name}.mcap" for name in laws}
     assert {p.name for p in tmp_path.iterdir()} == written
     assert "--force" in adhesion("leaf-film").stderr
-    kept = adhesion("leaf-film", "-o", "other", "--figure", "stop.svg")
-    assert kept.returncode == 1
-    assert "stop.svg" in kept.stderr
-    assert "stop.svg" in adhesion("leaf-film", "--rails", "--figure", "stop.svg").stderr
     bad = adhesion("leaf-film", "--set", "patent.slip_high")
     assert bad.returncode == 2
     assert "Traceback" not in bad.stderr

@@ -9,7 +9,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import Field
 from .block_parser import ParsedBlock, Parser
-from .lines import LineBlock, Lines, Splitter
+from .lines import LineBlock, Splitter
 from .losses import Losses
 from .reader import CsvSource
 from .rows import Groups, classify_untimed
@@ -69,7 +69,7 @@ class ArrivingCsv:
         row_times = parsed.times[timed]
         if self._first_time is None:
             self._first_time = self._newest_time = int(row_times[0]) if len(row_times) else 0
-        losses = Losses(self._table.dialect, Lines(self._table.path, self._table.dialect, 0), False)
+        losses = Losses(self._table.dialect)
         losses.add(parsed, timed, 1)
         self.lost += losses.findings(np.append(self._newest_time, row_times), self._first_time)
         self._newest_time = int(row_times[-1]) if len(row_times) else self._newest_time

@@ -9,7 +9,7 @@ import gzip
 import io
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,6 @@ from .dialect import HEAD_BYTES, Dialect, split
 _BLOCK = 1 << 20  # it stays in a processor's cache; smaller ones make threads wait for each other
 MAX_LINE = 16 << 20
 _TAIL = 1 << 14  # bytes that hold the last rows
-_MAX_TEXT = 2_000  # characters of a row in the list of rejects
 
 
 @dataclass(slots=True)
@@ -125,23 +124,6 @@ class Lines:
         block, self.is_unfinished = splitter.finish(bool(self.damage))
         if block:
             yield block
-
-    def texts(self, numbers: Sequence[int]) -> Iterator[str]:
-        """What lines say, as the file has them; `numbers` of them from 1, in order.
-
-        Raises:
-            UserError: where the file has become shorter since.
-        """
-        with open_file(self.path) as file:
-            text = io.TextIOWrapper(file, self.dialect.encoding, "replace", newline="")
-            line, line_number = "", 0
-            for number in numbers:
-                while line_number < number and (line := text.readline()):
-                    line_number += 1
-                if line_number < number:
-                    hint = "read it when it is complete"
-                    raise UserError(f"{self.path}: changed while it was read", hint)
-                yield line[:_MAX_TEXT].rstrip("\r\n").lstrip("\ufeff")
 
     def _bytes(self) -> Iterator[bytes]:
         compressed, total = is_gzip(self.path), 0

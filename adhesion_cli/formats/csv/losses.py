@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...core.finding import Finding, Severity, Span, merge_spans
-from ...core.model import Bools, Reject, Times
+from ...core.model import Bools, Times
 from .block_parser import ParsedBlock, Rows
 from .cells import IS_INFINITE, NO_NUMBER, NO_VALUE
 from .dialect import Dialect, split
-from .lines import Lines
 
 _LISTED_SPANS = 20  # spans of one finding
 _EXAMPLE_CHARACTERS = 40  # characters of a cell or row in a message
@@ -24,10 +23,10 @@ _SKIPPED = {  # classes of rows that are data and are left out
     "group missing": "no device or axle",
     "NUL bytes": "NUL bytes, from space that was never written",
 }
-_CELLS: dict[int, tuple[str, Severity, str]] = {
-    NO_VALUE: ("csv-missing-cells", "info", ""),
-    NO_NUMBER: ("csv-bad-cells", "warning", "no number"),
-    IS_INFINITE: ("not-a-number", "warning", "infinite"),
+_CELLS: dict[int, tuple[str, Severity]] = {
+    NO_VALUE: ("csv-missing-cells", "info"),
+    NO_NUMBER: ("csv-bad-cells", "warning"),
+    IS_INFINITE: ("not-a-number", "warning"),
 }
 
 
@@ -39,21 +38,21 @@ class _Loss:
     text: str
     count: int = 0
     places: list[Rows] = field(default_factory=list)  # rows used before each
-    lines: list[Rows] = field(default_factory=list)  # only where rejects are wanted
+
+    def add(self, places: Rows) -> None:
+        """Counts rows or cells, each with the number of rows used before it."""
+        self.count += len(places)
+        self.places.append(np.unique(places))
 
 
 class Losses:
-    """Counts lines by class, and cells that hold no number.
+    """Counts lines by class, and cells that hold no number."""
 
-    It is also the list of rejects: each row and cell left out, in the file's order. Their texts are
-    read from the file again.
-    """
-
-    def __init__(self, dialect: Dialect, source: Lines, remember: bool) -> None:
+    def __init__(self, dialect: Dialect) -> None:
         self.lines: Counter[str] = Counter(dialect.leading_lines)
         self.rows: dict[str, _Loss] = {}
         self.cells: dict[tuple[int, int], _Loss] = {}  # by column and state
-        self._dialect, self._source, self._remember = dialect, source, remember
+        self._dialect = dialect
 
     def add(self, parsed: ParsedBlock, timed: Bools, row_count: int) -> None:
         """Counts what is left out of a block.
@@ -68,7 +67,7 @@ class Losses:
                 first_line = int(lines[0])
                 row_loss = _Loss(parsed.block.first_line + first_line, parsed.text(first_line))
                 loss = self.rows.setdefault(kind, row_loss)
-                self._add(loss, parsed, lines, row_count + np.searchsorted(row_lines, lines))
+                loss.add(row_count + np.searchsorted(row_lines, lines))
         for i, state in parsed.states.items():
             for k in _CELLS:
                 rows = np.flatnonzero(state[timed] == k)
@@ -79,13 +78,7 @@ class Losses:
                     cells = split(parsed.text(first_line), self._dialect.delimiter)
                     cell = cells[i] if i < len(cells) else ""
                     self.cells[i, k] = _Loss(parsed.block.first_line + first_line, cell)
-                self._add(self.cells[i, k], parsed, row_lines[rows], row_count + rows)
-
-    def _add(self, loss: _Loss, parsed: ParsedBlock, lines: Rows, places: Rows) -> None:
-        loss.count += len(lines)
-        loss.places.append(np.unique(places))
-        if self._remember:
-            loss.lines.append(parsed.block.first_line + lines)
+                self.cells[i, k].add(row_count + rows)
 
     def findings(self, t: Times, start: int) -> Iterator[Finding]:
         """What was left out, as findings.
@@ -99,7 +92,7 @@ class Losses:
             names = {"reason": _SKIPPED[kind], "example": quoted(loss.text)}
             yield Finding("csv-rows-skipped", "warning", "", loss.count, spans, values, names)
         for (i, k), loss in sorted(self.cells.items()):
-            code, severity, _ = _CELLS[k]
+            code, severity = _CELLS[k]
             empty = self.cells.get((i, NO_VALUE))
             said = len(t) - (empty.count if empty else 0)
             if k == NO_NUMBER and not self._dialect.column(i) and loss.count == said:
@@ -107,20 +100,6 @@ class Losses:
             spans, name = _spans(loss, t, start, between_rows=False), self._dialect.names[i]
             values, names = {"line": loss.line}, {"example": quoted(loss.text)}
             yield Finding(code, severity, name, loss.count, spans, values, names)
-
-    def __iter__(self) -> Iterator[Reject]:
-        names = self._dialect.names
-        entries = [(loss, kind, "") for kind, loss in self.rows.items()]
-        entries += [(loss, _CELLS[k][2], names[i]) for (i, k), loss in self.cells.items() if k > 1]
-        ordered = sorted(
-            (line, n)
-            for n, (loss, _, _) in enumerate(entries)
-            for stretch in loss.lines
-            for line in stretch.tolist()
-        )
-        texts = self._source.texts([line for line, _ in ordered])
-        for (line, n), text in zip(ordered, texts, strict=True):
-            yield Reject(line, entries[n][1], entries[n][2], text)
 
 
 def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Span, ...]:

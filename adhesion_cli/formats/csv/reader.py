@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
 
@@ -11,7 +11,7 @@ import numpy as np
 from ...core import toml
 from ...core.errors import UserError
 from ...core.finding import Finding
-from ...core.model import Column, Reject, Times
+from ...core.model import Column, Times
 from ...core.time_axis import earliest
 from ...core.units import in_name
 from ...core.units import unit as known_unit
@@ -63,7 +63,6 @@ class CsvSource:
         self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
         self.account: dict[str, str] = {}
         self.lines: Counter[str] = Counter()
-        self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
         types = dict.fromkeys(clock.columns, clock.type)
         self.table = CsvTable(path, options, dialect, clock, types, round(1.06 * rows))
@@ -143,7 +142,6 @@ class CsvSource:
         t, codes = read.times, read.codes
         self.lines = Counter({kind: n for kind, n in read.losses.lines.items() if n})
         self.rows = self.lines["used"] + self.lines["other group"]
-        self.rejects = read.losses if self._options.rejects else ()
         self._refuse_time(t)
         for finding in read.losses.findings(t, earliest(t)):
             self._report(finding)

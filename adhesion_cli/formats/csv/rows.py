@@ -54,7 +54,7 @@ def read_rows(
     for i in indices:
         table.types.setdefault(i, pa.float64())
     lines = Lines(table.path, table.dialect, table.options.max_unpacked)
-    losses = Losses(table.dialect, lines, table.options.rejects)
+    losses = Losses(table.dialect)
     groups = Groups(keys, wanted)
     by_column: dict[int, NDArray[Any]] = {}
     row_count = 0

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core.errors import UserError
 from ...core.finding import Finding, Severity
-from ...core.model import Column, Reject
+from ...core.model import Column
 from ..source import Field, ReadOptions, TimeSource, report
 from .collect import Collector
 from .series import YEAR_1990, Discovery, Series, grouped
@@ -43,7 +43,6 @@ class McapSource:
     """
 
     format = "mcap"
-    rejects: Iterable[Reject] = ()
 
     def __init__(self, path: Path, options: ReadOptions, content: bytes | None = None) -> None:
         self.path, self._options = path, options
@@ -64,7 +63,7 @@ class McapSource:
             "library": walk.library,
             "chunks": walk.chunks,
             "compression": ", ".join(sorted(walk.compressions)) or "none",
-            "attachments": len(walk.attachments),
+            "attachments": walk.attachments,
         }
         self._take_clock([s for s in self._series if s.fields])
 

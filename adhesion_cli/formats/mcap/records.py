@@ -20,9 +20,7 @@ from ...core.errors import UserError
 MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
 HEADER = struct.Struct("<BQ")  # opcode and length of every record
 PIECE = 1 << 20  # bytes read from the file at once
-RAISE_LIMIT = (
-    "if the log is trusted, raise the limit with --set mcap.{}={}; else `adhesion recover` cuts it"
-)
+RAISE_LIMIT = "if the log is trusted, raise the limit with --set mcap.{}={}"
 
 
 def written(*records: McapRecord) -> bytes:

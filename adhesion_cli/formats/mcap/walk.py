@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Footer, Header, Metadata, MetadataIndex, Statistics
+from mcap.records import Footer, Header, Metadata, Statistics
 
 from ...core.errors import UserError
-from ...core.model import RECOVERED, Times
+from ...core.model import RECOVERED
 from ..source import ReadOptions
-from .blocks import BlockReader, Offsets, RecordBlock, Records
+from .blocks import BlockReader, RecordBlock, Records
 from .definitions import Definitions, FirstMessages
 from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
 
@@ -52,8 +52,7 @@ class Walk:
         self.times = (1 << 63, -1)  # first and last log time
         self.profile = self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
-        self.metadata_records: list[MetadataIndex] = []
-        self.attachments: list[AttachmentIndex] = []  # the whole ones
+        self.attachments = 0  # whole ones
         self._definitions = Definitions(options.max_part)
         self._first_messages = FirstMessages()
         self._data_end = 0
@@ -147,38 +146,6 @@ class Walk:
         """The error for a file that has changed since opening."""
         return UserError(f"{self.path}: the file changed while it was read", "read it again")
 
-    def messages(self) -> Iterator[tuple[bytes, Offsets, Times, Offsets]]:
-        """The messages of channels that the file defines, a block at a time.
-
-        Yields:
-            Their records end to end; of each channel id, log time [ns] and length of the record,
-            shape (n,).
-
-        Raises:
-            UserError: as `again`.
-        """
-        for _, records in self.reread():
-            selected = records.select(np.isin(records.channel, list(self.channels)))
-            start, stop = selected.start, selected.stop
-            if len(start):
-                gaps = np.flatnonzero(start[1:] != stop[:-1])
-                runs = zip(start[np.append(0, gaps + 1)], stop[np.append(gaps, -1)], strict=True)
-                raw = b"".join(selected.data[a:b] for a, b in runs)
-                yield raw, selected.channel, selected.log_time, stop - start
-
-    def raw(self, offset: int, length: int) -> Iterator[bytes]:
-        """Bytes of the file, a piece at a time.
-
-        Raises:
-            UserError: where the file has become shorter.
-        """
-        try:
-            with self._open_file() as file:
-                for piece in range(offset, offset + length, PIECE):
-                    yield file.read(piece, min(PIECE, offset + length - piece))
-        except DamageError:
-            raise self.changed() from None
-
     # ------------------------------------------------------------------ the walk
 
     def _open_file(self) -> LogFile:
@@ -201,7 +168,7 @@ class Walk:
     def _error(
         self,
         damage: DamageError,
-        hint: str = "`adhesion recover` writes what is whole as a new file",
+        hint: str = "without --strict, `adhesion convert` writes what is whole as a new file",
     ) -> UserError:
         return UserError(f"{self.path}: byte {damage.at}: {damage.what}", damage.hint or hint)
 
@@ -307,16 +274,15 @@ class Walk:
     def _metadata(self, offset: int, length: int) -> None:
         content = self._file.content(offset, min(length, self._options.max_part))
         name = content.read_prefixed_string()
-        if length <= self._options.max_part:  # larger ones are not ours; a copy keeps them
+        if length <= self._options.max_part:  # larger ones are not ours
             record = Metadata.read(self._file.content(offset, length))
             self.metadata.setdefault(name, {}).update(record.metadata)
-        self.metadata_records.append(MetadataIndex(offset, HEADER.size + length, name))
 
     def _attachment(self, offset: int, length: int) -> None:
         place, stop = offset + HEADER.size, offset + HEADER.size + length
         content = self._file.content(offset, min(length, PIECE))
-        log_time, create_time = content.read8(), content.read8()
-        name, kind = content.read_prefixed_string(), content.read_prefixed_string()
+        content.read8(), content.read8()  # log time, time of creation
+        content.read_prefixed_string(), content.read_prefixed_string()  # name, media type
         size = content.read8()
         crc_offset = place + content.count + size
         if crc_offset + 4 > stop:
@@ -324,9 +290,7 @@ class Walk:
         crc = int.from_bytes(self._file.read(crc_offset, 4), "little")
         if crc and self._file.crc(place, crc_offset) != crc:
             raise DamageError(offset, "attachment has another CRC than it says")
-        self.attachments.append(
-            AttachmentIndex(offset, stop - offset, log_time, create_time, size, name, kind)
-        )
+        self.attachments += 1
 
     # ------------------------------------------------------------------ blocks
 

@@ -298,12 +298,12 @@ def test_of_equal_gaps_the_first_are_joined_on_every_system(log):
 @pytest.mark.parametrize("cell", ["inf", "-Infinity", "+INF", "1e400", '"inf"'])
 def test_infinity_is_a_value_lost(log, cell):
     rows = "".join(f"{k},{cell if k == 7 else k}\n" for k in range(20))
-    source, columns = read(log, "t [s],p\n" + rows, rejects=True)
+    source, columns = read(log, "t [s],p\n" + rows)
     assert columns["p"].valid.tolist() == [k != 7 for k in range(20)]
     (lost,) = source.findings
     assert (lost.code, lost.severity, lost.count) == ("not-a-number", "warning", 1)
     assert lost.spans == ((7.0, 7.0),)
-    assert [(r.line, r.reason) for r in source.rejects] == [(9, "infinite")]
+    assert lost.values["line"] == 9
 
 
 def test_rows_left_out_are_counted_by_class_and_located(log):
@@ -338,10 +338,9 @@ def test_rows_left_out_say_when(log, lines, first_s):
 @pytest.mark.parametrize("end", ["\n", "\r"])
 def test_half_a_character_at_the_end_is_a_line(log, end):
     data = b"\xff\xfe" + PLAIN.replace("\n", end).encode("utf-16-le") + b"1"
-    source, columns = read(log, data, rejects=True)
+    source, columns = read(log, data)
     assert columns["p"].value.tolist() == P
     assert source.lines == {"header": 1, "used": 3, "too few cells": 1}
-    assert [r.line for r in source.rejects] == [5]
 
 
 def test_column_with_a_unit_and_no_numbers_is_told(log):
@@ -440,7 +439,7 @@ def test_units_stand_below_the_names(log):
 
 def test_a_remark_behind_the_first_row_hides_no_header(log):
     text = "t [s],p,Remark\n0,1,go\n" + "".join(f"{k},{k}\n" for k in range(1, 30))
-    source, columns = read(log, text, rejects=True)
+    source, columns = read(log, text)
     assert columns["p"].value.tolist() == list(range(1, 30))
     assert left_out(source) == [(2, "0,1,go", 1)]
 
@@ -458,11 +457,10 @@ def numbered(width: int, first: int, n: int, delimiter: str = ",") -> str:
 
 
 def left_out(source: CsvSource) -> list[tuple[int, str, int]]:
-    """What `skipped` gives, once it agrees with the account of lines and with the rejects."""
+    """What `skipped` gives, once it agrees with the account of lines."""
     found = [f for f in source.findings if f.code == "csv-rows-skipped"]
     assert {f.severity for f in found} == {"warning"}
     count = sum(f.count for f in found)
-    assert len(list(source.rejects)) == count
     assert count == sum(source.lines.values()) - sum(
         source.lines[kind] for kind in ("used", "header", "preamble", "units")
     )
@@ -515,8 +513,8 @@ def test_a_later_header_of_other_columns_is_refused(log, second):
 )
 def test_the_same_header_again_is_no_loss(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
-    source, _ = read(log, text, rejects=True, strict=True)
-    assert (source.rows, list(source.rejects), codes(source)) == (80, [], set())
+    source, _ = read(log, text, strict=True)
+    assert (source.rows, codes(source)) == (80, set())
     assert sum(source.lines.values()) == text.count("\n")
     assert source.lines["header"] + source.lines["units"] == 3
 
@@ -524,7 +522,7 @@ def test_the_same_header_again_is_no_loss(log, second):
 @pytest.mark.parametrize("second", ["t [s],p", "lost,lost,lost"])
 def test_the_same_header_again_costs_its_own_row(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
-    source, _ = read(log, text, rejects=True)
+    source, _ = read(log, text)
     assert source.rows == 80
     assert [count for *_, count in left_out(source)] == [1]
 
@@ -1087,40 +1085,28 @@ def test_log_of_three_interleaved_trains(tmp_path):
     assert source.lines == {"used": len(speed.t), "other group": 2 * len(speed.t)}
 
 
-REJECTED = {
-    "61": ("too few cells", ""),
-    "62,1,2,3": ("too many cells", ""),
-    "x,1,压": ("time unreadable", ""),
-    ",=1+2,压": ("time missing", ""),
-    "63,压,1": ("no number", "p"),
-    '64,x,"""压"': ("no number", "p"),
-    "\0\0,1": ("NUL bytes", ""),
+LEFT_OUT = {
+    "61": "too few cells",
+    "62,1,2,3": "too many cells",
+    "x,1,压": "time stamp not readable",
+    ",=1+2,压": "no time stamp",
+    "\0\0,1": "NUL bytes, from space that was never written",
+    "63,压,1": "",
 }
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16-le", "utf-16-be", "gb18030"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("block", [64, 1 << 20])
-def test_every_row_and_cell_left_out_can_be_found_again(log, monkeypatch, encoding, end, block):
+def test_the_first_row_and_cell_left_out_can_be_found_again(log, monkeypatch, encoding, end, block):
     monkeypatch.setattr("adhesion_cli.formats.csv.lines._BLOCK", block)
     good = [f"{k},{k}.5,压{k}" for k in range(60)]
-    lines = ["t [s],p,注", *good, "# 压", *REJECTED, "", *good]
+    lines = ["t [s],p,注", *good, "# 压", *LEFT_OUT, "", *good]
     raw = "\n".join(lines).replace("\n", end).encode(encoding)
-    source, _ = read(log, raw, rejects=True, encoding=encoding)
-    found = list(source.rejects)
-    assert [(r.reason, r.column) for r in found] == list(REJECTED.values())
-    assert [r.text for r in found] == list(REJECTED)
-    assert [r.line for r in found] == [63 + k for k in range(len(REJECTED))]
-    assert list(source.rejects) == found
-
-
-def test_rejects_of_a_file_that_changed_meanwhile(log):
-    source, _ = read(
-        log, "t [s],p\n" + "".join(f"{k},1\n" for k in range(9)) + "x,1\n", rejects=True
-    )
-    log.write_text("t [s],p\n")
-    with pytest.raises(UserError, match="changed while it was read"):
-        list(source.rejects)
+    source, _ = read(log, raw, encoding=encoding)
+    left = [f for f in source.findings if f.code in ("csv-rows-skipped", "csv-bad-cells")]
+    places = {f.names.get("reason", ""): f.values["line"] for f in left if f.channel in ("", "p")}
+    assert places == {reason: 63 + k for k, reason in enumerate(LEFT_OUT.values())}
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux for its peak")
