@@ -111,7 +111,7 @@ def settings_page() -> str:
         _kinds("key of a channel", settings.CHANNEL_KEYS),
         "\n| meaning | units |\n|---|---|",
         *(
-            f"| `{key}` | {', '.join(units.known_units(meaning))} |"  # type: ignore[arg-type]
+            f"| `{key}` | {', '.join(units.known_units(meaning)) or 'any, or none'} |"
             for key, meaning in settings.MEANINGS.items()
         ),
         "",

@@ -21,7 +21,15 @@ from ..channels.meaning import Mapping
 from ..core import estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
-from ..core.model import IdentifiedVehicle, Parameter, Quantity, Train, Vehicle, quantities
+from ..core.model import (
+    IdentifiedVehicle,
+    Meaning,
+    Parameter,
+    Quantity,
+    Train,
+    Vehicle,
+    quantities,
+)
 from ..core.physics import CHAIN
 from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
@@ -51,15 +59,9 @@ CHANNEL_KEYS = {
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
 _OF_LOGS = ("channels", "csv", "xlsx", "mcap", "can")  # sections on how logs are read
 _ORIGIN = (*_OF_LOGS, "selection", "antiskid")  # what a result was made from
-MEANINGS = {
-    "pressure": "pressure",
-    "speed": "wheel_speed",
-    "wheel_speed": "wheel_speed",
-    "train_speed": "train_speed",
-    "clamping_force": "clamping_force",
-    "truth": "truth",
-    "true_slip": "true_slip",
-}
+_SPEED: dict[str, Meaning] = {"speed": "wheel_speed"}
+_BY_NAME: dict[str, Meaning] = {name: name for name in get_args(Meaning) if name != "time"}
+MEANINGS = _SPEED | _BY_NAME  # the meaning of each key of [channels]
 
 
 VEHICLE_USES = ("log", "stated")

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
-from ..core.model import AS_INPUT, NOT_MEASURED, Channel, Column, Log, Meaning, Vehicle
+from ..core.model import AS_INPUT, INPUTS, NOT_MEASURED, Channel, Column, Log, Meaning, Vehicle
 from ..formats.memory import MemorySource
 from ..formats.source import Source
 from .meaning import Mapping, Meant, name, understood
@@ -92,7 +92,7 @@ def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], li
         UserError: where a unit that is needed cannot be known.
     """
     meant, findings = _understood(source, mappings)
-    chosen = [m for m in meant if m.meaning]
+    chosen = [m for m in meant if m.meaning in INPUTS]
     _refuse_two_units(chosen, source.path)
     braked = {m.axle for m in chosen if m.meaning == "pressure"}
     for m in list(chosen):

@@ -1,4 +1,4 @@
-"""What a log's fields mean: brake-cylinder pressure, wheel speed, train speed, K, truth; and why.
+"""What a log's fields mean: brake-cylinder pressure, wheel speed, ED brake, distance; and why.
 
 A mapping from the user decides, else the names. Every guess has its reason, which `inspect` shows.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from ..core import toml, units
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
-from ..core.model import Meaning
+from ..core.model import INPUTS, Meaning
 from ..formats.source import Field
 from .rules import GENERIC, axle_of, bogie_of, guess, name_words, word_of_kind
 
@@ -87,7 +87,7 @@ def understood(
             meaning, reason = None, "a list in a list: state its axle in [channels]"
         if meaning:
             guesses.append(len(meant))
-        unit_conflict = _unit_too(field, meaning, unit) if meaning else ""
+        unit_conflict = _unit_too(field, meaning, unit) if meaning and meaning in INPUTS else ""
         meant.append(Meant(field, meaning, axle, unit, reason, unit_too=unit_conflict))
     _own_stamps(meant, guesses)
     _prefer_the_qualified(meant, guesses)
@@ -186,6 +186,8 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     for indexed in (False, True):
         by_meaning: dict[Meaning | None, list[int]] = {}
         for i in guesses:
+            if meant[i].meaning not in INPUTS:
+                continue
             if meant[i].axle is not None and _is_indexed(meant[i].field) is indexed:
                 by_meaning.setdefault(meant[i].meaning, []).append(i)
         numbers = {
@@ -237,7 +239,7 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     repeats: dict[tuple[str, int | None], list[str]] = {}
     for i in guesses:
         m = meant[i]
-        if not m.meaning:
+        if not m.meaning or m.meaning not in INPUTS:
             continue
         key = (m.meaning, m.axle)
         if (holder := first_of.setdefault(key, m)) is not m:

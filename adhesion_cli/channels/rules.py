@@ -44,10 +44,27 @@ class Rule(NamedTuple):
     reason: str = ""
 
 
+_NAMED = "an analysis does not use it"
+ED_WITHOUT_UNIT = "an ED brake, but no unit of a force, a torque or a share (%) is stated"
+
 RULES = (
     Rule("any", "own never", None, "not a quantity we use"),
     Rule("ratio", "own slip, true, !estimated", "true_slip"),
     Rule("any", "own slip, true, !estimated", None, "a true slip, but no unit stated: - or %"),
+    Rule(
+        "any",
+        "own ED brake, own demand|own estimated",
+        None,
+        "an ED brake, but {1!r} says that it is not the force that acts",
+    ),
+    Rule("torque", "motor", None, "a torque, but {0!r} says that it is not the wheelset's"),
+    Rule("force", "ED brake, ?own force, !own true", "ed_force"),
+    Rule("torque", "ED brake, ?own torque", "ed_force"),
+    Rule("ratio", "own ED brake, !own slip", "ed_force"),
+    Rule("any", "own ED brake, own force|own torque|own effort, !own true", "ed_force"),
+    Rule("force", "own traction, !own demand, !own estimated, !own true", "traction_force"),
+    Rule("torque", "own traction, !own demand, !own estimated", "traction_force"),
+    Rule("ratio", "own traction, own force|own effort, !own demand", "traction_force"),
     Rule("force", "own clamping, ?own force", "clamping_force"),
     Rule("force", "own K, ?own force, !adhesion force, !true force", "clamping_force"),
     Rule("force", "true, ?adhesion force, !estimated, !slip, !own other force", "truth"),
@@ -63,8 +80,14 @@ RULES = (
     ),
     Rule("any", "acceleration", None, "{0!r} in the name, but no unit of it is stated"),
     Rule("pressure", "other pressure", None, "a pressure, but {0!r} is not the brake cylinder"),
+    Rule("pressure", "reservoir", "reservoir_pressure", _NAMED),
+    Rule("pressure", "brake pipe", "brake_pipe", _NAMED),
+    Rule("pressure", "suspension", "load_pressure", _NAMED),
     Rule("absolute pressure", "?own pressure, ?cylinder, absolute", "pressure"),
     Rule("pressure", "?own pressure, ?cylinder", "pressure"),
+    Rule("turns", "own latitude", "latitude", _NAMED),
+    Rule("turns", "own longitude", "longitude", _NAMED),
+    Rule("speed", "own latitude|own longitude|own temperature", None, "not a quantity we use"),
     Rule("speed without unit", "own electrical", None, "no speed: {0!r} says a voltage"),
     Rule("speed", "other speed", None, "a speed, but {0!r} is not measured on wheel or train"),
     Rule("speed", "bound, !wheel", None, "a speed, but {0!r} is not measured on wheel or train"),
@@ -72,6 +95,27 @@ RULES = (
     Rule("speed", "true|actual, ?own speed, !wheel", "train_speed"),
     Rule("speed along the track", "train, ?own speed, !wheel", "train_speed"),
     Rule("speed", "?wheel, ?own speed", "wheel_speed"),
+    Rule("state", "own ED brake, !state", None, ED_WITHOUT_UNIT),
+    Rule("state", "own vent valve", "vent_valve", _NAMED),
+    Rule("state", "own hold valve", "hold_valve", _NAMED),
+    Rule("any", "own magnetic braking", "magnetic_brake", _NAMED),
+    Rule("any", "own retarder", "retarder", _NAMED),
+    Rule("state", "own sand", "sanding", _NAMED),
+    Rule("state", "own emergency", "emergency", _NAMED),
+    Rule("state", "own WSP", "wsp_active", _NAMED),
+    Rule("state", "own braking demand", "brake_command", _NAMED),
+    Rule("ratio", "own braking demand", "brake_command", _NAMED),
+    Rule("length", "own position|own kilometre", "position", _NAMED),
+    Rule("length", "own distance", "distance", _NAMED),
+    Rule("state", "own kilometre", "position", _NAMED),
+    Rule("state", "own distance", "distance", _NAMED),
+    Rule("state", "own latitude", "latitude", _NAMED),
+    Rule("state", "own longitude", "longitude", _NAMED),
+    Rule("ratio", "own gradient", "gradient", _NAMED),
+    Rule("state", "own gradient", "gradient", _NAMED),
+    Rule("temperature", "?own temperature", "temperature", _NAMED),
+    Rule("state", "own temperature", "temperature", _NAMED),
+    Rule("any", "own temperature", None, "not a quantity we use"),
 )
 
 _QUANTITY: dict[str, tuple[str, ...]] = {  # dimension of a stated unit: what it may be
@@ -79,12 +123,17 @@ _QUANTITY: dict[str, tuple[str, ...]] = {  # dimension of a stated unit: what it
     "pressure": ("pressure",),
     "acceleration": ("acceleration",),
     "ratio": ("ratio",),
+    "torque": ("torque",),
+    "length": ("length",),
+    "temperature": ("temperature",),
     "speed": ("speed", "speed along the track"),
     "angular speed": ("speed",),
     "pulse rate": ("speed", "turns"),
     "count": ("speed", "turns"),
     "angle": ("speed", "turns"),
 }
+
+_PRESSURES = {"pressure", "reservoir", "brake pipe", "suspension"}  # kinds that say a pressure
 
 # What results of this program hold, by message type and field. Their topics begin with the name of
 # a log, which may say anything.
@@ -196,11 +245,11 @@ class _Name:
         may_be: tuple[str, ...] = ()
         if measured:
             may_be = _QUANTITY.get(measured.dimension, ())
-        elif rare := units.unit_for(self.rare_unit, "true_slip") or units.unit_for(
-            self.rare_unit, "train_speed"
-        ):
+        elif rare := units.rare_unit(self.rare_unit):
             may_be = _QUANTITY[rare.dimension]
         unit_of = {"any": self.unit} | dict.fromkeys(may_be, self.rare_unit)
+        if not measured and not may_be:
+            unit_of["state"] = self.unit
         if not measured:
             if "force" in self.own_kinds:
                 unit_of["force"] = self.unit
@@ -210,7 +259,7 @@ class _Name:
                 unit_of |= dict.fromkeys(_QUANTITY["speed"], self.unit)
                 unit_of["speed without unit"] = self.unit
         elif "pressure" in unit_of:
-            if not ("pressure" in self.own_kinds or "cylinder" in self.kinds):
+            if not (self.own_kinds.keys() & _PRESSURES or "cylinder" in self.kinds):
                 del unit_of["pressure"]
             elif units.unit(f"{self.unit} abs"):
                 unit_of["absolute pressure"] = f"{self.unit} abs"
@@ -273,11 +322,33 @@ def _adhesion_force(name: _Name) -> str:
     return word_of_kind("adhesion", unexplained) if len(unexplained) == 1 else ""
 
 
+def _both(kinds: Mapping[str, str], first: str, second: str) -> str:
+    """The word of the first kind, or of both in one word; "" where one of them is missing."""
+    one_word = kinds.get(f"{first} {second}", "")
+    return one_word or (kinds[first] if first in kinds and second in kinds else "")
+
+
+def _ed_brake(kinds: Mapping[str, str]) -> str:
+    """The word that calls this the electrodynamic brake, "" where none does."""
+    return kinds.get("ED", "") or _both(kinds, "electric", "braking")
+
+
+def _valve(kinds: Mapping[str, str], state: str) -> str:
+    """The word that calls this a WSP valve of that state, "" where none does."""
+    return _both(kinds, state, "valve")
+
+
 # Kinds that no single word decides.
 _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
     "wheel": _wheel,
     "adhesion force": _adhesion_force,
     "true force": lambda name: name.own_kinds.get("force", "") if "true" in name.kinds else "",
+    "ED brake": lambda name: _ed_brake(name.kinds),
+    "own ED brake": lambda name: _ed_brake(name.own_kinds),
+    "own vent valve": lambda name: _valve(name.own_kinds, "vent"),
+    "own hold valve": lambda name: _valve(name.own_kinds, "hold"),
+    "own magnetic braking": lambda name: _both(name.own_kinds, "magnetic", "braking"),
+    "own braking demand": lambda name: _both(name.own_kinds, "braking", "demand"),
 }
 
 
@@ -300,6 +371,8 @@ def guess(field: Field) -> Guess:
         # A number next to the train numbers channels, unless the name says axle.
         numbered = field.group or "wheel" in name.kinds
         if rule.quantity == "acceleration" or (rule.meaning == "train_speed" and not numbered):
+            axle = None
+        if rule.reason == _NAMED and not {"wheel", "valve"} & name.kinds.keys():
             axle = None
         names = " and ".join(repr(word) for word in dict.fromkeys(matched))
         reasons = (
@@ -337,7 +410,7 @@ def _axle_in(text: str, is_path: bool) -> int | None:
     name_parts = name_words(units.in_name(text)[0])
     for i, word in enumerate(name_parts):
         next_word = "".join(name_parts[i + 1 : i + 2])
-        if next_word.isdecimal() and {"wheel", "cylinder"} & _kinds(word).keys():
+        if next_word.isdecimal() and {"wheel", "cylinder", "valve"} & _kinds(word).keys():
             return int(next_word)
         if word_of_kind("bogie", [word]):
             name_parts = name_parts[:i] + name_parts[i + 2 :]  # its number counts bogies

@@ -27,8 +27,38 @@ AS_INPUT = "input"  # there: one channel for all axles, which every axle's input
 RECOVERED = "adhesion.recovered"  # metadata of a file made from a damaged one: what was damaged
 
 Meaning = Literal[
-    "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip"
+    "time",
+    "pressure",
+    "wheel_speed",
+    "train_speed",
+    "clamping_force",
+    "truth",
+    "true_slip",
+    "ed_force",
+    "traction_force",
+    "brake_command",
+    "emergency",
+    "brake_pipe",
+    "vent_valve",
+    "hold_valve",
+    "wsp_active",
+    "sanding",
+    "magnetic_brake",
+    "retarder",
+    "load_pressure",
+    "reservoir_pressure",
+    "distance",
+    "position",
+    "latitude",
+    "longitude",
+    "gradient",
+    "temperature",
 ]
+
+# What an analysis takes; channels of another meaning are only named.
+INPUTS: frozenset[Meaning | None] = frozenset(
+    ("pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip")
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +174,8 @@ class Log:
         return next((c for wanted in (axle, None) for c in candidates if c.axle == wanted), None)
 
     def start_ns(self) -> int:
-        """First time stamp of any channel with a meaning, else of any channel [ns]."""
-        channels = [c for c in self.channels if c.meaning] or list(self.channels)
+        """First time stamp of any channel that an analysis takes, else of any channel [ns]."""
+        channels = [c for c in self.channels if c.meaning in INPUTS] or list(self.channels)
         return min((int(c.data.t.min()) for c in channels if len(c.data.t)), default=0)
 
 

@@ -3,14 +3,13 @@
 import math
 import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from .errors import UserError
 from .model import Channel, Meaning, Vehicle
-from .physics import G
 
 Dimension = Literal[
     "pressure",
@@ -23,6 +22,9 @@ Dimension = Literal[
     "time",
     "ratio",
     "acceleration",
+    "torque",
+    "length",
+    "temperature",
 ]
 
 
@@ -38,32 +40,32 @@ class Unit(NamedTuple):
 ATMOSPHERE = 101325.0  # standard [Pa]
 
 
-def _spellings() -> tuple[dict[str, Unit], set[str]]:
-    """The unit of each spelling, and the spellings that a name may hold without brackets."""
-    text = Path(__file__).with_name("units.toml").read_text("utf-8")
-    entries = tomllib.loads(text)
-    units = {
-        spelling.lower(): Unit(spellings.split()[0], dimension, factor, *offset)
-        for dimension, rows in entries["units"].items()
+_ENTRIES = tomllib.loads(Path(__file__).with_name("units.toml").read_text("utf-8"))
+
+
+def _units_by_spelling(rows_by_dimension: Mapping[str, Any]) -> dict[str, Unit]:
+    return {
+        spelling: Unit(spellings.split()[0], dimension, factor, *offset)  # type: ignore[arg-type]
+        for dimension, rows in rows_by_dimension.items()
         for factor, spellings, *offset in rows
         for spelling in spellings.split()
     }
+
+
+def _spellings() -> tuple[dict[str, Unit], set[str]]:
+    """The unit of each spelling, and the spellings that a name may hold without brackets."""
+    units = {x.lower(): unit for x, unit in _units_by_spelling(_ENTRIES["units"]).items()}
     long_spellings = {spelling for spelling in units if len(spelling) > 2 and spelling.isascii()}
-    unmistakable = long_spellings - set(entries["not_in_names"].split()) | set(
-        entries["in_names"].split()
+    unmistakable = long_spellings - set(_ENTRIES["not_in_names"].split()) | set(
+        _ENTRIES["in_names"].split()
     )
     return units, unmistakable
 
 
 UNITS, _IN_NAMES = _spellings()
 
-# Separate, because a name that ends on "-", "[%]" or "g" states no unit of a pressure or speed.
-_RATIO_UNITS = {
-    "-": Unit("-", "ratio", 1.0),
-    "%": Unit("%", "ratio", 0.01),
-    "g": Unit("g", "acceleration", G),
-    "mg": Unit("mg", "acceleration", 1e-3 * G),
-}
+# Separate: a name that ends on "-", "[%]", "g" or "m" states no unit of a pressure or speed.
+_RARE_UNITS = _units_by_spelling(_ENTRIES["rare"])
 
 EXPECTED: dict[Meaning, tuple[Dimension, ...]] = {
     "time": ("time",),
@@ -73,7 +75,16 @@ EXPECTED: dict[Meaning, tuple[Dimension, ...]] = {
     "clamping_force": ("force",),
     "truth": ("force",),
     "true_slip": ("ratio",),
-}
+    "ed_force": ("force", "torque", "ratio"),
+    "traction_force": ("force", "torque", "ratio"),
+    "brake_pipe": ("pressure",),
+    "load_pressure": ("pressure",),
+    "reservoir_pressure": ("pressure",),
+    "distance": ("length",),
+    "position": ("length",),
+    "gradient": ("ratio",),
+    "temperature": ("temperature",),
+}  # states of 0 and 1, and what else has no unit, are not in it
 
 _USUAL: dict[Meaning, tuple[str, ...]] = {
     "pressure": ("Pa", "kPa", "bar", "MPa", "psi"),
@@ -108,8 +119,13 @@ def unit(text: str) -> Unit | None:
 
 def unit_for(text: str, meaning: Meaning) -> Unit | None:
     """The unit a text spells for a channel of this meaning, None where it cannot measure that."""
-    candidate = unit(text) or _RATIO_UNITS.get(text.strip("[](){} "))
-    return candidate if candidate and candidate.dimension in EXPECTED[meaning] else None
+    candidate = unit(text) or rare_unit(text)
+    return candidate if candidate and candidate.dimension in EXPECTED.get(meaning, ()) else None
+
+
+def rare_unit(text: str) -> Unit | None:
+    """The unit of a ratio, a torque and other quantities that few channels have."""
+    return _RARE_UNITS.get(text.strip("[](){} "))
 
 
 def is_acceleration(text: str) -> bool:
@@ -120,8 +136,10 @@ def is_acceleration(text: str) -> bool:
 
 def known_units(meaning: Meaning) -> list[str]:
     """First spelling of each unit a channel of this meaning may have."""
-    all_units = (*UNITS.values(), *_RATIO_UNITS.values())
-    return list(dict.fromkeys(u.name for u in all_units if u.dimension in EXPECTED[meaning]))
+    all_units = (*UNITS.values(), *_RARE_UNITS.values())
+    return list(
+        dict.fromkeys(u.name for u in all_units if u.dimension in EXPECTED.get(meaning, ()))
+    )
 
 
 def stated_unit(text: str, meaning: Meaning, channel: str) -> Unit:

@@ -21,7 +21,16 @@ SI: dict[Meaning, str] = {
     "clamping_force": "N",
     "truth": "N",
     "true_slip": "-",
-}
+    "ed_force": "N",
+    "traction_force": "N",
+    "brake_pipe": "Pa",
+    "load_pressure": "Pa",
+    "reservoir_pressure": "Pa",
+    "distance": "m",
+    "position": "m",
+    "gradient": "-",
+    "temperature": "K",
+}  # of other meanings: as logged
 
 
 # Where a formula may begin: at the start of a cell, and, as programs differ in what parts cells,
@@ -36,7 +45,9 @@ def channels(log: Log) -> list[tuple[str, str]]:
 
     A channel with a meaning holds SI; one without still has the unit the log states.
     """
-    units = [SI[c.meaning] + "/s" * c.is_rate if c.meaning else c.unit for c in log.channels]
+    units = [
+        SI.get(c.meaning, "") + "/s" * c.is_rate if c.meaning else c.unit for c in log.channels
+    ]
     names = [_name(c, unit) for c, unit in zip(log.channels, units, strict=True)]
     return list(zip(distinct(names), map(printable, units), strict=True))
 

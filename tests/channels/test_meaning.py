@@ -23,6 +23,7 @@ def seen(
 
 
 PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
+PIPE, RESERVOIR, ED = "brake_pipe", "reservoir_pressure", "ed_force"
 
 
 @pytest.mark.parametrize(
@@ -36,7 +37,7 @@ PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
         (
             ("C-Druck [bar]", "HL-Druck [bar]", "Radgeschw. [km/h]", "Geschwindigkeit [km/h]"),
             [
-                (PRESSURE, None, "bar"), (None, None, "bar"),
+                (PRESSURE, None, "bar"), (PIPE, None, "bar"),
                 (WHEEL, None, "km/h"), (TRAIN, None, "km/h"),
             ],
         ),
@@ -50,7 +51,8 @@ PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
         ),
         (
             ("BCP1_bar", "AxleSpd1_kmh", "TrainSpd_kmh", "MRP_bar"),
-            [(PRESSURE, 1, "bar"), (WHEEL, 1, "kmh"), (TRAIN, None, "kmh"), (None, None, "bar")],
+            [(PRESSURE, 1, "bar"), (WHEEL, 1, "kmh"), (TRAIN, None, "kmh"),
+             (RESERVOIR, None, "bar")],
         ),
         (
             ("一轴轮速(km/h)", "二轴制动缸压力(kPa)", "黏着力真值(N)"),
@@ -68,7 +70,7 @@ PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
             ("Pression CF essieu 2 [bar]", "Pression conduite générale [bar]",
              "Vitesse de rotation roue 2 (tr/min)", "Vitesse du train (km/h)"),
             [
-                (PRESSURE, 2, "bar"), (None, None, "bar"),
+                (PRESSURE, 2, "bar"), (PIPE, None, "bar"),
                 (WHEEL, 2, "tr/min"), (TRAIN, None, "km/h"),
             ],
         ),
@@ -76,7 +78,7 @@ PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
             ("Pressione cilindro freno 1 [bar]", "Pressione condotta generale [bar]",
              "Velocità asse 1 [giri/min]", "Velocità treno [km/h]"),
             [
-                (PRESSURE, 1, "bar"), (None, None, "bar"),
+                (PRESSURE, 1, "bar"), (PIPE, None, "bar"),
                 (WHEEL, 1, "giri/min"), (TRAIN, None, "km/h"),
             ],
         ),
@@ -84,7 +86,7 @@ PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
             ("Remcilinderdruk as 1 [bar]", "Treinleidingdruk [bar]",
              "Wielsnelheid as 1 [km/u]", "Treinsnelheid [km/u]"),
             [
-                (PRESSURE, 1, "bar"), (None, None, "bar"),
+                (PRESSURE, 1, "bar"), (PIPE, None, "bar"),
                 (WHEEL, 1, "km/u"), (TRAIN, None, "km/u"),
             ],
         ),
@@ -96,12 +98,12 @@ PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
             ("制动缸压力_1轴_kPa", "轴速1_km/h", "列车管压力(kPa)", "GPS速度 (km/h)"),
             [
                 (PRESSURE, 1, "kPa"), (WHEEL, 1, "km/h"),
-                (None, None, "kPa"), (TRAIN, None, "km/h"),
+                (PIPE, None, "kPa"), (TRAIN, None, "km/h"),
             ],
         ),
         (
             ("Hauptluftleitungsdruck [bar]", "Vorsteuerdruck [bar]", "Cdruck DG2 [bar]"),
-            [(None, None, "bar"), (None, None, "bar"), (PRESSURE, 3, "bar"), (PRESSURE, 4, "bar")],
+            [(PIPE, None, "bar"), (None, None, "bar"), (PRESSURE, 3, "bar"), (PRESSURE, 4, "bar")],
         ),
         (
             ("BC1 [bar]", "Speed axle 1 [km/h]", "Längsbeschleunigung [m/s^2]", "acc y [g]"),
@@ -236,7 +238,7 @@ def test_a_true_slip_says_so_and_has_a_unit(name: str, meaning: str | None) -> N
 @pytest.mark.parametrize(
     ("name", "meaning"),
     [
-        ("Battery [V]", None), ("supply (mV)", None), ("Vbat_V", None), ("T1 [K]", None),
+        ("Battery [V]", None), ("supply (mV)", None), ("Vbat_V", None), ("T1 [K]", "temperature"),
         ("set speed [km/h]", None), ("v_max [km/h]", None), ("speed error [km/h]", None),
         ("yaw rate [deg/s]", None), ("demanded cylinder pressure [bar]", None),
         ("wheel set 2 speed [km/h]", WHEEL), ("V_wheel 2 [km/h]", WHEEL), ("v [km/h]", TRAIN),
@@ -293,12 +295,50 @@ def test_short_names_of_train_computers(name: str, meaning: str | None) -> None:
     assert seen(name)[0][0] == meaning
 
 
+@pytest.mark.parametrize(
+    ("name", "meaning", "axle"),
+    [
+        ("ED brake force per axle [kN]", ED, None), ("E-Bremse [kN]", ED, None),
+        ("电制动力_2轴(kN)", ED, 2), ("EDB_Force_kN", ED, None), ("ED brake effort [%]", ED, None),
+        ("Dynamic brake torque [Nm]", ED, None), ("F_ED [kN]", ED, None),
+        ("Effort de freinage électrique [kN]", ED, None), ("Forza freno elettrico [kN]", ED, None),
+        ("Fuerza freno eléctrico [kN]", ED, None), ("elektrodynamische rem [kN]", ED, None),
+        ("ED brake force demand [kN]", None, None), ("ED brake torque motor 1 [Nm]", None, 1),
+        ("brake force [kN]", None, None), ("制动力(kN)", None, None),
+        ("ED brake active", None, None),
+        ("牵引力(kN)", "traction_force", None), ("Zugkraft [kN]", "traction_force", None),
+        ("tractive effort [%]", "traction_force", None),
+        ("BRAKEDEMAND_STEP1", "brake_command", None), ("brake demand [%]", "brake_command", None),
+        ("WSP_Y_VV1_POP2", "vent_valve", 1), ("hold valve axle 3", "hold_valve", 3),
+        ("防滑动作 1轴", "wsp_active", 1), ("WSP active", "wsp_active", None),
+        ("emergency brake", "emergency", None), ("Schnellbremsung", "emergency", None),
+        ("Hauptbehälterleitung [bar]", RESERVOIR, None), ("总风压力(kPa)", RESERVOIR, None),
+        ("BP [bar]", PIPE, None), ("Luftfederdruck [bar]", "load_pressure", None),
+        ("撒砂", "sanding", None), ("MTB", "magnetic_brake", None),
+        ("Mg-Bremse", "magnetic_brake", None), ("retarder torque [Nm]", "retarder", None),
+        ("Distancia", "distance", None), ("distance [m]", "distance", None),
+        ("里程(km)", "position", None), ("latitude [deg]", "latitude", None),
+        ("GPS longitude", "longitude", None), ("gradient [‰]", "gradient", None),
+        ("disc temperature axle 1 [°C]", "temperature", 1), ("v_lat [m/s]", None, None),
+    ],
+)  # fmt: skip
+def test_other_channels_of_a_brake_test(name: str, meaning: str | None, axle: int | None) -> None:
+    assert seen(name)[0][:2] == (meaning, axle)
+
+
+def test_channels_that_no_analysis_takes_are_never_ambiguous() -> None:
+    fields = [Field("temperature 1 [°C]"), Field("temperature 2 [°C]"), Field("temperature 0 [°C]")]
+    meant, findings = understood(fields, ())
+    assert [m.meaning for m in meant] == 3 * ["temperature"]
+    assert findings == []
+
+
 def test_each_rule_asks_for_words_that_the_vocabulary_has() -> None:
     asked = {kind for rule in rules.RULES for _, kinds in rules._conditions(rule.pattern)
              for kind in kinds}  # fmt: skip
     assert {kind.removeprefix("own ") for kind in asked} <= {*rules._WORDS_BY_KIND, *rules._SPECIAL}
     asked_of = {of for may_be in rules._QUANTITY.values() for of in may_be}
-    derived = {"any", "absolute pressure", "speed without unit"}
+    derived = {"any", "absolute pressure", "speed without unit", "state"}
     assert {rule.quantity for rule in rules.RULES} <= asked_of | derived
 
 
