@@ -41,6 +41,8 @@ _TEXTS = {
         "group": "device of a long table",
         "teeth": "pulses per turn, for Hz, kHz and count",
         "wrap": "where a counter starts anew; if not given, by its values",
+        "zero": "what the channel shows while the brake is released, in its unit; it is taken off",
+        "axles": "of a bogie: the axles that it serves, as `[3, 4, 5]`; if not given, two",
     },
     "key of `time`": {
         "channel": "column that holds the time",
@@ -107,7 +109,10 @@ def settings_page() -> str:
         '| `pressure = {channel = "p", unit = "bar"}` | the pressure of all axles |',
         '| `pressure."axle 2" = {channel = "p2", unit = "bar"}` | the pressure of one axle |',
         '| `pressure = {channel = "/bcu", field = "bc", unit = "bar"}` | the pressures of a list: '
-        "element 0 is axle 1 |\n",
+        "element 0 is axle 1 |\n"
+        '| `pressure."bogie 2" = {channel = "p2", unit = "bar"}` | that of axles 3 and 4 |\n'
+        '| `pressure."axle 2" = {zero = 0.1}` | the zero of a pressure that its name assigns to an '
+        "axle |\n",
         _kinds("key of a channel", settings.CHANNEL_KEYS),
         "\n| meaning | units |\n|---|---|",
         *(
@@ -307,7 +312,7 @@ def _range(q: Quantity, default: str) -> str:
 
 def _kinds(head: str, keys: dict[str, type], defaults: Any = None) -> str:
     names = {str: "text", int: "whole number", float: "number", bool: "true or false"}
-    names[list] = "list of texts"
+    names |= {list: "list", Parameter: "number or `{value, tolerance}`"}
     lines = [f"| {head} | is | default | what |", "|---|---|---|---|"]
     for key, kind in keys.items():
         value = getattr(defaults, key, None)

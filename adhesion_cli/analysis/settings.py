@@ -9,7 +9,7 @@ import dataclasses
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from collections.abc import Mapping as Tree
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -47,6 +47,8 @@ XLSX_KEYS = {"sheet": str}
 MCAP_KEYS = {"max_inflated": int, "max_record": int}
 CAN_KEYS = {"dbc": list}
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
+_OF_PLACE = {"zero", "axles"}  # keys whose values are read apart
+_ZERO = {"value": float, "tolerance": float}
 GROUP_KEYS = {"channel": str, "equals": str}
 CHANNEL_KEYS = {
     "channel": str,
@@ -55,6 +57,13 @@ CHANNEL_KEYS = {
     "group": str,
     "teeth": int,
     "wrap": float,
+    "zero": Parameter,
+    "axles": list,
+}
+# Places of a channel, and the axles of the n-th where nothing else is stated.
+PLACES: dict[str, Callable[[int], tuple[int, ...]]] = {
+    "axle": lambda n: (n,),
+    "bogie": lambda n: (2 * n - 1, 2 * n),
 }
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
 _OF_LOGS = ("channels", "csv", "xlsx", "mcap", "can")  # sections on how logs are read
@@ -301,7 +310,8 @@ def _log_sections(
         values = {k: getattr(read, f"{owner}_{k}") for k in key_names}
         channels[owner] = {k: v for k, v in values.items() if v is not None}
     for m in settings.mappings:
-        entry = {k: v for k in CHANNEL_KEYS if (v := getattr(m, k))}
+        entry = {k: v for k in CHANNEL_KEYS if k not in _OF_PLACE and (v := getattr(m, k))}
+        entry |= {"zero": m.zero._asdict()} if any(m.zero) else {}
         place = channels.setdefault(m.meaning, {})
         place.update({f"axle {m.axle}": entry} if m.axle else entry)
     from_s, to_s = window
@@ -364,10 +374,16 @@ def _merge(target: Table, layer: Tables) -> None:
 
 def _same_kind(a: Tables, b: Tables) -> bool:
     """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
-    tables = any(isinstance(v, dict) for v in (*a.values(), *b.values()))
-    return not tables or ({"channel", "unit"} & a.keys() == set()) == (
-        {"channel", "unit"} & b.keys() == set()
-    )
+    kinds = {(_of_all_axles(x), _of_each_axle(x)) for x in (a, b)}
+    return kinds != {(True, False), (False, True)}
+
+
+def _of_all_axles(table: Tables) -> bool:
+    return bool({"channel", "unit"} & table.keys())
+
+
+def _of_each_axle(table: Tables) -> bool:
+    return any("channel" in entry for entry in table.values() if isinstance(entry, dict))
 
 
 def _normalise_names(layer: Tables) -> Table:
@@ -534,6 +550,7 @@ def _channels(section: Table) -> tuple[list[Mapping], Table]:
     """`[channels]`: what each log name means, and how to read the time."""
     mappings: list[Mapping] = []
     options: Table = {}
+    places: dict[tuple[str, int], str] = {}  # what states this meaning of an axle
     of_rows = {"time": TIME_KEYS, "group": GROUP_KEYS}
     for key, value in section.items():
         if key in of_rows:
@@ -541,15 +558,15 @@ def _channels(section: Table) -> tuple[list[Mapping], Table]:
             options |= {f"{key}_{k}": v for k, v in table.items()}
         elif key not in MEANINGS:
             raise unknown("meaning in [channels]", key, [*of_rows, *MEANINGS])
-        for axle, entry in _by_axle(key, value) if key in MEANINGS else []:
-            table = _fields(f"channels.{key}", _table(entry), CHANNEL_KEYS)
-            of_all = axle is None and "unit" in table and "field" not in table
-            if "channel" not in table and not of_all:
-                line = f"channels.{key} = {toml.value({'channel': 'NAME', **table})}"
-                hint = f"name it, as {toml.option(line)}"
-                raise UserError(f"channels.{key} names no channel", hint, code=2)
-            table = {"channel": ""} | table
-            mappings.append(Mapping(MEANINGS[key], axle, **table))  # type: ignore[arg-type]
+        for place, entry in _by_place(key, value) if key in MEANINGS else []:
+            axles, table = _axles(f"channels.{key}", place, _table(entry))
+            table = _channel(key, table)
+            for axle in axles:
+                other = places.setdefault((MEANINGS[key], axle), place) if axle else place
+                if other != place:
+                    text = f"channels.{key} states axle {axle} twice: {other!r} and {place!r}"
+                    raise UserError(text, "leave one of them out, or state its axles", code=2)
+                mappings.append(Mapping(MEANINGS[key], axle, **table))
     for name in ("time_channel", "group_channel"):
         if options.get(name, "").isdigit():
             options[name] = f"column {options[name]}"
@@ -559,19 +576,71 @@ def _channels(section: Table) -> tuple[list[Mapping], Table]:
     return mappings, options
 
 
-def _by_axle(key: str, value: Any) -> list[tuple[int | None, Any]]:
-    """`pressure = "p"` is every axle's, `pressure."axle 2" = …` one axle's."""
-    if not isinstance(value, dict) or value.keys() & CHANNEL_KEYS.keys():
-        return [(None, value)]
-    entries: list[tuple[int | None, Any]] = []
-    for name, entry in value.items():
-        digits = name.lower().removeprefix("axle").strip(" _")
-        if not digits.isdigit() or int(digits) < 1:
-            line = f'channels.{key}."axle 1" = {{channel = "NAME"}}'
-            hint = f"axles count from 1, as {toml.option(line)}"
-            raise UserError(f"channels.{key}.{name!r} is no axle", hint, code=2)
-        entries.append((int(digits), entry))
-    return entries
+def _by_place(key: str, value: Any) -> list[tuple[str, Any]]:
+    """`pressure = "p"` is every axle's, `pressure."axle 2" = …` one axle's, a bogie's is of two."""
+    if not isinstance(value, dict):
+        return [("", value)]
+    shared = {name: entry for name, entry in value.items() if name in CHANNEL_KEYS}
+    places = {k: v for k, v in value.items() if k not in shared and (_place(k) or not shared)}
+    shared |= {k: v for k, v in value.items() if k not in places}
+    return [("", shared)] * bool(shared or not places) + [*places.items()]
+
+
+def _place(name: str) -> tuple[str, int] | None:
+    """Kind and number of a place, as of "bogie 2" or "1"; None for another key."""
+    match = re.fullmatch(rf"({'|'.join(PLACES)}|)[ _]*([1-9]\d*)", name.lower())
+    return (match[1] or "axle", int(match[2])) if match else None
+
+
+def _axles(section: str, name: str, table: Table) -> tuple[tuple[int | None, ...], Table]:
+    """The axles of a place, None for every axle; and its table without them.
+
+    Raises:
+        UserError: where the place is none, or has no axles.
+    """
+    place = _place(name)
+    if name and not place:
+        line = f'{section}."axle 1" = {{channel = "NAME"}}'
+        hint = f"axles and bogies count from 1, as {toml.option(line)}"
+        raise UserError(f"{section}.{name!r} is no axle and no bogie", hint, code=2)
+    axles: tuple[int | None, ...] = PLACES[place[0]](place[1]) if place else (None,)
+    if "axles" not in table:
+        return axles, table
+    stated = table["axles"]
+    if not isinstance(stated, list) or not stated or not all(map(_is_axle, stated)):
+        line = f'{section}."{name or "bogie 1"}".axles = [1, 2]'
+        hint = f"list the axles that it serves, from 1, as {toml.option(line)}"
+        text = f"{section}.{name!r}" if name else section
+        raise UserError(f"{text}: axles = {stated} are no axles", hint, code=2)
+    return tuple(dict.fromkeys(stated)), {k: v for k, v in table.items() if k != "axles"}
+
+
+def _is_axle(number: Any) -> bool:
+    return type(number) is int and number > 0
+
+
+def _channel(key: str, table: Table) -> Table:
+    """What an entry states of its channel, each value of its type.
+
+    Raises:
+        UserError: where it names no channel and states nothing else, or a speed has a zero.
+    """
+    section = f"channels.{key}"
+    zero = table.get("zero", 0.0)
+    table = _fields(section, table | {"zero": Parameter(0.0, 0.0)}, CHANNEL_KEYS)
+    zero = _fields(f"{section}.zero", zero if isinstance(zero, dict) else {"value": zero}, _ZERO)
+    table["zero"] = Parameter(zero.get("value", 0.0), zero.get("tolerance", 0.0))
+    if table["zero"].tolerance < 0.0:
+        text = f"{section}.zero: tolerance = {table['zero'].tolerance:g} is out of range"
+        raise UserError(text, "1 sigma, in the channel's unit: from 0", code=2)
+    if any(table["zero"]) and "speed" in key:
+        raise UserError(f"{section} has a zero: a speed has none", "leave zero out", code=2)
+    of_guesses = any(table["zero"]) or ("unit" in table and "field" not in table)
+    if "channel" not in table and not of_guesses:
+        stated = {k: v for k, v in table.items() if k != "zero"}
+        line = f"{section} = {toml.value({'channel': 'NAME', **stated})}"
+        raise UserError(f"{section} names no channel", f"name it, as {toml.option(line)}", code=2)
+    return {"channel": "", **table}
 
 
 def _table(value: Any) -> Table:
@@ -607,7 +676,7 @@ def _fields(section: str, table: Any, types: Tree[str, type]) -> Table:
 
 
 def _channel_tables(meaning: Any) -> Any:
-    """The channels of a meaning: a name alone as a table, `axle1` as `axle 1`.
+    """The channels of a meaning: a name alone as a table, `axle1` as `axle 1`, a bogie alike.
 
     A shell takes `axle1` without quotes. Tables merge, key by key.
     """
@@ -615,8 +684,11 @@ def _channel_tables(meaning: Any) -> Any:
         return {"channel": meaning}
     if not isinstance(meaning, dict):
         return meaning
-    spaced = {re.sub(r"^axle(?=\d)", "axle ", key): entry for key, entry in meaning.items()}
-    return {key: _channel_tables(x) if key.startswith("axle ") else x for key, x in spaced.items()}
+    spaced = {re.sub(r"^(axle|bogie)(?=\d)", r"\1 ", key): entry for key, entry in meaning.items()}
+    return {
+        key: _channel_tables(x) if key.partition(" ")[0] in PLACES else x
+        for key, x in spaced.items()
+    }
 
 
 def _marks(csv: Tables) -> Table:

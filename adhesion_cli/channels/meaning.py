@@ -10,16 +10,17 @@ from dataclasses import dataclass, replace
 from ..core import toml, units
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
-from ..core.model import INPUTS, Meaning
+from ..core.model import INPUTS, Meaning, Parameter
 from ..formats.source import Field
 from .rules import GENERIC, axle_of, bogie_of, guess, name_words, word_of_kind
 
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """One line of `[channels]`: this channel means that.
+    """One line of `[channels]`, for one axle: this channel means that.
 
-    Without a channel it states the unit of every channel whose name has this meaning.
+    Without a channel it states unit and zero of the channel whose name has this meaning; without an
+    axle, of every such channel.
     """
 
     meaning: Meaning
@@ -30,6 +31,7 @@ class Mapping:
     group: str = ""
     teeth: int = 0  # pulses per turn of a pulse counter or pulse rate
     wrap: float = 0.0  # where a cumulative counter starts anew; 0: 2¹⁶ or 2³², by its values
+    zero: Parameter = Parameter(0.0, 0.0)  # what the sensor measures of nothing, in its unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,7 @@ class Meant:
     reason: str
     teeth: int = 0
     wrap: float = 0.0
+    zero: Parameter = Parameter(0.0, 0.0)  # taken off, in its unit
     unit_too: str = ""  # another unit that its name states, where nobody says which one holds
 
     @property
@@ -62,19 +65,24 @@ _MOST_NAMED = 20  # channels that one finding names
 def understood(
     fields: Sequence[Field], mappings: Sequence[Mapping]
 ) -> tuple[list[Meant], list[Finding]]:
-    """Gives each field its meaning; in the fields' order, a bogie's second axle behind them.
+    """Gives each field its meaning, once per axle that it serves.
+
+    The order is that of the fields; a bogie's second axle by its name stands behind all of them.
 
     Raises:
         UserError: for a mapping to a channel or field the log does not have.
     """
-    by_hand = dict(pair for m in mappings if m.channel for pair in _find(fields, m))
+    by_hand: dict[Field, list[Mapping]] = {}
+    for mapping in mappings:
+        for field, m in _find(fields, mapping) if mapping.channel else []:
+            by_hand.setdefault(field, []).append(m)
     mapped = {m.meaning for m in mappings if m.channel}
     channels = {f.channel for f in fields}
     meant: list[Meant] = []
     guesses: list[int] = []
     for field in fields:
-        if m := by_hand.get(field):
-            meant.append(_as_stated(field, m))
+        if stated := by_hand.get(field):
+            meant += [_as_stated(field, m) for m in stated]
             continue
         ungrouped = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = guess(ungrouped)
@@ -95,15 +103,24 @@ def understood(
     findings = _count_from_one(meant, guesses)
     findings += _bogies(meant, guesses)
     findings += _refuse_repeated(meant, guesses)
-    of_all = {m.meaning: m for m in mappings if not m.channel}
-    for i in guesses:
-        if m := of_all.get(meant[i].meaning or "time"):
-            meant[i] = _in_unit(meant[i], m)
+    for m in sorted((m for m in mappings if not m.channel), key=lambda m: m.axle or 0):
+        named = [i for i in guesses if meant[i].meaning == m.meaning]
+        matching = [i for i in named if m.axle in (None, meant[i].axle)]
+        if named and not matching:
+            key = f"channels.{_key(m.meaning, m.axle)}"
+            line = f'{key}.channel = "NAME"'
+            hint = f"name it, as {toml.option(line)}"
+            raise UserError(f"{key} names no channel, and no name says this axle", hint, code=2)
+        for i in matching:
+            meant[i] = _with_statement(meant[i], m)
     return meant, findings
 
 
-def _in_unit(guessed: Meant, m: Mapping) -> Meant:
-    """A guess with the unit that the user states for all channels of its meaning."""
+def _with_statement(guessed: Meant, m: Mapping) -> Meant:
+    """A guess with the unit and the zero that the user states for it."""
+    guessed = replace(guessed, zero=m.zero) if any(m.zero) else guessed
+    if not m.unit:
+        return guessed
     reason = f"{guessed.reason.removesuffix('; no unit stated')}; unit {m.unit}: in [channels]"
     return replace(guessed, unit=m.unit, reason=reason, teeth=m.teeth, wrap=m.wrap, unit_too="")
 
@@ -115,7 +132,7 @@ def _as_stated(field: Field, m: Mapping) -> Meant:
     if not unit:
         unit, reason = guess(field).unit, "stated in [channels]; unit in the name"
     unit_conflict = "" if m.unit else _unit_too(field, m.meaning, unit)
-    return Meant(field, m.meaning, m.axle, unit, reason, m.teeth, m.wrap, unit_conflict)
+    return Meant(field, m.meaning, m.axle, unit, reason, m.teeth, m.wrap, m.zero, unit_conflict)
 
 
 def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:

@@ -6,13 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from ..core import time_axis, units
+from ..core.errors import UserError
 from ..core.finding import Finding, Severity
-from ..core.model import Bools, Channel, Column, Floats, Vehicle
+from ..core.model import Bools, Channel, Column, Floats, Parameter, Vehicle
 from ..core.time_axis import TimeAxis
 from .meaning import Meant, name
 
 _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
 _ON_GRID = 0.9  # mean cosine of phases that lie on one
+_LARGE_ZERO = 0.5e5  # a smaller one is no mistake, though no brake is applied in the log [Pa]
 
 
 def channel(
@@ -26,6 +28,9 @@ def channel(
         vehicle: for the wheel radius, where a wheel speed is in km/h.
         start: the log's start [ns].
         max_gap_ns: longer intervals are gaps; 0 decides from the channel itself.
+
+    Raises:
+        UserError: where the stated zero is larger than every value.
     """
     axis, column = _axis(m, column, start, max_gap_ns)
     findings = list(axis.findings)
@@ -41,7 +46,9 @@ def channel(
         findings += _of_counter("counter-wrapped", "info", m, axis, wrapped, start)
         findings += _of_counter("counter-reset", "warning", m, axis, reset, start)
     elif unit:
-        data = replace(data, value=factor * data.value + unit.offset)
+        zero_pa = zero(m, vehicle).value
+        _check_zero(m, zero_pa, factor * values)
+        data = replace(data, value=factor * data.value + (unit.offset - zero_pa))
         tick = period_tick(values, step) / factor if m.meaning == "wheel_speed" else 0.0
         step *= factor
         if m.meaning == "pressure" and not unit.offset and _from_vacuum(data.value):
@@ -71,7 +78,36 @@ def channel(
         m.meaning == "train_speed" and units.is_acceleration(m.unit),
         m.field.label,
         tick,
+        zero=zero(m, vehicle),
     ), findings
+
+
+def zero(m: Meant, vehicle: Vehicle) -> Parameter:
+    """What is taken off a channel, SI.
+
+    Args:
+        m: the channel with its meaning.
+        vehicle: for the wheel radius, where a wheel speed is in km/h.
+    """
+    unit = units.unit_for(m.unit, m.meaning) if m.meaning else None
+    factor = scale(m, unit, vehicle) if unit else 0.0
+    return Parameter(factor * m.zero.value, factor * m.zero.tolerance)
+
+
+def _check_zero(m: Meant, si: float, values: Floats) -> None:
+    """Refuses a zero that is larger than every value: all would be below zero.
+
+    Raises:
+        UserError: names both.
+    """
+    top = float(np.max(np.abs(values), initial=0.0))
+    if abs(si) > max(top, _LARGE_ZERO):
+        raise UserError(
+            f"channel {m.title!r}: zero = {m.zero.value:g} {m.unit} is larger than every value, "
+            f"of which the largest is {top * m.zero.value / si:.3g} {m.unit}",
+            "state in [channels], in the channel's unit, what it shows while the brake is released",
+            code=2,
+        )
 
 
 def is_total(unit: units.Unit) -> bool:

@@ -114,6 +114,13 @@ class Column:
     valid: Bools
 
 
+class Parameter(NamedTuple):
+    """A vehicle parameter: value and 1-sigma tolerance, both SI."""
+
+    value: float
+    tolerance: float
+
+
 @dataclass(frozen=True, slots=True)
 class Channel:
     """One scalar series of a log with its meaning, in SI, and the reason for that meaning."""
@@ -138,6 +145,7 @@ class Channel:
     label: str = ""  # a name that the log gives to an element of a list
     period_step: float = 0.0  # of 1/speed, where a timer counts whole ticks from pulse to pulse
     first_unit: str = ""  # of a result: the unit in the log that it was made of, where it matters
+    zero: Parameter = Parameter(0.0, 0.0)  # of a pressure's sensor, taken off `data` [Pa]
 
     @property
     def measured_in(self) -> str:
@@ -179,13 +187,6 @@ class Log:
         return min((int(c.data.t.min()) for c in channels if len(c.data.t)), default=0)
 
 
-class Parameter(NamedTuple):
-    """A vehicle parameter: value and 1-sigma tolerance, both SI."""
-
-    value: float
-    tolerance: float
-
-
 @dataclass(frozen=True, slots=True)
 class AxleRecord:
     """One axle on one time axis, the wheel speed's; columns of shape (n,), SI.
@@ -215,6 +216,7 @@ class AxleRecord:
     of_totals: bool = False  # the wheel speed was logged as a total of pulses or as an angle
     of_rim: bool = False  # the wheel speed was logged as ωR and divided by the vehicle's R
     saturated: Bools | None = None  # the pressure is at the end of its sensor's range
+    pressure_zero: Parameter = Parameter(0.0, 0.0)  # was taken off the pressure [Pa]
     wheel_period_step: float = 0.0  # of 1/y, where y is from the period of pulses [s/rad]
 
     def __len__(self) -> int:

@@ -165,7 +165,7 @@ def option(*lines: str) -> str:
 def _values(tree: Table, heading: str) -> Iterator[tuple[str, Any]]:
     """Every value by its dotted key."""
     for name, item in tree.items():
-        path = f"{heading}{name.replace('axle ', 'axle')}"
+        path = heading + re.sub("^(axle|bogie) ", r"\1", name)
         if isinstance(item, Mapping):
             yield from _values(dict(item), f"{path}.")
         else:

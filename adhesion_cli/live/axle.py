@@ -10,7 +10,7 @@ import numpy as np
 from ..core import estimator, physics, time_axis
 from ..core.estimator import Estimator
 from ..core.finding import Finding
-from ..core.model import Z95, Vehicle
+from ..core.model import Z95, Parameter, Vehicle
 from ..core.physics import SLIDE
 from ..rail.events import END_SLIP
 from ..records import screen
@@ -71,6 +71,7 @@ class Measuring(NamedTuple):
     max_gap: float = 0.0  # longer intervals are gaps [s]; 0: five times the usual one
     pressure: object = True  # None where K itself is measured
     of_rim: bool = False  # the wheel speed is ωR, and was divided by the vehicle's R
+    pressure_zero: Parameter = Parameter(0.0, 0.0)  # was taken off the pressure [Pa]
     thresholds: screen.Thresholds = screen.DEFAULT
 
 

@@ -151,7 +151,8 @@ def _too_far(row: FeedRow) -> Finding:
 def _measuring(p: Places, settings: Settings) -> Measuring:
     analysis, pressure = settings.analysis, True if p.is_pressure else None
     thresholds = sensor_thresholds(settings.checks)
-    return Measuring(p.axle, analysis.slowest, analysis.max_gap, pressure, p.of_rim, thresholds)
+    limits = analysis.slowest, analysis.max_gap
+    return Measuring(p.axle, *limits, pressure, p.of_rim, p.zero, thresholds)
 
 
 def axle_samples(

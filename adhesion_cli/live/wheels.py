@@ -11,7 +11,7 @@ from ..channels.meaning import Mapping, Meant
 from ..core import units
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Vehicle
+from ..core.model import Parameter, Vehicle
 from ..formats.source import Field, Source
 from ..records.choose import Key, axle_numbers, brake_of, find, incomplete
 from .feed import PAUSE, FeedRow
@@ -30,6 +30,7 @@ class Places(NamedTuple):
     is_pressure: bool
     train: int | None
     of_rim: bool  # the wheel speed is ωR, and was divided by the vehicle's R
+    zero: Parameter  # was taken off the pressure [Pa]
 
 
 class LiveWheels:
@@ -128,7 +129,8 @@ class LiveWheels:
                 m = self._by_key[speed]
                 of_rim = to_si.is_rim(units.stated_unit(m.unit, speed[0], m.title))
                 axle_places = self._place(speed), self._place(brake), brake[0] == "pressure"
-                self.axles.append(Places(axle, *axle_places, None, of_rim))
+                zero = to_si.zero(self._by_key[brake], self._vehicle)
+                self.axles.append(Places(axle, *axle_places, None, of_rim, zero))
             if train:
                 i = index_of.get(axle, len(self.axles) - 1)
                 self.axles[i] = self.axles[i]._replace(train=self._place(train))
@@ -140,11 +142,12 @@ class LiveWheels:
             m = self._by_key[key]
             unit = units.stated_unit(m.unit, key[0], m.title)
             factor = to_si.scale(m, unit, self._vehicle)
+            offset = unit.offset - to_si.zero(m, self._vehicle).value
             total = to_si.is_total(unit)
             size = m.wrap or (2.0 * math.pi / unit.factor if unit.dimension == "angle" else 0.0)
             self._places[key] = len(self.fields)
             self.fields.append(m.field)
-            self._scales.append(_Total(factor, size) if total else _Scale(factor, unit.offset))
+            self._scales.append(_Total(factor, size) if total else _Scale(factor, offset))
         return self._places[key]
 
     def si(self, row: FeedRow) -> dict[int, tuple[int, float]]:

@@ -12,7 +12,7 @@ import numpy as np
 from ..channels import to_si
 from ..core import time_axis, units
 from ..core.finding import Finding, Severity
-from ..core.model import AxleRecord, Bools, Channel, Floats, Times, Vehicle
+from ..core.model import AxleRecord, Bools, Channel, Floats, Parameter, Times, Vehicle
 from ..core.physics import CRAWL, NO_FORCE, clamping_force
 from .axle_channels import AxleChannels
 from .choose import SHORTEST, AxleKeys, Choice, find
@@ -89,6 +89,7 @@ def _axle(
         of_totals=unit is not None and to_si.is_total(unit),
         of_rim=unit is not None and to_si.is_rim(unit),
         saturated=last_value >= limit if limit is not None else None,
+        pressure_zero=brake.zero if is_pressure else Parameter(0.0, 0.0),
         wheel_period_step=speed.period_step,
     )
     axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None)

@@ -9,11 +9,20 @@ does not shrink with the number of samples.
 import math
 from collections.abc import Callable, Mapping
 
-from ..core.model import Z95, AxleRecord, AxleResult, Floats, Reference, Vehicle, quantities
+from ..core.model import (
+    Z95,
+    AxleRecord,
+    AxleResult,
+    Floats,
+    Parameter,
+    Reference,
+    Vehicle,
+    quantities,
+)
 from ..core.physics import wheelset, with_fade
 from ..core.signals import coverage_factor
 from ..core.summary import Contribution, Coverage
-from .force import contributions
+from .force import ZERO, contributions
 
 NOISE = "noise"  # name of the row for noise and smoothing
 
@@ -69,10 +78,10 @@ def mean_budget(
     variance = max(vehicle.covariance(contributions, contributions), 0.0) + noise**2
     rows = [Contribution(NOISE, None, "N", "A", noise, 1.0, noise, _share(noise**2, variance))]
     for name, contribution in contributions.items():
-        q = vehicle.radius(axle.record.axle) if name == "wheel_radius" else getattr(vehicle, name)
+        q = _quantity(name, axle.record, vehicle)
         if q.tolerance > 0.0:
             share = _share(vehicle.covariance({name: contribution}, contributions), variance)
-            unit = quantities(Vehicle)[name].unit
+            unit = "Pa" if name == ZERO else quantities(Vehicle)[name].unit
             sensitivity = contribution / q.tolerance
             rows.append(
                 Contribution(
@@ -83,6 +92,14 @@ def mean_budget(
     u = math.sqrt(variance)
     n = freedom(noise, u, samples)
     return tuple(rows), Coverage(u, coverage_factor(n), n if math.isfinite(n) else None)
+
+
+def _quantity(name: str, record: AxleRecord, vehicle: Vehicle) -> Parameter:
+    """What a row is about: a parameter of the vehicle, or the zero of the pressure."""
+    if name == ZERO:
+        return record.pressure_zero
+    parameter: Parameter = getattr(vehicle, name)
+    return vehicle.radius(record.axle) if name == "wheel_radius" else parameter
 
 
 def _share(variance: float, total: float) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..core import innovations
 from ..core.errors import unknown
-from ..core.model import AxleRecord, Floats, Reference, Vehicle, Wheelset
-from ..core.physics import CHAIN, rolling_deceleration, wheelset
+from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset
+from ..core.physics import CHAIN, piston_area, rolling_deceleration, wheelset
 from ..core.signals import driven, moving, white_noise
 from . import run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
@@ -35,6 +35,7 @@ from .noise_fit import (
 )
 from .pulses import count_pulses, counts_together, informative_samples, pulse_means, remove_steps
 
+ZERO = "pressure_zero"  # name of the budget's row for the zero that was taken off
 _SHORTEST = 8  # least samples of a run: fewer do not show their noise
 _COUNTER_SLACK: tuple[float, ...] = (2.0, 2.0, 4.5)  # the same, and of sliding, for a pulse counter
 _RATE_SHARE = 0.75  # pressure samples per speed sample from which its rate counts as equal
@@ -133,6 +134,11 @@ class Measured(Protocol):
         """None where K itself was logged."""
         ...
 
+    @property
+    def pressure_zero(self) -> Parameter:
+        """What was taken off the pressure [Pa]."""
+        ...
+
 
 def by_tolerances(
     record: Measured, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
@@ -149,7 +155,7 @@ def by_tolerances(
 def contributions(
     record: Measured, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
 ) -> dict[str, Floats]:
-    """By how much each parameter's tolerance moves F = φK + I ω̇/R, first order [N]; (n,) each.
+    """By how much each tolerance moves F = φK + I ω̇/R, first order [N]; (n,) each.
 
     Every parameter varies on its own, at measured ω and p, or K if the log has K. A speed logged in
     m/s or km/h is ωR, and the reader has divided it by R: an error of R counts twice there.
@@ -185,6 +191,9 @@ def contributions(
         terms |= {name: phi.value * K * x.tolerance / x.value for name, x in chain.items()}
         terms["cylinder_diameter"] = phi.value * piston * 2.0 * d.tolerance / d.value
         terms["spring_force"] = -phi.value * ratio * vehicle.spring_force.tolerance * (K > 0.0)
+        if zero := record.pressure_zero.tolerance:
+            per_pascal = ratio * piston_area(vehicle)
+            terms[ZERO] = np.where(K > 0.0, -phi.value * per_pascal * zero, 0.0)
     return terms
 
 

@@ -119,6 +119,13 @@ def test_channels() -> None:
         ("csv.header='no'", "true or false"),
         ("channels.time={source='sensor'}", "publish"),
         ("channels.speed={channel='x', teeth='many'}", "whole number"),
+        ("channels.pressure={channel='x', unti='bar'}", "unit"),
+        ("channels.pressure.bogie0='x'", "bogies count from 1"),
+        ("channels.pressure.bogie1={channel='x', axles=[]}", "bogie1.axles=[1, 2]"),
+        ("channels.pressure={bogie1='x', axle2='y'}", "axle 2 twice: 'bogie 1' and 'axle 2'"),
+        ("channels.pressure.axle1.zero='x'", "number"),
+        ("channels.pressure.axle1.zero={value=0.1, tolerance=-1}", "from 0"),
+        ("channels.speed.axle1={channel='x', zero=1}", "channels.speed has a zero"),
     ],
 )
 def test_a_mistake_is_an_error_that_names_the_remedy(assignment: str, says: str) -> None:
@@ -200,6 +207,27 @@ def test_a_unit_without_a_channel_is_one_for_all() -> None:
     assert (m.meaning, m.axle, m.channel, m.unit) == ("pressure", None, "", "bar")
     (m,) = settings.load(Path("c.toml"), ['channels.pressure."axle 2" = {channel = "p"}']).mappings
     assert (m.axle, m.channel, m.unit) == (2, "p", "")
+
+
+def test_a_bogie_serves_two_axles_or_those_that_it_states() -> None:
+    lines = ["channels.pressure.bogie2='p'", "channels.speed={channel='v', axles=[1, 2]}"]
+    lines += ["channels.pressure.bogie1={channel='q', axles=[1]}"]
+    loaded = settings.load(assignments=lines)
+    assert [(m.channel, m.axle) for m in loaded.mappings] == [
+        ("p", 3), ("p", 4), ("q", 1), ("v", 1), ("v", 2),
+    ]  # fmt: skip
+    carried = {"channels": settings.tree(loaded, [])["channels"]}
+    assert settings.load([carried]).mappings == loaded.mappings
+
+
+def test_a_zero_is_added_to_what_other_lines_state_of_the_channel() -> None:
+    Path("c.toml").write_text('channels.pressure = {unit = "bar", "axle 1" = {channel = "p"}}')
+    loaded = settings.load(Path("c.toml"), ["channels.pressure.axle1.zero={value=1, tolerance=2}"])
+    assert [(m.channel, m.unit, m.axle, m.zero) for m in loaded.mappings] == [
+        ("", "bar", None, Parameter(0.0, 0.0)), ("p", "", 1, Parameter(1.0, 2.0)),
+    ]  # fmt: skip
+    carried = {"channels": settings.tree(loaded, [])["channels"]}
+    assert settings.load([carried]).mappings == loaded.mappings
 
 
 @pytest.mark.parametrize(

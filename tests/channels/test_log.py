@@ -119,6 +119,21 @@ def test_a_pressure_from_vacuum_is_suspected_and_can_be_stated(tmp_path: Path) -
     assert abs(pressure.data.value[0]) < 100.0
 
 
+def test_a_stated_zero_is_taken_off_and_may_not_be_larger_than_every_value(tmp_path: Path) -> None:
+    lines = [f"{i / 10},{10 + max(i - 20, 0) * 10},10" for i in range(50)]
+    (tmp_path / "a.csv").write_text("t [s],bc [kPa],wheel speed [m/s]\n" + "\n".join(lines) + "\n")
+    source = open_source(tmp_path / "a.csv", ReadOptions())
+
+    def pressure(zero: float) -> Channel:
+        mapping = Mapping("pressure", None, "", zero=Parameter(zero, 1.0))
+        return read(source, (mapping,), Vehicle()).channels[0]
+
+    assert pressure(10.0).data.value[0] == 0.0
+    assert pressure(10.0).zero == Parameter(10e3, 1e3)
+    with pytest.raises(UserError, match=r"zero = 500 kPa is larger than every value.* 300 kPa"):
+        pressure(500.0)
+
+
 def test_a_needed_name_above_two_columns_is_reported_and_can_be_mapped(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     rows = "".join(f"{k / 50},{k % 7},{k % 5},{50 - k / 50}\n" for k in range(200))

@@ -11,6 +11,7 @@ from adhesion_cli.channels import rules
 from adhesion_cli.channels.meaning import Mapping, understood
 from adhesion_cli.core import units
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Parameter
 from adhesion_cli.formats.source import Field
 
 
@@ -496,6 +497,24 @@ def test_a_unit_without_a_channel_is_that_of_every_guess() -> None:
         *((WHEEL, i + 1, "rpm") for i in range(4)),
         (TRAIN, None, "kmh"),
     ]
+
+
+def test_one_channel_may_be_stated_for_several_axles() -> None:
+    meant, _ = understood([Field("p [bar]")], [Mapping(PRESSURE, n, "p") for n in (1, 2)])
+    assert [(m.meaning, m.axle, m.unit) for m in meant] == [
+        (PRESSURE, 1, "bar"),
+        (PRESSURE, 2, "bar"),
+    ]
+
+
+def test_a_zero_is_that_of_the_channel_whose_name_says_the_axle() -> None:
+    zero = Parameter(0.1, 0.01)
+    names = Field("BCP 1 [bar]"), Field("BCP 2 [bar]")
+    meant, _ = understood(names, [Mapping(PRESSURE, 2, "", zero=zero)])
+    assert [m.zero for m in meant] == [Parameter(0.0, 0.0), zero]
+    with pytest.raises(UserError, match=r"channels\.pressure\.axle3 names no channel") as error:
+        understood(names, [Mapping(PRESSURE, 3, "", zero=zero)])
+    assert pasted(error.value.hint) == ["channels.pressure.axle3.channel=NAME"]
 
 
 def test_the_index_of_a_list_is_no_unit() -> None:
