@@ -12,10 +12,10 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 import typer.main
 
-from adhesion_cli.analysis import settings, stated_brake
+from adhesion_cli.analysis import settings, stated_brake, stated_friction
 from adhesion_cli.cli.app import app
 from adhesion_cli.cli.explain import entry
-from adhesion_cli.core import annotated, estimator, methods, units
+from adhesion_cli.core import annotated, estimator, methods, physics, units
 from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Quantity, Vehicle, quantities
 from adhesion_cli.core.summary import InspectedLog, ResultSummary, SlipSummary
@@ -102,6 +102,23 @@ def settings_page() -> str:
         "Needs `piston_diameter` (or `piston_area`) and `rigging_ratio`. Without a value: 1 "
         "cylinder per axle.\n",
         _table(_of_brake(stated_brake.TreadBrake)),
+        "### Friction of pads and blocks\n",
+        "`friction` is a number, `{value, tolerance}`, a table, or a material's name:\n",
+        '```toml\n[vehicle]\nfriction = {speed = [0, 10, 30], block_force = [5e3, 20e3], '
+        "value = [[0.40, 0.30, 0.20], [0.30, 0.25, 0.18]], tolerance = 0.1}\n\n"
+        "[vehicle.tread_brake]\npiston_diameter = 0.406\nrigging_ratio = 5.5\nblocks = 4\n```\n",
+        "A row for each force of one pad or block [N], in it a number for each speed [m/s]. The "
+        "tolerance is 1 sigma, as a share. Leave out `block_force` where friction does not depend "
+        "on it: `value` is one row then. `clamping_force`, of all blocks of one axle at the wheel "
+        "rim, may stand in its place. Between the points friction is a straight line. Beyond "
+        "them it stays as at the last one. `block_force` needs `blocks` of the tread brake, or "
+        "the disc brake.\n",
+        "| material | friction | 1 sigma | source |\n|---|---|---|---|",
+        *(
+            f"| `{name}` | {m.text}: {_friction(m)} | {m.tolerance:.0%} | {m.source} |"
+            for name, m in stated_friction.MATERIALS.items()
+        ),
+        "",
         "## [channels]\n",
         "What each channel of a log means; results of ours say it themselves.\n",
         "| line | states |\n|---|---|",
@@ -149,6 +166,12 @@ def settings_page() -> str:
         ),
     ]  # fmt: skip
     return "\n".join(parts).rstrip() + "\n"
+
+
+def _friction(m: stated_friction.Material) -> str:
+    """φ of a material, as a number or at a usual speed and force."""
+    at = ", at 50 km/h and 20 kN per block" if m.speeds else ""
+    return f"{m.friction(50.0, 20.0 / physics.G):.2f}{at}"
 
 
 def cli_page() -> str:

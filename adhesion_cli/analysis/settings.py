@@ -35,7 +35,7 @@ from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
 from ..wsp import controller
-from . import stated_brake
+from . import stated_brake, stated_friction
 
 Table = toml.Table
 Tables = Tree[str, Any]  # of TOML, read only
@@ -282,8 +282,12 @@ def tree(
         window: `--from` and `--to`, as given.
     """
     vehicle = {name: getattr(settings.vehicle, name) for name in quantities(Vehicle)}
+    if table := settings.vehicle.friction_table:
+        vehicle["friction"] = stated_friction.as_stated(vehicle["friction"], table)
     radii = [p._asdict() for p in vehicle.pop("wheel_radius")]
-    parameters = {name: p._asdict() for name, p in vehicle.items()}
+    parameters = {
+        name: p._asdict() if isinstance(p, Parameter) else p for name, p in vehicle.items()
+    }
     correlations: Table = {}
     for a, b, share in settings.vehicle.correlation:
         correlations.setdefault(a, {})[b] = share
@@ -374,6 +378,8 @@ def _merge(target: Table, layer: Tables) -> None:
 
 def _same_kind(a: Tables, b: Tables) -> bool:
     """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
+    if "value" in b and any(stated_friction.is_table(x) for x in (a, b)):
+        return False  # another friction replaces a table, and a table replaces a number
     kinds = {(_of_all_axles(x), _of_each_axle(x)) for x in (a, b)}
     return kinds != {(True, False), (False, True)}
 
@@ -494,6 +500,8 @@ def _vehicle(table: Table) -> Vehicle:
         default = getattr(Vehicle(), name)
         if name == "correlation":
             values[name] = _correlation(value)
+        elif name == "friction" and stated_friction.is_table(value):
+            values[name], values["friction_table"] = stated_friction.friction_table(value)
         elif name == "wheel_radius":
             radii = value if isinstance(value, list) else [value]
             if not radii:
@@ -503,7 +511,11 @@ def _vehicle(table: Table) -> Vehicle:
             values[name] = tuple(_parameter(name, v, default[0]) for v in radii)
         else:
             values[name] = _parameter(name, value, default)
-    return Vehicle(**values)
+    vehicle = Vehicle(**values)
+    if vehicle.friction_table and vehicle.friction_fade.value:
+        text = "vehicle.friction is a table and vehicle.friction_fade is stated: speed counts twice"
+        raise UserError(text, "leave out vehicle.friction_fade, or set it to 0", code=2)
+    return vehicle
 
 
 def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:

@@ -17,6 +17,7 @@ from typing import Annotated, Any, NamedTuple
 from ..core.errors import UserError, unknown
 from ..core.model import Parameter, Quantity, Vehicle, quantities
 from ..core.toml import Table
+from . import stated_friction
 
 _PistonArea = Annotated[
     float, Quantity("m²", "in place of the diameter; cylinder data sheet", 1e-4, 1.0)
@@ -98,7 +99,7 @@ _OWN = ("discs", "lever_ratio", "radius_ratio", "cylinder_diameter", *_OF_CYLIND
 
 
 def with_parameters(vehicle: Table) -> Table:
-    """The `[vehicle]` table with a brake as engineers state it as parameters of (15).
+    """The `[vehicle]` table with brake and friction as engineers state them, as of one axle.
 
     Args:
         vehicle: what the user states, with each parameter under its own name.
@@ -122,6 +123,11 @@ def with_parameters(vehicle: Table) -> Table:
         parameters |= _brake(kind, vehicle[kind], vehicle)
     if "rotating_mass" in vehicle:
         parameters["wheelset_inertia"] = _inertia(vehicle)
+    if "friction" in parameters:
+        faces = clamping_faces(vehicle)
+        ratio = parameters.get("radius_ratio", {}).get("value", 1.0) if stated else 1.0
+        friction = stated_friction.per_axle(parameters["friction"], faces * ratio)
+        parameters["friction"] = friction
     return parameters
 
 

@@ -1,7 +1,7 @@
 """Vehicles as a TOML to start from: typical values, each key with unit and place on a data sheet.
 
 The values are typical of their kind and of no train: whoever takes one replaces them by those of
-the data sheets. Friction: pads of UIC 541-3 (0.35), composite blocks K of UIC 541-4 (0.25).
+the data sheets. Friction: see `stated_friction`.
 """
 
 from collections.abc import Mapping
@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from ..core.errors import unknown
 from ..core.model import Quantity, Vehicle, quantities
+from ..core.toml import quoted
 from .stated_brake import KINDS, ROTATING_MASS
 
-Value = float | tuple[float, float]  # with its tolerance, 1 sigma
+Value = float | tuple[float, float] | str  # with its tolerance, 1 sigma; or a material
 
 
 class Preset(NamedTuple):
@@ -28,9 +29,9 @@ def _disc(text: str, axle: Mapping[str, Value], **values: Value) -> Preset:
     return Preset(text, {**axle, "friction": (0.35, 0.035)}, "disc_brake", usual | values)
 
 
-def _tread(text: str, axle: Mapping[str, Value], **values: Value) -> Preset:
+def _tread(text: str, friction: str, axle: Mapping[str, Value], **values: Value) -> Preset:
     usual: dict[str, Value] = {"efficiency": (0.83, 0.05)}
-    return Preset(text, {**axle, "friction": (0.25, 0.04)}, "tread_brake", usual | values)
+    return Preset(text, {**axle, "friction": friction}, "tread_brake", usual | values)
 
 
 def _axle(mass: float, diameter: float, rotating: float) -> dict[str, Value]:
@@ -47,7 +48,7 @@ PRESETS: Mapping[str, Preset] = {
         spring_force=(1500, 150), caliper_ratio=2.4, mean_radius=(0.247, 0.003),
     ),
     "tread": _tread(
-        "a tread-braked car with composite blocks", _axle(12000, 0.90, 0.05), cylinders=1,
+        "a tread-braked car with composite blocks", "K", _axle(12000, 0.90, 0.05), cylinders=1,
         piston_diameter=0.178, spring_force=(1000, 200), rigging_ratio=5.0, blocks=4,
     ),
     "metro": _disc(
@@ -63,8 +64,9 @@ PRESETS: Mapping[str, Preset] = {
         spring_force=(1200, 150), caliper_ratio=2.2, mean_radius=(0.247, 0.003),
     ),
     "wagon": _tread(
-        "a loaded freight wagon with composite blocks", _axle(20000, 0.92, 0.04), cylinders=0.25,
-        piston_diameter=0.406, spring_force=(1800, 300), rigging_ratio=8.0, blocks=8,
+        "a loaded freight wagon with cast-iron blocks", "cast-iron", _axle(20000, 0.92, 0.04),
+        cylinders=0.25, piston_diameter=0.406, spring_force=(1800, 300), rigging_ratio=8.0,
+        blocks=8,
     ),
 }  # fmt: skip
 PAPER = "paper"  # the default vehicle, by parameters of (15)
@@ -91,6 +93,7 @@ def preset_toml(name: str) -> str:
     of_axle = quantities(Vehicle) | {
         "rotating_mass": ROTATING_MASS,
         "wheel_diameter": Quantity("m", "wheel, new or as measured; also a list, one per axle"),
+        "friction": Quantity("-", "of pad or block; a number, a table, or a material"),
     }
     kind = KINDS[preset.brake]
     brake = _section(f"vehicle.{preset.brake}", preset.values, quantities(kind))
@@ -109,6 +112,8 @@ def _section(name: str, values: Mapping[str, Value], texts: Mapping[str, Quantit
     for key, value in values.items():
         if isinstance(value, tuple):
             number = f"{{value = {value[0]:g}, tolerance = {value[1]:g}}}"
+        elif isinstance(value, str):
+            number = quoted(value)
         else:
             number = f"{value:g}"
         unit = "" if texts[key].unit == "-" else f"{texts[key].unit}; "

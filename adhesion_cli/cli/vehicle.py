@@ -20,6 +20,7 @@ def command(
 
     Example: adhesion vehicle metro
     """
+    from ..analysis.stated_friction import MATERIALS
     from ..analysis.vehicle_presets import names, preset_toml
     from ..core.errors import UserError
 
@@ -33,6 +34,9 @@ def command(
         lines = [f"  {name:<7} {text}" for name, text in names().items()]
         print("\n".join(["adhesion vehicle PRESET prints the TOML of a vehicle:", *lines]))
         print("adhesion vehicle -c FILE.toml shows the brake force of yours.")
+        print('Friction of a material with 1 sigma, as friction = "cast-iron" in [vehicle]:')
+        for name, material in MATERIALS.items():
+            print(f"  {name:<21} {material.text} ± {material.tolerance:.0%}")
         return 0
     return _derived(shared)
 
@@ -70,10 +74,16 @@ def _derived(shared: Shared) -> int:
         "equivalent clamping force K per axle": f"{clamping / 1e3:8.2f} kN/bar",
         "pressure at which the brake begins": f"{begins:8.2f} bar",
     }
-    if faces := clamping_faces(tables.get("vehicle", {})):
-        face = clamping / faces / vehicle.radius_ratio.value
-        rows["clamping force of one pad or block"] = f"{face / 1e3:8.2f} kN/bar"
+    faces = clamping_faces(tables.get("vehicle", {})) * vehicle.radius_ratio.value
+    if faces:
+        rows["clamping force of one pad or block"] = f"{clamping / faces / 1e3:8.2f} kN/bar"
     for text, number in rows.items():
         print(f"{text:<42} {number}")
-    print("± is the expanded uncertainty (95 %). K is of all pads of one axle, at the wheel rim.")
+    print("± is the expanded uncertainty (95 %). K is of all pads or blocks of one axle, at the")
+    print("wheel rim.")
+    if table := vehicle.friction_table:
+        speed, axle_force = table.middle
+        at = f"{3.6 * speed:.0f} km/h"
+        at += f" and {axle_force / faces / 1e3:.0f} kN per block" if axle_force and faces else ""
+        print(f"Friction is a table. Force and deceleration are at {at}, φ {table.reference:.3f}.")
     return 0

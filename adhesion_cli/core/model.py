@@ -5,7 +5,7 @@ has a calendar (`Log.absolute`), since an unknown start otherwise.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
@@ -187,6 +187,45 @@ class Log:
         return min((int(c.data.t.min()) for c in channels if len(c.data.t)), default=0)
 
 
+class FrictionTable(NamedTuple):
+    """φ over the speed and, where it depends on that, over the clamping force.
+
+    Between its points φ is a straight line of both; beyond them it stays as at the last one.
+    """
+
+    speed: tuple[float, ...]  # of the wheel's rim, rising [m/s]
+    clamping_force: tuple[float, ...]  # K of an axle, rising [N]; empty: φ is the same for all
+    value: tuple[tuple[float, ...], ...]  # φ, a row for each K, in it a number for each speed
+
+    @property
+    def reference(self) -> float:
+        """φ in the middle of the table: a vehicle's `friction` as stated."""
+        row = self.value[len(self.value) // 2]
+        return row[len(row) // 2]
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """The speed [m/s] and clamping force [N] of `reference`; 0 where φ does not depend on K."""
+        K = self.clamping_force
+        return self.speed[len(self.speed) // 2], K[len(K) // 2] if K else 0.0
+
+    def at(self, rim: Any, K: Any) -> Any:
+        """φ at rim speeds [m/s] and clamping forces of an axle [N]; numbers or shape (n,)."""
+        if not self.clamping_force:
+            return np.interp(rim, self.speed, self.value[0])
+        place = np.interp(K, self.clamping_force, np.arange(len(self.value)))
+        return sum(
+            np.clip(1.0 - np.abs(place - i), 0.0, 1.0) * np.interp(rim, self.speed, row)
+            for i, row in enumerate(self.value)
+        )
+
+    def scaled(self, factors: Iterable[float]) -> "FrictionTable":
+        """The table with each speed's column times a factor."""
+        columns = tuple(factors)
+        rows = (tuple(x * f for x, f in zip(row, columns, strict=True)) for row in self.value)
+        return self._replace(value=tuple(rows))
+
+
 @dataclass(frozen=True, slots=True)
 class AxleRecord:
     """One axle on one time axis, the wheel speed's; columns of shape (n,), SI.
@@ -298,6 +337,7 @@ class Vehicle:
         Parameter, Quantity("m/s", "speed at which φ is `friction`", 0.0, 200.0)
     ] = Parameter(0.0, 0.0)
     correlation: tuple[tuple[str, str, float], ...] = ()  # of the errors of two parameters
+    friction_table: FrictionTable | None = None  # `friction` is φ in its middle, and scales it
 
     def covariance(self, a_terms: Mapping[str, Any], b_terms: Mapping[str, Any]) -> Any:
         """Covariance of two quantities by the tolerances. Source: JCGM 100, 5.2.2.

@@ -61,25 +61,38 @@ def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
     return force
 
 
-def friction_share(rim: Floats, vehicle: Vehicle) -> Floats:
-    """φ(v) / φ [-] at the rim speed v = ωR [m/s], shape (n,).
+def friction_share(rim: Any, K: Any, vehicle: Vehicle) -> Any:
+    """φ(v, K) / φ [-] at the rim speed v = ωR [m/s] and the clamping force K [N], shape (n,).
 
-    v is the speed of the pad on its disc.
+    v is the speed of the pad on its disc, and K is shared by the pads or blocks of the axle.
     """
     faster = rim - vehicle.friction_speed.value
-    return np.maximum(1.0 + vehicle.friction_fade.value * faster, LEAST_SHARE)
+    fade = np.maximum(1.0 + vehicle.friction_fade.value * faster, LEAST_SHARE)
+    return fade * table_share(rim, K, vehicle)
+
+
+def table_share(rim: Any, K: Any, vehicle: Vehicle) -> Any:
+    """The same of a stated table alone; 1 where there is none."""
+    table = vehicle.friction_table
+    return 1.0 if table is None else table.at(rim, K) / table.reference
 
 
 def with_fade(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
-    """The record with φ(v) / φ as a factor of K: both act as φK only. Source: (1)."""
-    if not vehicle.friction_fade.value:
+    """The record with φ(v, K) / φ as a factor of K: both act as φK only. Source: (1)."""
+    if not has_fade(vehicle):
         return record
-    share = friction_share(record.wheel_speed * vehicle.radius(record.axle).value, vehicle)
+    rim = record.wheel_speed * vehicle.radius(record.axle).value
+    K, smooth = record.clamping_force, record.clamping_force_smooth
     return replace(
         record,
-        clamping_force=share * record.clamping_force,
-        clamping_force_smooth=share * record.clamping_force_smooth,
+        clamping_force=friction_share(rim, K, vehicle) * K,
+        clamping_force_smooth=friction_share(rim, smooth, vehicle) * smooth,
     )
+
+
+def has_fade(vehicle: Vehicle) -> bool:
+    """Whether φ changes with speed or clamping force."""
+    return vehicle.friction_fade.value != 0.0 or vehicle.friction_table is not None
 
 
 # parameters between the piston and K: n, η, i and the ratio of radii

@@ -183,7 +183,7 @@ class LiveAxle:
             self._states.clear()
         self._last_time = t
         self._first_time = t if self._first_time is None else self._first_time
-        K, slip = self._force * self._share(y), self._slip(v, y)
+        K, slip = self._force * self._share(self._force, y), self._slip(v, y)
         status = self._fault(t, y, K, start)
         if status in ("no-pressure", "pressure-stuck", "speed-stuck"):
             self._states.clear()
@@ -290,12 +290,11 @@ class LiveAxle:
                 return max(_REGIMES, key=lambda r: getattr(state, r).p)
         return ""
 
-    def _share(self, y: float) -> float:
-        """φ(v) / φ at this wheel speed."""
-        if not self._vehicle.friction_fade.value:
+    def _share(self, K: float, y: float) -> float:
+        """φ(v, K) / φ at this clamping force and wheel speed."""
+        if not physics.has_fade(self._vehicle):
             return 1.0
-        rim = y * self._wheelset.radius
-        return float(physics.friction_share(rim, self._vehicle))  # type: ignore[arg-type]
+        return float(physics.friction_share(y * self._wheelset.radius, K, self._vehicle))
 
     def _slip(self, v: float, y: float) -> float:
         if not v >= self._measuring.slowest:

@@ -88,10 +88,10 @@ def _follow(t: Floats, fastest: Floats, braking: Floats, v: Floats) -> None:
             v[i] = reference_speed(v[i - 1], fastest[i], braking[i], t[i] - t[i - 1])
 
 
-def _highest_friction_share(rim: Floats, vehicle: Vehicle) -> Floats:
-    """φ(v) / φ at its 95 % limit: cast iron brakes twice as hard at the end of a stop; (n,)."""
+def _highest_friction_share(rim: Floats, K: Floats, vehicle: Vehicle) -> Floats:
+    """φ(v, K) / φ at its 95 % limit: cast iron brakes twice as hard at the end of a stop; (n,)."""
     uncertain = np.abs(rim - vehicle.friction_speed.value) * vehicle.friction_fade.tolerance
-    share: Floats = physics.friction_share(rim, vehicle) + Z95 * uncertain
+    share: Floats = physics.friction_share(rim, K, vehicle) + Z95 * uncertain
     return share
 
 
@@ -135,8 +135,9 @@ def with_reference_speed(
     finite = np.isfinite(rim).any(axis=0)
     fastest = np.where(finite, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
     w = physics.wheelset(vehicle, all_records[0].axle)
-    braking = physics.braked(np.nan_to_num(signals.finite_median(K)), w)
-    braking *= _highest_friction_share(np.nan_to_num(fastest), vehicle)
+    usual_force = np.nan_to_num(signals.finite_median(K))
+    braking = physics.braked(usual_force, w)
+    braking *= _highest_friction_share(np.nan_to_num(fastest), usual_force, vehicle)
     if not known:
         braking = np.full(len(t), np.inf)
     v = np.empty(len(t))

@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.model import Z95, AxleRecord, Floats, Parameter, Train, Vehicle
-from ..core.physics import CHAIN, RELEASED_SHARE, force_line, piston_area, wheelset
+from ..core.model import Z95, AxleRecord, Floats, FrictionTable, Parameter, Train, Vehicle
+from ..core.physics import CHAIN, LEAST_SHARE, RELEASED_SHARE, force_line, piston_area, wheelset
 from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.explanation import Design, Explanation
@@ -40,6 +40,7 @@ LOG_TO_LOG = {model.SCALE: 0.02, model.OFFSET: 0.005}
 _SOURCES = {
     "force_over_mass": "stated tolerances",
     "friction": "stated tolerances of φ, n, η, i, d",
+    "friction_scale": "stated tolerances of the friction table, n, η, i, d",
     "axle_mass": "stated tolerance",
     "wheelset_inertia": "stated tolerance",
     "spring_force": "stated tolerance; zero of a sensor: 1 % of the highest force",
@@ -49,6 +50,9 @@ _SOURCES = {
     "running_resistance": "0.015 m/s² of a train that coasts",
     "air_drag": "1e-5 1/m of long trains to 7e-5 1/m of single vehicles",
 }
+
+# rows that scale a parameter
+_PARAMETERS = {"friction_scale": "friction"}
 
 
 class CalibratedParameter(NamedTuple):
@@ -250,7 +254,10 @@ def _vehicle(
     C, M, of_inertia = gain * S
     piston = brake_point.top / force_line(v).per_pascal * piston_area(v)
     x = posterior.mean
+    # With a friction table the logs scale it, and its clamping forces are in `brake_point`.
+    name = "friction_scale" if v.friction_table else "friction"
     phi = v.friction.value * model.friction_share(v, brake_point.speed)
+    phi = 1.0 if v.friction_table else phi
     friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
     I = v.wheelset_inertia.value * math.exp(of_inertia)  # noqa: E741
     spring = max(v.spring_force.value + piston * float(x[model.OFFSET]), 0.0)
@@ -264,7 +271,7 @@ def _vehicle(
     # name: place in `joint`, factor to its unit, prior, 1 sigma of it, posterior
     table: dict[str, tuple[int, float, float, float, float, str]] = {
         "force_over_mass": (0, math.exp(S), 1.0, math.sqrt(scale_variance), math.exp(S), "-"),
-        "friction": (n, friction, phi, phi * math.sqrt(stated_covariance[0, 0]), friction, "-"),
+        name: (n, friction, phi, phi * math.sqrt(stated_covariance[0, 0]), friction, "-"),
         "axle_mass": (n + 1, m, *v.axle_mass, m, "kg"),
         "wheelset_inertia": (n + 2, I, *v.wheelset_inertia, I, "kg m²"),
         "spring_force": (model.OFFSET, piston, v.spring_force.value, spring_u, spring, "N"),
@@ -296,20 +303,48 @@ def _posterior_vehicle(
 ) -> Vehicle:
     """The vehicle of the posterior."""
     names = ("friction", "axle_mass", "wheelset_inertia", "spring_force", "friction_fade")
-    places = {name: i for i, name in enumerate(rows)}
+    places = {_PARAMETERS.get(name, name): i for i, name in enumerate(rows)}
     related = tuple(
         (a, b, round(float(correlation[places[a], places[b]]), 4))
         for i, a in enumerate(names)
         for b in names[i + 1 :]
     )
     determined: dict[str, Any] = {
-        name: Parameter(rows[name].posterior, rows[name].posterior_u) for name in names
+        _PARAMETERS.get(name, name): Parameter(row.posterior, row.posterior_u)
+        for name, row in rows.items()
+        if _PARAMETERS.get(name, name) in names
     }
+    if v.friction_table:
+        determined |= _scaled_table(v, v.friction_table, determined, speed)
     exact: dict[str, Any] = {
         n: Parameter(getattr(v, n).value, 0.0) for n in (*CHAIN, "cylinder_diameter")
     }
     friction_speed = Parameter(speed, 0.0)
     return replace(v, **determined, **exact, friction_speed=friction_speed, correlation=related)
+
+
+def _scaled_table(
+    v: Vehicle, table: FrictionTable, determined: dict[str, Any], speed: float
+) -> dict[str, Any]:
+    """The friction table of the posterior: scaled, and tilted by what φ changes with speed.
+
+    Args:
+        v: as stated.
+        table: its table.
+        determined: the posterior; its friction is the scale.
+        speed: at which the tilt is 1 [m/s].
+    """
+    scale, fade = determined["friction"], determined["friction_fade"]
+    factor = scale.value * v.friction.value / table.reference
+    scaled = table.scaled(
+        factor * max(1.0 + fade.value * (u - speed), LEAST_SHARE) for u in table.speed
+    )
+    friction = Parameter(scaled.reference, scale.tolerance / scale.value * scaled.reference)
+    return {
+        "friction": friction,
+        "friction_table": scaled,
+        "friction_fade": Parameter(0.0, fade.tolerance),
+    }
 
 
 def _band(

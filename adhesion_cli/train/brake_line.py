@@ -7,7 +7,8 @@ own brake, (1) gives
 
 with x the axles' pressures (or clamping forces, where the log has these), x₀ the value from which
 the brake acts, ρ the rotating mass over the mass and r the deceleration of a train that coasts.
-c is the deceleration of a train that rolls, per pressure. No vehicle is needed for that.
+c is the deceleration of a train that rolls, per pressure. No vehicle is needed for that. Where a
+friction table is stated, each x − x₀ counts by the table's φ at its speed and force.
 
 The line is rough: it knows no gradient. The longitudinal model begins at it, and where no brake
 application has wheels that all roll, it is all that the log says of the brake.
@@ -79,7 +80,10 @@ def find_brake_line(
     rho = rotating.value
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
     x = np.array([grid.mean(row) for row in (grid.pressure if by_pressure else grid.clamping)])
-    grid, x = _without_gone_sensors(grid, x)
+    friction = np.nan_to_num(
+        np.broadcast_to(grid.friction if by_pressure else 1.0, x.shape), nan=1.0
+    )
+    grid, x, friction = _without_gone_sensors(grid, x, friction)
     if not len(x):
         return None
     mean_x = np.mean(x, axis=0)
@@ -104,14 +108,15 @@ def find_brake_line(
     coasting = _coasting_deceleration(slowing[measured & rolling & (mean_x < _RELEASED * top)])
     by_brake = (slowing + rho * rim_slowing) / (1.0 + rho) - coasting
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
-    stops, acting = true_runs(braked), _acting(x[:, braked])
+    stops, acting = true_runs(braked), _acting(x[:, braked], friction[:, braked])
     line = _fit(acting, by_brake[braked], zero, len(stops))
     if line is None:
         return None
     # How the deceleration by the brake changes with ρ: wheels that roll cancel it.
     by_rotating = np.where(rolling, 0.0, rim_slowing - slowing)[braked] / (1.0 + rho) ** 2
     of_rotating = float(np.mean(by_rotating)) * rotating.tolerance / (line.slope * line.brake)
-    slows_less = _slows_less(grid, mean_x, rim_slowing - coasting, line) & applied
+    least_acting = np.min(friction, axis=0) * (_lowest_nearby(grid, mean_x) - line.zero)
+    slows_less = _slows_less(grid, least_acting, rim_slowing - coasting, line) & applied
     return line._replace(
         sigma=math.hypot(line.sigma, of_rotating),
         speed=float(np.mean(v[braked])),
@@ -123,7 +128,7 @@ def find_brake_line(
     )
 
 
-def _without_gone_sensors(grid: Grid, x: Floats) -> tuple[Grid, Floats]:
+def _without_gone_sensors(grid: Grid, x: Floats, friction: Floats) -> tuple[Grid, Floats, Floats]:
     """Without axles, or the train speed, of which half of the log or more has no value."""
     lasts = np.isfinite(grid.rim).mean(axis=-1) > _LEAST_KNOWN
     lasts &= np.isfinite(x).mean(axis=-1) > _LEAST_KNOWN
@@ -131,16 +136,17 @@ def _without_gone_sensors(grid: Grid, x: Floats) -> tuple[Grid, Floats]:
     if train is not None and not np.isfinite(train).mean() > _LEAST_KNOWN:
         train = None
     if lasts.all() and train is grid.train:
-        return grid, x
+        return grid, x, friction
     rows = (grid.rim[lasts], grid.clamping[lasts], grid.pressure[lasts])
-    return replace(grid, rim=rows[0], clamping=rows[1], pressure=rows[2], train=train), x[lasts]
+    grid = replace(grid, rim=rows[0], clamping=rows[1], pressure=rows[2], train=train)
+    return grid, x[lasts], friction[lasts]
 
 
 class _Acting(NamedTuple):
     """What acts of the axles' pressures or clamping forces; shape (n,)."""
 
-    mean: Floats  # over all axles
-    share: Floats  # of the axles, the others are released, or vented by a valve
+    mean: Floats  # over all axles, each times its friction
+    share: Floats  # of the axles, times the same; the others are released, or vented by a valve
 
     def excess(self, zero: float) -> Floats:
         """Mean of what is above x₀."""
@@ -148,21 +154,34 @@ class _Acting(NamedTuple):
         return excess
 
 
-def _acting(x: Floats) -> _Acting:
-    acting = x > _APPLIED * float(np.max(x))
-    return _Acting(np.mean(np.where(acting, x, 0.0), axis=0), np.mean(acting, axis=0))
+def _acting(x: Floats, friction: Floats) -> _Acting:
+    acting = np.where(x > _APPLIED * float(np.max(x)), friction, 0.0)
+    return _Acting(np.mean(acting * x, axis=0), np.mean(acting, axis=0))
 
 
-def _slows_less(grid: Grid, mean_x: Floats, rim_slowing: Floats, line: BrakeLine) -> Bools:
+def _lowest_nearby(grid: Grid, x: Floats) -> Floats:
+    """The lowest value within a second, (n,)."""
+    width = 2 * grid.half_width
+    nearby = np.lib.stride_tricks.sliding_window_view(
+        np.pad(np.nan_to_num(x), width, "edge"), 2 * width + 1
+    )
+    lowest: Floats = nearby.min(axis=-1)
+    return lowest
+
+
+def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine) -> Bools:
     """Where wheels that roll slow much less than the line says, shape (n,).
 
     A brake that takes over from another one has the same deceleration at a higher pressure.
+
+    Args:
+        grid: of all axles.
+        acting: the least that acts within a second, (n,).
+        rim_slowing: deceleration of the rims by the brake, (n,) [m/s²].
+        line: of all brake applications.
     """
     width = 2 * grid.half_width
-    nearby = np.lib.stride_tricks.sliding_window_view(
-        np.pad(np.nan_to_num(mean_x), width, "edge"), 2 * width + 1
-    )
-    slowest = _LEAST_SHARE * line.slope * (nearby.min(axis=-1) - line.zero)
+    slowest = _LEAST_SHARE * line.slope * acting
     lowest_rim, v = np.min(grid.rim, axis=0), np.max(grid.rim, axis=0)  # axles that slide differ
     v = v if grid.train is None else np.fmax(v, grid.train)
     agree = erode(v - lowest_rim < _LARGEST_SLIP * v + _LARGEST_DIFFERENCE, 2 * width)

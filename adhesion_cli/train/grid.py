@@ -15,7 +15,7 @@ from ..core.model import (
     Times,
     Vehicle,
 )
-from ..core.physics import GRADIENT, RELEASED_SHARE
+from ..core.physics import GRADIENT, RELEASED_SHARE, table_share
 from ..core.signals import true_runs
 from ..records.axle_channels import AxleChannels
 
@@ -40,10 +40,11 @@ class Grid:
     start_ns: int  # its first time [ns]
     step: float  # [s]
     rim: Floats  # ω R by the vehicle's radius, shape (k, n) [m/s]
-    clamping: Floats  # K, shape (k, n) [N]
+    clamping: Floats  # K times what a friction table says of φ, shape (k, n) [N]
     pressure: Floats  # p, shape (k, n) [Pa]; NaN where the log has K
     train: Floats | None  # train speed, shape (n,) [m/s]
     train_error: Floats | float = 0.0  # an integrated one may err by that (95 %), (n,) [m/s]
+    friction: Floats | float = 1.0  # φ of the friction table over the stated φ, (k, n)
 
     @property
     def fastest(self) -> Floats:
@@ -159,7 +160,9 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
                 # The true one is higher than where the sensor's range ends.
                 known = brake if r.saturated is None else np.where(r.saturated, np.nan, brake)
                 row[i] = _means(r, known, start_ns, t)
-    return Grid(start_ns, step, rim, clamping, pressure, *_train(axles, start_ns, t))
+    friction = table_share(rim, clamping, vehicle)
+    train, train_error = _train(axles, start_ns, t)
+    return Grid(start_ns, step, rim, friction * clamping, pressure, train, train_error, friction)
 
 
 def _step(axles: Sequence[AxleChannels], finest: float) -> float | None:

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from ..core import toml
 from ..core.errors import UserError, unknown
 from ..core.model import Parameter, Quantity, Vehicle
+from ..core.physics import has_fade
 from ..core.toml import Table
 from ..core.units import UNITS, Dimension
 from ..rail.creep_law import Condition, Contact, condition
@@ -337,7 +338,7 @@ def _of_train(s: Scenario) -> _Checks:
     ):
         hint = f"{n} values, or {'one' if minimum else 'none'}"
         yield len(values) not in (minimum, n), f"{key} is not one per axle", hint
-    brake = s.vehicle.friction_fade.value != 0.0 or s.vehicle.correlation != ()
+    brake = has_fade(s.vehicle) or s.vehicle.correlation != ()
     yield brake, "[vehicle] a simulated brake has one friction", "leave out what `calibrate` adds"
     yield s.rig and n != 1, "[rig] tests one axle", "leave [train] axles at 1"
     command_end = 0.0

@@ -11,7 +11,7 @@ from helpers.c_library import tool
 
 from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import Parameter, Vehicle
+from adhesion_cli.core.model import FrictionTable, Parameter, Vehicle
 from adhesion_cli.export import files, vectors
 from adhesion_cli.export.c_types import Number
 from adhesion_cli.export.interface import Interface
@@ -141,9 +141,17 @@ def test_a_fade_of_the_friction_is_in_the_formula_of_k():
     p, y = 3e5, 30.0
     K = max(float(per) * p - float(zero), 0.0)
     K *= max(1.0 + float(slope) * (0.42 * y - float(at)), 0.1)
-    share = physics.friction_share(np.array([0.42 * y]), fade)[0]
+    share = physics.friction_share(np.array([0.42 * y]), np.array([K]), fade)[0]
     assert pytest.approx(share * physics.clamping_force(np.array([p]), fade)[0], rel=1e-5) == K
     assert "1 +" not in files.export("td", {}, Vehicle()).texts["README.md"]
+
+
+def test_a_friction_table_is_in_the_readme():
+    table = FrictionTable((0.0, 20.0), (1e4, 5e4), ((0.4, 0.2), (0.3, 0.18)))
+    vehicle = Vehicle(friction=Parameter(0.18, 0.018), friction_table=table)
+    readme = files.export("td", {}, vehicle).texts["README.md"]
+    assert "| K | 0 m/s | 20 m/s |" in readme
+    assert "| 10000 N | 2.22222 | 1.11111 |" in readme
 
 
 def test_cpp_links_with_the_c(exports, tmp_path):

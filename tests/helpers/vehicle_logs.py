@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from adhesion_cli.core.model import Parameter, Vehicle
-from adhesion_cli.core.physics import braked, clamping_force, wheelset
+from adhesion_cli.core.physics import braked, clamping_force, friction_share, wheelset
 
 STATED = replace(Vehicle(), lever_ratio=Parameter(2.4, 0.0))
 
@@ -45,8 +45,8 @@ def log(
     w, K = wheelset(vehicle, 1), clamping_force(p, vehicle)
     for i in range(len(t)):
         v[i] = speed
-        fade = vehicle.friction_fade.value * (speed - vehicle.friction_speed.value)
-        speed -= h * (float(braked(K[i], w)) * (1.0 + fade) + 0.012 + slope[i] + drag * v[i] ** 2)
+        braking = float(braked(K[i], w) * friction_share(speed, K[i], vehicle))
+        speed -= h * (braking + 0.012 + slope[i] + drag * v[i] ** 2)
     rim = v + rng.normal(0.0, 0.004, len(t))
     rows = [f"{a:.2f},{b / 1e5:.4f},{3.6 * c:.4f}" for a, b, c in zip(t, p, rim, strict=True)]
     path.write_text("time [s],bc pressure [bar],wheel speed [km/h]\n" + "\n".join(rows) + "\n")
