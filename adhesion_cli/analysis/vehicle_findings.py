@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from ..core.finding import Finding, merge_spans
-from ..core.model import AxleResult, IdentifiedVehicle, Vehicle, quantities
+from ..core.model import AxleResult, IdentifiedVehicle, Result, Vehicle, quantities
 from ..diagnostics.checks.vehicle import fitting_values
+from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from .prepare import AlignedLog, Prepared, diagnose_log
 from .settings import Settings
 
@@ -142,3 +143,17 @@ def state_diameters(
     return [
         replace(f, names={"diameters": setting}) if f.code == _CALIBRATED else f for f in findings
     ]
+
+
+def with_friction_findings(
+    results: Sequence[Result], vehicle_files: Sequence[str] = ()
+) -> list[Result]:
+    """The results of logs named together; first in each is that some have another brake.
+
+    Args:
+        results: of all logs.
+        vehicle_files: files of the stated vehicle.
+    """
+    runs = [GroupedRun(x.log.path, x.brake) for x in results]
+    findings = find_friction_differs(runs, group_by_friction(runs), vehicle_files, by_name=True)
+    return [replace(x, findings=(*findings, *x.findings)) for x in results]

@@ -3,21 +3,25 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from . import results
 from .options import ALL_NAMES, Logs, Shared, option, shared
 
 if TYPE_CHECKING:
     from ..core.model import Result
-    from ..core.summary import ResultSummary
+    from ..core.summary import AxleSummary, ResultSummary, VehicleSummary
 
 
 @shared(*ALL_NAMES)
-def command(
+def command(  # noqa: PLR0913 (one parameter per option)
     logs: Logs,
     shared: Shared,
     scores: Annotated[bool, option("--scores", None, "Score the estimators axle by axle.")] = False,
+    rows: Annotated[
+        bool,
+        option("--rows", None, "Show every brake application of every axle, however many."),
+    ] = False,
     budget: Annotated[
         bool, option("--budget", None, "Show what each quantity adds to the uncertainty.")
     ] = False,
@@ -37,6 +41,10 @@ def command(
     --table writes one row per log, axle and brake application. A workbook (FILE.xlsx) also has
     sheets of the estimators, the findings and the logs.
 
+    Many brake applications are shown as one row per stop of the train, the worst first. Several
+    logs are taken for one train's: one table has the stops of all, and what they have in common is
+    said once.
+
     Of several logs, those that fail are listed, and the others are written. With --strict, none is
     written if one fails.
 
@@ -45,6 +53,7 @@ def command(
     from ..analysis.json_documents import result_document
     from ..analysis.outputs import write_report
     from ..analysis.summarise import summarise
+    from ..analysis.vehicle_findings import with_friction_findings
     from ..core.document import dumps
     from ..core.summary import FailedLog
 
@@ -59,21 +68,25 @@ def command(
     successes = [(r, files) for r, files in pairs if not isinstance(r, FailedLog)]
     if table:
         successes[0][1].append(table)
-    summaries = [summarise(r, results.named(files)) for r, files in successes]
+    files = [str(path) for path in shared.config or ()]
+    analysed = with_friction_findings([r for r, _ in successes], files)
+    written = [files for _, files in successes]
+    summaries = [
+        summarise(r, results.named(files)) for r, files in zip(analysed, written, strict=True)
+    ]
     attachments: dict[Path, results.Attach] = {
         files[2]: partial(write_report, name=files[0].name) for _, files in successes if report
     }
     if table:
         attachments[table] = partial(_write_table, name=table, summaries=summaries)
-    analysed, written = [r for r, _ in successes], [files for _, files in successes]
     results.write(shared, analysed, written, summaries, attachments=attachments)
     of_log = iter(summaries)
     if shared.json:
-        rows = (f if isinstance(f, FailedLog) else next(of_log) for f in outcomes)
-        print(dumps(result_document(list(rows))))
+        entries = (f if isinstance(f, FailedLog) else next(of_log) for f in outcomes)
+        print(dumps(result_document(list(entries))))
     else:
-        for result, _ in successes:
-            _show(result, next(of_log), scores, budget, shared.quiet)
+        shown = _Shown(shared.quiet, rows, scores, budget)
+        (_show if len(analysed) == 1 else _show_together)(analysed, summaries, shown)
         results.show_failed([f for f in outcomes if isinstance(f, FailedLog)])
     code = results.finished(shared, written[-1][1], [f for r in analysed for f in r.findings])
     return 3 if len(successes) < len(outcomes) else code
@@ -98,25 +111,76 @@ def _write_table(place: Path, _: Path, *, name: Path, summaries: "Sequence[Resul
     tables.write(place, _suffix(name), sheets)
 
 
-def _show(
-    result: "Result", summary: "ResultSummary", by_axle: bool, budget: bool, quiet: bool
-) -> None:
+class _Shown(NamedTuple):
+    """What of the results the screen shows."""
+
+    quiet: bool
+    rows: bool  # all brake applications of all axles
+    scores: bool  # the estimators axle by axle
+    budget: bool
+
+
+def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown) -> None:
     """One log: brake applications, findings, scores, files."""
     from ..results.vehicle_text import describe_vehicle
-    from ..scores.metrics import pool_scores
     from . import applications, terminal
 
+    (result,), (summary,) = results, summaries
     vehicle = terminal.folded(describe_vehicle(summary.vehicle, summary.axles))
-    tables = applications.tables(summary.axles)
+    tables = applications.tables(summary.axles, shown.rows)
     print(f"{terminal.describe_log(summary)}\n{vehicle}\n\n{tables}\n", flush=True)
-    if budget:
+    if shown.budget:
         print(applications.budgets(summary.axles))
-    terminal.show(result.findings, quiet)
-    rows = [(str(a.record.axle), s) for a in result.axles for s in a.scores]
-    if by_axle:
-        print("\n".join(map(terminal.describe_reference, summary.axles)))
-    elif len(result.axles) > 1:
-        rows = [("all", s) for s in pool_scores(a.scores for a in result.axles)]
-    if rows:
-        print(f"Estimators {terminal.scores(rows)}")
+    terminal.show(result.findings, shown.quiet)
+    _show_scores(results, summaries, shown)
     print(terminal.wrote(*summary.outputs.values()))
+
+
+def _show_together(
+    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown
+) -> None:
+    """Several logs: what they have in common once, and one table."""
+    from ..results.vehicle_text import describe_vehicle
+    from . import applications, terminal
+
+    findings = [
+        (Path(r.log.path).name, [f for f in r.findings if f.code != "friction-differs"])
+        for r in results
+    ]
+    first = [f for f in results[0].findings if f.code == "friction-differs"]
+    terminal.show(first, shown.quiet)
+    terminal.show_commands(first, shown.quiet)
+    axles_by_vehicle: dict[VehicleSummary, list[AxleSummary]] = {}
+    for summary in summaries:
+        axles_by_vehicle.setdefault(summary.vehicle, []).extend(summary.axles)
+    vehicles = dict.fromkeys(describe_vehicle(*pair) for pair in axles_by_vehicle.items())
+    print("\n".join(map(terminal.folded, [terminal.describe_logs(summaries), *vehicles])))
+    print(f"\n{applications.tables_of_logs(summaries, shown.rows)}\n", flush=True)
+    if shown.budget:
+        for summary in summaries:
+            print(f"{summary.log.path}:\n{applications.budgets(summary.axles)}")
+    terminal.show_of_logs(findings, shown.quiet)
+    _show_scores(results, summaries, shown)
+    print(terminal.wrote_sets([[*x.outputs.values()] for x in summaries]))
+
+
+def _show_scores(
+    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown
+) -> None:
+    """The scores: of all axles together, or axle by axle if asked for."""
+    from ..scores.metrics import pool_scores
+    from . import terminal
+
+    axles = [axle for result in results for axle in result.axles]
+    if shown.scores:
+        for result, summary in zip(results, summaries, strict=True):
+            print("\n".join(map(terminal.describe_reference, summary.axles)))
+            rows = [(str(a.record.axle), s) for a in result.axles for s in a.scores]
+            name = Path(result.log.path).name if len(results) > 1 else ""
+            if rows:
+                print(f"Estimators {terminal.scores(rows, name)}")
+    elif len(axles) > 1:
+        if rows := [("all", s) for s in pool_scores(a.scores for a in axles)]:
+            print(f"Estimators {terminal.scores(rows)}")
+    elif rows := [(str(axles[0].record.axle), s) for s in axles[0].scores]:
+        print(f"Estimators {terminal.scores(rows)}")

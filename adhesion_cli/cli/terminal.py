@@ -14,7 +14,7 @@ from ..core.text import printable
 from ..results.result_rows import newtons, score_row
 from ..results.text_tables import NARROW as NARROW
 from ..results.text_tables import folded as folded
-from ..results.text_tables import non_empty
+from ..results.text_tables import non_empty as non_empty
 from ..results.text_tables import number as number
 from ..results.text_tables import records as records
 from ..results.text_tables import table as table
@@ -27,6 +27,7 @@ _CHANNEL = 28  # of these for names of channels
 _INSTANT = 0.005  # a shorter span is one time [s]
 _HEADINGS: dict[Severity, str] = {"error": "errors", "warning": "warnings", "info": "notes"}
 _EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
+_FEW_LOGS = 2  # logs that a line on a finding names
 _LISTED_ALIKE = 3  # messages of one code that are shown one by one
 
 
@@ -74,7 +75,7 @@ def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str
     Findings with one code and one message share a line. So do more than three with one code: the
     line then says the title of the code, because their messages differ.
     """
-    columns = min(_WIDEST, width or shutil.get_terminal_size((_WIDEST, 24)).columns)
+    columns = _columns(width)
     lines: list[str] = []
     for severity, heading in _HEADINGS.items():
         groups = _grouped([f for f in findings_shown if f.severity == severity])
@@ -96,7 +97,47 @@ def show(findings_shown: Sequence[Finding], quiet: bool, heading: str = "") -> N
 def show_commands(findings_shown: Sequence[Finding], quiet: bool) -> None:
     """The commands of a remedy on stderr, one a line, to paste."""
     for hint in dict.fromkeys(f.hint for f in findings_shown if f.names.get("commands")):
-        message(f"\n{hint}", quiet)
+        message(f"{hint}\n", quiet)
+
+
+def show_of_logs(logs: Sequence[tuple[str, Sequence[Finding]]], quiet: bool) -> None:
+    """The findings of several logs on stderr, each code once for all logs that have it.
+
+    Args:
+        logs: the name of each, and its findings.
+        quiet: whether nothing is shown.
+    """
+    lines: list[str] = []
+    for severity, heading in _HEADINGS.items():
+        by_code: dict[str, dict[str, list[Finding]]] = {}
+        for name, findings_of_log in logs:
+            for f in findings_of_log:
+                if f.severity == severity:
+                    by_code.setdefault(f.code, {}).setdefault(name, []).append(f)
+        common_first = sorted(by_code.items(), key=lambda item: -len(item[1]))
+        width = max(map(len, by_code), default=0)
+        lines += [f"{heading}:"] if by_code else []
+        for code, by_log in common_first:
+            group = [f for findings_of_log in by_log.values() for f in findings_of_log]
+            messages = dict.fromkeys(f.message for f in group)
+            text = group[0].message if len(messages) == 1 else f"{catalogue()[code].title}."
+            place = _which_logs([*by_log], len(logs))
+            cells = filter(None, (code.ljust(width), place, _channels(group), printable(text)))
+            line = _shorten("  " + "  ".join(cells), 2 * _WIDEST)
+            lines.append(folded(line, " " * 6, _columns()))
+    message("\n".join([*lines, _EXPLAINS]), quiet or not lines)
+
+
+def _which_logs(names: Sequence[str], count: int) -> str:
+    """Which logs, if they are few, else how many."""
+    if len(names) == count:
+        return f"all {count} logs"
+    return ", ".join(map(printable, names)) if len(names) <= _FEW_LOGS else f"{len(names)} logs"
+
+
+def _columns(width: int | None = None) -> int:
+    """Columns of a line on a finding."""
+    return min(_WIDEST, width or shutil.get_terminal_size((_WIDEST, 24)).columns)
 
 
 def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str]]:
@@ -155,6 +196,20 @@ def describe_log(summary: ResultSummary) -> str:
     )
 
 
+def describe_logs(summaries: Sequence[ResultSummary]) -> str:
+    """How many logs, and what they have in common or range over."""
+    logs = [x.log for x in summaries]
+    formats = ", ".join(dict.fromkeys(log.format for log in logs))
+    seconds = [log.duration_s for log in logs]
+    axles = dict.fromkeys(", ".join(str(a.axle) for a in x.axles) for x in summaries)
+    axle_text = f"axles {next(iter(axles))}" if len(axles) == 1 else "different axles"
+    used, read = sum(log.rows_used for log in logs), sum(log.rows_read for log in logs)
+    return (
+        f"{len(logs)} logs, {formats}, {min(seconds):.1f} to {max(seconds):.1f} s, "
+        f"{used} of {read} rows used, {axle_text}"
+    )
+
+
 def describe_reference(axle: AxleSummary) -> str:
     """The reference of an axle and its uncertainty in one line."""
     reference = axle.reference
@@ -171,6 +226,15 @@ def wrote(*paths: str | Path) -> str:
 
     names = [*paths, *([atomic_files.manifest(Path(paths[0]))] if len(paths) > 1 else [])]
     return "\n".join(f"wrote {printable(str(name))}" for name in names)
+
+
+def wrote_sets(sets: Sequence[Sequence[str]]) -> str:
+    """Which files were written of several logs, a line for each log."""
+    lines = []
+    for first, *others in sets:
+        suffixes = [Path(other).suffix for other in (*others, "x.sha256")]
+        lines.append(f"wrote {printable(first)}, {', '.join(suffixes)}")
+    return "\n".join(lines)
 
 
 def progress(quiet: bool) -> Callable[[str], None]:

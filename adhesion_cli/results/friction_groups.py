@@ -8,6 +8,7 @@ The deceleration per bar needs no vehicle. Runs that differ in it by more than i
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from ..core.model import Z95, LogBrake
 from ..core.text import shell_word, stem
 
 _FADE = 0.015  # 1 sigma of the change of any friction over speed, relative [s/m]
+_NAMED = 2  # logs of a group that are named
 _BEGIN = 0.2  # 1 sigma of the pressure at which a brake begins [bar]
 
 
@@ -57,25 +59,34 @@ def group_by_friction(runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
 
 
 def find_friction_differs(
-    runs: Sequence[GroupedRun], groups: Sequence[FrictionGroup], vehicle_file: str = ""
+    runs: Sequence[GroupedRun],
+    groups: Sequence[FrictionGroup],
+    vehicle_files: Sequence[str] = (),
+    by_name: bool = False,
 ) -> list[Finding]:
     """The finding on each group that brakes otherwise than the first; its remedy is commands.
 
     Args:
         runs: all of them.
         groups: of `group_by_friction`.
-        vehicle_file: file of the stated vehicle, empty without one.
+        vehicle_files: files of the stated vehicle.
+        by_name: whether runs are called by their logs, not by their places.
     """
     if len(groups) < 2:
         return []
-    names = {"base": _runs(groups[0].places), "commands": _commands(runs, groups, vehicle_file)}
+
+    def called(group: FrictionGroup) -> str:
+        logs = [Path(runs[place - 1].log).name for place in group.places]
+        return _logs(logs) if by_name else _runs(group.places)
+
+    commands = _commands(runs, groups, vehicle_files)
     return [
         Finding(
             "friction-differs",
             "warning",
             count=len(group.places),
             values={"factor": group.factor, "u95": group.u95},
-            names={"runs": _runs(group.places), **names},
+            names={"runs": called(group), "base": called(groups[0]), "commands": commands},
         )
         for group in groups[1:]
     ]
@@ -126,11 +137,17 @@ def _runs(places: Sequence[int]) -> str:
     return f"runs {', '.join(map(str, places))}"
 
 
+def _logs(names: Sequence[str]) -> str:
+    """The first logs by their names, and how many there are more."""
+    shown = ", ".join(names[:_NAMED])
+    return f"{shown} and {len(names) - _NAMED} more" if len(names) > _NAMED else shown
+
+
 def _commands(
-    runs: Sequence[GroupedRun], groups: Sequence[FrictionGroup], vehicle_file: str
+    runs: Sequence[GroupedRun], groups: Sequence[FrictionGroup], vehicle_files: Sequence[str]
 ) -> str:
     """A vehicle for each group, and the comparison with them."""
-    stated = f" -c {shell_word(vehicle_file)}" if vehicle_file else ""
+    stated = "".join(f" -c {shell_word(file)}" for file in vehicle_files)
     lines, results = [], []
     for number, group in enumerate(groups, 1):
         paths = [runs[place - 1].log for place in group.places]

@@ -71,3 +71,19 @@ def test_a_budget_is_a_table_of_80_columns_with_its_sum() -> None:
     assert lines[3].split()[-1] == "100.0"
     assert "freedom: many" in " ".join(lines)
     assert not budgets([axle(1, one(budget=None))])
+
+
+def test_many_rows_are_one_row_per_stop_worst_first() -> None:
+    starts = [500.0 * i for i in range(30)]
+    axles = [
+        axle(n, *(one(s, slides=1, max_slip=0.4 - 1e-5 * abs(s - 5000.0)) for s in starts))
+        for n in (1, 2)
+    ]
+    shown = tables(axles)
+    lines = shown.splitlines()
+    assert lines[0] == "20 of 30 stops, worst first:"
+    assert lines[3].split()[0] == "5000.0"
+    assert max(map(len, lines)) <= 100
+    assert len(tables(axles, all_rows=True).splitlines()) > 60
+    assert "Groups of axles" in tables([axle(n, one()) for n in range(1, 33)])
+    assert "Groups of axles" not in shown

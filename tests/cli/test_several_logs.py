@@ -38,6 +38,16 @@ def test_the_good_logs_are_written_and_the_failed_one_is_listed(
     assert written() == SETS
 
 
+def test_what_logs_have_in_common_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    app([*ANALYZE, "a.csv", "c.csv"], standalone_mode=False)
+    shown = capsys.readouterr()
+    assert shown.out.count("One row per stop") == shown.out.count("Vehicle:") == 1
+    rows = [line.split()[0] for line in shown.out.splitlines() if line.startswith(("a.csv", "c."))]
+    assert rows == ["a.csv", "c.csv"]
+    assert "vehicle-default  all 2 logs" in shown.err
+    assert shown.err.count("vehicle-default") == 1
+
+
 def test_a_failed_log_is_an_entry_of_the_document(capsys: pytest.CaptureFixture[str]) -> None:
     assert app([*ANALYZE, *EVERY, "--json"], standalone_mode=False) == 3
     shown = capsys.readouterr()

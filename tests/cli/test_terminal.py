@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from adhesion_cli.cli.terminal import findings, scores, table
+from adhesion_cli.cli.terminal import findings, scores, show_of_logs, table
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Score
 
@@ -87,3 +87,13 @@ def test_a_table_too_wide_for_the_terminal_has_narrower_gaps():
     row = ["1", *["-0.045±0.013"] * 5, "12.0±1.1"]
     header = ["axle", *(f"{c} [N]" for c in "abcdef")]
     assert max(map(len, table(header, [row], width=80).splitlines())) <= 80
+
+
+def test_findings_of_logs_are_one_line_a_code_with_the_logs_that_have_it(capsys):
+    common, alone = (Finding(code, "info", channel="axle 1") for code in ("standstill", "traction"))
+    show_of_logs([("a.csv", [common]), ("b.csv", [common, alone]), ("c.csv", [common])], False)
+    lines = capsys.readouterr().err.splitlines()
+    codes = [line.split()[:4] for line in lines if line.startswith("  ") and line[2] != " "]
+    assert codes[0] == ["standstill", "all", "3", "logs"]
+    assert codes[1][:2] == ["traction", "b.csv"]
+    assert len(codes) == 2

@@ -57,7 +57,7 @@ def test_a_run_that_shows_no_brake_is_not_accused() -> None:
 
 def test_the_remedy_has_a_vehicle_for_each_group() -> None:
     runs = [run(0.46, "old pads.csv"), run(0.55, "new.csv.gz")]
-    (finding,) = find_friction_differs(runs, group_by_friction(runs), "train.toml")
+    (finding,) = find_friction_differs(runs, group_by_friction(runs), ["train.toml"])
     assert finding.names["runs"] == "run 2"
     assert (finding.hint or "").splitlines()[1:] == [
         'adhesion calibrate "old pads.csv" -c train.toml -o brake-1.toml',

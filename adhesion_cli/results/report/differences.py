@@ -66,8 +66,8 @@ def friction_groups(runs: Sequence[ReportRun]) -> list[FrictionGroup]:
 def friction_findings(runs: Sequence[ReportRun]) -> list[Finding]:
     """That runs have different brakes, so that one vehicle is wrong for some of them."""
     stated = any(run.vehicle.source == "stated" for run in runs)
-    vehicle_file = "my-train.toml" if stated else ""
-    return find_friction_differs(_grouped(runs), friction_groups(runs), vehicle_file)
+    files = ["my-train.toml"] * stated
+    return find_friction_differs(_grouped(runs), friction_groups(runs), files)
 
 
 def _grouped(runs: Sequence[ReportRun]) -> list[GroupedRun]:

@@ -1,0 +1,119 @@
+"""The brake applications of all axles as stops of the train, and axles as groups of neighbours."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from ..core.summary import AxleSummary, BrakeApplication
+from ..core.text import by_uncertainty
+from .text_tables import DASH, bounded_number, number
+
+MANY_ROWS = 24  # brake applications of all axles: with more, a table has a row per stop
+MANY_AXLES = 8  # with more, an overview has groups of axles
+_GROUP = 4  # axles of a car
+
+
+class TrainStop(NamedTuple):
+    """The brake applications of several axles that overlap in time."""
+
+    start_s: float  # begin of the first, after the start of the log
+    end_s: float  # end of the last
+    applications: tuple[BrakeApplication, ...]  # in the order of the axles
+
+    @property
+    def worst(self) -> BrakeApplication:
+        """The application with the most slip; without slides that of the highest µ."""
+        return max(self.applications, key=severity)
+
+
+class AxleGroup(NamedTuple):
+    """Neighbouring axles."""
+
+    name: str
+    axles: tuple[AxleSummary, ...]
+
+
+def severity(a: BrakeApplication) -> tuple[float, float, float]:
+    """Largest slip, time of the slides, mean µ: what makes a brake application worse."""
+    return a.max_slip or 0.0, a.slide_s, a.coefficient.mean if a.coefficient else 0.0
+
+
+def find_stops(axles: Iterable[AxleSummary]) -> list[TrainStop]:
+    """The stops of a log, in the order of time."""
+    applications = sorted((a for axle in axles for a in axle.applications), key=lambda a: a.start_s)
+    stops: list[list[BrakeApplication]] = []
+    end = float("-inf")
+    for a in applications:
+        if a.start_s >= end:
+            stops.append([])
+            end = a.end_s
+        stops[-1].append(a)
+        end = max(end, a.end_s)
+    return [
+        TrainStop(
+            min(a.start_s for a in stop),
+            max(a.end_s for a in stop),
+            tuple(sorted(stop, key=lambda a: (a.axle, a.start_s))),
+        )
+        for stop in stops
+    ]
+
+
+def stop_row(stop: TrainStop) -> dict[str, str]:
+    """A stop: when, how fast, µ of its axles, and its slides."""
+    worst, applications = stop.worst, stop.applications
+    slid = [a for a in applications if a.slides]
+    coefficients = [a.coefficient for a in applications if a.coefficient]
+    mean = mean_range = DASH
+    if coefficients:
+        values = [x.mean for x in coefficients]
+        u95 = max(x.mean_u95 for x in coefficients)  # mostly the vehicle's: one error in all
+        mean = "±".join(by_uncertainty(sum(values) / len(values), u95, 3))
+        mean_range = _range(values)
+    slip = number(100.0 * min(worst.max_slip or 0.0, 1.0), 1)
+    return {
+        "at [s]": number(stop.start_s, 1),
+        "for [s]": number(stop.end_s - stop.start_s, 1),
+        "v [km/h]": "–".join(number(v and 3.6 * v, 0) for v in (worst.from_mps, worst.to_mps)),
+        "µ mean": mean,
+        "µ of axles": mean_range,
+        "slid": f"{len({a.axle for a in slid})} of {len({a.axle for a in applications})}",
+        "slid [s]": bounded_number(worst.slide_s, 1, worst.at_least) if slid else DASH,
+        "max slip [%]": slip if slid else DASH,
+        "axle": str(worst.axle) if slid else DASH,
+    }
+
+
+def _range(values: Sequence[float]) -> str:
+    """The lowest and the highest value, once where they are the same."""
+    return "–".join(dict.fromkeys(number(f(values), 3) for f in (min, max)))
+
+
+def group_axles(axles: Sequence[AxleSummary]) -> list[AxleGroup]:
+    """The axles by fours, as on a car, in their order."""
+    groups = []
+    for i in range(0, len(axles), _GROUP):
+        group = axles[i : i + _GROUP]
+        numbers = dict.fromkeys(str(axle.axle) for axle in (group[0], group[-1]))
+        groups.append(AxleGroup("–".join(numbers), tuple(group)))
+    return groups
+
+
+def group_row(group: AxleGroup) -> dict[str, str]:
+    """A group of axles over all brake applications."""
+    applications = [a for axle in group.axles for a in axle.applications]
+    means = [a.coefficient.mean for a in applications if a.coefficient]
+    slid = [a for a in applications if a.slides]
+    row = {
+        "axles": group.name,
+        "brake applications": str(len(applications)),
+        "µ mean": _range(means) if means else DASH,
+        "with slides": str(len(slid)),
+    }
+    if not slid:
+        return row | {"max slip [%]": DASH, "axle": DASH, "at [s]": DASH}
+    worst = max(slid, key=severity)
+    return row | {
+        "max slip [%]": number(100.0 * min(worst.max_slip or 0.0, 1.0), 1),
+        "axle": str(worst.axle),
+        "at [s]": number(worst.start_s, 1),
+    }

@@ -1,0 +1,60 @@
+"""Brake applications of all axles as stops of the train."""
+
+from typing import Any
+
+from adhesion_cli.core.summary import (
+    AxleSummary,
+    BrakeApplication,
+    MeanAndHighest,
+    ReferenceSummary,
+)
+from adhesion_cli.results.train_stops import find_stops, group_axles, group_row, stop_row
+
+
+def application(axle: int, start: float, mean: float = 0.1, **slides: Any) -> BrakeApplication:
+    values: dict[str, Any] = {
+        "slides": 0, "slide_spans": (), "slide_s": 0.0, "slide_distance_m": 0.0, "max_slip": None,
+        "slide_energy_j": None, "at_least": False, "utilisation": None, "utilisation_ci": None,
+        "budget": None, "coverage": None, "force_n": None,
+    }  # fmt: skip
+    return BrakeApplication(
+        axle=axle, start_s=start, end_s=start + 20.0, from_mps=20.0, to_mps=0.0,
+        coefficient=MeanAndHighest(mean, 0.01, mean, 0.02), **values | slides,
+    )  # fmt: skip
+
+
+def train(axles: int = 4) -> list[AxleSummary]:
+    """Two stops; axle 2 slides in the second, and its valve parts that application."""
+    slid = {"slides": 1, "slide_s": 3.0, "max_slip": 0.3}
+    rows: dict[int, list[BrakeApplication]] = {
+        n: [application(n, 10.0 + 0.1 * n), application(n, 60.0, 0.1 + 0.001 * n)]
+        for n in range(1, axles + 1)
+    }
+    rows[2][1:] = [application(2, 60.0, 0.05, **slid), application(2, 75.0)]
+    reference = ReferenceSummary("smoother", 1.0, 2.0)
+    return [AxleSummary(n, reference, tuple(found), ()) for n, found in rows.items()]
+
+
+def test_applications_that_overlap_are_one_stop() -> None:
+    first, second = find_stops(train())
+    assert (first.start_s, first.end_s) == (10.1, 30.4)
+    assert (second.start_s, second.end_s) == (60.0, 95.0)
+    assert [a.axle for a in second.applications] == [1, 2, 2, 3, 4]
+
+
+def test_the_row_of_a_stop_is_of_its_worst_axle() -> None:
+    first, second = find_stops(train())
+    assert (second.worst.axle, first.worst.slides) == (2, 0)
+    row = stop_row(second)
+    assert [row[k] for k in ("slid", "max slip [%]", "axle", "µ of axles", "v [km/h]")] == [
+        "1 of 4", "30.0", "2", "0.050–0.104", "72–0"
+    ]  # fmt: skip
+    assert [stop_row(first)[k] for k in ("slid", "max slip [%]", "axle")] == ["0 of 4", "-", "-"]
+
+
+def test_axles_are_grouped_in_their_order() -> None:
+    groups = group_axles(train(10))
+    assert [group.name for group in groups] == ["1–4", "5–8", "9–10"]
+    rows = [group_row(group) for group in groups]
+    assert [row["with slides"] for row in rows] == ["1", "0", "0"]
+    assert [rows[0][k] for k in ("axle", "at [s]", "max slip [%]")] == ["2", "60.0", "30.0"]
