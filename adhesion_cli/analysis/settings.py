@@ -18,6 +18,7 @@ from typing import Annotated, Any, NamedTuple, get_args
 import numpy as np
 
 from ..channels.meaning import Mapping
+from ..channels.places import bogie_axles
 from ..core import estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
@@ -63,7 +64,7 @@ CHANNEL_KEYS = {
 # Places of a channel, and the axles of the n-th where nothing else is stated.
 PLACES: dict[str, Callable[[int], tuple[int, ...]]] = {
     "axle": lambda n: (n,),
-    "bogie": lambda n: (2 * n - 1, 2 * n),
+    "bogie": bogie_axles,
 }
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
 _OF_LOGS = ("channels", "csv", "xlsx", "mcap", "can")  # sections on how logs are read

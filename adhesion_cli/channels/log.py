@@ -12,6 +12,7 @@ from ..core.model import AS_INPUT, INPUTS, NOT_MEASURED, Channel, Column, Log, M
 from ..formats.memory import MemorySource
 from ..formats.source import Source
 from .meaning import Mapping, Meant, name, understood
+from .places import UNCLEAR, bogie_axles
 from .to_si import channel
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
@@ -89,9 +90,12 @@ def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], li
     """What an analysis takes of a log, each with its unit known, and what was found on the way.
 
     Raises:
-        UserError: where a unit that is needed cannot be known.
+        UserError: where a unit that is needed cannot be known, or not which axles a pressure
+            serves.
     """
     meant, findings = _understood(source, mappings)
+    if any(m.reason == UNCLEAR for m in meant):
+        raise _unclear(meant, source.path)
     chosen = [m for m in meant if m.meaning in INPUTS]
     _refuse_two_units(chosen, source.path)
     braked = {m.axle for m in chosen if m.meaning == "pressure"}
@@ -171,6 +175,24 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
             f"{path}: channel {m.title!r} counts pulses ({m.unit}), pulses per turn unknown",
             f"state them, as {_option(m, chosen, teeth=80)}",
         )
+
+
+def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
+    """Asks which axles the pressures serve; the answer is a line with the likely axles."""
+    pressures = [m for m in meant if m.reason == UNCLEAR]
+    axles = sorted({m.axle for m in meant if m.meaning == "wheel_speed" and m.axle})
+    each = len(axles) // len(pressures)
+    entries = {}
+    for i, m in enumerate(pressures):
+        own = axles[i * each : (i + 1) * each] or list(bogie_axles(i + 1))
+        address = {"channel": m.field.channel, "field": m.field.path, "group": m.field.group}
+        stated = {k: v for k, v in {**address, "unit": m.unit}.items() if v}
+        entries[f"bogie {i + 1}"] = {**stated, "axles": own}
+    titles = ", ".join(repr(m.title) for m in pressures[:8])
+    return UserError(
+        f"{path}: which axles these pressures serve is not known: {titles}",
+        f"state the axles of each, as {toml.option(f'channels.pressure = {toml.value(entries)}')}",
+    )
 
 
 def _lacks(m: Meant) -> str:

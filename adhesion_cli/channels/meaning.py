@@ -12,7 +12,8 @@ from ..core.errors import UserError, unknown
 from ..core.finding import Finding
 from ..core.model import INPUTS, Meaning, Parameter
 from ..formats.source import Field
-from .rules import GENERIC, axle_of, bogie_of, guess, name_words, word_of_kind
+from .places import UNCLEAR, served
+from .rules import GENERIC, guess, name_words, place_of, word_of_kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,7 @@ def understood(
 ) -> tuple[list[Meant], list[Finding]]:
     """Gives each field its meaning, once per axle that it serves.
 
-    The order is that of the fields; a bogie's second axle by its name stands behind all of them.
+    The order is that of the fields; further axles by a name stand behind all of them.
 
     Raises:
         UserError: for a mapping to a channel or field the log does not have.
@@ -88,7 +89,7 @@ def understood(
         meaning, axle, unit, reason = guess(ungrouped)
         base = re.fullmatch(r"(.*) \(\d+\)", field.channel)
         if base and base[1] in channels:  # the reader added "(2)"
-            axle = axle_of(replace(ungrouped, channel=base[1]))
+            axle = place_of(replace(ungrouped, channel=base[1])).axle
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
         elif field.path.count("[") > 1:
@@ -101,7 +102,7 @@ def understood(
     _prefer_the_qualified(meant, guesses)
     _speed_itself(meant, guesses)
     findings = _count_from_one(meant, guesses)
-    findings += _bogies(meant, guesses)
+    findings += _assign_axles(meant, guesses)
     findings += _refuse_repeated(meant, guesses)
     for m in sorted((m for m in mappings if not m.channel), key=lambda m: m.axle or 0):
         named = [i for i in guesses if meant[i].meaning == m.meaning]
@@ -235,18 +236,32 @@ def _is_indexed(field: Field) -> bool:
     return re.search(r"\[\d+\](\.\w+)?$", named) is not None
 
 
-def _bogies(meant: list[Meant], guesses: list[int]) -> list[Finding]:
-    """A pressure that is a bogie's serves both its axles: bogie 2 has axles 3 and 4."""
-    findings = []
-    for i in list(guesses):
+def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+    """Gives each channel the axles that it serves by its name and by those of the others."""
+    findings, counted_on = [], []
+    channels = {
+        i: (m.meaning, place_of(m.field)._replace(axle=m.axle))
+        for i, m in ((i, meant[i]) for i in guesses)
+        if m.meaning and (m.field.message_type or "Scalar").endswith("Scalar")
+    }
+    for i, (axles, is_counted_on) in served(channels).items():
         m = meant[i]
-        bogie = bogie_of(m.title)
-        if m.meaning == "pressure" and m.axle is None and bogie:
-            meant[i] = replace(m, axle=2 * bogie - 1)
+        if axles is None:
+            meant[i] = replace(m, meaning=None, reason=UNCLEAR)
+            continue
+        if is_counted_on:
+            counted_on.append(f"{m.title}: {', '.join(map(str, axles))}")
+        for axle in axles[1:]:
             guesses.append(len(meant))
-            meant.append(replace(m, axle=2 * bogie))
-            names = {"axles": f"{2 * bogie - 1} and {2 * bogie}"}
+            meant.append(replace(m, axle=axle))
+        if axles:
+            meant[i] = replace(m, axle=axles[0])
+        if len(axles) > 1:
+            names = {"axles": f"{', '.join(map(str, axles[:-1]))} and {axles[-1]}"}
             findings.append(Finding("bogie-pressure", "info", channel=m.title, names=names))
+    if counted_on:
+        names = {"example": counted_on[0]}
+        findings.append(Finding("axles-counted-on", "info", count=len(counted_on), names=names))
     return findings
 
 

@@ -7,6 +7,7 @@ import re
 import tomllib
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -147,6 +148,8 @@ _OWN_MESSAGES: dict[tuple[str, str], tuple[Meaning, str]] = {
 }
 
 _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
+_CHINESE_PLACES = "[一二三四五六七八](?=[轴轮位架车]|转向架)|(?<=[轴轮架])[一二三四五六七八]"
+_NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
 
 
 _VOCABULARY = tomllib.loads(Path(__file__).with_name("vocabulary.toml").read_text("utf-8"))
@@ -359,7 +362,8 @@ def guess(field: Field) -> Guess:
         return _own_message(
             field
         )  # a Scalar is any channel of a log that was converted or simulated
-    name, axle = _Name(field), axle_of(field)
+    field = _without_device(field)
+    name, axle = _Name(field), place_of(field).axle
     quantities = name.quantities()
     for rule in RULES:
         unit = quantities.get(rule.quantity)
@@ -393,44 +397,106 @@ def _own_message(field: Field) -> Guess:
     return Guess(None, axle, field.unit, f"{field.message_type}: no input of an analysis")
 
 
-def axle_of(field: Field) -> int | None:
-    """The axle's number as the names give it, None where they give none."""
+class Place(NamedTuple):
+    """Where on the train a channel is measured, by the numbers in its names."""
+
+    axle: int | None
+    bogie: int | None
+    part: str  # the car, or the control unit: "car 2"; "" for none
+    is_loose: bool = False  # no word says that the axle's number is one
+
+
+@lru_cache(1 << 15)
+def place_of(field: Field) -> Place:
+    """Where on the train the names say that a channel is measured."""
+    field = _without_device(field)
+    group, words = field.group, {"wheel", "cylinder", "bogie", "car"}
     # A folder "CAN 1" is no axle; "axle 1" is one.
-    group = field.group
-    if field.folder and not {"wheel", "cylinder", "bogie"} & _kinds_of(name_words(group)).keys():
+    if field.folder and not words & _kinds_of(name_words(group)).keys():
         group = ""
-    for text in (group, field.label, field.path, field.channel):
-        if text and (number := _axle_in(text, text == field.path)) is not None:
-            return number
-    return None
+    texts = (group, field.label, field.path, field.channel)
+    places = [_place_in(text, text == field.path) for text in texts if text]
+    numbered = next((p for p in places if p.axle is not None), Place(None, None, ""))
+    bogie = next((p.bogie for p in places if p.bogie is not None), None)
+    part = next((p.part for p in places if p.part), "")
+    return Place(numbered.axle, bogie, part, numbered.is_loose)
 
 
-def _axle_in(text: str, is_path: bool) -> int | None:
-    """The number next to a word for wheel or cylinder; else the last number, or a list index."""
-    name_parts = name_words(units.in_name(text)[0])
+def _place_in(text: str, is_path: bool) -> Place:
+    """The place that one name gives."""
+    name = re.sub(_CHINESE_PLACES, lambda m: str(_CHINESE_NUMBERS[m[0]]), units.in_name(text)[0])
+    name_parts = list(name_words(name))
+    _, bogie = _take_number(name_parts, "bogie")
+    owners = [_take_number(name_parts, kind) for kind in ("car", "control unit")]
+    part = " ".join(f"{word} {number}" for word, number in owners if number)
+    if bogie and not part and _is_unknown_part(name_parts):
+        part = " ".join(name_parts[:2])
+        name_parts[:2] = "", ""
+    axle, is_loose = _axle_in(name_parts, text, is_path)
+    return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, part, is_loose)
+
+
+def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
+    """The first word of this kind and the number next to it; the list has "" in their places.
+
+    Chinese names have the number in front: "2架". Other names have it there only of a bogie, and
+    where it is not an axle's.
+    """
+    for i, word in enumerate(name_parts):
+        owner = _owner(kind, name_parts[i : i + 3])
+        if not owner:
+            continue
+        before = [i - 1] if i and name_parts[i - 1].isdecimal() else []
+        after = [i + 1] if "".join(name_parts[i + 1 : i + 2]).isdecimal() else []
+        if word >= "一":
+            numbers = before + after
+        else:
+            of_axle = i > 1 and _NUMBERED & _kinds(name_parts[i - 2]).keys()
+            numbers = after + (before if kind == "bogie" and not of_axle else [])
+        if numbers or kind == "bogie":
+            number = name_parts[numbers[0]] if numbers else ""
+            for j in (i, *numbers[:1]):
+                name_parts[j] = ""
+            return owner, number
+    return "", ""
+
+
+def _owner(kind: str, name_parts: Sequence[str]) -> str:
+    """The first of these words, if a number next to it counts things of this kind; else ""."""
+    word, *following = name_parts
+    if kind == "car" and word in ("m", "t"):  # "M1/2", but not "pressure m 2"
+        return word if len(following) == 2 and all(map(str.isdecimal, following)) else ""
+    if kind == "car" and re.match("[号节]?车(?![速轮轴辆])", word):
+        return "车"
+    return word_of_kind(kind, [word])
+
+
+def _is_unknown_part(name_parts: Sequence[str]) -> bool:
+    """Whether a name with a bogie begins with the number of something else, as "CW1"."""
+    word, number = [*name_parts[:2], "", ""][:2]
+    return number.isdecimal() and word.isalpha() and len(word) < 4 and not _kinds(word)
+
+
+def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int | None, bool]:
+    """The number next to a word for wheel or cylinder; else the last number, or a list index.
+
+    Returns:
+        The number, and whether no word says that it is an axle's.
+    """
     for i, word in enumerate(name_parts):
         next_word = "".join(name_parts[i + 1 : i + 2])
-        if next_word.isdecimal() and {"wheel", "cylinder", "valve"} & _kinds(word).keys():
-            return int(next_word)
-        if word_of_kind("bogie", [word]):
-            name_parts = name_parts[:i] + name_parts[i + 2 :]  # its number counts bogies
-            break
+        if next_word.isdecimal() and _NUMBERED & _kinds(word).keys():
+            return int(next_word), False
         if any(c in word for c in "轴轮位") and i and name_parts[i - 1].isdecimal():
-            return int(name_parts[i - 1])
-    if match := re.search(r"([一二三四五六七八])[轴轮位]|[轴轮]([一二三四五六七八])", text):
-        return _CHINESE_NUMBERS[match[1] or match[2]]
+            return int(name_parts[i - 1]), False
     digits = [w for w in name_parts if w.isdecimal() and len(w) < 3]
     if digits and not (is_path and text.endswith("]")):
-        return int(digits[-1])
+        return int(digits[-1]), True
     match = re.search(r"\[(\d+)\](\.\w+)?$", text)
-    return int(match[1]) + 1 if match else None  # a list counts from 0, axles from 1
+    return (int(match[1]) + 1, False) if match else (None, False)  # a list counts from 0
 
 
-def bogie_of(name: str) -> int | None:
-    """The number of the bogie in a name, None where it names none."""
-    name_parts = name_words(name)
-    for i, word in enumerate(name_parts):
-        if word_of_kind("bogie", [word]):
-            neighbours = (*name_parts[i + 1 : i + 2], *name_parts[max(0, i - 1) : i])
-            return next((int(w) for w in neighbours if w.isdecimal()), None)
-    return None
+def _without_device(field: Field) -> Field:
+    r"""The field without the device behind its names, as in "WheelSpeed2\CAN-Monitoring:1"."""
+    channel, label = (re.sub(r"\\[^\\:]*:\d+$", "", x) for x in (field.channel, field.label))
+    return replace(field, channel=channel, label=label)

@@ -1,0 +1,130 @@
+"""Which axles a channel serves, by the car, the control unit, the bogie and the axle in its name.
+
+One channel may be a bogie's or a car's. Where each car counts its axles from 1, they are counted on
+over the cars. Where the names do not say which axles a pressure serves, the user is asked.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from ..core.model import Meaning
+from .rules import Place
+
+_OF_AXLES: tuple[Meaning, ...] = (
+    "wheel_speed",
+    "pressure",
+    "clamping_force",
+    "truth",
+    "true_slip",
+)
+UNCLEAR = "its name does not say which axles it serves"
+
+
+class Served(NamedTuple):
+    """The axles of a channel; none for every axle, None where its name does not say which."""
+
+    axles: tuple[int, ...] | None
+    counted_on: bool = False  # over the cars, so it is not the number in its name
+
+
+def bogie_axles(bogie: int) -> tuple[int, ...]:
+    """The axles of a bogie: most have two."""
+    return 2 * bogie - 1, 2 * bogie
+
+
+def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
+    """The axles that each channel serves.
+
+    Args:
+        channels: meaning and place of each, by any key; those that no axle has are not in the
+            answer.
+    """
+    places = {i: place for i, (meaning, place) in channels.items() if meaning in _OF_AXLES}
+    places = _counted_in_bogies(places)
+    speeds = {i: p for i, p in places.items() if channels[i][0] == "wheel_speed"}
+    pressures = {i: p for i, p in places.items() if channels[i][0] == "pressure"}
+    numbers = _axles_of_parts(speeds.values())
+    repeats = sum(map(len, numbers.values())) > len(set().union(*numbers.values()))
+    offsets = _offsets(numbers) if repeats else dict.fromkeys(numbers, 0)
+    bogies = {(p.part, p.bogie) for p in pressures.values() if p.bogie and p.axle is None}
+    repeated_bogies = len({b for _, b in bogies}) < len(bogies)
+    axles: dict[int, Served] = {}
+    for i, p in places.items():
+        offset = offsets.get(p.part, 0)
+        of_part = [n + offset for n in sorted(numbers.get(p.part, ()))]
+        if p.axle is not None:
+            own: tuple[int, ...] = (p.axle + offset,)
+        elif p.bogie and repeated_bogies:
+            own = tuple(of_part[2 * p.bogie - 2 : 2 * p.bogie])
+        elif p.bogie:
+            own = tuple(n + offset for n in bogie_axles(p.bogie))
+        else:
+            own = tuple(of_part) if len(numbers) > 1 else ()
+        axles[i] = Served(own, offset > 0)
+    if _are_unclear(pressures, numbers, axles):
+        axles |= dict.fromkeys(pressures, Served(None))
+    return axles
+
+
+def _counted_in_bogies(places: Mapping[int, Place]) -> dict[int, Place]:
+    """The places; where each bogie counts its axles from 1, they are counted on over the bogies."""
+    pairs = {(p.part, p.bogie, p.axle) for p in places.values() if p.bogie and p.axle is not None}
+    if len({(part, axle) for part, _, axle in pairs}) == len(pairs):
+        return dict(places)
+    return {
+        i: p._replace(axle=2 * (p.bogie - 1) + p.axle, bogie=None) if p.bogie and p.axle else p
+        for i, p in places.items()
+    }
+
+
+def _axles_of_parts(speeds: Iterable[Place]) -> dict[str, set[int]]:
+    """The axles of each car, or of what a control unit serves, by its wheel speeds."""
+    numbers: dict[str, set[int]] = {}
+    for p in speeds:
+        of_bogie = bogie_axles(p.bogie) if p.bogie else (1,)
+        numbers.setdefault(p.part, set()).update(of_bogie if p.axle is None else (p.axle,))
+    names = {re.sub(r"\d+$", "", part) for part in numbers}
+    if len(names) == 1:
+        return dict(sorted(numbers.items(), key=lambda item: _number(item[0])))
+    return numbers  # in the order of the log
+
+
+def _number(part: str) -> int:
+    digits = re.search(r"\d+$", part)
+    return int(digits[0]) if digits else 0
+
+
+def _offsets(numbers: Mapping[str, set[int]]) -> dict[str, int]:
+    """By how much the axles of each car are counted on."""
+    offsets, total = {}, 0
+    for part, axles in numbers.items():
+        offsets[part] = total
+        total += max(axles)
+    return offsets
+
+
+def _are_unclear(
+    pressures: Mapping[int, Place], numbers: Mapping[str, set[int]], axles: Mapping[int, Served]
+) -> bool:
+    """Whether the names do not say which axles the pressures serve.
+
+    Args:
+        pressures: their places.
+        numbers: the axles of each car, by the wheel speeds.
+        axles: what would be served.
+    """
+    if len(pressures) < 2:
+        return False
+    parts = {p.part for p in pressures.values()}
+    own_places = {(p.axle, p.bogie) for p in pressures.values()}
+    counted = sum(map(len, numbers.values()))
+    if len(numbers) > 1:
+        served_axles = {n for i in pressures for n in axles[i].axles or ()}
+        if not parts <= numbers.keys() and len(served_axles) != counted:
+            return True
+    elif len(parts) > 1 and (len(own_places) < len(pressures) or (None, None) in own_places):
+        return True
+    # As in "BCP M1/1": the last number may be that of a bogie or of an axle.
+    loose = all(p.part and p.is_loose for p in pressures.values())
+    return loose and counted == 2 * len(pressures)

@@ -1,0 +1,97 @@
+"""Which axles a channel serves by its name."""
+
+import pytest
+from helpers.pasted import pasted
+
+from adhesion_cli.analysis import settings
+from adhesion_cli.channels.log import needed
+from adhesion_cli.channels.meaning import understood
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.formats.memory import MemorySource, Signals
+from adhesion_cli.formats.source import Field
+
+AXLES = [f"axle {n} speed [km/h]" for n in (1, 2, 3, 4)]
+
+
+def served(names: list[str]) -> tuple[dict[str, list[int | None]], list[Finding]]:
+    """The axles of each channel with a meaning, by its name; and the findings."""
+    meant, findings = understood([Field(n) for n in names], ())
+    axles: dict[str, list[int | None]] = {}
+    for m in meant:
+        if m.meaning:
+            axles.setdefault(m.title, []).append(m.axle)
+    return axles, findings
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["1架制动缸压力(bar)", "2架制动缸压力(bar)"], [[1, 2], [3, 4]]),
+        (["1转向架制动缸压力(bar)", "2转向架制动缸压力(bar)"], [[1, 2], [3, 4]]),
+        (["一架制动缸压力(bar)", "二架制动缸压力(bar)"], [[1, 2], [3, 4]]),
+        (["架1制动缸压力(bar)", "架2制动缸压力(bar)"], [[1, 2], [3, 4]]),
+        (["CW1_BC_PRESS_BOGIE1 [kPa]", "CW1_BC_PRESS_BOGIE2 [kPa]"], [[1, 2], [3, 4]]),
+        (["BCU2.BCP [bar]"], [[None]]),
+        (["Car 2 BCP [bar]"], [[None]]),
+        (["BCU1.BCP1 [bar]", "BCU1.BCP2 [bar]"], [[1], [2]]),
+        ([r"BCP1\CAN-Monitoring:3", r"BCP2\CAN-Monitoring:3"], [[1], [2]]),
+    ],
+)
+def test_a_number_next_to_something_else_is_no_axle(
+    names: list[str], expected: list[list[int | None]]
+) -> None:
+    axles, _ = served([*names, *AXLES])
+    assert [axles[name] for name in names] == expected
+    assert [axles[name] for name in AXLES] == [[1], [2], [3], [4]]
+
+
+@pytest.mark.parametrize(
+    ("speed", "pressure"),
+    [
+        ("Car{} axle{} [km/h]", "Car{} BCP [bar]"),
+        ("BCU{}.WheelSpeed{} [km/h]", "BCU{}.BCP [bar]"),
+        ("{}车{}轴速度(km/h)", "{}车制动缸压力(bar)"),
+    ],
+)
+def test_axles_that_each_car_counts_from_one_are_counted_on(speed: str, pressure: str) -> None:
+    speeds = [speed.format(car, n) for car in (1, 2) for n in (1, 2)]
+    axles, findings = served([*speeds, *map(pressure.format, (1, 2))])
+    assert [axles[name] for name in speeds] == [[1], [2], [3], [4]]
+    assert [axles[pressure.format(car)] for car in (1, 2)] == [[1, 2], [3, 4]]
+    assert [f.code for f in findings] == ["bogie-pressure", "bogie-pressure", "axles-counted-on"]
+
+
+def test_axles_that_each_bogie_counts_from_one_are_counted_on() -> None:
+    names = [f"{bogie}架{axle}轴速度(km/h)" for bogie in (1, 2) for axle in (1, 2)]
+    assert list(served(names)[0].values()) == [[1], [2], [3], [4]]
+
+
+def test_axles_that_are_counted_over_the_train_stay() -> None:
+    speeds = ["Car1 axle1 [km/h]", "Car1 axle2 [km/h]", "Car2 axle3 [km/h]", "Car2 axle4 [km/h]"]
+    axles, findings = served([*speeds, "Car1 BCP [bar]", "Car2 BCP [bar]"])
+    assert list(axles.values()) == [[1], [2], [3], [4], [1, 2], [3, 4]]
+    assert {f.code for f in findings} == {"bogie-pressure"}
+
+
+@pytest.mark.parametrize(
+    "pressures",
+    [
+        ["BCU1.BCP [bar]", "BCU2.BCP [bar]"],
+        ["Car 1 BCP [bar]", "Car 2 BCP [bar]"],
+        ["BCP M1/1 [bar]", "BCP M1/2 [bar]"],
+        ["CW1_BCP_BOGIE1 [bar]", "CW2_BCP_BOGIE1 [bar]"],
+    ],
+)
+def test_where_names_do_not_say_the_axles_the_answer_is_a_line_to_paste(
+    pressures: list[str],
+) -> None:
+    signals = Signals([0.0, 1.0], {name: [0.0, 0.0] for name in [*pressures, *AXLES]})
+    source = MemorySource(signals)
+    with pytest.raises(UserError, match="which axles these pressures serve") as error:
+        needed(source, ())
+    mappings = settings.load(assignments=pasted(error.value.hint)).mappings
+    chosen, _ = needed(source, mappings)
+    of_pressures = [(m.title, m.axle) for m in chosen if m.meaning == "pressure"]
+    first, second = pressures
+    assert of_pressures == [(first, 1), (first, 2), (second, 3), (second, 4)]
