@@ -12,7 +12,7 @@ from ..results.train_stops import (
     find_stops,
     group_axles,
     group_row,
-    severity,
+    slide_severity,
     stop_row,
 )
 from . import terminal
@@ -75,7 +75,7 @@ def _by_stop(logs: _Logs) -> str:
     lines = []
     shown = stops
     if len(stops) > _SHOWN_STOPS or not logs[0][0]:
-        shown = sorted(stops, key=lambda pair: severity(pair[1].worst), reverse=True)
+        shown = sorted(stops, key=lambda pair: slide_severity(pair[1].worst), reverse=True)
         shown = shown[:_SHOWN_STOPS]
         lines.append(f"{len(shown)} of {len(stops)} stops, worst first:")
     rows = [_named(name) | stop_row(stop) for name, stop in shown]

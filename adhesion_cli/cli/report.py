@@ -18,7 +18,7 @@ _Results = Annotated[
 ]
 
 
-@shared("json", "force")
+@shared("axle", "json", "force", texts={"axle": "Draw figures of this axle; repeatable."})
 def command(
     paths: _Results,
     shared: Shared,
@@ -62,7 +62,7 @@ def command(
     else:
         for path in paths:
             progress(f"reading {path.name}")
-            runs.append(run.read(path))
+            runs.append(run.read(path, axles=shared.axle or None))
         text = page.page(runs)
     progress(f"writing {target.name}")
     with atomic_files.outputs([target], shared.force, inputs=paths) as (place,):

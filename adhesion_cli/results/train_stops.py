@@ -22,7 +22,7 @@ class TrainStop(NamedTuple):
     @property
     def worst(self) -> BrakeApplication:
         """The application with the most slip; without slides that of the highest µ."""
-        return max(self.applications, key=severity)
+        return max(self.applications, key=slide_severity)
 
 
 class AxleGroup(NamedTuple):
@@ -32,7 +32,7 @@ class AxleGroup(NamedTuple):
     axles: tuple[AxleSummary, ...]
 
 
-def severity(a: BrakeApplication) -> tuple[float, float, float]:
+def slide_severity(a: BrakeApplication) -> tuple[float, float, float]:
     """Largest slip, time of the slides, mean µ: what makes a brake application worse."""
     return a.max_slip or 0.0, a.slide_s, a.coefficient.mean if a.coefficient else 0.0
 
@@ -111,9 +111,22 @@ def group_row(group: AxleGroup) -> dict[str, str]:
     }
     if not slid:
         return row | {"max slip [%]": DASH, "axle": DASH, "at [s]": DASH}
-    worst = max(slid, key=severity)
+    worst = max(slid, key=slide_severity)
     return row | {
         "max slip [%]": number(100.0 * min(worst.max_slip or 0.0, 1.0), 1),
         "axle": str(worst.axle),
         "at [s]": number(worst.start_s, 1),
     }
+
+
+def choose_axles(axles: Sequence[AxleSummary]) -> tuple[int, ...]:
+    """The axles that a page draws one by one: all, or of many the worst one of each group."""
+    if len(axles) <= MANY_AXLES:
+        return tuple(axle.axle for axle in axles)
+    worst = [max(group.axles, key=_axle_severity) for group in group_axles(axles)]
+    worst.sort(key=_axle_severity, reverse=True)
+    return tuple(sorted(axle.axle for axle in worst[:MANY_AXLES]))
+
+
+def _axle_severity(axle: AxleSummary) -> tuple[float, float, float]:
+    return max(map(slide_severity, axle.applications), default=(0.0, 0.0, 0.0))

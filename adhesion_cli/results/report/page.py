@@ -28,17 +28,27 @@ if TYPE_CHECKING:
     from .plots import Figures
 
 _PAGE_LIMIT = 2_900_000  # letters of a page: more numbers are not drawn
+_LETTERS = 700_000  # of these for what draws the figures, and for tables
+_LETTERS_OF_FIGURE = 4_000  # packed, without its numbers
+_LETTERS_OF_NUMBER = 2.5  # packed, at most
+_VALUES = 800_000  # numbers in all figures, at most
+_FIGURES = 5  # of an axle
+_TRIALS = 4
 
 
 def page(runs: Sequence[ReportRun]) -> str:
     """The whole page; the same runs give the same text."""
-    from .plots import VALUES, Figures  # Bokeh is slow to import
+    from .plots import Figures  # Bokeh is slow to import
 
-    text = ""
-    for values in VALUES:
-        text = (_run if len(runs) == 1 else _comparison)(runs, Figures(values))
+    write = _run if len(runs) == 1 else _comparison
+    figures = sum(_FIGURES * len(run.detailed) for run in runs)
+    room = _PAGE_LIMIT - _LETTERS - _LETTERS_OF_FIGURE * figures
+    values, text = min(int(room / _LETTERS_OF_NUMBER), _VALUES), ""
+    for _ in range(_TRIALS):  # one is enough where the tables of the page are not unusually long
+        text = write(runs, Figures(values))
         if len(text) < _PAGE_LIMIT:
             break
+        values = int(0.6 * values)
     return text
 
 

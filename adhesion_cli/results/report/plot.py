@@ -29,7 +29,7 @@ class Plot:
 
     def __init__(self, run: ReportRun, axles: Sequence[int] = ()) -> None:
         figures = Figures()
-        figure_set = figures.of_run(run)
+        figure_set = figures.of_run(run, axles)
         places = [place for axle in axles for place in figure_set.axles[axle]]
         figures_shown = figures.figures_of(places or figure_set.overview)
         self.layout: Any = column(figures_shown, sizing_mode="stretch_width")

@@ -25,11 +25,12 @@ from numpy.typing import NDArray
 from ...core.finding import merge_spans
 from ...core.model import Floats
 from .. import palette
+from ..train_stops import MANY_AXLES, group_axles
 from . import decimate
 from .campaign import Bar, Bars
 from .run import ReportAxle, ReportRun
 
-VALUES = 800_000, 550_000, 380_000, 200_000  # numbers in all figures: what is tried, in turn
+_DETAIL = 3  # more numbers of an axle with figures of its own, over those of the others
 _BITS = 12  # of a number's mantissa that a picture shows
 _POINTS = 2500  # of µ over slip, per axle
 _MARGIN = 1.0  # around a brake application that is drawn in full [s]
@@ -60,23 +61,31 @@ class Figures:
         values: numbers in all of them together, about.
     """
 
-    def __init__(self, values: int = VALUES[0]) -> None:
+    def __init__(self, values: int = 800_000) -> None:
         self._values, self._places = values, dict[str, figure]()
         self._cursor = Span(dimension="height", line_color="#888888", line_dash="dotted")
 
-    def of_run(self, run: ReportRun) -> RunFigures:
-        """Overview, then four or five figures per axle, all with one time axis."""
+    def of_run(self, run: ReportRun, axles: Sequence[int] | None = None) -> RunFigures:
+        """Overview, then four or five figures per axle, all with one time axis.
+
+        Args:
+            run: that is drawn.
+            axles: that are drawn one by one; None: those that the run has chosen.
+        """
+        drawn = run.detailed if axles is None else axles
         earliest, latest = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
         time = Range1d(earliest, latest, bounds=(earliest, latest))
-        limit = self._values // max(len(run.axles), 1)
+        detailed = [axle for axle in run.axles if axle.number in drawn]
+        limit = self._values // max(len(run.axles) + _DETAIL * len(detailed), 1)
         sources: dict[int, ColumnDataSource] = {}
         longest_step = 0.0
         for axle in run.axles:
-            sources[axle.number], step = _source(axle, limit)
+            room = (1 + _DETAIL) * limit if axle in detailed else limit
+            sources[axle.number], step = _source(axle, room)
             longest_step = max(longest_step, step)
         overview = self._overview(run, sources, time)
-        axles = {a.number: self._axle(a, sources[a.number], time, run.train) for a in run.axles}
-        return RunFigures(overview, axles, longest_step)
+        figures = {a.number: self._axle(a, sources[a.number], time, run.train) for a in detailed}
+        return RunFigures(overview, figures, longest_step)
 
     def of_runs(self, runs: Sequence[ReportRun], adhesion: bool = True) -> dict[int, list[str]]:
         """Speed and adhesion coefficient of each axle, all runs from the start of their braking.
@@ -89,7 +98,8 @@ class Figures:
             places of the figures, by axle.
         """
         time = Range1d(*_common_time(runs))
-        numbers = sorted({axle.number for run in runs for axle in run.axles})
+        drawn = runs[0].detailed
+        numbers = sorted({a.number for run in runs for a in run.axles if a.number in drawn})
         limit = self._values // max(sum(len(run.axles) for run in runs), 1)
         sources = {}
         for N in numbers:
@@ -175,11 +185,11 @@ class Figures:
         slides = merge_spans([span for axle in run.axles for span in _slides(axle)], _SHADES)
         for fig in (speed, adhesion):
             _shade(fig, slides)
-        for i, axle in enumerate(run.axles):
-            colour, source = palette.nth(i), sources[axle.number]
-            name = f"axle {axle.number}" if i == 0 else f"{axle.number}"
-            lines = ((speed, "rim"), (adhesion, "mu"))
-            items[name] = [_line(fig, source, column, colour, 1.3) for fig, column in lines]
+        for i, (name, axles) in enumerate(_legend_of_axles(run)):
+            for source in (sources[axle] for axle in axles):
+                lines = ((speed, "rim"), (adhesion, "mu"))
+                drawn = [_line(fig, source, column, palette.nth(i), 1.3) for fig, column in lines]
+                items.setdefault(name, []).extend(drawn)
         if with_train := [a for a in run.axles if a.has_values("train")]:
             source = sources[with_train[0].number]
             items[run.train] = [_line(speed, source, "train", palette.BLACK, 2.0)]
@@ -343,6 +353,16 @@ def _shade(fig: figure, spans: Sequence[tuple[float, float]]) -> None:
         begins, stops = zip(*spans, strict=True)
         style = {"fill_color": palette.RED, "fill_alpha": _WEAK, "line_color": None}
         fig.vstrip(x0=list(begins), x1=list(stops), level="underlay", **style)
+
+
+def _legend_of_axles(run: ReportRun) -> list[tuple[str, Sequence[int]]]:
+    """The axles that have a colour, or of many the groups that have one: name and numbers."""
+    if len(run.axles) > MANY_AXLES:
+        groups = group_axles([axle.summary for axle in run.axles])
+        named = [(group.name, [axle.axle for axle in group.axles]) for group in groups]
+        return [(f"axles {named[0][0]}", named[0][1]), *named[1:]]
+    first, *others = (axle.number for axle in run.axles)
+    return [(f"axle {first}", [first]), *((str(number), [number]) for number in others)]
 
 
 # ---- data

@@ -25,6 +25,7 @@ from ...core.text import shell_word
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
 from ..names import METRICS, PROVENANCE, SETTINGS, flat
+from ..train_stops import choose_axles
 from ..vehicle_text import describe_vehicle
 
 _TOPIC = re.compile(r"/axle/(\d+)/(input|reference|truth|slip|estimate/([\w-]+))")
@@ -83,6 +84,7 @@ class ReportRun:
     settings: Mapping[str, str]  # dotted keys with JSON values
     provenance: Mapping[str, str]
     brake: LogBrake | None  # by the deceleration of the log alone
+    detailed: tuple[int, ...]  # axles that are drawn one by one, and have all columns
 
     @property
     def name(self) -> str:
@@ -106,15 +108,18 @@ class ReportRun:
         return min((o.start_s for a in self.axles for o in a.applications), default=0.0)
 
 
-def read(path: Path, name: str = "") -> ReportRun:
+def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> ReportRun:
     """Reads a result file.
 
     Args:
         path: of the file.
         name: that it will have, if it has none yet.
+        axles: that are drawn one by one; the others have speeds, force and slip. None: as many as a
+            page has room for, the worst ones.
 
     Raises:
-        UserError: for a raw log, a comparison, a damaged file or one of an older version.
+        UserError: for a raw log, a comparison, a damaged file or one of an older version; for axles
+            that it does not have.
     """
     if path.suffix.lower() == ".rrd":
         text = f"{path}: a recording for the Rerun viewer, not a result"
@@ -128,7 +133,12 @@ def read(path: Path, name: str = "") -> ReportRun:
     try:
         summary = from_json(ResultSummary, {"outputs": {}, **entry})
         start = int(provenance["start_ns"]) + int(provenance.get("time_shift_ns", "0"))
-        axles = _axles(source, summary.axles, start, settings)
+        numbers = [axle.axle for axle in summary.axles]
+        if missing := sorted(set(axles or ()) - set(numbers)):
+            text = f"{path}: has no axle {missing[0]}"
+            raise UserError(text, f"axles: {', '.join(map(str, numbers))}", code=2)
+        detailed = choose_axles(summary.axles) if axles is None else tuple(axles)
+        columns = _axles(source, summary.axles, start, settings, detailed)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         version = provenance.get("version", "an unknown version")
         text = (
@@ -136,11 +146,7 @@ def read(path: Path, name: str = "") -> ReportRun:
         )
         hint = f"make it again: `adhesion analyze {shell_word(str(path))} -o FOLDER`"
         raise UserError(text, hint) from error
-    log, findings, channels = summary.log, summary.findings, summary.channels
-    name, vehicle = name or path.name, summary.vehicle
-    return ReportRun(
-        name, log, vehicle, axles, findings, channels, settings, provenance, summary.brake
-    )
+    return _run(name or path.name, summary, columns, settings, provenance, detailed)
 
 
 def of_result(result: Result, summary: ResultSummary) -> ReportRun:
@@ -153,9 +159,21 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
     settings, start = flat(result.settings), result.log.start_ns()
     pairs = zip(summary.axles, result.axles, strict=True)
     axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)
+    numbers = tuple(axle.number for axle in axles)
+    return _run(Path(summary.log.path).name, summary, axles, settings, {}, numbers)
+
+
+def _run(
+    file: str,
+    summary: ResultSummary,
+    axles: tuple[ReportAxle, ...],
+    settings: Mapping[str, str],
+    provenance: Mapping[str, str],
+    detailed: tuple[int, ...],
+) -> ReportRun:
     log, findings, channels = summary.log, summary.findings, summary.channels
-    vehicle, name = summary.vehicle, Path(log.path).name
-    return ReportRun(name, log, vehicle, axles, findings, channels, settings, {}, summary.brake)
+    facts = settings, provenance, summary.brake, detailed
+    return ReportRun(file, log, summary.vehicle, axles, findings, channels, *facts)
 
 
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
@@ -205,16 +223,22 @@ def _no_result(path: Path) -> UserError:
 
 
 def _axles(
-    source: Source, summaries: Sequence[AxleSummary], start: int, settings: Mapping[str, str]
+    source: Source,
+    summaries: Sequence[AxleSummary],
+    start: int,
+    settings: Mapping[str, str],
+    detailed: Sequence[int],
 ) -> tuple[ReportAxle, ...]:
-    """Every axle of the result; the file is read once."""
+    """Every axle of the result, the detailed ones with all columns; the file is read once."""
     by_number = {a.axle: _numbered(a) for a in summaries}
     wanted: dict[tuple[int, str, str], Field] = {}
     for field in source.fields:
         match = _TOPIC.fullmatch(field.channel)
         if match and int(match[1]) in by_number:
             key = match[2], field.path
-            if key in _WANTED or (match[3] and field.path == "force"):
+            is_detailed = int(match[1]) in detailed
+            is_wanted = key in _WANTED or bool(match[3] and field.path == "force")
+            if is_wanted if is_detailed else key in _OVERVIEW:
                 wanted[int(match[1]), *key] = field
     columns = dict(zip(wanted, source.columns([*wanted.values()]), strict=True))
     axles = []
@@ -241,6 +265,12 @@ _COLUMNS = {  # topic and field of each column
     "truth": ("truth", "force"),
 }
 _WANTED = {("input", "wheel_speed"), *_COLUMNS.values()}  # and the force of each estimate
+_OVERVIEW = {  # of every axle
+    ("input", "wheel_speed"),
+    ("input", "train_speed"),
+    ("reference", "force"),
+    ("slip", "slip"),
+}
 
 
 def _axle(

@@ -8,12 +8,22 @@ from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
-from ..text_tables import DASH, number
+from ..text_tables import DASH, non_empty, number
+from ..train_stops import (
+    MANY_AXLES,
+    MANY_ROWS,
+    find_stops,
+    group_axles,
+    group_row,
+    slide_severity,
+    stop_row,
+)
 from .run import ReportAxle, ReportRun
 
 Mark = Literal["good", "slid", "locked", "unknown"]
 Cells = Mapping[str, str]
 _NO_FORCE = ("pressure-below-spring", "pressure-unit-suspect", "brake-unknown")
+_MOST_STOPS = 100  # stops of the train in a table
 MAX_ROWS = 500  # rows of a table: more would need too much room
 _MOST_BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
 _NAMED = 60  # letters for the channels of a finding in its line
@@ -56,6 +66,20 @@ def listed(names: Sequence[object]) -> str:
     return f"{', '.join(leading)} and {final}" if leading else final
 
 
+def numbered(numbers: Sequence[int]) -> str:
+    """Numbers as a sentence has them; three or more in a row as `1 to 3`."""
+    runs: list[list[int]] = []
+    for place in sorted(numbers):
+        if runs and place == runs[-1][-1] + 1:
+            runs[-1].append(place)
+        else:
+            runs.append([place])
+    parts: list[object] = []
+    for run in runs:
+        parts += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else run
+    return listed(parts)
+
+
 def slides_known(axle: ReportAxle) -> bool:
     """Whether the log shows slip: it has a train speed, or one was made of several axles."""
     return axle.has_values("slip")
@@ -79,7 +103,7 @@ def headline(run: ReportRun) -> tuple[Mark, str]:
         by_mark.setdefault(mark, []).append(axle)
 
     def axles_with(mark: Mark) -> str:
-        return f"{'Axle' if len(by_mark[mark]) == 1 else 'Axles'} {listed(by_mark[mark])}"
+        return f"{'Axle' if len(by_mark[mark]) == 1 else 'Axles'} {numbered(by_mark[mark])}"
 
     if "locked" in by_mark:
         text = f"{axles_with('locked')} locked: the wheel stood while the train moved."
@@ -151,7 +175,7 @@ def _of_slides(
         share = f"{percent(worst.utilisation)}\N{NO-BREAK SPACE}%"
         yield f"In the slides it used {share} of the adhesion that the rail gave."
     else:
-        yield "The slides are too short to show how much adhesion the rail gave."
+        yield "The slides do not show how much adhesion the rail gave."
 
 
 def application_rows(run: ReportRun) -> list[tuple[Mark, Cells]]:
@@ -159,6 +183,25 @@ def application_rows(run: ReportRun) -> list[tuple[Mark, Cells]]:
     pairs = [(axle, a) for axle in run.axles for a in axle.applications]
     pairs.sort(key=lambda pair: (round(pair[1].start_s), pair[0].number))
     return [(_mark(*pair), _application(*pair)) for pair in pairs]
+
+
+def is_long(run: ReportRun) -> bool:
+    """Whether a row per stop stands above those of all axles."""
+    return len(run.axles) > 1 and sum(len(a.applications) for a in run.axles) > MANY_ROWS
+
+
+def stop_rows(run: ReportRun) -> list[dict[str, str]]:
+    """A row per stop of the train, the worst first."""
+    stops = find_stops(axle.summary for axle in run.axles)
+    stops.sort(key=lambda stop: slide_severity(stop.worst), reverse=True)
+    return non_empty([stop_row(stop) for stop in stops[:_MOST_STOPS]])
+
+
+def group_rows(run: ReportRun) -> list[dict[str, str]]:
+    """A row per group of axles, where there are many axles."""
+    if len(run.axles) <= MANY_AXLES:
+        return []
+    return non_empty([group_row(x) for x in group_axles([axle.summary for axle in run.axles])])
 
 
 def slides_first(rows: Sequence[tuple[Mark, Cells]]) -> Sequence[tuple[Mark, Cells]]:
@@ -203,8 +246,9 @@ _Numbered = tuple[int, BrakeApplication]  # after the number of its axle
 
 
 def budgets(run: ReportRun) -> list[_Numbered]:
-    """The brake applications that have an uncertainty budget."""
-    return [(a.number, x) for a in run.axles for x in a.applications if x.budget]
+    """The brake applications with an uncertainty budget, of the axles that are drawn."""
+    axles = [axle for axle in run.axles if axle.number in run.detailed]
+    return [(a.number, x) for a in axles for x in a.applications if x.budget]
 
 
 def widest(applications: Sequence[_Numbered]) -> Sequence[_Numbered]:
