@@ -1,22 +1,28 @@
-"""One colour per method, in every figure and in the viewer; legible on white and on black."""
+"""The colours of figures, reports and recordings, which one man in twelve can tell apart, too.
+
+Source: Okabe, Ito: Color Universal Design, 2008. For deuteranopes and protanopes its colours are at
+least 14 apart in CAM02-UCS. A grey and a light grey, for a white and a black ground, are added.
+"""
 
 from zlib import crc32
 
-BLUE, ORANGE, RED, GREEN = "#2f6fd0", "#e08a2a", "#d9484a", "#238a80"
-BLACK, GREY = "#222222", "#999999"
+BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
+YELLOW, BLUE, VERMILLION, PURPLE = "#f0e442", "#0072b2", "#d55e00", "#cc79a7"
+GREY = "#666666"  # on white
+LIGHT, WHITE, OFF = "#c8c8c8", "#ffffff", "#4a4e54"  # on black; OFF: where nothing is the matter
 
 _METHODS = {
     "gradient": ORANGE,
-    "imm": "#d0419b",
+    "imm": PURPLE,
     "kalman": BLUE,
-    "leso": RED,
-    "neso": "#9a63d0",
-    "td": "#2a9d90",
-    "none": RED,
+    "leso": VERMILLION,
+    "neso": SKY,
+    "td": GREEN,
+    "none": VERMILLION,
     "patent": BLUE,
     "rule": ORANGE,
 }
-_FURTHER_COLOURS = ("#a08a00", "#c75b86", "#8a6a4a", "#5f8f2f", "#4aa3d8", "#7c7cf0")
+_FURTHER_COLOURS = (YELLOW, GREY)
 
 
 def of_method(name: str) -> str:
@@ -32,7 +38,7 @@ def rgba(colour: str) -> int:
     return int(f"{colour[1:]}ff", 16)
 
 
-_IN_ORDER = (BLUE, ORANGE, GREEN, "#9a63d0", *_FURTHER_COLOURS)
+_IN_ORDER = (BLUE, ORANGE, GREEN, VERMILLION, SKY, PURPLE, YELLOW, GREY)
 
 
 def nth(place: int) -> str:

@@ -115,7 +115,7 @@ class Figures:
                     colour = palette.nth(i)
                     items[f"run {i + 1}"] = [
                         _line(speed, source, "rim", colour),
-                        _line(speed, source, "train", palette.GREY, 0.8),
+                        _line(speed, source, "train", palette.BLACK, 0.8),
                         _line(coefficient, source, "mu", colour),
                     ]
                     axle_sources.append(source)
@@ -145,7 +145,7 @@ class Figures:
         middle = fig.segment("left", "middle", "right", "middle", source=source, **edge)
         items = {"5 % to 95 %": [span], "median": [middle]}
         if any(np.isfinite(data["slid"])):
-            slid = fig.scatter("centre", "slid", source=source, size=9, color=palette.RED)
+            slid = fig.scatter("centre", "slid", source=source, size=9, color=palette.VERMILLION)
             items["median of those with slides"] = [slid]
         fig.y_range = Range1d(0.0, 1.05 * max(*data["upper"], *np.nan_to_num(data["slid"])) or 1.0)
         _legend(fig, items)
@@ -255,7 +255,7 @@ class Figures:
         style = {"size": 4, "alpha": 0.6}
         for name, selected, colour in (
             ("wheel rolls", braked & ~sliding, palette.BLUE),
-            ("wheel slides", braked & sliding, palette.RED),
+            ("wheel slides", braked & sliding, palette.VERMILLION),
         ):
             rows = np.flatnonzero(selected & np.isfinite(axle.slip) & np.isfinite(axle.force))
             if len(rows):
@@ -351,7 +351,7 @@ def _finish(
 def _shade(fig: figure, spans: Sequence[tuple[float, float]]) -> None:
     if spans:
         begins, stops = zip(*spans, strict=True)
-        style = {"fill_color": palette.RED, "fill_alpha": _WEAK, "line_color": None}
+        style = {"fill_color": palette.VERMILLION, "fill_alpha": _WEAK, "line_color": None}
         fig.vstrip(x0=list(begins), x1=list(stops), level="underlay", **style)
 
 

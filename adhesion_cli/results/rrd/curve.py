@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 from ...core.model import Bools, Floats, Times, Vehicle
 from ...rail import fit
 from ...rail.slope import Bands
+from .. import palette
 from .parts import REGION_STATES, Clock
 
 _SCATTER = 20_000  # points of one slip-adhesion scatter
@@ -19,7 +20,8 @@ _LABEL = 6.0  # by which the viewer puts a label below its point, about
 _LOWEST_SLIP, _HIGHEST_SLIP = -0.1, 1.0  # that are shown; a very slow wheel can have any
 _BACKGROUND = [16, 18, 20]
 _LINES = 17.0, 29.0  # heights of what stands below it
-_NOW_COLOUR, _PEAK_COLOUR, _FIT_COLOUR = 0xFFFFFFFF, 0xE45756FF, 0xF2A33AFF
+_NOW_COLOUR, _PEAK_COLOUR = palette.rgba(palette.WHITE), palette.rgba(palette.VERMILLION)
+_FIT_COLOUR = palette.rgba(palette.ORANGE)
 _TOP_LAYER = 60.0  # of what is drawn above the scatter
 _TEXT = 0xD0D0D0FF
 _AGES = ([70, 70, 255], [110, 200, 210], [230, 150, 70])  # red, green, blue over time

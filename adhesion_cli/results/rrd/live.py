@@ -129,7 +129,7 @@ class LiveRecording:
                 plots.append(("all/speed/train", train))
         axle_path = f"axle/{axle}"
         if np.isfinite(sigma).any():
-            grey, half_width = palette.rgba(palette.GREY), Z95 * np.hypot(sigma, tolerance) / 1e3
+            grey, half_width = palette.rgba(palette.LIGHT), Z95 * np.hypot(sigma, tolerance) / 1e3
             band = f"{self._algos[0]}, 95 % band", grey, force / 1e3, half_width
             plots.append((f"{axle_path}/force/band", parts.bands("", [band])))
         # One entity for all estimators: each has a price, whatever it holds.

@@ -17,12 +17,16 @@ from ...core.model import Floats, Times
 from ...core.text import printable
 from ...core.toml import Table
 from ...rail.slope import REGION_TITLES, Bands
-from .. import names
+from .. import names, palette
 from ..verified import verified
 
-REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
-TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
-SLOPE = 0xF2A33AFF
+REFERENCE, TRUTH, TRAIN = (
+    palette.rgba(palette.LIGHT),
+    palette.rgba(palette.YELLOW),
+    palette.rgba(palette.LIGHT),
+)
+WHEEL = PRESSURE = palette.rgba(palette.SKY)
+CLAMPING = SLOPE = palette.rgba(palette.ORANGE)
 _CELL = 200  # letters of a setting that are shown; the result file has all
 JUDGED = 1 << 18  # values of a series that its chart's range is judged by
 GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
@@ -228,13 +232,17 @@ def send_names(
 
 
 _State = tuple[str, int]  # name and colour
-OFF_COLOUR = 0x4A4E54FF  # of a state in which nothing is the matter
-BRAKE: tuple[_State, ...] = (("released", OFF_COLOUR), ("applied", 0x4C78A8FF))
-REGION_STATES: tuple[_State, ...] = tuple(
-    zip(REGION_TITLES, (OFF_COLOUR, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
-)
-WHEELS: tuple[_State, ...] = (("rolls", OFF_COLOUR), ("slides", 0xF2A33AFF), ("locked", 0xE45756FF))
-VALVES: tuple[_State, ...] = (("apply", 0x54A24BFF), ("hold", 0xF2A33AFF), ("vent", 0xE45756FF))
+
+
+def _states(names_: Sequence[str], *colours: str) -> tuple[_State, ...]:
+    return tuple(zip(names_, map(palette.rgba, colours), strict=True))
+
+
+# The first colour is that of a state in which nothing is the matter.
+BRAKE = _states(("released", "applied"), palette.OFF, palette.BLUE)
+REGION_STATES = _states(REGION_TITLES, palette.OFF, palette.BLUE, palette.GREEN, palette.VERMILLION)
+WHEELS = _states(("rolls", "slides", "locked"), palette.OFF, palette.ORANGE, palette.VERMILLION)
+VALVES = _states(("apply", "hold", "vent"), palette.BLUE, palette.ORANGE, palette.VERMILLION)
 
 
 def send_states(

@@ -20,7 +20,7 @@ from .curve import curve_view, send_curve
 _SLIPS = (-10.0, 50.0)  # drawn: what is judged ahead may be far more [%]
 _SPEEDS = "blue: wheel, grey: train"  # what the colours mean, in the titles of charts
 _PRESSURES = "blue: cylinder, grey: demand"
-_FORCES = "green: true, orange: estimated, grey: peak of the rail"
+_FORCES = "yellow: true, orange: estimated, grey: peak of the rail"
 _JUDGED = "blue: measured, orange: judged"
 _AHEAD = " of the slip judged ahead; points: true slip"
 
