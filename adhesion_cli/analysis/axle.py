@@ -30,7 +30,7 @@ def analyze_axle(
         estimators: to run.
         start_ns: the log's start, from which spans count [ns].
     """
-    vehicle = settings.vehicle
+    vehicle = settings.vehicle.of_axle(record.axle)
     w, faded = physics.wheelset(vehicle, record.axle), physics.with_fade(record, vehicle)
     reference = force.compute(faded, vehicle, settings.analysis.reference)
     starts = np.array([s.start for s in record.segments], dtype=np.int64)

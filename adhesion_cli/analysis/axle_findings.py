@@ -41,7 +41,8 @@ def find_axle_findings(
     begins = np.zeros(len(record), dtype=np.bool_)
     begins[[s.start for s in brake_applications.find_start_ups(record, applications)]] = True
     masks["started-braked"] = ("info", begins)
-    highest = float(physics.coefficient(np.nan_to_num(np.abs(ref.force)), vehicle).max(initial=0.0))
+    largest = np.nan_to_num(np.abs(ref.force))
+    highest = float(physics.coefficient(largest, vehicle, record.axle).max(initial=0.0))
     values = {
         "started-braked": {"startup_s": brake_applications.START_UP},
         "coefficient-too-high": {"coefficient": highest},
@@ -121,8 +122,8 @@ def _impossible_force(
         np.nan_to_num(np.abs(ref.force)),
         np.nan_to_num(np.abs(ref.force) - ref.half_width),
     )
-    too_high = physics.coefficient(force, vehicle) > 1.0
-    too_high |= physics.coefficient(surely, vehicle) > _HIGHEST_COEFFICIENT
+    too_high = physics.coefficient(force, vehicle, record.axle) > 1.0
+    too_high |= physics.coefficient(surely, vehicle, record.axle) > _HIGHEST_COEFFICIENT
     # Without adhesion the wheel slows by aφK, and no rail makes it slow harder.
     K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
     highest_K = float(K.max(initial=0.0))

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.mean_axle import mean_axle, move_axles
 from ..core.model import (
     AxleRecord,
     DifferingStop,
@@ -98,10 +99,53 @@ class _Setting(NamedTuple):
 def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:
     """The vehicle of logs of one train.
 
+    The log shows one error of all axles, in a train of unlike ones too: see `core.mean_axle`.
+
     Args:
         logs: on one clock each.
         settings: what is stated.
     """
+    logs, mean = as_equal_axles(logs, settings)
+    identified = _identify(logs, replace(settings, vehicle=mean))
+    return of_all_axles(identified, mean, settings.vehicle, logs[0].numbers[0])
+
+
+def as_equal_axles(
+    logs: Sequence[AlignedLog], settings: Settings
+) -> tuple[list[AlignedLog], Vehicle]:
+    """The logs of a train of equal axles that slows alike, and its axle."""
+    numbers = sorted({number for log in logs for number in log.numbers})
+    mean = mean_axle(settings.vehicle, numbers)
+    return [log.as_mean_axles(mean) for log in logs], mean
+
+
+def of_all_axles(
+    identified: IdentifiedVehicle, mean: Vehicle, vehicle: Vehicle, first: int
+) -> IdentifiedVehicle:
+    """What was identified of a mean axle, for the axles of a vehicle.
+
+    Args:
+        identified: with the mean axle.
+        mean: as stated.
+        vehicle: as stated.
+        first: number of the axle whose force per bar is reported.
+    """
+    if not vehicle.axles:
+        return identified
+    moved = move_axles(vehicle, mean, identified.vehicle)
+    forces = (
+        force and force_per_bar(v.of_axle(first))
+        for force, v in (
+            (identified.force_per_bar, moved),
+            (identified.stated_force_per_bar, vehicle),
+        )
+    )
+    used, stated = forces
+    return replace(identified, vehicle=moved, force_per_bar=used, stated_force_per_bar=stated)
+
+
+def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:
+    """The same for equal axles."""
     prior, lines = find_prior(logs, settings)
     if not lines or not prior.known or prior.factor is not None:
         return prior
@@ -130,6 +174,8 @@ def find_prior(
     logs: Sequence[AlignedLog], settings: Settings
 ) -> tuple[IdentifiedVehicle, dict[int, BrakeLine]]:
     """The vehicle before evidence, and the line of each log that shows one, by its place.
+
+    All axles are equal: see `as_equal_axles`.
 
     The stated vehicle, or the default one where the logs do not contradict it; else one of which
     nothing is known but the line. Arguments as of `identify`.

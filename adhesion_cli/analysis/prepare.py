@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from ..core.finding import Finding
+from ..core.mean_axle import mean_axle
 from ..core.model import AxleRecord, Log, Train, Vehicle
 from ..diagnostics.diagnosis import diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
@@ -46,6 +47,19 @@ class AlignedLog(NamedTuple):
         axles = [a.clamped_by(vehicle) for a in self.axles]
         grids = self.grids and build_grids(axles, vehicle)
         return self._replace(axles=axles, grids=grids, vehicle=vehicle)
+
+    def as_mean_axles(self, mean: Vehicle) -> "AlignedLog":
+        """The log of a train that has this mean axle at every place, and brakes alike."""
+        if mean == self.vehicle:
+            return self
+        axles = [a.as_mean_axle(self.vehicle, mean) for a in self.axles]
+        grids = self.grids and build_grids(axles, mean)
+        return self._replace(axles=axles, grids=grids, vehicle=mean)
+
+    @property
+    def numbers(self) -> list[int]:
+        """The numbers of its axles."""
+        return [a.record.axle for a in self.axles]
 
 
 class Prepared(NamedTuple):
@@ -100,7 +114,9 @@ def diagnose_log(
         train: the rest of the train.
     """
     log = log.clamped_by(vehicle)
-    explanation = explain(log.axles, log.grids, vehicle, train)
+    mean = mean_axle(vehicle, log.numbers)
+    equal_axles = log.as_mean_axles(mean)
+    explanation = explain(equal_axles.axles, equal_axles.grids, mean, train)
     delay = explanation.pressure_delay
     axles = [a._replace(record=replace(a.record, pressure_late=delay)) for a in log.axles]
     requested = [a for a in axles if a.record.axle in log.requested]

@@ -22,7 +22,9 @@ from ..channels.places import bogie_axles
 from ..core import estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
+from ..core.mean_axle import vehicle_of_axles
 from ..core.model import (
+    CarAxle,
     IdentifiedVehicle,
     Meaning,
     Parameter,
@@ -36,7 +38,7 @@ from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
 from ..wsp import controller
-from . import stated_brake, stated_friction
+from . import cars, stated_brake, stated_friction
 
 Table = toml.Table
 Tables = Tree[str, Any]  # of TOML, read only
@@ -125,7 +127,9 @@ class Settings:
     @property
     def stated(self) -> frozenset[str]:
         """Vehicle parameters that the user states, though it may be the default's value."""
-        return frozenset(self.tables.get("vehicle", {}))
+        cars = self.tables.get("car", {}).values()
+        every = [self.tables.get("vehicle", {}), *cars]
+        return frozenset(name for table in every for name in table if name != "axles")
 
     def states_brake(self, by_pressure: bool) -> bool:
         """Whether any of the brake is stated; only the friction counts where K is logged."""
@@ -197,10 +201,7 @@ def stated_tables(
     Raises:
         UserError: for an unreadable file, an unknown vehicle parameter, a brake stated twice.
     """
-    tables = layered_tables(config, assignments, folder)
-    if vehicle := tables.get("vehicle"):
-        tables["vehicle"] = stated_brake.with_parameters(vehicle)
-    return tables
+    return cars.with_parameters(layered_tables(config, assignments, folder))
 
 
 def layered_tables(
@@ -236,19 +237,26 @@ def _merge_layers(layers: Iterable[Tables]) -> Table:
     tree: Table = {}
     for layer in layers:
         _forget(tree, layer)
+        cars.forget(tree, layer)
         _merge(tree, layer)
     return tree
 
 
 def _forget(tree: Table, layer: Tables) -> None:
     """Removes the correlations of the vehicle parameters that the next layer states anew."""
-    stated_vehicle, vehicle = layer.get("vehicle", {}), tree.get("vehicle", {})
-    correlations = vehicle.pop("correlation", {}) if stated_vehicle else {}
+    stated_vehicle, stated_cars = layer.get("vehicle", {}), layer.get("car", {})
+    _forget_correlations(tree.get("vehicle", {}), stated_vehicle)
+    for name, table in tree.get("car", {}).items():
+        _forget_correlations(table, {**stated_vehicle, **stated_cars.get(name, {})})
+
+
+def _forget_correlations(vehicle: Table, stated: Tables) -> None:
+    correlations = vehicle.pop("correlation", {}) if stated else {}
     remaining = {
         a: others_left
         for a, related in correlations.items()
-        if a not in stated_vehicle
-        and (others_left := {b: x for b, x in related.items() if b not in stated_vehicle})
+        if a not in stated
+        and (others_left := {b: x for b, x in related.items() if b not in stated})
     }
     vehicle |= {"correlation": remaining} if remaining else {}
 
@@ -282,19 +290,8 @@ def tree(
         axles: `--axle`, as given.
         window: `--from` and `--to`, as given.
     """
-    vehicle = {name: getattr(settings.vehicle, name) for name in quantities(Vehicle)}
-    if table := settings.vehicle.friction_table:
-        vehicle["friction"] = stated_friction.as_stated(vehicle["friction"], table)
-    radii = [p._asdict() for p in vehicle.pop("wheel_radius")]
-    parameters = {
-        name: p._asdict() if isinstance(p, Parameter) else p for name, p in vehicle.items()
-    }
-    correlations: Table = {}
-    for a, b, share in settings.vehicle.correlation:
-        correlations.setdefault(a, {})[b] = share
-    related = {"correlation": correlations} if correlations else {}
     return {
-        "vehicle": {"wheel_radius": radii if len(radii) > 1 else radii[0], **parameters, **related},
+        **cars.as_tables(settings.vehicle),
         "analysis": dataclasses.asdict(settings.analysis),
         "train": settings.train._asdict(),
         "slope": settings.slope._asdict(),
@@ -394,21 +391,38 @@ def _of_each_axle(table: Tables) -> bool:
 
 
 def _normalise_names(layer: Tables) -> Table:
-    """One layer with every vehicle parameter under its own name in `vehicle`, diameters halved."""
+    """One layer with every vehicle parameter under its own name, diameters halved.
+
+    They are in `vehicle`, and in the table of each car.
+    """
     keys = vehicle_keys() | {key: key for key in stated_brake.KEYS}
     normalised = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
     if isinstance(channels := layer.get("channels"), dict):
         normalised["channels"] = {k: _channel_tables(v) for k, v in channels.items()}
+    if "car" in layer:
+        normalised["car"] = {
+            name: _normalise_parameters(f"car.{name}", _table_of(f"car.{name}", table).items())
+            for name, table in _table_of("car", layer["car"]).items()
+        }
     bare_keys = {k: v for k, v in layer.items() if k in keys}
-    vehicle: Table = {}
-    for key, value in [*bare_keys.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]:
+    stated = [*bare_keys.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]
+    vehicle = _normalise_parameters("vehicle", stated)
+    return {**normalised, "vehicle": vehicle} if vehicle else normalised
+
+
+def _normalise_parameters(section: str, stated: Iterable[tuple[str, Any]]) -> Table:
+    """The table of a vehicle or of a car with every parameter under its own name."""
+    keys = vehicle_keys() | {key: key for key in stated_brake.KEYS}
+    keys |= {"axles": "axles"} if section != "vehicle" else {}
+    normalised: Table = {}
+    for key, value in stated:
         if key not in keys:
             raise unknown("vehicle parameter", key, list(keys))
-        if keys[key] in vehicle:
-            message = f"vehicle.{keys[key]} is stated twice in one place, once as {key!r}"
+        if keys[key] in normalised:
+            message = f"{section}.{keys[key]} is stated twice in one place, once as {key!r}"
             raise UserError(message, "keep one of them", code=2)
-        vehicle[keys[key]] = _halve(value) if key == "wheel_diameter" else value
-    return {**normalised, "vehicle": vehicle} if vehicle else normalised
+        normalised[keys[key]] = _halve(value) if key == "wheel_diameter" else value
+    return normalised
 
 
 def _halve(value: Any) -> Any:
@@ -422,7 +436,7 @@ def _halve(value: Any) -> Any:
 
 def sections() -> list[str]:
     """The names of all sections."""
-    return ["vehicle", *_OF_LOGS, "analysis", "diagnostics", *_numeric()]
+    return ["vehicle", "car", *_OF_LOGS, "analysis", "diagnostics", *_numeric()]
 
 
 def _numeric() -> "dict[str, methods.Tunable]":
@@ -459,7 +473,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     for name in checks.keys() - tunable().keys():
         raise unknown("check", f"diagnostics.{name}", [f"diagnostics.{k}" for k in tunable()])
     return Settings(
-        _vehicle(tree.get("vehicle", {})),
+        _vehicle(tree),
         tuple(mappings),
         ReadOptions(**options),
         AnalysisSettings(**analysis),
@@ -495,7 +509,15 @@ def vehicle_keys() -> dict[str, str]:
     return {**names, **symbols, **further}
 
 
-def _vehicle(table: Table) -> Vehicle:
+def _vehicle(tree: Table) -> Vehicle:
+    """The vehicle of `[vehicle]` and of every `[car.NAME]`."""
+    axles = [CarAxle(x.number, x.car, cars.named(x, _single_axle)) for x in cars.by_axle(tree)]
+    if axles:
+        return vehicle_of_axles(axles)
+    return _single_axle(tree.get("vehicle", {}))
+
+
+def _single_axle(table: Table) -> Vehicle:
     values: Table = {}
     for name, value in table.items():
         default = getattr(Vehicle(), name)

@@ -218,7 +218,7 @@ def _axle(axle: AxleResult, result: Result, braked: tuple[BrakeApplication, ...]
         sigma=ref.sigma,
         lower=ref.lower,
         upper=ref.upper,
-        coefficient=physics.coefficient(ref.force, result.vehicle),
+        coefficient=physics.coefficient(ref.force, result.vehicle, record.axle),
         estimates=axle.estimates,
         sigmas=axle.sigmas,
         pressure=record.pressure,

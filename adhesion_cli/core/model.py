@@ -338,6 +338,30 @@ class Vehicle:
     ] = Parameter(0.0, 0.0)
     correlation: tuple[tuple[str, str, float], ...] = ()  # of the errors of two parameters
     friction_table: FrictionTable | None = None  # `friction` is φ in its middle, and scales it
+    # Where axles differ in more than the radius: each with its own values. The fields above are
+    # then those of the mean axle, see `core.mean_axle`.
+    axles: tuple["CarAxle", ...] = ()
+
+    def of_axle(self, axle: int) -> "Vehicle":
+        """The vehicle whose every axle has the values of this one, numbered from 1.
+
+        Raises:
+            UserError: where several axles are stated, but not this one.
+        """
+        if not self.axles:
+            is_single = len(self.wheel_radius) == 1
+            return self if is_single else replace(self, wheel_radius=(self.radius(axle),))
+        for own in self.axles:
+            if own.number == axle:
+                return own.vehicle
+        last = self.axles[-1]
+        if last.car:
+            text = f"axle {axle} of the log is in no car"
+            hint = f"add it to axles = [...] of its [car.NAME], such as [car.{last.car}]"
+        else:
+            text = f"[vehicle] has lists for {last.number} axles, the log has an axle {axle}"
+            hint = "state one value for all axles, or lists with one for each"
+        raise UserError(text, hint, code=2)
 
     def covariance(self, a_terms: Mapping[str, Any], b_terms: Mapping[str, Any]) -> Any:
         """Covariance of two quantities by the tolerances. Source: JCGM 100, 5.2.2.
@@ -362,6 +386,8 @@ class Vehicle:
         Raises:
             UserError: where several are stated, but none for this axle.
         """
+        if self.axles:
+            return self.of_axle(axle).wheel_radius[0]
         count = len(self.wheel_radius)
         if 1 < count < axle:
             option = f"--set vehicle.wheel_diameter={2.0 * self.wheel_radius[0].value:g}"
@@ -371,6 +397,14 @@ class Vehicle:
                 code=2,
             )
         return self.wheel_radius[axle - 1 if count > 1 else 0]
+
+
+class CarAxle(NamedTuple):
+    """An axle with its own values."""
+
+    number: int  # in the train, from 1
+    car: str  # name of its car, "" where lists per axle state it
+    vehicle: Vehicle  # with one wheel radius
 
 
 class Train(NamedTuple):
@@ -407,7 +441,8 @@ class IdentifiedVehicle:
 
     vehicle: Vehicle
     source: VehicleSource  # of the prior: stated, the default, or none: the log alone
-    force_per_bar: Parameter | None  # brake force at the rim of an axle [N]; None where K is logged
+    # brake force at the rim of the log's first axle [N]; None where K is logged
+    force_per_bar: Parameter | None
     stated_force_per_bar: Parameter | None = None  # the same as stated, or of the default
     stops: int = 0  # brake applications of the logs that were evidence
     logs: int = 0  # the logs that have them

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .model import AxleRecord, Floats, Vehicle, Wheelset
+from .model import AxleRecord, Floats, FrictionTable, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
 BAR = 1e5  # [Pa]
@@ -31,8 +31,9 @@ ROLLS, SLIDES, LOCKED = 0, 1, 2
 
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:
     """Constants of (1) for one axle. Source: (1); rolling without slip gives `rolling`."""
-    I, m = vehicle.wheelset_inertia.value, vehicle.axle_mass.value  # noqa: E741
-    return wheelset_of(vehicle.radius(axle).value, vehicle.friction.value, I, m)
+    v = vehicle.of_axle(axle)
+    I, m = v.wheelset_inertia.value, v.axle_mass.value  # noqa: E741
+    return wheelset_of(v.radius(axle).value, v.friction.value, I, m)
 
 
 def on_radius(w: Wheelset, radius: float) -> Wheelset:
@@ -68,17 +69,17 @@ def friction_share(rim: Any, K: Any, vehicle: Vehicle) -> Any:
     """
     faster = rim - vehicle.friction_speed.value
     fade = np.maximum(1.0 + vehicle.friction_fade.value * faster, LEAST_SHARE)
-    return fade * table_share(rim, K, vehicle)
+    return fade * table_share(rim, K, vehicle.friction_table)
 
 
-def table_share(rim: Any, K: Any, vehicle: Vehicle) -> Any:
+def table_share(rim: Any, K: Any, table: FrictionTable | None) -> Any:
     """The same of a stated table alone; 1 where there is none."""
-    table = vehicle.friction_table
     return 1.0 if table is None else table.at(rim, K) / table.reference
 
 
 def with_fade(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
     """The record with φ(v, K) / φ as a factor of K: both act as φK only. Source: (1)."""
+    vehicle = vehicle.of_axle(record.axle)
     if not has_fade(vehicle):
         return record
     rim = record.wheel_speed * vehicle.radius(record.axle).value
@@ -161,6 +162,6 @@ def reference_speed(previous: float, fastest: float, braking: float, h: float) -
     return max(min(max(fastest, slowest), previous + RISE * h), 0.0)
 
 
-def coefficient(force: Floats, vehicle: Vehicle) -> Floats:
-    """Adhesion coefficient μ = F/(m g) [-], shape (n,). Source: [S1]."""
-    return force / (vehicle.axle_mass.value * G)
+def coefficient(force: Floats, vehicle: Vehicle, axle: int) -> Floats:
+    """Adhesion coefficient μ = F/(m g) [-] of an axle, shape (n,). Source: [S1]."""
+    return force / (vehicle.of_axle(axle).axle_mass.value * G)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.finding import Finding, Severity, merge_spans
+from ..core.mean_axle import mean_axle
 from ..core.model import Bools, Channel, Train, Vehicle
 from ..core.physics import rolling_deceleration, wheelset
 from ..core.signals import true_runs
@@ -27,10 +28,11 @@ class Scene(NamedTuple):
     @property
     def by_rolling(self) -> float:
         """Deceleration of a train that rolls, per K of an axle [m/s² per N]. Source: (1)."""
-        axle = self.axles[0].record.axle
-        w = wheelset(self.vehicle, axle)
-        share = self.train.braked_share(self.vehicle, len(self.axles))
-        return share * rolling_deceleration(w) * self.vehicle.radius(axle).value
+        numbers = [a.record.axle for a in self.axles]
+        mean = mean_axle(self.vehicle, numbers)
+        w = wheelset(mean, numbers[0])
+        share = self.train.braked_share(mean, len(numbers))
+        return share * rolling_deceleration(w) * w.radius
 
     def finding(  # noqa: PLR0913 (the fields of a finding)
         self,

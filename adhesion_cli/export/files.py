@@ -1,7 +1,6 @@
 """The files of an export, by name."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 from .. import __version__
@@ -68,7 +67,7 @@ def export(
     names(algo)
     method = methods()[algo]
     p = validate(method, settings.get(algo, {}))
-    vehicle = replace(vehicle, wheel_radius=(vehicle.radius(axle),))
+    vehicle = vehicle.of_axle(axle)
     w = physics.wheelset(vehicle, 1)
     wheelset_values = {name: getattr(w, name) for name in WHEELSET_INPUTS}
     interface = Interface(method, p, tuple(wheelset_values.values()), Number(double), __version__)

@@ -330,11 +330,13 @@ def _stated_vehicle(folder: Path, settings: str) -> str:
     """What the settings of a hash state of the vehicle, in a line."""
     try:
         text = (folder / SETTINGS / f"{settings}.json").read_text("utf-8")
-        vehicle = json.loads(text)["stated"].get("vehicle", {}).items()
+        stated = json.loads(text)["stated"]
+        tables = {"": stated.get("vehicle", {}), **stated.get("car", {})}
+        entries = [(f"{car} {key}".strip(), x) for car, t in tables.items() for key, x in t.items()]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return "unknown"
     values = []
-    for name, entry in vehicle:
+    for name, entry in entries:
         value = entry.get("value") if isinstance(entry, dict) else entry
         if isinstance(value, int | float):
             values.append(f"{name} {value:g}")

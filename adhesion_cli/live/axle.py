@@ -116,6 +116,7 @@ class LiveAxle:
         self, measuring: Measuring, vehicle: Vehicle, algos: Mapping[str, tuple[Estimator, Any]]
     ) -> None:
         self.number, self._measuring = measuring.axle, measuring
+        vehicle = vehicle.of_axle(measuring.axle)
         self._vehicle, self._algos = vehicle, algos
         self._wheelset = physics.wheelset(vehicle, measuring.axle)
         self._line = physics.force_line(vehicle)

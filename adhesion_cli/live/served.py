@@ -95,7 +95,7 @@ class Served:
             self._send(topics["input"], "AxleInput", s.t, **measured)
             self._send(topics["slip"], "Slip", s.t, slip=s.slip)
             for algo, e in s.estimates.items():
-                mu = float(coefficient(e.force, self._vehicle))  # type: ignore[arg-type]
+                mu = float(coefficient(e.force, self._vehicle, s.axle))  # type: ignore[arg-type]
                 estimate = {"force": e.force, "coefficient": mu, "sigma": e.sigma}
                 self._send(topics[algo], "Estimate", s.t, **estimate)
 

@@ -77,10 +77,11 @@ class JsonLines:
 
     def _line(self, s: LiveSample, algo: str) -> str:
         e = s.estimates.get(algo, LiveEstimate(math.nan, math.nan))
+        mu = float(coefficient(e.force, self._vehicle, s.axle))  # type: ignore[arg-type]
         said: Json = {
             "axle": s.axle,
             "force_n": _or_null(e.force),
-            "coefficient": _or_null(float(coefficient(e.force, self._vehicle))),  # type: ignore[arg-type]
+            "coefficient": _or_null(mu),
             "u95_n": _or_null(e.u95),
             "algo": algo,
             "status": s.status,
@@ -220,8 +221,9 @@ class StatusLine:
     def _axle(self, s: LiveSample, brief: bool = False) -> str:
         if not (e := s.estimates.get(self._algo)):
             return f"{s.axle}: {s.status.replace('-', ' ')}"
-        u95 = coefficient_u95(e.u95, e.force, self._vehicle, e.mass)
-        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, u95)]  # type: ignore[arg-type]
+        own = self._vehicle.of_axle(s.axle)
+        u95 = coefficient_u95(e.u95, e.force, own, e.mass)
+        mu = [float(coefficient(x, own, s.axle)) for x in (e.force, u95)]  # type: ignore[arg-type]
         band = f"±{mu[1]:.3f}" if math.isfinite(mu[1]) else ""
         slip = f" {100.0 * s.slip:.{not brief:d}f} %" if math.isfinite(s.slip) else ""
         if brief:

@@ -35,6 +35,7 @@ def find_applications(
             merged[-1].append(s)
         else:
             merged.append([s])
+    vehicle = vehicle.of_axle(axle.record.axle)
     context = rail_under_slides.AxleContext(axle, vehicle)
     contributions = (
         budget.contributions_by_parameter(axle.record, vehicle, axle.reference) if merged else {}

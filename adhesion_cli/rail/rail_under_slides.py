@@ -73,7 +73,7 @@ class AxleContext:
     """
 
     def __init__(self, axle: AxleResult, vehicle: Vehicle) -> None:
-        self.axle, self.vehicle = axle, vehicle
+        self.axle, self.vehicle = axle, vehicle.of_axle(axle.record.axle)
 
     @cached_property
     def radius(self) -> Parameter:
@@ -93,9 +93,9 @@ class AxleContext:
     @cached_property
     def swing(self) -> Floats:
         """1 sigma of μ by the reference, (n,)."""
-        return physics.coefficient(
-            _around(self.axle.record, self.axle.reference.sigma), self.vehicle
-        )
+        record = self.axle.record
+        sigma = _around(record, self.axle.reference.sigma)
+        return physics.coefficient(sigma, self.vehicle, record.axle)
 
     @cached_property
     def creep(self) -> list[slice]:
@@ -198,7 +198,7 @@ def points(context: AxleContext, axle_slides: Sequence[Slide]) -> tuple[fit.Poin
             on_same_rail[group] = sliding[group].any()
             group = slice(0, 0)
     indices = np.flatnonzero(on_same_rail & np.isfinite(ref.force) & np.isfinite(axle.slip))
-    mu = physics.coefficient(ref.force[indices], vehicle)
+    mu = physics.coefficient(ref.force[indices], vehicle, axle.record.axle)
     force, mass = np.maximum(ref.force[indices], 1.0), vehicle.axle_mass
     common = 0.0 if ref.mass is None else ref.mass[indices] / force  # error of force and mass
     scale = (ref.tolerance[indices] / force) ** 2 - 2.0 * common

@@ -70,7 +70,7 @@ def observe_slip(
     assert record.train_speed is not None
     radius, findings = calibrate_radius(record, vehicle)
     slip = physics.slip(record.train_speed, record.wheel_speed, radius.value, slowest)
-    mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
+    mu = physics.coefficient(axle.reference.force, vehicle, record.axle)  # [S1]
     with np.errstate(divide="ignore", invalid="ignore"):
         speed_slip_noise = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
         lasting = speed_error(record)
@@ -78,7 +78,7 @@ def observe_slip(
         slip_noise = np.hypot(
             speed_slip_noise, lasting * deceleration(record) / record.train_speed / p.delta
         )
-    mu_noise = physics.coefficient(axle.reference.sigma, vehicle)
+    mu_noise = physics.coefficient(axle.reference.sigma, vehicle, record.axle)
     n = len(record)
     slope, confidence, code = np.full(n, np.nan), np.zeros(n), np.zeros(n, np.int8)
     march = compiled.function(_slope_of_segment)

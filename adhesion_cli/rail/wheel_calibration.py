@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core import compiled, physics, signals
 from ..core.finding import Finding, merge_spans
+from ..core.mean_axle import mean_axle
 from ..core.model import (
     Z95,
     AxleRecord,
@@ -118,12 +119,17 @@ def with_reference_speed(
         return list(records), [Finding("no-train-speed", "warning")]
     t = np.unique(np.concatenate([r.t for r in all_records]))
     rim, K = np.full((2, len(all_records), len(t)), np.nan)
+    mean = mean_axle(vehicle, [r.axle for r in all_records])
     for i, r in enumerate(all_records):
         for s in r.segments:
             inside = (t >= r.t[s.start]) & (t <= r.t[s.stop - 1])
             rims = r.wheel_speed[s] * vehicle.radius(r.axle).value
             rim[i, inside] = np.interp(t[inside], r.t[s], rims)
             K[i, inside] = np.interp(t[inside], r.t[s], r.clamping_force[s])
+        if vehicle.axles:  # as of the mean axle
+            own = vehicle.of_axle(r.axle)
+            K[i] *= physics.table_share(rim[i], K[i], own.friction_table) * own.friction.value
+            K[i] /= mean.friction.value
     middle = signals.finite_median(rim)
     for i, r in enumerate(all_records):
         trial = replace(r, train_speed=np.interp(r.t, t, middle))
@@ -134,10 +140,13 @@ def with_reference_speed(
             rim[i] *= measured[0]
     finite = np.isfinite(rim).any(axis=0)
     fastest = np.where(finite, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
-    w = physics.wheelset(vehicle, all_records[0].axle)
-    usual_force = np.nan_to_num(signals.finite_median(K))
-    braking = physics.braked(usual_force, w)
-    braking *= _highest_friction_share(np.nan_to_num(fastest), usual_force, vehicle)
+    usual_force = signals.finite_median(K)
+    if vehicle.axles:  # unlike axles slow the train by their mean
+        usual_force = np.nansum(K, axis=0) / np.maximum(np.isfinite(K).sum(axis=0), 1)
+        mean = replace(mean, friction_table=None)
+    usual_force = np.nan_to_num(usual_force)
+    braking = physics.braked(usual_force, physics.wheelset(mean, all_records[0].axle))
+    braking *= _highest_friction_share(np.nan_to_num(fastest), usual_force, mean)
     if not known:
         braking = np.full(len(t), np.inf)
     v = np.empty(len(t))

@@ -62,7 +62,7 @@ def _axle(
     findings = _report_gaps(
         speed, brake, inside & ~sampled.fresh, inside & sampled.fresh & ~in_segment, view
     )
-    findings += _brake_without_speed(speed, brake, vehicle, view)
+    findings += _brake_without_speed(speed, brake, vehicle.of_axle(keys.axle), view)
     if not segments:
         return None, findings
     train, truth, slip = (
@@ -134,7 +134,7 @@ def _brake_without_speed(
     They are info where the wheel hardly turned at that end: no pulses come from a standing one.
     """
     t, y, brake_t = speed.data.t, speed.data.value, brake.data.t
-    slow = CRAWL / vehicle.radius(speed.axle or 1).value
+    slow = CRAWL / vehicle.wheel_radius[0].value
     findings: list[Finding] = []
     for outside, was_turning in (
         (brake_t < t.min() - _EARLIER, y[np.argmin(t)] > slow),

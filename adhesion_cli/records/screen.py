@@ -156,7 +156,8 @@ def _stuck_wheel(
         *_channels_of(channels, "wheel_speed", key),
         *_channels_of(channels, "train_speed"),
     ]
-    return stuck_speed.wheel_faults(p.stuck_speed, c, _held_force(c, brake, vehicle), other_speeds)
+    force = _held_force(c, brake, vehicle.of_axle(axles[key].axle))
+    return stuck_speed.wheel_faults(p.stuck_speed, c, force, other_speeds)
 
 
 def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:

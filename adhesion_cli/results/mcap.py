@@ -265,7 +265,7 @@ class GrowingResult:
             inputs = x.pressure, x.clamping, x.wheel_speed, x.train_speed
             streams.append(_stream(f"{topic}/input", "AxleInput", x.t, *inputs))
             for algo, (force, sigma, _) in x.estimates.items():
-                mu = physics.coefficient(force, self._vehicle)
+                mu = physics.coefficient(force, self._vehicle, axle)
                 columns = force, mu, None, sigma
                 streams.append(_stream(f"{topic}/estimate/{algo}", "Estimate", x.t, *columns))
             streams.append(_stream(f"{topic}/slip", "Slip", x.t, x.slip, None, None, None))
@@ -373,7 +373,7 @@ def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[
 
     def mu(force: Floats, sigma: Floats = ref.sigma) -> _Values:
         def coefficient(x: Floats) -> Floats:
-            return physics.coefficient(x, result.vehicle)
+            return physics.coefficient(x, result.vehicle, axle.record.axle)
 
         return lambda piece: rounding.rounded(coefficient(force[piece]), coefficient(sigma[piece]))
 
@@ -395,7 +395,7 @@ def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[
 def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
     """One axle of a stop, counted from 0: what was measured, what was true, what it did."""
     topic, t, F = f"/axle/{i + 1}", stop.t, stop.estimate[:, i]
-    true_force, mu = stop.force[:, i], physics.coefficient(F, vehicle)
+    true_force, mu = stop.force[:, i], physics.coefficient(F, vehicle, i + 1)
     pressure, K = stop.measured_pressure[:, i], stop.measured_clamping_force[:, i]
     speeds = stop.measured_wheel_speed[:, i], stop.measured_train_speed
     yield _stream(f"{topic}/input", "AxleInput", t, pressure, K, *speeds)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.identify import find_prior
+from ..analysis.identify import as_equal_axles, find_prior, of_all_axles
 from ..analysis.prepare import AlignedLog, align_log, diagnose_log
 from ..analysis.request import open_log, read_log
 from ..analysis.settings import Settings, tree
@@ -21,6 +21,7 @@ from ..core.annotated import Json
 from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
+from ..core.mean_axle import move_axles
 from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle
 from ..core.text import by_uncertainty
 from ..formats.memory import Signals
@@ -108,14 +109,17 @@ def calibrate(
         read_logs.append((replace(log, channels=()), aligned))
     _one_vehicle(all_settings)
     settings = all_settings[0]
-    prior_vehicle, _ = find_prior([aligned for _, aligned in read_logs], settings)
-    vehicle = prior_vehicle.vehicle
+    aligned_logs = [aligned for _, aligned in read_logs]
+    equal_logs, mean = as_equal_axles(aligned_logs, settings)
+    prior_vehicle, _ = find_prior(equal_logs, replace(settings, vehicle=mean))
+    vehicle = prior_vehicle.vehicle  # of the mean axle
+    of_all = of_all_axles(prior_vehicle, mean, settings.vehicle, aligned_logs[0].numbers[0])
     if prior_vehicle.other_brake:
         finding = Finding("other-brake", "warning")
         raise UserError(
             f"{', '.join(p.name for p in paths)}: {finding.message}", finding.hint or ""
         )
-    logs = [_used_log(log, aligned, vehicle, settings) for log, aligned in read_logs]
+    logs = [_used_log(log, aligned, of_all.vehicle, settings) for log, aligned in read_logs]
     rolling = _rolling_logs(logs)
     progress("fitting all brake applications")
     with_design = [u.evidence.design for u in rolling if u.evidence.design]
@@ -131,7 +135,8 @@ def calibrate(
     applications = _applications(rolling, designs, posterior)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))
     analysis = replace(settings.analysis, vehicle="stated")  # the same logs are no new evidence
-    settings = replace(settings, vehicle=calibrated.vehicle, analysis=analysis)
+    every_axle = move_axles(of_all.vehicle, vehicle, calibrated.vehicle)
+    settings = replace(settings, vehicle=every_axle, analysis=analysis)
     return CalibrationRun(settings, tuple(logs), calibrated, applications, findings)
 
 
@@ -363,7 +368,9 @@ def as_toml(calibration: CalibrationRun) -> str:
     for name, r in ((name, calibration.result.rows[name]) for name in further):
         text = " ± ".join(by_uncertainty(r.posterior, r.posterior_u))
         lines.append(f"# - {name} = {text} {r.unit}")
-    for section, keys in as_tables(calibration).items():
+    tables = as_tables(calibration)
+    tables |= {f"car.{toml.key(car)}": keys for car, keys in tables.pop("car", {}).items()}
+    for section, keys in tables.items():
         lines += ["", f"[{section}]"]
         lines += [f"{toml.key(k)} = {toml.value(v)}" for k, v in keys.items()]
     return "\n".join([*lines, ""])
@@ -372,11 +379,11 @@ def as_toml(calibration: CalibrationRun) -> str:
 def as_tables(calibration: CalibrationRun) -> dict[str, Json]:
     """The vehicle, and how its logs were read, as tables of settings."""
     calibrated_tree, default_tree = tree(calibration.settings, []), tree(Settings(), [])
-    section_names = ("vehicle", "analysis", "channels", "csv", "mcap", "can")
+    section_names = ("vehicle", "car", "analysis", "channels", "csv", "mcap", "can")
     return {
         name: keys
         for name in section_names
-        if (keys := calibrated_tree[name]) != default_tree[name]
+        if (keys := calibrated_tree.get(name)) and keys != default_tree.get(name)
     }
 
 

@@ -160,7 +160,11 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
                 # The true one is higher than where the sensor's range ends.
                 known = brake if r.saturated is None else np.where(r.saturated, np.nan, brake)
                 row[i] = _means(r, known, start_ns, t)
-    friction = table_share(rim, clamping, vehicle)
+    friction: Floats | float = 1.0
+    tables = [a.friction_table or vehicle.friction_table for a in axles]
+    if any(tables):
+        rows = zip(rim, clamping, tables, strict=True)
+        friction = np.array([table_share(v, K, x) * np.ones(len(t)) for v, K, x in rows])
     train, train_error = _train(axles, start_ns, t)
     return Grid(start_ns, step, rim, friction * clamping, pressure, train, train_error, friction)
 

@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import physics
+from ..core import mean_axle, physics
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Result, Times, Vehicle
@@ -123,7 +123,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         closed_loop.DRY,
         train=ScenarioTrain(float(braking.speed[0]), len(radii)),
         brake=ScenarioBrake(_commands(braking, demand)),
-        vehicle=replace(result.vehicle, wheel_radius=radii),
+        vehicle=replace(_equal_axle(result), wheel_radius=radii),
     ).with_train_speed(train_speed)
     rails = [x and x.rail for x in axle_rails]
     comes_to_rest = bool(braking.speed[-1] < STANDING)
@@ -269,11 +269,25 @@ def _draw_rails(
     return conditions
 
 
+def _equal_axle(result: Result) -> Vehicle:
+    """An axle of the stop, which all equal but for their radii.
+
+    Raises:
+        UserError: where they differ.
+    """
+    numbers = [a.record.axle for a in result.axles]
+    vehicle = mean_axle.mean_axle(result.vehicle, numbers)
+    if not mean_axle.are_alike(result.vehicle, numbers):
+        text = "the axles of this stop have different brakes or masses: a replay has one kind"
+        raise UserError(text, "replay one car, by an --axle for each of its axles", code=2)
+    return vehicle
+
+
 def _braking(result: Result, slides: Sequence[Sequence[Slide]]) -> _Braking:
     """From the demand of the brake in which the longest slide lies, to standstill or release."""
     slide = max((x for found in slides for x in found), key=lambda x: x.duration)
     start, stop = _brake(result, slides, slide.start)
-    filled = float(physics.cylinder_pressure(physics.force_line(result.vehicle), 0.0))
+    filled = float(physics.cylinder_pressure(physics.force_line(_equal_axle(result)), 0.0))
     start -= round(filled / Antiskid().fill_rate * 1e9)
     start = max(start, *(int(a.record.t[0]) for a in result.axles))
     t = np.arange(start, stop, round(_KNOT_INTERVAL * 1e9), dtype=np.int64)
@@ -336,10 +350,10 @@ def _missing_axles(result: Result, braking: _Braking) -> list[Finding]:
     if any(a.record.train_speed_made for a in result.axles):
         return []
     F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
-    mass = len(result_axles) * result.vehicle.axle_mass.value
+    mass = len(result_axles) * _equal_axle(result).axle_mass.value
     by_axles = float(np.sum(F)) * _KNOT_INTERVAL / mass
     speed_lost = float(braking.speed[0] - braking.speed[-1])
-    largest_share = STATED_SIGMAS * tolerance(result.vehicle)
+    largest_share = STATED_SIGMAS * tolerance(_equal_axle(result))
     if by_axles > 0.0 and abs(speed_lost / by_axles - 1.0) < largest_share:
         return []
     span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()

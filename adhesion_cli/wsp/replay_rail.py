@@ -124,7 +124,7 @@ def _above_curve(axle: AxleResult, vehicle: Vehicle, rail: fit.RailFit) -> Bools
         np.quantile([fit.curve(x, u, slips, vehicle).max() for x in computed], 0.975)
         for u in speeds.tolist()
     ]
-    mu = physics.coefficient(axle.reference.force, vehicle)
+    mu = physics.coefficient(axle.reference.force, vehicle, axle.record.axle)
     exceeds: Bools = (mu > np.interp(v, speeds, largest)) & (v >= JUDGED_FROM)
     return exceeds
 

@@ -338,6 +338,7 @@ def _of_train(s: Scenario) -> _Checks:
     ):
         hint = f"{n} values, or {'one' if minimum else 'none'}"
         yield len(values) not in (minimum, n), f"{key} is not one per axle", hint
+    yield s.vehicle.axles != (), "[vehicle] a simulated train has equal axles", "leave out axles"
     brake = has_fade(s.vehicle) or s.vehicle.correlation != ()
     yield brake, "[vehicle] a simulated brake has one friction", "leave out what `calibrate` adds"
     yield s.rig and n != 1, "[rig] tests one axle", "leave [train] axles at 1"

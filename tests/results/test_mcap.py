@@ -88,8 +88,9 @@ def test_numbers_of_a_result(small: Path) -> None:
             clamping_force=r.clamping_force, wheel_speed=r.wheel_speed, train_speed=r.train_speed,
         )  # fmt: skip
         ref = axle.reference
-        mu, most = physics.coefficient(ref.force, analysed.vehicle), ref.sigma / 32.0
-        most_mu = physics.coefficient(most, analysed.vehicle)
+        number, most = axle.record.axle, ref.sigma / 32.0
+        mu = physics.coefficient(ref.force, analysed.vehicle, number)
+        most_mu = physics.coefficient(most, analysed.vehicle, number)
         same(small, f"{root}/reference", t, most, force=ref.force, lower=ref.lower, upper=ref.upper)
         same(small, f"{root}/reference", t, ref.sigma / 512.0, sigma=ref.sigma)
         same(small, f"{root}/reference", t, most_mu, coefficient=mu)
@@ -100,7 +101,8 @@ def test_numbers_of_a_result(small: Path) -> None:
             assert r.truth is not None
             topic = f"{root}/estimate/{algo}"
             same(small, topic, t, most, force=force, error=force - r.truth)
-            same(small, topic, t, most_mu, coefficient=physics.coefficient(force, analysed.vehicle))
+            estimate = physics.coefficient(force, analysed.vehicle, number)
+            same(small, topic, t, most_mu, coefficient=estimate)
 
 
 def test_error_is_against_the_reference_without_truth(tmp_path: Path) -> None:

@@ -48,9 +48,10 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         level = float(np.median(pressure[rests]))
         if abs(level) < max(p.share * top, p.least) or top - level < p.applied * top:
             continue
-        slowed = s.by_rolling * float(clamping_force(np.array(level), s.vehicle))
+        own = s.vehicle.of_axle(a.record.axle)
+        slowed = s.by_rolling * float(clamping_force(np.array(level), own))
         if slowed and np.nanmedian(slowing) > p.slows * slowed:
             continue
-        force = force_line(s.vehicle).per_pascal * level
+        force = force_line(own).per_pascal * level
         values = {"level_bar": level / 1e5, "force_n": force}
         yield s.finding("pressure-zero", "warning", a.brake, rests, i, values)

@@ -14,6 +14,7 @@ from ...core.finding import Finding
 from ...core.model import Vehicle
 from ...core.signals import coverage_factor
 from ...core.summary import BrakeApplication
+from ..carried_vehicle import correlation, is_of_vehicle, parameter
 from ..friction_groups import (
     FrictionGroup,
     GroupedRun,
@@ -98,7 +99,7 @@ def same_log(run_a: ReportRun, run_b: ReportRun) -> bool:
 def same_vehicle(run_a: ReportRun, run_b: ReportRun) -> bool:
     """Whether two runs state the same vehicle."""
     keys = run_a.settings.keys() | run_b.settings.keys()
-    vehicle = [key for key in keys if key.startswith("vehicle.")]
+    vehicle = [key for key in keys if is_of_vehicle(key)]
     return all(run_a.settings.get(key) == run_b.settings.get(key) for key in vehicle)
 
 
@@ -110,12 +111,13 @@ def _of_axle(
         quantities: list[tuple[str, str, float, float, float]] = []
         if a.force_n and b.force_n and a.coefficient and b.coefficient:
             difference = b.force_n.mean - a.force_n.mean
-            quantities.append(("force", "N", difference, *_of_force(a, b, run)))
+            quantities.append(("force", "N", difference, *_of_force(a, b, run, axle_b.number)))
             change = b.coefficient.mean - a.coefficient.mean
             u95_apart = math.hypot(a.coefficient.mean_u95, b.coefficient.mean_u95)
             u95 = u95_apart
             if axle_a.weight == axle_b.weight:
-                u95 = _of_force(a, b, run, by_weight=difference)[0] / axle_b.weight
+                u95 = _of_force(a, b, run, axle_b.number, by_weight=difference)[0]
+                u95 /= axle_b.weight
             quantities.append(("coefficient", "-", change, u95, u95_apart))
         if a.utilisation is not None and b.utilisation is not None:
             intervals = (x.utilisation_ci or (0.0, 0.0) for x in (a, b))
@@ -128,7 +130,7 @@ def _of_axle(
 
 
 def _of_force(
-    a: BrakeApplication, b: BrakeApplication, run: ReportRun, by_weight: float = 0.0
+    a: BrakeApplication, b: BrakeApplication, run: ReportRun, axle: int, by_weight: float = 0.0
 ) -> tuple[float, float]:
     """Expanded uncertainty of a difference of mean forces: with shared parameters, without [N].
 
@@ -136,6 +138,7 @@ def _of_force(
         a: brake application of the first run.
         b: of the other one.
         run: the other one.
+        axle: number of the axle.
         by_weight: the difference, if it will be divided by the weight: the mass then counts [N].
     """
     rows = [{row.quantity: row for row in row_a.budget or ()} for row_a in (a, b)]
@@ -150,9 +153,9 @@ def _of_force(
                 if row:
                     sensitivities[name] = row.sensitivity * row.u
     if by_weight:
-        mass = {k: float(run.settings[f"vehicle.{_MASS}.{k}"]) for k in ("value", "tolerance")}
-        shared[_MASS] = shared.get(_MASS, 0.0) - by_weight * mass["tolerance"] / mass["value"]
-    vehicle = Vehicle(correlation=_correlation(run))
+        mass = parameter(run.settings, _MASS, axle)
+        shared[_MASS] = shared.get(_MASS, 0.0) - by_weight * mass.tolerance / mass.value
+    vehicle = Vehicle(correlation=correlation(run.settings, axle))
     noise = [rows_by_name[_NOISE].contribution_n for rows_by_name in rows]
     covariances = [
         vehicle.covariance(sensitivities, sensitivities) for sensitivities in (shared, *independent)
@@ -175,12 +178,3 @@ def _factor(u: float, noise: Sequence[float], freedom: Sequence[float]) -> float
     """Coverage factor of 95 % by Welch and Satterthwaite; only noise is found from samples."""
     spent = sum(x**4 / n for x, n in zip_longest(noise, freedom) if n)
     return coverage_factor(u**4 / spent if spent else math.inf)
-
-
-def _correlation(run: ReportRun) -> tuple[tuple[str, str, float], ...]:
-    """Of the errors of two parameters, as the settings state it."""
-    head = "vehicle.correlation."
-    correlations = {
-        k.removeprefix(head): float(v) for k, v in run.settings.items() if k.startswith(head)
-    }
-    return tuple((*pair.split("."), share) for pair, share in correlations.items())  # type: ignore[misc]

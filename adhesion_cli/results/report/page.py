@@ -19,6 +19,7 @@ from ... import __version__
 from ...core.model import Vehicle, quantities
 from ...core.text import printable, utf8
 from .. import result_rows
+from ..carried_vehicle import is_of_vehicle
 from ..text_tables import DASH
 from . import comparison, words
 from .campaign import Campaign
@@ -148,24 +149,29 @@ def _vehicle(settings: Mapping[str, str]) -> list[dict[str, str]]:
     """The vehicle's parameters with their standard uncertainties."""
     parameters: dict[str, dict[str, str]] = {}
     for key, value in sorted(settings.items()):
-        section, _, name = key.partition(".")
-        if section != "vehicle":
+        if not is_of_vehicle(key):
             continue
-        if name.startswith("correlation"):
+        name = key.removeprefix("vehicle.")
+        values = json.loads(value)
+        if ".correlation" in f".{name}":
             parameters[name] = {"value": value}
-        elif name == "wheel_radius":
-            for i, radius in enumerate(json.loads(value), 1):
-                parameters[f"{name}, axle {i}"] = {k: f"{v:g}" for k, v in radius.items()}
+        elif name.endswith(".axles"):
+            parameters[name] = {"value": ", ".join(map(str, values))}
+        elif isinstance(values, list):
+            several = settings.get(f"{key.rpartition('.')[0]}.axles")
+            numbers = json.loads(several) if several else range(1, len(values) + 1)
+            for number, own in zip(numbers, values, strict=True):
+                parameters[f"{name}, axle {number}"] = {k: f"{v:g}" for k, v in own.items()}
         else:
             parameter, _, component = name.rpartition(".")
-            parameters.setdefault(parameter, {})[component] = f"{json.loads(value):g}"
+            parameters.setdefault(parameter, {})[component] = f"{values:g}"
     units = {name: quantity.unit for name, quantity in quantities(Vehicle).items()}
     return [
         {
             "Parameter": name.replace("_", " "),
             "Value": components.get("value", DASH),
             "Standard uncertainty": components.get("tolerance", DASH),
-            "Unit": units.get(name.partition(",")[0], DASH),
+            "Unit": units.get(name.partition(",")[0].rpartition(".")[2], DASH),
         }
         for name, components in parameters.items()
     ]

@@ -24,6 +24,7 @@ from ...core.summary import (
 from ...core.text import shell_word
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
+from ..carried_vehicle import parameter
 from ..names import METRICS, PROVENANCE, SETTINGS, flat
 from ..train_stops import choose_axles
 from ..vehicle_text import describe_vehicle
@@ -290,9 +291,11 @@ def _axle(
     target = {"truth": series["truth"], "reference": series["force"]}
     scores = sorted(summary.estimators, key=lambda s: s.algo)
     errors = {s.algo: column(f"estimate/{s.algo}", "force") - target[s.against] for s in scores}
-    radius = _stated_radius(settings, summary.axle)
+    radius, mass = (
+        parameter(settings, name, summary.axle).value for name in ("wheel_radius", "axle_mass")
+    )
     rim = wheel.value * _rolling_radius(wheel.value, series["train"], series["slip"], radius)
-    weight = physics.G * float(json.loads(settings["vehicle.axle_mass.value"]))
+    weight = physics.G * mass
     seconds = (t - start) * np.float64(1e-9)
     return ReportAxle(summary, t=seconds, rim=rim, errors=errors, weight=weight, **series)
 
@@ -305,13 +308,6 @@ def _interpolate(t: Times, column: Column) -> Floats:
         return np.full(len(t), np.nan)
     values: Floats = np.interp(t, column.t, column.value, np.nan, np.nan)
     return values
-
-
-def _stated_radius(settings: Mapping[str, str], axle: int) -> float:
-    """Wheel radius of an axle by the settings [m]."""
-    if several := settings.get("vehicle.wheel_radius"):
-        return float(json.loads(several)[axle - 1]["value"])
-    return float(json.loads(settings["vehicle.wheel_radius.value"]))
 
 
 def _rolling_radius(wheel: Floats, train: Floats, slip: Floats, nominal: float) -> float:

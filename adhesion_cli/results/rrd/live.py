@@ -113,6 +113,7 @@ class LiveRecording:
         colour = palette.rgba(palette.nth(self._axles.index(axle)))
         force, sigma, tolerance = x.estimates[self._algos[0]]
         rim = x.wheel_speed * self._vehicle.radius(axle).value
+        mu = physics.coefficient(force, self._vehicle, axle)
 
         def line(line_name: str, values: Floats, colour: int = colour) -> parts.SeriesPlot:
             return parts.lines("", [(line_name, colour, values)])
@@ -120,7 +121,7 @@ class LiveRecording:
         plots = [
             (f"all/speed/{axle}", line(name, 3.6 * rim)),
             (f"all/force/{axle}", line(name, force / 1e3)),
-            (f"all/coefficient/{axle}", line(name, physics.coefficient(force, self._vehicle))),
+            (f"all/coefficient/{axle}", line(name, mu)),
         ]
         if np.isfinite(x.train_speed).any():
             plots.append((f"all/slip/{axle}", line(name, 100.0 * x.slip)))

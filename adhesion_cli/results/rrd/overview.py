@@ -93,7 +93,7 @@ def _values(result: Result, axle: AxleResult) -> dict[str, Floats]:
     columns = {
         "speed": record.wheel_speed * result.vehicle.radius(record.axle).value * 3.6,
         "force": F / 1e3,
-        "coefficient": physics.coefficient(F, result.vehicle),
+        "coefficient": physics.coefficient(F, result.vehicle, record.axle),
     }
     return columns if axle.slip is None else {**columns, "slip": 100.0 * axle.slip}
 

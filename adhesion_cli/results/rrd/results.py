@@ -246,8 +246,9 @@ class _Page:
         rail: fit.RailFit | None,
     ) -> None:
         """The operating point on its curve; brake, region and wheel as states."""
-        vehicle = self.result.vehicle
-        mu, lanes = physics.coefficient(axle.reference.force, vehicle), rows.of_axle(axle)
+        number, lanes = axle.record.axle, rows.of_axle(axle)
+        vehicle = self.result.vehicle.of_axle(number)
+        mu = physics.coefficient(axle.reference.force, vehicle, number)
         t, times, bands, fitted = axle.record.t, self.times, self.bands, None
         if rail:
             fitted = Fitted(rail, vehicle)

@@ -1,0 +1,194 @@
+"""A train of unlike axles as one of equal axles: the mean axle.
+
+The brakes of all axles slow one train:
+
+    −v̇ Σ (m + I/R²) = Σ φK.
+
+A train of equal axles slows alike if each has the mean mass and the mean rotating mass, and if
+their clamping forces are φK over the mean axle's φ. So the longitudinal model knows equal axles
+only. What a log shows of the mean axle is one common error of all axles.
+
+Tolerances are means, too: the errors of all axles are taken as one. An axle moves by its share of
+that error, and one without tolerance does not move.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .model import CarAxle, FrictionTable, Parameter, Vehicle
+from .physics import CHAIN, force_line, friction_share, piston_area
+
+_BRAKE = ("friction", *CHAIN, "cylinder_diameter")  # factors of the force per pressure
+
+
+def vehicle_of_axles(axles: Sequence[CarAxle]) -> Vehicle:
+    """The vehicle of axles that are stated one by one.
+
+    Args:
+        axles: in the order of their numbers.
+    """
+    mean = _mean({a.number: a.vehicle for a in axles})
+    differ = axles[0].car or not _are_alike([a.vehicle for a in axles])
+    return replace(mean, axles=tuple(axles)) if differ else mean
+
+
+def mean_axle(vehicle: Vehicle, axles: Sequence[int]) -> Vehicle:
+    """The mean axle of some axles, with the wheel radius of each; the vehicle where all are alike.
+
+    Args:
+        vehicle: of the train.
+        axles: their numbers.
+
+    Raises:
+        UserError: where the vehicle does not have one of them.
+    """
+    if not vehicle.axles:
+        return vehicle
+    return _mean({number: vehicle.of_axle(number) for number in axles})
+
+
+def are_alike(vehicle: Vehicle, axles: Sequence[int]) -> bool:
+    """Whether these axles differ in their wheel radius only."""
+    return _are_alike([vehicle.of_axle(number) for number in axles])
+
+
+def _mean(by_number: dict[int, Vehicle]) -> Vehicle:
+    """The mean axle of these, with a list of all radii up to the last number."""
+    own = list(by_number.values())
+    first, n = own[0], len(own)
+    radii = tuple(
+        by_number.get(number, first).wheel_radius[0] for number in range(1, max(by_number) + 1)
+    )
+    if _are_alike(own):
+        return replace(first, wheel_radius=radii)
+    forces = [v.friction.value * force_line(v).per_pascal for v in own]
+    changed: dict[str, Any] = {}
+    for name in _BRAKE:
+        tolerance = _mean_of([_share(getattr(v, name)) for v in own], forces)
+        value = getattr(first, name).value * (sum(forces) / n / forces[0] if name == "discs" else 1)
+        changed[name] = Parameter(value, value * tolerance)
+    # The springs take φ ratio F of an axle's force, in the mean as well.
+    ratios = [v.friction.value * _ratio(v) for v in own]
+    ratio = ratios[0] * changed["discs"].value / first.discs.value
+    # Rotating masses add up at the rim: I is on the radius of the axle that is taken first.
+    R = first.wheel_radius[0].value
+    rotating = [(R / v.wheel_radius[0].value) ** 2 for v in own]
+    for name, weights, total in (
+        ("spring_force", ratios, n * ratio),
+        ("friction_fade", forces, sum(forces)),
+        ("axle_mass", [1.0] * n, n),
+        ("wheelset_inertia", rotating, n),
+    ):
+        columns = zip(*(getattr(v, name) for v in own), strict=True)
+        changed[name] = Parameter(*(_mean_of(column, weights, total) for column in columns))
+    table = next((v.friction_table for v in own if v.friction_table), None)
+    if table:  # each axle has its own; this one shows whether φ is scaled or tilted
+        factor = changed["friction"].value / table.reference
+        table = table.scaled([factor] * len(table.speed))
+    return replace(first, **changed, wheel_radius=radii, friction_table=table)
+
+
+def _are_alike(vehicles: Sequence[Vehicle]) -> bool:
+    first, *others = vehicles
+    return all(replace(v, wheel_radius=first.wheel_radius) == first for v in others)
+
+
+def move_axles(vehicle: Vehicle, stated: Vehicle, identified: Vehicle) -> Vehicle:
+    """The vehicle with what a log shows of its mean axle, as one error of all axles.
+
+    Args:
+        vehicle: as stated.
+        stated: its mean axle.
+        identified: the mean axle as the log shows it.
+    """
+    if not vehicle.axles or identified == stated:
+        return identified if identified != stated else vehicle
+    stated = _at_speed(stated, identified.friction_speed.value)
+    axles = [own._replace(vehicle=_moved(own.vehicle, stated, identified)) for own in vehicle.axles]
+    return vehicle_of_axles(axles)
+
+
+def _moved(own: Vehicle, stated: Vehicle, identified: Vehicle) -> Vehicle:
+    """One axle, moved as its mean axle was, by its share of the tolerances."""
+    own = _at_speed(own, identified.friction_speed.value)
+    changed: dict[str, Any] = {}
+    of_brake = _ratio_of(_brake_sigma(own), _brake_sigma(stated))
+    for name in (*_BRAKE, "axle_mass", "wheelset_inertia"):
+        x, before, after = (getattr(v, name) for v in (own, stated, identified))
+        share = of_brake if name in _BRAKE else _ratio_of(_share(x), _share(before))
+        value = x.value * (after.value / before.value) ** share
+        changed[name] = Parameter(value, value * _share(after) * share)
+    # What differs in the spring is a pressure, which acts on every piston.
+    area = piston_area(own) / piston_area(stated)
+    moved = (identified.spring_force.value - stated.spring_force.value) * area
+    spring = max(own.spring_force.value + moved, 0.0)
+    changed["spring_force"] = Parameter(spring, identified.spring_force.tolerance * area)
+    fade = identified.friction_fade.value - stated.friction_fade.value
+    changed["friction_fade"] = identified.friction_fade._replace(
+        value=own.friction_fade.value + fade
+    )
+    if stated.friction_table and identified.friction_table:
+        tables = stated.friction_table, identified.friction_table
+        changed |= _moved_table(own, *tables, _share(identified.friction), of_brake)
+    return replace(own, **changed, correlation=identified.correlation)
+
+
+def _moved_table(
+    own: Vehicle, stated: FrictionTable, identified: FrictionTable, tolerance: float, share: float
+) -> dict[str, Any]:
+    """Friction and table of an axle, scaled over the speed as those of the mean axle were."""
+    factors = [b / a for a, b in zip(stated.value[0], identified.value[0], strict=True)]
+    table, fade = own.friction_table, own.friction_fade
+    if table is None:
+        factor = float(np.interp(stated.middle[0], stated.speed, factors)) ** share
+        value = factor * own.friction.value
+        return {"friction": Parameter(value, value * tolerance * share), "friction_fade": fade}
+    by_speed = np.interp(table.speed, stated.speed, factors) ** share
+    scaled = table.scaled(by_speed.tolist())
+    return {
+        "friction": Parameter(scaled.reference, scaled.reference * tolerance * share),
+        "friction_table": scaled,
+        "friction_fade": fade,
+    }
+
+
+def _mean_of(values: Sequence[float], weights: Sequence[float], total: float = 0.0) -> float:
+    """The sum of weighted values over that of the weights, or over another total."""
+    return sum(x * w for x, w in zip(values, weights, strict=True)) / (total or sum(weights))
+
+
+def _at_speed(v: Vehicle, speed: float) -> Vehicle:
+    """The same vehicle with `friction` at another speed [m/s]."""
+    if v.friction_table:
+        return replace(v, friction_speed=Parameter(speed, 0.0))
+    share, fade = float(friction_share(speed, 0.0, v)), v.friction_fade
+    return replace(
+        v,
+        friction=Parameter(v.friction.value * share, v.friction.tolerance * share),
+        friction_fade=Parameter(fade.value / share, fade.tolerance),
+        friction_speed=Parameter(speed, 0.0),
+    )
+
+
+def _share(x: Parameter) -> float:
+    """A tolerance as a share of its value."""
+    return x.tolerance / x.value if x.value else 0.0
+
+
+def _ratio_of(a: float, b: float) -> float:
+    return a / b if b else 1.0
+
+
+def _brake_sigma(v: Vehicle) -> float:
+    """1 sigma of ln of the force per pressure."""
+    shares = [_share(getattr(v, name)) for name in ("friction", *CHAIN)]
+    return math.hypot(*shares, 2.0 * _share(v.cylinder_diameter))
+
+
+def _ratio(v: Vehicle) -> float:
+    """K over the force of the piston."""
+    return force_line(v).per_pascal / piston_area(v)
