@@ -37,6 +37,7 @@ from ..core.physics import CHAIN
 from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
+from ..stops.settings import StopSettings
 from ..wsp import controller
 from . import cars, stated_brake, stated_friction
 
@@ -117,6 +118,7 @@ class Settings:
     train: Train = field(default_factory=Train)
     slope: Params = field(default_factory=Params)
     bands: Bands = field(default_factory=Bands)
+    stops: StopSettings = field(default_factory=StopSettings)
     overrides: dict[str, dict[str, float]] = field(default_factory=dict)
     checks: Table = field(
         default_factory=lambda: {name: c.Params() for name, c in tunable().items()}
@@ -296,6 +298,7 @@ def tree(
         "train": settings.train._asdict(),
         "slope": settings.slope._asdict(),
         "bands": settings.bands._asdict(),
+        "stops": settings.stops._asdict(),
         "diagnostics": {name: p._asdict() for name, p in settings.checks.items()},
         **{e.name: settings.params(e)._asdict() for e in algos},
         **_log_sections(settings, axles, window),
@@ -441,7 +444,12 @@ def sections() -> list[str]:
 
 def _numeric() -> "dict[str, methods.Tunable]":
     """The sections that hold numbers only."""
-    sections = (_Section("slope", Params), _Section("bands", Bands), _Section("train", Train))
+    sections = (
+        _Section("slope", Params),
+        _Section("bands", Bands),
+        _Section("train", Train),
+        _Section("stops", StopSettings),
+    )
     own_sections = {x.name: x for x in sections}
     return {**estimator.registry(), **controller.registry(), **own_sections}
 
@@ -456,6 +464,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
         key: _numbers(numeric[key], value) for key, value in tree.items() if key in numeric
     }
     bands, train = Bands(**overrides.pop("bands", {})), Train(**overrides.pop("train", {}))
+    stops = StopSettings(**overrides.pop("stops", {}))
     mappings, time_options = _channels(tree.get("channels", {}))
     options = {
         **time_options,
@@ -480,6 +489,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
         train,
         Params(**overrides.get("slope", {})),
         check_bands(bands, "bands"),
+        stops,
         overrides,
         {n: c.Params(**_numbers(c, checks.get(n, {}))) for n, c in tunable().items()},
     )

@@ -30,6 +30,8 @@ def summarise(
         outputs: the files written, by kind.
         braked: what `brake_applications` gave, if that is known.
     """
+    from .stops_of_log import stops_of_result  # slow to import, and only results need it
+
     braked = brake_applications(result) if braked is None else braked
     log = result.log
     used_channels = [c for c in log.channels if c.meaning]
@@ -51,6 +53,7 @@ def summarise(
         tuple(map(summarise_channel, used_channels)),
         tuple(map(summarise_finding, result.findings)),
         result.brake,
+        stops_of_result(result, braked.values()),
     )
 
 

@@ -104,6 +104,7 @@ def _write_table(place: Path, _: Path, *, name: Path, summaries: "Sequence[Resul
 
     sheets = {
         "applications": tables.applications(summaries),
+        "stops": tables.stops(summaries),
         "estimators": tables.estimators(summaries),
         "findings": tables.findings(summaries),
         "logs": tables.table(map(tables.log_row, summaries), tables.LOGS),
@@ -128,7 +129,9 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
     (result,), (summary,) = results, summaries
     vehicle = terminal.folded(describe_vehicle(summary.vehicle, summary.axles))
     tables = applications.tables(summary.axles, shown.rows)
-    print(f"{terminal.describe_log(summary)}\n{vehicle}\n\n{tables}\n", flush=True)
+    head = f"{terminal.describe_log(summary)}\n{vehicle}"
+    sections = [head, applications.stops(summaries), tables]
+    print("\n\n".join(filter(None, sections)) + "\n", flush=True)
     if shown.budget:
         print(applications.budgets(summary.axles))
     terminal.show(result.findings, shown.quiet)
@@ -155,7 +158,8 @@ def _show_together(
         axles_by_vehicle.setdefault(summary.vehicle, []).extend(summary.axles)
     vehicles = dict.fromkeys(describe_vehicle(*pair) for pair in axles_by_vehicle.items())
     print("\n".join(map(terminal.folded, [terminal.describe_logs(summaries), *vehicles])))
-    print(f"\n{applications.tables_of_logs(summaries, shown.rows)}\n", flush=True)
+    sections = applications.stops(summaries), applications.tables_of_logs(summaries, shown.rows)
+    print("\n" + "\n\n".join(filter(None, sections)) + "\n", flush=True)
     if shown.budget:
         for summary in summaries:
             print(f"{summary.log.path}:\n{applications.budgets(summary.axles)}")

@@ -18,8 +18,8 @@ from ..core.text import shell_word
 from .options import Ended
 
 _COMMANDS = (
-    "inspect analyze compare fleet slip antiskid calibrate tune live simulate reproduce explain "
-    "convert report view estimators vehicle export-c"
+    "inspect analyze compare stops fleet slip antiskid calibrate tune live simulate reproduce "
+    "explain convert report view estimators vehicle export-c"
 ).split()
 app = typer.Typer(
     name="adhesion",

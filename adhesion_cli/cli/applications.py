@@ -6,6 +6,8 @@ from pathlib import Path
 from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
 from ..results.result_rows import budget_row, combined, row, slid_row
+from ..results.stop_rows import NOTE as STOP_NOTE
+from ..results.stop_rows import describe_sources, short_row
 from ..results.train_stops import (
     MANY_AXLES,
     MANY_ROWS,
@@ -41,6 +43,27 @@ _OF_BUDGETS = (
 )
 _BOUND = "≥: the true value is at least this."
 _SHOWN_STOPS = 20  # of more, the worst ones
+
+
+def stops(summaries: Sequence[ResultSummary]) -> str:
+    """The stops of the whole train, of one log or of several; empty without any."""
+    named = [
+        ({"log": Path(x.log.path).name} if len(summaries) > 1 else {}, stop)
+        for x in summaries
+        for stop in x.stops
+    ]
+    if not named:
+        return ""
+    rows = [name | short_row(stop) for name, stop in named[:_SHOWN_STOPS]]
+    lines = [terminal.records(rows), terminal.folded(STOP_NOTE)]
+    lines += [terminal.folded(describe_sources([stop for _, stop in named]))]
+    if len(named) > len(rows):
+        lines += [f"The first {len(rows)} of {len(named)} stops; `adhesion stops LOG` shows all."]
+    invalid = [s for _, s in named if not s.valid]
+    if invalid:
+        reasons = ", ".join(dict.fromkeys(str(s.reason) for s in invalid))
+        lines += [terminal.folded(f"Without a distance: no whole stop ({reasons}).")]
+    return "\n".join(lines)
 
 
 def tables(axles: Sequence[AxleSummary], all_rows: bool = False) -> str:

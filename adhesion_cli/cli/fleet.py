@@ -48,7 +48,7 @@ def command(  # noqa: PLR0913 (one option each)
 ) -> int:
     """Analyse many logs, and keep the results as tables.
 
-    Writes Parquet files to -o DIR: applications, estimators, findings and logs. A second run
+    Writes Parquet files to -o DIR: applications, stops, estimators, findings and logs. A second run
     analyses what is missing and what failed. A log that fails is a row with error and hint.
 
     The exit code is 3 if a log failed, or if its data were lost or repaired or may be wrong.
@@ -150,7 +150,7 @@ def _status_text(state: "State", folder: Path, seconds: float) -> str:
     lines = [f"{state.logs} logs: {', '.join(counts_text)}; {seconds:.1f} s{rate}"]
     if state.lossy:
         lines.append(f"data lost or repaired, or in doubt: {state.lossy} of them; see --summary")
-    lines.append(f"wrote {folder_name}: applications, estimators, findings, logs")
+    lines.append(f"wrote {folder_name}: applications, stops, estimators, findings, logs")
     return "\n".join([*lines, f"`adhesion fleet --summary {folder_name}` shows them."])
 
 

@@ -100,6 +100,102 @@ class BrakeApplication:
     ] = 0.0
 
 
+CommandSource = Literal["channel", "brake_pipe", "pressure", "deceleration"]
+
+
+class Measured(NamedTuple):
+    """A measured quantity with its expanded uncertainty (95 %)."""
+
+    value: Annotated[float, Quantity("", "measured value")]
+    u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
+    common_u95: Annotated[
+        float, Quantity("", "the part of it that is the same in every stop of a series")
+    ] = 0.0
+
+
+class AxleStop(NamedTuple):
+    """One axle in one stop."""
+
+    axle: Annotated[int, Quantity("", "number, from 1")]
+    max_slip: Annotated[Number, Quantity("-", "largest slip above 5 km/h; null without rim speed")]
+    locked_s: Annotated[
+        Number, Quantity("s", "time in which the wheel stands and the train is faster than stated")
+    ]
+    longest_lock_s: Annotated[Number, Quantity("s", "the longest such time at once")]
+    valve_actions: Annotated[int, Quantity("", "releases of the brake by the WSP, by the pressure")]
+    slip_bands: Annotated[
+        tuple[float, ...] | None,
+        Quantity("-", "share of the time with slip to 5, 10, 20, 50 and 100 %"),
+    ] = None
+    initial_coefficient: Annotated[
+        Number, Quantity("-", "adhesion coefficient at the begin of the first slide")
+    ] = None
+    utilisation: Annotated[
+        Number, Quantity("-", "mean adhesion in the slides over the highest that the rail gives")
+    ] = None
+
+
+class StopContribution(NamedTuple):
+    """What one source of error contributes to the uncertainty of a stop."""
+
+    source: Annotated[str, Quantity("", "of the error")]
+    common: Annotated[bool, Quantity("", "whether it is the same in every stop of a series")]
+    distance_m: Annotated[
+        float, Quantity("m", "change of the distance by one standard uncertainty")
+    ]
+    deceleration: Annotated[
+        float, Quantity("m/s²", "the same of the equivalent deceleration, else the mean one")
+    ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopSummary:
+    """One stop of the whole train."""
+
+    start_s: Annotated[float, Quantity("s", "command time, after the start of the log")]
+    end_s: Annotated[float, Quantity("s", "standstill, after the start of the log")]
+    command_from: Annotated[
+        CommandSource,
+        Quantity("", "what shows the command time; pressure: the first rise of a cylinder"),
+    ]
+    speed_from: Annotated[
+        Literal["train", "axles"], Quantity("", "source of the speed; axles: estimated from them")
+    ]
+    nominal_speed_kmh: Annotated[float, Quantity("km/h", "nominal speed: the nearest, or stated")]
+    position_m: Annotated[Number, Quantity("m", "place on the line at the command")] = None
+    valid: Annotated[bool, Quantity("", "whether it is a whole stop")]
+    reason: Annotated[str | None, Quantity("", "why it is not valid")] = None
+    initial_speed_mps: Annotated[Measured | None, Quantity("m/s", "speed at the command")]
+    distance_m: Annotated[Measured | None, Quantity("m", "distance from command to standstill")]
+    duration_s: Annotated[Measured | None, Quantity("s", "time from command to standstill")]
+    delay_s: Annotated[
+        Measured | None, Quantity("s", "until the brake has its start share, mean over the axles")
+    ]
+    response_time_s: Annotated[
+        Measured | None,
+        Quantity("s", "equivalent response time: delay and half of the build-up; null with slides"),
+    ]
+    mean_deceleration: Annotated[Measured | None, Quantity("m/s²", "v0² / (2 s)")]
+    equivalent_deceleration: Annotated[
+        Measured | None, Quantity("m/s²", "v0² / (2 (s − v0 t_e)), without the response time")
+    ]
+    jerk: Annotated[
+        Measured | None, Quantity("m/s³", "largest jerk above 5 km/h, smoothed over 1 s (1 Hz)")
+    ]
+    corrected_distance_m: Annotated[
+        Measured | None, Quantity("m", "distance on level track from the nominal speed")
+    ]
+    coefficient: Annotated[
+        Measured | None, Quantity("-", "adhesion coefficient, mean over all axles and the stop")
+    ] = None
+    slides: Annotated[int, Quantity("", "number of slides of all axles")] = 0
+    max_slip: Annotated[Number, Quantity("-", "largest slip of any axle; null without a slide")] = (
+        None
+    )
+    axles: tuple[AxleStop, ...] = ()
+    budget: tuple[StopContribution, ...] = ()
+
+
 class ReferenceSummary(NamedTuple):
     """The offline reference of one axle."""
 
@@ -202,6 +298,7 @@ class ResultSummary:
     brake: Annotated[
         LogBrake | None, Quantity("", "by the deceleration of this log alone; null if not shown")
     ] = None
+    stops: Annotated[tuple[StopSummary, ...], Quantity("", "stops of the whole train")] = ()
 
 
 @dataclass(frozen=True, slots=True)

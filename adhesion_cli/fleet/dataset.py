@@ -22,7 +22,7 @@ from ..core.text import printable, utf8
 from ..results import atomic_files, tables
 from ..results.tables import LogRow
 
-_OTHERS = ("applications", "estimators", "findings")
+_OTHERS = ("applications", "stops", "estimators", "findings")
 TABLES = (*_OTHERS, "logs")
 RECORDINGS = "recordings"
 SETTINGS = "settings"  # a file for each hash, with what it is of

@@ -162,6 +162,7 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, 
     _record(result, summary, recordings(item, job))
     by_name = {
         "applications": tables.applications([summary]),
+        "stops": tables.stops([summary]),
         "estimators": tables.estimators([summary]),
         "findings": tables.findings([summary]),
     }

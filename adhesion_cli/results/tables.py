@@ -1,4 +1,4 @@
-"""Summaries of logs as tables: brake applications, estimators, findings and logs.
+"""Summaries of logs as tables: brake applications, stops, estimators, findings and logs.
 
 The columns are the fields of the classes in `core.summary`, as in the JSON. Nested names are joined
 with `_`, as `force_n` and `mean` to `force_n_mean`. Lists are left out. What a log does not show is
@@ -29,6 +29,7 @@ from ..core.summary import (
     ResultSummary,
     SlideSummary,
     SlipSummary,
+    StopSummary,
 )
 from ..core.text import printable, utf8
 from ..reference.calibrated_vehicle import CalibratedParameter
@@ -83,6 +84,8 @@ APPLICATIONS = _schema(BrakeApplication, log=str, sha256=str, axle=int)
 ESTIMATORS = _schema(Score, log=str, sha256=str, axle=int)
 FINDINGS = _schema(FindingSummary, log=str, sha256=str)
 LOGS = _schema(LogRow)
+STOPS = _schema(StopSummary, log=str, sha256=str)
+SERIES = _schema(StopSummary, log=str, group=str, label=str)
 SLIDES = _schema(SlideSummary, log=str, axle=int)
 RAILS = _schema(SlipSummary)
 CHANNELS = _schema(InspectedChannel)
@@ -99,6 +102,21 @@ def estimators(results: Iterable[ResultSummary]) -> Any:
     """A row per log, axle and estimator's score, as `applications`; the schema is `ESTIMATORS`."""
     axles = _axles(results)
     return _table((keys | flat(s) for keys, a in axles for s in a.estimators), ESTIMATORS)
+
+
+def stops(results: Iterable[ResultSummary]) -> Any:
+    """A row per log and stop of the whole train; the schema is `STOPS`."""
+    rows = (_log(r.log.path, r.log.sha256) | flat(s) for r in results for s in r.stops)
+    return _table(rows, STOPS)
+
+
+def stops_of_series(stops: Iterable[tuple[str, str, str | None, StopSummary]]) -> Any:
+    """A row per stop of a series, from log, group, label and stop; the schema is `SERIES`."""
+    rows = (
+        {"log": utf8(log), "group": group, "label": label, **flat(stop)}
+        for log, group, label, stop in stops
+    )
+    return _table(rows, SERIES)
 
 
 def findings(results: Iterable[ResultSummary]) -> Any:

@@ -233,6 +233,7 @@ BAD = {
     "inspect": ("inspect --bogus", 2, "--bogus"),
     "analyze": ("analyze missing.csv", 1, "missing.csv"),
     "compare": ("compare missing.csv", 1, "missing.csv"),
+    "stops": ("stops missing.csv", 1, "missing.csv"),
     "slip": ("slip missing.csv", 1, "missing.csv"),
     "calibrate": ("calibrate missing.csv", 1, "missing.csv"),
     "tune": ("tune missing.csv other.csv -a leso", 1, "missing.csv"),

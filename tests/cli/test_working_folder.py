@@ -21,6 +21,7 @@ COMMANDS = {
     "inspect": ["x.mf4", str(SERVICE)],
     "analyze": [str(SERVICE), "-a", "td", "--table", "x.parquet", "-o", "."],
     "compare": ["service-brake.adhesion.mcap"],
+    "stops": [str(SERVICE), "-o", "."],
     "fleet": [str(SERVICE), "x.mf4", "-a", "td", "--workers", "1"],
     "slip": [str(LOW), "--axle", "1"],
     "calibrate": [str(SERVICE)],

@@ -23,6 +23,7 @@ from adhesion_cli.cli.app import app
 COMMANDS = {
     "analyze": ("a.csv -a td -o {out}", ["a.adhesion.mcap", "a.adhesion.rrd", "a.adhesion.sha256"]),
     "compare": ("a.csv -a td -o {out}", ["a.compare.mcap", "a.compare.rrd", "a.compare.sha256"]),
+    "stops": ("a.csv -o {out}", ["stops.csv"]),
     "slip": ("a.csv -o {out}", ["a.slip.mcap", "a.slip.rrd", "a.slip.sha256"]),
     "calibrate": (
         "s.csv a.csv -o {out}/b.toml --figure {out}/b.svg",

@@ -27,7 +27,7 @@ def fleet(*arguments: Any, **more: Any) -> "subprocess.CompletedProcess[str]":
 
 
 def content(out: Path) -> dict[str, bytes]:
-    tables = ("applications", "estimators", "findings")
+    tables = ("applications", "stops", "estimators", "findings")
     return {f"{n}/{p.name}": p.read_bytes() for n in tables for p in out.glob(f"{n}/*.parquet")}
 
 

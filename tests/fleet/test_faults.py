@@ -15,7 +15,7 @@ from helpers import logs_of_fleet
 from pyarrow import parquet
 
 pytestmark = pytest.mark.slow
-TABLES = ("applications", "estimators", "findings", "logs")
+TABLES = ("applications", "stops", "estimators", "findings", "logs")
 COUNT = 12
 
 

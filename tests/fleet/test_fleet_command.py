@@ -13,7 +13,7 @@ from helpers import logs_of_fleet
 from helpers.forked import Forked
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
-TABLES = ("applications", "estimators", "findings", "logs")
+TABLES = ("applications", "stops", "estimators", "findings", "logs")
 
 
 def test_counts_exit_code_and_summary(run: Run, tmp_path: Path) -> None:

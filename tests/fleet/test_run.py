@@ -94,7 +94,7 @@ def test_two_logs_with_one_content_are_analysed_once(first: tuple[Path, State]) 
 def test_the_tables_hold_what_analyze_gives(logs: Path, first: tuple[Path, State]) -> None:
     log = logs / "once.csv"
     one = summarise(analyze(log, Settings(), train_speed=True), {})
-    for name in ("applications", "estimators", "findings"):
+    for name in ("applications", "stops", "estimators", "findings"):
         expected = getattr(tables, name)([one])
         mine = [row for row in of(first[0], name) if row["log"] == str(log)]
         assert expected.num_rows

@@ -71,6 +71,7 @@ def write(folder: Path, summary: ResultSummary | FailedLog, job: Job = JOB) -> N
     if isinstance(summary, ResultSummary):
         content = {
             "applications": tables.applications([summary]),
+            "stops": tables.stops([summary]),
             "estimators": tables.estimators([summary]),
             "findings": tables.findings([summary]),
         }

@@ -1,0 +1,73 @@
+"""Each axle in one stop: slip, locks, releases of its brake."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..core.model import Floats
+from ..core.physics import STANDING
+from ..core.signals import median_of_five, true_runs
+from ..core.summary import AxleStop
+from .brake_levels import brake_levels
+from .find import Braking
+from .settings import StopSettings
+from .signals import Series, StopSignals
+
+SLIP_BANDS = (0.05, 0.1, 0.2, 0.5, 1.0)  # upper limits of the bands of the slip histogram
+_DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
+_SLOW = 5.0 / 3.6  # slower wheels show no slip, and jerk is not evaluated [m/s]
+
+
+def axle_stops(
+    signals: StopSignals, command: float, braking: Braking, settings: StopSettings
+) -> Iterator[AxleStop]:
+    """Slip, locks and valve actions of each axle."""
+    for axle in sorted({*signals.rims, *signals.brakes}):
+        slip = locked = longest = bands = None
+        if axle in signals.rims:
+            rim = signals.rims[axle].between(command, braking.end)
+            v = signals.speed.at(rim.t)
+            known = np.isfinite(v) & np.isfinite(rim.value) & (v > _SLOW)
+            slips = 1.0 - rim.value[known] / v[known]
+            if len(slips):
+                slip = float(np.max(median_of_five(slips)))
+                shares, _ = np.histogram(slips, [-np.inf, *SLIP_BANDS])
+                bands = tuple((shares / len(slips)).tolist())
+            locked, longest = _locks(rim, v, settings)
+        actions = 0
+        if axle in signals.brakes:
+            actions = _releases(signals.brakes[axle], braking)
+        yield AxleStop(axle, slip, locked, longest, actions, bands)
+
+
+def _locks(rim: Series, v: Floats, settings: StopSettings) -> tuple[float, float]:
+    """Total and longest time in which a wheel stands while the train is fast [s]."""
+    times = []
+    with np.errstate(invalid="ignore"):
+        stands = np.nan_to_num(rim.value) < STANDING
+        fast = v > settings.locked_speed
+    for start, stop in true_runs(stands & np.isfinite(rim.value)):
+        last = max(stop - 1, start)
+        if fast[start] and rim.t[last] - rim.t[start] > settings.shortest_lock:
+            times.append(float(rim.t[last] - rim.t[start]))
+    return sum(times), max(times, default=0.0)
+
+
+def _releases(brake: Series, braking: Braking) -> int:
+    """How often a brake falls by a tenth of its full value before the train stands."""
+    released, full, _ = brake_levels(brake, braking.on, braking.end)
+    part = brake.between(braking.on, braking.end)
+    x = part.value[np.isfinite(part.value)]
+    if full <= released or not len(x):
+        return 0
+    count, high, low, falls = 0, x[0], x[0], False
+    for value in median_of_five(x).tolist():
+        if falls:
+            low = min(low, value)
+            if value > low + _DROP * (full - released):
+                falls, high = False, value
+        else:
+            high = max(high, value)
+            if value < high - _DROP * (full - released):
+                falls, low, count = True, value, count + 1
+    return count

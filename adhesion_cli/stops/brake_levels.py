@@ -1,0 +1,31 @@
+"""The released and the full value of a brake, and its noise."""
+
+import numpy as np
+
+from ..core.model import Floats
+from ..core.signals import robust_sigma
+from .signals import Series
+
+_RELEASED = 3.0  # time before it over which the released level is a median [s]
+_HIGH = 0.9  # of the highest brake: samples above it are those of the full brake
+
+
+def brake_levels(brake: Series, on: float, end: float) -> tuple[float, float, float]:
+    """Released and full value of a brake in a braking, and its noise (1 sigma)."""
+    before = brake.between(on - _RELEASED - 1.0, on - 1.0).value
+    before = before[np.isfinite(before)]
+    applied = brake.between(on, end).value
+    applied = applied[np.isfinite(applied)]
+    if not len(applied):
+        return 0.0, 0.0, 0.0
+    released = float(np.median(before)) if len(before) else 0.0
+    noise = robust_sigma(before - released) if len(before) else 0.0
+    high = released + _HIGH * (float(np.quantile(applied, 0.98)) - released)
+    return released, float(np.median(applied[applied >= high])), noise
+
+
+def quantisation_step(x: Floats) -> float:
+    """Quantisation step of a signal."""
+    steps = np.abs(np.diff(x[np.isfinite(x)]))
+    steps = steps[steps > 0.0]
+    return float(np.min(steps)) if len(steps) else 0.0

@@ -1,0 +1,128 @@
+"""Where a train was braked to standstill, or would have been: the brakings of a log."""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model import Bools, Floats
+from ..core.physics import STANDING
+from ..core.signals import true_runs
+from .signals import Series, StopSignals
+
+STEP = 0.1  # of the grid on which brakings are looked for [s]
+_ON, _OFF = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
+_LEAST_BRAKE = 5e3  # and the least: pressure [Pa], or clamping force [N]
+_DUMP = 3.0  # a shorter release is one of wheel slide protection [s]
+_SLOWEST = 5.0 / 3.6  # a train slower than this at the begin is shunted [m/s]
+_LEAST_LOSS = 0.2  # of the speed at the begin: less is no stop that failed
+_ROLLED_OUT = 5.0 / 3.6  # a brake that is released below this speed has stopped the train [m/s]
+_LONGEST_ROLL = 10.0  # and the train then stands after this time [s]
+_LONGEST_GAP = 1.0  # without a speed: the distance is not known [s]
+_LOCKED = 10.0  # all wheels may be locked for this long [s]
+_SLOWING = 0.15  # deceleration that is braking, where no brake is logged [m/s²]
+_AVERAGED = 1.0  # time over which that is a mean [s]
+
+
+class Braking(NamedTuple):
+    """One braking of the train."""
+
+    on: float  # the brake is clearly applied, after the start of the log [s]
+    end: float  # standstill, or where the braking ends before it [s]
+    reason: str  # why it is no stop, "" where it is one
+
+
+def find_brakings(signals: StopSignals) -> Iterator[Braking]:
+    """Every braking that stops the train, or takes a fifth of its speed, in the order of time."""
+    speed = signals.speed
+    t = np.arange(speed.t[0], speed.t[-1], STEP)
+    if len(t) < 3:
+        return
+    v, known = speed.at(t), _known(speed, t)
+    applied = _applied(signals, t) if signals.brakes else _slows(v)
+    stands = _lasting(v < STANDING, _LOCKED if signals.speed_from == "axles" else 0.0)
+    for first, stop in true_runs(applied):
+        start_speed = v[first]
+        if not start_speed > _SLOWEST:
+            continue
+        standing = [k for k, _ in true_runs(stands[first:])]
+        end = first + standing[0] if standing else len(t) - 1
+        braked_until = min(stop - 1, end)
+        last_speed = float(v[braked_until])
+        if first == 0:
+            reason = "the log begins with the brake applied"
+        elif not known[first : braked_until + 1].all():
+            reason = f"no speed for {_longest(~known[first : braked_until + 1]) * STEP:.1f} s"
+        elif not standing and stop == len(t):
+            reason = f"the log ends at {3.6 * last_speed:.0f} km/h"
+        elif stop - 1 < end and last_speed > _ROLLED_OUT:
+            reason = f"the brake was released at {3.6 * last_speed:.0f} km/h"
+        elif end - stop > _LONGEST_ROLL / STEP:
+            reason = "the train rolled on after the release of the brake"
+        else:
+            yield Braking(float(t[first]), _standstill(speed, t[max(end - 1, 0)]), "")
+            continue
+        if not start_speed - last_speed < _LEAST_LOSS * start_speed:
+            yield Braking(float(t[first]), float(t[braked_until]), reason)
+
+
+def _known(speed: Series, t: Floats) -> Bools:
+    """Where the speed has a sample nearby."""
+    finite = speed.t[np.isfinite(speed.value)]
+    place = np.clip(np.searchsorted(finite, t), 1, len(finite) - 1)
+    usual = float(np.median(np.diff(finite)))
+    return (finite[place] - finite[place - 1]) < max(_LONGEST_GAP, 3.0 * usual)
+
+
+def _applied(signals: StopSignals, t: Floats) -> Bools:
+    """Where any brake is applied; short releases by wheel slide protection count as applied."""
+    columns = [brake.at(t) for brake in signals.brakes.values()]
+    brake = np.nan_to_num(np.fmax.reduce(columns), nan=0.0)
+    lowest, highest = (float(x) for x in np.quantile(brake, [0.02, 0.995]))
+    base = lowest if lowest < 0.1 * highest else 0.0
+    on = brake > base + max(_ON * (highest - base), _LEAST_BRAKE)
+    off = brake < base + max(_OFF * (highest - base), _LEAST_BRAKE / 2.0)
+    applied = np.zeros(len(t), dtype=np.bool_)
+    for first, stop in true_runs(~off):
+        applied[first:stop] = on[first:stop].any()
+        applied[first : first + int(np.argmax(on[first:stop]))] = False
+    return _closed(applied, _DUMP)
+
+
+def _slows(v: Floats) -> Bools:
+    """Where the train slows as by a brake."""
+    half = max(1, round(_AVERAGED / STEP / 2.0))
+    slope = np.zeros(len(v))
+    slope[half:-half] = (v[2 * half :] - v[: -2 * half]) / (2.0 * half * STEP)
+    return _closed(slope < -_SLOWING, _DUMP)
+
+
+def _closed(mask: Bools, longest: float) -> Bools:
+    """A mask whose holes of at most that time are filled."""
+    closed = mask.copy()
+    runs = list(true_runs(mask))
+    for (_, stop), (start, _) in itertools.pairwise(runs):
+        if start - stop <= longest / STEP:
+            closed[stop:start] = True
+    return closed
+
+
+def _lasting(stands: Bools, locked: float) -> Bools:
+    """Standstill without the times, up to `locked` [s], in which all wheels are locked."""
+    lasting = np.zeros(len(stands), dtype=np.bool_)
+    for start, stop in true_runs(stands):
+        lasting[start:stop] = stop == len(stands) or stop - start > locked / STEP
+    return lasting
+
+
+def _longest(mask: Bools) -> int:
+    return max((stop - start for start, stop in true_runs(mask)), default=0)
+
+
+def _standstill(speed: Series, moving: float) -> float:
+    """The first time from `moving` on at which the train stands [s]."""
+    part = speed.between(moving, math.inf)
+    stands = np.flatnonzero(part.value < STANDING)
+    return float(part.t[stands[0]] if len(stands) else part.t[-1])

@@ -1,0 +1,219 @@
+"""One stop, measured: distance, deceleration and response time, with expanded uncertainties.
+
+Equations, with v0 the speed at the command and s the stopping distance:
+
+    response time            t_e = t_a + t_ab / 2, over the axles weighted by brake force
+    mean deceleration        a_m = v0² / (2 s)
+    equivalent deceleration  a_e = v0² / (2 (s − v0 t_e))
+    on level track           a_level = a_e − g i / (1000 ρ)
+    at nominal speed         s_n = v_n t_e + v_n² / (2 a_level)
+    without a response time  s_n = s · 3.933 ρ V_n² / (3.933 ρ V_0² − i s), V in km/h
+
+t_a is the delay until the brake has the start share of its full value, t_ab the time from there to
+95 %; i is the gradient in ‰, uphill positive; ρ the factor of the rotating mass.
+
+Sources: mean deceleration: StrabVO, annex 1. Response: SUBSET-026, 3.13.2.2.3.2; EN 14531-1.
+Uncertainty: JCGM 100, 5.1.2.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model import Parameter
+from ..core.physics import G
+from ..core.summary import Measured, StopContribution, StopSummary
+from .axle_stops import axle_stops
+from .command import find_command
+from .find import Braking
+from .response import find_response
+from .settings import StopSettings
+from .signals import Series, StopSignals
+from .speed import FIT, largest_jerk, locked_time, over_slides, smoothed_speed
+
+K95 = 2.0  # coverage factor
+NOMINAL_SPEEDS = (30, 50, 60, 80, 100, 120, 140, 160, 200)  # [km/h]
+
+
+class Track(NamedTuple):
+    """What is known of the line and of the train's inertia."""
+
+    gradient: Parameter  # uphill positive [‰]
+    rotating: float  # ρ, factor of the rotating mass
+
+
+class _Values(NamedTuple):
+    """What is measured itself."""
+
+    v0: float
+    distance: float
+    duration: float
+    delay: float
+    response: float
+    gradient: float
+
+
+def measure_stop(
+    signals: StopSignals, braking: Braking, track: Track, settings: StopSettings
+) -> StopSummary:
+    """The figures of one braking.
+
+    Args:
+        signals: of the log.
+        braking: from `find_brakings`.
+        track: of the line.
+        settings: how.
+    """
+    command, command_u, source = find_command(signals, braking)
+    t, v, noise = smoothed_speed(signals.speed, command, braking.end)
+    hidden = locked = 0.0
+    if signals.speed_from == "axles":
+        locked = locked_time(signals.speed, t, v)
+        v, hidden = over_slides(t, v)
+        signals = signals._replace(speed=Series(t, v))
+    v0 = float(np.interp(command, t, v))
+    after = t >= command
+    distance = float(np.trapezoid(v[after], t[after]))
+    jerk = None if hidden else largest_jerk(t[after], v[after], noise)
+    response = find_response(signals, command, braking, settings.start_share)
+    nominal = settings.nominal_speed or float(
+        min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
+    )
+    delay, equivalent = response.delay, math.nan if hidden else response.equivalent
+    gradient = track.gradient.value
+    values = _Values(v0, distance, braking.end - command, delay, equivalent, gradient)
+    interval = float(np.median(np.diff(signals.speed.t)))
+    standstill = max(interval / math.sqrt(3.0), locked)
+    sigmas = _Sigmas(noise, interval, command_u, standstill, hidden)
+    figures = _Figures(values, _errors(signals, settings, values, track, sigmas), nominal, track)
+    valid = not braking.reason
+    measured = figures.measured if valid else lambda _: None
+    return StopSummary(
+        start_s=command,
+        end_s=braking.end,
+        command_from=source,
+        speed_from=signals.speed_from,
+        nominal_speed_kmh=nominal,
+        valid=valid,
+        reason=braking.reason or None,
+        initial_speed_mps=figures.measured("v0"),
+        distance_m=measured("distance"),
+        duration_s=measured("duration"),
+        delay_s=figures.measured("delay"),
+        response_time_s=figures.measured("response"),
+        mean_deceleration=measured("mean"),
+        equivalent_deceleration=measured("equivalent"),
+        jerk=jerk and Measured(jerk.value, K95 * jerk.tolerance),
+        corrected_distance_m=measured("corrected"),
+        axles=tuple(axle_stops(signals, command, braking, settings)),
+        budget=figures.budget(),
+    )
+
+
+class _Figures:
+    """All quantities of a stop, and how each source of error changes them.
+
+    Args:
+        values: what is measured itself.
+        errors: the values changed by one standard uncertainty, by the source.
+        nominal: speed [km/h].
+        track: of the line.
+    """
+
+    def __init__(
+        self, values: _Values, errors: Mapping[str, _Values], nominal: float, track: Track
+    ) -> None:
+        self._derived = _derive(values, nominal / 3.6, track.rotating)
+        self._effects = {
+            source: {
+                name: x - self._derived[name]
+                for name, x in _derive(changed, nominal / 3.6, track.rotating).items()
+            }
+            for source, changed in errors.items()
+        }
+
+    def measured(self, name: str) -> Measured | None:
+        """A quantity with its uncertainty; None where it is not known."""
+        if not math.isfinite(self._derived[name]):
+            return None
+        squares = {source: effect[name] ** 2 for source, effect in self._effects.items()}
+        common = sum(x for source, x in squares.items() if source in _COMMON)
+        u, u_common = math.sqrt(sum(squares.values())), math.sqrt(common)
+        return Measured(self._derived[name], K95 * u, K95 * u_common)
+
+    def budget(self) -> tuple[StopContribution, ...]:
+        """What each source contributes to distance and deceleration."""
+        name = "equivalent" if math.isfinite(self._derived["equivalent"]) else "mean"
+        return tuple(
+            StopContribution(source, source in _COMMON, effect["distance"], effect[name])
+            for source, effect in self._effects.items()
+        )
+
+
+_COMMON = ("speed scale", "speed delay", "gradient")  # the same in every stop of a series
+
+
+class _Sigmas(NamedTuple):
+    """Standard uncertainties of one stop."""
+
+    speed: float  # noise of one sample [m/s]
+    interval: float  # between samples of the speed [s]
+    command: float  # of the command time [s]
+    standstill: float  # of the time of standstill [s]
+    hidden: float  # of the distance, by slides of all axles [m]
+
+
+def _errors(
+    signals: StopSignals,
+    settings: StopSettings,
+    values: _Values,
+    track: Track,
+    sigmas: _Sigmas,
+) -> dict[str, _Values]:
+    """The measured values changed by one standard uncertainty of each source."""
+    scale = settings.speed_scale or signals.scale
+    v0, s = values.v0, values.distance
+    deceleration = v0 * v0 / (2.0 * s) if s > 0.0 else 0.0
+    interval, late, command = sigmas.interval, signals.late, sigmas.command
+    fitted = max(FIT / max(interval, 1e-3), 1.0)
+    return {
+        "speed scale": values._replace(v0=v0 * (1.0 + scale), distance=s * (1.0 + scale)),
+        "speed delay": values._replace(v0=v0 + 0.5 * deceleration * late, distance=s + v0 * late),
+        "speed noise": values._replace(
+            v0=v0 + 2.0 * sigmas.speed / math.sqrt(fitted),
+            distance=s + sigmas.speed * math.sqrt(interval * max(values.duration, 0.0)),
+        ),
+        "sliding axles": values._replace(distance=s + sigmas.hidden),
+        "command time": values._replace(
+            distance=s + v0 * command,
+            duration=values.duration + command,
+            delay=values.delay + command,
+            response=values.response + command,
+        ),
+        "standstill": values._replace(duration=values.duration + sigmas.standstill),
+        "gradient": values._replace(gradient=values.gradient + track.gradient.tolerance),
+    }
+
+
+def _derive(x: _Values, nominal: float, rho: float) -> dict[str, float]:
+    """All quantities from those that are measured; NaN where one is not known."""
+    braked = x.distance - x.v0 * x.response
+    mean = x.v0**2 / (2.0 * x.distance) if x.distance > 0.0 else math.nan
+    equivalent = x.v0**2 / (2.0 * braked) if braked > 0.0 else math.nan
+    level = equivalent - G * x.gradient / (1000.0 * rho)
+    corrected = nominal * x.response + nominal**2 / (2.0 * level) if level > 0.0 else math.nan
+    if not math.isfinite(x.response):
+        by_energy = 3.933 * rho * (3.6 * x.v0) ** 2 - x.gradient * x.distance
+        corrected = x.distance * 3.933 * rho * (3.6 * nominal) ** 2 / max(by_energy, 1e-9)
+    return {
+        "v0": x.v0,
+        "distance": x.distance,
+        "duration": x.duration,
+        "delay": x.delay,
+        "response": x.response,
+        "mean": mean,
+        "equivalent": equivalent,
+        "corrected": corrected,
+    }

@@ -1,0 +1,26 @@
+"""How stops are measured: the section `[stops]`."""
+
+from typing import Annotated, NamedTuple
+
+from ..core.model import Quantity
+
+
+class StopSettings(NamedTuple):
+    """How stops are measured."""
+
+    start_share: Annotated[
+        float,
+        Quantity("-", "share of the full brake at which the delay ends; SUBSET-026: 0", 0.0, 0.5),
+    ] = 0.1
+    nominal_speed: Annotated[
+        float, Quantity("km/h", "nominal speed of all stops; 0: the nearest usual one", 0.0, 600.0)
+    ] = 0.0
+    locked_speed: Annotated[
+        float,
+        Quantity("m/s", "a wheel that stands while the train is faster than this is locked", 0, 30),
+    ] = 1.39
+    shortest_lock: Annotated[float, Quantity("s", "a shorter lock does not count", 0.0, 10.0)] = 0.4
+    speed_scale: Annotated[
+        float,
+        Quantity("-", "1 sigma of the speed's scale: wheel diameter, radar; 0: by the log", 0, 0.1),
+    ] = 0.0

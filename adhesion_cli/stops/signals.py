@@ -1,0 +1,186 @@
+"""What shows the stops of a train: its speed, its brakes and its commands, on one clock.
+
+Times are seconds after the start of the log.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ..core.model import AxleRecord, Channel, Floats, Log, Meaning, Vehicle
+from ..core.signals import median_of_five
+
+SpeedSource = Literal["train", "axles"]
+_FAST = 0.25  # a train speed with longer intervals gets its shape from the wheels [s]
+_AVERAGED = 5  # intervals of a slow train speed over which its difference to the wheels is averaged
+_ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
+_SLOW_ROLLING = 0.5  # the same at low speed [m/s]
+_RATIO_SPEED = 3.0  # the ratio of train and rim is measured above [m/s]
+UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
+UNKNOWN_DELAY = 0.1  # 1 sigma of a train speed's delay that the log does not show [s]
+
+
+class Series(NamedTuple):
+    """A quantity over time, both of shape (n,); times rise, values are finite or NaN."""
+
+    t: Floats
+    value: Floats
+
+    def at(self, t: Floats) -> Floats:
+        """Values at other times, shape (m,); NaN before the first and after the last."""
+        return np.interp(t, self.t, self.value, left=np.nan, right=np.nan)
+
+    def between(self, start: float, stop: float) -> "Series":
+        """The samples from `start` to `stop`, both included."""
+        selected = slice(*np.searchsorted(self.t, [start, np.nextafter(stop, np.inf)]))
+        return Series(self.t[selected], self.value[selected])
+
+
+class StopSignals(NamedTuple):
+    """The signals of one log."""
+
+    speed: Series  # of the train [m/s]
+    speed_from: SpeedSource
+    scale: float  # 1 sigma of the speed's scale, as a share
+    late: float  # 1 sigma of the speed's delay [s]
+    rims: Mapping[int, Series]  # by axle, the speed of the wheel's rim as the train's [m/s]
+    brakes: Mapping[int, Series]  # by axle, cylinder pressure [Pa], else clamping force [N]
+    commands: Mapping[str, Series]  # brake_command, emergency, brake_pipe: where the log has them
+
+
+def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> StopSignals:
+    """The signals of a log with wheel speeds and brakes.
+
+    Args:
+        records: every axle, on one clock.
+        log: the log that they are of.
+        vehicle: for the wheels' radii.
+    """
+    start_ns = log.start_ns()
+    base = max(records, key=len)
+    t = _seconds(base, start_ns)
+    rims = {r.axle: _on_segments(r, r.wheel_speed, start_ns) for r in records}
+    rims = {
+        axle: Series(rim.t, rim.value * vehicle.radius(axle).value) for axle, rim in rims.items()
+    }
+    measured = base.train_speed is not None and not base.train_speed_made
+    if measured and base.train_speed is not None:
+        train = Series(*_in_order(t, base.train_speed))
+        rims = {axle: _as_train(rim, train) for axle, rim in rims.items()}
+    else:
+        train = _fastest(rims, rims[base.axle].t)
+    brakes = {
+        r.axle: _on_segments(r, r.clamping_force if r.pressure is None else r.pressure, start_ns)
+        for r in records
+    }
+    if measured:
+        delay = base.train_speed_late
+        scale, late = UNKNOWN_SCALE, UNKNOWN_DELAY if delay is None else delay.tolerance
+        if base.train_speed_interval > _FAST:
+            train = _shaped(train, rims, base.train_speed_interval)
+    else:
+        radius = vehicle.radius(base.axle)
+        scale, late = radius.tolerance / radius.value, 0.0
+    source: SpeedSource = "train" if measured else "axles"
+    return StopSignals(train, source, scale, late, rims, brakes, _commands(log))
+
+
+def of_log(log: Log) -> StopSignals | None:
+    """The signals of a log from which no record can be made: those that it has, as logged.
+
+    Returns:
+        None where it has no speed.
+    """
+    start_ns = log.start_ns()
+    speeds = _channels(log, "train_speed") or _channels(log, "wheel_speed")
+    if not speeds:
+        return None
+    source: SpeedSource = "train" if speeds[0].meaning == "train_speed" else "axles"
+    fastest = max(speeds, key=lambda c: len(c.data.t))
+    speed = _series(fastest, start_ns)
+    others = [_series(c, start_ns).at(speed.t) for c in speeds if c is not fastest]
+    if source == "axles":
+        speed = Series(speed.t, np.fmax.reduce([speed.value, *others]))
+    brakes = {
+        c.axle or i: _series(c, start_ns)
+        for i, c in enumerate(_channels(log, "pressure") or _channels(log, "clamping_force"), 1)
+    }
+    late = UNKNOWN_DELAY if source == "train" and brakes else 0.0
+    return StopSignals(speed, source, UNKNOWN_SCALE, late, {}, brakes, _commands(log))
+
+
+def _channels(log: Log, meaning: Meaning) -> list[Channel]:
+    return [c for c in log.channels if c.meaning == meaning and len(c.data.t) > 1]
+
+
+def _series(channel: Channel, start_ns: int) -> Series:
+    """The samples of a channel that may be used, without single outliers."""
+    data = channel.data
+    used = data.valid & np.isfinite(data.value)
+    t = (data.t[used] - start_ns) * np.float64(1e-9)
+    return Series(*_in_order(t, median_of_five(data.value[used]))) if used.any() else Series(t, t)
+
+
+def _commands(log: Log) -> dict[str, Series]:
+    start_ns = log.start_ns()
+    commands: dict[str, Series] = {}
+    for channel in log.channels:
+        name = str(channel.meaning)
+        if name in ("brake_command", "emergency", "brake_pipe") and len(channel.data.t) > 1:
+            commands.setdefault(name, _series(channel, start_ns))
+    return commands
+
+
+def _in_order(t: Floats, value: Floats) -> tuple[Floats, Floats]:
+    """Samples in the order of time, one per time."""
+    times, first = np.unique(t, return_index=True)
+    return times, value[first]
+
+
+def _seconds(record: AxleRecord, start_ns: int) -> Floats:
+    return (record.t - start_ns) * np.float64(1e-9)
+
+
+def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> Series:
+    """A channel of an axle with NaN between its segments, which nothing may cross."""
+    t, value = _seconds(record, start_ns), x.astype(np.float64)
+    times, values = [], []
+    for s in record.segments:
+        times.append(np.append(t[s], t[s][-1] + 1e-6))
+        values.append(np.append(value[s], np.nan))
+    return Series(*_in_order(np.concatenate(times), np.concatenate(values)))
+
+
+def _as_train(rim: Series, train: Series) -> Series:
+    """A rim speed on the train's scale: their usual ratio while the wheel rolls is taken off."""
+    v = train.at(rim.t)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = v / rim.value
+        rolls = (v > _RATIO_SPEED) & (np.abs(ratio - 1.0) < 2.0 * _ROLLING)
+    return Series(rim.t, rim.value * float(np.median(ratio[rolls]))) if rolls.any() else rim
+
+
+def _shaped(train: Series, rims: Mapping[int, Series], interval: float) -> Series:
+    """A slow train speed with the shape of the fastest wheel between its samples.
+
+    The wheels are quick and creep; the train speed is slow and does not. The sum of the wheels'
+    speed and of the averaged difference has neither fault. Where all wheels slide, the train speed
+    is taken as it is.
+    """
+    fastest = _fastest(rims, train.t).value
+    difference = train.value - fastest
+    limit = np.maximum(_ROLLING * train.value, _SLOW_ROLLING)
+    rolls = np.abs(difference) < limit
+    known = np.where(rolls, difference, 0.0)
+    half = _AVERAGED * interval / 2.0
+    first = np.searchsorted(train.t, train.t - half)
+    stop = np.searchsorted(train.t, train.t + half, side="right")
+    total, count = (np.append(0.0, np.cumsum(x)) for x in (known, rolls))
+    mean = (total[stop] - total[first]) / np.maximum(count[stop] - count[first], 1)
+    return Series(train.t, np.where(rolls, fastest + mean, train.value))
+
+
+def _fastest(rims: Mapping[int, Series], t: Floats) -> Series:
+    """The speed of the fastest rim."""
+    return Series(t, np.fmax.reduce([rim.at(t) for rim in rims.values()]))

@@ -1,0 +1,90 @@
+"""The smoothed speed of a braking, its jerk, and what slides of all axles hide of it."""
+
+import math
+
+import numpy as np
+
+from ..core.model import Floats, Parameter
+from ..core.signals import robust_sigma
+from .brake_levels import quantisation_step
+from .signals import Series
+
+FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
+_RESAMPLED = 0.02  # step of the smoothed speed [s]
+_FALL, _LOCKING = 0.3, 1.0  # a train that is faster that long before standstill has slid [s], [m/s]
+_GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
+_SLOW = 5.0 / 3.6  # slower wheels show no slip, and jerk is not evaluated [m/s]
+
+
+def smoothed_speed(speed: Series, command: float, end: float) -> tuple[Floats, Floats, float]:
+    """Times and smoothed speed of a braking, and the noise of one sample of the speed [m/s].
+
+    Local polynomials of second degree over one second, which begin at the command.
+    """
+    from scipy.signal import savgol_filter
+
+    part = speed.between(command - 2.0, end)
+    finite = np.isfinite(part.value)
+    raw_t, raw_v = part.t[finite], part.value[finite]
+    interval = float(np.median(np.diff(speed.t)))
+    step = max(_RESAMPLED, interval)
+    t = np.append(np.arange(min(command, raw_t[0]), end, step), end)
+    v = np.interp(t, raw_t, raw_v)
+    window = 2 * round(FIT / step / 2.0) + 1
+    if window >= 5 and len(v) > window:
+        smooth = savgol_filter(v, window, 2, mode="interp")
+        noise = robust_sigma(raw_v - np.interp(raw_t, t, smooth))
+    else:
+        smooth, noise = v, 0.0
+    steps = quantisation_step(raw_v)
+    return t, np.maximum(smooth, 0.0), math.hypot(noise, steps / math.sqrt(12.0))
+
+
+def locked_time(speed: Series, t: Floats, v: Floats) -> float:
+    """How long all wheels may be locked before the train stands [s].
+
+    They then fall to zero from a speed from which no train stops at once.
+    """
+    final = speed.between(t[-1] - 2.0 * _FALL, t[-1] - _FALL).value
+    before = float(np.nanmax(final, initial=0.0))
+    return before * float(t[-1] - t[0]) / max(float(v[0]), 1e-9) if before > _LOCKING else 0.0
+
+
+def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
+    """The train's speed by its fastest wheel, and the standard uncertainty of its distance [m].
+
+    No braked train gains speed: where the fastest wheel does, all wheels slid. WSP lets them come
+    back near the train's speed again and again; lines between these moments, so that the
+    deceleration does not fall, are the train.
+    """
+    if float(np.max(v - np.minimum.accumulate(v))) < _GAIN:
+        return v, 0.0
+    kept: list[int] = []
+    for k in range(len(t)):
+        while len(kept) > 1:
+            i, j = kept[-2:]
+            if (v[j] - v[i]) * (t[k] - t[i]) > (v[k] - v[i]) * (t[j] - t[i]):
+                break
+            kept.pop()
+        kept.append(k)
+    train = np.interp(t, t[kept], v[kept])
+    return train, float(np.trapezoid(train - v, t)) / 2.0
+
+
+def largest_jerk(t: Floats, v: Floats, noise: float) -> Parameter | None:
+    """Largest |dv²/dt²| above 5 km/h and its standard uncertainty [m/s³]; None for a slow log.
+
+    Of polynomials of third degree over one second, which pass up to about 1 Hz.
+    """
+    from scipy.signal import savgol_filter
+
+    fast = v > _SLOW
+    if len(t) < 5 or fast.sum() < 5:
+        return None
+    step = float(t[1] - t[0])
+    window = 2 * round(FIT / step / 2.0) + 1
+    if window < 5 or len(v) <= window:
+        return None
+    jerk = savgol_filter(v, window, 3, deriv=2, delta=step, mode="interp")
+    sigma = noise * math.sqrt(720.0 / window**5) / step**2
+    return Parameter(float(np.max(np.abs(jerk[fast]))), sigma)

@@ -1,0 +1,185 @@
+"""The brake test: the stops of all logs as one series, by a plan or by nominal speed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from ..analysis.analyze import analyze
+from ..analysis.identify import identify_together
+from ..analysis.prepare import Window
+from ..analysis.request import open_log, read_log
+from ..analysis.settings import Settings
+from ..analysis.stops_of_log import stops_of_log
+from ..analysis.summarise import summarise
+from ..core.annotated import Json, as_json
+from ..core.document import findings_document, tagged
+from ..core.errors import UserError
+from ..core.finding import Finding
+from ..core.model import IdentifiedVehicle, Log
+from ..core.summary import FailedLog, StopSummary
+from .plan import Plan, PlannedGroup
+from .series import (
+    Difference,
+    Group,
+    LimitVerdict,
+    SeriesStop,
+    WspSummary,
+    compare_wet,
+    differences,
+    group_stops,
+    judge,
+)
+
+_ALGO = "td"  # the quickest estimator: stops need the reference only
+
+
+class Request(NamedTuple):
+    """What of each log is taken."""
+
+    axles: tuple[int, ...] = ()
+    window: Window = (None, None)
+
+
+class BrakeTest(NamedTuple):
+    """A series with its results."""
+
+    stops: tuple[SeriesStop, ...]
+    groups: tuple[Group, ...]
+    differences: tuple[Difference, ...]
+    limits: tuple[LimitVerdict, ...]
+    wsp: tuple[WspSummary, ...]
+    findings: tuple[Finding, ...]
+    failed: tuple[FailedLog, ...]
+    plan: Plan
+
+
+def run(
+    logs: Sequence[Path],
+    load: Callable[[Sequence[Path]], Settings],
+    plan: Plan,
+    request: Request,
+    progress: Callable[[str], None],
+) -> BrakeTest:
+    """Evaluates a series.
+
+    Args:
+        logs: the logs, each of one group or of none where the plan has no groups.
+        load: gives the settings with those of further files: a group may state its vehicle.
+        plan: of the series.
+        request: what of each log is taken.
+        progress: receives a line at each step.
+
+    Raises:
+        UserError: a log is in no group, or every log fails.
+    """
+    members = _members(logs, plan)
+    stops: list[SeriesStop] = []
+    findings: list[Finding] = []
+    failed: list[FailedLog] = []
+    for group, paths in members:
+        stated = _load_for(group, load)
+        identified = None
+        if len(paths) > 1:
+            progress(f"finding the vehicle of {len(paths)} logs")
+            identified = identify_together(paths, stated, request.axles, request.window)
+        for path in paths:
+            progress(f"{path.name}: stops")
+            try:
+                measured, its_findings = _stops(path, stated, request, identified)
+            except UserError as error:
+                failed.append(FailedLog(str(path), error.text, error.hint))
+                if len(failed) == len(logs):
+                    raise
+                continue
+            findings += its_findings
+            stops += (_series_stop(path, group, stop) for stop in measured)
+    groups = group_stops(stops)
+    wsp = (compare_wet(stops, plan.dry, plan.wet),) if plan.dry else ()
+    return BrakeTest(
+        tuple(stops),
+        tuple(groups),
+        tuple(differences(groups, plan.pairs)),
+        tuple(judge(groups, plan.limits)),
+        wsp,
+        tuple(dict.fromkeys(findings)),
+        tuple(failed),
+        plan,
+    )
+
+
+def _members(logs: Sequence[Path], plan: Plan) -> list[tuple[PlannedGroup | None, list[Path]]]:
+    """The logs by group, in the order of the plan."""
+    if not plan.groups:
+        return [(None, list(logs))]
+    by_name: dict[str, list[Path]] = {}
+    for log in logs:
+        group = plan.group_of(log)
+        if group is None:
+            hint = "name it in [group.NAME] logs, or leave it out"
+            raise UserError(f"{log}: in no group of the plan", hint)
+        by_name.setdefault(group.name, []).append(log)
+    for group in plan.groups:
+        if group.name not in by_name:
+            text = f"group {group.name}: no log matches {', '.join(group.logs)}"
+            raise UserError(text, "name its logs on the command line, or correct the plan")
+    return [(group, by_name[group.name]) for group in plan.groups]
+
+
+def _load_for(group: PlannedGroup | None, load: Callable[[Sequence[Path]], Settings]) -> Settings:
+    """The settings of a group: those of all, with its own vehicle and nominal speed."""
+    settings = load([group.vehicle] if group and group.vehicle else [])
+    if group is None:
+        return settings
+    stops = settings.stops._replace(nominal_speed=float(group.nominal_speed))
+    return replace(settings, stops=stops) if group.nominal_speed else settings
+
+
+def _stops(
+    path: Path, settings: Settings, request: Request, identified: IdentifiedVehicle | None
+) -> tuple[Sequence[StopSummary], Sequence[Finding]]:
+    """The stops of a log, of its axles or else of what it has."""
+    axles, window = request
+    try:
+        result = analyze(path, settings, [_ALGO], axles, window, identified=identified)
+    except UserError as refused:
+        of_log, source = open_log(path, settings)
+        log: Log = read_log(source, of_log)
+        stops = stops_of_log(log, of_log.vehicle, of_log.stops)
+        if not stops:
+            raise refused from None
+        return stops, log.findings
+    return summarise(result, {}).stops, result.findings
+
+
+def _series_stop(path: Path, group: PlannedGroup | None, stop: StopSummary) -> SeriesStop:
+    name = group.name if group else f"{stop.nominal_speed_kmh:g} km/h"
+    return SeriesStop(str(path), name, group.label or None if group else None, stop)
+
+
+# ------------------------------------------------------------------------------------ the document
+
+
+def document(test: BrakeTest) -> Json:
+    """The `adhesion.stops/1` document."""
+    return tagged(
+        "stops",
+        stops=[
+            {"log": s.log, "group": s.group, "label": s.label, **as_json(s.stop)}
+            for s in test.stops
+        ],
+        groups=[
+            {"name": g.name, "n": g.n, **{q: as_json(x) for q, x in g.statistics.items()}}
+            for g in test.groups
+        ],
+        differences=[_difference(x) for x in test.differences],
+        limits=as_json(test.limits),
+        wsp=as_json(test.wsp),
+        failed=as_json(test.failed),
+        findings=findings_document(test.findings),
+    )
+
+
+def _difference(x: Difference) -> Json:
+    names = {"from": x.earlier, "to": x.later}
+    return names | {k: v for k, v in as_json(x).items() if k not in ("earlier", "later")}

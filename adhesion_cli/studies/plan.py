@@ -1,0 +1,143 @@
+"""The plan of a test series: which log is of which group, pairs to compare, limits, texts."""
+
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..core import toml
+from ..core.errors import UserError, unknown
+from .series import QUANTITIES, Limit
+
+_SECTIONS = ("group", "compare", "limits", "wsp", "protocol")
+_GROUP_KEYS = {
+    "logs": list, "vehicle": str, "nominal_speed": float, "rail": str, "load": str, "mode": str,
+    "label": str,
+}  # fmt: skip
+_RAILS = ("dry", "wet")
+_HINT = 'a plan is TOML: [group.NAME] logs = ["FILE.csv"]; `adhesion stops --help` shows more'
+
+
+class PlannedGroup(NamedTuple):
+    """A group of a plan."""
+
+    name: str
+    logs: tuple[str, ...]  # names or patterns
+    vehicle: Path | None = None
+    nominal_speed: float = 0.0  # [km/h]; 0: the nearest usual one
+    rail: str = ""
+    load: str = ""
+    mode: str = ""
+    label: str = ""
+
+
+class Plan(NamedTuple):
+    """A test series as its engineer states it."""
+
+    groups: tuple[PlannedGroup, ...] = ()
+    pairs: tuple[tuple[str, str], ...] = ()
+    limits: tuple[Limit, ...] = ()
+    dry: str = ""
+    wet: str = ""
+    protocol: Mapping[str, str] = {}
+
+    def group_of(self, log: Path) -> PlannedGroup | None:
+        """The group that names a log by its path, its file name or a pattern."""
+        for group in self.groups:
+            for pattern in group.logs:
+                if fnmatch(log.name, pattern) or fnmatch(log.as_posix(), pattern):
+                    return group
+        return None
+
+
+def read_plan(path: Path) -> Plan:
+    """The plan of a file.
+
+    Raises:
+        UserError: for an unreadable file, an unknown key, a group that is not there.
+    """
+    tables = toml.read(path, _HINT)
+    for key in tables:
+        if key not in _SECTIONS:
+            raise unknown(f"section of {path}", key, list(_SECTIONS))
+    groups = tuple(_group(path, name, x) for name, x in _table(path, tables, "group").items())
+    if not groups:
+        raise UserError(f"{path}: no group", _HINT, code=2)
+    names = [group.name for group in groups]
+    compared = _table(path, tables, "compare").get("pairs", [])
+    pairs = []
+    for pair in compared if isinstance(compared, list) else [compared]:
+        if not isinstance(pair, list) or len(pair) != 2:
+            text = f"{path}: compare.pairs = {compared!r} is no list of pairs"
+            raise UserError(text, 'for example pairs = [["old", "new"]]', code=2)
+        pairs.append((_known(path, names, pair[0]), _known(path, names, pair[1])))
+    wsp = _table(path, tables, "wsp")
+    dry, wet = (_known(path, names, wsp[k]) if k in wsp else "" for k in _RAILS)
+    if bool(dry) != bool(wet):
+        raise UserError(f"{path}: [wsp] needs dry and wet", 'dry = "NAME"\nwet = "NAME"', code=2)
+    limits = tuple(_limit(path, k, x) for k, x in _table(path, tables, "limits").items())
+    protocol = {k: str(v) for k, v in _table(path, tables, "protocol").items()}
+    return Plan(groups, tuple(pairs), limits, dry, wet, protocol)
+
+
+def planned_logs(plan: Plan, folder: Path) -> list[Path]:
+    """The files in a folder that the groups name, in their order.
+
+    Raises:
+        UserError: where a group names none.
+    """
+    logs: list[Path] = []
+    for group in plan.groups:
+        matched = [p for pattern in group.logs for p in sorted(folder.glob(pattern))]
+        if not matched:
+            text = f"group {group.name}: no log matches {', '.join(group.logs)} in {folder}"
+            raise UserError(text, "name the logs on the command line, or correct the plan")
+        logs += matched
+    return list(dict.fromkeys(logs))
+
+
+def _table(path: Path, tables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    table = tables.get(name, {})
+    if not isinstance(table, dict):
+        raise UserError(f"{path}: {name} is a table", f"write [{name}], then its keys", code=2)
+    return table
+
+
+def _group(path: Path, name: str, entry: Any) -> PlannedGroup:
+    place = f"{path}: group.{name}"
+    if not isinstance(entry, dict) or not entry.get("logs"):
+        raise UserError(f"{place} names no logs", 'for example logs = ["old_*.csv"]', code=2)
+    values: dict[str, Any] = {}
+    for key, value in entry.items():
+        if key not in _GROUP_KEYS:
+            raise unknown(f"key of [group.{name}]", key, list(_GROUP_KEYS))
+        kind = _GROUP_KEYS[key]
+        if not isinstance(value, (int, float) if kind is float else kind):
+            raise UserError(f"{place}.{key} = {value!r} is no {_KIND_NAMES[kind]}", _HINT, code=2)
+        values[key] = value
+    if "rail" in values and values["rail"] not in _RAILS:
+        raise unknown(f"rail of [group.{name}]", values["rail"], list(_RAILS))
+    values["logs"] = tuple(map(str, values["logs"]))
+    if "vehicle" in values:
+        values["vehicle"] = path.parent / values["vehicle"]
+    return PlannedGroup(name, **values)
+
+
+_KIND_NAMES = {list: "list", str: "text", float: "number"}
+
+
+def _known(path: Path, names: Sequence[str], name: Any) -> str:
+    if name not in names:
+        raise unknown(f"group in {path}", str(name), list(names))
+    return str(name)
+
+
+def _limit(path: Path, quantity: str, entry: Any) -> Limit:
+    if quantity not in QUANTITIES:
+        raise unknown(f"quantity in [limits] of {path}", quantity, list(QUANTITIES))
+    bounds = entry if isinstance(entry, dict) else {}
+    numbers = {k: v for k, v in bounds.items() if isinstance(v, int | float)}
+    if not numbers or bounds.keys() - {"max", "min"} or len(numbers) < len(bounds):
+        text = f"{path}: limits.{quantity} = {entry!r} is no limit"
+        raise UserError(text, "for example {max = 300}, {min = 0.9}, or both", code=2)
+    return Limit(quantity, numbers.get("max"), numbers.get("min"))

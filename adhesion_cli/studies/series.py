@@ -1,0 +1,342 @@
+"""Stops as a test series: statistics of groups, differences, limits, wheel slide protection.
+
+Each stop has an uncertainty of its own, and a part that is the same in every stop: one wheel
+diameter, one radar, one track. That part does not average out. The expanded uncertainty of a mean
+is
+
+    U² = (t s / √n)² + U_common²
+
+with the standard deviation s of the stops, and t of n − 1 degrees of freedom for 95 %. Of a
+difference between groups, only the difference of the common parts counts: the errors have the same
+sign in both.
+
+A limit is kept, or broken, where the interval mean ± U lies wholly on one side of it; else it is
+not decided.
+
+Sources: JCGM 100, 4.2, 5.2. JCGM 106, 8.3 (guarded acceptance, guard band U). Outliers: F. E.
+Grubbs, Technometrics 11 (1969), two-sided, 5 %. Extension and K_wet: SUBSET-040, 4.4.1.5.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+
+from ..core.model import Floats, Quantity
+from ..core.summary import Measured, Number, StopSummary
+
+QUANTITIES = {  # of a stop, with the heading of its column and the unit
+    "initial_speed_mps": ("v0", "m/s"),
+    "distance_m": ("distance", "m"),
+    "duration_s": ("time", "s"),
+    "delay_s": ("delay", "s"),
+    "response_time_s": ("response", "s"),
+    "mean_deceleration": ("a", "m/s²"),
+    "equivalent_deceleration": ("a equiv.", "m/s²"),
+    "jerk": ("jerk", "m/s³"),
+    "corrected_distance_m": ("level", "m"),
+    "coefficient": ("µ", "-"),
+}
+_OF_VEHICLE = ("coefficient",)  # each group may have a vehicle of its own
+# C and D of λ = C/s − D, by the nominal speed [km/h]
+BRAKED_WEIGHT = {
+    100: (61300.0, 8.9), 120: (91633.0, 11.6), 140: (130995.0, 11.6), 150: (152640.0, 11.6),
+    160: (176714.0, 11.6), 180: (228219.0, 11.6), 200: (287620.0, 11.6),
+}  # fmt: skip
+_FEWEST = 3  # stops that show an outlier or a drift
+_LEVEL = 0.05  # of the test for outliers
+Verdict = Literal["pass", "fail", "undecided"]
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesStop:
+    """A stop of a series."""
+
+    log: Annotated[str, Quantity("", "path of the log")]
+    group: Annotated[str, Quantity("", "group of the series")]
+    label: Annotated[str | None, Quantity("", "label of the plan")]
+    stop: StopSummary
+
+    def measured(self, quantity: str) -> Measured | None:
+        """A quantity of a stop that is valid."""
+        value: Measured | None = getattr(self.stop, quantity)
+        return value if self.stop.valid else None
+
+
+class Statistic(NamedTuple):
+    """One quantity over the stops of a group."""
+
+    n: Annotated[int, Quantity("", "stops that have it")]
+    mean: Annotated[float, Quantity("", "mean")]
+    sd: Annotated[Number, Quantity("", "standard deviation of one stop; null for one stop")]
+    u95: Annotated[float, Quantity("", "expanded uncertainty of the mean (95 %)")]
+    common_u95: Annotated[float, Quantity("", "the part of it that is the same in every stop")]
+    scatter: Annotated[float, Quantity("-", "range over mean")]
+    outliers: Annotated[
+        tuple[int, ...], Quantity("", "stops, from 1, that Grubbs' test rejects (5 %)")
+    ]
+    drift: Annotated[Number, Quantity("", "change from stop to stop, by a line")]
+    drift_u95: Annotated[Number, Quantity("", "its expanded uncertainty")]
+
+
+class Group(NamedTuple):
+    """A group of stops."""
+
+    name: str
+    n: int  # valid stops
+    statistics: Mapping[str, Statistic]  # by quantity, those that a stop has
+
+
+class Difference(NamedTuple):
+    """A quantity of one group less that of another."""
+
+    earlier: str
+    later: str
+    quantity: str
+    value: float  # later less earlier
+    u95: float
+    distinguishable: bool
+
+
+class Limit(NamedTuple):
+    """A limit that the user states."""
+
+    quantity: str
+    highest: float | None
+    lowest: float | None
+
+
+class LimitVerdict(NamedTuple):
+    """Whether a group keeps a limit."""
+
+    group: Annotated[str, Quantity("", "group")]
+    quantity: Annotated[str, Quantity("", "quantity")]
+    limit: Annotated[float, Quantity("", "the limit")]
+    kind: Annotated[Literal["max", "min"], Quantity("", "whether it is the highest or the lowest")]
+    value: Annotated[float, Quantity("", "mean of the group")]
+    u95: Annotated[float, Quantity("", "its expanded uncertainty")]
+    verdict: Annotated[Verdict, Quantity("", "by the interval, guard band U")]
+
+
+class WspAxle(NamedTuple):
+    """One axle over the wet stops."""
+
+    axle: Annotated[int, Quantity("", "number, from 1")]
+    max_slip: Annotated[Number, Quantity("-", "largest slip")]
+    locked_s: Annotated[Number, Quantity("s", "longest sum of locks in one stop")]
+    valve_actions: Annotated[int, Quantity("", "releases by the WSP, all stops")]
+    initial_coefficient: Annotated[Number, Quantity("-", "mean µ at the first slide")]
+    utilisation: Annotated[Number, Quantity("-", "mean utilisation of the rail's adhesion")]
+
+
+class WspSummary(NamedTuple):
+    """Wet stops against dry ones."""
+
+    group: Annotated[str, Quantity("", "the wet group")]
+    extension: Annotated[Number, Quantity("-", "of the deceleration distance, wet over dry, − 1")]
+    extension_u95: Annotated[Number, Quantity("-", "its expanded uncertainty")]
+    k_wet: Annotated[Number, Quantity("-", "100 / (100 + extension in %)")]
+    axles: tuple[WspAxle, ...]
+    air_nl: Annotated[Number, Quantity("l", "normal litres; null without a volume")] = None
+
+
+def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
+    """The groups of a series, in the order in which their first stops stand."""
+    groups = []
+    for name in dict.fromkeys(s.group for s in stops):
+        members = [s for s in stops if s.group == name and s.stop.valid]
+        statistics = {
+            quantity: statistic
+            for quantity in QUANTITIES
+            if (statistic := _statistic([s.measured(quantity) for s in members]))
+        }
+        groups.append(Group(name, len(members), statistics))
+    return groups
+
+
+def _statistic(measured: Sequence[Measured | None]) -> Statistic | None:
+    """Statistics of the stops that have a quantity; None where none has it."""
+    places = [i for i, x in enumerate(measured, 1) if x is not None]
+    known = [x for x in measured if x is not None]
+    if not known:
+        return None
+    values = np.array([x.value for x in known])
+    n, mean = len(values), float(np.mean(values))
+    common = max(x.common_u95 for x in known)
+    scatter = float(np.ptp(values)) / abs(mean) if mean else 0.0
+    if n == 1:
+        return Statistic(1, mean, None, known[0].u95, common, scatter, (), None, None)
+    sd = float(np.std(values, ddof=1))
+    u95 = math.hypot(_student(n - 1) * sd / math.sqrt(n), common)
+    outliers = tuple(places[i] for i in _outliers(values))
+    drift, drift_u95 = _drift(np.array(places, dtype=np.float64), values)
+    return Statistic(n, mean, sd, u95, common, scatter, outliers, drift, drift_u95)
+
+
+def _student(freedom: float) -> float:
+    """The factor of 95 % for so many degrees of freedom."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, freedom))
+
+
+def _outliers(values: Floats) -> list[int]:
+    """Places of the values that Grubbs' test rejects, one after the other."""
+    from scipy.stats import t
+
+    places, rejected = list(range(len(values))), list[int]()
+    while (n := len(places)) >= _FEWEST:
+        x = values[places]
+        sd = float(np.std(x, ddof=1))
+        k = int(np.argmax(np.abs(x - np.mean(x))))
+        quantile = float(t.ppf(1.0 - _LEVEL / (2.0 * n), n - 2))
+        limit = (n - 1) / math.sqrt(n) * math.sqrt(quantile**2 / (n - 2 + quantile**2))
+        if not sd or abs(x[k] - np.mean(x)) <= limit * sd:
+            break
+        rejected.append(places.pop(k))
+    return sorted(rejected)
+
+
+def _drift(runs: Floats, values: Floats) -> tuple[float | None, float | None]:
+    """Slope over the runs, and its expanded uncertainty."""
+    n = len(values)
+    if n < _FEWEST:
+        return None, None
+    centred = runs - np.mean(runs)
+    spread = float(np.sum(centred**2))
+    slope = float(np.sum(centred * values)) / spread
+    rest = values - np.mean(values) - slope * centred
+    sigma = math.sqrt(float(np.sum(rest**2)) / (n - 2) / spread)
+    return slope, _student(n - 2) * sigma
+
+
+def differences(groups: Sequence[Group], pairs: Iterable[tuple[str, str]]) -> list[Difference]:
+    """What the second group of each pair has more than the first, quantity by quantity.
+
+    Args:
+        groups: of the series.
+        pairs: names of two groups each.
+    """
+    by_name = {group.name: group for group in groups}
+    rows = []
+    for earlier, later in pairs:
+        a, b = by_name[earlier].statistics, by_name[later].statistics
+        for quantity in QUANTITIES:
+            if quantity in a and quantity in b:
+                pair = a[quantity], b[quantity]
+                rows += [_difference(earlier, later, quantity, *pair)]
+    return rows
+
+
+def _difference(earlier: str, later: str, quantity: str, a: Statistic, b: Statistic) -> Difference:
+    """The difference of two means. Source: Welch and Satterthwaite, JCGM 100, G.4."""
+    variances, freedom = [], []
+    for x in (a, b):
+        if x.sd is None:
+            own = math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / 2.0
+            variances.append(own**2)
+            freedom.append(50.0)  # of one stop, whose uncertainty is a tolerance
+        else:
+            variances.append(x.sd**2 / x.n)
+            freedom.append(x.n - 1.0)
+    variance = sum(variances)
+    weights = sum(v * v / f for v, f in zip(variances, freedom, strict=True))
+    effective = variance**2 / weights if weights else math.inf
+    factor = _student(effective) if math.isfinite(effective) else 1.96
+    value = b.mean - a.mean
+    common = b.common_u95 - a.common_u95
+    if quantity in _OF_VEHICLE:
+        common = math.hypot(a.common_u95, b.common_u95)
+    u95 = math.hypot(factor * math.sqrt(variance), common)
+    return Difference(earlier, later, quantity, value, u95, abs(value) > u95)
+
+
+def judge(groups: Iterable[Group], limits: Sequence[Limit]) -> list[LimitVerdict]:
+    """Each limit against each group that has the quantity."""
+    return [
+        verdict
+        for group in groups
+        for limit in limits
+        if (statistic := group.statistics.get(limit.quantity))
+        for verdict in _verdicts(group.name, limit, statistic)
+    ]
+
+
+def _verdicts(group: str, limit: Limit, x: Statistic) -> Iterator[LimitVerdict]:
+    """The highest and the lowest value of a limit, those that are stated."""
+    if limit.highest is not None:
+        verdict = _decide(x.mean - limit.highest, x.u95)
+        yield LimitVerdict(group, limit.quantity, limit.highest, "max", x.mean, x.u95, verdict)
+    if limit.lowest is not None:
+        verdict = _decide(limit.lowest - x.mean, x.u95)
+        yield LimitVerdict(group, limit.quantity, limit.lowest, "min", x.mean, x.u95, verdict)
+
+
+def _decide(excess: float, u95: float) -> Verdict:
+    """Whether a value is beyond its limit by that much. Source: JCGM 106, 8.3."""
+    if excess + u95 <= 0.0:
+        return "pass"
+    return "fail" if excess - u95 > 0.0 else "undecided"
+
+
+def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str) -> WspSummary:
+    """Wet stops against dry ones: extension of the deceleration distance, and the axles.
+
+    The deceleration distance is that after the equivalent response time. Where slides hide the
+    response of a wet stop, that of the dry ones stands for it.
+
+    Args:
+        stops: of the series.
+        dry: name of the dry group.
+        wet: name of the wet one.
+    """
+    of_dry, of_wet = ([s.stop for s in stops if s.group == n and s.stop.valid] for n in (dry, wet))
+    responses = [s.response_time_s.value for s in of_dry if s.response_time_s]
+    response = float(np.mean(responses)) if responses else 0.0
+    lengths = [_statistic([_braked_length(s, response) for s in x]) for x in (of_dry, of_wet)]
+    extension = u95 = k_wet = None
+    if lengths[0] and lengths[1]:
+        ratio = lengths[1].mean / lengths[0].mean
+        extension, k_wet = ratio - 1.0, 1.0 / ratio
+        own = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in lengths if x]
+        u95 = ratio * math.hypot(*own)
+    axles = sorted({a.axle for s in of_wet for a in s.axles})
+    return WspSummary(wet, extension, u95, k_wet, tuple(_wsp_axle(of_wet, x) for x in axles))
+
+
+def braked_weight_percentage(nominal_speed: float, distance: float) -> float | None:
+    """λ [%] by a stopping distance [m] from a nominal speed [km/h]; None for another speed.
+
+    Source: constants as quoted by secondary literature on UIC 544-1, which is not public.
+    """
+    constants = BRAKED_WEIGHT.get(round(nominal_speed))
+    return constants[0] / distance - constants[1] if constants else None
+
+
+def _braked_length(stop: StopSummary, response: float) -> Measured | None:
+    """Distance after the response time over that of the same speed squared [s²]."""
+    if stop.distance_m is None or stop.initial_speed_mps is None:
+        return None
+    v0, s = stop.initial_speed_mps.value, stop.distance_m
+    own = stop.response_time_s.value if stop.response_time_s else response
+    scale = 1.0 / v0**2
+    return Measured((s.value - v0 * own) * scale, s.u95 * scale, s.common_u95 * scale)
+
+
+def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
+    rows = [a for s in stops for a in s.axles if a.axle == axle]
+
+    def values(name: str) -> list[float]:
+        return [x for a in rows if (x := getattr(a, name)) is not None]
+
+    initial, used = values("initial_coefficient"), values("utilisation")
+    return WspAxle(
+        axle,
+        max(values("max_slip"), default=None),
+        max(values("locked_s"), default=None),
+        sum(a.valve_actions for a in rows),
+        float(np.mean(initial)) if initial else None,
+        float(np.mean(used)) if used else None,
+    )

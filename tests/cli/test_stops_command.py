@@ -1,0 +1,119 @@
+"""`adhesion stops`: the brake test on the screen, as JSON and as a table."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.commands import Run
+
+from adhesion_cli.core import bundled
+from adhesion_cli.studies.series import QUANTITIES
+
+SAMPLES = bundled.folder("sample_logs")
+STOPPED = SAMPLES / "low-adhesion.csv"  # four axles, two slide
+PLAN = """
+[group.first]
+logs = ["one.csv"]
+label = "as delivered"
+[group.second]
+logs = ["two.csv"]
+nominal_speed = 70
+vehicle = "other.toml"
+[compare]
+pairs = [["first", "second"]]
+[limits]
+equivalent_deceleration = {min = 0.1}
+[wsp]
+dry = "first"
+wet = "second"
+"""
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Path:
+    for name in ("one.csv", "two.csv"):
+        shutil.copy(STOPPED, tmp_path / name)
+    (tmp_path / "other.toml").write_text("[vehicle]\naxle_mass = 6000\n")
+    (tmp_path / "plan.toml").write_text(PLAN)
+    return tmp_path / "plan.toml"
+
+
+def test_a_series_by_its_plan(run: Run, plan: Path) -> None:
+    document = json.loads(run("stops", "--plan", str(plan), "--json", "-o", "out").stdout)
+    assert document["schema"] == "adhesion.stops/1"
+    first, second = document["stops"]
+    assert {"log", "group", "label", "start_s", "position_m", "valid", "reason"} <= set(first)
+    assert (first["group"], first["label"], second["label"]) == ("first", "as delivered", None)
+    assert set(first["distance_m"]) == {"value", "u95", "common_u95"}
+    assert first["distance_m"] == second["distance_m"]
+    assert first["command_from"] == "pressure"
+    assert second["nominal_speed_kmh"] == 70.0
+    assert first["coefficient"]["value"] != second["coefficient"]["value"]  # its own vehicle
+    groups = {g["name"]: g for g in document["groups"]}
+    assert groups["first"]["distance_m"]["mean"] == first["distance_m"]["value"]
+    assert set(QUANTITIES) <= set(groups["first"])
+    change = {d["quantity"]: d for d in document["differences"]}
+    assert (change["distance_m"]["from"], change["distance_m"]["to"]) == ("first", "second")
+    assert (change["distance_m"]["value"], change["distance_m"]["distinguishable"]) == (0.0, False)
+    assert {x["verdict"] for x in document["limits"]} == {"pass"}
+    (wsp,) = document["wsp"]
+    assert wsp["extension"] == pytest.approx(0.0, abs=1e-9)
+    assert wsp["k_wet"] == pytest.approx(1.0)
+    with Path(plan.parent, document["outputs"]["csv"]).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(r["distance_m_value"]) for r in rows] == [
+        s["distance_m"]["value"] for s in document["stops"]
+    ]
+    again = run("stops", "--plan", str(plan), "-o", "out")
+    assert again.returncode == 1
+    assert "--force" in again.stderr
+
+
+def test_the_screen_has_stops_statistics_and_verdicts(run: Run, plan: Path) -> None:
+    done = run("stops", "one.csv", "two.csv", "--plan", str(plan), "--lambda", "--budget")
+    assert done.returncode == 0, done.stderr
+    for text in (
+        "a equiv.", "one.csv", "first rise of a cylinder pressure", "not distinguishable",
+        "undecided (JCGM", "K_wet", "SUBSET-026", "speed scale",
+    ):  # fmt: skip
+        assert text in done.stdout, text
+
+
+def test_analyze_has_the_same_stops(run: Run) -> None:
+    (stop,) = json.loads(run("stops", str(STOPPED), "--json").stdout)["stops"]
+    (result,) = json.loads(run("analyze", str(STOPPED), "--json", "-a", "td").stdout)["results"]
+    (own,) = result["stops"]
+    assert {k: stop[k] for k in own} == own
+    assert stop["group"] == f"{own['nominal_speed_kmh']:g} km/h"
+
+
+def test_a_log_that_has_no_wheel_speeds_has_stops(run: Run, tmp_path: Path) -> None:
+    rows = [f"{t / 20},{min(max(90 - 3.6 * (t / 20 - 10), 0), 90)}" for t in range(0, 900)]
+    (tmp_path / "gps.csv").write_text("time [s],train speed [km/h]\n" + "\n".join(rows))
+    document = json.loads(run("stops", "gps.csv", "--json").stdout)
+    (stop,) = document["stops"]
+    assert (stop["command_from"], stop["valid"], stop["delay_s"]) == ("deceleration", True, None)
+    assert stop["distance_m"]["value"] == pytest.approx(25.0**2 / 2.0, rel=0.01)
+    assert stop["mean_deceleration"]["value"] == pytest.approx(1.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["stops"], 2, "no log"),
+        (["stops", "missing.csv"], 1, "missing.csv"),
+        (["stops", "one.csv", "three.csv", "--plan", "plan.toml"], 1, "three.csv: in no group"),
+        (["stops", "one.csv", "--plan", "plan.toml"], 1, "group second: no log matches two.csv"),
+        (["stops", "--plan", "other.toml"], 2, "vehicle"),
+    ],
+)
+def test_what_cannot_be_done_says_so(
+    run: Run, plan: Path, arguments: list[str], code: int, said: str
+) -> None:
+    shutil.copy(STOPPED, plan.parent / "three.csv")
+    done = run(*arguments)
+    assert done.returncode == code
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,211 @@
+"""Stops of a train whose every figure is known: found, measured, and refused with a reason."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from adhesion_cli.core.model import Floats, Parameter
+from adhesion_cli.core.physics import G
+from adhesion_cli.core.summary import StopSummary
+from adhesion_cli.stops.find import find_brakings
+from adhesion_cli.stops.measure import Track, measure_stop
+from adhesion_cli.stops.settings import StopSettings
+from adhesion_cli.stops.signals import Series, StopSignals
+
+FLAT = Track(Parameter(0.0, 0.0), 1.0)
+ON = 10.0  # command [s]
+T_A, T_B = 0.4, 1.6  # the brake rises in a line from T_A to T_B after the command [s]
+
+
+def brake_share(t: Floats) -> Floats:
+    return np.clip((t - ON - T_A) / (T_B - T_A), 0.0, 1.0)
+
+
+def train(v0: float, a: float, t: Floats) -> tuple[Floats, float]:
+    """Speed of a train under that brake, and its distance from the command."""
+    fine = np.arange(0.0, t[-1] + 0.001, 0.001)
+    v = np.maximum(v0 - np.cumsum(a * brake_share(fine)) * 0.001, 0.0)
+    distance = float(np.trapezoid(v[fine >= ON], fine[fine >= ON]))
+    return np.interp(t, fine, v), distance
+
+
+def signals(
+    v0: float = 25.0, a: float = 1.0, rate: float = 50.0, command: bool = True, until: float = 1e9
+) -> tuple[StopSignals, float]:
+    t = np.arange(0.0, min(ON + v0 / a + 12.0, until), 1.0 / rate)
+    v, distance = train(v0, a, t)
+    p = 3e5 * brake_share(t)
+    speed = Series(t, v)
+    commands = {"brake_command": Series(t, (t >= ON) * 1.0)} if command else {}
+    return StopSignals(speed, "train", 0.0, 0.0, {1: speed}, {1: Series(t, p)}, commands), distance
+
+
+def measured(x: StopSignals, track: Track = FLAT, **stated: float) -> list[StopSummary]:
+    return [measure_stop(x, b, track, StopSettings(**stated)) for b in find_brakings(x)]
+
+
+@settings(max_examples=25, deadline=None)
+@given(v0=st.floats(8.0, 60.0), a=st.floats(0.4, 2.0), rate=st.sampled_from([10.0, 50.0, 100.0]))
+def test_distance_and_decelerations_are_those_of_the_train(
+    v0: float, a: float, rate: float
+) -> None:
+    x, distance = signals(v0, a, rate)
+    (stop,) = measured(x)
+    assert stop.valid
+    assert stop.command_from == "channel"
+    assert stop.start_s == pytest.approx(ON, abs=0.6 / rate)
+    assert stop.distance_m is not None
+    assert stop.distance_m.value == pytest.approx(distance, abs=v0 / rate + 0.1)
+    assert stop.mean_deceleration is not None
+    expected = v0**2 / (2.0 * distance)
+    assert stop.mean_deceleration.value == pytest.approx(expected, rel=1.5 / rate)
+    # 10 % of a line from 0.4 to 1.6 s, and 95 % of it
+    t_a, t_full = T_A + 0.1 * (T_B - T_A), T_A + 0.95 * (T_B - T_A)
+    assert stop.delay_s is not None
+    assert stop.response_time_s is not None
+    assert stop.delay_s.value == pytest.approx(t_a, abs=1.5 / rate)
+    assert stop.response_time_s.value == pytest.approx((t_a + t_full) / 2.0, abs=1.5 / rate)
+    assert stop.equivalent_deceleration is not None
+    assert stop.equivalent_deceleration.value == pytest.approx(a, rel=0.03 + 2.0 * a / (v0 * rate))
+
+
+def test_without_a_command_the_first_rise_is_the_command() -> None:
+    x, _ = signals(command=False)
+    (stop,) = measured(x)
+    assert stop.command_from == "pressure"
+    assert stop.start_s == pytest.approx(ON + T_A, abs=0.04)
+    assert stop.delay_s is not None
+    assert stop.delay_s.value == pytest.approx(0.1 * (T_B - T_A), abs=0.04)
+
+
+def test_a_brake_pipe_falls_before_the_cylinders_rise() -> None:
+    x, _ = signals(command=False)
+    t = x.speed.t
+    pipe = Series(t, 5e5 - 1.5e5 * np.clip((t - ON - 0.1) / 2.0, 0.0, 1.0))
+    (stop,) = measured(x._replace(commands={"brake_pipe": pipe}))
+    assert stop.command_from == "brake_pipe"
+    assert ON <= stop.start_s <= ON + 0.4
+
+
+def test_speed_alone_has_distance_and_deceleration() -> None:
+    x, distance = signals(command=False)
+    (stop,) = measured(x._replace(brakes={}, rims={}))
+    assert (stop.command_from, stop.response_time_s, stop.delay_s) == ("deceleration", None, None)
+    assert stop.distance_m is not None
+    response = (T_A + T_B) / 2.0  # where the lines before and after meet
+    assert stop.distance_m.value == pytest.approx(distance - 25.0 * response, abs=5.0)
+
+
+@pytest.mark.parametrize("gradient", [-15.0, 0.0, 10.0])
+def test_a_stop_on_a_gradient_is_that_on_level_track(gradient: float) -> None:
+    """The train of the log slows by the gradient, too; the corrected distance does not have it."""
+    rho, v0, level = 1.06, 25.0, 1.0
+    x, _ = signals(v0, level + G * gradient / 1000.0 / rho)
+    (stop,) = measured(x, Track(Parameter(gradient, 0.0), rho), nominal_speed=90.0)
+    _, expected = train(25.0, level, np.arange(0.0, 60.0, 0.02))
+    assert stop.corrected_distance_m is not None
+    assert stop.corrected_distance_m.value == pytest.approx(expected, rel=0.01)
+
+
+def test_each_source_of_error_is_in_the_uncertainty() -> None:
+    x, _ = signals()
+    x = x._replace(scale=0.01, late=0.1)
+    (stop,) = measured(x, Track(Parameter(0.0, 3.0), 1.06))
+    by_source = {c.source: c for c in stop.budget}
+    assert stop.distance_m is not None
+    s = stop.distance_m
+    assert by_source["speed scale"].distance_m == pytest.approx(0.01 * s.value)
+    assert by_source["speed delay"].distance_m == pytest.approx(25.0 * 0.1, rel=0.01)
+    total = 2.0 * math.sqrt(sum(c.distance_m**2 for c in stop.budget))
+    assert s.u95 == pytest.approx(total)
+    common = 2.0 * math.sqrt(sum(c.distance_m**2 for c in stop.budget if c.common))
+    assert s.common_u95 == pytest.approx(common)
+    assert stop.corrected_distance_m is not None
+    assert stop.corrected_distance_m.u95 > stop.corrected_distance_m.value * 0.05  # the gradient
+
+
+def test_stops_that_are_none_say_why() -> None:
+    whole, _ = signals()
+    cut, _ = signals(until=25.0)
+    (stop,) = measured(cut)
+    assert (stop.valid, stop.reason) == (False, "the log ends at 40 km/h")
+    assert stop.distance_m is None
+    assert stop.initial_speed_mps is not None
+
+    t = whole.speed.t
+    released = np.where(t < 20.0, whole.brakes[1].value, 0.0)
+    v = np.where(t < 20.0, whole.speed.value, np.interp(20.0, t, whole.speed.value))
+    (stop,) = measured(whole._replace(speed=Series(t, v), brakes={1: Series(t, released)}))
+    assert (stop.valid, stop.reason) == (False, "the brake was released at 58 km/h")
+
+    holey = np.where((t > 18.0) & (t < 21.0), np.nan, whole.speed.value)
+    (stop,) = measured(whole._replace(speed=Series(t, holey)))
+    assert not stop.valid
+    assert stop.reason is not None
+    assert stop.reason.startswith("no speed for")
+
+    late = t >= 15.0
+    begun = Series(t[late], whole.brakes[1].value[late])
+    (stop,) = measured(
+        whole._replace(
+            speed=Series(t[late], whole.speed.value[late]), brakes={1: begun}, commands={}
+        )
+    )
+    assert (stop.valid, stop.reason) == (False, "the log begins with the brake applied")
+
+
+def test_a_brief_brake_and_shunting_are_no_stops() -> None:
+    slow, _ = signals(v0=1.2)
+    assert measured(slow) == []
+    x, _ = signals()
+    t = x.speed.t
+    short = np.where((t > ON) & (t < ON + 2.0), 2e5, 0.0)
+    v = np.full(len(t), 25.0) - 1.0 * np.clip(t - ON, 0.0, 2.0)
+    assert measured(x._replace(speed=Series(t, v), brakes={1: Series(t, short)})) == []
+
+
+def test_slides_in_the_build_up_leave_no_response() -> None:
+    x, _ = signals()
+    t = x.speed.t
+    slid = np.where((t > ON + 0.6) & (t < ON + 3.0), 0.8, 1.0) * x.speed.value
+    (stop,) = measured(x._replace(rims={1: Series(t, slid)}))
+    assert (stop.response_time_s, stop.equivalent_deceleration) == (None, None)
+    assert stop.delay_s is not None
+    (axle,) = stop.axles
+    assert axle.max_slip == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_wheel_is_locked_where_the_train_is_fast_and_not_in_the_last_metres() -> None:
+    x, _ = signals()
+    t, v = x.speed.t, x.speed.value
+    rim = np.where((t > 20.0) & (t < 22.0), 0.0, v)
+    rim = np.where(v < 1.2, 0.0, rim)  # stands 0.7 m before the train does
+    (stop,) = measured(x._replace(rims={1: Series(t, rim)}))
+    (axle,) = stop.axles
+    assert axle.locked_s == pytest.approx(2.0, abs=0.05)
+    assert axle.longest_lock_s == pytest.approx(2.0, abs=0.05)
+    assert axle.slip_bands is not None
+    assert sum(axle.slip_bands) == pytest.approx(1.0)
+
+
+def test_releases_by_the_valves_are_counted() -> None:
+    x, _ = signals()
+    t = x.speed.t
+    dumped = x.brakes[1].value * np.where((t > 15.0) & (np.mod(t, 4.0) < 1.0), 0.4, 1.0)
+    (stop,) = measured(x._replace(brakes={1: Series(t, dumped)}))
+    assert stop.axles[0].valve_actions == len([k for k in range(16, 36, 4) if k < stop.end_s])
+
+
+def test_axles_that_all_slide_give_a_wide_distance_that_holds_the_true_one() -> None:
+    x, distance = signals(a=0.7)
+    t, v = x.speed.t, x.speed.value
+    slip = 0.15 * (1.0 - np.abs(np.sin(t))) * (t > ON + 2.0)
+    rim = Series(t, v * (1.0 - slip))
+    (stop,) = measured(x._replace(speed=rim, rims={1: rim}, speed_from="axles"))
+    assert stop.distance_m is not None
+    assert abs(stop.distance_m.value - distance) < stop.distance_m.u95
+    assert stop.distance_m.u95 > 0.01 * distance
+    assert (stop.response_time_s, stop.jerk) == (None, None)

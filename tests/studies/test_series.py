@@ -1,0 +1,202 @@
+"""The series: statistics against their formulas, groups, limits, wet against dry."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.summary import AxleStop, Measured, StopSummary
+from adhesion_cli.studies.plan import Plan, PlannedGroup, planned_logs, read_plan
+from adhesion_cli.studies.series import (
+    Limit,
+    SeriesStop,
+    braked_weight_percentage,
+    compare_wet,
+    differences,
+    group_stops,
+    judge,
+)
+
+
+def stop(distance: float, u95: float = 4.0, common: float = 3.0, v0: float = 20.0) -> StopSummary:
+    x = Measured(distance, u95, common)
+    return StopSummary(
+        start_s=1.0, end_s=30.0, command_from="channel", speed_from="train", nominal_speed_kmh=80.0,
+        valid=True, initial_speed_mps=Measured(v0, 0.1, 0.1), distance_m=x, duration_s=None,
+        delay_s=None, response_time_s=Measured(1.0, 0.1), mean_deceleration=None,
+        equivalent_deceleration=None, jerk=None, corrected_distance_m=None,
+    )  # fmt: skip
+
+
+def series(distances: dict[str, list[float]], u95: float = 4.0) -> list[SeriesStop]:
+    return [
+        SeriesStop(f"{name}.csv", name, None, stop(d, u95)) for name, x in distances.items()
+        for d in x
+    ]  # fmt: skip
+
+
+def test_a_mean_keeps_the_common_error_that_scatter_averages_out() -> None:
+    values = [300.0, 304.0, 296.0, 302.0, 298.0, 300.0]
+    (group,) = group_stops(series({"a": values}))
+    x = group.statistics["distance_m"]
+    sd = float(np.std(values, ddof=1))
+    factor = float(stats.t.ppf(0.975, 5))
+    assert (x.n, x.mean, x.sd) == (6, 300.0, pytest.approx(sd))
+    assert x.u95 == pytest.approx(math.hypot(factor * sd / math.sqrt(6.0), 3.0))
+    assert x.scatter == pytest.approx(8.0 / 300.0)
+    assert x.outliers == ()
+    # many stops: only the common part is left
+    (many,) = group_stops(series({"a": values * 100}))
+    assert many.statistics["distance_m"].u95 == pytest.approx(3.0, rel=0.01)
+
+
+def test_one_stop_has_its_own_uncertainty() -> None:
+    (group,) = group_stops(series({"a": [300.0]}))
+    x = group.statistics["distance_m"]
+    assert (x.n, x.sd, x.u95, x.drift) == (1, None, 4.0, None)
+    assert "delay_s" not in group.statistics
+
+
+def test_stops_that_are_not_valid_do_not_count() -> None:
+    rows = series({"a": [300.0, 300.0]})
+    rows[1] = replace(rows[1], stop=replace(rows[1].stop, valid=False, reason="cut"))
+    (group,) = group_stops(rows)
+    assert (group.n, group.statistics["distance_m"].n) == (1, 1)
+
+
+def test_an_outlier_and_a_drift_are_named() -> None:
+    (group,) = group_stops(series({"a": [300.0, 301.0, 299.0, 300.5, 299.5, 340.0]}))
+    assert group.statistics["distance_m"].outliers == (6,)
+    (group,) = group_stops(series({"a": [300.0, 302.1, 303.9, 306.0, 308.1]}))
+    x = group.statistics["distance_m"]
+    line = stats.linregress(range(1, 6), [300.0, 302.1, 303.9, 306.0, 308.1])
+    assert x.drift == pytest.approx(line.slope)
+    assert x.drift_u95 == pytest.approx(float(stats.t.ppf(0.975, 3)) * line.stderr)
+
+
+def test_a_difference_has_no_error_that_both_groups_share() -> None:
+    old, new = [300.0, 302.0, 298.0, 300.0], [290.0, 292.0, 288.0, 290.0]
+    (row,) = [
+        x
+        for x in differences(group_stops(series({"old": old, "new": new})), [("old", "new")])
+        if x.quantity == "distance_m"
+    ]
+    welch = stats.ttest_ind(new, old, equal_var=False).confidence_interval(0.95)
+    assert row.value == -10.0
+    assert row.u95 == pytest.approx((welch.high - welch.low) / 2.0)
+    assert row.distinguishable
+    (same,) = [
+        x
+        for x in differences(group_stops(series({"old": old, "new": old})), [("old", "new")])
+        if x.quantity == "distance_m"
+    ]
+    assert not same.distinguishable
+
+
+@pytest.mark.parametrize(
+    ("limit", "verdict"),
+    [(330.0, "pass"), (303.0, "undecided"), (299.0, "undecided"), (290.0, "fail")],
+)
+def test_a_limit_is_kept_or_broken_by_the_whole_interval(limit: float, verdict: str) -> None:
+    groups = group_stops(series({"a": [300.0, 301.0, 299.0, 300.0]}))
+    assert groups[0].statistics["distance_m"].u95 == pytest.approx(3.27, abs=0.05)
+    (row,) = judge(groups, [Limit("distance_m", limit, None)])
+    assert (row.kind, row.verdict) == ("max", verdict)
+    mirrored = {"pass": "fail", "fail": "pass", "undecided": "undecided"}
+    (row,) = judge(groups, [Limit("distance_m", None, limit)])
+    assert (row.kind, row.verdict) == ("min", mirrored[verdict])
+
+
+def test_the_extension_is_that_of_the_distance_after_the_response() -> None:
+    dry, wet = [SeriesStop("d", "dry", None, stop(320.0))], []
+    for slip in (0.1, 0.3):
+        axle = AxleStop(1, slip, 0.5, 0.5, 7, None, 0.08, 0.9)
+        slid = replace(stop(420.0), response_time_s=None, axles=(axle,))
+        wet.append(SeriesStop("w", "wet", None, slid))
+    x = compare_wet([*dry, *wet], "dry", "wet")
+    # 20 m/s for 1 s of response: 300 m dry, 400 m wet
+    assert x.extension == pytest.approx(1.0 / 3.0)
+    assert x.k_wet == pytest.approx(0.75)
+    (axle_row,) = x.axles
+    assert axle_row == (1, 0.3, 0.5, 14, 0.08, 0.9)
+
+
+def test_braked_weight_percentage_of_known_speeds_only() -> None:
+    assert braked_weight_percentage(100.0, 481.0) == pytest.approx(61300.0 / 481.0 - 8.9)
+    assert braked_weight_percentage(80.0, 300.0) is None
+
+
+PLAN = """
+[group.old]
+logs = ["old_*.csv"]
+nominal_speed = 100
+vehicle = "old.toml"
+[group.new]
+logs = ["new_1.csv"]
+rail = "wet"
+label = "sinter"
+[compare]
+pairs = [["old", "new"]]
+[limits]
+distance_m = {max = 300}
+jerk = {min = 0.1, max = 4}
+[wsp]
+dry = "old"
+wet = "new"
+[protocol]
+line = "depot"
+"""
+
+
+def test_a_plan_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    plan = read_plan(path)
+    old, new = plan.groups
+    assert old == PlannedGroup("old", ("old_*.csv",), tmp_path / "old.toml", 100.0)
+    assert (new.rail, new.label) == ("wet", "sinter")
+    assert plan.pairs == (("old", "new"),)
+    assert plan.limits == (Limit("distance_m", 300, None), Limit("jerk", 4, 0.1))
+    assert (plan.dry, plan.wet, plan.protocol) == ("old", "new", {"line": "depot"})
+    assert plan.group_of(Path("runs/old_7.csv")) == old
+    assert plan.group_of(Path("other.csv")) is None
+    for name in ("old_2.csv", "old_1.csv", "new_1.csv", "x.csv"):
+        (tmp_path / name).touch()
+    names = [p.name for p in planned_logs(plan, tmp_path)]
+    assert names == ["old_1.csv", "old_2.csv", "new_1.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "no group"),
+        ("[groups.a]\nlogs=['a']", "groups"),
+        ("[group.a]\nlogs = []", "names no logs"),
+        ("[group.a]\nlogs = ['a']\nspeed = 3", "speed"),
+        ("[group.a]\nlogs = ['a']\nnominal_speed = 'x'", "nominal_speed = 'x' is no number"),
+        ("[group.a]\nlogs = ['a']\nrail = 'icy'", "icy"),
+        ("[group.a]\nlogs = ['a']\n[compare]\npairs = [['a', 'b']]", "'b'"),
+        ("[group.a]\nlogs = ['a']\n[compare]\npairs = [['a']]", "no list of pairs"),
+        ("[group.a]\nlogs = ['a']\n[limits]\nlength = {max = 3}", "length"),
+        ("[group.a]\nlogs = ['a']\n[limits]\njerk = 3", "jerk = 3 is no limit"),
+        ("[group.a]\nlogs = ['a']\n[limits]\njerk = {most = 3}", "is no limit"),
+        ("[group.a]\nlogs = ['a']\n[wsp]\ndry = 'a'", "needs dry and wet"),
+    ],
+)
+def test_a_wrong_plan_says_what_and_where(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(text)
+    with pytest.raises(UserError) as error:
+        read_plan(path)
+    assert said in error.value.text
+    assert error.value.hint
+
+
+def test_a_group_without_a_log_is_an_error(tmp_path: Path) -> None:
+    plan = Plan((PlannedGroup("a", ("none_*.csv",)),))
+    with pytest.raises(UserError, match="no log matches none_"):
+        planned_logs(plan, tmp_path)
