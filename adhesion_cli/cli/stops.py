@@ -10,8 +10,8 @@ import typer
 from .options import LOG_KINDS, Shared, check, inputs, load_settings, option, shared
 
 if TYPE_CHECKING:
+    from ..stops.series import Difference, Group, LimitVerdict, WspSummary
     from ..studies.brake_test import BrakeTest
-    from ..studies.series import Difference, Group, LimitVerdict, WspSummary
 
 _OPTIONS = "config set_ dbc axle from_ to json force strict out"
 _TABLE = "stops.csv"
@@ -130,7 +130,7 @@ def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
 
 def _groups(groups: "Sequence[Group]") -> str:
     from ..core.text import by_uncertainty
-    from ..studies.series import QUANTITIES
+    from ..stops.series import QUANTITIES
     from . import terminal
 
     rows = []
@@ -167,7 +167,7 @@ def _drift(drift: float | None, u95: float | None, factor: float) -> str:
 
 def _differences(rows: "Sequence[Difference]") -> str:
     from ..core.text import by_uncertainty
-    from ..studies.series import QUANTITIES
+    from ..stops.series import QUANTITIES
     from . import terminal
 
     shown = []
@@ -190,7 +190,7 @@ def _differences(rows: "Sequence[Difference]") -> str:
 
 def _limits(rows: "Sequence[LimitVerdict]") -> str:
     from ..core.text import by_uncertainty
-    from ..studies.series import QUANTITIES
+    from ..stops.series import QUANTITIES
     from . import terminal
 
     shown = []
@@ -237,7 +237,7 @@ def _wsp(x: "WspSummary") -> str:
 
 
 def _braked_weights(test: "BrakeTest") -> str:
-    from ..studies.series import braked_weight_percentage
+    from ..stops.series import braked_weight_percentage
     from . import terminal
 
     rows = []

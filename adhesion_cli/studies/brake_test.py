@@ -18,8 +18,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import IdentifiedVehicle, Log
 from ..core.summary import FailedLog, StopSummary
-from .plan import Plan, PlannedGroup
-from .series import (
+from ..stops.series import (
     Difference,
     Group,
     LimitVerdict,
@@ -30,6 +29,7 @@ from .series import (
     group_stops,
     judge,
 )
+from .plan import Plan, PlannedGroup
 
 _ALGO = "td"  # the quickest estimator: stops need the reference only
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ..core import toml
 from ..core.errors import UserError, unknown
-from .series import QUANTITIES, Limit
+from ..stops.series import QUANTITIES, Limit
 
 _SECTIONS = ("group", "compare", "limits", "wsp", "protocol")
 _GROUP_KEYS = {

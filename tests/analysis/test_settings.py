@@ -15,6 +15,7 @@ from adhesion_cli.core import estimator, toml
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Vehicle
+from adhesion_cli.studies.plan import read_plan
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -287,7 +288,7 @@ def test_every_setting_in_a_remedy_can_be_pasted() -> None:
 
 
 def test_every_setting_in_a_page_can_be_pasted() -> None:
-    """Lines of `--set` and blocks of TOML; those of a scenario are no settings."""
+    """Lines of `--set` and blocks of TOML; those of a scenario or a plan are no settings."""
     lines, of_scenarios = 0, 0
     for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
         if page.name == "findings.md":  # remedies with "…" for what a finding states itself
@@ -301,6 +302,9 @@ def test_every_setting_in_a_page_can_be_pasted() -> None:
         for block in re.findall(r"^```toml\n(.*?)^```$", text, re.M | re.S):
             if tomllib.loads(block).keys() <= {"limit", "rail"}:
                 of_scenarios += 1
+            elif "group" in tomllib.loads(block):
+                Path("plan.toml").write_text(block)
+                read_plan(Path("plan.toml"))
             else:
                 Path("page.toml").write_text(block)
                 settings.load(Path("page.toml"))

@@ -9,7 +9,7 @@ import pytest
 from helpers.commands import Run
 
 from adhesion_cli.core import bundled
-from adhesion_cli.studies.series import QUANTITIES
+from adhesion_cli.stops.series import QUANTITIES
 
 SAMPLES = bundled.folder("sample_logs")
 STOPPED = SAMPLES / "low-adhesion.csv"  # four axles, two slide

@@ -1,0 +1,80 @@
+"""The plan of a series: what it states, and what is wrong with it."""
+
+from pathlib import Path
+
+import pytest
+
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.stops.series import Limit
+from adhesion_cli.studies.plan import Plan, PlannedGroup, planned_logs, read_plan
+
+PLAN = """
+[group.old]
+logs = ["old_*.csv"]
+nominal_speed = 100
+vehicle = "old.toml"
+[group.new]
+logs = ["new_1.csv"]
+rail = "wet"
+label = "sinter"
+[compare]
+pairs = [["old", "new"]]
+[limits]
+distance_m = {max = 300}
+jerk = {min = 0.1, max = 4}
+[wsp]
+dry = "old"
+wet = "new"
+[protocol]
+line = "depot"
+"""
+
+
+def test_a_plan_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    plan = read_plan(path)
+    old, new = plan.groups
+    assert old == PlannedGroup("old", ("old_*.csv",), tmp_path / "old.toml", 100.0)
+    assert (new.rail, new.label) == ("wet", "sinter")
+    assert plan.pairs == (("old", "new"),)
+    assert plan.limits == (Limit("distance_m", 300, None), Limit("jerk", 4, 0.1))
+    assert (plan.dry, plan.wet, plan.protocol) == ("old", "new", {"line": "depot"})
+    assert plan.group_of(Path("runs/old_7.csv")) == old
+    assert plan.group_of(Path("other.csv")) is None
+    for name in ("old_2.csv", "old_1.csv", "new_1.csv", "x.csv"):
+        (tmp_path / name).touch()
+    names = [p.name for p in planned_logs(plan, tmp_path)]
+    assert names == ["old_1.csv", "old_2.csv", "new_1.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "no group"),
+        ("[groups.a]\nlogs=['a']", "groups"),
+        ("[group.a]\nlogs = []", "names no logs"),
+        ("[group.a]\nlogs = ['a']\nspeed = 3", "speed"),
+        ("[group.a]\nlogs = ['a']\nnominal_speed = 'x'", "nominal_speed = 'x' is no number"),
+        ("[group.a]\nlogs = ['a']\nrail = 'icy'", "icy"),
+        ("[group.a]\nlogs = ['a']\n[compare]\npairs = [['a', 'b']]", "'b'"),
+        ("[group.a]\nlogs = ['a']\n[compare]\npairs = [['a']]", "no list of pairs"),
+        ("[group.a]\nlogs = ['a']\n[limits]\nlength = {max = 3}", "length"),
+        ("[group.a]\nlogs = ['a']\n[limits]\njerk = 3", "jerk = 3 is no limit"),
+        ("[group.a]\nlogs = ['a']\n[limits]\njerk = {most = 3}", "is no limit"),
+        ("[group.a]\nlogs = ['a']\n[wsp]\ndry = 'a'", "needs dry and wet"),
+    ],
+)
+def test_a_wrong_plan_says_what_and_where(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(text)
+    with pytest.raises(UserError) as error:
+        read_plan(path)
+    assert said in error.value.text
+    assert error.value.hint
+
+
+def test_a_group_without_a_log_is_an_error(tmp_path: Path) -> None:
+    plan = Plan((PlannedGroup("a", ("none_*.csv",)),))
+    with pytest.raises(UserError, match="no log matches none_"):
+        planned_logs(plan, tmp_path)
