@@ -1,6 +1,5 @@
 """`adhesion stops`: the brake test."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,21 +9,10 @@ import typer
 from .options import LOG_KINDS, Shared, check, inputs, load_settings, option, shared
 
 if TYPE_CHECKING:
-    from ..stops.series import Difference, Group, LimitVerdict, WspSummary
     from ..studies.brake_test import BrakeTest
 
 _OPTIONS = "config set_ dbc axle from_ to json force strict out"
 _TABLE = "stops.csv"
-_NOTE = (
-    "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
-    "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
-    "does not average out; scatter: range over mean; drift: change from stop to stop."
-)
-_LAMBDA = (
-    "λ = C/s − D by constants of a secondary source, for the distance on level track from the "
-    "nominal speed. They agree with SUBSET-026, A.3.7 within 1 % at 160 to 200 km/h and 6 % at "
-    "140 km/h, not at 100 to 120 km/h."
-)
 
 
 @shared(*_OPTIONS.split())
@@ -99,168 +87,28 @@ def command(
 
 def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
     """What the screen shows of a series."""
-    from ..results.stop_rows import NOTE, describe_sources, stop_row
+    from ..results import stop_rows as rows
     from . import terminal
 
     if not test.stops:
         return "No stop."
-    names = {s.log for s in test.stops}
-    rows = []
-    for i, s in enumerate(test.stops, 1):
-        log = {"log": Path(s.log).name} if len(names) > 1 else {}
-        rows.append({"stop": str(i), **log, "group": s.group, **stop_row(s.stop)})
-    invalid = [
-        f"Stop {i} is not valid: {s.stop.reason}."
-        for i, s in enumerate(test.stops, 1)
-        if not s.stop.valid
-    ]
-    sources = describe_sources(tuple(s.stop for s in test.stops))
+
+    def section(table: list[dict[str, str]], text_columns: int, note: str = "") -> str:
+        lines = [terminal.records(table, text_columns=text_columns)] if table else []
+        return "\n".join([*lines, *([terminal.folded(note)] if table and note else [])])
+
+    sources = rows.describe_sources([s.stop for s in test.stops])
     sections = [
-        "\n".join([terminal.records(rows, text_columns=2), terminal.folded(NOTE)]),
-        "\n".join([terminal.folded(sources), *invalid]),
-        _groups(test.groups),
-        _differences(test.differences),
-        _limits(test.limits),
-        *(_wsp(x) for x in test.wsp),
-        _braked_weights(test) if braked_weight else "",
-        _budgets(test) if budget else "",
+        section(rows.series_rows(test.stops), 2, rows.NOTE),
+        "\n".join([terminal.folded(sources), *rows.invalid_stops(test.stops)]),
+        section(rows.group_rows(test.groups), 2, rows.OF_GROUPS) or "No valid stop.",
+        section(rows.difference_rows(test.differences), 3),
+        section(rows.limit_rows(test.limits), 3, rows.OF_LIMITS),
     ]
-    return "\n\n".join(section for section in sections if section)
-
-
-def _groups(groups: "Sequence[Group]") -> str:
-    from ..core.text import by_uncertainty
-    from ..stops.series import QUANTITIES
-    from . import terminal
-
-    rows = []
-    for group in groups:
-        for quantity, x in group.statistics.items():
-            name, unit = QUANTITIES[quantity]
-            factor = 3.6 if unit == "m/s" else 1.0
-            mean, u95 = by_uncertainty(factor * x.mean, factor * x.u95, 3)
-            rows.append(
-                {
-                    "group": group.name,
-                    "quantity": f"{name} [{'km/h' if unit == 'm/s' else unit}]",
-                    "n": str(x.n),
-                    "mean": f"{mean}±{u95}",
-                    "sd": terminal.number(x.sd and factor * x.sd, 3),
-                    "common": terminal.number(factor * x.common_u95, 3),
-                    "scatter [%]": terminal.number(100.0 * x.scatter, 1),
-                    "drift": _drift(x.drift, x.drift_u95, factor),
-                    "outliers": ", ".join(map(str, x.outliers)) or "-",
-                }
-            )
-    if not rows:
-        return "No valid stop."
-    return "\n".join([terminal.records(rows, text_columns=2), terminal.folded(_NOTE)])
-
-
-def _drift(drift: float | None, u95: float | None, factor: float) -> str:
-    from ..core.text import by_uncertainty
-
-    if drift is None or u95 is None:
-        return "-"
-    return "±".join(by_uncertainty(factor * drift, factor * u95, 3))
-
-
-def _differences(rows: "Sequence[Difference]") -> str:
-    from ..core.text import by_uncertainty
-    from ..stops.series import QUANTITIES
-    from . import terminal
-
-    shown = []
-    for x in rows:
-        name, unit = QUANTITIES[x.quantity]
-        factor = 3.6 if unit == "m/s" else 1.0
-        value, u95 = by_uncertainty(factor * x.value, factor * x.u95, 3)
-        verdict = "yes" if x.distinguishable else "not distinguishable"
-        shown.append(
-            {
-                "from": x.earlier,
-                "to": x.later,
-                "quantity": f"{name} [{'km/h' if unit == 'm/s' else unit}]",
-                "change": f"{value}±{u95}",
-                "differs": verdict,
-            }
-        )
-    return terminal.records(shown, text_columns=3) if shown else ""
-
-
-def _limits(rows: "Sequence[LimitVerdict]") -> str:
-    from ..core.text import by_uncertainty
-    from ..stops.series import QUANTITIES
-    from . import terminal
-
-    shown = []
-    for x in rows:
-        name, unit = QUANTITIES[x.quantity]
-        value, u95 = by_uncertainty(x.value, x.u95, 3)
-        shown.append(
-            {
-                "group": x.group,
-                "quantity": f"{name} [{unit}]",
-                "limit": f"{x.kind} {x.limit:g}",
-                "mean": f"{value}±{u95}",
-                "verdict": x.verdict,
-            }
-        )
-    if not shown:
-        return ""
-    note = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
-    return "\n".join([terminal.records(shown, text_columns=3), terminal.folded(note)])
-
-
-def _wsp(x: "WspSummary") -> str:
-    from . import terminal
-
-    head = f"WSP, group {x.group}: "
-    if x.extension is None or x.extension_u95 is None or x.k_wet is None:
-        head += "extension not known: dry or wet stops are missing"
-    else:
-        extension, u95 = 100.0 * x.extension, 100.0 * x.extension_u95
-        head += f"extension of the deceleration distance {extension:.1f} ± {u95:.1f} %, "
-        head += f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5)"
-    rows = [
-        {
-            "axle": str(a.axle),
-            "max slip [%]": terminal.number(a.max_slip and 100.0 * a.max_slip, 1),
-            "locked [s]": terminal.number(a.locked_s, 2),
-            "valve actions": str(a.valve_actions),
-            "initial µ": terminal.number(a.initial_coefficient, 3),
-            "used [%]": terminal.number(a.utilisation and 100.0 * a.utilisation, 0),
-        }
-        for a in x.axles
-    ]
-    return "\n".join([terminal.folded(head), terminal.records(rows)] if rows else [head])
-
-
-def _braked_weights(test: "BrakeTest") -> str:
-    from ..stops.series import braked_weight_percentage
-    from . import terminal
-
-    rows = []
-    for i, s in enumerate(test.stops, 1):
-        level = s.measured("corrected_distance_m")
-        value = level and braked_weight_percentage(s.stop.nominal_speed_kmh, level.value)
-        rows.append({"stop": str(i), "group": s.group, "λ [%]": terminal.number(value, 0)})
-    return "\n".join([terminal.records(rows, text_columns=2), terminal.folded(_LAMBDA)])
-
-
-def _budgets(test: "BrakeTest") -> str:
-    from . import terminal
-
-    rows = [
-        {
-            "stop": str(i),
-            "source": c.source,
-            "common": "yes" if c.common else "no",
-            "distance [m]": terminal.number(c.distance_m, 2),
-            "a [m/s²]": terminal.number(c.deceleration, 4),
-        }
-        for i, s in enumerate(test.stops, 1)
-        for c in s.stop.budget
-    ]
-    note = "Change of distance and deceleration by one standard uncertainty of each source."
-    return "\n".join([terminal.records(rows, text_columns=3), terminal.folded(note)])
+    for x in test.wsp:
+        sections.append("\n".join([rows.describe_wsp(x), section(rows.wsp_rows(x), 1)]))
+    if braked_weight:
+        sections.append(section(rows.braked_weight_rows(test.stops), 2, rows.OF_LAMBDA))
+    if budget:
+        sections.append(section(rows.budget_rows(test.stops), 3, rows.OF_BUDGET))
+    return "\n\n".join(filter(None, sections))

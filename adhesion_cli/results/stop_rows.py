@@ -1,9 +1,19 @@
 """Stops of the whole train, and their statistics, as rows of text."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from ..core.summary import Measured, StopSummary
 from ..core.text import by_uncertainty
+from ..stops.series import (
+    QUANTITIES,
+    Difference,
+    Group,
+    LimitVerdict,
+    SeriesStop,
+    WspSummary,
+    braked_weight_percentage,
+)
 from .text_tables import number
 
 NOTE = (
@@ -12,6 +22,19 @@ NOTE = (
     "response time, which is delay and half of the build-up; level: distance on level track from "
     "the nominal speed."
 )
+OF_GROUPS = (
+    "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
+    "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
+    "does not average out; scatter: range over mean; drift: change from stop to stop; outliers: "
+    "stops that Grubbs' test rejects (5\N{NO-BREAK SPACE}%)."
+)
+OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
+OF_LAMBDA = (
+    "λ = C/s − D by constants of a secondary source, for the distance on level track from the "
+    "nominal speed. They agree with SUBSET-026, A.3.7 within 1 % at 160 to 200 km/h and 6 % at "
+    "140 km/h, not at 100 to 120 km/h."
+)
+OF_BUDGET = "Change of distance and deceleration by one standard uncertainty of each source."
 _COMMAND = {
     "channel": "a command channel",
     "brake_pipe": "the fall of the brake pipe",
@@ -57,3 +80,133 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     commands = " or ".join(_COMMAND[x] for x in dict.fromkeys(s.command_from for s in stops))
     speeds = " or ".join(_SPEED[x] for x in dict.fromkeys(s.speed_from for s in stops))
     return f"Command: {commands}. Speed: {speeds}."
+
+
+def series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
+    """The stops of a series, numbered, each with its log and group."""
+    has_logs = len({s.log for s in stops}) > 1
+    return [
+        {"stop": str(i)}
+        | ({"log": Path(s.log).name} if has_logs else {})
+        | {"group": s.group, **stop_row(s.stop)}
+        for i, s in enumerate(stops, 1)
+    ]
+
+
+def invalid_stops(stops: Sequence[SeriesStop]) -> list[str]:
+    """A sentence for each stop that is none."""
+    return [
+        f"Stop {i} is not valid: {s.stop.reason}."
+        for i, s in enumerate(stops, 1)
+        if not s.stop.valid
+    ]
+
+
+def group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
+    """The statistics of each group and quantity."""
+    rows = []
+    for group in groups:
+        for quantity, x in group.statistics.items():
+            name, factor = _named(quantity)
+            drift = "-"
+            if x.drift is not None and x.drift_u95 is not None:
+                drift = _pair(factor * x.drift, factor * x.drift_u95)
+            row = {
+                "group": group.name,
+                "quantity": name,
+                "n": str(x.n),
+                "mean": _pair(factor * x.mean, factor * x.u95),
+                "sd": number(x.sd and factor * x.sd, 3),
+                "common": number(factor * x.common_u95, 3),
+                "scatter [%]": number(100.0 * x.scatter, 1),
+                "drift": drift,
+                "outliers": ", ".join(map(str, x.outliers)) or "-",
+            }
+            rows.append(row)
+    return rows
+
+
+def difference_rows(differences: Sequence[Difference]) -> list[dict[str, str]]:
+    """What a group has more than another."""
+    rows = []
+    for x in differences:
+        name, factor = _named(x.quantity)
+        change = _pair(factor * x.value, factor * x.u95)
+        differs = "yes" if x.distinguishable else "not distinguishable"
+        rows.append({"from": x.earlier, "to": x.later, "quantity": name, "change": change})
+        rows[-1]["differs"] = differs
+    return rows
+
+
+def limit_rows(verdicts: Sequence[LimitVerdict]) -> list[dict[str, str]]:
+    """Each limit with its verdict."""
+    return [
+        {
+            "group": x.group,
+            "quantity": f"{QUANTITIES[x.quantity][0]} [{QUANTITIES[x.quantity][1]}]",
+            "limit": f"{x.kind} {x.limit:g}",
+            "mean": _pair(x.value, x.u95),
+            "verdict": x.verdict,
+        }
+        for x in verdicts
+    ]
+
+
+def describe_wsp(x: WspSummary) -> str:
+    """The extension of the wet stops, in one sentence."""
+    head = f"WSP, group {x.group}: "
+    if x.extension is None or x.extension_u95 is None or x.k_wet is None:
+        return head + "extension not known: dry or wet stops are missing."
+    extension, u95 = by_uncertainty(100.0 * x.extension, 100.0 * x.extension_u95, 1)
+    head += f"extension of the deceleration distance {extension} ± {u95} %, "
+    return head + f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5)."
+
+
+def wsp_rows(x: WspSummary) -> list[dict[str, str]]:
+    """The axles in the wet stops."""
+    return [
+        {
+            "axle": str(a.axle),
+            "max slip [%]": number(a.max_slip and 100.0 * a.max_slip, 1),
+            "locked [s]": number(a.locked_s, 2),
+            "valve actions": str(a.valve_actions),
+            "initial µ": number(a.initial_coefficient, 3),
+            "used [%]": number(a.utilisation and 100.0 * a.utilisation, 0),
+        }
+        for a in x.axles
+    ]
+
+
+def braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
+    """The braked weight percentage of each stop whose nominal speed has constants."""
+    rows = []
+    for i, s in enumerate(stops, 1):
+        level = s.measured("corrected_distance_m")
+        value = level and braked_weight_percentage(s.stop.nominal_speed_kmh, level.value)
+        rows.append({"stop": str(i), "group": s.group, "λ [%]": number(value, 0)})
+    return rows
+
+
+def budget_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
+    """What each source of error adds to each stop."""
+    return [
+        {
+            "stop": str(i),
+            "source": c.source,
+            "common": "yes" if c.common else "no",
+            "distance [m]": number(c.distance_m, 2),
+            "a [m/s²]": number(c.deceleration, 4),
+        }
+        for i, s in enumerate(stops, 1)
+        for c in s.stop.budget
+    ]
+
+
+def _named(quantity: str) -> tuple[str, float]:
+    """The heading of a quantity, and the factor to its unit: speeds are km/h."""
+    name, unit = QUANTITIES[quantity]
+    return (f"{name} [km/h]", 3.6) if unit == "m/s" else (f"{name} [{unit}]", 1.0)
+
+
+def _pair(value: float, u95: float) -> str:
+    return "±".join(by_uncertainty(value, u95, 3))
