@@ -104,9 +104,8 @@ def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
         section(rows.group_rows(test.groups), 2, rows.OF_GROUPS) or "No valid stop.",
         section(rows.difference_rows(test.differences), 3),
         section(rows.limit_rows(test.limits), 3, rows.OF_LIMITS),
+        *("\n".join([rows.describe_wsp(x), section(rows.wsp_rows(x), 1)]) for x in test.wsp),
     ]
-    for x in test.wsp:
-        sections.append("\n".join([rows.describe_wsp(x), section(rows.wsp_rows(x), 1)]))
     if braked_weight:
         sections.append(section(rows.braked_weight_rows(test.stops), 2, rows.OF_LAMBDA))
     if budget:
