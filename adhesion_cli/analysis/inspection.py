@@ -10,7 +10,7 @@ from ..channels.log import needed, survey, without_empty
 from ..channels.meaning import name
 from ..core.errors import UserError, as_user_error
 from ..core.finding import Finding, Severity
-from ..core.model import Channel, Log
+from ..core.model import INPUTS, Channel, Log
 from ..core.summary import InspectedChannel, InspectedLog, summarise_finding
 from ..core.text import iso
 from ..formats.memory import Signals
@@ -97,7 +97,9 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
         chosen, findings = needed(source, settings.mappings)
         chosen_keys = {(name(m.field), m.field.path, m.axle) for m in chosen}
         meant = tuple(
-            c for c in log.channels if (c.name, c.field, c.axle) in chosen_keys and c.meaning
+            c
+            for c in log.channels
+            if (c.name, c.field, c.axle) in chosen_keys and c.meaning in INPUTS
         )
         severity = "warning"  # where all of what is needed is lost
         whole_log = without_empty(replace(log, channels=meant))

@@ -316,7 +316,7 @@ def _log_sections(
         channels[owner] = {k: v for k, v in values.items() if v is not None}
     for m in settings.mappings:
         entry = {k: v for k in CHANNEL_KEYS if k not in _OF_PLACE and (v := getattr(m, k))}
-        entry |= {"zero": m.zero._asdict()} if any(m.zero) else {}
+        entry |= {"zero": m.zero._asdict()} if m.zero else {}
         place = channels.setdefault(m.meaning, {})
         place.update({f"axle {m.axle}": entry} if m.axle else entry)
     from_s, to_s = window
@@ -671,21 +671,25 @@ def _channel(key: str, table: Table) -> Table:
         UserError: where it names no channel and states nothing else, or a speed has a zero.
     """
     section = f"channels.{key}"
-    zero = table.get("zero", 0.0)
-    table = _fields(section, table | {"zero": Parameter(0.0, 0.0)}, CHANNEL_KEYS)
-    zero = _fields(f"{section}.zero", zero if isinstance(zero, dict) else {"value": zero}, _ZERO)
-    table["zero"] = Parameter(zero.get("value", 0.0), zero.get("tolerance", 0.0))
-    if table["zero"].tolerance < 0.0:
-        text = f"{section}.zero: tolerance = {table['zero'].tolerance:g} is out of range"
-        raise UserError(text, "1 sigma, in the channel's unit: from 0", code=2)
-    if any(table["zero"]) and "speed" in key:
+    zero = _zero(f"{section}.zero", table["zero"]) if "zero" in table else None
+    table = _fields(section, {k: v for k, v in table.items() if k != "zero"}, CHANNEL_KEYS)
+    if zero and "speed" in key:
         raise UserError(f"{section} has a zero: a speed has none", "leave zero out", code=2)
-    of_guesses = any(table["zero"]) or ("unit" in table and "field" not in table)
+    of_guesses = zero is not None or ("unit" in table and "field" not in table)
     if "channel" not in table and not of_guesses:
-        stated = {k: v for k, v in table.items() if k != "zero"}
-        line = f"{section} = {toml.value({'channel': 'NAME', **stated})}"
+        line = f"{section} = {toml.value({'channel': 'NAME', **table})}"
         raise UserError(f"{section} names no channel", f"name it, as {toml.option(line)}", code=2)
-    return {"channel": "", **table}
+    return {"channel": "", **table, "zero": zero}
+
+
+def _zero(name: str, entry: Any) -> Parameter:
+    """A number or `{value, tolerance}`, in the channel's unit."""
+    table = _fields(name, entry if isinstance(entry, dict) else {"value": entry}, _ZERO)
+    zero = Parameter(table.get("value", 0.0), table.get("tolerance", 0.0))
+    if zero.tolerance < 0.0:
+        text = f"{name}: tolerance = {zero.tolerance:g} is out of range"
+        raise UserError(text, "1 sigma, in the channel's unit: from 0", code=2)
+    return zero
 
 
 def _table(value: Any) -> Table:

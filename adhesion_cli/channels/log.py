@@ -13,6 +13,7 @@ from ..formats.memory import MemorySource
 from ..formats.source import Source
 from .meaning import Mapping, Meant, name, understood
 from .places import UNCLEAR, bogie_axles
+from .pressures import judge
 from .to_si import channel
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
@@ -41,18 +42,45 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
         max_gap_ns: longer intervals are gaps; 0 decides per channel.
 
     Raises:
-        UserError: where the log cannot be read, a unit that is needed cannot be known, or a
-            channel has no usable sample.
+        UserError: where the log cannot be read, a unit that is needed cannot be known, a channel
+            has no usable sample, or the only pressure is that of a brake pipe.
     """
     chosen, findings = needed(source, mappings)
     log = _log(source, chosen, findings, lambda m, c, t0: channel(m, c, vehicle, t0, max_gap_ns))
-    return without_empty(log)
+    log = _judged(log, chosen, vehicle)
+    _refuse_pipe_alone(log)
+    return without_empty(
+        replace(log, channels=tuple(c for c in log.channels if c.meaning in INPUTS))
+    )
 
 
 def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log:
     """Every numeric channel of an opened log on its clean time axis; SI where the unit is known."""
     meant, findings = _understood(source, mappings)
-    return _log(source, meant, findings, lambda m, c, t0: channel(m, c, vehicle, t0))
+    log = _log(source, meant, findings, lambda m, c, t0: channel(m, c, vehicle, t0))
+    return _judged(log, meant, vehicle)
+
+
+def _judged(log: Log, meant: Sequence[Meant], vehicle: Vehicle) -> Log:
+    """The log with what its pressures are by what they do."""
+    channels, findings = judge(log.channels, meant, vehicle)
+    return replace(log, channels=tuple(channels), findings=(*log.findings, *findings))
+
+
+def _refuse_pipe_alone(log: Log) -> None:
+    """Refuses a log whose only pressure acts as that of a brake pipe.
+
+    Raises:
+        UserError: names it.
+    """
+    pipe = next((c for c in log.channels if c.meaning == "brake_pipe"), None)
+    if pipe and not any(_NEEDED.get(c.meaning) == "brake" for c in log.channels):
+        line = 'channels.pressure."axle 1" = {channel = "NAME", unit = "bar"}'
+        raise UserError(
+            f"{log.path}: no channel is a brake-cylinder pressure; {pipe.title!r} is a brake "
+            f"pipe's: it {pipe.reason}",
+            f"state the brake cylinder's, if the log has it, as {toml.option(line)}",
+        )
 
 
 def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:

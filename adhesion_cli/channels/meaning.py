@@ -32,7 +32,7 @@ class Mapping:
     group: str = ""
     teeth: int = 0  # pulses per turn of a pulse counter or pulse rate
     wrap: float = 0.0  # where a cumulative counter starts anew; 0: 2¹⁶ or 2³², by its values
-    zero: Parameter = Parameter(0.0, 0.0)  # what the sensor measures of nothing, in its unit
+    zero: Parameter | None = None  # what the sensor measures of nothing, in its unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Meant:
     reason: str
     teeth: int = 0
     wrap: float = 0.0
-    zero: Parameter = Parameter(0.0, 0.0)  # taken off, in its unit
+    zero: Parameter | None = None  # taken off, in its unit; None where nobody states it
     unit_too: str = ""  # another unit that its name states, where nobody says which one holds
 
     @property
@@ -119,7 +119,7 @@ def understood(
 
 def _with_statement(guessed: Meant, m: Mapping) -> Meant:
     """A guess with the unit and the zero that the user states for it."""
-    guessed = replace(guessed, zero=m.zero) if any(m.zero) else guessed
+    guessed = replace(guessed, zero=m.zero) if m.zero else guessed
     if not m.unit:
         return guessed
     reason = f"{guessed.reason.removesuffix('; no unit stated')}; unit {m.unit}: in [channels]"

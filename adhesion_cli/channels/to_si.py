@@ -51,10 +51,6 @@ def channel(
         data = replace(data, value=factor * data.value + (unit.offset - zero_pa))
         tick = period_tick(values, step) / factor if m.meaning == "wheel_speed" else 0.0
         step *= factor
-        if m.meaning == "pressure" and not unit.offset and _from_vacuum(data.value):
-            names = {"unit": m.unit}
-            title = m.title
-            findings.append(Finding("pressure-absolute", "warning", channel=title, names=names))
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
     place = m.field.channel if m.field.encoding else m.field.folder or m.field.signal
     row_of = (place, m.field.group)
@@ -91,7 +87,8 @@ def zero(m: Meant, vehicle: Vehicle) -> Parameter:
     """
     unit = units.unit_for(m.unit, m.meaning) if m.meaning else None
     factor = scale(m, unit, vehicle) if unit else 0.0
-    return Parameter(factor * m.zero.value, factor * m.zero.tolerance)
+    value, tolerance = m.zero or (0.0, 0.0)
+    return Parameter(factor * value, factor * tolerance)
 
 
 def _check_zero(m: Meant, si: float, values: Floats) -> None:
@@ -101,7 +98,7 @@ def _check_zero(m: Meant, si: float, values: Floats) -> None:
         UserError: names both.
     """
     top = float(np.max(np.abs(values), initial=0.0))
-    if abs(si) > max(top, _LARGE_ZERO):
+    if m.zero and abs(si) > max(top, _LARGE_ZERO):
         raise UserError(
             f"channel {m.title!r}: zero = {m.zero.value:g} {m.unit} is larger than every value, "
             f"of which the largest is {top * m.zero.value / si:.3g} {m.unit}",
@@ -152,14 +149,6 @@ def _axis(m: Meant, column: Column, start: int, max_gap_ns: int) -> tuple[TimeAx
     stamps = Column(column.t, np.zeros(n), np.ones(n, dtype=np.bool_))
     cleaned = time_axis.clean(title, stamps, start, max_gap_ns)
     return replace(axis, findings=cleaned.findings, gaps=cleaned.gaps), column
-
-
-def _from_vacuum(pressure: Floats) -> bool:
-    """Whether a pressure [Pa] seems to count from vacuum: 1 atmosphere at rest."""
-    if not len(pressure):
-        return False
-    lowest, top = (float(x) for x in np.quantile(pressure, [0.02, 1.0]))
-    return 0.85e5 < lowest < 1.1e5 and top > 2.0 * lowest
 
 
 def _rate(

@@ -225,7 +225,7 @@ def test_a_zero_is_added_to_what_other_lines_state_of_the_channel() -> None:
     Path("c.toml").write_text('channels.pressure = {unit = "bar", "axle 1" = {channel = "p"}}')
     loaded = settings.load(Path("c.toml"), ["channels.pressure.axle1.zero={value=1, tolerance=2}"])
     assert [(m.channel, m.unit, m.axle, m.zero) for m in loaded.mappings] == [
-        ("", "bar", None, Parameter(0.0, 0.0)), ("p", "", 1, Parameter(1.0, 2.0)),
+        ("", "bar", None, None), ("p", "", 1, Parameter(1.0, 2.0)),
     ]  # fmt: skip
     carried = {"channels": settings.tree(loaded, [])["channels"]}
     assert settings.load([carried]).mappings == loaded.mappings

@@ -511,7 +511,7 @@ def test_a_zero_is_that_of_the_channel_whose_name_says_the_axle() -> None:
     zero = Parameter(0.1, 0.01)
     names = Field("BCP 1 [bar]"), Field("BCP 2 [bar]")
     meant, _ = understood(names, [Mapping(PRESSURE, 2, "", zero=zero)])
-    assert [m.zero for m in meant] == [Parameter(0.0, 0.0), zero]
+    assert [m.zero for m in meant] == [None, zero]
     with pytest.raises(UserError, match=r"channels\.pressure\.axle3 names no channel") as error:
         understood(names, [Mapping(PRESSURE, 3, "", zero=zero)])
     assert pasted(error.value.hint) == ["channels.pressure.axle3.channel=NAME"]

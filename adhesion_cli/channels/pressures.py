@@ -1,0 +1,166 @@
+"""What a pressure is by what it does while the train rolls: a brake pipe's, or one from vacuum.
+
+The pressure of a released brake cylinder is zero. That of a brake pipe stands at about 5 bar while
+the train rolls freely, and is lower while the train slows. One that counts from vacuum stands at
+the pressure of the air. Standing trains show nothing: their brakes are held or parked.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import time_axis, units
+from ..core.finding import Finding
+from ..core.model import Bools, Channel, Floats, Parameter, Vehicle
+from ..core.signals import true_runs
+from .meaning import Meant
+
+_STEP_NS = 500_000_000  # between the times at which speed and pressure are compared
+_MOST_TIMES = 1_000_000  # a longer log is compared at longer intervals
+_SLOPE_STEPS = 2  # so many before and after give the slope of the speed
+_MOVING = 2.0  # [m/s]
+_LEAST_RANGE = 0.15  # from rolling freely to braking, else no brake shows [m/s²]
+_FREE, _SLOWS = 0.1, 0.5  # shares of that range: rolls freely by less, slows by more
+_SHORTEST_RUN = 8  # times: wheels that regain speed in a slide do so for less
+_PIPE = 3e5, 7e5  # pressure of a brake pipe that is not reduced [Pa]
+_LEAST_REDUCTION = 0.25e5  # of a brake pipe [Pa]
+_AIR = 0.85e5, 1.1e5  # pressure of the air, with the error of a sensor [Pa]
+_SURELY_FREE = -0.2  # a train that slows by more may be braked by the lowest pressure [m/s²]
+_AIR_SPREAD = 0.05e5  # that of a released cylinder is constant [Pa]
+
+
+class Motion(NamedTuple):
+    """How the train moves, at some times of a log."""
+
+    instants: time_axis.Instants
+    rolls: Bools  # freely, for some time
+    slows: Bools  # by a brake, for some time
+    free: float  # how its speed changes where it rolls freely [m/s²]
+
+
+def judge(
+    channels: Sequence[Channel], meant: Sequence[Meant], vehicle: Vehicle
+) -> tuple[list[Channel], list[Finding]]:
+    """The channels, with brake pipes named and the pressure of the air taken off.
+
+    Args:
+        channels: of a log, in SI.
+        meant: what each of them means, and what the user states of it.
+        vehicle: for the wheel radius.
+    """
+    judged, findings = list(channels), []
+    pressures = [i for i, c in enumerate(channels) if c.meaning == "pressure" and len(c.data.t)]
+    motion = _find_motion(channels, vehicle) if pressures else None
+    for i in pressures:
+        c = channels[i]
+        rolling = slowing = np.empty(0)
+        if motion:
+            pressure = time_axis.interpolated(motion.instants, c)
+            known = np.isfinite(pressure)
+            rolling, slowing = pressure[motion.rolls & known], pressure[motion.slows & known]
+        if _is_brake_pipe(rolling, slowing):
+            level = float(np.median(rolling))
+            reason = f"stands at {level / 1e5:.1f} bar while the train rolls, falls as it slows"
+            judged[i] = replace(c, meaning="brake_pipe", axle=None, reason=reason)
+            values = {"level_bar": level / 1e5}
+            findings.append(Finding("pressure-of-brake-pipe", "info", c.title, values=values))
+        elif meant[i].zero is None and not _is_absolute(c) and _seems_absolute(c.data.value):
+            judged[i], finding = _above_air(c, rolling, motion.free if motion else 0.0)
+            findings += [finding] if finding else []
+    return judged, list(dict.fromkeys(findings))
+
+
+def _is_brake_pipe(rolling: Floats, slowing: Floats) -> bool:
+    """Whether a pressure is high where the train rolls freely, and lower where it slows."""
+    if min(len(rolling), len(slowing)) < _SHORTEST_RUN:
+        return False
+    lower, level = np.quantile(rolling, [0.25, 0.5])
+    reduced = np.quantile(slowing, 0.75)
+    return bool(_PIPE[0] < level < _PIPE[1] and reduced < lower - _LEAST_REDUCTION)
+
+
+def _is_absolute(c: Channel) -> bool:
+    """Whether its unit says that it counts from vacuum: then the air is off already."""
+    unit = units.unit_for(c.unit, "pressure")
+    return unit is None or unit.offset != 0.0
+
+
+def _seems_absolute(pressure: Floats) -> bool:
+    """Whether a pressure [Pa] never falls far below that of the air, and has twice as much."""
+    lowest, top = (float(x) for x in np.quantile(pressure, [0.02, 1.0]))
+    return _AIR[0] < lowest < _AIR[1] and top > 2.0 * lowest
+
+
+def _above_air(c: Channel, rolling: Floats, free: float) -> tuple[Channel, Finding | None]:
+    """The pressure above its level in a freely rolling train, if that is the air's.
+
+    Args:
+        c: a pressure that never falls far below that of the air.
+        rolling: its values where the train rolls freely [Pa].
+        free: how the train's speed changes there [m/s²].
+
+    Returns:
+        The channel, and the finding; None where the level varies as that of a brake in use.
+    """
+    names = {"unit": c.unit, "use": "It never falls far below 1 bar, and is used as logged"}
+    values = {}
+    if len(rolling) >= _SHORTEST_RUN:
+        lower, level, upper = (float(x) for x in np.quantile(rolling, [0.25, 0.5, 0.75]))
+        if not _AIR[0] < level < _AIR[1] or upper - lower > _AIR_SPREAD:
+            return c, None
+        if free > _SURELY_FREE:
+            zero = Parameter(level, max((upper - lower) / 1.35, c.step / 12.0**0.5))
+            c = replace(c, data=replace(c.data, value=c.data.value - level), zero=zero)
+            names["use"] = f"Its released level of {level / 1e5:.2f} bar is taken off"
+            values["level_bar"] = level / 1e5
+    return c, Finding("pressure-absolute", "warning", c.title, values=values, names=names)
+
+
+def _find_motion(channels: Sequence[Channel], vehicle: Vehicle) -> Motion | None:
+    """How the train moves, by its speed or its fastest wheel; None where nothing shows it."""
+    speeds = [
+        c
+        for c in channels
+        if c.meaning in ("wheel_speed", "train_speed") and not c.is_rate and len(c.data.t)
+    ]
+    if not speeds:
+        return None
+    start = min(int(c.data.t.min()) for c in speeds)
+    stop = max(int(c.data.t.max()) for c in speeds)
+    step = max(_STEP_NS, (stop - start) // _MOST_TIMES)
+    instants = time_axis.Instants(np.arange(start, stop, step, dtype=np.int64), 0, 1)
+    fastest = np.full(len(instants.t), np.nan)
+    for c in speeds:
+        radius = vehicle.radius(c.axle or 1).value if c.meaning == "wheel_speed" else 1.0
+        fastest = np.fmax(fastest, radius * np.abs(time_axis.interpolated(instants, c)))
+    if len(fastest) <= 2 * _SLOPE_STEPS:
+        return None
+    slope = np.full(len(fastest), np.nan)
+    inner = slice(_SLOPE_STEPS, -_SLOPE_STEPS)
+    slope[inner] = fastest[2 * _SLOPE_STEPS :] - fastest[: -2 * _SLOPE_STEPS]
+    slope /= 2.0 * _SLOPE_STEPS * step * 1e-9
+    moves = (fastest > _MOVING) & np.isfinite(slope)
+    if not moves.any():
+        return None
+    # Resistance and gradient slow a train that rolls freely, too: its least deceleration shows it.
+    free = min(float(np.quantile(slope[moves], 0.95)), 0.0)
+    braked = slope[moves & (slope < free - _LEAST_RANGE)]
+    if not len(braked):
+        return None
+    slows_range = free - float(np.median(braked))
+    return Motion(
+        instants,
+        _long_runs(moves & (slope > free - _FREE * slows_range)),
+        _long_runs(moves & (slope < free - _SLOWS * slows_range)),
+        free,
+    )
+
+
+def _long_runs(mask: Bools) -> Bools:
+    """The mask without runs that are short."""
+    long = np.zeros_like(mask)
+    for a, b in true_runs(mask):
+        long[a:b] = b - a >= _SHORTEST_RUN
+    return long
