@@ -119,6 +119,16 @@ def settings_page() -> str:
             for name, m in stated_friction.MATERIALS.items()
         ),
         "",
+        "## [track]\n",
+        "`gradient` of the line in per mille, uphill positive. It slows the train and is no brake. "
+        "Where it is not known, 5 per mille (1 sigma) are in the band.\n",
+        "| line | states |\n|---|---|",
+        "| `gradient = 5.0` | one gradient; 1 sigma is 0.5 per mille |",
+        "| `gradient = {value = 5.0, tolerance = 2.0}` | the same with its 1 sigma |",
+        '| `gradient = {profile = "line.csv", position = "km"}` | a CSV of two columns: the km '
+        "from which a gradient holds, and the gradient along rising km. `position` names the "
+        "log's channel of the km, else its meaning `position` or `distance` says it |\n",
+        "A channel with the meaning `gradient` needs no line here.\n",
         "## [channels]\n",
         "What each channel of a log means; results of ours say it themselves.\n",
         "| line | states |\n|---|---|",

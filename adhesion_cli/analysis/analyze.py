@@ -52,7 +52,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     log = read_log(source, settings)
     start_ns = log.start_ns()
 
-    aligned = align_log(log, settings.vehicle, axles, window, settings.checks)
+    aligned = align_log(log, settings.vehicle, axles, window, settings.checks, settings.track)
     if identified is None or settings.analysis.vehicle == "stated":
         identified = identify([aligned], settings)
     vehicle_findings, prepared = diagnose_with(aligned, identified, settings)

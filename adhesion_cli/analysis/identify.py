@@ -82,7 +82,9 @@ def identify_together(
             settings_of_log, source = open_log(path, settings)
             if settings_of_log.analysis.vehicle == "log":
                 log = read_log(source, settings_of_log)
-                logs.append(align_log(log, settings.vehicle, axles, window, settings.checks))
+                logs.append(
+                    align_log(log, settings.vehicle, axles, window, settings.checks, settings.track)
+                )
         except Exception:  # its own analysis says what is wrong with a log
             continue
     return identify(logs, settings) if logs and len(_kinds(logs)) == 1 else None

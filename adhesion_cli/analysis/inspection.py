@@ -104,7 +104,9 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
         severity = "warning"  # where all of what is needed is lost
         whole_log = without_empty(replace(log, channels=meant))
         severity = "info"
-        aligned = align_log(whole_log, settings.vehicle, checks=settings.checks)
+        aligned = align_log(
+            whole_log, settings.vehicle, checks=settings.checks, track=settings.track
+        )
         identified = identify([aligned], settings)
         vehicle_findings, checked = diagnose_with(aligned, identified, settings)
         said = [f for f in vehicle_findings if f.code != "vehicle-default"]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from ..core.finding import Finding
 from ..core.mean_axle import mean_axle
-from ..core.model import AxleRecord, Log, Train, Vehicle
+from ..core.model import AxleRecord, Log, Track, Train, Vehicle
 from ..diagnostics.diagnosis import diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
 from ..records.axle_channels import AxleChannels
@@ -26,7 +26,8 @@ from ..records.resample import resample
 from ..records.screen import screen
 from ..train.align import align
 from ..train.explain import explain
-from ..train.grid import Grids, build_grids
+from ..train.grid import Grids, build_grids, on_gradient
+from ..train.track import Gradient, find_gradient
 
 
 class AlignedLog(NamedTuple):
@@ -36,6 +37,7 @@ class AlignedLog(NamedTuple):
     axles: list[AxleChannels]  # every axle: some things only all axles together show
     requested: tuple[int, ...]  # the axles asked for
     grids: Grids | None  # all axles together; None where a clock jumps back
+    gradient: Gradient | None  # of the line; None where it is not known
     vehicle: Vehicle  # of the axles' clamping force
     view: View
     findings: list[Finding]
@@ -46,6 +48,7 @@ class AlignedLog(NamedTuple):
             return self
         axles = [a.clamped_by(vehicle) for a in self.axles]
         grids = self.grids and build_grids(axles, vehicle)
+        grids = grids and on_gradient(grids, self.gradient, vehicle)
         return self._replace(axles=axles, grids=grids, vehicle=vehicle)
 
     def as_mean_axles(self, mean: Vehicle) -> "AlignedLog":
@@ -54,6 +57,7 @@ class AlignedLog(NamedTuple):
             return self
         axles = [a.as_mean_axle(self.vehicle, mean) for a in self.axles]
         grids = self.grids and build_grids(axles, mean)
+        grids = grids and on_gradient(grids, self.gradient, mean)
         return self._replace(axles=axles, grids=grids, vehicle=mean)
 
     @property
@@ -77,8 +81,9 @@ def align_log(
     axles: Sequence[int] = (),
     window: Window = (None, None),
     checks: Mapping[str, Any] | None = None,
+    track: Track = Track(),  # noqa: B008 (a value that cannot change)
 ) -> AlignedLog:
-    """The first four steps. Arguments and errors as of `prepare`."""
+    """The first four steps. Arguments and errors as of `prepare`, and `track`, the line."""
     view = View(log.start_ns(), window)
     choice = choose(log, axles)
     screened = screen(choice, vehicle, view, sensor_thresholds(checks))
@@ -88,11 +93,15 @@ def align_log(
     if not any(a.record.axle in choice.requested for a in sampled):
         raise no_records_error(log, choice, view, findings)
     aligned = align(sampled, choice.acceleration, vehicle, view)
+    gradient = find_gradient(log, track)
+    if track.profile and gradient is None:
+        findings.append(Finding("no-position", "warning"))
     return AlignedLog(
         log.path,
         aligned.axles,
         choice.requested,
-        aligned.grids,
+        aligned.grids and on_gradient(aligned.grids, gradient, vehicle),
+        gradient,
         vehicle,
         view,
         findings + aligned.findings,

@@ -8,7 +8,7 @@ from ..channels.log import read
 from ..core import estimator
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
-from ..core.model import Log
+from ..core.model import Log, Meaning
 from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..formats.source import Source
@@ -77,7 +77,10 @@ def open_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Source
 def read_log(source: Source, settings: Settings) -> Log:
     """The log of a source with its channels' meanings."""
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
-    return read(source, settings.mappings, settings.vehicle, max_gap_ns=max_gap_ns)
+    further: tuple[Meaning, ...] = ("gradient",)
+    if settings.track.profile:
+        further = ("position", "distance")
+    return read(source, settings.mappings, settings.vehicle, max_gap_ns, further)
 
 
 def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:

@@ -29,6 +29,7 @@ from ..core.model import (
     Meaning,
     Parameter,
     Quantity,
+    Track,
     Train,
     Vehicle,
     quantities,
@@ -39,7 +40,7 @@ from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
 from ..stops.settings import StopSettings
 from ..wsp import controller
-from . import cars, stated_brake, stated_friction
+from . import cars, stated_brake, stated_friction, stated_track
 
 Table = toml.Table
 Tables = Tree[str, Any]  # of TOML, read only
@@ -116,6 +117,7 @@ class Settings:
     read: ReadOptions = field(default_factory=ReadOptions)
     analysis: AnalysisSettings = field(default_factory=AnalysisSettings)
     train: Train = field(default_factory=Train)
+    track: Track = field(default_factory=Track)
     slope: Params = field(default_factory=Params)
     bands: Bands = field(default_factory=Bands)
     stops: StopSettings = field(default_factory=StopSettings)
@@ -296,6 +298,7 @@ def tree(
         **cars.as_tables(settings.vehicle),
         "analysis": dataclasses.asdict(settings.analysis),
         "train": settings.train._asdict(),
+        "track": stated_track.as_stated(settings.track),
         "slope": settings.slope._asdict(),
         "bands": settings.bands._asdict(),
         "stops": settings.stops._asdict(),
@@ -439,7 +442,7 @@ def _halve(value: Any) -> Any:
 
 def sections() -> list[str]:
     """The names of all sections."""
-    return ["vehicle", "car", *_OF_LOGS, "analysis", "diagnostics", *_numeric()]
+    return ["vehicle", "car", "track", *_OF_LOGS, "analysis", "diagnostics", *_numeric()]
 
 
 def _numeric() -> "dict[str, methods.Tunable]":
@@ -487,6 +490,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
         ReadOptions(**options),
         AnalysisSettings(**analysis),
         train,
+        stated_track.stated_track(tree.get("track", {})),
         Params(**overrides.get("slope", {})),
         check_bands(bands, "bands"),
         stops,

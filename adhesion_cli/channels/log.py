@@ -32,7 +32,13 @@ _USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
 _OPTIONAL: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
 
 
-def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_ns: int = 0) -> Log:
+def read(
+    source: Source,
+    mappings: Sequence[Mapping],
+    vehicle: Vehicle,
+    max_gap_ns: int = 0,
+    further: Collection[Meaning] = (),
+) -> Log:
     """The channels of an opened log that mean something, in SI, on clean time axes.
 
     Args:
@@ -40,12 +46,13 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
         mappings: what the user stated about its channels.
         vehicle: for the wheel radius, where a wheel speed is in km/h.
         max_gap_ns: longer intervals are gaps; 0 decides per channel.
+        further: meanings of channels that are read as well, where their unit is known.
 
     Raises:
         UserError: where the log cannot be read, a unit that is needed cannot be known, a channel
             has no usable sample, or the only pressure is that of a brake pipe.
     """
-    chosen, findings = needed(source, mappings)
+    chosen, findings = needed(source, mappings, further)
     log = _log(source, chosen, findings, lambda m, c, t0: channel(m, c, vehicle, t0, max_gap_ns))
     log = _judged(log, chosen, vehicle)
     _refuse_pipe_alone(log)
@@ -114,8 +121,12 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     return replace(log, channels=with_samples, findings=(*log.findings, *empty))
 
 
-def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
+def needed(
+    source: Source, mappings: Sequence[Mapping], further: Collection[Meaning] = ()
+) -> tuple[list[Meant], list[Finding]]:
     """What an analysis takes of a log, each with its unit known, and what was found on the way.
+
+    Arguments as of `read`.
 
     Raises:
         UserError: where a unit that is needed cannot be known, or not which axles a pressure
@@ -140,7 +151,7 @@ def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], li
             findings.append(Finding("unit-unknown", "warning", channel=m.title, names=names))
         else:
             _check_unit(m, chosen, source.path)
-    return chosen, findings
+    return chosen + [m for m in meant if m.meaning in further and m.unit], findings
 
 
 def without_empty(log: Log) -> Log:

@@ -424,6 +424,16 @@ class Train(NamedTuple):
         return braked_mass / (braked_mass + self.unbraked_mass)
 
 
+class Track(NamedTuple):
+    """The line that a log was made on."""
+
+    gradient: Parameter = Parameter(0.0, 5e-4)  # uphill positive [-]
+    stated: bool = False  # whether `gradient` has a stated value
+    # place [m] from which each gradient [-] holds, along rising places
+    profile: tuple[tuple[float, float], ...] = ()
+    position: str = ""  # the channel of the place, "" by its meaning
+
+
 class DifferingStop(NamedTuple):
     """A brake application whose deceleration the brake of all stops does not explain."""
 

@@ -104,7 +104,9 @@ def calibrate(
                 "name the logs themselves: each counts once",
             )
         log = read_log(source, settings_of_log)
-        aligned = align_log(log, settings_of_log.vehicle, checks=settings_of_log.checks)
+        aligned = align_log(
+            log, settings_of_log.vehicle, checks=settings_of_log.checks, track=settings_of_log.track
+        )
         all_settings.append(settings_of_log)
         read_logs.append((replace(log, channels=()), aligned))
     _one_vehicle(all_settings)

@@ -29,7 +29,7 @@ from ..core.physics import CRAWL, GRADIENT, NO_FORCE, STANDING
 from ..core.signals import robust_sigma, true_runs
 from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid, erode
-from .longitudinal import GRADIENT_SIGMA, RESISTANCE_OF_TRAINS
+from .longitudinal import RESISTANCE_OF_TRAINS
 
 ZERO = Parameter(1.5e4, 2e4)  # pressure from which brakes act, of any kind [Pa]
 ROTATING = Parameter(0.08, 0.03)  # rotating mass over mass, of any wheelset [-]
@@ -88,8 +88,8 @@ def find_brake_line(
         return None
     mean_x = np.mean(x, axis=0)
     top = float(np.nanmax(mean_x, initial=0.0))
-    rim_slowing = -np.mean(grid.slope(grid.rim), axis=0)
-    slowing = rim_slowing if grid.train is None else -grid.slope(grid.train)
+    rim_slowing = np.mean(grid.slowing(grid.rim), axis=0)
+    slowing = rim_slowing if grid.train is None else grid.slowing(grid.train)
     v = np.mean(grid.rim, axis=0) if grid.train is None else grid.train
     measured: Bools = np.isfinite(mean_x) & np.isfinite(slowing) & np.isfinite(rim_slowing)
     measured &= (v > CRAWL) & erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
@@ -109,7 +109,7 @@ def find_brake_line(
     by_brake = (slowing + rho * rim_slowing) / (1.0 + rho) - coasting
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
     stops, acting = true_runs(braked), _acting(x[:, braked], friction[:, braked])
-    line = _fit(acting, by_brake[braked], zero, len(stops))
+    line = _fit(acting, by_brake[braked], zero, len(stops), grid.gradient_sigma)
     if line is None:
         return None
     # How the deceleration by the brake changes with ρ: wheels that roll cancel it.
@@ -185,7 +185,7 @@ def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine
     lowest_rim, v = np.min(grid.rim, axis=0), np.max(grid.rim, axis=0)  # axles that slide differ
     v = v if grid.train is None else np.fmax(v, grid.train)
     agree = erode(v - lowest_rim < _LARGEST_SLIP * v + _LARGEST_DIFFERENCE, 2 * width)
-    slows_less: Bools = agree & (rim_slowing < slowest - _SIGMAS * GRADIENT_SIGMA)
+    slows_less: Bools = agree & (rim_slowing < slowest - _SIGMAS * grid.gradient_sigma)
     return slows_less
 
 
@@ -211,7 +211,7 @@ def _differing_stops(
         samples = slice(place, place + stop - start)
         place = samples.stop
         force, deceleration = np.mean(expected[samples]), np.mean(by_brake[samples])
-        sigma = math.hypot(GRADIENT_SIGMA, _FRICTION_SCATTER * force)
+        sigma = math.hypot(grid.gradient_sigma, _FRICTION_SCATTER * force)
         seconds = (stop - start) * grid.step
         if seconds > _SHORTEST_STOP and abs(deceleration - force) > _SURE_SIGMAS * sigma:
             span = start * grid.step, (stop - 1) * grid.step
@@ -226,7 +226,9 @@ def _coasting_deceleration(slowing: Floats) -> float:
     return float(np.median(coasting))
 
 
-def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> BrakeLine | None:
+def _fit(
+    acting: _Acting, by_brake: Floats, zero: Parameter, stops: int, gradient_sigma: float
+) -> BrakeLine | None:
     """Slope and zero by least squares with weights, and with the prior of the zero.
 
     Args:
@@ -234,6 +236,7 @@ def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> Brak
         by_brake: deceleration by the brake, (n,) [m/s²].
         zero: the prior of x₀.
         stops: uninterrupted stretches of these. The gradient of each is one error.
+        gradient_sigma: 1 sigma of it [m/s²].
     """
     x0, (mean_x, share) = zero.value, acting
     slope = float(np.sum(by_brake)) / max(float(np.sum(acting.excess(x0))), 1e-9)
@@ -241,7 +244,7 @@ def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> Brak
     for _ in range(_ROUNDS):
         error = by_brake - slope * acting.excess(x0)
         scatter = robust_sigma(error)
-        sigma = math.hypot(scatter, GRADIENT_SIGMA)
+        sigma = math.hypot(scatter, gradient_sigma)
         weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(error), 1e-9)) / sigma**2
         weights *= stops / len(by_brake)
         prior_weight = 1.0 / max(slope * zero.tolerance, 1e-9) ** 2
@@ -263,9 +266,9 @@ def _fit(acting: _Acting, by_brake: Floats, zero: Parameter, stops: int) -> Brak
     brake = float(np.mean(acting.excess(x0)))
     deceleration = slope * brake
     scatter = robust_sigma(error)
-    unexplained = math.sqrt(max(scatter**2 - GRADIENT_SIGMA**2, 0.0))  # by gradients
+    unexplained = math.sqrt(max(scatter**2 - gradient_sigma**2, 0.0))  # by gradients
     if deceleration <= 0.0 or unexplained > _LARGEST_SCATTER * deceleration:
         return None
-    by_stop = math.hypot(GRADIENT_SIGMA, scatter) / math.sqrt(stops)
+    by_stop = math.hypot(gradient_sigma, scatter) / math.sqrt(stops)
     absolute = math.hypot(by_stop, RESISTANCE_OF_TRAINS.tolerance)
     return BrakeLine(slope, x0, absolute / deceleration, brake, 0.0, False)

@@ -48,6 +48,8 @@ class Design(NamedTuple):
     interval: float  # the longer one of speed and pressure [s]
     mean: float  # ū, at which c holds [m/s]
     creeps: bool  # whether the speed is that of wheels
+    climb: Floats  # what the known gradient has taken from the speed, (m,) [m/s]
+    gradient_sigma: float  # 1 sigma of the gradient that is not known [m/s²]
 
 
 class Explanation(NamedTuple):

@@ -1,7 +1,7 @@
 """All axles of a log on one coarse, even grid, on which an hour is 14 400 numbers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,10 +15,12 @@ from ..core.model import (
     Times,
     Vehicle,
 )
-from ..core.physics import GRADIENT, RELEASED_SHARE, table_share
+from ..core.physics import GRADIENT, RELEASED_SHARE, G, table_share, wheelset
 from ..core.signals import true_runs
 from ..records.axle_channels import AxleChannels
+from .track import Gradient
 
+GRADIENT_SIGMA = 0.05  # 1 sigma of gradients along the track: 5 per mille, assumed [m/s²]
 FEWEST = 8  # samples on it that show anything
 STEP = 0.25  # where the log is fast enough [s]
 FINE_STEP = 0.05  # the same where brakes change [s]
@@ -45,6 +47,9 @@ class Grid:
     train: Floats | None  # train speed, shape (n,) [m/s]
     train_error: Floats | float = 0.0  # an integrated one may err by that (95 %), (n,) [m/s]
     friction: Floats | float = 1.0  # φ of the friction table over the stated φ, (k, n)
+    # what the known gradient has taken from the speed of a train that rolls, (n,) [m/s]
+    climb: Floats | float = 0.0
+    gradient_sigma: float = GRADIENT_SIGMA  # 1 sigma of the gradient that is not known [m/s²]
 
     @property
     def fastest(self) -> Floats:
@@ -58,10 +63,10 @@ class Grid:
         NaN where it gains speed without brake, and a second around: a motor drives it.
         """
         if self.train is not None:
-            slowing = -self.slope(self.train)
+            slowing = self.slowing(self.train)
         else:
             rolls = np.sum(self.rolling, axis=0)
-            sums = np.sum(np.where(self.rolling, -self.slope(self.rim), 0.0), axis=0)
+            sums = np.sum(np.where(self.rolling, self.slowing(self.rim), 0.0), axis=0)
             slowing = np.where(rolls > 0, sums / np.maximum(rolls, 1), np.nan)
         K = self.mean(largest(self.clamping))
         driven = (RELEASED_SHARE * np.nanmax(K, initial=0.0) > K) & (slowing < -_DRIVEN_RATE)
@@ -91,7 +96,7 @@ class Grid:
             return False
         K = largest(self.clamping)
         braked = ~erode(_FIRM_BRAKE * np.nanmax(K, initial=0.0) > K, 2 * self.half_width)
-        return bool(np.any(self.slope(self.fastest)[braked] > GRADIENT))
+        return bool(np.any(-self.slowing(self.fastest)[braked] > GRADIENT))
 
     def sample_mask(self, t: Times, grid_mask: Bools) -> Bools:
         """A mask on the grid, shape (n,), as one on samples at these times, shape (m,)."""
@@ -112,6 +117,10 @@ class Grid:
         rate[..., j:-j] = (x[..., 2 * j :] - x[..., : -2 * j]) / (2.0 * j * self.step)
         return rate
 
+    def slowing(self, v: Floats) -> Floats:
+        """Deceleration without that by the known gradient, shape (..., n) [m/s²]."""
+        return -self.slope(v + self.climb)
+
     def mean(self, x: Floats) -> Floats:
         """Mean over the same stretch, shape (..., n)."""
         j = self.half_width
@@ -130,6 +139,26 @@ class Grids(NamedTuple):
 
     coarse: Grid
     fine: Grid
+
+
+def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Grids:
+    """The grids of a log whose gradient is known.
+
+    Args:
+        grids: of the log.
+        gradient: None where it is not known.
+        vehicle: for the rotating mass.
+    """
+    if gradient is None:
+        return grids
+    share = wheelset(vehicle, 1).rolling
+    climbing = []
+    for g in grids:
+        t = g.start_ns + np.rint(1e9 * g.step * np.arange(g.rim.shape[1])).astype(np.int64)
+        slowing = share * gradient.deceleration(t)
+        climb = np.concatenate([[0.0], np.cumsum(slowing[1:] + slowing[:-1]) * g.step / 2.0])
+        climbing.append(replace(g, climb=climb, gradient_sigma=G * gradient.sigma))
+    return Grids(*climbing)
 
 
 def build_grids(axles: Sequence[AxleChannels], vehicle: Vehicle) -> Grids | None:

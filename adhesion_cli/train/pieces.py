@@ -12,8 +12,8 @@ from ..core.physics import CRAWL, RELEASED_SHARE, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from ..records.axle_channels import AxleChannels
 from .explanation import Design
-from .grid import FEWEST, FINE_STEP, Grid, Grids, erode
-from .longitudinal import FLOOR, GRADIENT_SIGMA, friction_share
+from .grid import FEWEST, FINE_STEP, GRADIENT_SIGMA, Grid, Grids, erode
+from .longitudinal import FLOOR, friction_share
 
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _GRADIENT_CHANGE = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
@@ -61,6 +61,9 @@ def build_design(
     samples, piece_start = np.concatenate(pieces), np.cumsum([0, *map(len, pieces[:-1])])
     same_run = np.array(run_starts)[:, None] == np.array(run_starts)
     gradient_covariance = _GRADIENT**2 * same_run + _GRADIENT_CHANGE**2 * np.eye(len(run_starts))
+    if fine_grid.gradient_sigma != GRADIENT_SIGMA:  # it is known: curves and wind stay
+        gradient_covariance *= (fine_grid.gradient_sigma / GRADIENT_SIGMA) ** 2
+        gradient_covariance += _UNCORRELATED_GRADIENT**2 * np.eye(len(run_starts))
     noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
     interval = max(longer_interval(a) for a in axles)
     rounding = max(_rounding_sigma(a) * vehicle.radius(a.record.axle).value for a in axles)
@@ -91,6 +94,8 @@ def build_design(
         interval=interval,
         mean=mean,
         creeps=not (by_train and fine_grid.train is not None),
+        climb=(fine_grid.climb + np.zeros(len(t)))[samples],
+        gradient_sigma=fine_grid.gradient_sigma,
     )
     return _with_pieces(d, piece_start)
 
@@ -102,7 +107,7 @@ def _with_pieces(d: Design, piece_start: NDArray[np.int64]) -> Design:
     )
     t, u = d.t[d.samples], d.relative_speed + d.mean
     d = d._replace(time=t - repeat_by_piece(d, sum_by_piece(d, t) / d.size))
-    unbent = without_bend(d, d.measured)
+    unbent = without_bend(d, d.measured + d.climb)
     smooth = d.measured - without_slope(d, unbent)
     return d._replace(
         v=unbent, speed=smooth, squared=without_bend(d, integral(d, u * u)[d.samples])
@@ -124,7 +129,7 @@ def along_track(d: Design) -> Design:
     distance = sum_by_piece(d, integral(d, d.relative_speed + d.mean)[d.samples]) / d.size
     separation = np.abs(distance[:, None] - distance) / _CORRELATION_LENGTH
     return d._replace(
-        gradient_covariance=GRADIENT_SIGMA**2 * np.exp(-separation)
+        gradient_covariance=d.gradient_sigma**2 * np.exp(-separation)
         + _UNCORRELATED_GRADIENT**2 * np.eye(len(distance))
     )
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from adhesion_cli.core.model import Parameter, Vehicle
-from adhesion_cli.core.physics import braked, clamping_force, friction_share, wheelset
+from adhesion_cli.core.physics import G, braked, clamping_force, friction_share, wheelset
 
 STATED = replace(Vehicle(), lever_ratio=Parameter(2.4, 0.0))
 
@@ -21,7 +21,7 @@ def true(friction: float = 1.0, mass: float = 1.0, **more: Parameter) -> Vehicle
 
 def log(
     path: Path, vehicle: Vehicle, seed: int = 1, applications: int = 3, drag: float = 0.0,
-    before: float = 7.0,
+    before: float = 7.0, gradient: float = 0.0,
 ) -> Path:  # fmt: skip
     """A train that rolls, braked several times on gradients that change; no train speed.
 
@@ -32,6 +32,7 @@ def log(
         applications: how many.
         drag: of the air, over the square of speed [1/m].
         before: from a change of the gradient to the next brake application [s].
+        gradient: of the whole line, uphill positive; the others are less than it and more.
     """
     rng, h = np.random.default_rng(seed), 0.05
     t = np.arange(0.0, 10.0 + 26.0 * applications, h)
@@ -46,7 +47,8 @@ def log(
     for i in range(len(t)):
         v[i] = speed
         braking = float(braked(K[i], w) * friction_share(speed, K[i], vehicle))
-        speed -= h * (braking + 0.012 + slope[i] + drag * v[i] ** 2)
+        climbing = G * gradient * w.rolling
+        speed -= h * (braking + climbing + 0.012 + slope[i] + drag * v[i] ** 2)
     rim = v + rng.normal(0.0, 0.004, len(t))
     rows = [f"{a:.2f},{b / 1e5:.4f},{3.6 * c:.4f}" for a, b, c in zip(t, p, rim, strict=True)]
     path.write_text("time [s],bc pressure [bar],wheel speed [km/h]\n" + "\n".join(rows) + "\n")
