@@ -11,8 +11,9 @@ from ..core.model import Log
 from ..core.summary import Constant, FailedLog, ResultSummary, SlideSummary, SlipSummary
 
 if TYPE_CHECKING:
+    from ..rail.events import Slide
     from ..rail.fit import Interval
-    from ..rail.rail_under_slides import Summary
+    from ..rail.rail_under_slides import Place, Summary
 
 
 def result_document(results: Sequence[ResultSummary | FailedLog]) -> Json:
@@ -84,14 +85,19 @@ def summarise_slip(log: str, start_ns: int, summary: "Summary") -> SlipSummary:
         utilisation=used and used.value,
         utilisation_ci=_limits(used),
         slides=tuple(
-            SlideSummary(
-                (x.start - start_ns) / 1e9, x.duration, x.distance, x.max_slip, x.energy,
-                x.is_lower_bound,
-            )
-            for x in summary.slides
+            _summarise_slide(x, start_ns, summary.place_of(x)) for x in summary.slides
         ),
         fit={name: Constant(x.value, (x.lower, x.upper)) for name, x in constants} or None,
         fit_curve="polach" if rail else None,
+    )  # fmt: skip
+
+
+def _summarise_slide(x: "Slide", start_ns: int, place: "Place | None") -> SlideSummary:
+    rail = place.rail if place else None
+    mu, used = (rail.peak_mu, rail.utilisation) if rail else (None, None)
+    return SlideSummary(
+        (x.start - start_ns) / 1e9, x.duration, x.distance, x.max_slip, x.energy, x.is_lower_bound,
+        mu and mu.value, _limits(mu), used and used.value,
     )  # fmt: skip
 
 

@@ -320,6 +320,14 @@ class SlideSummary(NamedTuple):
     max_slip: Annotated[float, Quantity("-", "the largest slip")]
     energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
     at_least: Annotated[bool, Quantity("", "whether the numbers are lower bounds")]
+    peak_mu: Annotated[
+        Number,
+        Quantity("-", "highest adhesion coefficient of the rail under it; null if not shown"),
+    ] = None
+    peak_mu_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")] = None
+    utilisation: Annotated[
+        Number, Quantity("-", "adhesion used over the highest, in its brake application")
+    ] = None
 
 
 class Constant(NamedTuple):

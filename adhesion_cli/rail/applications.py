@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import physics, threads
-from ..core.model import Z95, AxleRecord, AxleResult, Floats, Times, Vehicle
+from ..core.model import Z95, AxleResult, Floats, Times, Vehicle
 from ..core.signals import coverage_factor
 from ..core.summary import BrakeApplication, Contribution, Coverage, MeanAndHighest
 from ..reference import budget
-from . import rail_under_slides, sliding
+from . import fit, rail_under_slides, sliding
 from .events import Slide
 
 
@@ -29,36 +29,26 @@ def find_applications(
         vehicle: for the coefficient and its tolerance.
         start_ns: the log's start, from which times count [ns].
     """
-    slides, merged = sliding.slides(axle), list[list[slice]]()
-    for s in axle.applications:
-        if merged and _locked(axle.record, slice(merged[-1][-1].stop, s.start)):
-            merged[-1].append(s)
-        else:
-            merged.append([s])
-    vehicle = vehicle.of_axle(axle.record.axle)
+    slides, merged = sliding.slides(axle), rail_under_slides.braked_pieces(axle)
     context = rail_under_slides.AxleContext(axle, vehicle)
+    places = rail_under_slides.fit_places(context, slides)
+    by_slide = {x.start: place.rail for place in places for x in place.slides}
     contributions = (
         budget.contributions_by_parameter(axle.record, vehicle, axle.reference) if merged else {}
     )
     return tuple(
         threads.run_each(
-            lambda parts: _application(context, parts, slides, contributions, start_ns), merged
+            lambda parts: _application(context, parts, slides, by_slide, contributions, start_ns),
+            merged,
         )
     )
-
-
-def _locked(record: AxleRecord, pause: slice) -> bool:
-    """Whether the brake stays on while the train moves: it is one application of a locked wheel."""
-    K, v = record.clamping_force[pause], record.train_speed
-    if v is None or not len(K):
-        return False
-    return bool((K > physics.NO_FORCE).all() and (v[pause] > physics.CRAWL).all())
 
 
 def _application(
     context: rail_under_slides.AxleContext,
     pieces: Sequence[slice],
     all_slides: Sequence[Slide],
+    rails: Mapping[int, fit.RailFit | None],
     contributions: Mapping[str, Floats],
     log_start: int,
 ) -> BrakeApplication:
@@ -74,7 +64,8 @@ def _application(
     slides = [x for x in all_slides if samples.start <= x.samples.start < samples.stop]
     begins = [(x.start - log_start) / 1e9 for x in slides]
     energies = [x.energy for x in slides if x.energy is not None]
-    utilisation = rail_under_slides.utilisation(context, slides)
+    rail = rails.get(slides[0].start) if slides else None
+    utilisation = rail.utilisation if rail else None
     return BrakeApplication(
         axle=record.axle,
         start_s=(int(record.t[samples.start]) - log_start) / 1e9,

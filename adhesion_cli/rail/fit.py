@@ -66,6 +66,7 @@ _TOLERANCE = 1e-4  # relative change at which a search ends
 _GRADIENT_TOLERANCE = 1e-8  # cosine of the angle between errors and slopes at which it ends, too
 _SLIP_STEP = 1e-10  # step of slip, for the derivative of g
 DRAWS = 200
+_COMPARED = 40  # points, and draws, by which two rails are compared
 _SPEEDS = 8  # at which the peak is found
 _SLIP_QUANTILES = 0.01, 0.98  # quantiles of slip between which the points show the curve
 _SLIPS = 1e-4, 1.0  # range of slip in which the peak is found
@@ -98,6 +99,13 @@ class RailFit(NamedTuple):
     peak_mu: Interval | None
     utilisation: Interval | None
     speed: float  # at which the peak is given [m/s]
+    points: "Points | None" = None  # those that were fitted
+
+    @property
+    def mean_mu(self) -> float | None:
+        """Mean adhesion coefficient of the slides."""
+        p = self.points
+        return float(np.mean(p.mu[p.sliding])) if p and p.sliding.any() else None
 
 
 class Points(NamedTuple):
@@ -373,7 +381,29 @@ def _summarise_draws(
         mu if shows_peak_mu else None,
         _interval(utilisation) if shows_peak_mu else None,
         speed,
+        setup.p,
     )
+
+
+def contradicts(rail_a: RailFit, rail_b: RailFit, vehicle: Vehicle) -> bool:
+    """Whether the slides of rail b have clearly another adhesion than rail a gives there (95 %)."""
+    assert rail_b.points is not None
+    p = rail_b.points
+    sliding = np.flatnonzero(p.sliding)
+    sliding = sliding[:: max(1, len(sliding) // _COMPARED)]
+    if not len(sliding):
+        return False
+    patch = Contact().patch(vehicle.axle_mass.value * G)
+    measured, ratios = float(np.mean(p.mu[sliding])), []
+    for rail, scale in zip(rail_a.draws[:_COMPARED], rail_a.scales, strict=False):
+        forces = [
+            creep_force(p.slip[i] * p.speed[i], p.speed[i], rail, patch)[0]
+            for i in sliding.tolist()
+        ]
+        expected = float(np.mean(forces)) / patch.load / scale
+        ratios.append(math.log(max(measured, 1e-6) / max(expected, 1e-6)))
+    lower, upper = np.percentile(ratios, _PERCENTILES)
+    return bool(lower > _CLEAR_STEP[0] or upper < -_CLEAR_STEP[0])
 
 
 def _utilisation(

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core import physics
+from ..core import physics, threads
 from ..core.finding import Finding
 from ..core.model import (
     AxleRecord,
@@ -45,6 +45,14 @@ def shares(axle: AxleResult) -> dict[str, float]:
     return {name: float(x) / total for name, x in zip(REGIONS, time, strict=True)}
 
 
+class Place(NamedTuple):
+    """The slides of one brake application, and the rail under them."""
+
+    slides: list[Slide]
+    rail: fit.RailFit | None
+    findings: list[Finding]  # what these slides do not show
+
+
 class Summary(NamedTuple):
     """What `adhesion slip` reports of one axle; None where the log does not show it."""
 
@@ -54,14 +62,70 @@ class Summary(NamedTuple):
     rail: fit.RailFit | None
     slip_rmse: float | None  # against the log's own true slip, while braked
     delay: Parameter | None  # delay of the train speed, corrected [s]; None: not known
+    places: Sequence[Place] = ()  # where it slid, in the order of time
+
+    def place_of(self, slide: Slide) -> Place | None:
+        """The place of a slide."""
+        return next((place for place in self.places if slide in place.slides), None)
 
 
 def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
     """Slides, shares, rail, peak and adhesion utilisation of an axle."""
-    axle_slides = slides(axle)
-    rail, findings = fit_rail(AxleContext(axle, vehicle), axle_slides)
+    axle_slides, context = slides(axle), AxleContext(axle, vehicle)
+    places = fit_places(context, axle_slides)
+    if any(_differ(a, b, vehicle) for a, b in combinations(places, 2)):
+        rail, findings = None, [Finding("rail-changes", "info", channel=f"axle {axle.record.axle}")]
+    else:
+        rail, findings = fit_rail(context, axle_slides)
+    if rail and len(places) == 1:  # what `analyze` reports of the brake application
+        place_rail = places[0].rail
+        rail = rail._replace(utilisation=place_rail.utilisation if place_rail else None)
     delay = None if axle.record.train_speed_made else axle.record.train_speed_late
-    return Summary(axle.record.axle, shares(axle), axle_slides, rail, _rmse(axle), delay), findings
+    parts = axle.record.axle, shares(axle), axle_slides, rail, _rmse(axle), delay, places
+    return Summary(*parts), findings
+
+
+def braked_pieces(axle: AxleResult) -> list[list[slice]]:
+    """The brake applications; one whose wheel locked in between has several pieces."""
+    merged: list[list[slice]] = []
+    for s in axle.applications:
+        if merged and _locked(axle.record, slice(merged[-1][-1].stop, s.start)):
+            merged[-1].append(s)
+        else:
+            merged.append([s])
+    return merged
+
+
+def _locked(record: AxleRecord, pause: slice) -> bool:
+    """Whether the brake stays on while the train moves: it is one application of a locked wheel."""
+    K, v = record.clamping_force[pause], record.train_speed
+    if v is None or not len(K):
+        return False
+    return bool((K > physics.NO_FORCE).all() and (v[pause] > physics.CRAWL).all())
+
+
+def fit_places(context: "AxleContext", axle_slides: Sequence[Slide]) -> list[Place]:
+    """The rail under the slides of each brake application that has some.
+
+    Each has fewer draws than the fit of all slides: it takes about half a second.
+    """
+    groups = [
+        [x for x in axle_slides if pieces[0].start <= x.samples.start < pieces[-1].stop]
+        for pieces in braked_pieces(context.axle)
+    ]
+    return threads.run_each(
+        lambda group: Place(group, *fit_rail(context, group, _FEW_DRAWS)),
+        [group for group in groups if group],
+    )
+
+
+def _differ(a: Place, b: Place, vehicle: Vehicle) -> bool:
+    """Whether neither rail, as far as its slides show it, gives the adhesion of the other one."""
+    rail_a, rail_b = a.rail, b.rail
+    if rail_a is None or rail_b is None:
+        return False
+    both = (rail_a, rail_b), (rail_b, rail_a)
+    return all(fit.contradicts(*pair, vehicle) for pair in both)
 
 
 class AxleContext:
@@ -123,15 +187,6 @@ def unknown_slip(record: AxleRecord, samples: slice, vehicle: Vehicle) -> tuple[
     return mask, float(typical[mask].sum()) * 1e-9
 
 
-def utilisation(context: AxleContext, axle_slides: Sequence[Slide]) -> fit.Interval | None:
-    """Adhesion utilisation in these slides of an axle, by the rail under them; None if not known.
-
-    As in `summary`, with fewer draws: it takes about half a second.
-    """
-    rail, _ = fit_rail(context, axle_slides, _FEW_DRAWS)
-    return rail.utilisation if rail else None
-
-
 def fit_rail(
     context: AxleContext, axle_slides: Sequence[Slide], draws: int | None = None
 ) -> tuple[fit.RailFit | None, list[Finding]]:
@@ -147,7 +202,7 @@ def fit_rail(
     radius = context.radius
     observed, mu_error = points(context, axle_slides)
     if fit.clear_time(observed) < fit.SHORTEST:
-        needed = {"needed_s": fit.SHORTEST}
+        needed = {"needed_s": fit.SHORTEST, "clear_s": fit.clear_time(observed)}
         return None, [Finding("slides-too-short", "info", channel=name, values=needed)]
     rail = fit.fit(observed, vehicle, radius.tolerance / radius.value, mu_error, draws or fit.DRAWS)
     if rail is None:

@@ -56,8 +56,22 @@ def constants(rails: Sequence[RailFit]) -> list[list[str]]:
 
 
 def slide_rows(summaries: Sequence[Summary], start_ns: int) -> list[dict[str, str]]:
-    """A row for each slide."""
-    return [slide_row(s.axle, slide, start_ns) for s in summaries for slide in s.slides]
+    """A row for each slide, with its own rail where an axle slid at several places."""
+    pairs = [(s, slide) for s in summaries for slide in s.slides]
+    if all(len(s.places) < 2 for s in summaries):
+        return [slide_row(s.axle, slide, start_ns) for s, slide in pairs]
+    rows = []
+    for s, slide in pairs:
+        place = s.place_of(slide)
+        rail = place.rail if place else None
+        used = rail.utilisation if rail else None
+        own = {
+            "µ": number(rail.mean_mu if rail else None, 3),
+            "peak µ": _spread(rail.peak_mu if rail else None, 3),
+            "used [%]": number(used and 100.0 * used.value),
+        }
+        rows.append(slide_row(s.axle, slide, start_ns) | own)
+    return rows
 
 
 def slide_row(axle: int, slide: Slide, start_ns: int) -> dict[str, str]:

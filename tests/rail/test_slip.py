@@ -31,6 +31,7 @@ from adhesion_cli.rail import (
     speed_errors,
     wheel_calibration,
 )
+from adhesion_cli.rail.applications import find_applications
 from adhesion_cli.results import mcap
 from adhesion_cli.wsp import closed_loop, scenario
 from adhesion_cli.wsp.simulate import Recording
@@ -653,3 +654,32 @@ def test_a_result_is_told_as_its_log_was(tmp_path: Path, lag: float | None) -> N
     assert [f.code for f in again.findings] == [
         f.code for f in first.findings if not f.code.startswith("csv-")
     ]
+
+
+def rail_fit(f0: float, seed: int) -> fit.RailFit:
+    """The fit of noisy points on a rail with this friction."""
+    t, random = np.arange(0.0, 12.0, 0.02), np.random.default_rng(seed)
+    creep = 0.05 + 0.045 * np.sin(2.0 * t + seed)
+    condition = creep_law.condition("low")._replace(f0=f0)
+    mu = fit.curve(condition, 15.0, creep, Vehicle())
+    mu *= 1.0 + 0.02 * random.standard_normal(len(t))
+    points = fit.Points(t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
+    rail = fit.fit(points, Vehicle(), 1e-3, 0.05, 40)
+    assert rail
+    return rail
+
+
+def test_rails_of_other_friction_contradict_each_other_and_the_same_do_not() -> None:
+    low, again, high = rail_fit(0.05, 1), rail_fit(0.05, 2), rail_fit(0.08, 3)
+    for pair, contradicts in (((low, high), True), ((high, low), True), ((low, again), False)):
+        assert fit.contradicts(*pair, Vehicle()) is contradicts
+
+
+def test_slip_and_analyze_know_the_utilisation_of_the_same_slides() -> None:
+    result = analysed("low-adhesion")
+    for axle in result.axles:
+        (place,) = told("low-adhesion", axle.record.axle).places or (None,)
+        braked = [a for a in find_applications(axle, result.vehicle) if a.slides]
+        assert [a.utilisation for a in braked] == [
+            place.rail.utilisation.value for place in [place] if place and place.rail
+        ]
