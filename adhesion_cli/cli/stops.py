@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from . import results
 from .options import LOG_KINDS, Shared, check, inputs, load_settings, option, shared
 
 if TYPE_CHECKING:
     from ..studies.brake_test import BrakeTest
 
 _OPTIONS = "config set_ dbc axle from_ to json force strict out"
-_TABLE = "stops.csv"
+_TABLE, _PAGE = "stops.csv", "stops.html"
 
 
 @shared(*_OPTIONS.split())
-def command(
+def command(  # noqa: PLR0913 (one parameter per option)
     shared: Shared,
     logs: Annotated[
         list[Path] | None, typer.Argument(metavar="LOG", help=f"{LOG_KINDS}, or results.")
@@ -27,6 +28,13 @@ def command(
     braked_weight: Annotated[
         bool, option("--lambda", None, "Also show the braked weight percentage, with its remark.")
     ] = False,
+    report: Annotated[
+        bool, option("--report", None, "Also write the protocol, a page to sign: stops.html.")
+    ] = False,
+    table: Annotated[
+        Path | None,
+        option("--table", "FILE", "Also write the stops: FILE.xlsx, FILE.csv or FILE.parquet."),
+    ] = None,
     budget: Annotated[
         bool, option("--budget", None, "Show what each source adds to the uncertainty.")
     ] = False,
@@ -37,7 +45,8 @@ def command(
     track and nominal speed, with uncertainties. Then statistics of groups, differences between
     them, and limits with a verdict. Without a plan, the groups are the nominal speeds.
 
-    With -o DIR, writes the table of stops there (stops.csv).
+    With -o DIR, writes the table of stops there (stops.csv). --report adds the protocol with
+    figures, which prints on A4.
 
     A plan names logs of groups, as [group.old] logs = ["old_*.csv"], and may have [compare],
     [limits], [wsp] and [protocol]. Without LOG, it names the logs.
@@ -47,6 +56,7 @@ def command(
     from ..core.document import dumps
     from ..core.errors import UserError
     from ..results import atomic_files, tables
+    from ..results.report import page
     from ..studies import brake_test
     from ..studies.plan import Plan, planned_logs, read_plan
     from . import terminal
@@ -56,25 +66,36 @@ def command(
         if plan is None:
             raise UserError("no log", "adhesion stops LOG..., or --plan FILE.toml", code=2)
         logs = planned_logs(stated_plan, plan.parent)
-    files = [shared.out / _TABLE] if shared.out else []
+    if report and not shared.out:
+        raise UserError("--report writes into a folder", "add -o DIR", code=2)
+    folder = shared.out or Path()
+    files = [folder / _TABLE] if shared.out else []
+    files += [*([folder / _PAGE] if report else []), *([table] if table else [])]
+    if table:
+        tables.kind(table)
     check(shared, files, *logs, *([plan] if plan else []))
     progress = terminal.progress(shared.quiet)
-    request = brake_test.Request(tuple(shared.axle), (shared.from_, shared.to))
     series = brake_test.run(
         logs,
         lambda files: load_settings(replace(shared, config=[*shared.config, *files])),
         stated_plan,
-        request,
+        brake_test.Request(tuple(shared.axle), (shared.from_, shared.to)),
         progress,
     )
     if files:
-        read = inputs(shared, *logs)
-        table = tables.stops_of_series((s.log, s.group, s.label, s.stop) for s in series.stops)
-        with atomic_files.outputs(files, shared.force, inputs=read) as (place,):
-            tables.write(place, ".csv", {"stops": table})
+        read = inputs(shared, *logs, *([plan] if plan else []))
+        with atomic_files.outputs(files, shared.force, inputs=read) as places:
+            for file, place in zip(files, places, strict=True):
+                if file.name == _PAGE and report:
+                    title = plan.stem if plan else "Brake test"
+                    page.write_protocol(place, brake_test.protocol(series, title, braked_weight))
+                else:
+                    rows = ((s.log, s.group, s.label, s.stop) for s in series.stops)
+                    sheets = {"stops": tables.stops_of_series(rows)}
+                    tables.write(place, tables.kind(file), sheets)
     if shared.json:
         document = brake_test.document(series)
-        document["outputs"] = {"csv": str(files[0])} if files else {}
+        document["outputs"] = results.named(files)
         print(dumps(document))
     else:
         print(_text(series, braked_weight, budget))
@@ -109,5 +130,5 @@ def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
     if braked_weight:
         sections.append(section(rows.braked_weight_rows(test.stops), 2, rows.OF_LAMBDA))
     if budget:
-        sections.append(section(rows.budget_rows(test.stops), 3, rows.OF_BUDGET))
+        sections.append(section(rows.budget_rows(test.stops), 2, rows.OF_BUDGET))
     return "\n\n".join(filter(None, sections))

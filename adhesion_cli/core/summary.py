@@ -11,6 +11,7 @@ from .finding import Finding
 from .model import (
     NOT_IN_JSON,
     Z95,
+    Floats,
     IdentifiedVehicle,
     LogBrake,
     Nis,
@@ -194,6 +195,10 @@ class StopSummary:
     )
     axles: tuple[AxleStop, ...] = ()
     budget: tuple[StopContribution, ...] = ()
+    # times after the command [s] and the smoothed speed then [m/s], for figures
+    speed: tuple[Floats, Floats] | None = field(
+        default=None, compare=False, repr=False, metadata=NOT_IN_JSON
+    )
 
 
 class ReferenceSummary(NamedTuple):

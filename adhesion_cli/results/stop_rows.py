@@ -34,7 +34,10 @@ OF_LAMBDA = (
     "nominal speed. They agree with SUBSET-026, A.3.7 within 1 % at 160 to 200 km/h and 6 % at "
     "140 km/h, not at 100 to 120 km/h."
 )
-OF_BUDGET = "Change of distance and deceleration by one standard uncertainty of each source."
+OF_BUDGET = (
+    "Change of the distance by one standard uncertainty of each source. *: the same in every stop. "
+    "The gradient changes the distance on level track only."
+)
 _COMMAND = {
     "channel": "a command channel",
     "brake_pipe": "the fall of the brake pipe",
@@ -188,18 +191,26 @@ def braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
 
 
 def budget_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
-    """What each source of error adds to each stop."""
-    return [
-        {
-            "stop": str(i),
-            "source": c.source,
-            "common": "yes" if c.common else "no",
-            "distance [m]": number(c.distance_m, 2),
-            "a [m/s²]": number(c.deceleration, 4),
-        }
-        for i, s in enumerate(stops, 1)
+    """What each source of error adds to the distance of each stop; sources that add nothing aside.
+
+    A star marks the sources that are the same in every stop.
+    """
+    sources = {
+        c.source: f"{c.source}{'*' * c.common} [m]"
+        for s in stops
         for c in s.stop.budget
+        if abs(c.distance_m) > 0.0
+    }
+    return [
+        {"stop": str(i), "group": s.group}
+        | {head: number(_distance_error(s.stop, source), 2) for source, head in sources.items()}
+        for i, s in enumerate(stops, 1)
+        if s.stop.valid
     ]
+
+
+def _distance_error(stop: StopSummary, source: str) -> float | None:
+    return next((c.distance_m for c in stop.budget if c.source == source), None)
 
 
 def _named(quantity: str) -> tuple[str, float]:

@@ -109,6 +109,7 @@ def measure_stop(
         corrected_distance_m=measured("corrected"),
         axles=tuple(axle_stops(signals, command, braking, settings)),
         budget=figures.budget(),
+        speed=(t[after] - command, v[after]),
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from .. import __version__
 from ..analysis.analyze import analyze
 from ..analysis.identify import identify_together
 from ..analysis.prepare import Window
@@ -17,7 +18,8 @@ from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import IdentifiedVehicle, Log
-from ..core.summary import FailedLog, StopSummary
+from ..core.summary import FailedLog, StopSummary, summarise_finding
+from ..results.report.protocol import Protocol
 from ..stops.series import (
     Difference,
     Group,
@@ -155,6 +157,42 @@ def _stops(
 def _series_stop(path: Path, group: PlannedGroup | None, stop: StopSummary) -> SeriesStop:
     name = group.name if group else f"{stop.nominal_speed_kmh:g} km/h"
     return SeriesStop(str(path), name, group.label or None if group else None, stop)
+
+
+def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protocol:
+    """The series as a page."""
+    logs = {s.log: s for s in test.stops}
+    about = {
+        "Evaluated by": f"adhesion {__version__}",
+        "Logs": ", ".join(Path(log).name for log in logs),
+        **{f"Not evaluated: {Path(x.path).name}": x.error for x in test.failed},
+        "Expanded uncertainties": "coverage factor 2, about 95 %",
+    }
+    stated = {f"{g.name}": _stated(g) for g in test.plan.groups}
+    about |= {f"Group {name}": text for name, text in stated.items() if text}
+    return Protocol(
+        title,
+        test.plan.protocol,
+        test.stops,
+        test.groups,
+        test.differences,
+        test.limits,
+        test.wsp,
+        [summarise_finding(f) for f in test.findings],
+        about,
+        braked_weight,
+    )
+
+
+def _stated(group: PlannedGroup) -> str:
+    """What the plan states of a group."""
+    vehicle = group.vehicle and group.vehicle.name
+    speed = f"{group.nominal_speed:g} km/h" if group.nominal_speed else ""
+    values = {
+        "nominal speed": speed, "rail": group.rail, "load": group.load, "mode": group.mode,
+        "label": group.label, "vehicle": vehicle,
+    }  # fmt: skip
+    return ", ".join(f"{name}: {value}" for name, value in values.items() if value)
 
 
 # ------------------------------------------------------------------------------------ the document

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import Run
+from helpers.pages import figures
 
 from adhesion_cli.core import bundled
+from adhesion_cli.results.report.protocol import FIELDS
 from adhesion_cli.stops.series import QUANTITIES
 
 SAMPLES = bundled.folder("sample_logs")
@@ -117,3 +119,21 @@ def test_what_cannot_be_done_says_so(
     assert done.returncode == code
     assert said in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_protocol_has_its_tables_figures_and_empty_lines(run: Run, plan: Path) -> None:
+    with plan.open("a") as file:
+        file.write('[protocol]\nvehicle = "<b>4711"\nobserver = "N. N."\n')
+    done = run("stops", "--plan", str(plan), "-o", "out", "--report", "--table", "all.xlsx", "-q")
+    assert done.returncode == 0, done.stderr
+    text = Path(plan.parent, "out", "stops.html").read_text(encoding="utf-8")
+    assert "&lt;b&gt;4711" in text
+    assert "N. N." in text
+    for part in ("2 valid stops of 2. Limits: 2 kept.", "Statistics", "Differences", "K_wet"):
+        assert part in text, part
+    assert text.count('class="blank"') == sum(map(len, FIELDS.values())) - 1
+    assert set(figures(text)["roots"].values()) == {"stops-speed", "stops-distance", "stops"}
+    assert Path(plan.parent, "all.xlsx").exists()
+    refused = run("stops", "one.csv", "two.csv", "--plan", str(plan), "--report")
+    assert refused.returncode == 2
+    assert "-o DIR" in refused.stderr

@@ -9,6 +9,7 @@ import re
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 from zlib import compress
 
@@ -18,11 +19,12 @@ from markupsafe import Markup, escape
 from ... import __version__
 from ...core.model import Vehicle, quantities
 from ...core.text import printable, utf8
-from .. import result_rows
+from .. import result_rows, verified
 from ..carried_vehicle import is_of_vehicle
 from ..text_tables import DASH
 from . import comparison, words
 from .campaign import Campaign
+from .protocol import Protocol, headline, parts, tables
 from .run import ReportRun
 
 if TYPE_CHECKING:
@@ -65,6 +67,30 @@ def campaign_page(campaign: Campaign) -> str:
     about = _pairs(campaign.about.items(), "Fact")
     context = {"campaign": campaign, "places": places, "about": about}
     return _page("campaign.html", campaign.name, figures, context)
+
+
+def protocol_page(protocol: Protocol) -> str:
+    """The protocol of a brake test."""
+    from .plots import Figures  # Bokeh is slow to import
+
+    figures = Figures()
+    context = {
+        "protocol": protocol,
+        "headline": headline,
+        "parts": parts(protocol),
+        "tables": tables(protocol),
+        "places": figures.of_stops(protocol.stops),
+        "about": _pairs(protocol.about.items(), "Fact"),
+    }
+    return _page("protocol.html", protocol.title, figures, context)
+
+
+def write_protocol(place: Path, protocol: Protocol) -> None:
+    """Writes the protocol of a brake test.
+
+    Raises as `verified.verified`.
+    """
+    verified.write(place, protocol_page(protocol))
 
 
 def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:

@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 
 from ...core.finding import merge_spans
 from ...core.model import Floats
+from ...core.summary import Measured
+from ...stops.series import SeriesStop
 from .. import palette
 from ..train_stops import MANY_AXLES, group_axles
 from . import decimate
@@ -32,6 +34,7 @@ from .run import ReportAxle, ReportRun
 
 _DETAIL = 3  # more numbers of an axle with figures of its own, over those of the others
 _BITS = 12  # of a number's mantissa that a picture shows
+_CURVE = 400  # points of the deceleration of one stop
 _POINTS = 2500  # of µ over slip, per axle
 _MARGIN = 1.0  # around a brake application that is drawn in full [s]
 _RARE = 0.002  # share of the samples that may lie outside of a chart of errors
@@ -153,6 +156,37 @@ class Figures:
         tips += [("5 %, median, 95 %", "@lower{0.000}, @middle{0.000}, @upper{0.000}")]
         fig.add_tools(HoverTool(renderers=[span], tooltips=tips))
         return self._place(fig, place)
+
+    def of_stops(self, stops: Sequence[SeriesStop]) -> list[str]:
+        """Deceleration over speed of all stops, and their distances; returns the places."""
+        tools = "box_zoom,pan,wheel_zoom,reset,save"
+        groups = list(dict.fromkeys(s.group for s in stops))
+        over_speed = _figure("Deceleration [m/s²]", 280, tools, "box_zoom")
+        over_speed.xaxis.axis_label = "speed [km/h]"
+        distances = _figure("Distance [m]", 260, tools, "box_zoom")
+        distances.xaxis.axis_label = "speed at the command [km/h]"
+        decelerations = _figure("Equivalent deceleration [m/s²]", 220, tools, "box_zoom")
+        decelerations.xaxis.axis_label = "stop"
+        lines: dict[str, list[Any]] = {}
+        points: dict[str, list[Any]] = {}
+        for i, s in enumerate(stops, 1):
+            colour = palette.nth(groups.index(s.group))
+            if s.stop.speed is not None:
+                speed, slowing = _deceleration(*s.stop.speed)
+                source = ColumnDataSource({"v": _rounded(speed), "a": _rounded(slowing)})
+                style = {"source": source, "color": colour, "line_width": 1.2}
+                lines.setdefault(s.group, []).append(over_speed.line("v", "a", **style))
+            if (v0 := s.stop.initial_speed_mps) and (distance := s.measured("distance_m")):
+                drawn = _with_bar(distances, 3.6 * v0.value, distance, colour)
+                points.setdefault(s.group, []).extend(drawn)
+            quantity = "equivalent_deceleration"
+            if value := s.measured(quantity) or s.measured("mean_deceleration"):
+                points.setdefault(s.group, []).extend(_with_bar(decelerations, i, value, colour))
+        over_speed.y_range = Range1d(0.0, 1.1 * _highest_deceleration(stops))
+        _legend(over_speed, lines)
+        _legend(distances, points)
+        figures = {"stops-speed": over_speed, "stops-distance": distances, "stops": decelerations}
+        return [self._place(fig, place) for place, fig in figures.items()]
 
     def figures_of(self, places: Iterable[str]) -> list[figure]:
         """The figures in these places."""
@@ -417,6 +451,28 @@ def _source(axle: ReportAxle, limit: int, zero: float = 0.0) -> tuple[ColumnData
     omitted = _inside(axle.t, braked).sum() - _inside(axle.t[chosen], braked).sum()
     steps = np.diff(axle.t[chosen])[_inside(axle.t[chosen[1:]], braked)]
     return ColumnDataSource(data), float(np.quantile(steps, 0.9)) if omitted else 0.0
+
+
+def _deceleration(t: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Speed [km/h] and mean deceleration over a second [m/s²] of a stop."""
+    half = min(0.5, 0.25 * float(t[-1] - t[0]))
+    before, after = np.interp(t - half, t, v), np.interp(t + half, t, v)
+    span = np.minimum(t + half, t[-1]) - np.maximum(t - half, t[0])
+    kept = slice(None, None, max(1, len(t) // _CURVE))
+    return 3.6 * v[kept], ((before - after) / span)[kept]
+
+
+def _highest_deceleration(stops: Sequence[SeriesStop]) -> float:
+    """The highest deceleration of any stop but its rarest values [m/s²]."""
+    curves = [_deceleration(*s.stop.speed)[1] for s in stops if s.stop.speed is not None]
+    return max((float(np.quantile(a, 0.99)) for a in curves), default=1.0) or 1.0
+
+
+def _with_bar(fig: figure, x: float, value: Measured, colour: str) -> list[Any]:
+    """A point with its expanded uncertainty."""
+    style = {"color": colour, "line_width": 1.5}
+    bar = fig.segment([x], [value.value - value.u95], [x], [value.value + value.u95], **style)
+    return [bar, fig.scatter([x], [value.value], size=6, color=colour)]
 
 
 def _edged(
