@@ -5,18 +5,21 @@ slip) → summarise.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..core import threads
 from ..core.finding import Finding
+from ..core.mean_axle import move_axles
 from ..core.model import AxleRecord, AxleResult, IdentifiedVehicle, Result
 from ..formats.memory import Signals
 from ..rail import wheel_calibration
 from . import settings as settings_module
 from .axle import analyze_axle, without_force
 from .identify import find_log_brake, identify
+from .loads import states_load
 from .prepare import Window, align_log
-from .request import choose_estimators, open_log, read_log
+from .request import choose_estimators, load_vehicle, open_log, read_log
 from .settings import Settings
 from .vehicle_findings import diagnose_with, state_diameters, without_force_findings
 
@@ -50,11 +53,16 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     progress(f"reading {path.name}")
     settings, source = open_log(path, settings)
     log = read_log(source, settings)
+    stated_load = states_load(settings.vehicle)
+    settings, load_findings = load_vehicle(settings, log)
     start_ns = log.start_ns()
 
     aligned = align_log(log, settings.vehicle, axles, window, settings.checks, settings.track)
     if identified is None or settings.analysis.vehicle == "stated":
         identified = identify([aligned], settings)
+    elif stated_load and identified.mean_axle:  # found at another load
+        vehicle_of_log = move_axles(settings.vehicle, *identified.mean_axle)
+        identified = replace(identified, vehicle=vehicle_of_log)
     vehicle_findings, prepared = diagnose_with(aligned, identified, settings)
     settings = settings.with_vehicle(identified)
     vehicle = settings.vehicle
@@ -80,7 +88,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         log,
         identified,
         results,
-        tuple(dict.fromkeys((*vehicle_findings, *log.findings, *findings))),
+        tuple(dict.fromkeys((*vehicle_findings, *load_findings, *log.findings, *findings))),
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys((results[0].reference.source, *(e.source for e in estimators)))),
         find_log_brake(aligned, settings),

@@ -12,7 +12,7 @@ from ..core.errors import UserError
 from ..core.model import Vehicle, quantities
 from ..core.physics import CHAIN
 from ..core.toml import Table
-from . import stated_brake, stated_friction
+from . import loads, stated_brake, stated_friction
 
 Tables = Mapping[str, Any]  # of TOML, read only
 # What a car states of one of these groups replaces what [vehicle] states of it.
@@ -86,8 +86,11 @@ def named(axle: AxleTable, convert: Callable[[Table], Any]) -> Any:
 
 
 def forget(tree: Table, layer: Tables) -> None:
-    """Removes what cars state where a later layer states other cars, or a value for all of them."""
+    """Removes what a later layer states anew: other cars, a value for all cars, a mass."""
     cars, later_cars = tree.get("car", {}), layer.get("car", {})
+    for table in (tree.get("vehicle", {}), *cars.values()):
+        if "axle_mass" in layer.get("vehicle", {}):
+            table.pop("load", None)
     if any("axles" in table for table in later_cars.values()):
         for name in cars.keys() - later_cars.keys():
             del cars[name]
@@ -111,6 +114,8 @@ def _parameters(vehicle: Vehicle) -> Table:
             table[name] = getattr(vehicle, name)._asdict()
     if vehicle.friction_table:
         table["friction"] = stated_friction.as_stated(vehicle.friction, vehicle.friction_table)
+    if vehicle.load:
+        table["load"] = loads.as_stated(vehicle.load)
     correlations: Table = {}
     for a, b, share in vehicle.correlation:
         correlations.setdefault(a, {})[b] = share

@@ -45,7 +45,7 @@ from ..train import pieces, solve
 from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.explain import explain
 from .prepare import AlignedLog, Window, align_log
-from .request import open_log, read_log
+from .request import load_vehicle, open_log, read_log
 from .settings import Settings
 
 _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
@@ -82,9 +82,11 @@ def identify_together(
             settings_of_log, source = open_log(path, settings)
             if settings_of_log.analysis.vehicle == "log":
                 log = read_log(source, settings_of_log)
-                logs.append(
-                    align_log(log, settings.vehicle, axles, window, settings.checks, settings.track)
+                loaded, _ = load_vehicle(settings, log)
+                aligned = align_log(
+                    log, loaded.vehicle, axles, window, settings.checks, settings.track
                 )
+                logs.append(aligned)
         except Exception:  # its own analysis says what is wrong with a log
             continue
     return identify(logs, settings) if logs and len(_kinds(logs)) == 1 else None
@@ -132,9 +134,10 @@ def of_all_axles(
         vehicle: as stated.
         first: number of the axle whose force per bar is reported.
     """
-    if not vehicle.axles:
-        return identified
+    identified = replace(identified, mean_axle=(mean, identified.vehicle))
     moved = move_axles(vehicle, mean, identified.vehicle)
+    if not vehicle.axles:
+        return replace(identified, vehicle=moved)
     forces = (
         force and force_per_bar(v.of_axle(first))
         for force, v in (

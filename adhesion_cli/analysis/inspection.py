@@ -18,6 +18,7 @@ from ..formats.open import kind, open_source
 from ..formats.source import Source
 from .identify import identify
 from .prepare import align_log
+from .request import further_meanings, load_vehicle
 from .settings import Settings
 from .summarise import summarise_channel
 from .vehicle_findings import diagnose_with
@@ -94,23 +95,25 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
     """What only the channels together show, as a stuck speed; or why there is no record."""
     severity: Severity = "info"
     try:
-        chosen, findings = needed(source, settings.mappings)
+        further = further_meanings(settings)
+        chosen, findings = needed(source, settings.mappings, further)
         chosen_keys = {(name(m.field), m.field.path, m.axle) for m in chosen}
         meant = tuple(
             c
             for c in log.channels
-            if (c.name, c.field, c.axle) in chosen_keys and c.meaning in INPUTS
+            if (c.name, c.field, c.axle) in chosen_keys and c.meaning in {*INPUTS, *further}
         )
         severity = "warning"  # where all of what is needed is lost
         whole_log = without_empty(replace(log, channels=meant))
         severity = "info"
+        settings, load_findings = load_vehicle(settings, whole_log)
         aligned = align_log(
             whole_log, settings.vehicle, checks=settings.checks, track=settings.track
         )
         identified = identify([aligned], settings)
         vehicle_findings, checked = diagnose_with(aligned, identified, settings)
         said = [f for f in vehicle_findings if f.code != "vehicle-default"]
-        return [*said, *findings, *whole_log.findings, *checked.findings]
+        return [*said, *load_findings, *findings, *whole_log.findings, *checked.findings]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}
         return [Finding("not-analysable", severity, names=names)]

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from ..core.finding import Finding
-from ..core.mean_axle import mean_axle
+from ..core.mean_axle import mass_at_rim, mean_axle
 from ..core.model import AxleRecord, Log, Track, Train, Vehicle
 from ..diagnostics.diagnosis import diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
@@ -52,10 +52,15 @@ class AlignedLog(NamedTuple):
         return self._replace(axles=axles, grids=grids, vehicle=vehicle)
 
     def as_mean_axles(self, mean: Vehicle) -> "AlignedLog":
-        """The log of a train that has this mean axle at every place, and brakes alike."""
+        """The log of a train that has this mean axle at every place, and brakes alike.
+
+        Where another load gives it another mass, its forces are scaled so that it slows alike.
+        """
         if mean == self.vehicle:
             return self
-        axles = [a.as_mean_axle(self.vehicle, mean) for a in self.axles]
+        own = mean_axle(self.vehicle, self.numbers)
+        heavier = 1.0 if own == mean else mass_at_rim(mean) / mass_at_rim(own)
+        axles = [a.as_mean_axle(self.vehicle, mean, heavier) for a in self.axles]
         grids = self.grids and build_grids(axles, mean)
         grids = grids and on_gradient(grids, self.gradient, mean)
         return self._replace(axles=axles, grids=grids, vehicle=mean)

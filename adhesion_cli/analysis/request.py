@@ -2,18 +2,21 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..channels.log import read
 from ..core import estimator
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
+from ..core.finding import Finding
 from ..core.model import Log, Meaning
 from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..formats.source import Source
 from ..records.faults import Window
 from ..reference import force
+from . import loads
 from . import settings as settings_module
 from .settings import VEHICLE_USES, Settings
 
@@ -77,10 +80,27 @@ def open_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Source
 def read_log(source: Source, settings: Settings) -> Log:
     """The log of a source with its channels' meanings."""
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
+    further = further_meanings(settings)
+    return read(source, settings.mappings, settings.vehicle, max_gap_ns, further)
+
+
+def further_meanings(settings: Settings) -> tuple[Meaning, ...]:
+    """The meanings of channels that these settings need beside brake and speeds."""
     further: tuple[Meaning, ...] = ("gradient",)
     if settings.track.profile:
         further = ("position", "distance")
-    return read(source, settings.mappings, settings.vehicle, max_gap_ns, further)
+    return (*further, "load_pressure") if loads.states_load(settings.vehicle) else further
+
+
+def load_vehicle(settings: Settings, log: Log) -> tuple[Settings, list[Finding]]:
+    """The settings with the axle masses that the load pressures of a log show, and what to report.
+
+    They are as stated where no load is stated.
+    """
+    if not loads.states_load(settings.vehicle):
+        return settings, []
+    vehicle, findings = loads.with_load(settings.vehicle, log)
+    return replace(settings, vehicle=vehicle), findings
 
 
 def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:

@@ -40,7 +40,7 @@ from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
 from ..stops.settings import StopSettings
 from ..wsp import controller
-from . import cars, stated_brake, stated_friction, stated_track
+from . import cars, loads, stated_brake, stated_friction, stated_track
 
 Table = toml.Table
 Tables = Tree[str, Any]  # of TOML, read only
@@ -133,7 +133,8 @@ class Settings:
         """Vehicle parameters that the user states, though it may be the default's value."""
         cars = self.tables.get("car", {}).values()
         every = [self.tables.get("vehicle", {}), *cars]
-        return frozenset(name for table in every for name in table if name != "axles")
+        names = {name for table in every for name in table} - {"axles"}
+        return frozenset(names | ({"axle_mass"} if "load" in names else set()))
 
     def states_brake(self, by_pressure: bool) -> bool:
         """Whether any of the brake is stated; only the friction counts where K is logged."""
@@ -519,7 +520,7 @@ def vehicle_keys() -> dict[str, str]:
     """Every spelling of a vehicle parameter, and the field it means."""
     names = {name: name for name in quantities(Vehicle)}
     symbols = {q.symbol: name for name, q in quantities(Vehicle).items() if q.symbol}
-    further = {"wheel_diameter": "wheel_radius", "correlation": "correlation"}
+    further = {"wheel_diameter": "wheel_radius", "correlation": "correlation", "load": "load"}
     return {**names, **symbols, **further}
 
 
@@ -539,6 +540,8 @@ def _single_axle(table: Table) -> Vehicle:
             values[name] = _correlation(value)
         elif name == "friction" and stated_friction.is_table(value):
             values[name], values["friction_table"] = stated_friction.friction_table(value)
+        elif name == "load":
+            values[name] = loads.stated_load(value)
         elif name == "wheel_radius":
             radii = value if isinstance(value, list) else [value]
             if not radii:
@@ -548,6 +551,8 @@ def _single_axle(table: Table) -> Vehicle:
             values[name] = tuple(_parameter(name, v, default[0]) for v in radii)
         else:
             values[name] = _parameter(name, value, default)
+    if (load := values.get("load")) and "axle_mass" not in table:
+        values["axle_mass"] = load.mass(sum(load.pressure) / 2.0)
     vehicle = Vehicle(**values)
     if vehicle.friction_table and vehicle.friction_fade.value:
         text = "vehicle.friction is a table and vehicle.friction_fade is stated: speed counts twice"

@@ -44,7 +44,7 @@ def stops_of_log(log: Log, vehicle: Vehicle, settings: StopSettings) -> tuple[St
 
 
 def _measured(signals: StopSignals, vehicle: Vehicle, settings: StopSettings) -> list[StopSummary]:
-    w = wheelset(vehicle, 1)
+    w = wheelset(replace(vehicle, axles=()), 1)  # of the mean axle
     track = Track(_UNKNOWN_GRADIENT, 1.0 + w.inertia / (w.mass * w.radius**2))
     brakings = find_brakings(signals)
     return [measure_stop(signals, braking, track, settings) for braking in brakings]

@@ -57,7 +57,7 @@ def read(
     log = _judged(log, chosen, vehicle)
     _refuse_pipe_alone(log)
     return without_empty(
-        replace(log, channels=tuple(c for c in log.channels if c.meaning in INPUTS))
+        replace(log, channels=tuple(c for c in log.channels if c.meaning in {*INPUTS, *further}))
     )
 
 

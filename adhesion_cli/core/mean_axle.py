@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from .model import CarAxle, FrictionTable, Parameter, Vehicle
+from .model import CarAxle, FrictionTable, Load, Parameter, Vehicle
 from .physics import CHAIN, force_line, friction_share, piston_area
 
 _BRAKE = ("friction", *CHAIN, "cylinder_diameter")  # factors of the force per pressure
@@ -49,6 +49,11 @@ def mean_axle(vehicle: Vehicle, axles: Sequence[int]) -> Vehicle:
     if not vehicle.axles:
         return vehicle
     return _mean({number: vehicle.of_axle(number) for number in axles})
+
+
+def mass_at_rim(vehicle: Vehicle) -> float:
+    """M + I/R² of a mean axle: what its brake force slows [kg]."""
+    return vehicle.axle_mass.value + vehicle.wheelset_inertia.value / vehicle.radius(1).value ** 2
 
 
 def are_alike(vehicle: Vehicle, axles: Sequence[int]) -> bool:
@@ -105,9 +110,13 @@ def move_axles(vehicle: Vehicle, stated: Vehicle, identified: Vehicle) -> Vehicl
         stated: its mean axle.
         identified: the mean axle as the log shows it.
     """
-    if not vehicle.axles or identified == stated:
-        return identified if identified != stated else vehicle
+    if identified == stated:
+        return vehicle
+    if vehicle == stated:
+        return replace(identified, load=_moved_load(vehicle, stated, identified))
     stated = _at_speed(stated, identified.friction_speed.value)
+    if not vehicle.axles:
+        return _moved(vehicle, stated, identified)
     axles = [own._replace(vehicle=_moved(own.vehicle, stated, identified)) for own in vehicle.axles]
     return vehicle_of_axles(axles)
 
@@ -134,7 +143,19 @@ def _moved(own: Vehicle, stated: Vehicle, identified: Vehicle) -> Vehicle:
     if stated.friction_table and identified.friction_table:
         tables = stated.friction_table, identified.friction_table
         changed |= _moved_table(own, *tables, _share(identified.friction), of_brake)
-    return replace(own, **changed, correlation=identified.correlation)
+    load = _moved_load(own, stated, identified)
+    return replace(own, **changed, load=load, correlation=identified.correlation)
+
+
+def _moved_load(own: Vehicle, stated: Vehicle, identified: Vehicle) -> Load | None:
+    """The line of the load pressure, with the error that the log shows of the mass."""
+    if own.load is None:
+        return None
+    before, after = stated.axle_mass, identified.axle_mass
+    factor = (after.value / before.value) ** _ratio_of(_share(own.axle_mass), _share(before))
+    low, high = own.load.axle_mass
+    tolerance = factor * own.load.tolerance * _ratio_of(_share(after), _share(before))
+    return own.load._replace(axle_mass=(factor * low, factor * high), tolerance=tolerance)
 
 
 def _moved_table(

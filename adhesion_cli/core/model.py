@@ -289,6 +289,25 @@ class Wheelset(NamedTuple):
     mass: float  # m [kg]
 
 
+class Load(NamedTuple):
+    """The mass of an axle by its load pressure: a straight line through two points."""
+
+    pressure: tuple[float, float]  # rising [Pa]
+    axle_mass: tuple[float, float]  # [kg]
+    tolerance: float  # 1 sigma of the mass [kg]
+
+    def mass(self, pressure: float) -> Parameter:
+        """The mass of an axle at a pressure [Pa]."""
+        (p0, p1), (m0, m1) = self.pressure, self.axle_mass
+        return Parameter(m0 + (m1 - m0) * (pressure - p0) / (p1 - p0), self.tolerance)
+
+    def reaches(self, pressure: float, beyond: float) -> bool:
+        """Whether a pressure [Pa] is at most so far outside of the points, as a share of theirs."""
+        low, high = self.pressure
+        margin = beyond * (high - low)
+        return low - margin <= pressure <= high + margin
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicle:
     """The braked wheelset; defaults are the paper's vehicle, tolerances are standard uncertainties.
@@ -338,6 +357,7 @@ class Vehicle:
     ] = Parameter(0.0, 0.0)
     correlation: tuple[tuple[str, str, float], ...] = ()  # of the errors of two parameters
     friction_table: FrictionTable | None = None  # `friction` is φ in its middle, and scales it
+    load: Load | None = None  # shows the axle mass where the log has a load pressure
     # Where axles differ in more than the radius: each with its own values. The fields above are
     # then those of the mean axle, see `core.mean_axle`.
     axles: tuple["CarAxle", ...] = ()
@@ -464,6 +484,7 @@ class IdentifiedVehicle:
     differing_stops: Mapping[str, tuple[DifferingStop, ...]] = field(default_factory=dict)
     differing: tuple[str, ...] = ()  # paths of logs that brake otherwise than all together
     other_brake: bool = False  # whether a brake without a pressure in the logs slows the train, too
+    mean_axle: tuple[Vehicle, Vehicle] | None = None  # as stated, and as identified
 
 
 class LogBrake(NamedTuple):

@@ -31,15 +31,16 @@ class AxleChannels(NamedTuple):
         )
         return self._replace(record=record)
 
-    def as_mean_axle(self, vehicle: Vehicle, mean: Vehicle) -> "AxleChannels":
+    def as_mean_axle(self, vehicle: Vehicle, mean: Vehicle, heavier: float = 1.0) -> "AxleChannels":
         """The axle as one of a train of equal axles: with what makes the mean axle brake as it.
 
         Args:
             vehicle: with this axle's own values.
             mean: the mean axle, from `core.mean_axle`.
+            heavier: its mass over that of the mean axle of this log.
         """
         own, record = vehicle.of_axle(self.record.axle), self.record
-        factor = own.friction.value / mean.friction.value
+        factor = heavier * own.friction.value / mean.friction.value
         table = own.friction_table
         if table is None and mean.friction_table:
             table = FrictionTable((0.0,), (), ((own.friction.value,),))  # the same at every speed

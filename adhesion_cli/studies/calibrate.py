@@ -14,7 +14,7 @@ import numpy as np
 
 from ..analysis.identify import as_equal_axles, find_prior, of_all_axles
 from ..analysis.prepare import AlignedLog, align_log, diagnose_log
-from ..analysis.request import open_log, read_log
+from ..analysis.request import load_vehicle, open_log, read_log
 from ..analysis.settings import Settings, tree
 from ..core import toml
 from ..core.annotated import Json
@@ -104,8 +104,10 @@ def calibrate(
                 "name the logs themselves: each counts once",
             )
         log = read_log(source, settings_of_log)
+        loaded, load_findings = load_vehicle(settings_of_log, log)
+        log = replace(log, findings=(*load_findings, *log.findings))
         aligned = align_log(
-            log, settings_of_log.vehicle, checks=settings_of_log.checks, track=settings_of_log.track
+            log, loaded.vehicle, checks=settings_of_log.checks, track=settings_of_log.track
         )
         all_settings.append(settings_of_log)
         read_logs.append((replace(log, channels=()), aligned))
@@ -121,7 +123,10 @@ def calibrate(
         raise UserError(
             f"{', '.join(p.name for p in paths)}: {finding.message}", finding.hint or ""
         )
-    logs = [_used_log(log, aligned, of_all.vehicle, settings) for log, aligned in read_logs]
+    logs = [
+        _used_log(log, aligned, move_axles(aligned.vehicle, mean, vehicle), settings)
+        for log, aligned in read_logs
+    ]
     rolling = _rolling_logs(logs)
     progress("fitting all brake applications")
     with_design = [u.evidence.design for u in rolling if u.evidence.design]

@@ -57,7 +57,7 @@ def write(
     mass = sum(w.mass + w.inertia / w.radius**2 for w in own.values())
     clamping = {n: clamping_force(p, vehicle.of_axle(n)) for n in axles}
     force = {n: np.empty(len(t)) for n in axles}
-    v, slowing, speed = np.empty(len(t)), np.empty(len(t)), 42.0
+    v, slowing, speed = np.empty(len(t)), np.empty(len(t)), 58.0
     for i in range(len(t)):
         for n, w in own.items():
             K = clamping[n][i]
