@@ -151,6 +151,8 @@ class Settings:
         """
         base = {k: v for k, v in carried.items() if k not in _ORIGIN}
         base |= {"diagnostics": _known_thresholds(base.get("diagnostics", {}))}
+        if "profile" in base.get("track", {}).get("gradient", {}):  # the log had the position
+            del base["track"]
         return _build([_normalise_names(base), self.tables], self.flags)
 
     def with_vehicle(self, identified: IdentifiedVehicle) -> "Settings":

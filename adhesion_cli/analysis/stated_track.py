@@ -1,7 +1,10 @@
 """`[track]`: the gradient of the line, a number in per mille or a profile over the position."""
 
 import csv
+import math
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from ..core.errors import UserError, unknown
 from ..core.model import Parameter, Quantity, Track
@@ -37,29 +40,42 @@ def stated_track(table: Table) -> Track:
 
 
 def as_stated(track: Track) -> Table:
-    """A constant gradient as `[track]` states it; a profile belongs to its log and is left out."""
-    if not track.stated or track.profile:
-        return {}
-    per_mille = {k: v / _PER_MILLE for k, v in track.gradient._asdict().items()}
-    return {"gradient": per_mille}
+    """The line as `[track]` states it, with the rows of a profile."""
+    value, tolerance = (x / _PER_MILLE for x in track.gradient)
+    if track.profile:
+        rows = [[place / _KM, gradient / _PER_MILLE] for place, gradient in track.profile]
+        profile = {"profile": rows, "position": track.position, "tolerance": tolerance}
+        return {"gradient": profile}
+    return {"gradient": {"value": value, "tolerance": tolerance}} if track.stated else {}
 
 
 def _along(entry: Table) -> Track:
     keys = ["profile", "position", "tolerance"]
     if extra := entry.keys() - {*keys}:
         raise unknown("key of track.gradient", min(extra), keys)
-    for key in ("profile", "position"):
-        if not isinstance(entry.get(key, ""), str):
-            text = f"track.gradient.{key} = {entry[key]!r} is no text"
-            raise UserError(text, f"for example {_EXAMPLE}", code=2)
+    position, profile = entry.get("position", ""), entry["profile"]
+    if not isinstance(position, str) or not isinstance(profile, str | list):
+        text = "track.gradient: profile and position are names"
+        raise UserError(text, f"for example {_EXAMPLE}", code=2)
     usual = Track().gradient.tolerance / _PER_MILLE
     tolerance = number("track.gradient.tolerance", entry.get("tolerance", usual)).value
     gradient = Parameter(0.0, _PER_MILLE * tolerance)
-    return Track(gradient, True, _read(Path(entry["profile"])), entry.get("position", ""))
+    rows = _read(Path(profile)) if isinstance(profile, str) else _listed(profile)
+    return Track(gradient, True, tuple(_rising(rows)), position)
 
 
-def _read(path: Path) -> tuple[tuple[float, float], ...]:
-    """Places [m] and gradients [-] of a CSV with columns of km and per mille, and one head row."""
+def _listed(profile: list[Any]) -> Iterator[tuple[str, float, float]]:
+    """Place in the list, km and per mille of each row."""
+    for i, row in enumerate(profile, 1):
+        name = f"track.gradient.profile, row {i}"
+        if not isinstance(row, list) or len(row) != len(("km", "per mille")):
+            raise UserError(f"{name}: no km and gradient", "two numbers: [12.350, -5.0]", code=2)
+        km, per_mille = (number(name, x).value for x in row)
+        yield name, km, per_mille
+
+
+def _read(path: Path) -> Iterator[tuple[str, float, float]]:
+    """The same of a CSV with columns of km and per mille, and at most one head row."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -68,23 +84,29 @@ def _read(path: Path) -> tuple[tuple[float, float], ...]:
         raise UserError(text, "name a CSV with columns of km and per mille", code=2) from error
     head = text.split("\n", 1)[0]
     delimiter = next((d for d in ";\t," if d in head), ",")
-    rows: list[tuple[float, float]] = []
     for line, row in enumerate(csv.reader(text.splitlines(), delimiter=delimiter), 1):
         cells = [cell.strip().replace(",", ".") for cell in row]
         if not any(cells):
             continue
+        name = f"{path}, line {line}"
         try:
-            km, per_mille = float(cells[0]), float(cells[1])
+            yield name, float(cells[0]), float(cells[1])
         except (ValueError, IndexError) as error:
-            if not rows and line == 1:
-                continue  # the head
-            problem = f"{path}, line {line}: no km and gradient"
-            raise UserError(problem, "two numbers in a row: 12.350, -5.0", code=2) from error
-        GRADIENT.check(f"{path}, line {line}: gradient", per_mille)
-        if rows and not _KM * km > rows[-1][0]:
-            problem = f"{path}, line {line}: km {km:g} does not rise"
-            raise UserError(problem, "order the rows by km, each km once", code=2)
-        rows.append((_KM * km, _PER_MILLE * per_mille))
-    if not rows:
-        raise UserError(f"{path}: no gradient", "rows of km and per mille", code=2)
-    return tuple(rows)
+            if line > 1:  # the first is the head
+                hint = "two numbers in a row: 12.350, -5.0"
+                raise UserError(f"{name}: no km and gradient", hint, code=2) from error
+
+
+def _rising(rows: Iterable[tuple[str, float, float]]) -> Iterator[tuple[float, float]]:
+    """Places [m] and gradients [-], checked."""
+    last = -math.inf
+    for name, km, per_mille in rows:
+        GRADIENT.check(f"{name}: gradient", per_mille)
+        if not km > last:
+            hint = "order the rows by km, each km once"
+            raise UserError(f"{name}: km {km:g} does not rise", hint, code=2)
+        last = km
+        yield _KM * km, _PER_MILLE * per_mille
+    if last == -math.inf:
+        hint = "rows of km and per mille"
+        raise UserError("track.gradient.profile: no gradient in it", hint, code=2)

@@ -1,16 +1,21 @@
 """The stops of a log: of its analysed axles, or of the channels of a log that has none."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from ..core.model import Log, Parameter, Result, Vehicle
+import numpy as np
+
+from ..core.model import Log, Parameter, Result, Track, Vehicle
 from ..core.physics import wheelset
 from ..core.summary import BrakeApplication, Measured, StopSummary
 from ..stops.find import find_brakings
-from ..stops.measure import Track, measure_stop
+from ..stops.measure import Track as StopLine
+from ..stops.measure import measure_stop
 from ..stops.settings import StopSettings
-from ..stops.signals import StopSignals, of_log, of_records
+from ..stops.signals import Series, StopSignals, of_log, of_records
+from ..train.track import Gradient, find_gradient
+from .stated_track import stated_track
 
 _UNKNOWN_GRADIENT = Parameter(0.0, 3.0)  # of a line of which nothing is stated [‰]
 
@@ -26,28 +31,54 @@ def stops_of_result(
     """
     records = [axle.record for axle in result.axles]
     settings = StopSettings(**result.settings.get("stops", {}))
-    stops = _measured(of_records(records, result.log, result.vehicle), result.vehicle, settings)
+    gradient = find_gradient(result.log, stated_track(result.settings.get("track", {})))
+    signals = of_records(records, result.log, result.vehicle)
+    stops = _measured(signals, result.vehicle, settings, gradient, result.log.start_ns())
     by_axle = list(applications)
     return tuple(_with_adhesion(stop, by_axle) for stop in stops)
 
 
-def stops_of_log(log: Log, vehicle: Vehicle, settings: StopSettings) -> tuple[StopSummary, ...]:
+def stops_of_log(
+    log: Log, vehicle: Vehicle, settings: StopSettings, track: Track
+) -> tuple[StopSummary, ...]:
     """The stops of a log without wheel speeds, or without brakes.
 
     Args:
         log: with its channels' meanings.
         vehicle: for the rotating mass.
         settings: how stops are measured.
+        track: the line, as stated.
     """
     signals = of_log(log)
-    return tuple(_measured(signals, vehicle, settings)) if signals else ()
+    if signals is None:
+        return ()
+    gradient = find_gradient(log, track)
+    return tuple(_measured(signals, vehicle, settings, gradient, log.start_ns()))
 
 
-def _measured(signals: StopSignals, vehicle: Vehicle, settings: StopSettings) -> list[StopSummary]:
+def _measured(
+    signals: StopSignals,
+    vehicle: Vehicle,
+    settings: StopSettings,
+    gradient: Gradient | None,
+    start_ns: int,
+) -> Iterator[StopSummary]:
     w = wheelset(replace(vehicle, axles=()), 1)  # of the mean axle
-    track = Track(_UNKNOWN_GRADIENT, 1.0 + w.inertia / (w.mass * w.radius**2))
-    brakings = find_brakings(signals)
-    return [measure_stop(signals, braking, track, settings) for braking in brakings]
+    rotating = 1.0 + w.inertia / (w.mass * w.radius**2)
+    for braking in find_brakings(signals):
+        run = signals.speed.between(braking.on, braking.end)
+        line = StopLine(_mean_gradient(gradient, run, start_ns), rotating)
+        yield measure_stop(signals, braking, line, settings)
+
+
+def _mean_gradient(gradient: Gradient | None, run: Series, start_ns: int) -> Parameter:
+    """The mean gradient over the distance of a stop [‰]."""
+    distance = np.maximum(np.nan_to_num(run.value), 0.0)
+    if gradient is None or not distance.any():
+        return _UNKNOWN_GRADIENT
+    t = start_ns + np.rint(1e9 * run.t).astype(np.int64)
+    mean = np.average(gradient.at(t), weights=distance)
+    return Parameter(1e3 * float(mean), 1e3 * gradient.sigma)
 
 
 def _with_adhesion(

@@ -147,7 +147,7 @@ def _stops(
     except UserError as refused:
         of_log, source = open_log(path, settings)
         log: Log = read_log(source, of_log)
-        stops = stops_of_log(log, of_log.vehicle, of_log.stops)
+        stops = stops_of_log(log, of_log.vehicle, of_log.stops, of_log.track)
         if not stops:
             raise refused from None
         return stops, log.findings

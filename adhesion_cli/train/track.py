@@ -22,10 +22,13 @@ class Gradient(NamedTuple):
     value: Floats  # uphill positive, (n,) [-]
     sigma: float  # 1 sigma [-]
 
+    def at(self, t: Times) -> Floats:
+        """The gradient at these times, (m,) [-]."""
+        return np.interp(t, self.t, self.value)
+
     def deceleration(self, t: Times) -> Floats:
         """What it takes from the speed of a mass that does not rotate, at these times [m/s²]."""
-        slowing: Floats = G * np.interp(t, self.t, self.value)
-        return slowing
+        return G * self.at(t)
 
 
 def find_gradient(log: Log, track: Track) -> Gradient | None:

@@ -4,11 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.vehicle_logs import log, true
+from helpers.vehicle_logs import blended_log, log, true
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.prepare import Window
+from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Parameter, Result
 from adhesion_cli.studies.calibrate import calibrate
@@ -32,6 +33,9 @@ def test_what_a_result_carries_loads_back() -> None:
     assert again.track.gradient.value == pytest.approx(-0.0125)
     assert again.track.stated
     assert not settings.load(folder=False).over(settings.tree(track(None), [])).track.stated
+    along = settings.tree(track({"profile": [[0.0, 0.0], [1.5, -12.5]]}), [])
+    assert settings.load({"track": along["track"]}, folder=False).track.profile
+    assert not settings.load(folder=False).over(along).track.profile  # the log had the position
 
 
 @pytest.mark.parametrize("text", ["km;gradient\n0,0;0\n1,5;-12,5\n", "0.0,0\n1.5,-12.5\n"])
@@ -52,7 +56,8 @@ def test_a_profile_is_a_table_of_km_and_per_mille(text: str, tmp_path: Path) -> 
         ({"profile": "falls.csv"}, "line 3: km 0.5 does not rise"),
         ({"profile": "words.csv"}, "line 2: no km and gradient"),
         ({"profile": "empty.csv"}, "no gradient"),
-        ({"profile": 3}, "no text"),
+        ({"profile": 3}, "are names"),
+        ({"profile": [[0.0, 5.0], [1.0]]}, "row 2: no km and gradient"),
         ({"profile": "falls.csv", "place": "km"}, "place"),
     ],
 )
@@ -91,6 +96,18 @@ def test_a_stated_gradient_is_no_brake_force(slope_log: Path) -> None:
     assert error < 0.06
     assert error < abs(force(None) / stated.value - 1.0)
     assert force(-15) > 1.04 * force(15)
+
+
+def test_the_mean_gradient_of_a_stop_is_in_its_level_track(tmp_path: Path) -> None:
+    path = blended_log(tmp_path / "stop.csv")  # a stop from 22 m/s with 0.75 m/s²
+    (stop,), (unknown,) = (
+        summarise(run(path, track={"gradient": g}), {}).stops
+        for g in (15, {"value": 0, "tolerance": 3})
+    )
+    assert stop.corrected_distance_m is not None
+    assert unknown.corrected_distance_m is not None
+    assert stop.corrected_distance_m.value > 1.15 * unknown.corrected_distance_m.value
+    assert stop.corrected_distance_m.u95 < unknown.corrected_distance_m.u95
 
 
 def test_calibrate_takes_the_gradient(slope_log: Path) -> None:
