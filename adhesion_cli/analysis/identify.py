@@ -28,6 +28,7 @@ from ..core.mean_axle import mean_axle, move_axles
 from ..core.model import (
     AxleRecord,
     DifferingStop,
+    Floats,
     IdentifiedVehicle,
     LogBrake,
     Parameter,
@@ -37,6 +38,7 @@ from ..core.model import (
 )
 from ..core.physics import BAR, braked, clamping, force_line, piston_area, wheelset
 from ..formats.memory import Signals
+from ..records.axle_channels import AxleChannels
 from ..records.brake_applications import find_applications
 from ..reference import calibrated_vehicle
 from ..reference.calibrated_vehicle import Evidence, MeanBrake
@@ -44,6 +46,7 @@ from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.explain import explain
+from ..train.grid import Grid
 from .prepare import AlignedLog, Window, align_log
 from .request import load_vehicle, open_log, read_log
 from .settings import Settings
@@ -197,7 +200,8 @@ def find_prior(
     lines = {
         i: line
         for i, log in enumerate(logs)
-        if log.grids and (line := find_brake_line(log.axles, log.grids.coarse, rotating))
+        if log.grids
+        and (line := find_brake_line(*_axles_and_grid(log), rotating, _by_motors(log, settings)))
     }
     mixed = tuple(logs[i].path for i, line in lines.items() if line.mixed)
     if mixed and len(mixed) < len(lines):  # the others show the brake without another one
@@ -239,6 +243,20 @@ def find_log_brake(log: AlignedLog, settings: Settings) -> LogBrake | None:
     ratio = math.exp(min(_error(vehicle, line, setting), _LARGEST_LN))
     per_bar, pressure = (line.slope * BAR, line.brake / BAR) if setting.by_pressure else (None,) * 2
     return LogBrake(per_bar, ratio, line.sigma, pressure, line.speed)
+
+
+def _axles_and_grid(log: AlignedLog) -> tuple[Sequence[AxleChannels], Grid]:
+    assert log.grids is not None
+    return log.axles, log.grids.coarse
+
+
+def _by_motors(log: AlignedLog, settings: Settings) -> tuple[Floats, Floats] | None:
+    """The deceleration by the motors' force; None where the mass that it slows is not stated."""
+    axles, grid = _axles_and_grid(log)
+    if grid.motors is not None and "axle_mass" not in settings.stated:
+        return None
+    share = settings.train.braked_share(settings.vehicle, len(axles))
+    return pieces.motor_deceleration(grid, settings.vehicle, axles, share)
 
 
 def _differing_stops(log: AlignedLog, line: BrakeLine) -> tuple[DifferingStop, ...]:

@@ -22,6 +22,7 @@ from ..records.axle_channels import AxleChannels
 from ..records.choose import choose, no_records_error
 from ..records.faults import View
 from ..records.faults import Window as Window
+from ..records.motor_forces import with_signs
 from ..records.resample import resample
 from ..records.screen import screen
 from ..train.align import align
@@ -92,9 +93,11 @@ def align_log(
     view = View(log.start_ns(), window)
     choice = choose(log, axles)
     screened = screen(choice, vehicle, view, sensor_thresholds(checks))
+    signed, sign_findings = with_signs(screened.channels, vehicle)
+    screened = screened._replace(channels=signed)
     sampled, resample_findings = resample(choice, screened, vehicle, view)
     sensor_findings = [f for f in screened.findings if f.channel in choice.titles]
-    findings = [*choice.findings, *sensor_findings, *resample_findings]
+    findings = [*choice.findings, *sensor_findings, *sign_findings, *resample_findings]
     if not any(a.record.axle in choice.requested for a in sampled):
         raise no_records_error(log, choice, view, findings)
     aligned = align(sampled, choice.acceleration, vehicle, view)

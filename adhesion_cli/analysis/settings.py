@@ -24,6 +24,7 @@ from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.mean_axle import vehicle_of_axles
 from ..core.model import (
+    MOTOR_FORCES,
     CarAxle,
     IdentifiedVehicle,
     Meaning,
@@ -69,6 +70,14 @@ CHANNEL_KEYS = {
 PLACES: dict[str, Callable[[int], tuple[int, ...]]] = {
     "axle": lambda n: (n,),
     "bogie": bogie_axles,
+}
+# of a force of motors, which several axles may share
+FORCE_KEYS = {
+    **CHANNEL_KEYS,
+    "axles": list,
+    "arm": float,
+    "full_force": float,
+    "tolerance": float,
 }
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
 _OF_LOGS = ("channels", "csv", "xlsx", "mcap", "can")  # sections on how logs are read
@@ -321,10 +330,13 @@ def _log_sections(
         values = {k: getattr(read, f"{owner}_{k}") for k in key_names}
         channels[owner] = {k: v for k, v in values.items() if v is not None}
     for m in settings.mappings:
-        entry = {k: v for k in CHANNEL_KEYS if k not in _OF_PLACE and (v := getattr(m, k))}
-        entry |= {"zero": m.zero._asdict()} if m.zero else {}
-        place = channels.setdefault(m.meaning, {})
-        place.update({f"axle {m.axle}": entry} if m.axle else entry)
+        if m.meaning in MOTOR_FORCES:
+            entry = {k: list(v) if k == "axles" else v for k in FORCE_KEYS if (v := getattr(m, k))}
+        else:
+            entry = {k: v for k in CHANNEL_KEYS if k not in _OF_PLACE and (v := getattr(m, k))}
+            entry |= {"zero": m.zero._asdict()} if m.zero else {}
+        place, owner = channels.setdefault(m.meaning, {}), f"axle {m.axle}" if m.axle else m.place
+        place.update({owner: entry} if owner else entry)
     from_s, to_s = window
     selection: Table = {"from": from_s, "to": to_s, "axles": list(axles) or None}
     sections = {
@@ -614,6 +626,9 @@ def _channels(section: Table) -> tuple[list[Mapping], Table]:
             options |= {f"{key}_{k}": v for k, v in table.items()}
         elif key not in MEANINGS:
             raise unknown("meaning in [channels]", key, [*of_rows, *MEANINGS])
+        if MEANINGS.get(key) in MOTOR_FORCES:
+            mappings += _motor_forces(key, value)
+            continue
         for place, entry in _by_place(key, value) if key in MEANINGS else []:
             axles, table = _axles(f"channels.{key}", place, _table(entry))
             table = _channel(key, table)
@@ -701,6 +716,40 @@ def _zero(name: str, entry: Any) -> Parameter:
         text = f"{name}: tolerance = {zero.tolerance:g} is out of range"
         raise UserError(text, "1 sigma, in the channel's unit: from 0", code=2)
     return zero
+
+
+def _motor_forces(key: str, value: Any) -> list[Mapping]:
+    """The force of motors: of every axle, of one, or of a vehicle or bogie, spread over axles."""
+    several = isinstance(value, dict) and not value.keys() & FORCE_KEYS.keys()
+    mappings = []
+    for owner, entry in value.items() if several else [("", value)]:
+        name = f"channels.{key}.{owner}".rstrip(".")
+        table = _fields(name, _table(entry), FORCE_KEYS)
+        kind, number = _place(owner) or ("", 0)
+        axles = table.pop("axles", []) or list(PLACES[kind](number) if kind == "bogie" else ())
+        if not kind and owner not in ("", "vehicle") and not axles:
+            hint = f'one of "vehicle", "bogie 1", "axle 1", as {_example(key)}'
+            raise UserError(f"{name}: the axles of {owner!r} are not known", hint, code=2)
+        if owner and "channel" not in table:
+            raise UserError(f"{name} names no channel", f"name it, as {_example(key)}", code=2)
+        if not all(map(_is_axle, axles)):
+            hint = f"list axles, from 1, as {_example(key)}"
+            raise UserError(f"{name}: axles = {axles} are no axles", hint, code=2)
+        for quantity, limit in (("arm", 2.0), ("full_force", 1e7), ("tolerance", 1.0)):
+            if not 0.0 <= table.get(quantity, 0.0) <= limit:
+                hint = f"from 0 to {limit:g}"
+                message = f"{name}.{quantity} = {table[quantity]:g} is out of range"
+                raise UserError(message, hint, code=2)
+        axle = number if kind == "axle" else None
+        place = owner or "vehicle" if axle is None and (owner or axles) else ""
+        stated: Table = {"channel": "", **table, "place": place, "axles": tuple(axles)}
+        mappings.append(Mapping(MEANINGS[key], axle, **stated))
+    return mappings
+
+
+def _example(key: str) -> str:
+    line = f'channels.{key}.vehicle = {{channel = "NAME", unit = "kN", axles = [1, 2]}}'
+    return toml.option(line)
 
 
 def _table(value: Any) -> Table:

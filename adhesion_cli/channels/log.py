@@ -8,12 +8,24 @@ from pathlib import Path
 from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
-from ..core.model import AS_INPUT, INPUTS, NOT_MEASURED, Channel, Column, Log, Meaning, Vehicle
+from ..core.model import (
+    AS_INPUT,
+    INPUTS,
+    MOTOR_FORCES,
+    MOTOR_TOLERANCE,
+    NOT_MEASURED,
+    Channel,
+    Column,
+    Log,
+    Meaning,
+    Vehicle,
+)
 from ..formats.memory import MemorySource
 from ..formats.source import Source
 from .meaning import Mapping, Meant, name, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
+from .rules import ED_WITHOUT_UNIT
 from .to_si import channel
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
@@ -28,6 +40,8 @@ _USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
     "clamping_force": "kN",
     "truth": "kN",
     "true_slip": "-",
+    "ed_force": "kN",
+    "traction_force": "kN",
 }
 _OPTIONAL: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
 
@@ -151,6 +165,11 @@ def needed(
             findings.append(Finding("unit-unknown", "warning", channel=m.title, names=names))
         else:
             _check_unit(m, chosen, source.path)
+    for m in meant:
+        if m.reason == ED_WITHOUT_UNIT:
+            entry = {"channel": m.field.channel, "field": m.field.path, "unit": "kN"}
+            names = {"setting": toml.option(f"channels.ed_force = {toml.table(entry)}")}
+            findings.append(Finding("ed-force-unit", "warning", channel=m.title, names=names))
     return chosen + [m for m in meant if m.meaning in further and m.unit], findings
 
 
@@ -213,6 +232,14 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
         raise UserError(
             f"{path}: channel {m.title!r} counts pulses ({m.unit}), pulses per turn unknown",
             f"state them, as {_option(m, chosen, teeth=80)}",
+        )
+    full_force_known = bool(m.mapping and m.mapping.full_force)
+    if unit.dimension == "ratio" and m.meaning in MOTOR_FORCES and not full_force_known:
+        line = f"channels.{m.meaning}.full_force = 60000"
+        raise UserError(
+            f"{path}: channel {m.title!r} is a share ({m.unit}), the force of 100 % is unknown",
+            f"state it in N, as {toml.option(line)}",
+            code=2,
         )
 
 
@@ -298,6 +325,10 @@ def _log(
         )  # what was read is let go one by one
         if m.meaning == "wheel_speed" and (unit := provenance.get(f"wheel_speed_{m.axle}")):
             channel = replace(channel, first_unit=unit)
+        if m.meaning in MOTOR_FORCES:
+            stated = m.mapping.tolerance if m.mapping else MOTOR_TOLERANCE
+            share = float(provenance.get(f"{m.meaning}_tolerance", stated))
+            channel = replace(channel, tolerance=share)
         channels.append(channel)
         indexed_findings += ((clock, f) for f in its_findings)
     findings += _joined(indexed_findings)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from ..core import toml, units
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
-from ..core.model import INPUTS, Meaning, Parameter
+from ..core.model import INPUTS, MOTOR_FORCES, MOTOR_TOLERANCE, Meaning, Parameter
 from ..formats.source import Field
 from .places import UNCLEAR, served
 from .rules import GENERIC, guess, name_words, place_of, word_of_kind
@@ -33,6 +33,12 @@ class Mapping:
     teeth: int = 0  # pulses per turn of a pulse counter or pulse rate
     wrap: float = 0.0  # where a cumulative counter starts anew; 0: 2¹⁶ or 2³², by its values
     zero: Parameter | None = None  # what the sensor measures of nothing, in its unit
+    # of an ED or traction force:
+    place: str = ""  # "vehicle", "bogie 1": whose it is; it is spread over its axles
+    axles: tuple[int, ...] = ()  # over these; all of the vehicle, or the two of a bogie
+    arm: float = 0.0  # lever of a torque [m]; 0: the wheel radius
+    full_force: float = 0.0  # the force of 100 % [N]
+    tolerance: float = MOTOR_TOLERANCE  # 1 sigma, as a share
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +54,8 @@ class Meant:
     wrap: float = 0.0
     zero: Parameter | None = None  # taken off, in its unit; None where nobody states it
     unit_too: str = ""  # another unit that its name states, where nobody says which one holds
+    share: float = 1.0  # of a force, which is this axle's
+    mapping: Mapping | None = None  # what the user states of it
 
     @property
     def title(self) -> str:
@@ -57,7 +65,7 @@ class Meant:
     @property
     def describe(self) -> str:
         """What it means, for people."""
-        return (self.meaning or "").replace("_", " ")
+        return (self.meaning or "").replace("_", " ").replace("ed f", "ED f")
 
 
 _MOST_NAMED = 20  # channels that one finding names
@@ -102,7 +110,9 @@ def understood(
     _prefer_the_qualified(meant, guesses)
     _speed_itself(meant, guesses)
     findings = _count_from_one(meant, guesses)
+    _drop_sums(meant, guesses)
     findings += _assign_axles(meant, guesses)
+    findings += _spread_forces(meant, guesses)
     findings += _refuse_repeated(meant, guesses)
     for m in sorted((m for m in mappings if not m.channel), key=lambda m: m.axle or 0):
         named = [i for i in guesses if meant[i].meaning == m.meaning]
@@ -120,9 +130,10 @@ def understood(
 def _with_statement(guessed: Meant, m: Mapping) -> Meant:
     """A guess with the unit and the zero that the user states for it."""
     guessed = replace(guessed, zero=m.zero) if m.zero else guessed
+    reason = f"{guessed.reason.removesuffix('; no unit stated')}; unit {m.unit}: in [channels]"
+    guessed = replace(guessed, mapping=m)
     if not m.unit:
         return guessed
-    reason = f"{guessed.reason.removesuffix('; no unit stated')}; unit {m.unit}: in [channels]"
     return replace(guessed, unit=m.unit, reason=reason, teeth=m.teeth, wrap=m.wrap, unit_too="")
 
 
@@ -133,7 +144,8 @@ def _as_stated(field: Field, m: Mapping) -> Meant:
     if not unit:
         unit, reason = guess(field).unit, "stated in [channels]; unit in the name"
     unit_conflict = "" if m.unit else _unit_too(field, m.meaning, unit)
-    return Meant(field, m.meaning, m.axle, unit, reason, m.teeth, m.wrap, m.zero, unit_conflict)
+    meant = Meant(field, m.meaning, m.axle, unit, reason, m.teeth, m.wrap, m.zero, unit_conflict)
+    return replace(meant, mapping=m)
 
 
 def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:
@@ -251,18 +263,71 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             continue
         if is_counted_on:
             counted_on.append(f"{m.title}: {', '.join(map(str, axles))}")
+        if m.meaning in MOTOR_FORCES and axles:
+            m = replace(m, share=1.0 / len(axles))
         for axle in axles[1:]:
             guesses.append(len(meant))
             meant.append(replace(m, axle=axle))
         if axles:
             meant[i] = replace(m, axle=axles[0])
-        if len(axles) > 1:
+        if m.meaning in MOTOR_FORCES and len(axles) > 1:
+            findings.append(_spread_finding(m, axles))
+        elif len(axles) > 1:
             names = {"axles": f"{', '.join(map(str, axles[:-1]))} and {axles[-1]}"}
             findings.append(Finding("bogie-pressure", "info", channel=m.title, names=names))
     if counted_on:
         names = {"example": counted_on[0]}
         findings.append(Finding("axles-counted-on", "info", count=len(counted_on), names=names))
     return findings
+
+
+def _drop_sums(meant: list[Meant], guesses: list[int]) -> None:
+    """Of the forces of motors the most detailed are taken: of axles, bogies or the vehicle."""
+    for meaning in MOTOR_FORCES:
+        details = {i: _detail(meant[i]) for i in guesses if meant[i].meaning == meaning}
+        finest = max(details.values(), default=0)
+        for i in (i for i, detail in details.items() if detail < finest):
+            reason = "a sum, and the log has its parts as well"
+            meant[i] = replace(meant[i], meaning=None, reason=reason)
+
+
+def _detail(m: Meant) -> int:
+    """How near to an axle the name of a force says it is: 3 an axle, 2 a bogie, 1 a car."""
+    place = place_of(m.field)
+    return 3 if m.axle is not None else 2 if place.bogie else 1 if place.part else 0
+
+
+def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+    """Spreads the force of a vehicle, or of what the user states, over its axles: a row for each.
+
+    A force whose name has no axle, bogie or car is the whole vehicle's, unless it says "axle".
+    """
+    all_axles = tuple(sorted({m.axle for m in meant if m.meaning == "wheel_speed" and m.axle}))
+    findings = []
+    for i, m in enumerate(list(meant)):
+        if m.meaning not in MOTOR_FORCES or m.axle is not None:
+            continue
+        stated = m.mapping if i not in guesses else None
+        if stated and stated.place:
+            axles = stated.axles or all_axles
+        elif stated or word_of_kind("wheel", name_words(m.title)):
+            continue  # each axle has this force
+        else:
+            axles = all_axles
+        if len(axles) < 2 and not stated:
+            continue
+        rows = [replace(m, axle=axle, share=1.0 / len(axles)) for axle in axles]
+        meant[i] = rows[0]
+        if not stated:
+            guesses += range(len(meant), len(meant) + len(rows) - 1)
+            findings.append(_spread_finding(m, axles))
+        meant += rows[1:]
+    return findings
+
+
+def _spread_finding(m: Meant, axles: Sequence[int]) -> Finding:
+    names = {"axles": ", ".join(map(str, axles)), "key": str(m.meaning), "force": m.describe}
+    return Finding("force-spread", "info", channel=m.title, names=names)
 
 
 def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:

@@ -17,6 +17,8 @@ _OF_AXLES: tuple[Meaning, ...] = (
     "clamping_force",
     "truth",
     "true_slip",
+    "ed_force",
+    "traction_force",
 )
 UNCLEAR = "its name does not say which axles it serves"
 

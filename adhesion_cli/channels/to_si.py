@@ -8,7 +8,7 @@ import numpy as np
 from ..core import time_axis, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
-from ..core.model import Bools, Channel, Column, Floats, Parameter, Vehicle
+from ..core.model import MOTOR_FORCES, Bools, Channel, Column, Floats, Parameter, Vehicle
 from ..core.time_axis import TimeAxis
 from .meaning import Meant, name
 
@@ -129,9 +129,19 @@ def scale(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
         return 2.0 * math.pi / max(m.teeth, 1)
     if unit.dimension == "pulse rate":
         return unit.factor * (2.0 * math.pi / max(m.teeth, 1))
+    if m.meaning in MOTOR_FORCES:
+        return m.share * unit.factor * _force_of_one(m, unit, vehicle)
     if m.meaning == "wheel_speed" and is_rim(unit):
         return unit.factor / vehicle.radius(m.axle or 1).value
     return unit.factor
+
+
+def _force_of_one(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
+    """The force at the rim [N] of 1 in SI: of a newton, a newton metre, or the whole share."""
+    arm, full_force = (m.mapping.arm, m.mapping.full_force) if m.mapping else (0.0, 0.0)
+    if unit.dimension == "torque":
+        return 1.0 / (arm or vehicle.radius(m.axle or 1).value)
+    return full_force if unit.dimension == "ratio" else 1.0
 
 
 def _axis(m: Meant, column: Column, start: int, max_gap_ns: int) -> tuple[TimeAxis, Column]:

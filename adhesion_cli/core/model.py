@@ -57,8 +57,19 @@ Meaning = Literal[
 
 # What an analysis takes; channels of another meaning are only named.
 INPUTS: frozenset[Meaning | None] = frozenset(
-    ("pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip")
+    (
+        "pressure",
+        "wheel_speed",
+        "train_speed",
+        "clamping_force",
+        "truth",
+        "true_slip",
+        "ed_force",
+        "traction_force",
+    )
 )
+MOTOR_FORCES: tuple[Meaning, Meaning] = ("ed_force", "traction_force")
+MOTOR_TOLERANCE = 0.05  # 1 sigma of a force that a converter calculates from its currents, a share
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +157,7 @@ class Channel:
     period_step: float = 0.0  # of 1/speed, where a timer counts whole ticks from pulse to pulse
     first_unit: str = ""  # of a result: the unit in the log that it was made of, where it matters
     zero: Parameter = Parameter(0.0, 0.0)  # of a pressure's sensor, taken off `data` [Pa]
+    tolerance: float = 0.0  # 1 sigma of an ED or traction force, as a share
 
     @property
     def measured_in(self) -> str:
@@ -226,6 +238,15 @@ class FrictionTable(NamedTuple):
         return self._replace(value=tuple(rows))
 
 
+def without_motors(K: Floats, motor_clamping: Floats | None) -> Floats:
+    """K without the motors' part, never below zero, (n,) [N]."""
+    if motor_clamping is None:
+        return K
+    friction = K - motor_clamping
+    rounding = 1e-9 * np.maximum(np.abs(K), np.abs(motor_clamping))
+    return np.where(friction > rounding, friction, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class AxleRecord:
     """One axle on one time axis, the wheel speed's; columns of shape (n,), SI.
@@ -257,6 +278,11 @@ class AxleRecord:
     saturated: Bools | None = None  # the pressure is at the end of its sensor's range
     pressure_zero: Parameter = Parameter(0.0, 0.0)  # was taken off the pressure [Pa]
     wheel_period_step: float = 0.0  # of 1/y, where y is from the period of pulses [s/rad]
+    # the part of K that is the motors': their force at the rim over φ, traction below zero [N]
+    motor_clamping: Floats | None = None  # of the last sample
+    motor_clamping_smooth: Floats | None = None  # interpolated at t
+    motor_sigma: Floats | None = None  # standard uncertainty of their force at the rim [N]
+    traction_known: bool = False  # whether a motor that drives is in it, too
 
     def __len__(self) -> int:
         return len(self.t)
@@ -265,6 +291,16 @@ class AxleRecord:
     def wheel_speed_steps(self) -> Floats:
         """Quantisation step of each y, shape (n,) [rad/s]."""
         return np.maximum(self.wheel_speed_step, self.wheel_period_step * self.wheel_speed**2)
+
+    @property
+    def friction_clamping(self) -> Floats:
+        """K of the friction brake alone, of the last sample, (n,) [N]."""
+        return without_motors(self.clamping_force, self.motor_clamping)
+
+    @property
+    def friction_clamping_smooth(self) -> Floats:
+        """The same, interpolated at t, (n,) [N]."""
+        return without_motors(self.clamping_force_smooth, self.motor_clamping_smooth)
 
     def extract(self, s: slice) -> "AxleRecord":
         """An uninterrupted part as a separate record."""

@@ -83,12 +83,12 @@ def with_fade(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
     if not has_fade(vehicle):
         return record
     rim = record.wheel_speed * vehicle.radius(record.axle).value
-    K, smooth = record.clamping_force, record.clamping_force_smooth
-    return replace(
-        record,
-        clamping_force=friction_share(rim, K, vehicle) * K,
-        clamping_force_smooth=friction_share(rim, smooth, vehicle) * smooth,
-    )
+    K, smooth = record.friction_clamping, record.friction_clamping_smooth
+    K, smooth = friction_share(rim, K, vehicle) * K, friction_share(rim, smooth, vehicle) * smooth
+    # No friction changes the force of motors.
+    if record.motor_clamping is not None and record.motor_clamping_smooth is not None:
+        K, smooth = K + record.motor_clamping, smooth + record.motor_clamping_smooth
+    return replace(record, clamping_force=K, clamping_force_smooth=smooth)
 
 
 def has_fade(vehicle: Vehicle) -> bool:

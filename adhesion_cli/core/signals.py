@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .model import Z95, AxleRecord, Bools, Floats, Times
-from .physics import GRADIENT, RISE, SLIDE
+from .physics import GRADIENT, RELEASED_SHARE, RISE, SLIDE
 
 _RELEASED_SHARE = 0.2  # share of the largest clamping force: below it a brake is released
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
@@ -93,10 +93,15 @@ def driven(record: AxleRecord, radius: float) -> Bools:
     """Where a motor accelerates the wheel, of this radius [m]; shape (n,).
 
     The wheel then accelerates without brake, harder than on a gradient, for longer than after a
-    slide, and not more slowly than the train. The motor's torque is not in (1).
+    slide, and not more slowly than the train. The motor's torque is not in (1), unless a channel of
+    the traction force has it.
     """
     is_driven = np.zeros(len(record), dtype=bool)
-    released = (record.clamping_force <= 0.0) & (record.clamping_force_smooth <= 0.0)
+    if record.traction_known:
+        return is_driven
+    released = (record.friction_clamping <= 0.0) & (record.friction_clamping_smooth <= 0.0)
+    if (by_motors := record.motor_clamping) is not None:
+        released &= by_motors <= RELEASED_SHARE * by_motors.max(initial=0.0)
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
         rim = record.wheel_speed[s] * radius

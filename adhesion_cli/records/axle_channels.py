@@ -7,6 +7,15 @@ from ..core.model import AxleRecord, Channel, Floats, FrictionTable, Vehicle
 from ..core.physics import clamping_force, force_line
 
 
+class MotorForce(NamedTuple):
+    """The force of an axle's motors at its rim, the ED brake above zero; shape (n,) [N]."""
+
+    last_value: Floats
+    smooth: Floats  # interpolated at the record's times
+    sigma: Floats  # standard uncertainty
+    traction_known: bool  # whether a motor that drives is in it
+
+
 class AxleChannels(NamedTuple):
     """One axle's record and the channels it comes from."""
 
@@ -15,21 +24,45 @@ class AxleChannels(NamedTuple):
     brake: Channel
     train: Channel | None
     smooth_pressure: Floats | None  # pressure interpolated at the record's times; None where K is
+    motors: MotorForce | None = None
     friction_table: FrictionTable | None = None  # its own, where the vehicle is the mean axle
 
     def clamped_by(self, vehicle: Vehicle) -> "AxleChannels":
-        """The axle with the clamping force that a vehicle makes of its pressure. Source: (15)."""
-        pressure, smooth_pressure = self.record.pressure, self.smooth_pressure
-        if pressure is None or smooth_pressure is None:
+        """The axle with the clamping force of friction brake and motors, by a vehicle.
+
+        Sources: (15) for the friction brake; K is the equivalent clamping force of electric and air
+        brake together, so a force F of motors at the rim is F/φ of it.
+        """
+        record, pressure, smooth_pressure = self.record, self.record.pressure, self.smooth_pressure
+        vehicle = vehicle.of_axle(record.axle)
+        if pressure is not None and smooth_pressure is not None:
+            K = clamping_force(pressure, vehicle)
+            smooth = clamping_force(smooth_pressure, vehicle)
+            step = self.brake.step * force_line(vehicle).per_pascal
+        elif self.motors is None:
             return self
-        vehicle = vehicle.of_axle(self.record.axle)
-        K = clamping_force(pressure, vehicle)
-        smooth = clamping_force(smooth_pressure, vehicle)
-        step = self.brake.step * force_line(vehicle).per_pascal
+        else:
+            K, smooth = record.friction_clamping, record.friction_clamping_smooth
+            step = record.clamping_force_step
         record = replace(
-            self.record, clamping_force=K, clamping_force_smooth=smooth, clamping_force_step=step
+            record, clamping_force=K, clamping_force_smooth=smooth, clamping_force_step=step
         )
-        return self._replace(record=record)
+        return self._replace(record=self._with_motors(record, vehicle.friction.value))
+
+    def _with_motors(self, record: AxleRecord, phi: float) -> AxleRecord:
+        """The record of the friction brake alone, with what the motors add."""
+        if self.motors is None:
+            return record
+        by_motors, by_motors_smooth = self.motors.last_value / phi, self.motors.smooth / phi
+        return replace(
+            record,
+            clamping_force=record.clamping_force + by_motors,
+            clamping_force_smooth=record.clamping_force_smooth + by_motors_smooth,
+            motor_clamping=by_motors,
+            motor_clamping_smooth=by_motors_smooth,
+            motor_sigma=self.motors.sigma,
+            traction_known=self.motors.traction_known,
+        )
 
     def as_mean_axle(self, vehicle: Vehicle, mean: Vehicle, heavier: float = 1.0) -> "AxleChannels":
         """The axle as one of a train of equal axles: with what makes the mean axle brake as it.
@@ -49,10 +82,11 @@ class AxleChannels(NamedTuple):
         if record.pressure is None or self.smooth_pressure is None:
             changed = replace(
                 record,
-                clamping_force=factor * record.clamping_force,
-                clamping_force_smooth=factor * record.clamping_force_smooth,
+                clamping_force=factor * record.friction_clamping,
+                clamping_force_smooth=factor * record.friction_clamping_smooth,
                 clamping_force_step=factor * record.clamping_force_step,
             )
+            changed = self._with_motors(changed, mean.friction.value)
             return self._replace(record=changed, friction_table=table)
         line, mean_line = force_line(own), force_line(mean)
         # Both are straight lines below the springs' forces, too.

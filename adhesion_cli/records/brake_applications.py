@@ -28,7 +28,7 @@ def find_applications(record: AxleRecord) -> tuple[slice, ...]:
         return ()
     K = np.full(len(record), np.nan)
     for s in runs:
-        K[s] = median_of_five(record.clamping_force[s])
+        K[s] = np.maximum(median_of_five(record.clamping_force[s]), 0.0)
     lowest, top = (float(x) for x in np.nanpercentile(K, [2.0, 100.0]))
     base = lowest if lowest < 0.1 * top else 0.0
     # What bends from one sample to the next is noise, but on a slow log it is the brake itself.

@@ -12,10 +12,20 @@ import numpy as np
 from ..channels import to_si
 from ..core import time_axis, units
 from ..core.finding import Finding, Severity
-from ..core.model import AxleRecord, Bools, Channel, Floats, Parameter, Times, Vehicle
+from ..core.model import (
+    MOTOR_FORCES,
+    AxleRecord,
+    Bools,
+    Channel,
+    Floats,
+    Meaning,
+    Parameter,
+    Times,
+    Vehicle,
+)
 from ..core.physics import CRAWL, NO_FORCE, clamping_force
-from .axle_channels import AxleChannels
-from .choose import SHORTEST, AxleKeys, Choice, find
+from .axle_channels import AxleChannels, MotorForce
+from .choose import SHORTEST, AxleKeys, Channels, Choice, find
 from .faults import Fault, View
 from .screen import Screened
 
@@ -58,10 +68,14 @@ def _axle(
     speed, brake = channels[keys.speed], channels[keys.brake]
     sampled = _sampled(speed, brake)
     inside = view.contains(speed.data.t)
-    segments, in_segment = _segments(speed, inside & sampled.fresh)
+    motors, motors_fresh = _motor_force(channels, speed, keys.axle)
+    fresh = sampled.fresh & motors_fresh
+    segments, in_segment = _segments(speed, inside & fresh)
     findings = _report_gaps(
-        speed, brake, inside & ~sampled.fresh, inside & sampled.fresh & ~in_segment, view
+        speed, brake, inside & ~sampled.fresh, inside & fresh & ~in_segment, view
     )
+    lost = Fault("no-pressure", inside & sampled.fresh & ~motors_fresh)
+    findings += view.report(lost, speed, names={"quantity": "ED force"})
     findings += _brake_without_speed(speed, brake, vehicle.of_axle(keys.axle), view)
     if not segments:
         return None, findings
@@ -92,8 +106,36 @@ def _axle(
         pressure_zero=brake.zero if is_pressure else Parameter(0.0, 0.0),
         wheel_period_step=speed.period_step,
     )
-    axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None)
+    if motors:
+        motors = MotorForce(
+            motors.last_value[in_segment],
+            motors.smooth[in_segment],
+            motors.sigma[in_segment],
+            motors.traction_known,
+        )
+    axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None, motors)
     return axle.clamped_by(vehicle), findings
+
+
+def _motor_force(channels: Channels, speed: Channel, axle: int) -> tuple[MotorForce | None, Bools]:
+    """The force of an axle's motors at the wheel speed's times, and where it is known, (n,)."""
+    n = len(speed.data.t)
+    last_value, smooth, variance = np.zeros((3, n))
+    known, meanings = np.ones(n, dtype=np.bool_), set[Meaning]()
+    for sign, meaning in ((1.0, MOTOR_FORCES[0]), (-1.0, MOTOR_FORCES[1])):
+        if not (key := find(channels, meaning, axle)):
+            continue
+        sampled = _sampled(speed, channels[key])
+        last_value += sign * sampled.last_value
+        smooth += sign * sampled.smooth
+        variance += (channels[key].tolerance * sampled.smooth) ** 2
+        known &= sampled.fresh
+        meanings.add(meaning)
+    if not meanings:
+        return None, known
+    with np.errstate(invalid="ignore"):
+        drives = "traction_force" in meanings or bool(np.nanmin(smooth, initial=0.0) < 0.0)
+    return MotorForce(last_value, smooth, np.sqrt(variance), drives), known
 
 
 def _sampled(speed: Channel, brake: Channel) -> _Sampled:

@@ -25,6 +25,7 @@ from ..core.summary import Contribution, Coverage
 from .force import ZERO, contributions
 
 NOISE = "noise"  # name of the row for noise and smoothing
+MOTORS = "ed_force"  # name of the row for the force of the motors
 
 
 def coefficient_u95(u95: float, force: float, vehicle: Vehicle, together: float) -> float:
@@ -54,7 +55,11 @@ def contributions_by_parameter(
     w = wheelset(vehicle, record.axle)
     record = with_fade(record, vehicle)
     K, speed = record.clamping_force_smooth, record.wheel_speed * w.radius
-    return contributions(record, vehicle, K, w.a * (reference.force - w.phi * K), speed)
+    friction = record.friction_clamping_smooth
+    rows = contributions(record, vehicle, friction, w.a * (reference.force - w.phi * K), speed)
+    if record.motor_sigma is not None:
+        rows[MOTORS] = record.motor_sigma
+    return rows
 
 
 def mean_budget(
@@ -77,7 +82,13 @@ def mean_budget(
     noise = mean(axle.reference.sigma)
     variance = max(vehicle.covariance(contributions, contributions), 0.0) + noise**2
     rows = [Contribution(NOISE, None, "N", "A", noise, 1.0, noise, _share(noise**2, variance))]
+    if by_motors := contributions.get(MOTORS, 0.0):
+        mean_force = wheelset(vehicle, axle.record.axle).phi * mean(_motor_clamping(axle.record))
+        share = _share(by_motors**2, variance)
+        rows.append(Contribution(MOTORS, mean_force, "N", "B", by_motors, 1.0, by_motors, share))
     for name, contribution in contributions.items():
+        if name == MOTORS:
+            continue
         q = _quantity(name, axle.record, vehicle)
         if q.tolerance > 0.0:
             share = _share(vehicle.covariance({name: contribution}, contributions), variance)
@@ -100,6 +111,11 @@ def _quantity(name: str, record: AxleRecord, vehicle: Vehicle) -> Parameter:
         return record.pressure_zero
     parameter: Parameter = getattr(vehicle, name)
     return vehicle.radius(record.axle) if name == "wheel_radius" else parameter
+
+
+def _motor_clamping(record: AxleRecord) -> Floats:
+    assert record.motor_clamping_smooth is not None
+    return record.motor_clamping_smooth
 
 
 def _share(variance: float, total: float) -> float:

@@ -67,7 +67,7 @@ def smooth_clamping(runs: list[AxleRecord]) -> list[SmoothedClamping]:
 
 def _braked_spans(run: AxleRecord) -> list[slice]:
     """Where K > 0, with one sample of the zero on either side; short zeros are noise."""
-    released = run.clamping_force_smooth <= 0.0
+    released = run.clamping_force_smooth == 0.0  # motors that drive are below zero
     for start, stop in true_runs(released):
         released[start:stop] = stop - start >= _SHORTEST_ZERO or start == 0 or stop == len(run)
     n = len(run)

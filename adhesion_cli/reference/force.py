@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core import innovations
 from ..core.errors import unknown
-from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset
+from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
 from ..core.physics import CHAIN, piston_area, rolling_deceleration, wheelset
 from ..core.signals import driven, moving, white_noise
 from . import run_out, smoother
@@ -91,7 +91,8 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
         tolerance[s], mass[s] = _tolerance(record.extract(s), vehicle, estimate)
         if delay:
             t = (record.t[s] - record.t[s.start]) * 1e-9
-            delay_error = np.interp(t + delay, t, estimate.clamping_force) - estimate.clamping_force
+            K = without_motors(estimate.clamping_force, record.extract(s).motor_clamping_smooth)
+            delay_error = np.interp(t + delay, t, K) - K
             sigma[s] = np.hypot(sigma[s], w.phi * delay_error)
     unknown_torque = driven(record, vehicle.radius(record.axle).value)
     for column in (force, sigma, tolerance, mass):
@@ -110,9 +111,13 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
 def _tolerance(run: AxleRecord, vehicle: Vehicle, estimate: RunEstimate) -> tuple[Floats, Floats]:
     """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""
     speed = run.wheel_speed * vehicle.radius(run.axle).value
-    variance, mass = by_tolerances(
-        run, vehicle, estimate.clamping_force, estimate.acceleration, speed
-    )
+    K = estimate.clamping_force
+    sigma = np.zeros(len(run))
+    if run.motor_clamping_smooth is not None and run.motor_sigma is not None:
+        K, sigma = without_motors(K, run.motor_clamping_smooth), run.motor_sigma
+        K = np.where(run.friction_clamping_smooth > 0.0, K, 0.0)
+    variance, mass = by_tolerances(run, vehicle, K, estimate.acceleration, speed)
+    variance = variance + sigma**2
     return np.sqrt(np.maximum(variance, 0.0)), np.zeros(len(run)) + mass
 
 
@@ -163,7 +168,7 @@ def contributions(
     Args:
         record: what its sensors measure.
         vehicle: with tolerances.
-        K: clamping force, with the friction's change over speed (n,) [N].
+        K: clamping force of the friction brake, with the friction's change over speed (n,) [N].
         dw: ω̇ (n,) [rad/s²].
         speed: ωR (n,) [m/s].
     """

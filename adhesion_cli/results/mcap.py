@@ -21,6 +21,7 @@ from ..core import physics, rounding, signals, threads, toml
 from ..core.errors import UserError
 from ..core.model import (
     AS_INPUT,
+    MOTOR_FORCES,
     NOT_MEASURED,
     RECOVERED,
     AxleRecord,
@@ -355,7 +356,11 @@ def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64] | None) -> Iter
 
 def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream]:
     """What was measured, and the truth, exactly: the log can be analysed again."""
-    t, K, w = record.t, record.clamping_force, record.wheel_speed
+    t, w = record.t, record.wheel_speed
+    K = record.clamping_force if record.pressure is not None else record.friction_clamping
+    for meaning in MOTOR_FORCES:
+        if force := log.find(meaning, record.axle):
+            yield _scalar(f"{topic}/{meaning}", names.SI[meaning], force.data)
     yield _stream(f"{topic}/input", "AxleInput", t, record.pressure, K, w, record.train_speed)
     brake = log.find("pressure", record.axle) or log.find("clamping_force", record.axle)
     if brake and brake.meaning and not np.isin(t, brake.data.t).all():
@@ -458,6 +463,9 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
     for axle in (a.record.axle for a in result.axles):
         if speed := result.log.find("wheel_speed", axle):
             entries[f"wheel_speed_{axle}"] = speed.measured_in
+        for meaning in MOTOR_FORCES:
+            if force := result.log.find(meaning, axle):
+                entries[f"{meaning}_tolerance"] = f"{force.tolerance:g}"
     if any(a.record.train_speed_made for a in result.axles):
         entries["train_speed"] = NOT_MEASURED
     elif (train := result.shared_train()) and result.inputs_hold(train):

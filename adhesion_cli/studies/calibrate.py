@@ -349,11 +349,12 @@ def _predict_loss(d: Design, x: Floats) -> Floats:
     """What brake and resistances take from the speed, then its derivatives; (8, m) [m/s]."""
     t, u = d.t[d.samples], d.relative_speed + d.mean
     squared_integral = np.cumsum(u * u)[d.samples] * (d.t[1] - d.t[0])
+    by_motors = pieces.motor_loss(d)
 
     def loss(y: Floats) -> Floats:
         of_brake = math.exp(y[model.SCALE]) * solve.speed_loss(d, y)
         total: Floats = of_brake + y[model.RESISTANCE] * t + y[model.DRAG] * squared_integral
-        return total
+        return total + by_motors
 
     rows = [loss(x)]
     for i, step in enumerate((0.01, 0.002, 0.005, 0.01, 1e-4, 1e-3, 1e-6)):

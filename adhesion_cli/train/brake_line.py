@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Bools, DifferingStop, Floats, Parameter
-from ..core.physics import CRAWL, GRADIENT, NO_FORCE, STANDING
+from ..core.physics import CRAWL, GRADIENT, NO_FORCE, RELEASED_SHARE, STANDING
 from ..core.signals import robust_sigma, true_runs
 from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid, erode
@@ -68,7 +68,10 @@ class BrakeLine(NamedTuple):
 
 
 def find_brake_line(
-    axles: Sequence[AxleChannels], grid: Grid, rotating: Parameter = ROTATING
+    axles: Sequence[AxleChannels],
+    grid: Grid,
+    rotating: Parameter = ROTATING,
+    by_motors: tuple[Floats, Floats] | None = None,
 ) -> BrakeLine | None:
     """The line of a log; None where it shows none.
 
@@ -76,10 +79,13 @@ def find_brake_line(
         axles: all axles of the log, on one clock.
         grid: the same on one time axis.
         rotating: ρ, rotating mass over mass.
+        by_motors: deceleration by the force of the motors, and 1 sigma of it (n,) [m/s²]; None
+            where no mass is known that it slows: then only samples without it are used.
     """
     rho = rotating.value
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
-    x = np.array([grid.mean(row) for row in (grid.pressure if by_pressure else grid.clamping)])
+    clamping = grid.friction_clamping
+    x = np.array([grid.mean(row) for row in (grid.pressure if by_pressure else clamping)])
     friction = np.nan_to_num(
         np.broadcast_to(grid.friction if by_pressure else 1.0, x.shape), nan=1.0
     )
@@ -92,6 +98,10 @@ def find_brake_line(
     slowing = rim_slowing if grid.train is None else grid.slowing(grid.train)
     v = np.mean(grid.rim, axis=0) if grid.train is None else grid.train
     measured: Bools = np.isfinite(mean_x) & np.isfinite(slowing) & np.isfinite(rim_slowing)
+    motors, motor_sigma = by_motors or (np.zeros(len(v)), np.zeros(len(v)))
+    if by_motors is None and grid.motors is not None:
+        pull = np.abs(np.mean(grid.motors, axis=0))
+        measured &= erode(pull <= RELEASED_SHARE * np.nanmax(pull, initial=0.0), grid.half_width)
     measured &= (v > CRAWL) & erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
     rolling: Bools = np.all(grid.rolling, axis=0)
     if not top > (_LOWEST_BRAKE if by_pressure else NO_FORCE):
@@ -105,8 +115,9 @@ def find_brake_line(
     braked = next((mask for mask in choices if mask.sum() >= fewest), None)
     if braked is None:
         return None
-    coasting = _coasting_deceleration(slowing[measured & rolling & (mean_x < _RELEASED * top)])
-    by_brake = (slowing + rho * rim_slowing) / (1.0 + rho) - coasting
+    released = measured & rolling & (mean_x < _RELEASED * top)
+    coasting = _coasting_deceleration((slowing - motors)[released])
+    by_brake = (slowing + rho * rim_slowing) / (1.0 + rho) - coasting - motors
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
     stops, acting = true_runs(braked), _acting(x[:, braked], friction[:, braked])
     line = _fit(acting, by_brake[braked], zero, len(stops), grid.gradient_sigma)
@@ -115,10 +126,12 @@ def find_brake_line(
     # How the deceleration by the brake changes with ρ: wheels that roll cancel it.
     by_rotating = np.where(rolling, 0.0, rim_slowing - slowing)[braked] / (1.0 + rho) ** 2
     of_rotating = float(np.mean(by_rotating)) * rotating.tolerance / (line.slope * line.brake)
+    of_motors = float(np.mean(motor_sigma[braked])) / (line.slope * line.brake)
     least_acting = np.min(friction, axis=0) * (_lowest_nearby(grid, mean_x) - line.zero)
-    slows_less = _slows_less(grid, least_acting, rim_slowing - coasting, line) & applied
+    rim_by_brake = rim_slowing - coasting - motors
+    slows_less = _slows_less(grid, least_acting, rim_by_brake, line) & applied
     return line._replace(
-        sigma=math.hypot(line.sigma, of_rotating),
+        sigma=math.hypot(line.sigma, of_rotating, of_motors),
         speed=float(np.mean(v[braked])),
         rolling=bool(rolling[braked].all()),
         mixed=bool(slows_less.sum() * grid.step > _SHORTEST_MIXED)
@@ -138,8 +151,9 @@ def _without_gone_sensors(grid: Grid, x: Floats, friction: Floats) -> tuple[Grid
     if lasts.all() and train is grid.train:
         return grid, x, friction
     rows = (grid.rim[lasts], grid.clamping[lasts], grid.pressure[lasts])
+    motors = None if grid.motors is None else grid.motors[lasts]
     grid = replace(grid, rim=rows[0], clamping=rows[1], pressure=rows[2], train=train)
-    return grid, x[lasts], friction[lasts]
+    return replace(grid, motors=motors), x[lasts], friction[lasts]
 
 
 class _Acting(NamedTuple):

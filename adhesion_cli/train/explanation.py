@@ -50,6 +50,8 @@ class Design(NamedTuple):
     creeps: bool  # whether the speed is that of wheels
     climb: Floats  # what the known gradient has taken from the speed, (m,) [m/s]
     gradient_sigma: float  # 1 sigma of the gradient that is not known [m/s²]
+    by_motors: Floats  # deceleration by the motors' force all along, (n,) [m/s²]
+    motor_sigma: Floats  # 1 sigma of it, one error of all samples, (n,) [m/s²]
 
 
 class Explanation(NamedTuple):

@@ -14,6 +14,7 @@ from ..core.model import (
     Floats,
     Times,
     Vehicle,
+    without_motors,
 )
 from ..core.physics import GRADIENT, RELEASED_SHARE, G, table_share, wheelset
 from ..core.signals import true_runs
@@ -50,6 +51,14 @@ class Grid:
     # what the known gradient has taken from the speed of a train that rolls, (n,) [m/s]
     climb: Floats | float = 0.0
     gradient_sigma: float = GRADIENT_SIGMA  # 1 sigma of the gradient that is not known [m/s²]
+    # the motors' part of K, and 1 sigma of their force at the rim; None without a channel of it
+    motors: Floats | None = None  # (k, n) [N]
+    motor_sigma: Floats | None = None  # (k, n) [N]
+
+    @property
+    def friction_clamping(self) -> Floats:
+        """K of the friction brake alone, shape (k, n) [N]."""
+        return without_motors(self.clamping, self.motors)
 
     @property
     def fastest(self) -> Floats:
@@ -189,13 +198,41 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
                 # The true one is higher than where the sensor's range ends.
                 known = brake if r.saturated is None else np.where(r.saturated, np.nan, brake)
                 row[i] = _means(r, known, start_ns, t)
+    motors, sigma = _motor_rows(axles, start_ns, t)
+    by_friction = without_motors(clamping, motors)
     friction: Floats | float = 1.0
     tables = [a.friction_table or vehicle.friction_table for a in axles]
     if any(tables):
-        rows = zip(rim, clamping, tables, strict=True)
+        rows = zip(rim, by_friction, tables, strict=True)
         friction = np.array([table_share(v, K, x) * np.ones(len(t)) for v, K, x in rows])
+    clamping = friction * by_friction + (0.0 if motors is None else motors)
     train, train_error = _train(axles, start_ns, t)
-    return Grid(start_ns, step, rim, friction * clamping, pressure, train, train_error, friction)
+    return Grid(
+        start_ns,
+        step,
+        rim,
+        clamping,
+        pressure,
+        train,
+        train_error,
+        friction,
+        motors=motors,
+        motor_sigma=sigma,
+    )
+
+
+def _motor_rows(
+    axles: Sequence[AxleChannels], start_ns: int, t: Floats
+) -> tuple[Floats | None, Floats | None]:
+    """The motors' part of K, and 1 sigma of their force at the rim, (k, n) each [N]."""
+    if not any(a.motors for a in axles):
+        return None, None
+    motors, sigma = np.zeros((2, len(axles), len(t)))
+    for i, r in enumerate(a.record for a in axles):
+        if r.motor_clamping_smooth is not None and r.motor_sigma is not None:
+            motors[i] = _means(r, r.motor_clamping_smooth, start_ns, t)
+            sigma[i] = _means(r, r.motor_sigma, start_ns, t)
+    return motors, sigma
 
 
 def _step(axles: Sequence[AxleChannels], finest: float) -> float | None:

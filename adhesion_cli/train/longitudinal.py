@@ -57,7 +57,7 @@ _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
 RESISTANCE_OF_TRAINS = Parameter(0.015, 0.015)  # r [m/s²]
 _DRAG = Parameter(3e-5, 2e-5)  # [1/m]
 _EXACT = 1e-4  # 1 sigma of ln s of a vehicle without tolerances
-_DELAY_SIGMA = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
+DELAY_SIGMA = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
 _ZERO_SIGMA = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
 LARGEST_DELAY = 5.0  # the largest delay that is looked for [s]
 FLOOR = 0.005  # 1 sigma by which the model misses a rolling wheel's speed [m/s]
@@ -89,7 +89,7 @@ def line_prior(
     return {
         SCALE: Parameter(0.0, max(math.log1p(tolerance(vehicle)), _EXACT)),
         OFFSET: Parameter(0.0, math.hypot(spring, _ZERO_SIGMA)),
-        DELAY: Parameter(0.0, math.hypot(_DELAY_SIGMA, 0.25 * interval)),
+        DELAY: Parameter(0.0, math.hypot(DELAY_SIGMA, 0.25 * interval)),
         STIFFNESS: CREEP,
         FADE: Parameter(fade.value / mean_share, fade.tolerance or _FADE.tolerance),
         RESISTANCE: RESISTANCE_OF_TRAINS,

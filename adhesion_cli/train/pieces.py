@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Bools, Floats, Vehicle
-from ..core.physics import CRAWL, RELEASED_SHARE, braked, force_line, wheelset
+from ..core.physics import CRAWL, RELEASED_SHARE, G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from ..records.axle_channels import AxleChannels
 from .explanation import Design
 from .grid import FEWEST, FINE_STEP, GRADIENT_SIGMA, Grid, Grids, erode
-from .longitudinal import FLOOR, friction_share
+from .longitudinal import CREEP, DELAY_SIGMA, FLOOR, friction_share
 
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _GRADIENT_CHANGE = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
@@ -71,6 +71,8 @@ def build_design(
     w = wheelset(vehicle, axles[0].record.axle)
     c = braked_share * float(braked(top, w)) * friction_share(vehicle, mean)
     floor = math.hypot(FLOOR, rounding, c * _missed_impulse(t, np.maximum(K, 0.0), interval))
+    by_motors, motor_sigma = motor_deceleration(fine_grid, vehicle, axles, braked_share)
+    floor = math.hypot(floor, DELAY_SIGMA * float(np.max(np.abs(by_motors), initial=0.0)))
     complete_speed = np.interp(t, t[np.isfinite(v)], v[np.isfinite(v)])
     d = Design(
         t=t,
@@ -96,8 +98,42 @@ def build_design(
         creeps=not (by_train and fine_grid.train is not None),
         climb=(fine_grid.climb + np.zeros(len(t)))[samples],
         gradient_sigma=fine_grid.gradient_sigma,
+        by_motors=by_motors,
+        motor_sigma=motor_sigma,
     )
-    return _with_pieces(d, piece_start)
+    d = _with_pieces(d, piece_start)
+    return d._replace(gradient_covariance=d.gradient_covariance + _motor_covariance(d))
+
+
+def motor_deceleration(
+    grid: Grid, vehicle: Vehicle, axles: Sequence[AxleChannels], braked_share: float
+) -> tuple[Floats, Floats]:
+    """The deceleration by the force of the motors, and 1 sigma of it, shape (n,) [m/s²].
+
+    Arguments as of `build_design`. Both are 0 without a channel of that force.
+    """
+    n = grid.rim.shape[1]
+    if grid.motors is None or grid.motor_sigma is None:
+        return np.zeros(n), np.zeros(n)
+    w, mass = wheelset(vehicle, axles[0].record.axle), vehicle.axle_mass
+    slowing = braked_share * braked(np.nan_to_num(np.mean(grid.motors, axis=0)), w)
+    sigma = braked_share * braked(np.nan_to_num(np.mean(grid.motor_sigma, axis=0)) / w.phi, w)
+    return slowing, np.hypot(sigma, slowing * mass.tolerance / mass.value)
+
+
+def motor_loss(d: Design) -> Floats:
+    """What the motors take from the speed, (m,) [m/s]."""
+    if not d.by_motors.any():
+        return np.zeros(len(d.samples))
+    creep = d.creeps * (d.relative_speed + d.mean) * d.by_motors / (G * math.exp(CREEP.value))
+    loss: Floats = (integral(d, d.by_motors) + creep)[d.samples]
+    return loss
+
+
+def _motor_covariance(d: Design) -> Floats:
+    """Covariance of the pieces' gradients by the error of the motors' force, (p, p) [m²/s⁴]."""
+    sigma = sum_by_piece(d, d.motor_sigma[d.samples]) / d.size
+    return np.outer(sigma, sigma)
 
 
 def _with_pieces(d: Design, piece_start: NDArray[np.int64]) -> Design:
@@ -110,7 +146,9 @@ def _with_pieces(d: Design, piece_start: NDArray[np.int64]) -> Design:
     unbent = without_bend(d, d.measured + d.climb)
     smooth = d.measured - without_slope(d, unbent)
     return d._replace(
-        v=unbent, speed=smooth, squared=without_bend(d, integral(d, u * u)[d.samples])
+        v=unbent + without_bend(d, motor_loss(d)),
+        speed=smooth,
+        squared=without_bend(d, integral(d, u * u)[d.samples]),
     )
 
 
@@ -131,6 +169,7 @@ def along_track(d: Design) -> Design:
     return d._replace(
         gradient_covariance=d.gradient_sigma**2 * np.exp(-separation)
         + _UNCORRELATED_GRADIENT**2 * np.eye(len(distance))
+        + _motor_covariance(d)
     )
 
 
@@ -150,7 +189,7 @@ def _relative_force(
     axles: Sequence[AxleChannels], vehicle: Vehicle, fine_grid: Grid, t: Floats
 ) -> tuple[Floats, float]:
     """Mean K over its highest value (n,), and that [N]; 0 where there is none."""
-    K: Floats = np.mean(fine_grid.clamping, axis=0)
+    K: Floats = np.mean(fine_grid.friction_clamping, axis=0)
     line = force_line(vehicle)
     if all(a.brake.meaning == "pressure" for a in axles):  # known below the spring's force, too
         negative_force = line.per_pascal * np.mean(fine_grid.pressure, axis=0) - line.at_zero

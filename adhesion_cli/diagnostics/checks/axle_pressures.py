@@ -61,7 +61,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     that differ, either may be wrong.
     """
     g = s.grid
-    x = g.pressure if np.isfinite(g.pressure).any(axis=1).all() else g.clamping
+    x = g.pressure if np.isfinite(g.pressure).any(axis=1).all() else g.friction_clamping
     slid = _slid(g, x)
     axles_left = list(range(len(x)))
     while len(axles_left) > 1:

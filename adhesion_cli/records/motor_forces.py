@@ -1,0 +1,68 @@
+"""The sign of the force of motors, by what the train does."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..core.finding import Finding
+from ..core.model import MOTOR_FORCES, Channel, Floats, Meaning, Vehicle
+from .choose import Channels, Key, find
+
+_STEP = 0.5  # of the times at which they are compared [s]
+_LARGE_SHARE = 0.3  # of the largest force: less says little
+_FEWEST = 4  # samples that say something
+_CLEAR_RATE = 0.1  # of a rim, with the wrong sign, that no gradient explains [m/s²]
+
+
+def with_signs(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Finding]]:
+    """The channels with ED forces that brake above zero, and traction forces that drive.
+
+    Args:
+        channels: of the log.
+        vehicle: for the wheel radius.
+    """
+    signed, findings = dict(channels), list[Finding]()
+    for meaning, sign in zip(MOTOR_FORCES, (-1.0, 1.0), strict=True):
+        forces = {key: c for key, c in channels.items() if key[0] == meaning}
+        rates = [x for key, c in forces.items() for x in _rates(key, c, channels, vehicle)]
+        if len(rates) < _FEWEST or sign * float(np.mean(rates)) > -_CLEAR_RATE:
+            continue
+        for key, c in forces.items():
+            signed[key] = replace(c, data=replace(c.data, value=-c.data.value))
+        titles = ", ".join(dict.fromkeys(c.title for c in forces.values()))
+        names = {"force": _name(meaning)}
+        findings.append(Finding("motor-force-sign", "warning", channel=titles, names=names))
+    return signed, findings
+
+
+def _name(meaning: Meaning) -> str:
+    return "ED force" if meaning == MOTOR_FORCES[0] else "Traction force"
+
+
+def _rates(key: Key, force: Channel, channels: Channels, vehicle: Vehicle) -> Sequence[float]:
+    """Accelerations of a rim, times the sign of the force, where that is large [m/s²]."""
+    axle = key[1]
+    speeds = [c for k, c in channels.items() if k[0] == "wheel_speed" and axle in (None, k[1])]
+    speed_key = find(channels, "wheel_speed", axle)
+    speed = channels[speed_key] if speed_key else next(iter(speeds), None)
+    if speed is None or len(speed.data.t) < _FEWEST:
+        return []
+    t = _even_times(force, speed)
+    rim = vehicle.radius(speed.axle or 1).value * _at(speed, t)
+    F, rate = _at(force, t)[1:-1], (rim[2:] - rim[:-2]) / (2.0 * _STEP)
+    large = np.abs(F) > _LARGE_SHARE * float(np.max(np.abs(F), initial=0.0))
+    moving = np.min([rim[2:], rim[:-2]], axis=0) > 1.0
+    selected: Floats = (np.sign(F) * rate)[large & moving]
+    return [float(x) for x in selected]
+
+
+def _even_times(force: Channel, speed: Channel) -> Floats:
+    start = max(int(force.data.t.min()), int(speed.data.t.min()))
+    stop = min(int(force.data.t.max()), int(speed.data.t.max()))
+    return np.arange(start, max(stop, start), int(_STEP * 1e9), dtype=np.float64)
+
+
+def _at(channel: Channel, t: Floats) -> Floats:
+    order = np.argsort(channel.data.t, kind="stable")
+    return np.interp(t, channel.data.t[order], channel.data.value[order])
