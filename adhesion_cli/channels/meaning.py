@@ -263,7 +263,7 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             continue
         if is_counted_on:
             counted_on.append(f"{m.title}: {', '.join(map(str, axles))}")
-        if m.meaning in MOTOR_FORCES and axles:
+        if m.meaning in MOTOR_FORCES and axles and not _is_of_each(m):
             m = replace(m, share=1.0 / len(axles))
         for axle in axles[1:]:
             guesses.append(len(meant))
@@ -310,8 +310,8 @@ def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         stated = m.mapping if i not in guesses else None
         if stated and stated.place:
             axles = stated.axles or all_axles
-        elif stated or word_of_kind("wheel", name_words(m.title)):
-            continue  # each axle has this force
+        elif stated or _is_of_each(m):
+            continue
         else:
             axles = all_axles
         if len(axles) < 2 and not stated:
@@ -323,6 +323,11 @@ def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             findings.append(_spread_finding(m, axles))
         meant += rows[1:]
     return findings
+
+
+def _is_of_each(m: Meant) -> bool:
+    """Whether a name says that each axle has this force, as "per axle"."""
+    return bool(word_of_kind("wheel", name_words(m.title)))
 
 
 def _spread_finding(m: Meant, axles: Sequence[int]) -> Finding:

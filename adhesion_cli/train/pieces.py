@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Bools, Floats, Vehicle
-from ..core.physics import CRAWL, RELEASED_SHARE, G, braked, force_line, wheelset
+from ..core.physics import CRAWL, RELEASED_SHARE, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from ..records.axle_channels import AxleChannels
 from .explanation import Design
 from .grid import FEWEST, FINE_STEP, GRADIENT_SIGMA, Grid, Grids, erode
-from .longitudinal import CREEP, DELAY_SIGMA, FLOOR, friction_share
+from .longitudinal import DELAY_SIGMA, FLOOR, friction_share
 
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _GRADIENT_CHANGE = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
@@ -123,11 +123,7 @@ def motor_deceleration(
 
 def motor_loss(d: Design) -> Floats:
     """What the motors take from the speed, (m,) [m/s]."""
-    if not d.by_motors.any():
-        return np.zeros(len(d.samples))
-    creep = d.creeps * (d.relative_speed + d.mean) * d.by_motors / (G * math.exp(CREEP.value))
-    loss: Floats = (integral(d, d.by_motors) + creep)[d.samples]
-    return loss
+    return integral(d, d.by_motors)[d.samples]
 
 
 def _motor_covariance(d: Design) -> Floats:

@@ -75,7 +75,15 @@ def residual(d: Design, x: Floats, gradients: Floats) -> Floats:
     slope = repeat_by_piece(d, gradients - x[RESISTANCE])
     remainder: Floats = d.v + math.exp(x[SCALE]) * unbent_loss(d, x) - slope * d.time
     remainder += x[DRAG] * d.squared
-    return remainder
+    return remainder + _motor_creep(d, x)
+
+
+def _motor_creep(d: Design, x: Floats) -> Floats | float:
+    """How much slower than the train a wheel turns by the motors' force, (m,) [m/s]."""
+    by_motors = d.by_motors[d.samples]
+    if not d.creeps or not by_motors.any():
+        return 0.0
+    return without_bend(d, d.speed * by_motors / (G * math.exp(x[STIFFNESS])))
 
 
 def _columns(d: Design, x: Floats) -> Floats:
@@ -84,7 +92,7 @@ def _columns(d: Design, x: Floats) -> Floats:
     J = np.empty((SHARED, len(d.samples)))
     J[SCALE] = s * unbent_loss(d, x)
     creep = d.creeps * d.c * d.speed * _braking_share(d, x)[d.samples]
-    J[STIFFNESS] = -s * without_bend(d, creep / (G * math.exp(x[STIFFNESS])))
+    J[STIFFNESS] = -s * without_bend(d, creep / (G * math.exp(x[STIFFNESS]))) - _motor_creep(d, x)
     for i, step in ((OFFSET, 0.005), (FADE, 0.001), (DELAY, 0.01)):
         upper, lower = x.copy(), x.copy()
         upper[i] += step

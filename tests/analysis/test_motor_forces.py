@@ -1,0 +1,136 @@
+"""The ED brake and the traction force in the balance of a whole analysis."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.blended import RADIUS, VEHICLE, Blended, blended
+
+from adhesion_cli.analysis import analyze as run
+from adhesion_cli.analysis.settings import load
+from adhesion_cli.analysis.summarise import brake_applications
+from adhesion_cli.core import toml
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Floats, Result
+
+MOTOR_BOGIE = (2.0, 2.0, 0.0, 0.0)
+
+
+def analyzed(path: Path, *assignments: str) -> Result:
+    settings = load(toml.parsed(VEHICLE, "test"), assignments, folder=False)
+    return run.analyze(path, settings, ["td"])
+
+
+def check(result: Result, log: Blended, within: float = 0.05) -> None:
+    """Every mean adhesion coefficient is in its band, and near the truth."""
+    for axle, applications in brake_applications(result).items():
+        braked = [a for a in applications if (a.from_mps or 0.0) > 3.0]
+        assert len(braked) == len(log.stops)
+        for a, (start, stop) in zip(braked, log.stops, strict=True):
+            true_mean = log.mean_coefficient(axle, a.start_s, a.end_s)
+            assert a.coefficient is not None
+            assert abs(a.start_s - start) < 1.0
+            assert abs(a.end_s - stop) < 2.0
+            assert abs(a.coefficient.mean - true_mean) < a.coefficient.mean_u95
+            assert a.coefficient.mean == pytest.approx(true_mean, rel=within)
+
+
+def codes(result: Result) -> set[str]:
+    return {f.code for f in result.findings}
+
+
+@pytest.fixture(scope="module")
+def even() -> Blended:
+    return blended()
+
+
+def test_the_ed_force_of_each_bogie(tmp_path: Path) -> None:
+    log = blended(ed_share=MOTOR_BOGIE)
+    columns = {f"ED brake force bogie {b} [kN]": log.ed[2 * b - 1] * 2e-3 for b in (1, 2)}
+    result = analyzed(log.write(tmp_path / "bogies.csv", columns))
+    check(result, log)
+    assert "force-spread" in codes(result)
+    assert "other-brake" not in codes(result)
+    rows = {row.quantity: row for row in brake_applications(result)[1][-1].budget or ()}
+    assert rows["ed_force"].u == pytest.approx(0.05 * rows["ed_force"].value, rel=0.05)
+
+
+def test_the_share_of_a_vehicle_in_percent(tmp_path: Path) -> None:
+    log = blended(ed_share=MOTOR_BOGIE, decelerations=(0.6, 0.9, 1.0))
+    path = log.write(tmp_path / "share.csv", {"E-Bremse [%]": 100.0 * log.ed.sum(0) / 80e3})
+    entry = '{channel = "E-Bremse [%]", axles = [1, 2], full_force = 80e3, tolerance = 0.03}'
+    result = analyzed(path, f"channels.ed_force.vehicle={entry}")
+    check(result, log)
+    with pytest.raises(UserError, match="the force of 100 % is unknown") as error:
+        analyzed(path)
+    assert "channels.ed_force.full_force=60000" in (error.value.hint or "")
+
+
+def test_torques_at_the_wheelset_and_traction(tmp_path: Path, even: Blended) -> None:
+    columns = {}
+    for axle in range(1, 5):
+        columns[f"ED brake torque axle {axle} [kNm]"] = even.ed[axle - 1] * RADIUS * 1e-3
+        columns[f"traction torque axle {axle} [kNm]"] = even.traction[axle - 1] * RADIUS * 1e-3
+    result = analyzed(even.write(tmp_path / "torque.csv", columns))
+    check(result, even)
+    assert "traction" not in codes(result)
+    record, force = result.axles[0].record, result.axles[0].reference.force
+    driven = np.interp(record.t * 1e-9, even.t, even.traction[0]) > 5e3
+    true_force = np.interp(record.t * 1e-9, even.t, even.force[0])
+    assert np.isfinite(force[driven]).mean() > 0.95
+    assert float(np.nanmedian(force[driven] - true_force[driven])) == pytest.approx(0.0, abs=200.0)
+
+
+def test_a_result_of_it_is_a_log_again(tmp_path: Path, even: Blended) -> None:
+    from adhesion_cli.results import mcap
+
+    columns = {"ED force per axle [kN]": even.ed[0] * 1e-3}
+    path = even.write(tmp_path / "axle.csv", columns)
+    result = analyzed(path, "channels.ed_force.tolerance=0.02")
+    assert "force-spread" not in codes(result)
+    mcap.write_result(tmp_path / "axle.adhesion.mcap", result, "{}")
+    again = run.analyze(tmp_path / "axle.adhesion.mcap", load(None, folder=False), ["td"])
+    first, second = (r.axles[2].reference for r in (result, again))
+    np.testing.assert_allclose(second.force, first.force, rtol=1e-9, atol=1e-3)
+    np.testing.assert_allclose(second.tolerance, first.tolerance, rtol=1e-9, atol=1e-3)
+
+
+def test_a_sign_that_contradicts_the_train_is_turned_and_reported(
+    tmp_path: Path, even: Blended
+) -> None:
+    columns = {"ED force per axle [kN]": -even.ed[0] * 1e-3}
+    result = analyzed(even.write(tmp_path / "negative.csv", columns))
+    assert "motor-force-sign" in codes(result)
+    check(result, even)
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "error", "remedy"),
+    [
+        ("ED brake force per axle", 1e-3, "its unit is not stated", "channels.ed_force"),
+        ("ED brake force per axle [bar]", 1e-3, "cannot be in 'bar'", "kN"),
+    ],
+)
+def test_an_ed_force_without_the_unit_of_a_force(
+    tmp_path: Path, even: Blended, name: str, column: float, error: str, remedy: str
+) -> None:
+    path = even.write(tmp_path / "unit.csv", {name: even.ed[0] * column})
+    with pytest.raises(UserError, match=error) as raised:
+        analyzed(path)
+    assert remedy in (raised.value.hint or "")
+
+
+def test_an_ed_brake_without_any_unit_is_reported(tmp_path: Path, even: Blended) -> None:
+    on: Floats = (even.ed[0] > 0.0).astype(float)
+    result = analyzed(even.write(tmp_path / "state.csv", {"E-Bremse": on}))
+    (finding,) = [f for f in result.findings if f.code == "ed-force-unit"]
+    assert "channels.ed_force" in (finding.hint or "")
+
+
+def test_k_is_the_clamping_force_of_electric_and_air_brake(tmp_path: Path, even: Blended) -> None:
+    columns = {"ED force per axle [kN]": even.ed[0] * 1e-3}
+    result = analyzed(even.write(tmp_path / "k.csv", columns), "analysis.vehicle=stated")
+    record = result.axles[0].record
+    by_ed = np.interp(record.t * 1e-9, even.t, even.ed[0]) / 0.35
+    np.testing.assert_allclose(record.clamping_force - record.friction_clamping, by_ed, atol=50.0)
+    check(result, even, 0.005)
