@@ -237,7 +237,9 @@ def find_log_brake(log: AlignedLog, settings: Settings) -> LogBrake | None:
     """
     vehicle, setting = settings.vehicle, _setting([log], settings)
     rotating = _rotating_share(vehicle, settings.stated)
-    line = log.grids and find_brake_line(log.axles, log.grids.coarse, rotating)
+    if not log.grids:
+        return None
+    line = find_brake_line(*_axles_and_grid(log), rotating, _by_motors(log, settings))
     if not line or line.mixed or len(_kinds([log])) > 1:
         return None
     ratio = math.exp(min(_error(vehicle, line, setting), _LARGEST_LN))
