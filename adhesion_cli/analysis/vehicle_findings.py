@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.finding import Finding, merge_spans
 from ..core.model import AxleResult, IdentifiedVehicle, Result, Vehicle, quantities
-from ..diagnostics.checks.vehicle import fitting_values
+from ..diagnostics.checks.vehicle import remedy_names
 from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from .prepare import AlignedLog, Prepared, diagnose_log
 from .settings import Settings
@@ -52,7 +52,7 @@ def find_vehicle_findings(
         findings.append(Finding("vehicle-unknown", "warning"))
     if identified.factor is not None and not identified.other_brake:
         values = {"factor": identified.factor}
-        names = {"fits": fitting_values(identified.vehicle, identified.factor)}
+        names = remedy_names(identified.vehicle, identified.factor)
         findings.append(Finding("vehicle-suspect", "warning", values=values, names=names))
     if identified.doubt is not None:
         factor, sigmas = identified.doubt

@@ -15,7 +15,9 @@ from helpers.pasted import pasted
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
+from adhesion_cli.core.model import Parameter, Vehicle
 from adhesion_cli.core.physics import G, clamping_force, wheelset
+from adhesion_cli.diagnostics.checks.vehicle import remedy_names
 from adhesion_cli.formats.open import open_source
 
 
@@ -59,6 +61,19 @@ def test_the_friction_that_would_fit_is_told(
     for f in told:  # its remedy has one line for each parameter
         fits = settings.load(assignments=pasted(f.names["fits"]), folder=False).vehicle
         assert fits.friction.value == pytest.approx(friction, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("factor", "counts", "proposes_mass"),
+    [(2.1, True, False), (0.48, True, False), (1.12, False, True), (3.2, False, False)],
+)
+def test_a_factor_of_two_is_a_count_and_no_other_mass(
+    factor: float, counts: bool, proposes_mass: bool
+) -> None:
+    names = remedy_names(Vehicle(axle_mass=Parameter(14e3, 700.0)), factor)
+    assert ("count the pads" in names["check"]) is counts
+    assert names["fits"].startswith(("twice the pads", "half the pads")) is counts
+    assert ("vehicle.axle_mass" in names["fits"]) is proposes_mass
 
 
 @pytest.mark.parametrize("name", ["service-brake", "low-adhesion"])

@@ -23,6 +23,10 @@ from .impossible_values import join_units
 ABOUT = About("Vehicle as stated", "force", 40)
 
 
+_NEARLY = 1.2  # a factor that differs from 2 by less is nearly 2
+_MASS_SIGMAS = 4.0  # no mass is proposed that differs more from what is stated
+
+
 class Params(NamedTuple):
     """Thresholds."""
 
@@ -73,17 +77,29 @@ def _vehicle_finding(p: Params, s: Scene, factor: float) -> Finding:
         names = {"candidates": join_units(units)}
         return s.finding("deceleration-unit-suspect", "warning", brake, None, 0, values, names)
     severity: Severity = "info" if factor > 1.0 and s.grid.slid_together else "warning"
-    names = {"fits": fitting_values(s.vehicle, factor)}
+    names = remedy_names(s.vehicle, factor)
     return s.finding("vehicle-suspect", severity, brake, None, 0, values, names)
 
 
-def fitting_values(vehicle: Vehicle, factor: float) -> str:
-    """What to state so that the train slows so many times as hard, as a hint has it."""
+def remedy_names(vehicle: Vehicle, factor: float) -> dict[str, str]:
+    """What to check first, and what to state so that the train slows so many times as hard.
+
+    A factor of nearly 2 is a pad, a disc or a cylinder that is counted once too often or not at
+    all. A mass is proposed within its stated tolerance only.
+    """
     friction, mass = factor * vehicle.friction.value, vehicle.axle_mass.value / factor
-    # No pad has another friction; an axle is one of an empty tram to a loaded ore wagon.
-    fits = [toml.option(f"vehicle.friction = {friction:.2g}")] * (0.05 < friction < 0.6)
-    fits += [toml.option(f"vehicle.axle_mass = {mass:.0f}")] * (2e3 < mass < 45e3)
-    return join_units(fits)
+    share = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
+    count, check = "", "Check lever ratio, friction, cylinder and axle mass of the vehicle."
+    if abs(abs(math.log(factor)) - math.log(2.0)) < math.log(_NEARLY):
+        count = f"{'twice' if factor > 1.0 else 'half'} the pads, discs or cylinders"
+        check = "First count the pads of a disc, the discs of an axle and the cylinders of a disc."
+    fits = [count] * bool(count)
+    # No pad has another friction.
+    if 0.05 < friction < 0.6 and vehicle.friction_table is None:
+        fits.append(toml.option(f"vehicle.friction = {friction:.2g}"))
+    if abs(math.log(factor)) < _MASS_SIGMAS * share:
+        fits.append(toml.option(f"vehicle.axle_mass = {mass:.0f}"))
+    return {"check": check, "fits": join_units(fits)}
 
 
 def _units(p: Params, s: Scene, factor: float) -> list[str]:
