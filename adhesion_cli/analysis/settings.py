@@ -633,7 +633,9 @@ def _channels(section: Table) -> tuple[list[Mapping], Table]:
             axles, table = _axles(f"channels.{key}", place, _table(entry))
             table = _channel(key, table)
             for axle in axles:
-                other = places.setdefault((MEANINGS[key], axle), place) if axle else place
+                other = place
+                if axle and table["channel"]:
+                    other = places.setdefault((MEANINGS[key], axle), place)
                 if other != place:
                     text = f"channels.{key} states axle {axle} twice: {other!r} and {place!r}"
                     raise UserError(text, "leave one of them out, or state its axles", code=2)

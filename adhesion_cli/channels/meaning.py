@@ -4,7 +4,7 @@ A mapping from the user decides, else the names. Every guess has its reason, whi
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 from ..core import toml, units
@@ -114,8 +114,20 @@ def understood(
     findings += _assign_axles(meant, guesses)
     findings += _spread_forces(meant, guesses)
     findings += _refuse_repeated(meant, guesses)
+    _apply_statements(meant, set(guesses), mappings)
+    return meant, findings
+
+
+def _apply_statements(
+    meant: list[Meant], guesses: Collection[int], mappings: Sequence[Mapping]
+) -> None:
+    """Gives channels the zero, and guesses the unit, that lines without a channel state.
+
+    Raises:
+        UserError: for a line on an axle that has no such channel.
+    """
     for m in sorted((m for m in mappings if not m.channel), key=lambda m: m.axle or 0):
-        named = [i for i in guesses if meant[i].meaning == m.meaning]
+        named = [i for i, channel in enumerate(meant) if channel.meaning == m.meaning]
         matching = [i for i in named if m.axle in (None, meant[i].axle)]
         if named and not matching:
             key = f"channels.{_key(m.meaning, m.axle)}"
@@ -123,13 +135,14 @@ def understood(
             hint = f"name it, as {toml.option(line)}"
             raise UserError(f"{key} names no channel, and no name says this axle", hint, code=2)
         for i in matching:
-            meant[i] = _with_statement(meant[i], m)
-    return meant, findings
+            own = meant[i].zero
+            meant[i] = replace(meant[i], zero=(m.zero or own) if m.axle else (own or m.zero))
+            if i in guesses:
+                meant[i] = _with_statement(meant[i], m)
 
 
 def _with_statement(guessed: Meant, m: Mapping) -> Meant:
-    """A guess with the unit and the zero that the user states for it."""
-    guessed = replace(guessed, zero=m.zero) if m.zero else guessed
+    """A guess with what the user states of it beside its zero."""
     reason = f"{guessed.reason.removesuffix('; no unit stated')}; unit {m.unit}: in [channels]"
     guessed = replace(guessed, mapping=m)
     if not m.unit:

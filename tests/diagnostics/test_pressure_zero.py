@@ -10,9 +10,15 @@ from helpers.diagnosed import (
     DEFAULT,
     at_rate,
 )
+from helpers.pasted import pasted
 from helpers.simulated import Recordings
 
+from adhesion_cli.analysis.prepare import prepare
+from adhesion_cli.analysis.settings import load
+from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import Floats
+from adhesion_cli.formats.memory import MemorySource, Signals
 
 
 def zeros(log: Recordings, folder: Path) -> list[Finding]:
@@ -53,3 +59,36 @@ def test_a_log_that_begins_with_the_brake_applied_shows_no_zero(tmp_path: Path) 
     cut = [replace(r, t=r.t[k], value=r.value[k]) for r in log
            for k in [(r.t * 1e-9 > first) & (r.t * 1e-9 < last)]]  # fmt: skip
     assert not zeros(cut, tmp_path)
+
+
+def bogies(second: Floats | float, line: str = "") -> list[Finding]:
+    """Findings on three stops whose pressures are two bogies', with an error of the second."""
+    t = np.arange(0.0, 300.0, 0.1)
+    brake = np.interp(t % 100.0, [60.0, 62.0, 90.0, 92.0], [0.0, 2.0, 2.0, 0.0])
+    a = np.where(t % 100.0 < 20.0, 0.6, 0.0) - 0.2 * brake - 0.01
+    speed = 3.6 * np.maximum(4.0 + np.cumsum(a) * 0.1, 0.0)
+    signals = {"BCP bogie 1 [bar]": brake, "BCP bogie 2 [bar]": brake + second}
+    signals |= {f"axle {n} [km/h]": speed for n in (1, 2, 3, 4)}
+    noise = np.random.default_rng(1)
+    signals = {k: v + noise.normal(0.0, 0.005, len(t)) for k, v in signals.items()}
+    source = MemorySource(Signals(t, signals))
+    loaded = load(assignments=pasted(line), folder=False)
+    log = read(source, loaded.mappings, loaded.vehicle)
+    found = prepare(log, loaded.vehicle).findings
+    return [f for f in found if f.code.startswith("pressure-zero")]
+
+
+def test_a_zero_beside_another_that_is_right_is_told_with_the_line_that_mends_it() -> None:
+    (told,) = bogies(0.1)
+    assert told.channel == "BCP bogie 2 [bar]"
+    assert told.values["level_bar"] == pytest.approx(0.1, abs=0.003)
+    assert "another one at" in told.message
+    assert not bogies(0.1, str(told.names["option"]))
+    assert not bogies(0.02)
+
+
+def test_a_zero_that_drifts_is_told_with_the_line_that_states_its_tolerance() -> None:
+    (told,) = bogies(np.linspace(-0.06, 0.06, 3000))
+    assert told.code == "pressure-zero-drift"
+    assert told.values["last_bar"] - told.values["first_bar"] == pytest.approx(0.09, abs=0.02)
+    assert not bogies(np.linspace(-0.06, 0.06, 3000), str(told.names["option"]))

@@ -1,13 +1,17 @@
-"""A pressure that rests at another level than zero while no brake slows the train."""
+"""A pressure that rests at another level than zero, or than the others, while no brake slows."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ...core.finding import Finding
-from ...core.model import Quantity
+from ...core.model import Bools, Channel, Quantity
 from ...core.physics import CRAWL, clamping_force, force_line
+from ...core.toml import option
+from ...core.toml import value as value_text
+from ...core.units import unit_for
 from ...train.grid import long_runs
 from ..registry import About
 from ..scene import Scene
@@ -32,26 +36,100 @@ class Params(NamedTuple):
         float, Quantity("-", "of what the level would slow the train by: it is a brake", 0.0, 1.0)
     ] = 0.5
     lasts: Annotated[float, Quantity("s", "a release passes faster", 0.0)] = 1.5
+    apart: Annotated[
+        float, Quantity("Pa", "released pressures of two channels differ by less", 0.0)
+    ] = 6e3
+    drift: Annotated[
+        float, Quantity("Pa", "a released pressure changes by less over the log", 0.0)
+    ] = 6e3
+    released: Annotated[float, Quantity("Pa", "a released pressure that drifts is lower", 0.0)] = (
+        2.5e4
+    )
+
+
+class _Rest(NamedTuple):
+    """Where a brake is released while the train moves, and its pressure there."""
+
+    mask: Bools  # (n,)
+    level: float  # [Pa]
+    top: float  # highest pressure of the channel [Pa]
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
-    """One finding per pressure whose zero is off."""
-    g = s.grid
-    for i, (a, pressure) in enumerate(zip(s.axles, g.pressure, strict=True)):
-        top = float(np.nanmax(pressure, initial=0.0))
-        is_moving = np.isfinite(pressure) & (g.fastest > CRAWL)
-        lowest = float(np.min(pressure[is_moving], initial=top))
-        rests = long_runs(is_moving & (pressure < lowest + p.rest * top), p.lasts, g)
-        slowing = -g.slope(g.fastest)[rests]
-        if not np.isfinite(slowing).any():
-            continue
-        level = float(np.median(pressure[rests]))
-        if abs(level) < max(p.share * top, p.least) or top - level < p.applied * top:
-            continue
-        own = s.vehicle.of_axle(a.record.axle)
-        slowed = s.by_rolling * float(clamping_force(np.array(level), own))
-        if slowed and np.nanmedian(slowing) > p.slows * slowed:
-            continue
-        force = force_line(own).per_pascal * level
-        values = {"level_bar": level / 1e5, "force_n": force}
-        yield s.finding("pressure-zero", "warning", a.brake, rests, i, values)
+    """One finding per pressure whose zero is off, and one per pressure whose zero drifts."""
+    first_axles: dict[str, int] = {}  # a channel may serve several axles
+    for i, a in enumerate(s.axles):
+        first_axles.setdefault(a.brake.title, i)
+    rests = {i: rest for i in first_axles.values() if (rest := _rest(p, s, i))}
+    for i, rest in rests.items():
+        other_levels = [other.level for j, other in rests.items() if j != i]
+        yield from _offset(p, s, i, rest, other_levels)
+        yield from _drift(p, s, i, rest.top)
+
+
+def _rest(p: Params, s: Scene, i: int) -> _Rest | None:
+    """Where the brake of an axle is released; None where nothing shows it."""
+    g, pressure = s.grid, s.grid.pressure[i]
+    top = float(np.nanmax(pressure, initial=0.0))
+    is_moving = np.isfinite(pressure) & (g.fastest > CRAWL)
+    lowest = float(np.min(pressure[is_moving], initial=top))
+    mask = long_runs(is_moving & (pressure < lowest + p.rest * top), p.lasts, g)
+    slowing = -g.slope(g.fastest)[mask]
+    if not np.isfinite(slowing).any():
+        return None
+    level = float(np.median(pressure[mask]))
+    if top - level < p.applied * top:
+        return None
+    own = s.vehicle.of_axle(s.axles[i].record.axle)
+    slowed = s.by_rolling * float(clamping_force(np.array(level), own))
+    if slowed and np.nanmedian(slowing) > p.slows * slowed:
+        return None
+    return _Rest(mask, level, top)
+
+
+def _offset(
+    p: Params, s: Scene, i: int, rest: _Rest, other_levels: Sequence[float]
+) -> Iterator[Finding]:
+    """A released pressure that is not zero, where another one is, or by much."""
+    a, level = s.axles[i], rest.level
+    other = min(other_levels, key=abs, default=level)
+    is_apart = abs(level) > abs(other) and abs(level - other) > max(p.apart, 1.1 * a.brake.step)
+    if not is_apart and abs(level) < max(p.share * rest.top, p.least):
+        return
+    force = force_line(s.vehicle.of_axle(a.record.axle)).per_pascal * level
+    values = {"level_bar": level / 1e5, "force_n": force}
+    names = {"others": f", another one at {other / 1e5:+.2f} bar" if is_apart else ""}
+    names["option"] = _option(s, a.brake, level, 0.0)
+    yield s.finding("pressure-zero", "warning", a.brake, rest.mask, i, values, names)
+
+
+def _drift(p: Params, s: Scene, i: int, top: float) -> Iterator[Finding]:
+    """A released pressure that is another one at the end of the log than at its beginning."""
+    g, pressure, brake = s.grid, s.grid.pressure[i], s.axles[i].brake
+    is_moving = np.isfinite(pressure) & (g.fastest > CRAWL)
+    lowest = float(np.min(pressure[is_moving]))
+    is_low = is_moving & (pressure < lowest + max(p.released, p.rest * top))
+    released = np.flatnonzero(long_runs(is_low, 2.0 * p.lasts, g))
+    third = len(released) // 3
+    if not third:
+        return
+    first, last = (
+        float(np.median(pressure[part])) for part in (released[:third], released[-third:])
+    )
+    stated = 4.0 * brake.zero.tolerance  # of a drift that `_option` states: 4 / √12 of it
+    if abs(last - first) < max(p.drift, 1.1 * brake.step, stated):
+        return
+    values = {"first_bar": first / 1e5, "last_bar": last / 1e5}
+    option = _option(s, brake, (first + last) / 2.0, abs(last - first) / math.sqrt(12.0))
+    yield s.finding("pressure-zero-drift", "warning", brake, None, i, values, {"option": option})
+
+
+def _option(s: Scene, brake: Channel, level: float, tolerance: float) -> str:
+    """The option that states a level [Pa] as the zero of a channel, in the channel's unit."""
+    unit = unit_for(brake.unit, "pressure")
+    factor = unit.factor if unit else 1.0
+    value = round((brake.zero.value + level) / factor, 3)
+    zero = {"value": value, "tolerance": round(tolerance / factor, 3)} if tolerance else value
+    axles = [a.record.axle for a in s.axles if a.brake.title == brake.title]
+    places = [""] if brake.axle is None else [f".axle{axle}" for axle in axles]
+    return option(*(f"channels.pressure{place}.zero = {value_text(zero)}" for place in places))
