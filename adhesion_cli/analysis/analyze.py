@@ -14,6 +14,7 @@ from ..core.mean_axle import move_axles
 from ..core.model import AxleRecord, AxleResult, IdentifiedVehicle, Result
 from ..formats.memory import Signals
 from ..rail import wheel_calibration
+from ..records.route import check_route
 from . import settings as settings_module
 from .axle import analyze_axle, without_force
 from .identify import find_log_brake, identify
@@ -80,6 +81,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     results, findings_by_axle = zip(*threads.run_each(analyzed, records), strict=True)
     axle_findings = [f for of_axle in findings_by_axle for f in of_axle]
 
+    findings += check_route(log, vehicle)
     findings += state_diameters(axle_findings, results, vehicle)
     if not identified.known:
         results = tuple(without_force(axle) for axle in results)

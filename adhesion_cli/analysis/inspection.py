@@ -16,6 +16,7 @@ from ..core.text import iso
 from ..formats.memory import Signals
 from ..formats.open import kind, open_source
 from ..formats.source import Source
+from ..records.route import check_route
 from .identify import identify
 from .prepare import align_log
 from .request import further_meanings, load_vehicle
@@ -113,7 +114,9 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
         identified = identify([aligned], settings)
         vehicle_findings, checked = diagnose_with(aligned, identified, settings)
         said = [f for f in vehicle_findings if f.code != "vehicle-default"]
-        return [*said, *load_findings, *findings, *whole_log.findings, *checked.findings]
+        places = check_route(whole_log, settings.vehicle)
+        findings = [*load_findings, *findings, *whole_log.findings, *checked.findings, *places]
+        return [*said, *findings]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}
         return [Finding("not-analysable", severity, names=names)]

@@ -8,12 +8,12 @@ from ..core.annotated import Json, as_json
 from ..core.document import dumps, findings_document, tagged
 from ..core.finding import Finding
 from ..core.model import Log
-from ..core.summary import Constant, FailedLog, ResultSummary, SlideSummary, SlipSummary
+from ..core.summary import Constant, FailedLog, ResultSummary, SlipSummary
+from ..records.route import find_route
 
 if TYPE_CHECKING:
-    from ..rail.events import Slide
     from ..rail.fit import Interval
-    from ..rail.rail_under_slides import Place, Summary
+    from ..rail.rail_under_slides import Summary
 
 
 def result_document(results: Sequence[ResultSummary | FailedLog]) -> Json:
@@ -53,7 +53,7 @@ def slip_document(
             them it is the one that a result carries, with the log's name wherever it lies.
     """
     axles = [
-        as_json(summarise_slip(log.path if outputs else Path(log.path).name, log.start_ns(), s))
+        as_json(summarise_slip(log.path if outputs else Path(log.path).name, log, s))
         for log, of_log in zip(logs, summaries, strict=True)
         for s in of_log
     ]
@@ -64,13 +64,23 @@ def slip_document(
     return tagged("slip", outputs=files, axles=axles, findings=all_findings)
 
 
-def summarise_slip(log: str, start_ns: int, summary: "Summary") -> SlipSummary:
-    """One axle of the `adhesion.slip/1` document; what the log does not show is None."""
+def summarise_slip(name: str, log: Log, summary: "Summary") -> SlipSummary:
+    """One axle of the `adhesion.slip/1` document; what the log does not show is None.
+
+    Args:
+        name: that the document gives the log.
+        log: of the axle.
+        summary: of the axle.
+    """
+    from ..rail.applications import summarise_slide  # slow to import, and only results need it
+
+    route = find_route(log)
+    rails = {x.start: place.rail for place in summary.places for x in place.slides}
     rail, delay = summary.rail, summary.delay
     peak, mu, used = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
     constants = rail.constants.items() if rail else ()
     return SlipSummary(
-        log=log,
+        log=name,
         axle=summary.axle,
         peak_slip=peak and peak.value,
         peak_slip_ci=_limits(peak),
@@ -85,19 +95,10 @@ def summarise_slip(log: str, start_ns: int, summary: "Summary") -> SlipSummary:
         utilisation=used and used.value,
         utilisation_ci=_limits(used),
         slides=tuple(
-            _summarise_slide(x, start_ns, summary.place_of(x)) for x in summary.slides
+            summarise_slide(x, log.start_ns(), route, rails.get(x.start)) for x in summary.slides
         ),
         fit={name: Constant(x.value, (x.lower, x.upper)) for name, x in constants} or None,
         fit_curve="polach" if rail else None,
-    )  # fmt: skip
-
-
-def _summarise_slide(x: "Slide", start_ns: int, place: "Place | None") -> SlideSummary:
-    rail = place.rail if place else None
-    mu, used = (rail.peak_mu, rail.utilisation) if rail else (None, None)
-    return SlideSummary(
-        (x.start - start_ns) / 1e9, x.duration, x.distance, x.max_slip, x.energy, x.is_lower_bound,
-        mu and mu.value, _limits(mu), used and used.value,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..core.model import Log, Parameter, Result, Track, Vehicle
 from ..core.physics import wheelset
 from ..core.summary import BrakeApplication, Measured, StopSummary
+from ..records.route import find_route
 from ..stops.find import find_brakings
 from ..stops.measure import Track as StopLine
 from ..stops.measure import measure_stop
@@ -35,7 +36,7 @@ def stops_of_result(
     signals = of_records(records, result.log, result.vehicle)
     stops = _measured(signals, result.vehicle, settings, gradient, result.log.start_ns())
     by_axle = list(applications)
-    return tuple(_with_adhesion(stop, by_axle) for stop in stops)
+    return tuple(_with_adhesion(stop, by_axle) for stop in _placed(stops, result.log))
 
 
 def stops_of_log(
@@ -53,7 +54,15 @@ def stops_of_log(
     if signals is None:
         return ()
     gradient = find_gradient(log, track)
-    return tuple(_measured(signals, vehicle, settings, gradient, log.start_ns()))
+    return tuple(_placed(_measured(signals, vehicle, settings, gradient, log.start_ns()), log))
+
+
+def _placed(stops: Iterable[StopSummary], log: Log) -> Iterator[StopSummary]:
+    """The stops with their places at the command."""
+    route, start_ns = find_route(log), log.start_ns()
+    for stop in stops:
+        place = route.at(start_ns + round(1e9 * stop.start_s))
+        yield replace(stop, position_from=route.position_from, **place._asdict())
 
 
 def _measured(

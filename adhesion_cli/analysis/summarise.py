@@ -16,6 +16,7 @@ from ..core.summary import (
     summarise_vehicle,
 )
 from ..core.text import iso
+from ..records.route import find_route
 
 
 def summarise(
@@ -78,8 +79,8 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
     """The brake applications of each axle, by its number, in the order of time."""
     from ..rail.applications import find_applications  # slow to import, and only results need it
 
-    start = result.log.start_ns()
-    return {a.record.axle: find_applications(a, result.vehicle, start) for a in result.axles}
+    start, route = result.log.start_ns(), find_route(result.log)
+    return {a.record.axle: find_applications(a, result.vehicle, start, route) for a in result.axles}
 
 
 def _rows_used(result: Result) -> int:

@@ -445,9 +445,7 @@ class SlipAnalysis(_Tables):
 
     def _table(self, name: str) -> Any:
         log = self.analysis.log
-        axles = [
-            json_documents.summarise_slip(log.path, log.start_ns(), s) for s in self._slip.axles
-        ]
+        axles = [json_documents.summarise_slip(log.path, log, s) for s in self._slip.axles]
         return tables.slides(axles) if name == "slides" else tables.table(axles, tables.RAILS)
 
     @in_python

@@ -14,6 +14,7 @@ from ..core.model import (
     MOTOR_FORCES,
     MOTOR_TOLERANCE,
     NOT_MEASURED,
+    PLACES,
     Channel,
     Column,
     Log,
@@ -170,7 +171,20 @@ def needed(
             entry = {"channel": m.field.channel, "field": m.field.path, "unit": "kN"}
             names = {"setting": toml.option(f"channels.ed_force = {toml.table(entry)}")}
             findings.append(Finding("ed-force-unit", "warning", channel=m.title, names=names))
-    return chosen + [m for m in meant if m.meaning in further and m.unit], findings
+    return [*chosen, *_further(meant, further)], findings
+
+
+def _further(meant: Sequence[Meant], further: Collection[Meaning]) -> list[Meant]:
+    """What is read as well: where the train was, by the first of each, and what is asked for."""
+    first = {m.meaning: m for m in reversed(meant) if m.meaning and m.meaning in PLACES}
+    degrees = ("latitude", "longitude")  # need no unit
+    return [
+        m
+        for m in meant
+        if m.meaning
+        and (m.unit or m.meaning in degrees)
+        and (m.meaning in further or first.get(m.meaning) is m)
+    ]
 
 
 def without_empty(log: Log) -> Log:
@@ -301,7 +315,14 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
     meant, findings = understood(fields, () if "adhesion.settings" in source.metadata else mappings)
     if train_speed_source == AS_INPUT:
         meant = [replace(m, axle=None) if m.meaning == "train_speed" else m for m in meant]
-    return meant, findings
+    return list(map(_in_km, meant)), findings
+
+
+def _in_km(m: Meant) -> Meant:
+    """A position without a unit as one in km, as positions on a line are."""
+    if m.meaning != "position" or m.unit:
+        return m
+    return replace(m, unit="km", reason=f"{m.reason}; no unit stated, km is the usual one")
 
 
 def _log(

@@ -46,6 +46,7 @@ class Rule(NamedTuple):
 
 
 _NAMED = "an analysis does not use it"
+_PLACED = "stops and slides have their place by it"
 ED_WITHOUT_UNIT = "an ED brake, but no unit of a force, a torque or a share (%) is stated"
 
 RULES = (
@@ -86,8 +87,8 @@ RULES = (
     Rule("pressure", "suspension", "load_pressure", _NAMED),
     Rule("absolute pressure", "?own pressure, ?cylinder, absolute", "pressure"),
     Rule("pressure", "?own pressure, ?cylinder", "pressure"),
-    Rule("turns", "own latitude", "latitude", _NAMED),
-    Rule("turns", "own longitude", "longitude", _NAMED),
+    Rule("turns", "own latitude", "latitude", _PLACED),
+    Rule("turns", "own longitude", "longitude", _PLACED),
     Rule("speed", "own latitude|own longitude|own temperature", None, "not a quantity we use"),
     Rule("speed without unit", "own electrical", None, "no speed: {0!r} says a voltage"),
     Rule("speed", "other speed", None, "a speed, but {0!r} is not measured on wheel or train"),
@@ -106,12 +107,12 @@ RULES = (
     Rule("state", "own WSP", "wsp_active", _NAMED),
     Rule("state", "own braking demand", "brake_command", _NAMED),
     Rule("ratio", "own braking demand", "brake_command", _NAMED),
-    Rule("length", "own position|own kilometre", "position", _NAMED),
-    Rule("length", "own distance", "distance", _NAMED),
-    Rule("state", "own kilometre", "position", _NAMED),
-    Rule("state", "own distance", "distance", _NAMED),
-    Rule("state", "own latitude", "latitude", _NAMED),
-    Rule("state", "own longitude", "longitude", _NAMED),
+    Rule("length", "own position|own kilometre", "position", _PLACED),
+    Rule("length", "own distance", "distance", _PLACED),
+    Rule("state", "own kilometre", "position", _PLACED),
+    Rule("state", "own distance", "distance", _PLACED),
+    Rule("state", "own latitude", "latitude", _PLACED),
+    Rule("state", "own longitude", "longitude", _PLACED),
     Rule("ratio", "own gradient", "gradient", _NAMED),
     Rule("state", "own gradient", "gradient", _NAMED),
     Rule("temperature", "?own temperature", "temperature", _NAMED),

@@ -70,6 +70,8 @@ INPUTS: frozenset[Meaning | None] = frozenset(
 )
 MOTOR_FORCES: tuple[Meaning, Meaning] = ("ed_force", "traction_force")
 MOTOR_TOLERANCE = 0.05  # 1 sigma of a force that a converter calculates from its currents, a share
+# Where the train was; read as well, where the log has them.
+PLACES: tuple[Meaning, ...] = ("position", "distance", "latitude", "longitude")
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,6 +61,33 @@ class Coverage(NamedTuple):
     ]
 
 
+PositionSource = Literal["position", "distance", "coordinates"]
+
+
+class SlideSummary(NamedTuple):
+    """One slide of one axle."""
+
+    start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
+    duration_s: Annotated[float, Quantity("s", "duration of the slide")]
+    distance_m: Annotated[float, Quantity("m", "distance of the train in it")]
+    max_slip: Annotated[float, Quantity("-", "the largest slip")]
+    energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
+    at_least: Annotated[bool, Quantity("", "whether the numbers are lower bounds")]
+    peak_mu: Annotated[
+        Number,
+        Quantity("-", "highest adhesion coefficient of the rail under it; null if not shown"),
+    ] = None
+    peak_mu_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")] = None
+    utilisation: Annotated[
+        Number, Quantity("-", "adhesion used over the highest, in its brake application")
+    ] = None
+    position_km: Annotated[
+        Number, Quantity("km", "place on the line at its begin; null where not known")
+    ] = None
+    latitude: Annotated[Number, Quantity("°", "north positive, at its begin")] = None
+    longitude: Annotated[Number, Quantity("°", "east positive, at its begin")] = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrakeApplication:
     """One brake application of one axle."""
@@ -77,9 +104,7 @@ class BrakeApplication:
     ]
     coefficient: Annotated[MeanAndHighest | None, Quantity("-", "adhesion coefficient µ")]
     slides: Annotated[int, Quantity("", "number of slides that begin in it")]
-    slide_spans: Annotated[
-        tuple[tuple[float, float], ...], Quantity("s", "begin and end of each slide")
-    ]
+    slide_list: Annotated[tuple[SlideSummary, ...], Quantity("", "each slide")]
     slide_s: Annotated[float, Quantity("s", "duration of all slides together")]
     slide_distance_m: Annotated[float, Quantity("m", "distance of the train in them")]
     max_slip: Annotated[Number, Quantity("-", "largest slip; null without a slide")]
@@ -99,6 +124,15 @@ class BrakeApplication:
     slip_unknown_s: Annotated[
         float, Quantity("s", "no train speed shows the slip: a slide may be hidden")
     ] = 0.0
+    position_km: Annotated[
+        Number, Quantity("km", "place on the line at the start; null where not known")
+    ] = None
+    position_from: Annotated[
+        PositionSource | None,
+        Quantity("", "what shows it; distance, coordinates: way since the start of the log"),
+    ] = None
+    latitude: Annotated[Number, Quantity("°", "north positive, at the start")] = None
+    longitude: Annotated[Number, Quantity("°", "east positive, at the start")] = None
 
 
 CommandSource = Literal["channel", "brake_pipe", "pressure", "deceleration"]
@@ -164,6 +198,12 @@ class StopSummary:
     ]
     nominal_speed_kmh: Annotated[float, Quantity("km/h", "nominal speed: the nearest, or stated")]
     position_m: Annotated[Number, Quantity("m", "place on the line at the command")] = None
+    position_from: Annotated[
+        PositionSource | None,
+        Quantity("", "what shows it; distance, coordinates: way since the start of the log"),
+    ] = None
+    latitude: Annotated[Number, Quantity("°", "north positive, at the command")] = None
+    longitude: Annotated[Number, Quantity("°", "east positive, at the command")] = None
     valid: Annotated[bool, Quantity("", "whether it is a whole stop")]
     reason: Annotated[str | None, Quantity("", "why it is not valid")] = None
     initial_speed_mps: Annotated[Measured | None, Quantity("m/s", "speed at the command")]
@@ -314,25 +354,6 @@ class FailedLog:
     error: Annotated[str, Quantity("", "what is wrong, in one line")]
     hint: Annotated[str, Quantity("", "remedy")]
     sha256: str | None = None
-
-
-class SlideSummary(NamedTuple):
-    """One slide of one axle."""
-
-    start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
-    duration_s: Annotated[float, Quantity("s", "duration of the slide")]
-    distance_m: Annotated[float, Quantity("m", "distance of the train in it")]
-    max_slip: Annotated[float, Quantity("-", "the largest slip")]
-    energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
-    at_least: Annotated[bool, Quantity("", "whether the numbers are lower bounds")]
-    peak_mu: Annotated[
-        Number,
-        Quantity("-", "highest adhesion coefficient of the rail under it; null if not shown"),
-    ] = None
-    peak_mu_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")] = None
-    utilisation: Annotated[
-        Number, Quantity("-", "adhesion used over the highest, in its brake application")
-    ] = None
 
 
 class Constant(NamedTuple):

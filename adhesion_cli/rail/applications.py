@@ -13,14 +13,21 @@ from numpy.typing import NDArray
 from ..core import physics, threads
 from ..core.model import Z95, AxleResult, Floats, Times, Vehicle
 from ..core.signals import coverage_factor
-from ..core.summary import BrakeApplication, Contribution, Coverage, MeanAndHighest
+from ..core.summary import (
+    BrakeApplication,
+    Contribution,
+    Coverage,
+    MeanAndHighest,
+    SlideSummary,
+)
+from ..records.route import NOWHERE, Route
 from ..reference import budget
 from . import fit, rail_under_slides, sliding
 from .events import Slide
 
 
 def find_applications(
-    axle: AxleResult, vehicle: Vehicle, start_ns: int = 0
+    axle: AxleResult, vehicle: Vehicle, start_ns: int = 0, route: Route = NOWHERE
 ) -> tuple[BrakeApplication, ...]:
     """The brake applications of an axle, in the order of time.
 
@@ -28,6 +35,7 @@ def find_applications(
         axle: with its slip, where the log has a train speed.
         vehicle: for the coefficient and its tolerance.
         start_ns: the log's start, from which times count [ns].
+        route: where the train was.
     """
     slides, merged = sliding.slides(axle), rail_under_slides.braked_pieces(axle)
     context = rail_under_slides.AxleContext(axle, vehicle)
@@ -38,19 +46,22 @@ def find_applications(
     )
     return tuple(
         threads.run_each(
-            lambda parts: _application(context, parts, slides, by_slide, contributions, start_ns),
+            lambda parts: _application(
+                context, parts, slides, by_slide, contributions, start_ns, route
+            ),
             merged,
         )
     )
 
 
-def _application(
+def _application(  # noqa: PLR0913 (all that a brake application is made of)
     context: rail_under_slides.AxleContext,
     pieces: Sequence[slice],
     all_slides: Sequence[Slide],
     rails: Mapping[int, fit.RailFit | None],
     contributions: Mapping[str, Floats],
     log_start: int,
+    route: Route,
 ) -> BrakeApplication:
     axle, vehicle = context.axle, context.vehicle
     record, samples = axle.record, slice(pieces[0].start, pieces[-1].stop)
@@ -62,7 +73,7 @@ def _application(
     force, rows, coverage = _measured(axle, vehicle, pieces, contributions) or (None, None, None)
     weight = vehicle.axle_mass.value * physics.G
     slides = [x for x in all_slides if samples.start <= x.samples.start < samples.stop]
-    begins = [(x.start - log_start) / 1e9 for x in slides]
+    place = route.at(int(record.t[samples.start]))
     energies = [x.energy for x in slides if x.energy is not None]
     rail = rails.get(slides[0].start) if slides else None
     utilisation = rail.utilisation if rail else None
@@ -75,7 +86,7 @@ def _application(
         force_n=force,
         coefficient=force and _coefficient(force, weight, vehicle, _mass(axle, samples)),
         slides=len(slides),
-        slide_spans=tuple((t, t + x.duration) for t, x in zip(begins, slides, strict=True)),
+        slide_list=tuple(summarise_slide(x, log_start, route, rail) for x in slides),
         slide_s=sum(x.duration for x in slides),
         slide_distance_m=sum(x.distance for x in slides),
         max_slip=max((x.max_slip for x in slides), default=None),
@@ -86,6 +97,31 @@ def _application(
         budget=rows,
         coverage=coverage,
         slip_unknown_s=rail_under_slides.unknown_slip(record, samples, vehicle)[1],
+        position_km=place.position_km,
+        position_from=route.position_from,
+        latitude=place.latitude,
+        longitude=place.longitude,
+    )
+
+
+def summarise_slide(
+    slide: Slide, start_ns: int, route: Route, rail: fit.RailFit | None
+) -> SlideSummary:
+    """A slide with its place and the rail under it; other arguments as of `find_applications`."""
+    place, mu = route.at(slide.start), rail and rail.peak_mu
+    return SlideSummary(
+        start_s=(slide.start - start_ns) / 1e9,
+        duration_s=slide.duration,
+        distance_m=slide.distance,
+        max_slip=slide.max_slip,
+        energy_j=slide.energy,
+        at_least=slide.is_lower_bound,
+        peak_mu=mu and mu.value,
+        peak_mu_ci=mu and (mu.lower, mu.upper),
+        utilisation=rail.utilisation.value if rail and rail.utilisation else None,
+        position_km=place.position_km,
+        latitude=place.latitude,
+        longitude=place.longitude,
     )
 
 

@@ -23,6 +23,7 @@ from ..core.model import (
     AS_INPUT,
     MOTOR_FORCES,
     NOT_MEASURED,
+    PLACES,
     RECOVERED,
     AxleRecord,
     AxleResult,
@@ -334,6 +335,9 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
         name = "train_acceleration" if train.is_rate else "train_speed"
         unit = names.SI["train_speed"] + "/s" * train.is_rate
         streams.append(_scalar(f"{prefix}/{name}", unit, train.data))
+    for meaning in PLACES:
+        if channel := result.log.find(meaning, 0):
+            streams.append(_scalar(f"{prefix}/{meaning}", names.SI[meaning], channel.data))
     return [*streams, *_events(of_result(result), prefix)]
 
 

@@ -28,6 +28,8 @@ SI: dict[Meaning, str] = {
     "reservoir_pressure": "Pa",
     "distance": "m",
     "position": "m",
+    "latitude": "deg",
+    "longitude": "deg",
     "gradient": "-",
     "temperature": "K",
 }  # of other meanings: as logged

@@ -19,7 +19,7 @@ def one(start: float = 3456.7, slides: int = 0, **more: Any) -> BrakeApplication
     values: dict[str, Any] = {
         "start_s": start, "end_s": start + 123.4, "from_mps": 83.31, "to_mps": 10.02,
         "coefficient": MEASURED, "force_n": MeanAndHighest(*(1e5 * v for v in MEASURED)),
-        "slides": slides, "slide_spans": (), "slide_s": 100.2, "slide_distance_m": 1234.5,
+        "slides": slides, "slide_list": (), "slide_s": 100.2, "slide_distance_m": 1234.5,
         "max_slip": 0.999, "slide_energy_j": 1234567.0, "at_least": False, "utilisation": None,
         "utilisation_ci": None, "budget": None, "coverage": None,
     }  # fmt: skip

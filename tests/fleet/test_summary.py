@@ -34,7 +34,7 @@ JOB = Job({"vehicle": {"friction": 0.25}}, False, (), (), (None, None), "1.2", "
 def application(mu: float | None, from_mps: float, **slide: Any) -> BrakeApplication:
     values: dict[str, Any] = {
         "start_s": 2.0, "end_s": 12.0, "from_mps": from_mps, "to_mps": 0.0, "force_n": None,
-        "coefficient": mu and MeanAndHighest(mu, 0.01, mu, 0.01), "slides": 0, "slide_spans": (),
+        "coefficient": mu and MeanAndHighest(mu, 0.01, mu, 0.01), "slides": 0, "slide_list": (),
         "slide_s": 0.0, "slide_distance_m": 0.0, "max_slip": None, "slide_energy_j": None,
         "at_least": False, "utilisation": None, "utilisation_ci": None, "budget": None,
         "coverage": None,

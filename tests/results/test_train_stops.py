@@ -13,7 +13,7 @@ from adhesion_cli.results.train_stops import find_stops, group_axles, group_row,
 
 def application(axle: int, start: float, mean: float = 0.1, **slides: Any) -> BrakeApplication:
     values: dict[str, Any] = {
-        "slides": 0, "slide_spans": (), "slide_s": 0.0, "slide_distance_m": 0.0, "max_slip": None,
+        "slides": 0, "slide_list": (), "slide_s": 0.0, "slide_distance_m": 0.0, "max_slip": None,
         "slide_energy_j": None, "at_least": False, "utilisation": None, "utilisation_ci": None,
         "budget": None, "coverage": None, "force_n": None,
     }  # fmt: skip

@@ -524,7 +524,8 @@ def _column(source: ColumnDataSource, name: str) -> Floats:
 
 
 def _slides(axle: ReportAxle) -> list[tuple[float, float]]:
-    return [(a, b) for application in axle.applications for a, b in application.slide_spans]
+    slides = (x for application in axle.applications for x in application.slide_list)
+    return [(x.start_s, x.start_s + x.duration_s) for x in slides]
 
 
 def _inside(t: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_]:

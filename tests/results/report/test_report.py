@@ -16,7 +16,7 @@ from adhesion_cli.core.annotated import as_json
 from adhesion_cli.core.document import dumps, tagged
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, catalogue
-from adhesion_cli.core.summary import BrakeApplication, FindingSummary
+from adhesion_cli.core.summary import BrakeApplication, FindingSummary, SlideSummary
 from adhesion_cli.results import mcap
 from adhesion_cli.results.report import decimate, page, words
 from adhesion_cli.results.report.plots import Figures
@@ -319,7 +319,12 @@ def test_an_hour_of_four_axles_has_room(run: ReportRun) -> None:
     rng, n = np.random.default_rng(3), 360_000
     (one,) = run.axles[1].applications
     braked = [
-        replace(one, start_s=s, end_s=s + 30.0, slide_spans=((s + 5.0, s + 9.0),))
+        replace(
+            one,
+            start_s=s,
+            end_s=s + 30.0,
+            slide_list=(SlideSummary(s + 5.0, 4.0, 80.0, 0.2, None, False),),
+        )
         for s in np.arange(10.0, 3600.0, 60.0).tolist()
     ]
     names = ("train", "rim", "pressure", "clamping", "force", "lower", "upper", "slip", "truth")

@@ -1,0 +1,269 @@
+"""Where a train was over time: its position on the line, its latitude and longitude.
+
+The position is what a channel of it shows, else the distance since the start of the log, else the
+length of the way between the coordinates.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ..core.finding import Finding, merge_spans
+from ..core.model import PLACES, Bools, Channel, Column, Floats, Log, Meaning, Times, Vehicle
+from ..core.signals import edges
+from ..core.summary import PositionSource
+from ..core.time_axis import gap_limit
+
+_EARTH = 6_371_008.8  # mean radius [m]
+_FASTEST = 120.0  # no train is faster [m/s]
+_SPEED_MARGIN = 1.5  # a place may move so much faster than the speed says
+_LEAST_JUMP = 50.0  # corrections of an odometer are shorter [m]
+_LEAST_GAP = 5.0  # places further apart are not interpolated [s]
+_MOVING = 1.0  # below, the noise of a receiver is no way [m/s]
+_WAY_INTERVAL = 1.0  # between coordinates whose distances are added [s]
+_CONTRADICTION = 0.05  # of the way against the speed, as a share
+_LEAST_WAY = 200.0  # a shorter way shows no contradiction [m]
+_POINT_DISTANCE = 5.0  # between points of a drawn way [m]
+
+
+class Location(NamedTuple):
+    """Where the train was; None where not known."""
+
+    position_m: float | None = None
+    latitude: float | None = None
+    longitude: float | None = None
+
+    @property
+    def position_km(self) -> float | None:
+        """The position [km]."""
+        return None if self.position_m is None else round(self.position_m / 1e3, 6)
+
+
+class Trace(NamedTuple):
+    """Places over time; times rise."""
+
+    t: Times  # (n,) [ns]
+    value: Floats  # positions [m], (n,), or latitudes and longitudes [°], (n, 2)
+    jumps: Bools  # whether the place jumps between a sample and the next one, (n - 1,)
+
+    def at(self, t: Times) -> Floats:
+        """Places at other times, (m,) or (m, 2); NaN beyond the ends, over jumps and over gaps."""
+        places = np.full((len(t), *self.value.shape[1:]), np.nan)
+        if len(self.t) < 2:
+            return places
+        intervals = np.diff(self.t)
+        known = (intervals <= max(gap_limit(intervals), 1e9 * _LEAST_GAP)) & ~self.jumps
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(intervals) - 1)
+        share = (t - self.t[i]) / intervals[i]
+        inside = (t >= self.t[0]) & (t <= self.t[-1]) & (known[i] | (share == 0.0))
+        weight = share.reshape(len(t), *[1] * (self.value.ndim - 1))
+        places[inside] = ((1.0 - weight) * self.value[i] + weight * self.value[i + 1])[inside]
+        return places
+
+    def distances(self) -> Floats:
+        """Distances between successive places, (n - 1,) [m]."""
+        if self.value.ndim == 1:
+            return np.abs(np.diff(self.value))
+        latitude, longitude = np.radians(self.value).T
+        north = np.diff(latitude)
+        east = np.diff(longitude) * np.cos((latitude[1:] + latitude[:-1]) / 2.0)
+        lengths: Floats = _EARTH * np.hypot(north, east)
+        return lengths
+
+    def thinned(self, interval: float) -> "Trace":
+        """One sample per interval [s]."""
+        _, first = np.unique(self.t // round(1e9 * interval), return_index=True)
+        after = np.concatenate([[0], np.cumsum(self.jumps)])
+        return Trace(self.t[first], self.value[first], np.diff(after[first]) > 0)
+
+
+_EMPTY = Trace(np.empty(0, np.int64), np.empty(0), np.empty(0, np.bool_))
+
+
+class Route(NamedTuple):
+    """Where a train was."""
+
+    positions: Trace = _EMPTY
+    position_from: PositionSource | None = None  # None where no position is known
+    coordinates: Trace | None = None
+
+    def at(self, t: int) -> Location:
+        """The place at a time [ns]."""
+        times = np.array([t], np.int64)
+        position = float(self.positions.at(times)[0])
+        latitude, longitude = self.coordinates.at(times)[0] if self.coordinates else [np.nan] * 2
+        return Location(
+            round(position, 3) if np.isfinite(position) else None,
+            round(float(latitude), 7) if np.isfinite(latitude) else None,
+            round(float(longitude), 7) if np.isfinite(longitude) else None,
+        )
+
+    def lines(self) -> list[Floats]:
+        """Latitudes and longitudes of the way, (points, 2) each; a new line after each jump."""
+        if self.coordinates is None:
+            return []
+        trace, lines = self.coordinates.thinned(_WAY_INTERVAL), []
+        distances = trace.distances()
+        for start, stop in edges(~trace.jumps).tolist():
+            passed = np.concatenate([[0.0], np.cumsum(distances[start:stop])])
+            _, first = np.unique(np.floor(passed / _POINT_DISTANCE), return_index=True)
+            if len(first) > 1:
+                lines.append(np.round(trace.value[start : stop + 1][first], 7))
+        return lines
+
+
+NOWHERE = Route()
+
+
+def find_route(log: Log) -> Route:
+    """Where the train of a log was, by the channels' meanings."""
+    return make_route(_columns(log), _speed(log, Vehicle()))
+
+
+def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -> Route:
+    """Where a train was.
+
+    Args:
+        columns: by meaning: positions and distances [m], latitudes and longitudes [°].
+        speed: of the train [m/s], where it is known: no place moves faster.
+    """
+    coordinates = _coordinates(columns, speed)
+    sources: tuple[Literal["position", "distance"], ...] = ("position", "distance")
+    for source in sources:
+        t, value = _in_order(columns.get(source))
+        if len(t) > 1:
+            value = value - value[0] if source == "distance" else value
+            return Route(_trace(t, value, speed), source, coordinates)
+    if coordinates is None:
+        return NOWHERE
+    thinned = coordinates.thinned(_WAY_INTERVAL)  # noise of every sample would add up
+    steps = np.where(thinned.jumps | ~_moves(thinned.t, speed), 0.0, thinned.distances())
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    return Route(thinned._replace(value=way), "coordinates", coordinates)
+
+
+def check_route(log: Log, vehicle: Vehicle) -> list[Finding]:
+    """Findings on places that jump, and on a way that contradicts the speed.
+
+    Args:
+        log: with its channels' meanings.
+        vehicle: for the wheels' radii, where the log has no train speed.
+    """
+    speed = _speed(log, vehicle)
+    route, findings = make_route(_columns(log), speed), list[Finding]()
+    for meaning, trace in _logged(route):
+        title = _channels(log)[meaning].title
+        findings += _jumps(trace, title, log.start_ns())
+        if speed:
+            findings += _contradiction(trace.thinned(_WAY_INTERVAL), title, speed)
+    return findings
+
+
+def _logged(route: Route) -> Iterator[tuple[Meaning, Trace]]:
+    """What the log has of a route, by meaning."""
+    if route.position_from in ("position", "distance"):
+        yield route.position_from, route.positions
+    if route.coordinates:
+        yield "latitude", route.coordinates
+
+
+def _jumps(trace: Trace, title: str, start_ns: int) -> list[Finding]:
+    if not trace.jumps.any():
+        return []
+    since = (trace.t - start_ns) * 1e-9
+    spans = merge_spans(
+        [(float(since[i]), float(since[i + 1])) for i in np.flatnonzero(trace.jumps)]
+    )
+    farthest = float(trace.distances()[trace.jumps].max())
+    count = int(trace.jumps.sum())
+    return [Finding("position-jumps", "warning", title, count, spans, {"largest_m": farthest})]
+
+
+def _contradiction(trace: Trace, title: str, speed: Column) -> list[Finding]:
+    """A finding where the way of the places is not that of the speed."""
+    travelled = _travelled(trace.t, speed)
+    counted = ~trace.jumps & _moves(trace.t, speed) & np.isfinite(travelled)
+    way, by_speed = (float(x[counted].sum()) for x in (trace.distances(), travelled))
+    if by_speed < _LEAST_WAY or abs(way - by_speed) <= _CONTRADICTION * by_speed + _LEAST_JUMP:
+        return []
+    values = {"way_m": way, "by_speed_m": by_speed, "share": way / by_speed}
+    return [Finding("distance-contradicts-speed", "warning", title, values=values)]
+
+
+def _channels(log: Log) -> dict[Meaning, Channel]:
+    """The channels of places, the first one of each meaning."""
+    by_meaning: dict[Meaning, Channel] = {}
+    for c in log.channels:
+        if c.meaning in PLACES and len(c.data.t):
+            by_meaning.setdefault(c.meaning, c)
+    return by_meaning
+
+
+def _columns(log: Log) -> dict[Meaning, Column]:
+    return {meaning: c.data for meaning, c in _channels(log).items()}
+
+
+def _speed(log: Log, vehicle: Vehicle) -> Column | None:
+    """The speed of the train [m/s], else that of the first wheel's rim."""
+    for c in log.channels:
+        if c.meaning == "train_speed" and not c.is_rate and len(c.data.t) > 1:
+            return c.data
+    for c in log.channels:
+        if c.meaning == "wheel_speed" and len(c.data.t) > 1:
+            radius = vehicle.radius(c.axle or 1).value
+            return Column(c.data.t, radius * c.data.value, c.data.valid)
+    return None
+
+
+def _in_order(column: Column | None) -> tuple[Times, Floats]:
+    """The samples that may be used, in the order of time, one per time."""
+    if column is None:
+        return _EMPTY.t, _EMPTY.value
+    usable = column.valid & np.isfinite(column.value)
+    t, first = np.unique(column.t[usable], return_index=True)
+    return t, column.value[usable][first]
+
+
+def _coordinates(columns: Mapping[Meaning, Column], speed: Column | None) -> Trace | None:
+    """Latitudes and longitudes, without those that a receiver without a fix shows."""
+    t, latitude = _in_order(columns.get("latitude"))
+    other_t, longitude = _in_order(columns.get("longitude"))
+    if min(len(t), len(other_t)) < 2:
+        return None
+    points = np.column_stack([latitude, np.interp(t, other_t, longitude)])
+    is_fix = (np.abs(points) <= [90.0, 180.0]).all(axis=1) & (points != 0.0).any(axis=1)
+    is_fix &= (t >= other_t[0]) & (t <= other_t[-1])
+    return _trace(t[is_fix], points[is_fix], speed) if is_fix.sum() > 1 else None
+
+
+def _trace(t: Times, value: Floats, speed: Column | None) -> Trace:
+    """Places with their jumps: the steps that are longer than the train can be fast."""
+    trace = Trace(t, value, np.zeros(len(t) - 1, np.bool_))
+    distances = trace.distances()
+    moved = distances > 0.0
+    usual = float(np.median(distances[moved])) if moved.any() else 0.0  # of a coarse place
+    fastest = np.full(len(distances), _FASTEST)
+    if speed is not None and len(speed.t):
+        v = np.interp(t, speed.t, speed.value)
+        fastest = _SPEED_MARGIN * np.maximum(v[1:], v[:-1])
+    return trace._replace(jumps=distances > _LEAST_JUMP + 2.0 * usual + fastest * np.diff(t) * 1e-9)
+
+
+def _moves(t: Times, speed: Column | None) -> Bools:
+    """Whether the train moves between successive times, (n - 1,)."""
+    if speed is None:
+        return np.ones(len(t) - 1, np.bool_)
+    v = np.interp(t, speed.t, speed.value)
+    return np.maximum(v[1:], v[:-1]) > _MOVING
+
+
+def _travelled(t: Times, speed: Column) -> Floats:
+    """Distances between successive times by the speed, (n - 1,) [m]; NaN over its gaps."""
+    at, v = _in_order(speed)
+    seconds = at * 1e-9 - at[0] * 1e-9
+    passed = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2.0 * np.diff(seconds))])
+    gaps = np.concatenate([[0.0], np.cumsum(np.diff(seconds) > _LEAST_GAP)])
+    way: Floats = np.diff(np.interp(t, at, passed, np.nan, np.nan))
+    way[np.diff(np.interp(t, at, gaps)) > 0.0] = np.nan
+    return way
