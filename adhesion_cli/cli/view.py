@@ -8,6 +8,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
+from zlib import crc32
 
 import typer
 
@@ -90,7 +91,28 @@ def show_recording(recording: Path) -> None:
     Raises:
         UserError: where the viewer ends at once.
     """
-    _started(_rerun(str(recording)), f"{_view(recording)} --serve")
+    _started(_rerun(str(_with_drawable_name(recording))), f"{_view(recording)} --serve")
+
+
+def _with_drawable_name(recording: Path) -> Path:
+    """The recording; one whose name the viewer cannot draw, by another name: else the viewer ends.
+
+    Only the name of the file is drawn, not its folder.
+    """
+    from ..core.cache_folder import cache_folder
+    from ..results.rrd.glyphs import drawable
+
+    if drawable(recording.name) == recording.name:
+        return recording
+    folder = cache_folder() / "viewer"
+    folder.mkdir(exist_ok=True)
+    other_name = folder / f"log-{crc32(str(recording.resolve()).encode()):08x}.rrd"
+    other_name.unlink(missing_ok=True)
+    try:
+        os.link(recording, other_name)
+    except OSError:  # another file system, or one without links
+        shutil.copyfile(recording, other_name)
+    return other_name
 
 
 def start_viewer() -> str:

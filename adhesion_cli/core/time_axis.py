@@ -3,6 +3,7 @@
 Nothing is sorted.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -105,7 +106,8 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     limit = max_gap_ns or gap_limit(steps[in_piece])
     gaps = np.flatnonzero(in_piece & (steps > limit))
     longest = float(steps[gaps].max(initial=0)) / 1e9
-    report.stretches("gap", data.t[gaps], data.t[gaps + 1], len(gaps), longest_s=longest)
+    values = {"longest_s": longest, "limit_s": math.floor(longest) + 1.0}
+    report.stretches("gap", data.t[gaps], data.t[gaps + 1], len(gaps), **values)
     interval = int(np.median(steps[in_piece])) if in_piece.any() else 0
     return TimeAxis(
         data,

@@ -209,7 +209,7 @@ class LiveAxle:
         limit = self._wheel.limit
         h = self._wheel.step(t)
         if h > limit:
-            self._report("gap", t, start, longest_s=h)
+            self._report("gap", t, start, longest_s=h, limit_s=math.floor(h) + 1.0)
         if not h <= limit:
             self._last_time = None
             self._speed_leaps.restart()

@@ -161,7 +161,8 @@ def test_a_fault_of_one_clock_is_told_once(tmp_path: Path) -> None:
     log = survey(open_source(path, ReadOptions()), (), Vehicle())
     (gap,) = (f for f in log.findings if f.severity != "info")
     assert (gap.code, gap.count, gap.spans) == ("gap", 1, ((4.9, 65.0),))
-    assert gap.values == {"longest_s": pytest.approx(60.1)}
+    assert gap.values == {"longest_s": pytest.approx(60.1), "limit_s": 61.0}
+    assert "--set analysis.max_gap=61`" in (gap.hint or "")
     assert gap.channel == ", ".join(c.title for c in log.channels)
 
 

@@ -86,3 +86,15 @@ def test_a_browser_is_served_until_the_run_ends(folder: Path) -> None:
     assert served.returncode == 130
     with pytest.raises(URLError):
         urllib.request.urlopen(page)
+
+
+def test_a_name_that_the_viewer_cannot_draw_is_replaced(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("adhesion_cli.core.cache_folder.cache_folder", lambda: folder)
+    assert view._with_drawable_name(folder / "a b.rrd") == folder / "a b.rrd"
+    named = (folder / "a b.rrd").rename(folder / "制动.rrd")
+    for _ in range(2):  # the older link is replaced
+        shown = view._with_drawable_name(named)
+        assert shown.name.isascii()
+        assert shown.read_bytes() == named.read_bytes()

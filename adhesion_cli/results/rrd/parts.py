@@ -19,6 +19,7 @@ from ...core.toml import Table
 from ...rail.slope import REGION_TITLES, Bands
 from .. import names, palette
 from ..verified import verified
+from .glyphs import drawable
 
 REFERENCE, TRUTH, TRAIN = (
     palette.rgba(palette.LIGHT),
@@ -171,7 +172,8 @@ def bands(name: str, columns: Sequence[Band], width: float = 0.0) -> SeriesPlot:
 
 def send_text(rec: rr.RecordingStream, path: str, text: str) -> None:
     """Sends a text in Markdown."""
-    rec.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
+    document = rr.TextDocument(drawable(text), media_type=rr.MediaType.MARKDOWN)
+    rec.log(path, document, static=True)
 
 
 def escape_markdown(text: str) -> str:
@@ -225,7 +227,7 @@ def send_names(
     rec: rr.RecordingStream, path: str, times: Clock, t: int, names: Sequence[tuple[str, int]]
 ) -> None:
     """Sends names of lines, each in the colour of its line, at a time [ns]."""
-    texts = [f"\u25a0 {name}" for name, _ in names]
+    texts = [f"\u25a0 {drawable(name)}" for name, _ in names]
     colours = np.array([colour for _, colour in names], np.uint32)
     data = rr.TextLog.columns(text=texts, color=colours)
     rec.send_columns(path, times(np.full(len(names), t)), data)

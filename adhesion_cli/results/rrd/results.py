@@ -23,6 +23,7 @@ from ..result_rows import score_rows
 from ..vehicle_text import describe_vehicle
 from . import overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
+from .glyphs import drawable, drawable_names
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
@@ -54,7 +55,7 @@ def write_comparison(path: Path, results: Sequence[Result], full: bool = False) 
     They are laid over each other in the first tab, and each has its own tab. On the timeline
     `brake`, which is shown, time counts from each log's own brake start.
     """
-    _write(path, list(zip(names.logs(results), results, strict=True)), (), full)
+    _write(path, list(zip(drawable_names(names.logs(results)), results, strict=True)), (), full)
 
 
 def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], full: bool) -> None:
@@ -73,7 +74,7 @@ class _Page:
 
     def __init__(self, name: str, result: Result, notes: Sequence[Note], full: bool) -> None:
         self.result, self.notes, self.full = result, notes, full
-        self.title = printable(Path(result.log.path).name)
+        (self.title,) = drawable_names([printable(Path(result.log.path).name)])
         self.root = rr.new_entity_path([name]) if name else ""
         self.zeros = {"time": result.log.start_ns()}
         if name:  # the logs of a comparison, by their own brakes
@@ -283,7 +284,7 @@ class _Page:
                 code = f"{x.code}: " if x.code in catalogue() else ""
                 text = f"{(x.t - self.zeros['time']) / 1e9:.2f} s  {code}{x.message}"
                 lines = textwrap.wrap(text, _EVENT_WIDTH, subsequent_indent=" " * 6)
-                rows += [(x.t, _LEVEL[x.severity], line) for line in lines]
+                rows += [(x.t, _LEVEL[x.severity], drawable(line)) for line in lines]
             times, levels, texts = zip(*rows, strict=True)
             data = rr.TextLog.columns(text=texts, level=levels)
             rec.send_columns(f"{self.root}{path}", self.times(np.array(times, np.int64)), data)

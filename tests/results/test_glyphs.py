@@ -1,0 +1,32 @@
+"""No text of a recording has a letter that ends the native viewer."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from helpers.made_results import result
+
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.results import rrd
+from adhesion_cli.results.rrd.glyphs import drawable, drawable_names
+
+
+def test_latin_greek_cyrillic_and_our_signs_stay() -> None:
+    text = "Geschwindigkeit größer µ ω̇ ± ≥ ≈ – · km/h ■ скорость ταχύτητα F̂₁ m/s²"
+    assert drawable(text) == text
+
+
+def test_names_stay_different() -> None:
+    names = drawable_names(["1架制动缸压力（bar）", "2架制动缸压力（bar）", "制动试验", "列车管"])
+    assert names == ["1…(bar)", "2…(bar)", "log", "log (2)"]
+
+
+def test_a_recording_of_chinese_names_has_only_letters_of_the_viewer(tmp_path: Path) -> None:
+    made = [result(1, 200, name=name) for name in ("制动试验.csv", "第二次.csv")]
+    finding = Finding("gap", "warning", "1轴速度", spans=((0.5, 0.6),), values={"longest_s": 1.0})
+    made = [replace(x, findings=(*x.findings, finding)) for x in made]
+    rrd.write_result(tmp_path / "a.rrd", made[0])
+    rrd.write_comparison(tmp_path / "b.rrd", made)
+    for path in (tmp_path / "a.rrd", tmp_path / "b.rrd"):
+        text = path.read_bytes().decode("utf-8", "ignore")
+        assert not re.search("[制动试验第二次轴速度]{2}", text)
