@@ -144,7 +144,7 @@ class Axle(_Tables):
         number: of the axle, from 1.
         time_ns: time stamps [ns], since 1970 where the log has a calendar.
         t_s: seconds after the start of the log [s].
-        clamping_force: K, of the last pressure before each stamp [N].
+        clamping_force: K of all pads of the axle, of the last pressure before each stamp [N].
         wheel_speed: ω [rad/s].
         force: adhesion force, the offline reference [N].
         sigma: standard uncertainty of the force by noise [N].

@@ -244,7 +244,7 @@ class Figures:
         _finish(speed, items, slides, source, "km/h", {train: "train", "wheel": "rim"})
 
         by_pressure = axle.has_values("pressure")
-        name, unit = ("Pressure", "bar") if by_pressure else ("Clamping", "kN")
+        name, unit = ("Pressure", "bar") if by_pressure else ("K of the axle", "kN")
         brake = self._figure(f"{name} [{unit}]", 130, time)
         _line(brake, source, "brake", palette.GREEN)
         brake.y_range = _range([_column(source, "brake")], is_full=True)

@@ -137,7 +137,7 @@ class LiveRecording:
         colours = {algo: palette.rgba(palette.of_method(algo)) for algo in self._algos}
         forces = [(algo, c, x.estimates[algo][0] / 1e3) for algo, c in colours.items()]
         plots.append((f"{axle_path}/force/estimates", parts.lines("", forces)))
-        clamping = line("clamping force", x.clamping / 1e3, parts.CLAMPING)
+        clamping = line("clamping force of the axle", x.clamping / 1e3, parts.CLAMPING)
         return [*plots, (f"{axle_path}/clamping", clamping)]
 
     def _times(self, t: Times) -> list[rr.TimeColumn]:
@@ -152,7 +152,9 @@ class LiveRecording:
         for n in self._axles:
             forces = [
                 parts.chart(f"axle/{n}/force", f"Axle {n}: adhesion force [kN]"),
-                parts.chart(f"axle/{n}/clamping", f"Axle {n}: clamping force [kN]"),
+                parts.chart(
+                    f"axle/{n}/clamping", f"Axle {n}: clamping force K of the axle, all pads [kN]"
+                ),
             ]
             tabs.append(parts.named_charts(f"Axle {n}", forces, f"lines/axle/{n}", [3, 1]))
         return parts.Layout([rrb.Tabs(*tabs)], "time", live=True)

@@ -183,7 +183,13 @@ class _Page:
         if record.train_speed is not None:
             speeds.insert(0, ("train", parts.TRAIN, column(record.train_speed, 3.6)))
         yield parts.lines("speed", speeds)
-        brake = [("clamping force K [10 kN]", parts.CLAMPING, column(record.clamping_force, 1e-4))]
+        brake = [
+            (
+                "clamping force K of the axle [10 kN]",
+                parts.CLAMPING,
+                column(record.clamping_force, 1e-4),
+            )
+        ]
         if record.pressure is not None:
             bar = column(record.pressure, 1e-5)
             brake.insert(0, ("brake cylinder pressure [bar]", parts.PRESSURE, bar))
@@ -382,7 +388,7 @@ def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
     record, title = axle.record, f"Axle {axle.record.axle}"
     speeds = "speed [km/h]" + ", blue: wheel, grey: train" * (record.train_speed is not None)
     brake = "blue: pressure [bar], " * (record.pressure is not None)
-    brake += "orange: clamping force [10 kN]"
+    brake += "orange: clamping force K of the axle, all pads [10 kN]"
     charts = (("speed", speeds), ("braking", brake))
     return [parts.chart(f"{path}/{name}", f"{title}: {text}") for name, text in charts]
 
