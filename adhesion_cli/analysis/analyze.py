@@ -94,4 +94,5 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys((results[0].reference.source, *(e.source for e in estimators)))),
         find_log_brake(aligned, settings),
+        settings.track,
     )

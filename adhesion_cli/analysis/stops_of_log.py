@@ -11,12 +11,10 @@ from ..core.physics import wheelset
 from ..core.summary import BrakeApplication, Measured, StopSummary
 from ..records.route import find_route
 from ..stops.find import find_brakings
-from ..stops.measure import Track as StopLine
-from ..stops.measure import measure_stop
+from ..stops.measure import ToLevel, measure_stop
 from ..stops.settings import StopSettings
 from ..stops.signals import Series, StopSignals, of_log, of_records
 from ..train.track import Gradient, find_gradient
-from .stated_track import stated_track
 
 _UNKNOWN_GRADIENT = Parameter(0.0, 3.0)  # of a line of which nothing is stated [‰]
 
@@ -32,7 +30,7 @@ def stops_of_result(
     """
     records = [axle.record for axle in result.axles]
     settings = StopSettings(**result.settings.get("stops", {}))
-    gradient = find_gradient(result.log, stated_track(result.settings.get("track", {})))
+    gradient = find_gradient(result.log, result.track)
     signals = of_records(records, result.log, result.vehicle)
     stops = _measured(signals, result.vehicle, settings, gradient, result.log.start_ns())
     by_axle = list(applications)
@@ -76,8 +74,8 @@ def _measured(
     rotating = 1.0 + w.inertia / (w.mass * w.radius**2)
     for braking in find_brakings(signals):
         run = signals.speed.between(braking.on, braking.end)
-        line = StopLine(_mean_gradient(gradient, run, start_ns), rotating)
-        yield measure_stop(signals, braking, line, settings)
+        to_level = ToLevel(_mean_gradient(gradient, run, start_ns), rotating)
+        yield measure_stop(signals, braking, to_level, settings)
 
 
 def _mean_gradient(gradient: Gradient | None, run: Series, start_ns: int) -> Parameter:

@@ -679,6 +679,7 @@ class Result:
     settings: dict[str, Any]  # every parameter used, as TOML would hold it
     sources: tuple[str, ...] = field(default=())  # literature of the methods used
     brake: LogBrake | None = None  # by the deceleration of this log alone
+    track: Track = field(default_factory=Track)  # the line as stated
 
     @property
     def vehicle(self) -> Vehicle:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import Bools, Floats
+from ..core.model import Bools, Floats, Parameter
 from ..core.physics import STANDING
 from ..core.signals import true_runs
 from .signals import Series, StopSignals
@@ -22,6 +22,8 @@ _ROLLED_OUT = 5.0 / 3.6  # a brake that is released below this speed has stopped
 _LONGEST_ROLL = 10.0  # and the train then stands after this time [s]
 _LONGEST_GAP = 1.0  # without a speed: the distance is not known [s]
 _LOCKED = 10.0  # all wheels may be locked for this long [s]
+_LAST = 2.0  # time before standstill whose speeds lead to it [s]
+_FEWEST = 4  # samples of a line
 _SLOWING = 0.15  # deceleration that is braking, where no brake is logged [m/s²]
 _AVERAGED = 1.0  # time over which that is a mean [s]
 
@@ -32,6 +34,7 @@ class Braking(NamedTuple):
     on: float  # the brake is clearly applied, after the start of the log [s]
     end: float  # standstill, or where the braking ends before it [s]
     reason: str  # why it is no stop, "" where it is one
+    end_sigma: float = 0.0  # standard uncertainty of the time of standstill [s]
 
 
 def find_brakings(signals: StopSignals) -> Iterator[Braking]:
@@ -62,7 +65,8 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         elif end - stop > _LONGEST_ROLL / STEP:
             reason = "the train rolled on after the release of the brake"
         else:
-            yield Braking(float(t[first]), _standstill(speed, t[max(end - 1, 0)]), "")
+            standstill = _standstill(speed, float(t[end]))
+            yield Braking(float(t[first]), standstill.value, "", standstill.tolerance)
             continue
         if not start_speed - last_speed < _LEAST_LOSS * start_speed:
             yield Braking(float(t[first]), float(t[braked_until]), reason)
@@ -121,8 +125,27 @@ def _longest(mask: Bools) -> int:
     return max((stop - start for start, stop in true_runs(mask)), default=0)
 
 
-def _standstill(speed: Series, moving: float) -> float:
-    """The first time from `moving` on at which the train stands [s]."""
-    part = speed.between(moving, math.inf)
-    stands = np.flatnonzero(part.value < STANDING)
-    return float(part.t[stands[0]] if len(stands) else part.t[-1])
+def _standstill(speed: Series, slow: float) -> Parameter:
+    """When the train stands, and 1 sigma [s].
+
+    The line through the last speeds crosses zero there: sensors read zero too early, and noise
+    crosses any threshold too early.
+
+    Args:
+        speed: of the train.
+        slow: when it is slower than `STANDING` [s].
+    """
+    part = speed.between(slow - _LAST, slow)
+    used = np.isfinite(part.value) & (part.value > 2.0 * STANDING) & (part.value < _SLOWEST)
+    t, v = part.t[used], part.value[used]
+    interval = float(np.median(np.diff(speed.t)))
+    usual = Parameter(slow, math.hypot(interval, STEP) / math.sqrt(3.0))
+    if len(t) < _FEWEST:
+        return usual
+    slope, level = np.polyfit(t - slow, v, 1)
+    if slope > -_SLOWING / 2.0:
+        return usual
+    rest = v - slope * (t - slow) - level
+    sigma = math.sqrt(float(np.sum(rest**2)) / max(len(t) - 2, 1)) / -slope
+    end = float(np.clip(slow - level / slope, slow - STEP, slow + 1.0))
+    return Parameter(end, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0)))

@@ -37,8 +37,8 @@ K95 = 2.0  # coverage factor
 NOMINAL_SPEEDS = (30, 50, 60, 80, 100, 120, 140, 160, 200)  # [km/h]
 
 
-class Track(NamedTuple):
-    """What is known of the line and of the train's inertia."""
+class ToLevel(NamedTuple):
+    """What turns a stop into one on level track."""
 
     gradient: Parameter  # uphill positive [‰]
     rotating: float  # ρ, factor of the rotating mass
@@ -56,14 +56,14 @@ class _Values(NamedTuple):
 
 
 def measure_stop(
-    signals: StopSignals, braking: Braking, track: Track, settings: StopSettings
+    signals: StopSignals, braking: Braking, to_level: ToLevel, settings: StopSettings
 ) -> StopSummary:
     """The figures of one braking.
 
     Args:
         signals: of the log.
         braking: from `find_brakings`.
-        track: of the line.
+        to_level: gradient of the line, and inertia.
         settings: how.
     """
     command, command_u, source = find_command(signals, braking)
@@ -74,20 +74,23 @@ def measure_stop(
         v, hidden = over_slides(t, v)
         signals = signals._replace(speed=Series(t, v))
     v0 = float(np.interp(command, t, v))
-    after = t >= command
+    after = t >= command - 1e-9
     distance = float(np.trapezoid(v[after], t[after]))
     jerk = None if hidden else largest_jerk(t[after], v[after], noise)
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
     )
-    delay, equivalent = response.delay, math.nan if hidden else response.equivalent
-    gradient = track.gradient.value
+    delay, equivalent = response.delay.value, math.nan if hidden else response.equivalent.value
+    gradient = to_level.gradient.value
     values = _Values(v0, distance, braking.end - command, delay, equivalent, gradient)
     interval = float(np.median(np.diff(signals.speed.t)))
-    standstill = max(interval / math.sqrt(3.0), locked)
-    sigmas = _Sigmas(noise, interval, command_u, standstill, hidden)
-    figures = _Figures(values, _errors(signals, settings, values, track, sigmas), nominal, track)
+    standstill = math.hypot(braking.end_sigma, locked)
+    build_up = response.delay.tolerance, response.equivalent.tolerance
+    sigmas = _Sigmas(noise, interval, command_u, standstill, hidden, *build_up)
+    figures = _Figures(
+        values, _errors(signals, settings, values, to_level, sigmas), nominal, to_level
+    )
     valid = not braking.reason
     measured = figures.measured if valid else lambda _: None
     return StopSummary(
@@ -120,17 +123,17 @@ class _Figures:
         values: what is measured itself.
         errors: the values changed by one standard uncertainty, by the source.
         nominal: speed [km/h].
-        track: of the line.
+        to_level: gradient of the line, and inertia.
     """
 
     def __init__(
-        self, values: _Values, errors: Mapping[str, _Values], nominal: float, track: Track
+        self, values: _Values, errors: Mapping[str, _Values], nominal: float, to_level: ToLevel
     ) -> None:
-        self._derived = _derive(values, nominal / 3.6, track.rotating)
+        self._derived = _derive(values, nominal / 3.6, to_level.rotating)
         self._effects = {
             source: {
                 name: x - self._derived[name]
-                for name, x in _derive(changed, nominal / 3.6, track.rotating).items()
+                for name, x in _derive(changed, nominal / 3.6, to_level.rotating).items()
             }
             for source, changed in errors.items()
         }
@@ -164,26 +167,27 @@ class _Sigmas(NamedTuple):
     command: float  # of the command time [s]
     standstill: float  # of the time of standstill [s]
     hidden: float  # of the distance, by slides of all axles [m]
+    delay: float  # by noise and level of the brake [s]
+    response: float  # the same [s]
 
 
 def _errors(
     signals: StopSignals,
     settings: StopSettings,
     values: _Values,
-    track: Track,
+    to_level: ToLevel,
     sigmas: _Sigmas,
 ) -> dict[str, _Values]:
     """The measured values changed by one standard uncertainty of each source."""
     scale = settings.speed_scale or signals.scale
     v0, s = values.v0, values.distance
-    deceleration = v0 * v0 / (2.0 * s) if s > 0.0 else 0.0
     interval, late, command = sigmas.interval, signals.late, sigmas.command
     fitted = max(FIT / max(interval, 1e-3), 1.0)
     return {
         "speed scale": values._replace(v0=v0 * (1.0 + scale), distance=s * (1.0 + scale)),
-        "speed delay": values._replace(v0=v0 + 0.5 * deceleration * late, distance=s + v0 * late),
+        "speed delay": values._replace(distance=s + v0 * late, duration=values.duration + late),
         "speed noise": values._replace(
-            v0=v0 + 2.0 * sigmas.speed / math.sqrt(fitted),
+            v0=v0 + 1.5 * sigmas.speed / math.sqrt(fitted),
             distance=s + sigmas.speed * math.sqrt(interval * max(values.duration, 0.0)),
         ),
         "sliding axles": values._replace(distance=s + sigmas.hidden),
@@ -193,8 +197,11 @@ def _errors(
             delay=values.delay + command,
             response=values.response + command,
         ),
+        "build-up": values._replace(
+            delay=values.delay + sigmas.delay, response=values.response + sigmas.response
+        ),
         "standstill": values._replace(duration=values.duration + sigmas.standstill),
-        "gradient": values._replace(gradient=values.gradient + track.gradient.tolerance),
+        "gradient": values._replace(gradient=values.gradient + to_level.gradient.tolerance),
     }
 
 

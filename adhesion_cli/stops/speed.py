@@ -19,7 +19,8 @@ _SLOW = 5.0 / 3.6  # slower wheels show no slip, and jerk is not evaluated [m/s]
 def smoothed_speed(speed: Series, command: float, end: float) -> tuple[Floats, Floats, float]:
     """Times and smoothed speed of a braking, and the noise of one sample of the speed [m/s].
 
-    Local polynomials of second degree over one second, which begin at the command.
+    Local polynomials of second degree over one second. They begin a second before the command,
+    where the train still rolls.
     """
     from scipy.signal import savgol_filter
 
@@ -28,7 +29,9 @@ def smoothed_speed(speed: Series, command: float, end: float) -> tuple[Floats, F
     raw_t, raw_v = part.t[finite], part.value[finite]
     interval = float(np.median(np.diff(speed.t)))
     step = max(_RESAMPLED, interval)
-    t = np.append(np.arange(min(command, raw_t[0]), end, step), end)
+    lead = int(min(FIT, max(command - raw_t[0], 0.0)) / step)  # steps before the command
+    t: Floats = command + np.float64(step) * np.arange(-lead, math.ceil((end - command) / step))
+    t = np.append(t, end)
     v = np.interp(t, raw_t, raw_v)
     window = 2 * round(FIT / step / 2.0) + 1
     if window >= 5 and len(v) > window:

@@ -11,11 +11,11 @@ from adhesion_cli.core.model import Floats, Parameter
 from adhesion_cli.core.physics import G
 from adhesion_cli.core.summary import StopSummary
 from adhesion_cli.stops.find import find_brakings
-from adhesion_cli.stops.measure import Track, measure_stop
+from adhesion_cli.stops.measure import ToLevel, measure_stop
 from adhesion_cli.stops.settings import StopSettings
 from adhesion_cli.stops.signals import Series, StopSignals
 
-FLAT = Track(Parameter(0.0, 0.0), 1.0)
+FLAT = ToLevel(Parameter(0.0, 0.0), 1.0)
 ON = 10.0  # command [s]
 T_A, T_B = 0.4, 1.6  # the brake rises in a line from T_A to T_B after the command [s]
 
@@ -43,8 +43,8 @@ def signals(
     return StopSignals(speed, "train", 0.0, 0.0, {1: speed}, {1: Series(t, p)}, commands), distance
 
 
-def measured(x: StopSignals, track: Track = FLAT, **stated: float) -> list[StopSummary]:
-    return [measure_stop(x, b, track, StopSettings(**stated)) for b in find_brakings(x)]
+def measured(x: StopSignals, to_level: ToLevel = FLAT, **stated: float) -> list[StopSummary]:
+    return [measure_stop(x, b, to_level, StopSettings(**stated)) for b in find_brakings(x)]
 
 
 @settings(max_examples=25, deadline=None)
@@ -104,7 +104,7 @@ def test_a_stop_on_a_gradient_is_that_on_level_track(gradient: float) -> None:
     """The train of the log slows by the gradient, too; the corrected distance does not have it."""
     rho, v0, level = 1.06, 25.0, 1.0
     x, _ = signals(v0, level + G * gradient / 1000.0 / rho)
-    (stop,) = measured(x, Track(Parameter(gradient, 0.0), rho), nominal_speed=90.0)
+    (stop,) = measured(x, ToLevel(Parameter(gradient, 0.0), rho), nominal_speed=90.0)
     _, expected = train(25.0, level, np.arange(0.0, 60.0, 0.02))
     assert stop.corrected_distance_m is not None
     assert stop.corrected_distance_m.value == pytest.approx(expected, rel=0.01)
@@ -113,7 +113,7 @@ def test_a_stop_on_a_gradient_is_that_on_level_track(gradient: float) -> None:
 def test_each_source_of_error_is_in_the_uncertainty() -> None:
     x, _ = signals()
     x = x._replace(scale=0.01, late=0.1)
-    (stop,) = measured(x, Track(Parameter(0.0, 3.0), 1.06))
+    (stop,) = measured(x, ToLevel(Parameter(0.0, 3.0), 1.06))
     by_source = {c.source: c for c in stop.budget}
     assert stop.distance_m is not None
     s = stop.distance_m
