@@ -70,10 +70,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         rims = {axle: _as_train(rim, train) for axle, rim in rims.items()}
     else:
         train = _fastest(rims, rims[base.axle].t)
-    brakes = {
-        r.axle: _on_segments(r, r.clamping_force if r.pressure is None else r.pressure, start_ns)
-        for r in records
-    }
+    brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
     if measured:
         delay = base.train_speed_late
         scale, late = UNKNOWN_SCALE, UNKNOWN_DELAY if delay is None else delay.tolerance
@@ -84,6 +81,13 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         scale, late = radius.tolerance / radius.value, 0.0
     source: SpeedSource = "train" if measured else "axles"
     return StopSignals(train, source, scale, late, rims, brakes, _commands(log))
+
+
+def _brake(record: AxleRecord) -> Floats:
+    """What shows the brake of an axle: its pressure; the whole force where motors brake, too."""
+    if record.pressure is None or record.motor_clamping is not None:
+        return record.clamping_force
+    return record.pressure
 
 
 def of_log(log: Log) -> StopSignals | None:

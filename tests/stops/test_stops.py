@@ -1,9 +1,11 @@
 """Stops of a train whose every figure is known: found, measured, and refused with a reason."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.made_results import result
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,7 +15,7 @@ from adhesion_cli.core.summary import StopSummary
 from adhesion_cli.stops.find import find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
 from adhesion_cli.stops.settings import StopSettings
-from adhesion_cli.stops.signals import Series, StopSignals
+from adhesion_cli.stops.signals import Series, StopSignals, of_records
 
 FLAT = ToLevel(Parameter(0.0, 0.0), 1.0)
 ON = 10.0  # command [s]
@@ -209,3 +211,14 @@ def test_axles_that_all_slide_give_a_wide_distance_that_holds_the_true_one() -> 
     assert abs(stop.distance_m.value - distance) < stop.distance_m.u95
     assert stop.distance_m.u95 > 0.01 * distance
     assert (stop.response_time_s, stop.jerk) == (None, None)
+
+
+def test_where_motors_brake_the_response_is_that_of_the_whole_force() -> None:
+    analysed = result(1, 2000)
+    (axle,) = analysed.axles
+    by_pressure = of_records([axle.record], analysed.log, analysed.vehicle)
+    np.testing.assert_allclose(by_pressure.brakes[1].at(np.array([4.0])), 2.6e5, rtol=0.2)
+    electric = replace(axle.record, motor_clamping=0.5 * axle.record.clamping_force)
+    by_force = of_records([electric], analysed.log, analysed.vehicle)
+    K = axle.record.clamping_force[~np.isnan(axle.record.clamping_force)]
+    assert np.nanmax(by_force.brakes[1].value) == np.max(K)
