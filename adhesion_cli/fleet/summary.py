@@ -29,6 +29,9 @@ _OF_APPLICATION = (
     "max_slip slide_energy_j settings version"
 ).split()
 _FILE = "__filename"
+_OF_STOP = (
+    "nominal_speed_kmh valid distance_m_value mean_deceleration_value response_time_s_value"
+).split()
 _OF_FINDING = ("log", "sha256", "code", "severity", "message", "settings", "version")
 _OF_LOG = ("log sha256 status error hint start version settings tables_sha256").split()
 
@@ -66,6 +69,20 @@ class Day(Distribution):
     """Of the logs that began on one day (UTC)."""
 
     day: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopGroup:
+    """Stops of the whole train from one nominal speed."""
+
+    nominal_speed_kmh: float
+    stops: int
+    valid: int
+    distance_median_m: float | None  # of the valid ones
+    deceleration_p5: float | None  # of the mean deceleration: 5 % are below it [m/s²]
+    deceleration_median: float | None
+    deceleration_p95: float | None
+    response_median_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +137,7 @@ class FleetSummary:
     by_speed: list[SpeedBand]
     by_settings: list[SettingsGroup]
     by_day: list[Day]
+    stops: list[StopGroup]
     worst_slides: list[SlidApplication]
     findings: list[CodeCount]
     in_doubt: int  # logs with a warning on the data, and no error
@@ -176,6 +194,7 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         names = sorted({Path(row.file).name for row in analysed})
         applications = _read(folder / "applications", names, (*_OF_APPLICATION, _FILE))
         findings = _read(folder / "findings", names, _OF_FINDING)
+        stops = _read(folder / "stops", names, _OF_STOP)
     except (OSError, pa.ArrowException) as error:
         text = f"{printable(str(folder))}: cannot be read as results of a fleet ({error})"
         raise UserError(text, "run `adhesion fleet` on the logs again, with -o") from error
@@ -192,6 +211,7 @@ def summarise_fleet(folder: Path) -> FleetSummary:
             for name, spread in _grouped(applications, settings)
         ],
         by_day=[Day(day=name, **spread) for name, spread in _grouped(applications, row_days)],
+        stops=_stops(stops),
         worst_slides=_worst(applications),
         findings=_codes(findings),
         in_doubt=_in_doubt(findings),
@@ -243,14 +263,42 @@ def _column(table: Any, name: str) -> Floats:
 def _spread(table: Any, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Json:
     """The fields of a `Distribution`."""
     mu, slides = _column(table, "coefficient_mean")[rows], _column(table, "slides")[rows]
-    finite, sliding = mu[np.isfinite(mu)], mu[np.isfinite(mu) & (slides > 0)]
-    shares = np.percentile(finite, _SHARES).tolist() if len(finite) else [None] * len(_SHARES)
+    sliding = mu[np.isfinite(mu) & (slides > 0)]
+    shares = _percentiles(mu)
     return {
         "applications": len(mu),
         "with_slides": int((slides > 0).sum()),
         **dict(zip(("p5", "median", "p95"), shares, strict=True)),
         "median_with_slides": float(np.median(sliding)) if len(sliding) else None,
     }
+
+
+def _stops(table: Any) -> list[StopGroup]:
+    """The stops by their nominal speed."""
+    speeds = _column(table, "nominal_speed_kmh")
+    valid = _column(table, "valid") > 0.0
+    groups = []
+    for speed in np.unique(speeds[np.isfinite(speeds)]).tolist():
+        rows = (speeds == speed) & valid
+        p5, median, p95 = _percentiles(_column(table, "mean_deceleration_value")[rows])
+        group = StopGroup(
+            nominal_speed_kmh=speed,
+            stops=int((speeds == speed).sum()),
+            valid=int(rows.sum()),
+            distance_median_m=_percentiles(_column(table, "distance_m_value")[rows])[1],
+            deceleration_p5=p5,
+            deceleration_median=median,
+            deceleration_p95=p95,
+            response_median_s=_percentiles(_column(table, "response_time_s_value")[rows])[1],
+        )
+        groups.append(group)
+    return groups
+
+
+def _percentiles(values: Floats) -> list[float | None]:
+    """5 %, median and 95 % of the values that are known."""
+    finite = values[np.isfinite(values)]
+    return np.percentile(finite, _SHARES).tolist() if len(finite) else [None] * len(_SHARES)
 
 
 def _by_speed(table: Any) -> list[SpeedBand]:

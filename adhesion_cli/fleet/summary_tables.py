@@ -7,7 +7,15 @@ from math import isfinite, nan
 from ..core.finding import catalogue
 from ..results.report.campaign import Bar, Bars, Campaign, PageTable
 from ..results.text_tables import number
-from .summary import Day, Distribution, FleetSummary, SettingsGroup, SlidApplication, SpeedBand
+from .summary import (
+    Day,
+    Distribution,
+    FleetSummary,
+    SettingsGroup,
+    SlidApplication,
+    SpeedBand,
+    StopGroup,
+)
 
 _OF_SPREAD = (
     "number: brake applications, counted per axle. slid: those with a slide. 5 %, median, 95 %: "
@@ -18,7 +26,12 @@ _OF_SLIDES = (
     "at: start of the brake application after the start of the log. km/h: speed there. slid and "
     "[m]: time and distance of all its slides. kJ: energy of friction between wheel and rail."
 )
+_OF_STOPS = (
+    "valid: whole stops. Distance and response time are medians of these; 5 %, median, 95 %: "
+    "percentiles of their mean deceleration."
+)
 _SPEEDS = "Mean adhesion coefficient by mean speed of the application"
+_STOPS = "Stops of the train by nominal speed"
 _WORST = "Worst slides (distance times largest slip)"
 _FINDINGS = "Findings on the data"
 DAYS = 14  # that a summary shows
@@ -53,6 +66,7 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
         PageTable(_SPEEDS, speeds, figure=_by_speed(fleet.by_speed), note=_OF_SPREAD),
         PageTable("By settings", vehicles, 2, _by_settings(fleet.by_settings)),
         PageTable(f"By day{scope}", newest_days, figure=_by_day(days)),
+        PageTable(_STOPS, list(map(_stopped, fleet.stops)), note=_OF_STOPS),
         PageTable(_WORST, list(map(_slid, fleet.worst_slides)), note=_OF_SLIDES),
         PageTable(_FINDINGS, codes, 3),
     )
@@ -174,6 +188,20 @@ def _bar(name: str, begin: float, stop: float, row: Distribution) -> Bar:
     values = row.p5, row.median, row.p95, row.median_with_slides
     lower, middle, upper, slid = (nan if x is None else x for x in values)
     return Bar(name, begin, stop, lower, middle, upper, slid, row.applications)
+
+
+def _stopped(row: StopGroup) -> dict[str, str]:
+    """The cells of the stops from one nominal speed."""
+    return {
+        "speed [km/h]": f"{row.nominal_speed_kmh:g}",
+        "stops": str(row.stops),
+        "valid": str(row.valid),
+        "distance [m]": number(row.distance_median_m, 0),
+        "a 5 % [m/s²]": number(row.deceleration_p5, 2),
+        "median": number(row.deceleration_median, 2),
+        "95 %": number(row.deceleration_p95, 2),
+        "response [s]": number(row.response_median_s, 2),
+    }
 
 
 def _slid(row: SlidApplication) -> dict[str, str]:

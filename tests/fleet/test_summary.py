@@ -17,8 +17,10 @@ from adhesion_cli.core.summary import (
     FindingSummary,
     LogSummary,
     MeanAndHighest,
+    Measured,
     ReferenceSummary,
     ResultSummary,
+    StopSummary,
     VehicleSummary,
 )
 from adhesion_cli.fleet import summary_tables
@@ -58,6 +60,16 @@ def log(
     summary = LogSummary(name, "csv", f"{name}0", start, 1.0, 1, 1)
     vehicle = VehicleSummary("stated", True, None, None, None, None)
     return ResultSummary(summary, {}, vehicle, (axle,), (), tuple(findings))
+
+
+def stop(distance: float) -> StopSummary:
+    deceleration = Measured(20.0**2 / 2.0 / distance, 0.01) if distance else None
+    return StopSummary(
+        start_s=1.0, end_s=30.0, command_from="channel", speed_from="train", nominal_speed_kmh=80.0,
+        valid=True, initial_speed_mps=Measured(20.0, 0.1), distance_m=Measured(distance, 3.0),
+        duration_s=None, delay_s=None, response_time_s=None, mean_deceleration=deceleration,
+        equivalent_deceleration=None, jerk=None, corrected_distance_m=None,
+    )  # fmt: skip
 
 
 def failed(name: str) -> FailedLog:
@@ -119,6 +131,16 @@ def test_days_and_vehicles_are_apart(folder: Path) -> None:
     assert [(r.settings, r.stated, r.applications) for r in found.by_settings] == [
         ("abcd", "friction 0.25", 4), ("ef01", "not stated", 1)
     ]  # fmt: skip
+
+
+def test_stops_are_grouped_by_their_nominal_speed(folder: Path) -> None:
+    stops = [stop(300.0), stop(310.0), replace(stop(0.0), valid=False, distance_m=None)]
+    write(folder, replace(log("s", "2026-03-03"), stops=tuple(stops)))
+    (group,) = summarise_fleet(folder).stops
+    assert (group.nominal_speed_kmh, group.stops, group.valid) == (80.0, 3, 2)
+    assert group.distance_median_m == pytest.approx(305.0)
+    assert group.deceleration_median == pytest.approx(20.0**2 / 2.0 / 305.0, rel=1e-3)
+    assert group.response_median_s is None
 
 
 def test_the_worst_slide_is_first_though_its_force_is_not_known(folder: Path) -> None:
