@@ -150,6 +150,8 @@ _OWN_MESSAGES: dict[tuple[str, str], tuple[Meaning, str]] = {
 
 _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
 _CHINESE_PLACES = "[一二三四五六七八](?=[轴轮位架车]|转向架)|(?<=[轴轮架])[一二三四五六七八]"
+_LETTERS = tuple("abcdefgh")
+_MEASURED = {"speed", "pressure"}
 _NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
 
 
@@ -434,6 +436,8 @@ def _place_in(text: str, is_path: bool) -> Place:
         part = " ".join(name_parts[:2])
         name_parts[:2] = "", ""
     axle, is_loose = _axle_in(name_parts, text, is_path)
+    if bogie in _LETTERS:
+        bogie = str(1 + _LETTERS.index(bogie))
     return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, part, is_loose)
 
 
@@ -448,7 +452,7 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
         if not owner:
             continue
         before = [i - 1] if i and name_parts[i - 1].isdecimal() else []
-        after = [i + 1] if "".join(name_parts[i + 1 : i + 2]).isdecimal() else []
+        after = [i + 1] if _counts("".join(name_parts[i + 1 : i + 2]), kind) else []
         if word >= "一":
             numbers = before + after
         else:
@@ -460,6 +464,11 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
                 name_parts[j] = ""
             return owner, number
     return "", ""
+
+
+def _counts(word: str, kind: str) -> bool:
+    """Whether a word is a number; cars and bogies may have letters, as in "Car B"."""
+    return word.isdecimal() or (kind in ("car", "bogie") and word in _LETTERS)
 
 
 def _owner(kind: str, name_parts: Sequence[str]) -> str:
@@ -479,17 +488,23 @@ def _is_unknown_part(name_parts: Sequence[str]) -> bool:
 
 
 def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int | None, bool]:
-    """The number next to a word for wheel or cylinder; else the last number, or a list index.
+    """The number next to a word for wheel or cylinder; else behind a quantity, or the last one.
 
     Returns:
         The number, and whether no word says that it is an axle's.
     """
+    after_quantity: list[int] = []
     for i, word in enumerate(name_parts):
         next_word = "".join(name_parts[i + 1 : i + 2])
         if next_word.isdecimal() and _NUMBERED & _kinds(word).keys():
             return int(next_word), False
         if any(c in word for c in "轴轮位") and i and name_parts[i - 1].isdecimal():
             return int(name_parts[i - 1]), False
+        is_single = next_word.isdecimal() and not "".join(name_parts[i + 2 : i + 3]).isdecimal()
+        if is_single and len(next_word) < 3 and _MEASURED & _kinds(word).keys():
+            after_quantity.append(int(next_word))
+    if after_quantity:
+        return after_quantity[0], True
     digits = [w for w in name_parts if w.isdecimal() and len(w) < 3]
     if digits and not (is_path and text.endswith("]")):
         return int(digits[-1]), True

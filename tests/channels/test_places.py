@@ -32,9 +32,11 @@ def served(names: list[str]) -> tuple[dict[str, list[int | None]], list[Finding]
         (["一架制动缸压力(bar)", "二架制动缸压力(bar)"], [[1, 2], [3, 4]]),
         (["架1制动缸压力(bar)", "架2制动缸压力(bar)"], [[1, 2], [3, 4]]),
         (["CW1_BC_PRESS_BOGIE1 [kPa]", "CW1_BC_PRESS_BOGIE2 [kPa]"], [[1, 2], [3, 4]]),
+        (["Bogie A BCP [bar]", "Bogie B BCP [bar]"], [[1, 2], [3, 4]]),
         (["BCU2.BCP [bar]"], [[None]]),
         (["Car 2 BCP [bar]"], [[None]]),
         (["BCU1.BCP1 [bar]", "BCU1.BCP2 [bar]"], [[1], [2]]),
+        (["Pressure1 DB12 [bar]", "Pressure2 DB12 [bar]"], [[1], [2]]),
         ([r"BCP1\CAN-Monitoring:3", r"BCP2\CAN-Monitoring:3"], [[1], [2]]),
     ],
 )
@@ -51,6 +53,7 @@ def test_a_number_next_to_something_else_is_no_axle(
     [
         ("Car{} axle{} [km/h]", "Car{} BCP [bar]"),
         ("BCU{}.WheelSpeed{} [km/h]", "BCU{}.BCP [bar]"),
+        ("Car {} axle {} [km/h]", "Car {} BCP [bar]"),
         ("{}车{}轴速度(km/h)", "{}车制动缸压力(bar)"),
     ],
 )
