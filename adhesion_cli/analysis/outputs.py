@@ -47,7 +47,7 @@ def write_result(
 
     record, recording = places
     mcap.write_result(record, result, embedded([summary]), slip, every_sample)
-    rrd.write_result(recording, result, notes, every_sample)
+    rrd.write_result(recording, result, notes, every_sample, summary.axles)
 
 
 def write_comparison(

@@ -128,7 +128,7 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
 
     (result,), (summary,) = results, summaries
     vehicle = terminal.folded(describe_vehicle(summary.vehicle, summary.axles))
-    tables = applications.tables(summary.axles, shown.rows)
+    tables = applications.tables(summary.axles, shown.rows, _cars(result))
     head = f"{terminal.describe_log(summary)}\n{vehicle}"
     sections = [head, applications.stops(summaries), tables]
     print("\n\n".join(filter(None, sections)) + "\n", flush=True)
@@ -137,6 +137,11 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
     terminal.show(result.findings, shown.quiet)
     _show_scores(results, summaries, shown)
     print(terminal.wrote(*summary.outputs.values()))
+
+
+def _cars(result: "Result") -> dict[int, str]:
+    """Name of the car of each axle, where it is stated."""
+    return {axle.number: axle.car for axle in result.vehicle.axles}
 
 
 def _show_together(
@@ -158,7 +163,10 @@ def _show_together(
         axles_by_vehicle.setdefault(summary.vehicle, []).extend(summary.axles)
     vehicles = dict.fromkeys(describe_vehicle(*pair) for pair in axles_by_vehicle.items())
     print("\n".join(map(terminal.folded, [terminal.describe_logs(summaries), *vehicles])))
-    sections = applications.stops(summaries), applications.tables_of_logs(summaries, shown.rows)
+    sections = (
+        applications.stops(summaries),
+        applications.tables_of_logs(summaries, shown.rows, _cars(results[0])),
+    )
     print("\n" + "\n\n".join(filter(None, sections)) + "\n", flush=True)
     if shown.budget:
         for summary in summaries:

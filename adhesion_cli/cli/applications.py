@@ -1,7 +1,8 @@
 """The answer of `analyze` on the screen: brake applications, slides, estimators."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
@@ -66,33 +67,42 @@ def stops(summaries: Sequence[ResultSummary]) -> str:
     return "\n".join(lines)
 
 
-def tables(axles: Sequence[AxleSummary], all_rows: bool = False) -> str:
+def tables(
+    axles: Sequence[AxleSummary],
+    all_rows: bool = False,
+    cars: Mapping[int, str] = MappingProxyType({}),
+) -> str:
     """The brake applications of a log: a row each, or, where they are many, a row per stop.
 
     Args:
         axles: of the log.
+        cars: name of the car of each axle, where it is stated.
         all_rows: whether each brake application of each axle has its row, however many.
     """
     count = sum(len(axle.applications) for axle in axles)
     if not count:
         return "No brake application."
     if count > MANY_ROWS and len(axles) > 1 and not all_rows:
-        return _by_stop([("", axles)])
+        return _by_stop([("", axles)], cars)
     return _by_application([("", axles)])
 
 
-def tables_of_logs(summaries: Sequence[ResultSummary], all_rows: bool = False) -> str:
+def tables_of_logs(
+    summaries: Sequence[ResultSummary],
+    all_rows: bool = False,
+    cars: Mapping[int, str] = MappingProxyType({}),
+) -> str:
     """The same of several logs, in one table."""
     pairs = [(Path(x.log.path).name, x.axles) for x in summaries]
     if not any(axle.applications for _, axles in pairs for axle in axles):
         return "No brake application."
-    return _by_application(pairs) if all_rows else _by_stop(pairs)
+    return _by_application(pairs) if all_rows else _by_stop(pairs, cars)
 
 
 _Logs = Sequence[tuple[str, Sequence[AxleSummary]]]  # name, empty for one log, and axles
 
 
-def _by_stop(logs: _Logs) -> str:
+def _by_stop(logs: _Logs, cars: Mapping[int, str]) -> str:
     """A row per stop of each log; of many the worst ones, these first."""
     stops = [(name, stop) for name, axles in logs for stop in find_stops(axles)]
     lines = []
@@ -106,7 +116,7 @@ def _by_stop(logs: _Logs) -> str:
     lines += [terminal.folded(f"{_OF_STOPS} --rows shows every brake application of every axle.")]
     for name, axles in logs:
         if len(axles) > MANY_AXLES:
-            rows = [_named(name) | group_row(group) for group in group_axles(axles)]
+            rows = [_named(name) | group_row(group) for group in group_axles(axles, cars)]
             lines += ["", terminal.records(terminal.non_empty(rows)), _OF_GROUPS]
     if not any(a.slides for _, stop in stops for a in stop.applications):
         lines += ["", _no_slides([a.slip_unknown_s for _, s in stops for a in s.applications])]

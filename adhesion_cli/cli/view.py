@@ -63,6 +63,7 @@ def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> N
         UserError: for another kind of file, whose recording shows something else.
     """
     from ..analysis import analyze, settings
+    from ..analysis.summarise import summarise
     from ..core.errors import UserError
     from ..core.estimator import registry
     from ..formats.open import open_source
@@ -82,7 +83,7 @@ def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> N
     )
     with atomic_files.outputs([result, recording], force=True) as (record, picture):
         shutil.copyfile(result, record)
-        rrd.write_result(picture, analysed)
+        rrd.write_result(picture, analysed, axles=summarise(analysed, {}).axles)
 
 
 def show_recording(recording: Path) -> None:

@@ -1,6 +1,7 @@
 """The brake applications of all axles as stops of the train, and axles as groups of neighbours."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from ..core.summary import AxleSummary, BrakeApplication
@@ -88,14 +89,40 @@ def _range(values: Sequence[float]) -> str:
     return "–".join(dict.fromkeys(number(f(values), 3) for f in (min, max)))
 
 
-def group_axles(axles: Sequence[AxleSummary]) -> list[AxleGroup]:
-    """The axles by fours, as on a car, in their order."""
-    groups = []
-    for i in range(0, len(axles), _GROUP):
-        group = axles[i : i + _GROUP]
-        numbers = dict.fromkeys(str(axle.axle) for axle in (group[0], group[-1]))
-        groups.append(AxleGroup("–".join(numbers), tuple(group)))
-    return groups
+def group_numbers(
+    numbers: Sequence[int], cars: Mapping[int, str] = MappingProxyType({})
+) -> list[tuple[str, list[int]]]:
+    """Axles by their cars; by fours, as on a car, where no car is stated. Names and numbers.
+
+    Args:
+        numbers: of the axles, rising.
+        cars: name of the car of each axle, where it is stated.
+
+    >>> group_numbers(range(1, 7))
+    [('1–4', [1, 2, 3, 4]), ('5–6', [5, 6])]
+    >>> group_numbers([1, 2, 3], {1: "A", 2: "A", 3: "B"})
+    [('A (1–2)', [1, 2]), ('B (3)', [3])]
+    """
+    groups: dict[str, list[int]] = {}
+    for i, number_of_axle in enumerate(numbers):
+        key = cars.get(number_of_axle) or f"\n{i // _GROUP}"  # no name has a new line
+        groups.setdefault(key, []).append(number_of_axle)
+    named = []
+    for car, axles in groups.items():
+        ends = "–".join(dict.fromkeys(str(axle) for axle in (axles[0], axles[-1])))
+        named.append((ends if car.startswith("\n") else f"{car} ({ends})", axles))
+    return named
+
+
+def group_axles(
+    axles: Sequence[AxleSummary], cars: Mapping[int, str] = MappingProxyType({})
+) -> list[AxleGroup]:
+    """The axles in the groups of `group_numbers`."""
+    by_number = {axle.axle: axle for axle in axles}
+    return [
+        AxleGroup(name, tuple(by_number[number] for number in numbers))
+        for name, numbers in group_numbers([*by_number], cars)
+    ]
 
 
 def group_row(group: AxleGroup) -> dict[str, str]:

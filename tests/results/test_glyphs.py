@@ -17,8 +17,10 @@ def test_latin_greek_cyrillic_and_our_signs_stay() -> None:
 
 
 def test_names_stay_different() -> None:
-    names = drawable_names(["1架制动缸压力（bar）", "2架制动缸压力（bar）", "制动试验", "列车管"])
-    assert names == ["1…(bar)", "2…(bar)", "log", "log (2)"]
+    names = drawable_names(
+        ["1架制动缸压力（bar）", "2架制动缸压力（bar）", "制动.csv", "列车管.csv"]
+    )
+    assert names == ["1…(bar)", "2…(bar)", "log.csv", "log.csv (2)"]
 
 
 def test_a_recording_of_chinese_names_has_only_letters_of_the_viewer(tmp_path: Path) -> None:

@@ -19,9 +19,11 @@ from hypothesis import strategies as st
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
+from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Floats, Result, Vehicle
 from adhesion_cli.core.physics import G
+from adhesion_cli.core.text import by_uncertainty
 from adhesion_cli.rail import sliding
 from adhesion_cli.rail.creep_law import Contact, condition, creep_force
 from adhesion_cli.rail.fit import Interval, RailFit
@@ -219,7 +221,7 @@ def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
     t, drawn = column(path, "/all/slip/2", "scalars")
     assert len(t) == 402
     assert np.nanmax(drawn) == pytest.approx(30.0)
-    tabs = results._Page("", made, (), False).layout().contents
+    tabs = results._Page("", made, (), False, ()).layout().contents
     names = [tab.name for tab in tabs if isinstance(tab, rrb.Container | rrb.View)]
     assert names[:3] == ["All axles", "Axle 2", "Axle 1"]
     assert names[-1] == "How this was made, settings"
@@ -488,3 +490,15 @@ def test_short_and_long_recordings_hold_the_same(
         chunks = list(RrdReader(path).stream())
     rows = sum(chunk.num_rows for chunk in chunks)
     assert rows > 3 * 300
+
+
+def test_the_first_tab_has_the_adhesion_coefficient_with_its_uncertainty(tmp_path: Path) -> None:
+    made = result(10, 400)
+    axles = summarise(made, {}).axles
+    rrd.write_result(tmp_path / "a.rrd", made, axles=axles)
+    (text,) = static(tmp_path / "a.rrd", "/summary", "text")
+    mu = axles[0].applications[0].coefficient
+    assert mu
+    assert "±".join(by_uncertainty(mu.mean, mu.mean_u95, 3)) in text
+    assert "## Groups of axles" in text
+    assert [name for name, _ in overview._groups(made)] == ["axles 1–4", "axles 5–8", "axles 9–10"]

@@ -8,7 +8,13 @@ from adhesion_cli.core.summary import (
     MeanAndHighest,
     ReferenceSummary,
 )
-from adhesion_cli.results.train_stops import find_stops, group_axles, group_row, stop_row
+from adhesion_cli.results.train_stops import (
+    find_stops,
+    group_axles,
+    group_numbers,
+    group_row,
+    stop_row,
+)
 
 
 def application(axle: int, start: float, mean: float = 0.1, **slides: Any) -> BrakeApplication:
@@ -58,3 +64,11 @@ def test_axles_are_grouped_in_their_order() -> None:
     rows = [group_row(group) for group in groups]
     assert [row["with slides"] for row in rows] == ["1", "0", "0"]
     assert [rows[0][k] for k in ("axle", "at [s]", "max slip [%]")] == ["2", "60.0", "30.0"]
+
+
+def test_axles_are_grouped_by_their_cars() -> None:
+    cars = {1: "Mc1", 2: "Mc1", 3: "T", 4: "T", 5: "Mc2", 6: "Mc2"}
+    assert [name for name, _ in group_numbers(range(1, 7), cars)] == [
+        "Mc1 (1–2)", "T (3–4)", "Mc2 (5–6)"
+    ]  # fmt: skip
+    assert [group.name for group in group_axles(train(6), {})] == ["1–4", "5–6"]

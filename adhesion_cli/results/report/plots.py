@@ -27,7 +27,7 @@ from ...core.model import Floats
 from ...core.summary import Measured
 from ...stops.series import SeriesStop
 from .. import palette
-from ..train_stops import MANY_AXLES, group_axles
+from ..train_stops import MANY_AXLES, group_numbers
 from . import decimate
 from .campaign import Bar, Bars
 from .run import ReportAxle, ReportRun
@@ -392,9 +392,8 @@ def _shade(fig: figure, spans: Sequence[tuple[float, float]]) -> None:
 def _legend_of_axles(run: ReportRun) -> list[tuple[str, Sequence[int]]]:
     """The axles that have a colour, or of many the groups that have one: name and numbers."""
     if len(run.axles) > MANY_AXLES:
-        groups = group_axles([axle.summary for axle in run.axles])
-        named = [(group.name, [axle.axle for axle in group.axles]) for group in groups]
-        return [(f"axles {named[0][0]}", named[0][1]), *named[1:]]
+        first_group, *groups = group_numbers([axle.number for axle in run.axles], run.cars)
+        return [(f"axles {first_group[0]}", first_group[1]), *groups]
     first, *others = (axle.number for axle in run.axles)
     return [(f"axle {first}", [first]), *((str(number), [number]) for number in others)]
 

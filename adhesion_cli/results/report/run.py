@@ -30,6 +30,7 @@ from ..train_stops import choose_axles
 from ..vehicle_text import describe_vehicle
 
 _TOPIC = re.compile(r"/axle/(\d+)/(input|reference|truth|slip|estimate/([\w-]+))")
+_CAR_AXLES = re.compile(r"car\..+\.axles")
 _FAST = 3.0  # least speed at which slip shows the radius that it was computed with [m/s]
 _TWO_LOGS = "name the *.adhesion.mcap of each log"
 
@@ -102,6 +103,12 @@ class ReportRun:
         """What the train's speed is called: measured, or estimated from the axles."""
         is_estimated = any(f.code == "reference-speed" for f in self.findings)
         return "reference speed (estimated)" if is_estimated else "train"
+
+    @property
+    def cars(self) -> dict[int, str]:
+        """Name of the car of each axle, where the settings state cars."""
+        axles = {k: v for k, v in self.settings.items() if _CAR_AXLES.fullmatch(k)}
+        return {axle: key.split(".")[1] for key, v in axles.items() for axle in json.loads(v)}
 
     @property
     def brake_s(self) -> float:

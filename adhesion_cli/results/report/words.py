@@ -201,7 +201,8 @@ def group_rows(run: ReportRun) -> list[dict[str, str]]:
     """A row per group of axles, where there are many axles."""
     if len(run.axles) <= MANY_AXLES:
         return []
-    return non_empty([group_row(x) for x in group_axles([axle.summary for axle in run.axles])])
+    groups = group_axles([axle.summary for axle in run.axles], run.cars)
+    return non_empty([group_row(group) for group in groups])
 
 
 def slides_first(rows: Sequence[tuple[Mark, Cells]]) -> Sequence[tuple[Mark, Cells]]:

@@ -29,10 +29,9 @@ def drawable(text: str) -> str:
 
 
 def drawable_names(names: Iterable[str]) -> list[str]:
-    """Different names, each one drawable; what is without a letter is called `log`.
+    """Different names, each one drawable; what has no letter left is called `log`.
 
-    >>> drawable_names(["制动1", "制动2", "制动", "试验"])
-    ['…1', '…2', 'log', 'log (2)']
+    >>> drawable_names(["制动1", "制动2", "制动.csv", "试验.csv"])
+    ['…1', '…2', 'log.csv', 'log.csv (2)']
     """
-    shown = [drawable(name) for name in names]
-    return distinct([name if re.search(r"\w", name) else "log" for name in shown])
+    return distinct([re.sub(r"^…(?=\.|$)", "log", drawable(name)) for name in names])

@@ -13,6 +13,7 @@ from ...core.text import distinct
 from ...rail.events import Slide
 from .. import palette
 from ..slip_text import slide_row
+from ..train_stops import MANY_AXLES, group_numbers
 from . import parts, rows
 
 _SLIP = 3.0  # least range of slip [%]
@@ -47,14 +48,25 @@ def send(rec: rr.RecordingStream, root: str, times: parts.Clock, result: Result)
         result: of several axles.
     """
     names: dict[str, int] = {}
+    groups = _groups(result)
     for i, axle in enumerate(result.axles):
         N, speed = axle.record.axle, axle.record.train_speed
-        lines = _lines(result, axle, str(N), f"axle {N}", i)
+        place, name = next((k, g) for k, (g, axles) in enumerate(groups) if N in axles)
+        lines = _lines(result, axle, str(N), name, place)
         if speed is not None and i == 0:
             lines.insert(0, _Line("speed", "train", "train", parts.TRAIN, speed * 3.6))
         _send(rec, f"{root}/all", times, axle, lines)
         names |= {line.name: line.colour for line in lines}
     parts.send_names(rec, f"{root}/lines/all", times, result.log.start_ns(), [*names.items()])
+
+
+def _groups(result: Result) -> list[tuple[str, list[int]]]:
+    """The axles that have a colour of their own, or of many the groups that have one."""
+    numbers = [axle.record.axle for axle in result.axles]
+    if len(numbers) <= MANY_AXLES:
+        return [(f"axle {number}", [number]) for number in numbers]
+    cars = {axle.number: axle.car for axle in result.vehicle.axles}
+    return [(f"axles {name}", axles) for name, axles in group_numbers(numbers, cars)]
 
 
 class _Line(NamedTuple):

@@ -14,12 +14,23 @@ from ...core import physics, rounding, signals
 from ...core.finding import catalogue
 from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
 from ...core.physics import SLIDES
-from ...core.summary import summarise_vehicle
+from ...core.summary import AxleSummary, summarise_vehicle
 from ...core.text import printable
 from ...rail import fit, sliding
 from ...rail.slope import Bands
+from ...scores.metrics import pool_scores
 from .. import log_events, names, palette, thinning
-from ..result_rows import score_rows
+from ..result_rows import row, score_rows
+from ..text_tables import non_empty
+from ..train_stops import (
+    MANY_AXLES,
+    MANY_ROWS,
+    find_stops,
+    group_axles,
+    group_row,
+    slide_severity,
+    stop_row,
+)
 from ..vehicle_text import describe_vehicle
 from . import overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
@@ -28,13 +39,18 @@ from .glyphs import drawable, drawable_names
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
+_LISTED_STOPS = 20  # stops of the train that are listed
 _ROWS = 1 << 16  # rows sent at once
 Note = tuple[str, fit.RailFit | None]
 _NO_NOTE: Note = "`adhesion slip` shows peak, rail and slides.", None
 
 
 def write_result(
-    path: Path, result: Result, notes: Sequence[Note] = (), full: bool = False
+    path: Path,
+    result: Result,
+    notes: Sequence[Note] = (),
+    full: bool = False,
+    axles: Sequence[AxleSummary] = (),
 ) -> None:
     """Write one analysed log.
 
@@ -43,10 +59,10 @@ def write_result(
         result: the analysed log.
         notes: on the slip of each axle, with its rail; with them, slip is what is shown first.
         full: whether a long log is drawn with every sample between its brake applications, too.
-
+        axles: summaries with the brake applications, for the table of the first tab.
     Raises as `verified.verified`.
     """
-    _write(path, [("", result)], notes, full)
+    _write(path, [_Page("", result, notes, full, axles)])
 
 
 def write_comparison(path: Path, results: Sequence[Result], full: bool = False) -> None:
@@ -55,13 +71,13 @@ def write_comparison(path: Path, results: Sequence[Result], full: bool = False) 
     They are laid over each other in the first tab, and each has its own tab. On the timeline
     `brake`, which is shown, time counts from each log's own brake start.
     """
-    _write(path, list(zip(drawable_names(names.logs(results)), results, strict=True)), (), full)
+    pairs = zip(drawable_names(names.logs(results)), results, strict=True)
+    _write(path, [_Page(name, result, (), full, ()) for name, result in pairs])
 
 
-def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], full: bool) -> None:
-    pages = [_Page(name, result, notes, full) for name, result in logs]
+def _write(path: Path, pages: "list[_Page]") -> None:
     title = ", ".join(page.title for page in pages)
-    identity = " ".join(r.log.sha256 for _, r in logs)
+    identity = " ".join(page.result.log.sha256 for page in pages)
     if len(pages) == 1:
         parts.write(path, title, identity, pages)
         return
@@ -72,8 +88,16 @@ def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], fu
 class _Page:
     """One log: its entities under `root` and the views that show them."""
 
-    def __init__(self, name: str, result: Result, notes: Sequence[Note], full: bool) -> None:
+    def __init__(
+        self,
+        name: str,
+        result: Result,
+        notes: Sequence[Note],
+        full: bool,
+        applications: Sequence[AxleSummary],
+    ) -> None:
         self.result, self.notes, self.full = result, notes, full
+        self.applications = applications
         (self.title,) = drawable_names([printable(Path(result.log.path).name)])
         self.root = rr.new_entity_path([name]) if name else ""
         self.zeros = {"time": result.log.start_ns()}
@@ -112,7 +136,8 @@ class _Page:
         if len(self.result.axles) > 1:
             overview.send(rec, self.root, self.times, self.result)
         self._send_lists(rec)
-        parts.send_text(rec, f"{self.root}/summary", _summary(self.result, self.slides))
+        summary = _summary(self.result, self.title, self.slides, self.applications)
+        parts.send_text(rec, f"{self.root}/summary", summary)
         about = _about(self.result, self.large, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
 
@@ -396,20 +421,45 @@ def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
 # ---- text
 
 
-def _summary(result: Result, slides: overview.Slides) -> str:
+def _summary(
+    result: Result, title: str, slides: overview.Slides, axles: Sequence[AxleSummary]
+) -> str:
     entries = [
         f"- **{f.severity}** {parts.escape_markdown(f'{f.code}: {log_events.text(f)}')}"
         for f in result.findings
     ]
     lines = [
-        f"# {parts.escape_markdown(Path(result.log.path).name)}\n",
-        describe_vehicle(summarise_vehicle(result.identified)),
+        f"# {parts.escape_markdown(title)}\n",
+        describe_vehicle(summarise_vehicle(result.identified), axles),
+        *_braked(result, axles),
         "\n## Slides\n",
         overview.listed(slides, result.log.start_ns()),
     ]
     lines += ["\n## Findings\n", *(entries or ["none"])]
-    lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
+    if len(result.axles) > MANY_AXLES:
+        pooled = pool_scores(axle.scores for axle in result.axles)
+        lines.append(f"\n## All axles\n\n{_scores(pooled)}")
+    else:
+        lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
     return "\n".join(lines)
+
+
+def _braked(result: Result, axles: Sequence[AxleSummary]) -> list[str]:
+    """Adhesion coefficient and force of each brake application, or of many of each stop."""
+    braked = [row(str(axle.axle), a) for axle in axles for a in axle.applications]
+    if not braked:
+        return []
+    blocks = ["\n## Brake applications\n"]
+    if len(braked) > MANY_ROWS and len(axles) > 1:
+        stops = sorted(find_stops(axles), key=lambda x: slide_severity(x.worst), reverse=True)
+        braked = non_empty([stop_row(stop) for stop in stops[:_LISTED_STOPS]])
+        blocks.append(f"{len(braked)} of {len(stops)} stops of the train, the worst first.\n")
+    blocks += [parts.markdown_table(braked), "\n± is the expanded uncertainty (95 %).\n"]
+    if len(axles) > MANY_AXLES:
+        cars = {axle.number: axle.car for axle in result.vehicle.axles}
+        groups = non_empty([group_row(group) for group in group_axles(axles, cars)])
+        blocks += ["## Groups of axles\n", parts.markdown_table(groups)]
+    return blocks
 
 
 _LINES = """
