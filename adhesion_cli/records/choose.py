@@ -92,10 +92,15 @@ def axle_numbers(
         UserError: where a needed channel is missing, or an axle asked for is not there.
     """
     meanings = {meaning for meaning, _ in keys}
+    error = None
     if "wheel_speed" not in meanings:
-        raise _missing(path, titles, "wheel speed", "speed", "km/h")
-    if not meanings & {"pressure", "clamping_force"}:
-        raise _missing(path, titles, "brake-cylinder pressure", "pressure", "bar")
+        error = _missing(path, titles, "wheel speed", "speed", "km/h")
+    elif not meanings & {"pressure", "clamping_force"}:
+        error = _missing(path, titles, "brake-cylinder pressure", "pressure", "bar")
+    if error:
+        if meanings & {"wheel_speed", "train_speed"}:
+            error.hint += ". `adhesion stops` gives distance and deceleration without it"
+        raise error
     of_axles: tuple[Meaning, ...] = ("wheel_speed", "pressure", "clamping_force")
     numbers = sorted({a for meaning, a in keys if a and meaning in of_axles}) or [1]
     if unknown := set(axles) - set(numbers):
