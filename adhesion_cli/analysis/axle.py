@@ -42,7 +42,9 @@ def analyze_axle(
     sigmas = {name: e.sigma for name, e in estimates.items() if e.sigma is not None}
     nis = {name: innovations.mean(e.nis) for name, e in estimates.items() if e.nis is not None}
     applications = brake_applications.find_applications(record)
-    findings = list(find_axle_findings(record, vehicle, reference, applications, start_ns))
+    findings = list(
+        find_axle_findings(record, vehicle, reference, applications, start_ns, settings.stops.locks)
+    )
     findings += noise_model.check(
         settings.checks["noise_model"],
         f"axle {record.axle}",

@@ -7,16 +7,15 @@ import numpy as np
 from ..core import physics, signals
 from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Reference, Vehicle
-from ..core.physics import STANDING
 from ..core.time_axis import spans_of
 from ..rail import rail_under_slides
 from ..rail.events import HIDDEN_TIME
+from ..rail.locks import LockLimits, locks_of_axle
 from ..records import brake_applications
 
 _HIGHEST_COEFFICIENT = 0.7  # no rail has a higher adhesion coefficient [-]
 _SURE_PROBABILITY = 0.99  # probability from which a speed is an average since the last one
 _FEW_PULSES = 12.0  # pulses in 0.1 s: with fewer, slides do not exceed the rounding
-_MOVING_SPEED = 3.0  # train speed from which a standing wheel is surely locked [m/s]
 _MODEL_ERROR = 0.02  # of the highest φK: as little is an error of the model
 
 
@@ -26,6 +25,7 @@ def find_axle_findings(
     ref: Reference,
     applications: Sequence[slice],
     start_ns: int,
+    limits: LockLimits,
 ) -> Iterator[Finding]:
     """The findings of one axle.
 
@@ -35,9 +35,13 @@ def find_axle_findings(
         ref: its reference.
         applications: its brake applications.
         start_ns: the log's start, from which spans count [ns].
+        limits: from when on a standing wheel is locked.
     """
     name = f"axle {record.axle}"
-    masks = {**_without_value(record, vehicle, ref), **_impossible_force(record, vehicle, ref)}
+    masks = {
+        **_without_value(record, vehicle, ref, limits),
+        **_impossible_force(record, vehicle, ref),
+    }
     begins = np.zeros(len(record), dtype=np.bool_)
     begins[[s.start for s in brake_applications.find_start_ups(record, applications)]] = True
     masks["started-braked"] = ("info", begins)
@@ -89,7 +93,7 @@ def spans(record: AxleRecord, mask: Bools, start_ns: int) -> tuple[tuple[float, 
 
 
 def _without_value(
-    record: AxleRecord, vehicle: Vehicle, ref: Reference
+    record: AxleRecord, vehicle: Vehicle, ref: Reference, limits: LockLimits
 ) -> dict[str, tuple[Severity, Bools]]:
     """Where the reference has no value, by the reason."""
     turning = np.zeros(len(record), dtype=np.bool_)
@@ -98,10 +102,9 @@ def _without_value(
     driven = signals.driven(record, vehicle.radius(record.axle).value)
     too_short = turning & ~driven & ~np.isfinite(ref.force)
     locked = np.zeros(len(record), dtype=np.bool_)
-    if record.train_speed is not None:
-        rim = record.wheel_speed * vehicle.radius(record.axle).value
-        locked = (rim < STANDING) & (record.train_speed > _MOVING_SPEED)
-        locked &= record.clamping_force > physics.NO_FORCE
+    for lock in locks_of_axle(record, vehicle.radius(record.axle).value, limits):
+        # without a brake, the sensor stands
+        locked[lock.samples] = bool((record.clamping_force[lock.samples] > physics.NO_FORCE).any())
     segment_lost = any(too_short[s].any() and turning[s].all() for s in record.segments)
     return {
         "standstill": ("info", ~turning & ~locked),

@@ -17,6 +17,7 @@ from ..core.summary import (
 )
 from ..core.text import iso
 from ..records.route import find_route
+from ..stops.settings import StopSettings
 
 
 def summarise(
@@ -80,7 +81,11 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
     from ..rail.applications import find_applications  # slow to import, and only results need it
 
     start, route = result.log.start_ns(), find_route(result.log)
-    return {a.record.axle: find_applications(a, result.vehicle, start, route) for a in result.axles}
+    limits = StopSettings(**result.settings.get("stops", {})).locks
+    return {
+        a.record.axle: find_applications(a, result.vehicle, start, route, limits)
+        for a in result.axles
+    }
 
 
 def _rows_used(result: Result) -> int:

@@ -107,8 +107,12 @@ class BrakeApplication:
     slide_list: Annotated[tuple[SlideSummary, ...], Quantity("", "each slide")]
     slide_s: Annotated[float, Quantity("s", "duration of all slides together")]
     slide_distance_m: Annotated[float, Quantity("m", "distance of the train in them")]
-    max_slip: Annotated[Number, Quantity("-", "largest slip; null without a slide")]
+    max_slip: Annotated[Number, Quantity("-", "largest slip above 10 km/h; null without a slide")]
     slide_energy_j: Annotated[Number, Quantity("J", "friction energy; null where a wheel locked")]
+    locked_s: Annotated[
+        Number, Quantity("s", "time in which the wheel stands and the train is faster than stated")
+    ] = None
+    longest_lock_s: Annotated[Number, Quantity("s", "the longest such time at once")] = None
     at_least: Annotated[
         bool, Quantity("", "slides are lower bounds: the train speed is estimated or slow")
     ]
@@ -152,7 +156,7 @@ class AxleStop(NamedTuple):
     """One axle in one stop."""
 
     axle: Annotated[int, Quantity("", "number, from 1")]
-    max_slip: Annotated[Number, Quantity("-", "largest slip above 5 km/h; null without rim speed")]
+    max_slip: Annotated[Number, Quantity("-", "largest slip above 10 km/h; null without rim speed")]
     locked_s: Annotated[
         Number, Quantity("s", "time in which the wheel stands and the train is faster than stated")
     ]

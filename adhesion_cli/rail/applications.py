@@ -24,10 +24,15 @@ from ..records.route import NOWHERE, Route
 from ..reference import budget
 from . import fit, rail_under_slides, sliding
 from .events import Slide
+from .locks import Lock, LockLimits, locks_of_axle
 
 
 def find_applications(
-    axle: AxleResult, vehicle: Vehicle, start_ns: int = 0, route: Route = NOWHERE
+    axle: AxleResult,
+    vehicle: Vehicle,
+    start_ns: int = 0,
+    route: Route = NOWHERE,
+    limits: LockLimits | None = None,
 ) -> tuple[BrakeApplication, ...]:
     """The brake applications of an axle, in the order of time.
 
@@ -36,18 +41,21 @@ def find_applications(
         vehicle: for the coefficient and its tolerance.
         start_ns: the log's start, from which times count [ns].
         route: where the train was.
+        limits: from when on a standing wheel is locked.
     """
     slides, merged = sliding.slides(axle), rail_under_slides.braked_pieces(axle)
     context = rail_under_slides.AxleContext(axle, vehicle)
     places = rail_under_slides.fit_places(context, slides)
     by_slide = {x.start: place.rail for place in places for x in place.slides}
+    radius = vehicle.radius(axle.record.axle).value
+    locks = locks_of_axle(axle.record, radius, limits or LockLimits())
     contributions = (
         budget.contributions_by_parameter(axle.record, vehicle, axle.reference) if merged else {}
     )
     return tuple(
         threads.run_each(
             lambda parts: _application(
-                context, parts, slides, by_slide, contributions, start_ns, route
+                context, parts, slides, locks, by_slide, contributions, start_ns, route
             ),
             merged,
         )
@@ -58,6 +66,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     context: rail_under_slides.AxleContext,
     pieces: Sequence[slice],
     all_slides: Sequence[Slide],
+    all_locks: Sequence[Lock],
     rails: Mapping[int, fit.RailFit | None],
     contributions: Mapping[str, Floats],
     log_start: int,
@@ -74,6 +83,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     weight = vehicle.axle_mass.value * physics.G
     slides = [x for x in all_slides if samples.start <= x.samples.start < samples.stop]
     place = route.at(int(record.t[samples.start]))
+    locks = [x.duration for x in all_locks if samples.start <= x.samples.start < samples.stop]
     energies = [x.energy for x in slides if x.energy is not None]
     rail = rails.get(slides[0].start) if slides else None
     utilisation = rail.utilisation if rail else None
@@ -89,13 +99,15 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         slide_list=tuple(summarise_slide(x, log_start, route, rail) for x in slides),
         slide_s=sum(x.duration for x in slides),
         slide_distance_m=sum(x.distance for x in slides),
-        max_slip=max((x.max_slip for x in slides), default=None),
+        max_slip=1.0 if locks else max((x.max_slip for x in slides), default=None),
         slide_energy_j=sum(energies) if len(energies) == len(slides) else None,
         at_least=any(x.is_lower_bound for x in slides),
         utilisation=utilisation and utilisation.value,
         utilisation_ci=utilisation and (utilisation.lower, utilisation.upper),
         budget=rows,
         coverage=coverage,
+        locked_s=None if record.train_speed is None else sum(locks),
+        longest_lock_s=None if record.train_speed is None else max(locks, default=0.0),
         slip_unknown_s=rail_under_slides.unknown_slip(record, samples, vehicle)[1],
         position_km=place.position_km,
         position_from=route.position_from,

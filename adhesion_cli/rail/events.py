@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Bools, Event, Floats, Regions, Times
-from ..core.physics import SLIDE
+from ..core.physics import SLIDE, WORKING
 from ..core.signals import true_runs
 from .slope import REGION_TITLES
 
@@ -26,7 +26,7 @@ class Slide(NamedTuple):
     start: int  # [ns]
     duration: float  # [s]
     distance: float  # of the train during the slide [m]
-    max_slip: float  # [-]
+    max_slip: float  # while the train is faster than `WORKING`, if it is so in the slide [-]
     energy: float | None  # ∫ F (v − ωR) dt, heat and wear of tread and rail [J]; None without F
     is_lower_bound: bool  # the train speed is estimated, or its delay is unknown
 
@@ -65,14 +65,18 @@ def slides(  # noqa: PLR0913 (one column each)
         deep: Bools = certain_slip[samples] > SLIDE + (0.0 if noise is None else noise[samples])
         if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < _SHORTEST_SLIDE:
             continue
+        fast = v[samples] > WORKING
         heat = F[samples] * s[samples] * v[samples]  # v − ωR = s v
-        is_known = np.isfinite(heat).all()  # a locked wheel of a log has no F
+        finite = np.isfinite(heat)
+        is_known = finite.any() and finite[fast].all()  # a locked wheel of a log has no F
+        heat = np.where(finite, heat, 0.0)
+        judged = fast if fast.any() else ~fast  # without WSP, a wheel stands in the last metres
         yield Slide(
             samples,
             int(t[samples.start]),
             float(seconds[-1]),
             float(np.trapezoid(v[samples], seconds)),
-            float(s[samples].max()),
+            float(s[samples][judged].max()),
             float(np.trapezoid(heat, seconds)) if is_known else None,
             is_lower_bound,
         )

@@ -33,9 +33,10 @@ class AxleGroup(NamedTuple):
     axles: tuple[AxleSummary, ...]
 
 
-def slide_severity(a: BrakeApplication) -> tuple[float, float, float]:
-    """Largest slip, time of the slides, mean µ: what makes a brake application worse."""
-    return a.max_slip or 0.0, a.slide_s, a.coefficient.mean if a.coefficient else 0.0
+def slide_severity(a: BrakeApplication) -> tuple[float, ...]:
+    """Longest lock, largest slip, time of the slides, mean µ: what makes an application worse."""
+    mean = a.coefficient.mean if a.coefficient else 0.0
+    return a.longest_lock_s or 0.0, a.max_slip or 0.0, a.slide_s, mean
 
 
 def find_stops(axles: Iterable[AxleSummary]) -> list[TrainStop]:
@@ -155,5 +156,5 @@ def choose_axles(axles: Sequence[AxleSummary]) -> tuple[int, ...]:
     return tuple(sorted(axle.axle for axle in worst[:MANY_AXLES]))
 
 
-def _axle_severity(axle: AxleSummary) -> tuple[float, float, float]:
-    return max(map(slide_severity, axle.applications), default=(0.0, 0.0, 0.0))
+def _axle_severity(axle: AxleSummary) -> tuple[float, ...]:
+    return max(map(slide_severity, axle.applications), default=())

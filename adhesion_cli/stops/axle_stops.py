@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..core.model import Floats
-from ..core.physics import STANDING
-from ..core.signals import median_of_five, true_runs
+from ..core.physics import WORKING
+from ..core.signals import median_of_five
 from ..core.summary import AxleStop
+from ..rail.locks import find_locks
 from .brake_levels import brake_levels
 from .find import Braking
 from .settings import StopSettings
@@ -15,7 +15,6 @@ from .signals import Series, StopSignals
 
 SLIP_BANDS = (0.05, 0.1, 0.2, 0.5, 1.0)  # upper limits of the bands of the slip histogram
 _DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
-_SLOW = 5.0 / 3.6  # slower wheels show no slip, and jerk is not evaluated [m/s]
 
 
 def axle_stops(
@@ -27,30 +26,19 @@ def axle_stops(
         if axle in signals.rims:
             rim = signals.rims[axle].between(command, braking.end)
             v = signals.speed.at(rim.t)
-            known = np.isfinite(v) & np.isfinite(rim.value) & (v > _SLOW)
+            known = np.isfinite(v) & np.isfinite(rim.value) & (v > WORKING)
             slips = 1.0 - rim.value[known] / v[known]
             if len(slips):
                 slip = float(np.max(median_of_five(slips)))
                 shares, _ = np.histogram(slips, [-np.inf, *SLIP_BANDS])
                 bands = tuple((shares / len(slips)).tolist())
-            locked, longest = _locks(rim, v, settings)
+            locks = [x.duration for x in find_locks(rim.t, v, rim.value, settings.locks)]
+            locked, longest = sum(locks), max(locks, default=0.0)
+            slip = 1.0 if locks else slip
         actions = 0
         if axle in signals.brakes:
             actions = _releases(signals.brakes[axle], braking)
         yield AxleStop(axle, slip, locked, longest, actions, bands)
-
-
-def _locks(rim: Series, v: Floats, settings: StopSettings) -> tuple[float, float]:
-    """Total and longest time in which a wheel stands while the train is fast [s]."""
-    times = []
-    with np.errstate(invalid="ignore"):
-        stands = np.nan_to_num(rim.value) < STANDING
-        fast = v > settings.locked_speed
-    for start, stop in true_runs(stands & np.isfinite(rim.value)):
-        last = max(stop - 1, start)
-        if fast[start] and rim.t[last] - rim.t[start] > settings.shortest_lock:
-            times.append(float(rim.t[last] - rim.t[start]))
-    return sum(times), max(times, default=0.0)
 
 
 def _releases(brake: Series, braking: Braking) -> int:

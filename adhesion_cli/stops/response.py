@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Floats, Parameter
+from ..core.physics import SLOW
 from .brake_levels import brake_levels, quantisation_step
 from .find import Braking
 from .signals import StopSignals
@@ -15,7 +16,6 @@ _LONGEST_BUILD_UP = 0.5  # of the braking: what is later is another brake, or th
 _LEVEL_ERROR = 0.005  # 1 sigma of the full value, as a share of it
 _DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 _SLIDES = 0.05  # slip of a wheel that slides
-_SLOW = 5.0 / 3.6  # slower wheels show no slip, and jerk is not evaluated [m/s]
 
 
 class Response(NamedTuple):
@@ -116,4 +116,4 @@ def _slides(signals: StopSignals, axle: int, start: float, stop: float) -> bool:
     rim = signals.rims[axle].between(start, stop)
     v = signals.speed.at(rim.t)
     with np.errstate(invalid="ignore"):
-        return bool(np.any((v > _SLOW) & (rim.value < (1.0 - _SLIDES) * v)))
+        return bool(np.any((v > SLOW) & (rim.value < (1.0 - _SLIDES) * v)))

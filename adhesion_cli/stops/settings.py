@@ -3,6 +3,8 @@
 from typing import Annotated, NamedTuple
 
 from ..core.model import Quantity
+from ..core.physics import SLOW
+from ..rail.locks import SHORTEST_LOCK, LockLimits
 
 
 class StopSettings(NamedTuple):
@@ -18,9 +20,16 @@ class StopSettings(NamedTuple):
     locked_speed: Annotated[
         float,
         Quantity("m/s", "a wheel that stands while the train is faster than this is locked", 0, 30),
-    ] = 1.39
-    shortest_lock: Annotated[float, Quantity("s", "a shorter lock does not count", 0.0, 10.0)] = 0.4
+    ] = SLOW
+    shortest_lock: Annotated[float, Quantity("s", "a shorter lock does not count", 0.0, 10.0)] = (
+        SHORTEST_LOCK
+    )
     speed_scale: Annotated[
         float,
         Quantity("-", "1 sigma of the speed's scale: wheel diameter, radar; 0: by the log", 0, 0.1),
     ] = 0.0
+
+    @property
+    def locks(self) -> LockLimits:
+        """From when on a standing wheel counts as locked."""
+        return LockLimits(self.locked_speed, self.shortest_lock)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from ..core.model import Floats, Parameter
+from ..core.physics import SLOW
 from ..core.signals import robust_sigma
 from .brake_levels import quantisation_step
 from .signals import Series
@@ -13,7 +14,6 @@ FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _RESAMPLED = 0.02  # step of the smoothed speed [s]
 _FALL, _LOCKING = 0.3, 1.0  # a train that is faster that long before standstill has slid [s], [m/s]
 _GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
-_SLOW = 5.0 / 3.6  # slower wheels show no slip, and jerk is not evaluated [m/s]
 
 
 def smoothed_speed(speed: Series, command: float, end: float) -> tuple[Floats, Floats, float]:
@@ -81,7 +81,7 @@ def largest_jerk(t: Floats, v: Floats, noise: float) -> Parameter | None:
     """
     from scipy.signal import savgol_filter
 
-    fast = v > _SLOW
+    fast = v > SLOW
     if len(t) < 5 or fast.sum() < 5:
         return None
     step = float(t[1] - t[0])

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Floats, Times
-from ..core.physics import JUDGED_FROM, LOCKED, ROLLS, SLIDE, SLIDES, STANDING
+from ..core.physics import JUDGED_FROM, LOCKED, ROLLS, SLIDE, SLIDES
+from ..rail.locks import LockLimits, find_locks
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +45,12 @@ class Stop:
     def sliding(self) -> NDArray[np.int8]:
         """`ROLLS`, `SLIDES` or `LOCKED`, shape (n, axles); rolls where the train is too slow."""
         fast = self.train_speed[:, None] >= JUDGED_FROM
-        code = np.where(fast & (self.slip > SLIDE), SLIDES, ROLLS)
-        return np.where(fast & (self.rim_speed < STANDING), LOCKED, code).astype(np.int8)
+        code = np.where(fast & (self.slip > SLIDE), SLIDES, ROLLS).astype(np.int8)
+        seconds: Floats = self.t * np.float64(1e-9)
+        for i, rim in enumerate(self.rim_speed.T):
+            for lock in find_locks(seconds, self.train_speed, rim, LockLimits()):
+                code[lock.samples, i] = LOCKED
+        return code
 
 
 class Verdict(NamedTuple):

@@ -27,7 +27,6 @@ _MOST_STOPS = 100  # stops of the train in a table
 MAX_ROWS = 500  # rows of a table: more would need too much room
 _MOST_BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
 _NAMED = 60  # letters for the channels of a finding in its line
-_LOCKED = 0.995  # slip of a wheel that stands while the train moves
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,12 +130,12 @@ def verdict(axle: ReportAxle) -> AxleVerdict:
         text = "The log shows no brake application."
         return AxleVerdict("unknown", "not braked", text, DASH)
     if slid:
-        worst = max(slid, key=lambda a: a.max_slip or 0.0)
+        worst = max(slid, key=lambda a: (a.longest_lock_s or 0.0, a.max_slip or 0.0))
     else:
         worst = max(applications, key=lambda a: a.coefficient.mean if a.coefficient else -1.0)
     adhesion = _mean(worst.coefficient, 1.0, 3)
     if slid:
-        locked = (worst.max_slip or 0.0) > _LOCKED
+        locked = bool(worst.locked_s)
         text = " ".join(_of_slides(slid, len(applications), worst))
         count = sum(a.slides for a in slid)
         times = {1: "once", 2: "twice"}.get(count, f"{count} times")
@@ -165,9 +164,9 @@ def _of_slides(
         yield f"The one with the most slip is at {span(worst.start_s, worst.end_s)} s."
         subject = "there it"
     total = number(worst.slide_s, 1)
-    if (worst.max_slip or 0.0) > _LOCKED:
-        sentence = "The wheel stood still while the train moved;"
-        yield f"{sentence} {subject} slid for {bound_text}{total} s."
+    if worst.locked_s:
+        yield f"The wheel stood still for {number(worst.locked_s, 1)} s while the train moved;"
+        yield f"{subject} slid for {bound_text}{total} s."
     else:
         slip = f"{percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
         yield f"{subject.capitalize()} slid for {bound_text}{total} s, with slip up to {slip}."
@@ -220,7 +219,7 @@ def has_bounds(runs: Sequence[ReportRun]) -> bool:
 def _mark(axle: ReportAxle, application: BrakeApplication) -> Mark:
     if not application.slides:
         return "good" if _is_observed(axle, application) else "unknown"
-    return "locked" if (application.max_slip or 0.0) > _LOCKED else "slid"
+    return "locked" if application.locked_s else "slid"
 
 
 def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:

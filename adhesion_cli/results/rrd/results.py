@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from ...core import physics, rounding, signals
 from ...core.finding import catalogue
 from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
-from ...core.physics import SLIDES
+from ...core.physics import LOCKED, SLIDES
 from ...core.summary import AxleSummary, summarise_vehicle
 from ...core.text import printable
 from ...rail import fit, sliding
+from ...rail.locks import locks_of_axle
 from ...rail.slope import Bands
 from ...scores.metrics import pool_scores
+from ...stops.settings import StopSettings
 from .. import log_events, names, palette, thinning
 from ..result_rows import row, score_rows
 from ..text_tables import non_empty
@@ -296,6 +298,10 @@ class _Page:
         for e in axle.events:
             if e.until is not None:
                 slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES
+        radius = self.result.vehicle.radius(axle.record.axle).value
+        limits = StopSettings(**self.result.settings.get("stops", {})).locks
+        for lock in locks_of_axle(axle.record, radius, limits):
+            slides[lock.samples] = LOCKED
         region = np.zeros(n, np.int8) if axle.region is None else axle.region
         for name, codes, states in (
             ("brake", braked, parts.BRAKE),

@@ -1,0 +1,63 @@
+"""When a wheel is locked: it stands while the train is fast, and not only in the last metres."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model import AxleRecord, Floats
+from ..core.physics import SLOW, STANDING
+from ..core.signals import true_runs
+
+SHORTEST_LOCK = 0.4  # a wheel that stands for a shorter time is not locked [s]
+
+
+class LockLimits(NamedTuple):
+    """A standing wheel is locked while the train is faster, if that lasts longer."""
+
+    speed: float = SLOW  # of the train [m/s]
+    shortest: float = SHORTEST_LOCK  # [s]
+
+
+class Lock(NamedTuple):
+    """One lock of a wheel, up to where the wheel turns again or the train is slow."""
+
+    samples: slice
+    duration: float  # [s]
+
+
+def find_locks(t: Floats, v: Floats, rim: Floats, limits: LockLimits) -> list[Lock]:
+    """The locks of a wheel, in the order of time.
+
+    Args:
+        t: time [s], shape (n,), as the others.
+        v: train speed [m/s]; NaN where it is not known.
+        rim: speed of the wheel's rim [m/s]; NaN where it is not known.
+        limits: what counts.
+    """
+    locks = []
+    with np.errstate(invalid="ignore"):
+        for start, stop in true_runs((rim < STANDING) & (v > limits.speed)):
+            duration = float(t[stop - 1] - t[start])
+            if duration > limits.shortest:
+                locks.append(Lock(slice(start, stop), duration))
+    return locks
+
+
+def locks_of_axle(record: AxleRecord, radius: float, limits: LockLimits) -> list[Lock]:
+    """The locks of an axle; none reaches across its segments.
+
+    Args:
+        record: of the axle.
+        radius: of its wheels [m].
+        limits: what counts.
+    """
+    if record.train_speed is None:
+        return []
+    locks = []
+    for s in record.segments:
+        seconds: Floats = (record.t[s] - record.t[s.start]) * np.float64(1e-9)
+        rim = record.wheel_speed[s] * radius
+        for x in find_locks(seconds, record.train_speed[s], rim, limits):
+            samples = slice(s.start + x.samples.start, s.start + x.samples.stop)
+            locks.append(x._replace(samples=samples))
+    return locks
