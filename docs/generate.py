@@ -88,7 +88,7 @@ def settings_page() -> str:
         "## [vehicle]\n",
         "Also without the section's name, at the top of a file. Each is a number or `{value, "
         "tolerance}`, the tolerance 1 sigma, in the parameter's unit; without one the default's "
-        "share of the value. `wheel_radius` (or `wheel_diameter`) may be a list, one per axle.\n",
+        "share of the value. Each may be a list, one value per axle.\n",
         _table(_of_vehicle()),
         "The brake as engineers state it, in place of `discs`, `lever_ratio`, `radius_ratio` and "
         "`cylinder_diameter`, is one of the two tables below. `rotating_mass` (a share of "
@@ -119,6 +119,16 @@ def settings_page() -> str:
             for name, m in stated_friction.MATERIALS.items()
         ),
         "",
+        "### [vehicle.load]\n",
+        "The axle mass over the load pressure of the log, by two points of a straight line. "
+        "`axle_mass` is used where the log has no load pressure.\n",
+        '```toml\n[vehicle.load]\npressure = [1.5, 3.8]\naxle_mass = [9500, 15000]\nunit = "bar"\n'
+        "tolerance = 300  # kg, 1 sigma; 5 % if left out\n```\n",
+        "## [car.NAME]\n",
+        "A car of a train of several: `axles`, the numbers of its axles, and any key of [vehicle] "
+        "with its tables. `[vehicle]` holds for what the car does not state. A list has one value "
+        "for each axle of the car. [Several cars](howto/several-cars.md) shows a train.\n",
+        '```toml\n[car.trailer]\naxles = [5, 6, 7, 8]\naxle_mass = 12000\n```\n',
         "## [track]\n",
         "`gradient` of the line in per mille, uphill positive. It slows the train and is no brake. "
         "Where it is not known, 5 per mille (1 sigma) are in the band.\n",

@@ -27,6 +27,7 @@ import numpy as np
 from ..core.mean_axle import mean_axle, move_axles
 from ..core.model import (
     AxleRecord,
+    CarBrake,
     DifferingStop,
     Floats,
     IdentifiedVehicle,
@@ -60,6 +61,7 @@ _MASS = Parameter(12e3, 3e3)  # of an axle, where it is not stated [kg]
 _FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
 _LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
 _LARGEST_LN = 50.0  # of a force over that of a vehicle without one
+_ALIKE = 0.01  # share by which axles differ that are shown as one car
 _LOWEST_ZERO = -3e4  # pressure from which a brake acts: lower, another brake acts [Pa]
 
 
@@ -137,7 +139,8 @@ def of_all_axles(
         vehicle: as stated.
         first: number of the axle whose force per bar is reported.
     """
-    identified = replace(identified, mean_axle=(mean, identified.vehicle))
+    cars = car_brakes(vehicle) if identified.stated_force_per_bar else ()
+    identified = replace(identified, mean_axle=(mean, identified.vehicle), cars=cars)
     moved = move_axles(vehicle, mean, identified.vehicle)
     if not vehicle.axles:
         return replace(identified, vehicle=moved)
@@ -303,6 +306,25 @@ def deceleration_per_bar(vehicle: Vehicle) -> Parameter:
     shares = calibrated_vehicle.slowing_shares(vehicle, radius=False)
     slowing = float(braked(force_line(vehicle).per_pascal * BAR, wheelset(vehicle, 1)))
     return Parameter(slowing, slowing * math.sqrt(float(vehicle.covariance(shares, shares))))
+
+
+def car_brakes(vehicle: Vehicle) -> tuple[CarBrake, ...]:
+    """The brake of each car; of several where the axles of a car differ by more than a percent."""
+    if not vehicle.axles:
+        return (CarBrake("", (), force_per_bar(vehicle), deceleration_per_bar(vehicle)),)
+    cars: list[CarBrake] = []
+    for own in vehicle.axles:
+        figures = force_per_bar(own.vehicle), deceleration_per_bar(own.vehicle)
+        for i, car in enumerate(cars):
+            pairs = zip(car[2:], figures, strict=True)
+            if car.name == own.car and all(abs(x.value / y.value - 1.0) < _ALIKE for x, y in pairs):
+                cars[i] = car._replace(axles=(*car.axles, own.number))
+                break
+        else:
+            cars.append(CarBrake(own.car, (own.number,), *figures))
+    if len(cars) == 1 and not cars[0].name:
+        cars[0] = cars[0]._replace(axles=())
+    return tuple(cars)
 
 
 def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:

@@ -11,7 +11,13 @@ from ..channels.meaning import name
 from ..core.errors import UserError, as_user_error
 from ..core.finding import Finding, Severity
 from ..core.model import INPUTS, Channel, Log
-from ..core.summary import InspectedChannel, InspectedLog, summarise_finding
+from ..core.summary import (
+    InspectedChannel,
+    InspectedLog,
+    VehicleSummary,
+    summarise_finding,
+    summarise_vehicle,
+)
 from ..core.text import iso
 from ..formats.memory import Signals
 from ..formats.open import kind, open_source
@@ -32,6 +38,7 @@ class LogInspection(NamedTuple):
     code: int  # the exit code it deserves
     findings: Sequence[Finding] = ()
     log: Log | None = None  # None where it cannot be read
+    vehicle: VehicleSummary | None = None  # None where the log cannot be analysed
 
 
 def inspect(path: Path, settings: Settings, debug: bool = False) -> LogInspection:
@@ -65,7 +72,8 @@ def inspect_log(path: Path | Signals, settings: Settings) -> LogInspection:
     """
     source = open_source(path, settings.read)
     log = survey(source, settings.mappings, settings.vehicle)
-    findings = list(dict.fromkeys((*log.findings, *_record_findings(log, source, settings))))
+    vehicle, record_findings = _judge_records(log, source, settings)
+    findings = list(dict.fromkeys((*log.findings, *record_findings)))
     start_ns = log.start_ns()
     stop_ns = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=start_ns)
     summary = InspectedLog(
@@ -80,7 +88,8 @@ def inspect_log(path: Path | Signals, settings: Settings) -> LogInspection:
         channels=tuple(map(_inspect_channel, log.channels)),
         findings=tuple(map(summarise_finding, findings)),
     )
-    return LogInspection(summary, 3 if any(f.lossy for f in findings) else 0, findings, log)
+    code = 3 if any(f.lossy for f in findings) else 0
+    return LogInspection(summary, code, findings, log, vehicle)
 
 
 def _inspect_channel(c: Channel) -> InspectedChannel:
@@ -92,8 +101,10 @@ def _inspect_channel(c: Channel) -> InspectedChannel:
     )  # fmt: skip
 
 
-def _record_findings(log: Log, source: Source, settings: Settings) -> list[Finding]:
-    """What only the channels together show, as a stuck speed; or why there is no record."""
+def _judge_records(
+    log: Log, source: Source, settings: Settings
+) -> tuple[VehicleSummary | None, list[Finding]]:
+    """The vehicle, and what only the channels together show; or why there is no record."""
     severity: Severity = "info"
     try:
         further = further_meanings(settings)
@@ -116,7 +127,7 @@ def _record_findings(log: Log, source: Source, settings: Settings) -> list[Findi
         said = [f for f in vehicle_findings if f.code != "vehicle-default"]
         places = check_route(whole_log, settings.vehicle)
         findings = [*load_findings, *findings, *whole_log.findings, *checked.findings, *places]
-        return [*said, *findings]
+        return summarise_vehicle(identified), [*said, *findings]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}
-        return [Finding("not-analysable", severity, names=names)]
+        return None, [Finding("not-analysable", severity, names=names)]

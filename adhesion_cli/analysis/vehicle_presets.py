@@ -69,6 +69,19 @@ PRESETS: Mapping[str, Preset] = {
         blocks=8,
     ),
 }  # fmt: skip
+_MORE = """
+# Where the log has a load pressure, it gives the axle mass, by two points of a line:
+# [vehicle.load]
+# pressure = [1.5, 3.8]      # empty, loaded
+# axle_mass = [9500, 15000]  # kg
+# unit = "bar"
+
+# Several cars: [vehicle] holds for all, each car states its axles and what differs:
+# [car.trailer]
+# axles = [5, 6, 7, 8]
+# axle_mass = 12000
+# disc_brake.discs = 3
+"""
 PAPER = "paper"  # the default vehicle, by parameters of (15)
 
 
@@ -97,7 +110,7 @@ def preset_toml(name: str) -> str:
     }
     kind = KINDS[preset.brake]
     brake = _section(f"vehicle.{preset.brake}", preset.values, quantities(kind))
-    return head + _section("vehicle", preset.axle, of_axle) + "\n" + brake
+    return head + _section("vehicle", preset.axle, of_axle) + "\n" + brake + _MORE
 
 
 def _of_paper() -> dict[str, Value]:

@@ -7,7 +7,7 @@ from .options import Logs, Shared, load_settings, shared
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
-    from ..core.summary import InspectedChannel, InspectedLog
+    from ..core.summary import InspectedChannel, InspectedLog, VehicleSummary
 
 _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 _TO_STATE = ("not-analysable", "unit-unknown")  # findings that a setting ends
@@ -30,12 +30,15 @@ def command(logs: Logs, shared: Shared) -> int:
     if shared.json:
         print(dumps(tagged("inspect", logs=[as_json(i.summary) for i in inspected])))
     else:
-        print("\n\n".join(_text(i.summary, i.findings) for i in inspected))
+        print("\n\n".join(_text(i.summary, i.findings, i.vehicle) for i in inspected))
     return max((i.code for i in inspected), key=_WORST.index)
 
 
-def _text(log: "InspectedLog", findings: "Sequence[Finding]") -> str:
+def _text(
+    log: "InspectedLog", findings: "Sequence[Finding]", vehicle: "VehicleSummary | None"
+) -> str:
     from ..core.text import printable
+    from ..results.vehicle_text import describe_vehicle
     from . import terminal
 
     lines = [f"{printable(log.path)}: {log.format or 'unknown format'}, {log.status}"]
@@ -46,6 +49,7 @@ def _text(log: "InspectedLog", findings: "Sequence[Finding]") -> str:
     stated = {name: value for name, value in log.stated.items() if value not in ("", None)}
     lines += [f"{name}: {printable(str(value))}" for name, value in stated.items()]
     lines += _channels(log.channels)
+    lines += [terminal.folded(describe_vehicle(vehicle))] if vehicle else []
     lines += [terminal.findings(findings)] if findings else []
     # What has to be stated is shown as it can be pasted, without line breaks.
     remedies = dict.fromkeys(f.hint for f in findings if f.code in _TO_STATE and f.hint)

@@ -1,10 +1,13 @@
 """`adhesion vehicle`: a vehicle to start from, and what a stated one means at the rail."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .options import Shared, shared
+
+if TYPE_CHECKING:
+    from ..core.model import CarBrake, Vehicle
 
 
 @shared("config", "set_", "json")
@@ -42,29 +45,58 @@ def command(
 
 
 def _derived(shared: Shared) -> int:
-    """The force at the rail, and the deceleration, of the stated vehicle."""
-    from ..analysis import settings
-    from ..analysis.identify import deceleration_per_bar, force_per_bar
+    """The force at the rail, and the deceleration, of the stated vehicle or each of its cars."""
+    from ..analysis import cars, settings
+    from ..analysis.identify import car_brakes
     from ..analysis.stated_brake import clamping_faces
-    from ..core import physics
     from ..core.document import dumps, tagged
-    from ..core.model import Z95
 
     tables = settings.layered_tables(shared.config, shared.set_)
     vehicle = settings.load(tables, folder=False).vehicle
-    force, deceleration = force_per_bar(vehicle), deceleration_per_bar(vehicle)
-    line = physics.force_line(vehicle)
-    clamping = line.per_pascal * physics.BAR
+    stated = {axle.number: axle.table for axle in cars.by_axle(tables)}
+    brakes = []
+    for brake in car_brakes(vehicle):
+        own, table = vehicle, tables.get("vehicle", {})
+        if brake.axles:
+            own, table = vehicle.of_axle(brake.axles[0]), stated[brake.axles[0]]
+        brakes.append((brake, own, clamping_faces(table) * own.radius_ratio.value))
     if shared.json:
-        body = {
-            "force_per_bar_n": {"value": force.value, "u95": Z95 * force.tolerance},
-            "deceleration_per_bar": {
-                "value": deceleration.value, "u95": Z95 * deceleration.tolerance
-            },
-        }  # fmt: skip
-        print(dumps(tagged("vehicle", **body, clamping_force_per_bar_n=clamping)))
+        figures = [_figures(brake, own) for brake, own, _ in brakes]
+        cars_of_train: dict[str, Any] = {}
+        if brakes[0][0].axles:
+            numbers = [{"car": x.name, "axles": [*x.axles]} for x, *_ in brakes]
+            cars_of_train["cars"] = [{**a, **b} for a, b in zip(numbers, figures, strict=True)]
+        print(dumps(tagged("vehicle", **figures[0], **cars_of_train)))
         return 0
-    begins = line.at_zero / line.per_pascal / physics.BAR
+    for brake, own, faces in brakes:
+        _print_figures(brake, own, faces)
+    print("± is the expanded uncertainty (95 %). K is of all pads or blocks of one axle, at the")
+    print("wheel rim.")
+    return 0
+
+
+def _figures(brake: "CarBrake", vehicle: "Vehicle") -> dict[str, Any]:
+    """The figures of a car for `--json`."""
+    from ..core.model import Z95
+    from ..core.physics import BAR, force_line
+
+    pairs = {"force_per_bar_n": brake.force, "deceleration_per_bar": brake.deceleration}
+    figures: dict[str, Any] = {
+        name: {"value": x.value, "u95": Z95 * x.tolerance} for name, x in pairs.items()
+    }
+    return figures | {"clamping_force_per_bar_n": force_line(vehicle).per_pascal * BAR}
+
+
+def _print_figures(brake: "CarBrake", vehicle: "Vehicle", faces: float) -> None:
+    """The figures of a car, with its pads or blocks where they are stated."""
+    from ..core.model import Z95
+    from ..core.physics import BAR, force_line
+
+    if brake.axles:
+        numbers = f"axle{'s' * (len(brake.axles) > 1)} {', '.join(map(str, brake.axles))}"
+        print(f"car {brake.name}, {numbers}:" if brake.name else f"{numbers}:")
+    line, force, deceleration = force_line(vehicle), brake.force, brake.deceleration
+    clamping, begins = line.per_pascal * BAR, line.at_zero / line.per_pascal / BAR
     force_u95, deceleration_u95 = Z95 * force.tolerance / 1e3, Z95 * deceleration.tolerance
     rows = {
         "brake force at the rail, per axle": f"{force.value / 1e3:8.2f} ± {force_u95:.2f} kN/bar",
@@ -74,16 +106,12 @@ def _derived(shared: Shared) -> int:
         "equivalent clamping force K per axle": f"{clamping / 1e3:8.2f} kN/bar",
         "pressure at which the brake begins": f"{begins:8.2f} bar",
     }
-    faces = clamping_faces(tables.get("vehicle", {})) * vehicle.radius_ratio.value
     if faces:
         rows["clamping force of one pad or block"] = f"{clamping / faces / 1e3:8.2f} kN/bar"
     for text, number in rows.items():
         print(f"{text:<42} {number}")
-    print("± is the expanded uncertainty (95 %). K is of all pads or blocks of one axle, at the")
-    print("wheel rim.")
     if table := vehicle.friction_table:
         speed, axle_force = table.middle
         at = f"{3.6 * speed:.0f} km/h"
         at += f" and {axle_force / faces / 1e3:.0f} kN per block" if axle_force and faces else ""
         print(f"Friction is a table. Force and deceleration are at {at}, φ {table.reference:.3f}.")
-    return 0

@@ -500,6 +500,15 @@ class DifferingStop(NamedTuple):
     share: float  # its deceleration over the expected one
 
 
+class CarBrake(NamedTuple):
+    """What the brake of a car does per bar; a train of equal axles is one car."""
+
+    name: str  # "" without cars
+    axles: tuple[int, ...]  # their numbers; empty where every axle is alike
+    force: Parameter  # at the rim of an axle [N]
+    deceleration: Parameter  # of the car, all of its axles braked and rolling [m/s²]
+
+
 VehicleSource = Literal["stated", "default", "log"]
 
 
@@ -523,6 +532,7 @@ class IdentifiedVehicle:
     differing: tuple[str, ...] = ()  # paths of logs that brake otherwise than all together
     other_brake: bool = False  # whether a brake without a pressure in the logs slows the train, too
     mean_axle: tuple[Vehicle, Vehicle] | None = None  # as stated, and as identified
+    cars: tuple[CarBrake, ...] = ()  # as stated; empty where K is logged
 
 
 class LogBrake(NamedTuple):

@@ -15,6 +15,7 @@ from .model import (
     IdentifiedVehicle,
     LogBrake,
     Nis,
+    Parameter,
     Quantity,
     Score,
     VehicleSource,
@@ -255,6 +256,19 @@ class ReferenceSummary(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
+class CarSummary:
+    """The brake of a car as stated; the whole train is one where all axles are alike."""
+
+    name: Annotated[str, Quantity("", "name of the car, empty without cars")]
+    axles: Annotated[tuple[int, ...], Quantity("", "numbers of its axles, empty for all")]
+    force_per_bar_n: Annotated[float, Quantity("N", "brake force at the rail per bar and axle")]
+    u95: Annotated[float, Quantity("N", "its expanded uncertainty (95 %)")]
+    deceleration_per_bar: Annotated[
+        float, Quantity("m/s²", "deceleration of the car per bar, all of its axles braked")
+    ]
+
+
+@dataclass(frozen=True, slots=True)
 class VehicleSummary:
     """The vehicle that the result is of, and where it is from."""
 
@@ -278,6 +292,9 @@ class VehicleSummary:
     other_brake: Annotated[
         bool, Quantity("", "whether a brake without a pressure in the log slows the train, too")
     ] = False
+    cars: Annotated[
+        tuple[CarSummary, ...], Quantity("", "the brake of each car as stated; none with K")
+    ] = ()
 
 
 class AxleSummary(NamedTuple):
@@ -437,6 +454,11 @@ def summarise_finding(f: Finding) -> FindingSummary:
     )  # fmt: skip
 
 
+def _at_95(x: Parameter) -> tuple[float, float]:
+    """A value with its expanded uncertainty (95 %)."""
+    return x.value, Z95 * x.tolerance
+
+
 def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
     """A vehicle with the force of its brake, at 95 %."""
     used, stated = x.force_per_bar, x.stated_force_per_bar
@@ -451,4 +473,5 @@ def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
         x.logs,
         x.factor,
         x.other_brake,
+        tuple(CarSummary(c.name, c.axles, *_at_95(c.force), c.deceleration.value) for c in x.cars),
     )

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.summary import AxleSummary, VehicleSummary
+from ..core.summary import AxleSummary, CarSummary, VehicleSummary
 
 _UNKNOWN = (
     "Vehicle: not stated, and the log cannot show its brake. Adhesion force and µ are not known. "
     "State the vehicle with -c FILE.toml."
 )
+_MOST_CARS = 4  # that the line names one by one
 
 
 def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ()) -> str:
@@ -36,8 +37,7 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
             "band."
         )
     words = "as stated" if vehicle.source == "stated" else "not stated, the default one"
-    stated = _force(vehicle.stated_force_per_bar_n, vehicle.stated_u95)
-    used = _force(vehicle.force_per_bar_n, vehicle.u95)
+    stated, used = _brakes(vehicle.cars), _force(vehicle.force_per_bar_n, vehicle.u95)
     if vehicle.other_brake:
         return (
             f"Vehicle: {words}, but another brake slows the train as well. Force and µ are those "
@@ -47,10 +47,36 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         factor = f"{vehicle.contradicted_by:.2g} times"
         return f"Vehicle: {words}, but the log contradicts it: its brake is {factor} as strong."
     if not vehicle.stops:
-        return f"Vehicle: {words}{stated and f', force per bar {stated}'}."
-    if not stated or not used:
+        return f"Vehicle: {words}{stated}"
+    if not used or not vehicle.stated_force_per_bar_n:
         return f"Vehicle: {words}, with {evidence}."
-    return f"Vehicle: {words}, force per bar {stated}. Used: {used}, with {evidence}."
+    if len(vehicle.cars) > 1 and vehicle.force_per_bar_n:
+        used = f"{vehicle.force_per_bar_n / vehicle.stated_force_per_bar_n:.3f} times that"
+    return f"Vehicle: {words}{stated} Used: {used}, with {evidence}."
+
+
+def _brakes(cars: Sequence[CarSummary]) -> str:
+    """What the train, or each of its cars, does per bar: to check against the data sheets."""
+    if not cars:
+        return "."
+    texts = [
+        f"{_force(car.force_per_bar_n, car.u95)} at the rail per bar and axle, "
+        f"{car.deceleration_per_bar:.3g} m/s² per bar."
+        for car in cars
+    ]
+    if not cars[0].axles:
+        return f": {texts[0]}"
+    if len(cars) > _MOST_CARS:
+        columns = ([c.force_per_bar_n / 1e3 for c in cars], [c.deceleration_per_bar for c in cars])
+        force, slowing = (f"{min(column):.3g} to {max(column):.3g}" for column in columns)
+        return f": {force} kN at the rail per bar and axle, {slowing} m/s² per bar."
+    heads = [f"Car {car.name}" if car.name else _axles(car.axles) for car in cars]
+    return " ".join([".", *(f"{head}: {text}" for head, text in zip(heads, texts, strict=True))])
+
+
+def _axles(numbers: Sequence[int]) -> str:
+    listing = ", ".join(map(str, numbers))
+    return f"Axle {listing}" if len(numbers) == 1 else f"Axles {listing}"
 
 
 def _evidence(vehicle: VehicleSummary) -> str:

@@ -146,6 +146,9 @@ def test_every_screen_and_file_takes_a_train_of_cars(tmp_path: Path, run: Run) -
     ):
         answer = run(*command)
         assert answer.returncode == 0, answer.stderr
+        if command[0] == "analyze":
+            assert "Car motor: " in answer.stdout
+    assert "Car trailer: " in run("inspect", "train.csv", "-c", "train.toml").stdout
 
 
 def test_cars_have_their_own_friction_tables(tmp_path: Path) -> None:

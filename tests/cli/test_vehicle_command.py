@@ -1,13 +1,16 @@
 """`adhesion vehicle`: presets, and the figures of a stated vehicle."""
 
 import json
+import math
 import re
 from pathlib import Path
 
 import pytest
+from helpers.unlike_train import TRAIN
 
 from adhesion_cli.analysis.vehicle_presets import names
 from adhesion_cli.cli.app import app
+from adhesion_cli.core import toml
 from adhesion_cli.core.errors import UserError
 
 
@@ -45,3 +48,22 @@ def test_an_unknown_preset_names_the_nearest(capsys: pytest.CaptureFixture[str])
     assert "did you mean 'metro'" in error.value.hint
     with pytest.raises(UserError, match="no other option"):
         run(capsys, "metro", "--json")
+
+
+def test_each_car_has_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "train.toml"
+    file.write_text(
+        "\n".join(f"{key} = {toml.value(table)}" for key, table in TRAIN.items()), encoding="utf-8"
+    )
+    shown = run(capsys, "-c", str(file))
+    assert "car motor, axles 1, 2:" in shown
+    cars = json.loads(run(capsys, "-c", str(file), "--json"))["cars"]
+    assert [car["axles"] for car in cars] == [[1, 2], [3, 4, 5]]
+    area, spring = math.pi * 0.203**2 / 4.0, 1e3
+    tread = 0.25 * 8.5 * 0.83 * area * 1e5
+    assert cars[1]["force_per_bar_n"]["value"] == pytest.approx(tread)
+    assert cars[1]["deceleration_per_bar"]["value"] == pytest.approx(tread / 12000 / 1.05)
+    begins = re.findall(r"the brake begins +([\d.]+) bar", shown)
+    assert float(begins[1]) == pytest.approx(spring / area / 1e5, abs=0.01)
+    document = json.loads(run(capsys, "--set", "vehicle.axle_mass=[9000,12000]", "--json"))
+    assert [car["axles"] for car in document["cars"]] == [[1], [2]]
