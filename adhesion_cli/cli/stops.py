@@ -121,7 +121,7 @@ def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
     sources = rows.describe_sources([s.stop for s in test.stops])
     sections = [
         section(rows.series_rows(test.stops), 2, rows.NOTE),
-        "\n".join([terminal.folded(sources), *rows.invalid_stops(test.stops)]),
+        "\n".join([terminal.folded(sources), *rows.remarks(test.stops)]),
         section(rows.group_rows(test.groups), 2, rows.OF_GROUPS) or "No valid stop.",
         section(rows.difference_rows(test.differences), 3),
         section(rows.limit_rows(test.limits), 3, rows.OF_LIMITS),

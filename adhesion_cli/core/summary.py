@@ -231,6 +231,10 @@ class StopSummary:
     corrected_distance_m: Annotated[
         Measured | None, Quantity("m", "distance on level track from the nominal speed")
     ]
+    energy_distance_m: Annotated[
+        Measured | None,
+        Quantity("m", "the same by the energy alone, s · 3.933ρV_n²/(3.933ρV² − is)"),
+    ] = None
     coefficient: Annotated[
         Measured | None, Quantity("-", "adhesion coefficient, mean over all axles and the stop")
     ] = None

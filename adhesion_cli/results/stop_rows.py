@@ -96,13 +96,17 @@ def series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     ]
 
 
-def invalid_stops(stops: Sequence[SeriesStop]) -> list[str]:
-    """A sentence for each stop that is none."""
-    return [
-        f"Stop {i} is not valid: {s.stop.reason}."
-        for i, s in enumerate(stops, 1)
-        if not s.stop.valid
-    ]
+def remarks(stops: Sequence[SeriesStop]) -> list[str]:
+    """A sentence for each stop that is none, or whose level distance depends on the formula."""
+    sentences = []
+    for i, s in enumerate(stops, 1):
+        if not s.stop.valid:
+            sentences.append(f"Stop {i} is not valid: {s.stop.reason}.")
+        level, energy = s.measured("corrected_distance_m"), s.measured("energy_distance_m")
+        if level and energy and abs(level.value - energy.value) > level.u95:
+            text = with_u95(energy, 1.0, 1)
+            sentences.append(f"Stop {i}: {text} m on level track without its response time.")
+    return sentences
 
 
 def group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:

@@ -110,6 +110,7 @@ def measure_stop(
         equivalent_deceleration=measured("equivalent"),
         jerk=jerk and Measured(jerk.value, K95 * jerk.tolerance),
         corrected_distance_m=measured("corrected"),
+        energy_distance_m=measured("by_energy"),
         axles=tuple(axle_stops(signals, command, braking, settings)),
         budget=figures.budget(),
         speed=(t[after] - command, v[after]),
@@ -212,9 +213,10 @@ def _derive(x: _Values, nominal: float, rho: float) -> dict[str, float]:
     equivalent = x.v0**2 / (2.0 * braked) if braked > 0.0 else math.nan
     level = equivalent - G * x.gradient / (1000.0 * rho)
     corrected = nominal * x.response + nominal**2 / (2.0 * level) if level > 0.0 else math.nan
+    energy = 3.933 * rho * (3.6 * x.v0) ** 2 - x.gradient * x.distance
+    by_energy = x.distance * 3.933 * rho * (3.6 * nominal) ** 2 / max(energy, 1e-9)
     if not math.isfinite(x.response):
-        by_energy = 3.933 * rho * (3.6 * x.v0) ** 2 - x.gradient * x.distance
-        corrected = x.distance * 3.933 * rho * (3.6 * nominal) ** 2 / max(by_energy, 1e-9)
+        corrected = by_energy
     return {
         "v0": x.v0,
         "distance": x.distance,
@@ -224,4 +226,5 @@ def _derive(x: _Values, nominal: float, rho: float) -> dict[str, float]:
         "mean": mean,
         "equivalent": equivalent,
         "corrected": corrected,
+        "by_energy": by_energy,
     }

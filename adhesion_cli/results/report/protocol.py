@@ -63,10 +63,10 @@ def parts(p: Protocol) -> list[tuple[str, list[tuple[str, str]]]]:
 def tables(p: Protocol) -> list[tuple[str, list[dict[str, str]], int, str]]:
     """Title, rows, columns of text and note of each table; those with rows."""
     command = stop_rows.describe_sources([s.stop for s in p.stops])
-    invalid = " ".join(stop_rows.invalid_stops(p.stops))
+    remarks = " ".join(stop_rows.remarks(p.stops))
     rows = stop_rows
     each = [
-        ("Stops", rows.series_rows(p.stops), 2, f"{rows.NOTE} {command} {invalid}".strip()),
+        ("Stops", rows.series_rows(p.stops), 2, f"{rows.NOTE} {command} {remarks}".strip()),
         ("Statistics", rows.group_rows(p.groups), 2, rows.OF_GROUPS),
         ("Differences", rows.difference_rows(p.differences), 3, ""),
         ("Limits", rows.limit_rows(p.limits), 3, rows.OF_LIMITS),
