@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ..core import mean_axle, physics
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Bools, Floats, Result, Times, Vehicle
+from ..core.model import Bools, Floats, Parameter, Result, Times, Vehicle
 from ..core.physics import JUDGED_FROM, STANDING
 from ..core.text import printable
 from ..rail import fit, sliding
@@ -123,7 +123,8 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         closed_loop.DRY,
         train=ScenarioTrain(float(braking.speed[0]), len(radii)),
         brake=ScenarioBrake(_commands(braking, demand)),
-        vehicle=replace(_equal_axle(result), wheel_radius=radii),
+        # the demand has the friction of the table
+        vehicle=replace(_equal_axle(result), wheel_radius=radii, friction_table=None),
     ).with_train_speed(train_speed)
     rails = [x and x.rail for x in axle_rails]
     comes_to_rest = bool(braking.speed[-1] < STANDING)
@@ -292,7 +293,9 @@ def _braking(result: Result, slides: Sequence[Sequence[Slide]]) -> _Braking:
     start = max(start, *(int(a.record.t[0]) for a in result.axles))
     t = np.arange(start, stop, round(_KNOT_INTERVAL * 1e9), dtype=np.int64)
     speed = _column(t, result.axles[0].record.t, result.axles[0].record.train_speed)
-    K = np.array([_column(t, a.record.t, a.record.clamping_force_smooth) for a in result.axles])
+    by_table = replace(_equal_axle(result), friction_fade=Parameter(0.0, 0.0))
+    records = [physics.with_fade(a.record, by_table) for a in result.axles]
+    K = np.array([_column(t, r.t, r.clamping_force_smooth) for r in records])
     at_rest = speed < STANDING
     rest_index = int(np.argmax(at_rest)) + 1 if at_rest.any() else len(t)
     last_braked = _last_full_brake(K[:, :rest_index].max(axis=0))

@@ -57,6 +57,19 @@ def test_the_stop_is_the_logs(log: Path) -> None:
     assert [f.code for f in case.findings] == ["rail-parameters-unknown"] * 2
 
 
+def test_a_friction_table_is_in_the_demand(log: Path) -> None:
+    table = {"speed": [59, 60, 61], "value": [0.15, 0.3, 0.3]}  # half of φ at every speed of it
+    stated = settings.load(
+        {"vehicle": {"friction": table, "lever_ratio": 2}, "analysis": {"vehicle": "stated"}},
+        folder=False,
+    )
+    case = replay.case(analyze.analyze(log, stated, ["kalman"], train_speed=True))
+    asked = [c.clamping_force for c in case.scenario.brake.command]
+    whole = float(simulation(NAME).clamping_force[:, 3].max())
+    assert max(asked) == pytest.approx(whole, rel=0.01)  # twice the K, half the φ
+    assert case.scenario.vehicle.friction_table is None
+
+
 def test_the_interval_holds_the_stop_on_the_true_rail(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
