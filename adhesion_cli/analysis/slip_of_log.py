@@ -7,6 +7,7 @@ from ..core.document import dumps
 from ..core.finding import Finding
 from ..core.model import Result
 from ..rail.rail_under_slides import Summary, summary
+from ..records.route import find_route
 from ..results.slip_text import note
 from .json_documents import slip_document
 
@@ -34,6 +35,7 @@ def slip_of(result: Result) -> SlipOfLog:
 
 def carried(slip: SlipOfLog) -> "tuple[str, list[Note]]":
     """What a result file has of it: the document, and a text on each axle with its rail."""
-    start = slip.result.log.start_ns()
-    notes = [(f"```\n{note(s, start)}\n```", s.rail) for s in slip.axles]
-    return dumps(slip_document([slip.result.log], [slip.axles], [slip.findings])), notes
+    log = slip.result.log
+    start, route = log.start_ns(), find_route(log)
+    notes = [(f"```\n{note(s, start, route)}\n```", s.rail) for s in slip.axles]
+    return dumps(slip_document([log], [slip.axles], [slip.findings])), notes

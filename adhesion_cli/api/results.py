@@ -34,6 +34,7 @@ from ..core.summary import BrakeApplication, ResultSummary
 from ..core.toml import Table
 from ..rail.rail_under_slides import Summary
 from ..rail.slope import REGIONS
+from ..records.route import find_route
 from ..reference.calibrated_vehicle import CalibratedParameter
 from ..results import atomic_files, result_rows, slip_text, tables
 from ..results.text_tables import number, records
@@ -465,7 +466,7 @@ class SlipAnalysis(_Tables):
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         axles, log = self._slip.axles, self.analysis.log
         rails = [{"axle": str(s.axle)} | slip_text.rail_row(s.rail) for s in axles if s.rail]
-        slides = slip_text.slide_rows(axles, log.start_ns())
+        slides = slip_text.slide_rows(axles, log.start_ns(), find_route(log))
         return log.path, {"Rail": rails, "Slides": slides}
 
 

@@ -71,8 +71,9 @@ def read(
     log = _log(source, chosen, findings, lambda m, c, t0: channel(m, c, vehicle, t0, max_gap_ns))
     log = _judged(log, chosen, vehicle)
     _refuse_pipe_alone(log)
+    wanted = {*INPUTS, *PLACES, *further}
     return without_empty(
-        replace(log, channels=tuple(c for c in log.channels if c.meaning in {*INPUTS, *further}))
+        replace(log, channels=tuple(c for c in log.channels if c.meaning in wanted))
     )
 
 

@@ -32,6 +32,10 @@ def command(  # noqa: PLR0913 (one parameter per option)
         Path | None,
         option("--table", "FILE", "Also write tables: FILE.xlsx, FILE.csv or FILE.parquet."),
     ] = None,
+    geojson: Annotated[
+        Path | None,
+        option("--geojson", "FILE", "Also write a map of way, stops and slides: FILE.geojson."),
+    ] = None,
 ) -> int:
     """Compute adhesion force and coefficient of each log.
 
@@ -56,18 +60,20 @@ def command(  # noqa: PLR0913 (one parameter per option)
     from ..analysis.vehicle_findings import with_friction_findings
     from ..core.document import dumps
     from ..core.summary import FailedLog
+    from ..results.geojson import as_text, check_name, map_of_log
 
     if table:
         _suffix(table)
+    if geojson:
+        check_name(geojson)
     sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
     if report:
         sets = [[*files, files[0].with_suffix(".html")] for files in sets]
-    paths = [path for files in sets for path in files] + ([table] if table else [])
+    paths = [path for files in sets for path in files] + [x for x in (table, geojson) if x]
     outcomes = results.analysed_or_failed(shared, logs, paths)
     pairs = zip(outcomes, sets, strict=True)
     successes = [(r, files) for r, files in pairs if not isinstance(r, FailedLog)]
-    if table:
-        successes[0][1].append(table)
+    successes[0][1].extend(x for x in (table, geojson) if x)
     files = [str(path) for path in shared.config or ()]
     analysed = with_friction_findings([r for r, _ in successes], files)
     written = [files for _, files in successes]
@@ -79,6 +85,10 @@ def command(  # noqa: PLR0913 (one parameter per option)
     }
     if table:
         attachments[table] = partial(_write_table, name=table, summaries=summaries)
+    if geojson:
+        pairs_of_log = zip(analysed, summaries, strict=True)
+        maps = [map_of_log(r.log, s.stops, s.axles) for r, s in pairs_of_log]
+        attachments[geojson] = partial(_write_text, text=as_text(maps))
     results.write(shared, analysed, written, summaries, attachments=attachments)
     of_log = iter(summaries)
     if shared.json:
@@ -110,6 +120,12 @@ def _write_table(place: Path, _: Path, *, name: Path, summaries: "Sequence[Resul
         "logs": tables.table(map(tables.log_row, summaries), tables.LOGS),
     }
     tables.write(place, _suffix(name), sheets)
+
+
+def _write_text(place: Path, _: Path, *, text: str) -> None:
+    from ..results import verified
+
+    verified.write(place, text)
 
 
 class _Shown(NamedTuple):

@@ -8,6 +8,7 @@ from .options import ALL_NAMES, Logs, Shared, shared
 
 if TYPE_CHECKING:
     from ..rail.rail_under_slides import Summary
+    from ..records.route import Route
 
 
 @shared(*(name for name in ALL_NAMES if name != "algo"))
@@ -27,6 +28,7 @@ def command(logs: Logs, shared: Shared) -> int:
     from ..core.document import dumps
     from ..core.summary import summarise_vehicle
     from ..core.text import printable
+    from ..records.route import find_route
     from ..results.vehicle_text import describe_vehicle
     from . import terminal
 
@@ -47,7 +49,7 @@ def command(logs: Logs, shared: Shared) -> int:
     else:
         for (result, axles, slip_summaries), files_of in zip(slip_results, pairs, strict=True):
             vehicle = terminal.folded(describe_vehicle(summarise_vehicle(result.identified)))
-            text = table(axles, result.log.start_ns())
+            text = table(axles, result.log.start_ns(), find_route(result.log))
             print(f"{printable(result.log.path)}\n{vehicle}\n{text}")
             print(terminal.wrote(*files_of))
             terminal.show(slip_summaries, shared.quiet)
@@ -64,9 +66,10 @@ Share of the braked time in each region:
   beyond   beyond the peak: µ falls with slip, or slip is above its band"""
 
 
-def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
+def table(summaries: "Sequence[Summary]", start_ns: int, route: "Route | None" = None) -> str:
     """What the screen shows of a log: rail and regions of every axle, and every slide."""
     from ..rail.slope import REGION_TITLES
+    from ..records.route import NOWHERE
     from ..results.slip_text import OF_CURVE, constants, rail_row, slide_rows
     from .terminal import folded, number, records, table
 
@@ -84,6 +87,6 @@ def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
         sections.insert(0, records(rail_rows))
     if rows := constants(list(rails.values())):
         sections += [table(["rail", *(f"axle {axle}" for axle in rails)], rows), folded(OF_CURVE)]
-    if slides := slide_rows(summaries, start_ns):
+    if slides := slide_rows(summaries, start_ns, route or NOWHERE):
         sections.append(records(slides))
     return "\n\n".join(sections)

@@ -17,7 +17,7 @@ _TABLE, _PAGE = "stops.csv", "stops.html"
 
 
 @shared(*_OPTIONS.split())
-def command(  # noqa: PLR0913 (one parameter per option)
+def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file each)
     shared: Shared,
     logs: Annotated[
         list[Path] | None, typer.Argument(metavar="LOG", help=f"{LOG_KINDS}, or results.")
@@ -34,6 +34,10 @@ def command(  # noqa: PLR0913 (one parameter per option)
     table: Annotated[
         Path | None,
         option("--table", "FILE", "Also write the stops: FILE.xlsx, FILE.csv or FILE.parquet."),
+    ] = None,
+    geojson: Annotated[
+        Path | None,
+        option("--geojson", "FILE", "Also write a map of way, stops and slides: FILE.geojson."),
     ] = None,
     budget: Annotated[
         bool, option("--budget", None, "Show what each source adds to the uncertainty.")
@@ -55,7 +59,8 @@ def command(  # noqa: PLR0913 (one parameter per option)
     """
     from ..core.document import dumps
     from ..core.errors import UserError
-    from ..results import atomic_files, tables
+    from ..results import atomic_files, tables, verified
+    from ..results.geojson import as_text, check_name
     from ..results.report import page
     from ..studies import brake_test
     from ..studies.plan import Plan, planned_logs, read_plan
@@ -70,9 +75,11 @@ def command(  # noqa: PLR0913 (one parameter per option)
         raise UserError("--report writes into a folder", "add -o DIR", code=2)
     folder = shared.out or Path()
     files = [folder / _TABLE] if shared.out else []
-    files += [*([folder / _PAGE] if report else []), *([table] if table else [])]
+    files += [*([folder / _PAGE] if report else []), *(x for x in (table, geojson) if x)]
     if table:
         tables.kind(table)
+    if geojson:
+        check_name(geojson)
     check(shared, files, *logs, *([plan] if plan else []))
     progress = terminal.progress(shared.quiet)
     series = brake_test.run(
@@ -86,7 +93,9 @@ def command(  # noqa: PLR0913 (one parameter per option)
         read = inputs(shared, *logs, *([plan] if plan else []))
         with atomic_files.outputs(files, shared.force, inputs=read) as places:
             for file, place in zip(files, places, strict=True):
-                if file.name == _PAGE and report:
+                if file == geojson:
+                    verified.write(place, as_text(series.maps))
+                elif file.name == _PAGE and report:
                     title = plan.stem if plan else "Brake test"
                     page.write_protocol(place, brake_test.protocol(series, title, braked_weight))
                 else:

@@ -82,6 +82,9 @@ class SlideSummary(NamedTuple):
     utilisation: Annotated[
         Number, Quantity("-", "adhesion used over the highest, in its brake application")
     ] = None
+    time: Annotated[str | None, Quantity("", "of its begin, ISO 8601; null without a calendar")] = (
+        None
+    )
     position_km: Annotated[
         Number, Quantity("km", "place on the line at its begin; null where not known")
     ] = None
@@ -129,6 +132,9 @@ class BrakeApplication:
     slip_unknown_s: Annotated[
         float, Quantity("s", "no train speed shows the slip: a slide may be hidden")
     ] = 0.0
+    time: Annotated[str | None, Quantity("", "of the start, ISO 8601; null without a calendar")] = (
+        None
+    )
     position_km: Annotated[
         Number, Quantity("km", "place on the line at the start; null where not known")
     ] = None
@@ -202,6 +208,9 @@ class StopSummary:
         Literal["train", "axles"], Quantity("", "source of the speed; axles: estimated from them")
     ]
     nominal_speed_kmh: Annotated[float, Quantity("km/h", "nominal speed: the nearest, or stated")]
+    time: Annotated[
+        str | None, Quantity("", "of the command, ISO 8601; null without a calendar")
+    ] = None
     position_m: Annotated[Number, Quantity("m", "place on the line at the command")] = None
     position_from: Annotated[
         PositionSource | None,
@@ -209,6 +218,13 @@ class StopSummary:
     ] = None
     latitude: Annotated[Number, Quantity("°", "north positive, at the command")] = None
     longitude: Annotated[Number, Quantity("°", "east positive, at the command")] = None
+
+    @property
+    def kilometre(self) -> float | None:
+        """Its place on the line [km]; None where only the way since the log's start is known."""
+        of_line = self.position_m is not None and self.position_from == "position"
+        return self.position_m / 1e3 if of_line and self.position_m is not None else None
+
     valid: Annotated[bool, Quantity("", "whether it is a whole stop")]
     reason: Annotated[str | None, Quantity("", "why it is not valid")] = None
     initial_speed_mps: Annotated[Measured | None, Quantity("m/s", "speed at the command")]

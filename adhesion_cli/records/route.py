@@ -13,6 +13,7 @@ from ..core.finding import Finding, merge_spans
 from ..core.model import PLACES, Bools, Channel, Column, Floats, Log, Meaning, Times, Vehicle
 from ..core.signals import edges
 from ..core.summary import PositionSource
+from ..core.text import iso
 from ..core.time_axis import gap_limit
 
 _EARTH = 6_371_008.8  # mean radius [m]
@@ -28,8 +29,9 @@ _POINT_DISTANCE = 5.0  # between points of a drawn way [m]
 
 
 class Location(NamedTuple):
-    """Where the train was; None where not known."""
+    """When and where the train was; None where not known."""
 
+    time: str | None = None  # ISO 8601
     position_m: float | None = None
     latitude: float | None = None
     longitude: float | None = None
@@ -87,6 +89,7 @@ class Route(NamedTuple):
     positions: Trace = _EMPTY
     position_from: PositionSource | None = None  # None where no position is known
     coordinates: Trace | None = None
+    has_calendar: bool = False
 
     def at(self, t: int) -> Location:
         """The place at a time [ns]."""
@@ -94,6 +97,7 @@ class Route(NamedTuple):
         position = float(self.positions.at(times)[0])
         latitude, longitude = self.coordinates.at(times)[0] if self.coordinates else [np.nan] * 2
         return Location(
+            iso(t) if self.has_calendar else None,
             round(position, 3) if np.isfinite(position) else None,
             round(float(latitude), 7) if np.isfinite(latitude) else None,
             round(float(longitude), 7) if np.isfinite(longitude) else None,
@@ -118,7 +122,8 @@ NOWHERE = Route()
 
 def find_route(log: Log) -> Route:
     """Where the train of a log was, by the channels' meanings."""
-    return make_route(_columns(log), _speed(log, Vehicle()))
+    route = make_route(_columns(log), _speed(log, Vehicle()))
+    return route._replace(has_calendar=log.absolute)
 
 
 def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -> Route:

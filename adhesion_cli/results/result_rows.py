@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from ..core.model import Score
 from ..core.summary import BrakeApplication, Contribution
 from ..core.text import by_uncertainty
-from .text_tables import DASH, bounded_number, non_empty, number
+from .text_tables import DASH, bounded_number, non_empty, number, when_and_where
 
 
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
@@ -14,6 +14,7 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
     return {
         "axle": axle,
         "at [s]": number(a.start_s, 1),
+        **when_and_where(a.time),
         "for [s]": number(a.end_s - a.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
         "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3),
@@ -40,6 +41,7 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
     return {
         "axle": axle,
         "at [s]": number(a.start_s, 1),
+        **when_and_where(a.time),
         "slides": str(a.slides),
         "for [s]": bounded_number(a.slide_s, 1, bound),
         "distance [m]": bounded_number(a.slide_distance_m, 0, bound),

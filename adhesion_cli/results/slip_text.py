@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from ..rail.events import Slide
 from ..rail.fit import RailFit
 from ..rail.rail_under_slides import Summary
-from .text_tables import NARROW, bounded_number, folded, number, records, table
+from ..records.route import NOWHERE, Route
+from .text_tables import NARROW, bounded_number, folded, number, records, table, when_and_where
 
 OF_CURVE = (
     "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
@@ -15,13 +16,13 @@ _LOCKED = 0.9995  # slip that is shown as 100 %
 _CONSTANTS = {"f0": "f0", "A": "A", "B [s/m]": "B", "kA": "k_a", "kS": "k_s"}
 
 
-def note(summary: Summary, start_ns: int) -> str:
+def note(summary: Summary, start_ns: int, route: Route = NOWHERE) -> str:
     """What a recording says of an axle: as `table`, without regions."""
     width, rail = NARROW, summary.rail
     values = [*rail_row(rail).items(), *constants([rail])] if rail else []
     blocks = [table(["axle", str(summary.axle)], values, width=width)] if rail else []
     blocks += [folded(OF_CURVE, width=width)] if rail else []
-    if slides := slide_rows([summary], start_ns):
+    if slides := slide_rows([summary], start_ns, route):
         blocks.append(records(slides, width))
     return "\n".join(blocks) or "no slide"
 
@@ -55,11 +56,13 @@ def constants(rails: Sequence[RailFit]) -> list[list[str]]:
     ]
 
 
-def slide_rows(summaries: Sequence[Summary], start_ns: int) -> list[dict[str, str]]:
+def slide_rows(
+    summaries: Sequence[Summary], start_ns: int, route: Route = NOWHERE
+) -> list[dict[str, str]]:
     """A row for each slide, with its own rail where an axle slid at several places."""
     pairs = [(s, slide) for s in summaries for slide in s.slides]
     if all(len(s.places) < 2 for s in summaries):
-        return [slide_row(s.axle, slide, start_ns) for s, slide in pairs]
+        return [slide_row(s.axle, slide, start_ns, route) for s, slide in pairs]
     rows = []
     for s, slide in pairs:
         place = s.place_of(slide)
@@ -70,18 +73,21 @@ def slide_rows(summaries: Sequence[Summary], start_ns: int) -> list[dict[str, st
             "peak µ": _spread(rail.peak_mu if rail else None, 3),
             "used [%]": number(used and 100.0 * used.value),
         }
-        rows.append(slide_row(s.axle, slide, start_ns) | own)
+        rows.append(slide_row(s.axle, slide, start_ns, route) | own)
     return rows
 
 
-def slide_row(axle: int, slide: Slide, start_ns: int) -> dict[str, str]:
+def slide_row(axle: int, slide: Slide, start_ns: int, route: Route = NOWHERE) -> dict[str, str]:
     """When and how far a wheel slid; the time counts from the start of the log."""
     bound, slip = slide.is_lower_bound, 100.0 * slide.max_slip
+    place = route.at(slide.start)
+    km = place.position_km if route.position_from == "position" else None
     # of a locked wheel it is 100 %, whatever the train speed's error
     slip_text = bounded_number(slip, 1, bound) if slide.max_slip < _LOCKED else "100.0"
     return {
         "axle": str(axle),
         "start [s]": number((slide.start - start_ns) / 1e9, 2),
+        **when_and_where(place.time, km),
         "duration [s]": bounded_number(slide.duration, 2, bound),
         "distance [m]": bounded_number(slide.distance, 1, bound),
         "max slip [%]": slip_text,

@@ -14,7 +14,7 @@ from ..stops.series import (
     WspSummary,
     braked_weight_percentage,
 )
-from .text_tables import number
+from .text_tables import number, when_and_where
 
 NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
@@ -47,7 +47,17 @@ _COMMAND = {
 _SPEED = {"train": "the train speed", "axles": "the axles: no train speed is logged"}
 
 
-SHORT = ("at [s]", "v0 [km/h]", "distance [m]", "a [m/s²]", "a equiv.", "response [s]", "level [m]")
+SHORT = (
+    "at [s]",
+    "clock",
+    "km",
+    "v0 [km/h]",
+    "distance [m]",
+    "a [m/s²]",
+    "a equiv.",
+    "response [s]",
+    "level [m]",
+)
 
 
 def short_row(s: StopSummary) -> dict[str, str]:
@@ -59,6 +69,7 @@ def stop_row(s: StopSummary) -> dict[str, str]:
     """A stop: when, from which speed, distance, deceleration, response."""
     return {
         "at [s]": number(s.start_s, 1),
+        **when_and_where(s.time, s.kilometre),
         "v0 [km/h]": with_u95(s.initial_speed_mps, 3.6, 1),
         "distance [m]": with_u95(s.distance_m, 1.0, 1),
         "time [s]": with_u95(s.duration_s, 1.0, 2),

@@ -65,8 +65,8 @@ def records(
 
 def non_empty(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
     """The rows without the columns that hold no value."""
-    heads = [head for head in rows[0] if any(row[head] != DASH for row in rows)] if rows else []
-    return [{head: row[head] for head in heads} for row in rows]
+    heads = dict.fromkeys(head for row in rows for head in row if row[head] != DASH)
+    return [{head: row.get(head, DASH) for head in heads} for row in rows]
 
 
 def folded(text: str, indent: str = "", width: int | None = None) -> str:
@@ -75,6 +75,17 @@ def folded(text: str, indent: str = "", width: int | None = None) -> str:
     return textwrap.fill(
         text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
+
+
+def when_and_where(time: str | None, km: float | None = None) -> dict[str, str]:
+    """The columns of the log's clock and of the position on the line, where a log has them.
+
+    Args:
+        time: ISO 8601, None without a calendar.
+        km: the position, None where not known.
+    """
+    clock = {"clock": time.partition("T")[2][:8]} if time else {}
+    return clock if km is None else clock | {"km": number(km, 3)}
 
 
 def number(value: float | None, digits: int = 0) -> str:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ..core.summary import AxleSummary, BrakeApplication
 from ..core.text import by_uncertainty
-from .text_tables import DASH, bounded_number, number
+from .text_tables import DASH, bounded_number, number, when_and_where
 
 MANY_ROWS = 24  # brake applications of all axles: with more, a table has a row per stop
 MANY_AXLES = 8  # with more, an overview has groups of axles
@@ -74,6 +74,7 @@ def stop_row(stop: TrainStop) -> dict[str, str]:
     slip = number(100.0 * min(worst.max_slip or 0.0, 1.0), 1)
     return {
         "at [s]": number(stop.start_s, 1),
+        **when_and_where(min(stop.applications, key=lambda a: a.start_s).time),
         "for [s]": number(stop.end_s - stop.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 0) for v in (worst.from_mps, worst.to_mps)),
         "µ mean": mean,
@@ -144,6 +145,7 @@ def group_row(group: AxleGroup) -> dict[str, str]:
         "max slip [%]": number(100.0 * min(worst.max_slip or 0.0, 1.0), 1),
         "axle": str(worst.axle),
         "at [s]": number(worst.start_s, 1),
+        **when_and_where(worst.time),
     }
 
 

@@ -19,6 +19,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import IdentifiedVehicle, Log
 from ..core.summary import FailedLog, StopSummary, summarise_finding
+from ..results.geojson import MapOfLog, map_of_log
 from ..results.report.protocol import Protocol
 from ..stops.series import (
     Difference,
@@ -54,6 +55,7 @@ class BrakeTest(NamedTuple):
     findings: tuple[Finding, ...]
     failed: tuple[FailedLog, ...]
     plan: Plan
+    maps: tuple[MapOfLog, ...] = ()  # of the logs that did not fail
 
 
 def run(
@@ -79,6 +81,7 @@ def run(
     stops: list[SeriesStop] = []
     findings: list[Finding] = []
     failed: list[FailedLog] = []
+    maps: list[MapOfLog] = []
     for group, paths in members:
         stated = _load_for(group, load)
         identified = None
@@ -88,14 +91,15 @@ def run(
         for path in paths:
             progress(f"{path.name}: stops")
             try:
-                measured, its_findings = _stops(path, stated, request, identified)
+                map_, its_findings = _map(path, stated, request, identified)
             except UserError as error:
                 failed.append(FailedLog(str(path), error.text, error.hint))
                 if len(failed) == len(logs):
                     raise
                 continue
             findings += its_findings
-            stops += (_series_stop(path, group, stop) for stop in measured)
+            maps.append(map_)
+            stops += (_series_stop(path, group, stop) for stop in map_.stops)
     groups = group_stops(stops)
     wsp = (compare_wet(stops, plan.dry, plan.wet),) if plan.dry else ()
     return BrakeTest(
@@ -107,6 +111,7 @@ def run(
         tuple(dict.fromkeys(findings)),
         tuple(failed),
         plan,
+        tuple(maps),
     )
 
 
@@ -137,10 +142,10 @@ def _load_for(group: PlannedGroup | None, load: Callable[[Sequence[Path]], Setti
     return replace(settings, stops=stops) if group.nominal_speed else settings
 
 
-def _stops(
+def _map(
     path: Path, settings: Settings, request: Request, identified: IdentifiedVehicle | None
-) -> tuple[Sequence[StopSummary], Sequence[Finding]]:
-    """The stops of a log, of its axles or else of what it has."""
+) -> tuple[MapOfLog, Sequence[Finding]]:
+    """The stops of a log with their places, by its axles or else by what it has."""
     axles, window = request
     try:
         result = analyze(path, settings, [_ALGO], axles, window, identified=identified)
@@ -150,8 +155,9 @@ def _stops(
         stops = stops_of_log(log, of_log.vehicle, of_log.stops, of_log.track)
         if not stops:
             raise refused from None
-        return stops, log.findings
-    return summarise(result, {}).stops, result.findings
+        return map_of_log(log, stops, ()), log.findings
+    summary = summarise(result, {})
+    return map_of_log(result.log, summary.stops, summary.axles), result.findings
 
 
 def _series_stop(path: Path, group: PlannedGroup | None, stop: StopSummary) -> SeriesStop:

@@ -6,6 +6,7 @@ from adhesion_cli.cli.slip import table
 from adhesion_cli.rail.events import Slide
 from adhesion_cli.rail.rail_under_slides import Summary
 from adhesion_cli.rail.slope import REGION_TITLES, REGIONS
+from adhesion_cli.records.route import NOWHERE
 from adhesion_cli.results.slip_text import note
 
 SHARES = dict(zip(REGIONS, (0.1, 0.5, 0.3, 0.1), strict=True))
@@ -43,3 +44,11 @@ def test_a_locked_wheel_has_a_slip_of_100_percent() -> None:
     assert rows[0].split() == ["2", "2.50", "≥", "4.00", "≥", "60.0", "100.0", "-"]
     assert rows[1].split()[6:] == ["≥", "15.0", "≥", "2.0"]
     assert "2.50" in note(SLID, 10_000_000_000)
+
+
+def test_the_clock_of_the_log_stands_beside_the_seconds() -> None:
+    head, _, row, _ = table([SLID], 0, NOWHERE._replace(has_calendar=True)).splitlines()[-4:]
+    assert "start [s]" in head
+    assert "clock" in head
+    assert "00:00:12" in row
+    assert "clock" not in table([SLID], 0)

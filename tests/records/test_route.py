@@ -68,8 +68,8 @@ def test_a_receiver_at_rest_makes_no_way() -> None:
 
 
 def test_without_a_place_there_is_none() -> None:
-    assert find_route(log()) == NOWHERE
-    assert NOWHERE.at(FIRST) == (None, None, None)
+    assert find_route(log()).at(FIRST) == ("2001-09-09T01:46:40Z", None, None, None)
+    assert NOWHERE.at(FIRST) == (None, None, None, None)
     assert findings(log()) == {}
 
 

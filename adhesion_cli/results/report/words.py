@@ -8,7 +8,7 @@ from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
-from ..text_tables import DASH, non_empty, number
+from ..text_tables import DASH, non_empty, number, when_and_where
 from ..train_stops import (
     MANY_AXLES,
     MANY_ROWS,
@@ -230,6 +230,7 @@ def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
     return {
         "Axle": str(axle.number),
         "Time [s]": span(a.start_s, a.end_s),
+        **{name.capitalize(): cell for name, cell in when_and_where(a.time).items()},
         "Speed [km/h]": "–".join(number(v and 3.6 * v) for v in (a.from_mps, a.to_mps)),
         "Adhesion coefficient, mean": _mean(a.coefficient, 1.0, 3),
         "highest": _highest(a.coefficient),

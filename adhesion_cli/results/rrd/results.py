@@ -439,7 +439,7 @@ def _summary(
         describe_vehicle(summarise_vehicle(result.identified), axles),
         *_braked(result, axles),
         "\n## Slides\n",
-        overview.listed(slides, result.log.start_ns()),
+        overview.listed(slides, result.log),
     ]
     lines += ["\n## Findings\n", *(entries or ["none"])]
     if len(result.axles) > MANY_AXLES:

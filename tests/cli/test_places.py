@@ -1,0 +1,90 @@
+"""A log with a clock, kilometres and coordinates: where and when stops and slides were."""
+
+import csv
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from helpers.commands import Run
+from pyarrow import parquet
+
+from adhesion_cli.core import bundled
+
+SAMPLE = bundled.folder("sample_logs") / "low-adhesion.csv"  # two of four axles slide
+BEGIN = datetime(2026, 3, 5, 6, 30, tzinfo=UTC)
+METRES_PER_DEGREE = 111_195.0
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sample with its places: from km 7 to the north."""
+    path = tmp_path_factory.mktemp("places") / "line.csv"
+    with SAMPLE.open(encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    train = next(i for i, name in enumerate(head) if "train" in name.lower())
+    factor = 1.0 / 3.6 if "km/h" in head[train] else 1.0
+    metres, speed, previous = 0.0, 0.0, float(rows[0][0])
+    placed = [["time", *head[1:], "position [km]", "latitude [deg]", "longitude [deg]"]]
+    for row in rows:
+        t = float(row[0])
+        speed = factor * float(row[train]) if row[train] else speed
+        metres += (t - previous) * speed
+        previous = t
+        clock = (BEGIN + timedelta(seconds=t)).isoformat(timespec="milliseconds")
+        place = [f"{7.0 + metres / 1e3:.6f}", f"{50.0 + metres / METRES_PER_DEGREE:.7f}", "8.6"]
+        placed.append([clock, *row[1:], *place])
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(placed)
+    return path
+
+
+def test_analyze_says_when_and_where(run: Run, log: Path, tmp_path: Path) -> None:
+    map_, table = "map.geojson", "out.parquet"
+    options = ["-a", "td", "--json", "--geojson", map_, "--table", table]
+    shown = run("analyze", str(log), *options)
+    assert shown.returncode in (0, 3), shown.stdout
+    (result,) = json.loads(shown.stdout)["results"]
+    (stop,) = result["stops"]
+    assert 7000.0 < stop["position_m"] < 7500.0
+    assert stop["position_from"] == "position"
+    north = (stop["position_m"] - 7000.0) / METRES_PER_DEGREE
+    assert stop["latitude"] == pytest.approx(50.0 + north, abs=1e-5)
+    begin = BEGIN + timedelta(seconds=stop["start_s"])
+    assert abs(datetime.fromisoformat(stop["time"]) - begin) < timedelta(milliseconds=2)
+    applications = [a for axle in result["axles"] for a in axle["applications"]]
+    slides = [x for a in applications for x in a["slide_list"]]
+    assert sum(a["slides"] for a in applications) == len(slides) > 0
+    keys = "start_s duration_s distance_m max_slip energy_j position_km latitude longitude".split()
+    assert set(keys) <= set(slides[0])
+    assert all(7.0 < x["position_km"] < 7.6 and x["longitude"] == 8.6 for x in slides)
+
+    features = json.loads((tmp_path / map_).read_text("utf-8"))["features"]
+    assert result["outputs"]["geojson"] == map_
+    kinds = [f["properties"]["kind"] for f in features]
+    assert kinds == ["run", "stop", *["slide"] * len(slides)]
+    first, *_, last = features[0]["geometry"]["coordinates"]
+    assert first == [8.6, 50.0]  # longitude, then latitude
+    assert last[1] == pytest.approx(applications[0]["latitude"], abs=0.01)
+    again = json.loads(run("stops", result["outputs"]["mcap"], "--json").stdout)
+    of_place = ("time", "position_m", "latitude", "longitude")
+    assert [again["stops"][0][x] for x in of_place] == [stop[x] for x in of_place]
+    rows = parquet.read_table(tmp_path / table).to_pylist()
+    assert [row["position_km"] for row in rows] == [a["position_km"] for a in applications]
+    assert rows[0]["time"].startswith("2026-03-05T06:30")
+
+
+def test_screens_show_the_clock_and_the_kilometres(run: Run, log: Path) -> None:
+    lines = run("stops", str(log)).stdout.splitlines()
+    assert lines[0].split()[:6] == ["stop", "group", "at", "[s]", "clock", "km"]
+    assert "06:30:" in lines[2]
+
+
+def test_a_map_needs_coordinates(run: Run, tmp_path: Path) -> None:
+    refused = run("stops", str(SAMPLE), "--geojson", "map.geojson")
+    assert refused.returncode == 1
+    assert "no latitude and longitude" in refused.stderr
+    assert not (tmp_path / "map.geojson").exists()
+    refused = run("stops", str(SAMPLE), "--geojson", "map.kml")
+    assert refused.returncode == 2
+    assert "--geojson map.geojson" in refused.stderr
