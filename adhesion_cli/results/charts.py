@@ -21,6 +21,7 @@ _NO_DATE: dict[str, _Options] = {
     ".png": {},
     ".pdf": {"CreationDate": None},
 }
+_LEGEND_COLUMNS, _LEGEND_ROW, _TITLE_PAD = 3, 13.0, 5.0  # entries of a row; heights [points]
 _PANEL = (4.4, 3.3)  # width and height [inch]
 _VECTOR_POINTS = 300  # more points become one image, else each is an element in SVG
 _STYLE: _Options = {
@@ -139,6 +140,8 @@ def _draw(axes: "Axes", panel: Panel) -> None:
     axes.set_ylim(panel.y_range)
     if panel.x_names:
         axes.set_xticks(range(len(panel.x_names)), panel.x_names, rotation=35, ha="right")
-    if axes.get_legend_handles_labels()[0]:
-        place = 0.5, -0.3 if panel.x_names else -0.2
-        axes.legend(loc="upper center", bbox_to_anchor=place, ncols=3, markerscale=1.6)
+    if named := len(axes.get_legend_handles_labels()[0]):
+        # Between title and chart: below, it would lie on the names along the axis.
+        axes.set_title(panel.title, pad=_TITLE_PAD + _LEGEND_ROW * -(-named // _LEGEND_COLUMNS))
+        place: _Options = {"loc": "lower center", "bbox_to_anchor": (0.5, 0.99)}
+        axes.legend(ncols=_LEGEND_COLUMNS, markerscale=1.6, borderaxespad=0.0, **place)

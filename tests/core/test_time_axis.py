@@ -38,7 +38,7 @@ def test_a_gap_is_found_and_located() -> None:
     axis = time_axis.clean("x", column([*range(0, 500, 10), *range(900, 1400, 10)]), 0)
     (finding,) = axis.findings
     assert (finding.code, finding.count, finding.spans) == ("gap", 1, ((0.49, 0.9),))
-    assert finding.values == {"longest_s": 0.41}
+    assert finding.values == {"longest_s": 0.41, "limit_s": 1.0}
     assert axis.gaps == 1
 
 

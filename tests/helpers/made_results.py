@@ -101,7 +101,7 @@ def result(
             "warning",
             "speed 2",
             spans=((0.55 * n / rate, 0.55 * n / rate + 1.8),),
-            values={"longest_s": 1.8},
+            values={"longest_s": 1.8, "limit_s": 2.0},
         ),
         Finding("no-application", "info", "speed 1"),
     )

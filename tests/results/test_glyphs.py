@@ -25,7 +25,8 @@ def test_names_stay_different() -> None:
 
 def test_a_recording_of_chinese_names_has_only_letters_of_the_viewer(tmp_path: Path) -> None:
     made = [result(1, 200, name=name) for name in ("制动试验.csv", "第二次.csv")]
-    finding = Finding("gap", "warning", "1轴速度", spans=((0.5, 0.6),), values={"longest_s": 1.0})
+    values = {"longest_s": 1.0, "limit_s": 2.0}
+    finding = Finding("gap", "warning", "1轴速度", spans=((0.5, 0.6),), values=values)
     made = [replace(x, findings=(*x.findings, finding)) for x in made]
     rrd.write_result(tmp_path / "a.rrd", made[0])
     rrd.write_comparison(tmp_path / "b.rrd", made)
