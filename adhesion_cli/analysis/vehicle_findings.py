@@ -83,6 +83,8 @@ def diagnose_with(
     vehicle_findings = find_vehicle_findings(settings, identified, log)
     prepared = diagnose_log(log, identified.vehicle, settings.checks, settings.train)
     codes = {f.code for f in vehicle_findings}
+    if identified.other_brake:  # it is no other vehicle
+        codes.add("vehicle-suspect")
     findings = [f for f in prepared.findings if f.code not in codes]
     if not identified.known:
         findings = without_force_findings(findings)

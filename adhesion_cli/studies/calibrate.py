@@ -4,7 +4,7 @@ The mathematics is that of `reference.calibrated_vehicle`.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
@@ -22,7 +22,7 @@ from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.mean_axle import move_axles
-from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle
+from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle, quantities
 from ..core.text import by_uncertainty
 from ..formats.memory import Signals
 from ..records import brake_applications
@@ -34,6 +34,29 @@ from ..train import pieces, solve
 from ..train.explanation import Design
 
 _FALSE_REFUSAL = 0.01  # probability that logs of one vehicle are refused
+_PLAUSIBLE_SIGMAS = 4.0  # from its prior a parameter is another one
+_MORE_BRAKE = (
+    "another brake acts (ED, magnetic, retarder), or pads or cylinders are counted too few"
+)
+_LESS_BRAKE = "pads, discs or cylinders are counted twice, or the pressure is not the cylinder's"
+# What is probably wrong, by the parameter that is implausible and the direction.
+_CAUSES = {
+    ("force_over_mass", "high"): _MORE_BRAKE,
+    ("force_over_mass", "low"): _LESS_BRAKE,
+    ("friction", "high"): _MORE_BRAKE,
+    ("friction", "low"): _LESS_BRAKE,
+    ("friction_scale", "high"): _MORE_BRAKE,
+    ("friction_scale", "low"): _LESS_BRAKE,
+    ("axle_mass", "any"): "the load is another one, or pads or cylinders are miscounted",
+    ("wheelset_inertia", "any"): "the rotating mass or the load is another one",
+    ("spring_force", "low"): "another brake acts at low pressure, or the pressure has a zero error",
+    ("spring_force", "high"): "the pressure has a zero error, or cylinder or spring are others",
+    ("friction_fade", "any"): "an ED brake acts at some speeds, or the friction needs a table",
+    ("pressure_delay", "any"): "the clocks of pressure and speed differ",
+    ("creep_stiffness", "any"): "wheels slid, or a wheel diameter is wrong",
+    ("running_resistance", "any"): "the track has a gradient, or a motor drives",
+    ("air_drag", "any"): "the track has a gradient, or a motor drives",
+}
 _DOT = 4.0  # diameter of a point in the picture
 _SIDE_STEP = 0.22  # what one application shows in several points is drawn so far aside
 _NAMES, _LETTERS = 16, 18  # of logs that have room under the picture, and of each
@@ -139,6 +162,8 @@ def calibrate(
     calibrated = reference.calibrate_vehicle(
         vehicle, rolling[0].record, brake_point, prior, posterior, len(designs)
     )
+    if prior_vehicle.source != "log":  # of a brake that nobody stated, any is plausible
+        _check_plausible(calibrated.rows, posterior, paths)
     applications = _applications(rolling, designs, posterior)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))
     analysis = replace(settings.analysis, vehicle="stated")  # the same logs are no new evidence
@@ -263,6 +288,48 @@ def _check_agreement(
         path = logs[i].log.path
         finding = Finding("logs-contradict", "error", values=values, names={"log": Path(path).name})
         raise UserError(f"{path}: {finding.message}", finding.hint or "")
+
+
+def _check_plausible(
+    rows: Mapping[str, reference.CalibratedParameter],
+    posterior: solve.Posterior,
+    paths: Sequence[Path | Signals],
+) -> None:
+    """Whether every parameter is one that the vehicle as stated may have.
+
+    Raises:
+        UserError: names the parameter that is farthest from its prior, or at a bound, and what is
+            probably wrong.
+    """
+    change = (posterior.mean[: model.SHARED] - posterior.prior) / posterior.prior_sigma
+    of_logarithm = {"force_over_mass": model.SCALE, "creep_stiffness": model.STIFFNESS}
+    sigmas = {
+        name: float(change[of_logarithm[name]])
+        if name in of_logarithm
+        else (row.posterior - row.prior) / max(row.prior_u, 1e-12)
+        for name, row in rows.items()
+    }
+    bounds = quantities(Vehicle)
+    at_bound = [
+        name
+        for name, row in rows.items()
+        if (q := bounds.get(name))
+        and not q.minimum < row.posterior < q.maximum
+        and q.minimum < row.prior < q.maximum
+    ]
+    farthest = max(sigmas, key=lambda name: (name in at_bound, abs(sigmas[name])))
+    if farthest not in at_bound and abs(sigmas[farthest]) <= _PLAUSIBLE_SIGMAS:
+        return
+    row, towards = rows[farthest], "low" if sigmas[farthest] < 0.0 else "high"
+    names = {
+        "parameter": farthest.replace("_", " "),
+        "cause": _CAUSES.get((farthest, towards)) or _CAUSES[farthest, "any"],
+        "unit": f" {row.unit}".removesuffix(" -"),
+    }
+    values = {"posterior": row.posterior, "prior": row.prior, "sigmas": sigmas[farthest]}
+    finding = Finding("calibration-implausible", "error", values=values, names=names)
+    titles = ", ".join(p.name for p in paths)
+    raise UserError(f"{titles}: {finding.message}", finding.hint or "")
 
 
 # Report

@@ -69,17 +69,25 @@ class Grid:
     def braking(self) -> Floats:
         """Deceleration of the train, else the mean one of the axles that roll, (n,) [m/s²].
 
-        NaN where it gains speed without brake, and a second around: a motor drives it.
+        NaN where a motor drives it.
         """
-        if self.train is not None:
-            slowing = self.slowing(self.train)
-        else:
-            rolls = np.sum(self.rolling, axis=0)
-            sums = np.sum(np.where(self.rolling, self.slowing(self.rim), 0.0), axis=0)
-            slowing = np.where(rolls > 0, sums / np.maximum(rolls, 1), np.nan)
+        return np.where(self.driven, np.nan, self._slowing_of_all)
+
+    @cached_property
+    def driven(self) -> Bools:
+        """Where the train gains speed without brake, and a second around: a motor drives it."""
         K = self.mean(largest(self.clamping))
-        driven = (RELEASED_SHARE * np.nanmax(K, initial=0.0) > K) & (slowing < -_DRIVEN_RATE)
-        return np.where(erode(~driven, 2 * self.half_width), slowing, np.nan)
+        gains = self._slowing_of_all < -_DRIVEN_RATE
+        driven = (RELEASED_SHARE * np.nanmax(K, initial=0.0) > K) & gains
+        return ~erode(~driven, 2 * self.half_width)
+
+    @cached_property
+    def _slowing_of_all(self) -> Floats:
+        if self.train is not None:
+            return self.slowing(self.train)
+        rolls = np.sum(self.rolling, axis=0)
+        sums = np.sum(np.where(self.rolling, self.slowing(self.rim), 0.0), axis=0)
+        return np.where(rolls > 0, sums / np.maximum(rolls, 1), np.nan)
 
     @cached_property
     def share(self) -> Floats:

@@ -209,6 +209,9 @@ def _pieces(
     rolling: Bools = np.all(coarse_grid.rolling, axis=0)
     place = np.clip(np.rint(t / coarse_grid.step).astype(int), 0, len(rolling) - 1)
     usable: Bools = near_change & rolling[place] & finite & (v > CRAWL)
+    if coarse_grid.motors is None or not np.nanmin(coarse_grid.motors, initial=0.0) < 0.0:
+        # No traction force is known. A motor takes a second to release, too.
+        usable &= erode(~coarse_grid.driven, 2 * coarse_grid.half_width)[place]
     pieces: list[NDArray[np.int64]] = []
     run: list[int] = []
     for start, stop in true_runs(usable):

@@ -134,3 +134,16 @@ def test_k_is_the_clamping_force_of_electric_and_air_brake(tmp_path: Path, even:
     by_ed = np.interp(record.t * 1e-9, even.t, even.ed[0]) / 0.35
     np.testing.assert_allclose(record.clamping_force - record.friction_clamping, by_ed, atol=50.0)
     check(result, even, 0.005)
+
+
+@pytest.mark.parametrize("coasting", [0.0, 3.0])
+def test_traction_without_a_channel_is_no_brake_and_no_fault(
+    tmp_path: Path, coasting: float
+) -> None:
+    decelerations = (0.5, 0.7, 0.9, 1.1, 0.6, 0.8)
+    log = blended(6 * (80.0,), decelerations, ed_part=0.0, coasting=coasting)
+    result = analyzed(log.write(tmp_path / "traction.csv", {}))
+    assert [f.code for f in result.findings if f.severity != "info"] == []
+    assert sum(f.code == "traction" for f in result.findings) == 4
+    assert result.identified.force_per_bar is not None
+    assert result.identified.force_per_bar.value == pytest.approx(6329.0, rel=0.03)

@@ -66,6 +66,7 @@ def blended(
     ed_share: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0),
     ed_part: float = 0.7,
     rate: float = 25.0,
+    coasting: float = 6.0,
 ) -> Blended:
     """Accelerations of 0.9 m/s² and stops in which an ED brake takes a part above 8 km/h.
 
@@ -75,6 +76,7 @@ def blended(
         ed_share: how the ED force and the traction are shared by the axles, 1 on average.
         ed_part: share of the braking that the ED brake takes at speed.
         rate: samples a second.
+        coasting: time between the motors' drive and each stop [s].
     """
     h, rotating = 1.0 / (_STEPS * rate), INERTIA / RADIUS**2
     v = time = ed = traction = force_air = 0.0
@@ -101,7 +103,7 @@ def blended(
             advance(0.0, 0.3 * MASS)
         while v < top / 3.6:
             advance(0.9 * (MASS + rotating), 0.0)
-        for _ in range(round(6.0 / h)):
+        for _ in range(round(coasting / h)):
             advance(0.0, 0.0)
         begin = time
         while v > 0.0:

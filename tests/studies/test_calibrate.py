@@ -228,3 +228,17 @@ def test_a_tolerance_of_zero_is_refused(name: str, logs: list[Path]) -> None:
     with pytest.raises(UserError, match=name) as caught:
         found(logs[0], vehicle=exact)
     assert caught.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("friction", "cause"), [(2.0, "another brake acts"), (0.5, "counted twice")]
+)
+def test_a_vehicle_far_from_the_stated_one_is_refused_with_what_is_wrong(
+    tmp_path: Path, friction: float, cause: str
+) -> None:
+    path = log(tmp_path / "other.csv", true(friction=friction))
+    tables = {"vehicle": {"friction": STATED.friction.value}}
+    stated = settings.Settings(vehicle=STATED, train=Train(alike=0.0), tables=tables)
+    with pytest.raises(UserError, match=cause) as raised:
+        calibrate.calibrate([path], stated)
+    assert "adhesion vehicle" in (raised.value.hint or "")
