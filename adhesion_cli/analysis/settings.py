@@ -397,8 +397,8 @@ def _merge(target: Table, layer: Tables) -> None:
 
 def _same_kind(a: Tables, b: Tables) -> bool:
     """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
-    if "value" in b and any(stated_friction.is_table(x) for x in (a, b)):
-        return False  # another friction replaces a table, and a table replaces a number
+    if stated_friction.replaces(a, b):
+        return False
     kinds = {(_of_all_axles(x), _of_each_axle(x)) for x in (a, b)}
     return kinds != {(True, False), (False, True)}
 

@@ -135,6 +135,14 @@ def is_table(entry: Any) -> bool:
     return isinstance(entry, dict) and bool(entry.keys() - {"value", "tolerance"})
 
 
+def replaces(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> bool:
+    """Whether a friction replaces an earlier one: a number a table, or a table all of it."""
+    by_table = isinstance(later.get("value"), list)
+    if by_table and "speed" in later:
+        return True
+    return "value" in later and not by_table and isinstance(earlier.get("value"), list)
+
+
 def friction_table(entry: Table) -> tuple[Parameter, FrictionTable]:
     """φ in the middle of a table with its 1 sigma, and the table.
 

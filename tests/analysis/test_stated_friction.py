@@ -1,6 +1,5 @@
 """Friction as a number, a table over speed and block force, or a material's name."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Parameter, Vehicle
 from adhesion_cli.core.physics import G, clamping_force, friction_share, wheelset
+from adhesion_cli.results.names import flat
 from adhesion_cli.studies.calibrate import as_toml, calibrate
 
 TABLE = {
@@ -152,7 +152,7 @@ def test_a_wagon_of_cast_iron_has_its_adhesion(cast_iron_log: Path) -> None:
 
 def test_a_result_is_a_valid_input(cast_iron_log: Path) -> None:
     result = analyze(cast_iron_log, stated("cast-iron"), ["td"])
-    again = settings.load(folder=False).over(json.loads(json.dumps(result.settings)))
+    again = settings.load(folder=False).over(settings.nested(flat(result.settings)))
     assert again.vehicle.friction_table is not None
     speeds, forces = np.linspace(0.0, 40.0, 9), np.linspace(0.0, 4e5, 9)
     np.testing.assert_allclose(
