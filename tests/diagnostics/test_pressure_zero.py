@@ -62,8 +62,8 @@ def test_a_log_that_begins_with_the_brake_applied_shows_no_zero(tmp_path: Path) 
 
 
 def bogies(second: Floats | float, line: str = "") -> list[Finding]:
-    """Findings on three stops whose pressures are two bogies', with an error of the second."""
-    t = np.arange(0.0, 300.0, 0.1)
+    """Findings on eight stops whose pressures are two bogies', with an error of the second."""
+    t = np.arange(0.0, 800.0, 0.1)
     brake = np.interp(t % 100.0, [60.0, 62.0, 90.0, 92.0], [0.0, 2.0, 2.0, 0.0])
     a = np.where(t % 100.0 < 20.0, 0.6, 0.0) - 0.2 * brake - 0.01
     speed = 3.6 * np.maximum(4.0 + np.cumsum(a) * 0.1, 0.0)
@@ -88,7 +88,15 @@ def test_a_zero_beside_another_that_is_right_is_told_with_the_line_that_mends_it
 
 
 def test_a_zero_that_drifts_is_told_with_the_line_that_states_its_tolerance() -> None:
-    (told,) = bogies(np.linspace(-0.06, 0.06, 3000))
+    (told,) = bogies(np.linspace(-0.06, 0.06, 8000))
     assert told.code == "pressure-zero-drift"
     assert told.values["last_bar"] - told.values["first_bar"] == pytest.approx(0.09, abs=0.02)
-    assert not bogies(np.linspace(-0.06, 0.06, 3000), str(told.names["option"]))
+    assert not bogies(np.linspace(-0.06, 0.06, 8000), str(told.names["option"]))
+
+
+def test_a_cylinder_that_is_released_slowly_has_no_zero_and_no_drift() -> None:
+    t = np.arange(0.0, 800.0, 0.1)
+    since = np.where(t < 92.0, 92.0, t % 100.0) - 92.0  # each release
+    tail = np.where(since > 0.0, 0.3 * np.exp(-since / 2.0), 0.0)
+    assert not bogies(tail)
+    assert not bogies(tail * (t > 700.0))

@@ -9,6 +9,7 @@ import numpy as np
 from ...core.finding import Finding
 from ...core.model import Bools, Channel, Quantity
 from ...core.physics import CRAWL, clamping_force, force_line
+from ...core.signals import true_runs
 from ...core.toml import option
 from ...core.toml import value as value_text
 from ...core.units import unit_for
@@ -16,6 +17,7 @@ from ...train.grid import long_runs
 from ..registry import About
 from ..scene import Scene
 
+_FEWEST_PHASES = 6  # without brake, from which a drift shows
 ABOUT = About("Zero of the pressure", "force", 20)
 
 
@@ -42,6 +44,9 @@ class Params(NamedTuple):
     drift: Annotated[
         float, Quantity("Pa", "a released pressure changes by less over the log", 0.0)
     ] = 6e3
+    steady: Annotated[
+        float, Quantity("s", "so long without brake show a zero beside others", 0.0)
+    ] = 5.0
     released: Annotated[float, Quantity("Pa", "a released pressure that drifts is lower", 0.0)] = (
         2.5e4
     )
@@ -93,7 +98,11 @@ def _offset(
     """A released pressure that is not zero, where another one is, or by much."""
     a, level = s.axles[i], rest.level
     other = min(other_levels, key=abs, default=level)
-    is_apart = abs(level) > abs(other) and abs(level - other) > max(p.apart, 1.1 * a.brake.step)
+    # A cylinder that is still being released is above another one, too, and falls.
+    low, high = np.quantile(s.grid.pressure[i][rest.mask], [0.1, 0.9])
+    is_steady = rest.mask.sum() * s.grid.step > p.steady and high - low < abs(level - other)
+    least = max(p.apart, 1.1 * a.brake.step)
+    is_apart = is_steady and abs(level) > abs(other) and abs(level - other) > least
     if not is_apart and abs(level) < max(p.share * rest.top, p.least):
         return
     force = force_line(s.vehicle.of_axle(a.record.axle)).per_pascal * level
@@ -104,18 +113,21 @@ def _offset(
 
 
 def _drift(p: Params, s: Scene, i: int, top: float) -> Iterator[Finding]:
-    """A released pressure that is another one at the end of the log than at its beginning."""
+    """A released pressure that is another one at the end of the log than at its beginning.
+
+    A cylinder may be released slowly: of each phase without brake the lowest pressure counts, and
+    phases that are few or short show nothing.
+    """
     g, pressure, brake = s.grid, s.grid.pressure[i], s.axles[i].brake
     is_moving = np.isfinite(pressure) & (g.fastest > CRAWL)
     lowest = float(np.min(pressure[is_moving]))
     is_low = is_moving & (pressure < lowest + max(p.released, p.rest * top))
-    released = np.flatnonzero(long_runs(is_low, 2.0 * p.lasts, g))
-    third = len(released) // 3
-    if not third:
+    phases = true_runs(long_runs(is_low, 2.0 * p.steady, g))
+    if len(phases) < _FEWEST_PHASES:
         return
-    first, last = (
-        float(np.median(pressure[part])) for part in (released[:third], released[-third:])
-    )
+    levels = [float(np.quantile(pressure[a:b], 0.1)) for a, b in phases]
+    third = len(levels) // 3
+    first, last = float(np.median(levels[:third])), float(np.median(levels[-third:]))
     stated = 4.0 * brake.zero.tolerance  # of a drift that `_option` states: 4 / √12 of it
     if abs(last - first) < max(p.drift, 1.1 * brake.step, stated):
         return
