@@ -44,7 +44,7 @@ _SOURCES = {
     "axle_mass": "stated tolerance",
     "wheelset_inertia": "stated tolerance",
     "spring_force": "stated tolerance; zero of a sensor: 1 % of the highest force",
-    "friction_fade": "pads change by some 10 % over 25 m/s",
+    "friction_fade": "pads change by some 10 % over 90 km/h",
     "pressure_delay": "calipers, hoses, transducers: 0.03 s; sampling",
     "creep_stiffness": "20 to 100 % of Kalker's, per unit of slip",
     "running_resistance": "0.015 m/s² of a train that coasts",
