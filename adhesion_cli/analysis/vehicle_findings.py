@@ -137,7 +137,8 @@ def state_diameters(
         f.channel: f"{f.values['diameter_m']:.4f}" for f in findings if f.code == _CALIBRATED
     }
     last_axle = max(a.record.axle for a in axles)
-    stated_diameters = [f"{2.0 * vehicle.radius(k).value:.6g}" for k in range(1, last_axle + 1)]
+    radii = replace(vehicle, axles=()).radius  # of axles before the first of the log, too
+    stated_diameters = [f"{2.0 * radii(k).value:.6g}" for k in range(1, last_axle + 1)]
     diameters = [
         calibrated.get(f"axle {k}", diameter) for k, diameter in enumerate(stated_diameters, 1)
     ]

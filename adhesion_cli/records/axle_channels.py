@@ -15,6 +15,11 @@ class MotorForce(NamedTuple):
     sigma: Floats  # standard uncertainty
     traction_known: bool  # whether a motor that drives is in it
 
+    def scaled(self, factor: float) -> "MotorForce":
+        """The same of forces that are so many times as large."""
+        last_value, smooth, sigma = (factor * x for x in self[:3])
+        return MotorForce(last_value, smooth, sigma, self.traction_known)
+
 
 class AxleChannels(NamedTuple):
     """One axle's record and the channels it comes from."""
@@ -79,6 +84,8 @@ class AxleChannels(NamedTuple):
             table = FrictionTable((0.0,), (), ((own.friction.value,),))  # the same at every speed
         elif table:
             table = table._replace(clamping_force=tuple(factor * K for K in table.clamping_force))
+        motors = self.motors and self.motors.scaled(heavier)
+        axle = self._replace(friction_table=table, motors=motors)
         if record.pressure is None or self.smooth_pressure is None:
             changed = replace(
                 record,
@@ -86,13 +93,12 @@ class AxleChannels(NamedTuple):
                 clamping_force_smooth=factor * record.friction_clamping_smooth,
                 clamping_force_step=factor * record.clamping_force_step,
             )
-            changed = self._with_motors(changed, mean.friction.value)
-            return self._replace(record=changed, friction_table=table)
+            changed = axle._with_motors(changed, mean.friction.value)
+            return axle._replace(record=changed)
         line, mean_line = force_line(own), force_line(mean)
         # Both are straight lines below the springs' forces, too.
         scale = factor * line.per_pascal / mean_line.per_pascal
         offset = (mean_line.at_zero - factor * line.at_zero) / mean_line.per_pascal
         changed = replace(record, pressure=scale * record.pressure + offset)
         smooth = scale * self.smooth_pressure + offset
-        axle = self._replace(record=changed, smooth_pressure=smooth, friction_table=table)
-        return axle.clamped_by(mean)
+        return axle._replace(record=changed, smooth_pressure=smooth).clamped_by(mean)

@@ -168,7 +168,7 @@ def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Gr
     """
     if gradient is None:
         return grids
-    share = wheelset(vehicle, 1).rolling
+    share = wheelset(replace(vehicle, axles=()), 1).rolling  # of the mean axle
     climbing = []
     for g in grids:
         t = g.start_ns + np.rint(1e9 * g.step * np.arange(g.rim.shape[1])).astype(np.int64)

@@ -167,3 +167,14 @@ def test_cars_have_their_own_friction_tables(tmp_path: Path) -> None:
             assert a.coefficient.mean == pytest.approx(mean, rel=0.015)
     again = settings.Settings().over(settings.tree(checked, []))
     assert again.vehicle.of_axle(4).friction_table == vehicle.of_axle(4).friction_table
+
+
+def test_axles_need_not_begin_with_the_first(tmp_path: Path) -> None:
+    places = {"motor": {"axles": [3, 4]}, "trailer": {"axles": [5, 6, 7]}}
+    checked = load(TRAIN, {"car": places, "track": {"gradient": 0.0}})
+    truth = unlike_train.write(tmp_path / "train.csv", checked.vehicle, range(3, 8))
+    result = analyze(tmp_path / "train.csv", checked, ["td"], train_speed=True)
+    assert [a.record.axle for a in result.axles] == [3, 4, 5, 6, 7]
+    first = summarise(result, {}).axles[0].applications[0].coefficient
+    assert first is not None
+    assert first.mean == pytest.approx(float(np.mean(truth[3][125:530])), rel=0.02)
