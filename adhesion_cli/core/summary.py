@@ -145,6 +145,11 @@ class BrakeApplication:
     latitude: Annotated[Number, Quantity("°", "north positive, at the start")] = None
     longitude: Annotated[Number, Quantity("°", "east positive, at the start")] = None
 
+    @property
+    def kilometre(self) -> float | None:
+        """Its place on the line [km]; None where only the way since the log's start is known."""
+        return self.position_km if self.position_from == "position" else None
+
 
 CommandSource = Literal["channel", "brake_pipe", "pressure", "deceleration"]
 

@@ -71,10 +71,11 @@ def stop_row(stop: TrainStop) -> dict[str, str]:
         u95 = max(x.mean_u95 for x in coefficients)  # mostly the vehicle's: one error in all
         mean = "±".join(by_uncertainty(sum(values) / len(values), u95, 3))
         mean_range = _range(values)
+    first = min(applications, key=lambda a: a.start_s)
     slip = number(100.0 * min(worst.max_slip or 0.0, 1.0), 1)
     return {
         "at [s]": number(stop.start_s, 1),
-        **when_and_where(min(stop.applications, key=lambda a: a.start_s).time),
+        **when_and_where(first.time, first.kilometre),
         "for [s]": number(stop.end_s - stop.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 0) for v in (worst.from_mps, worst.to_mps)),
         "µ mean": mean,

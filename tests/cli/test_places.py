@@ -69,6 +69,11 @@ def test_analyze_says_when_and_where(run: Run, log: Path, tmp_path: Path) -> Non
     again = json.loads(run("stops", result["outputs"]["mcap"], "--json").stdout)
     of_place = ("time", "position_m", "latitude", "longitude")
     assert [again["stops"][0][x] for x in of_place] == [stop[x] for x in of_place]
+    page = "out.html"
+    assert run("report", result["outputs"]["mcap"], "-o", page).returncode == 0
+    text = (tmp_path / page).read_text("utf-8")
+    assert 'id="places-adhesion"' in text
+    assert 'id="places-map"' in text
     rows = parquet.read_table(tmp_path / table).to_pylist()
     assert [row["position_km"] for row in rows] == [a["position_km"] for a in applications]
     assert rows[0]["time"].startswith("2026-03-05T06:30")

@@ -28,7 +28,7 @@ from ...core.summary import Measured
 from ...stops.series import SeriesStop
 from .. import palette
 from ..train_stops import MANY_AXLES, group_numbers
-from . import decimate
+from . import decimate, place_plots
 from .campaign import Bar, Bars
 from .run import ReportAxle, ReportRun
 
@@ -53,6 +53,7 @@ class RunFigures:
     """Figures of one run: names of their places on the page."""
 
     overview: list[str]
+    places: list[str]  # where positions are known
     axles: dict[int, list[str]]
     step: float  # longest interval between drawn samples inside of brake applications [s]
 
@@ -88,7 +89,7 @@ class Figures:
             longest_step = max(longest_step, step)
         overview = self._overview(run, sources, time)
         figures = {a.number: self._axle(a, sources[a.number], time, run.train) for a in detailed}
-        return RunFigures(overview, figures, longest_step)
+        return RunFigures(overview, self._of_places(run), figures, longest_step)
 
     def of_runs(self, runs: Sequence[ReportRun], adhesion: bool = True) -> dict[int, list[str]]:
         """Speed and adhesion coefficient of each axle, all runs from the start of their braking.
@@ -231,6 +232,29 @@ class Figures:
         adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
         return [self._place(speed, "overview-speed"), self._place(adhesion, "overview-adhesion")]
+
+    def _of_places(self, run: ReportRun) -> list[str]:
+        """µ over the position, and the way as a map; nothing where no place is known."""
+        tools, figures = "box_zoom,pan,wheel_zoom,reset,save", {}
+        if run.route.position_from:
+            fig = _figure("Adhesion coefficient [-]", 220, tools, "box_zoom")
+            fig.xaxis.axis_label = place_plots.position_label(run)
+            _shade(fig, merge_spans(place_plots.slid_positions(run), _SHADES))
+            by_number = {axle.number: axle for axle in run.axles}
+            items: dict[str, list[Any]] = {}
+            for i, (name, axles) in enumerate(_legend_of_axles(run)):
+                for axle in (by_number[number] for number in axles):
+                    drawn = place_plots.draw_over_position(fig, axle, run, palette.nth(i))
+                    items.setdefault(name, []).extend(drawn)
+            fig.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
+            _legend(fig, items)
+            figures["places-adhesion"] = fig
+        if run.route.lines():
+            fig = _figure("north [km]", 420, tools, "pan", match_aspect=True)
+            fig.xaxis.axis_label = "east [km]"
+            _legend(fig, place_plots.draw_map(fig, run))
+            figures["places-map"] = fig
+        return [self._place(fig, place) for place, fig in figures.items()]
 
     def _axle(
         self, axle: ReportAxle, source: ColumnDataSource, time: Range1d, train: str

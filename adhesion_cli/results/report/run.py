@@ -11,7 +11,7 @@ import numpy as np
 from ...core import physics
 from ...core.annotated import Json, from_json
 from ...core.errors import UserError
-from ...core.model import AxleResult, Column, Floats, LogBrake, Result, Times
+from ...core.model import PLACES, AxleResult, Column, Floats, LogBrake, Result, Times
 from ...core.summary import (
     AxleSummary,
     BrakeApplication,
@@ -19,11 +19,13 @@ from ...core.summary import (
     FindingSummary,
     LogSummary,
     ResultSummary,
+    StopSummary,
     VehicleSummary,
 )
 from ...core.text import shell_word
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
+from ...records.route import Route, find_route, make_route
 from ..carried_vehicle import parameter
 from ..names import METRICS, PROVENANCE, SETTINGS, flat
 from ..train_stops import choose_axles
@@ -87,6 +89,9 @@ class ReportRun:
     provenance: Mapping[str, str]
     brake: LogBrake | None  # by the deceleration of the log alone
     detailed: tuple[int, ...]  # axles that are drawn one by one, and have all columns
+    stops: Sequence[StopSummary]  # of the whole train
+    route: Route  # where it was
+    start_ns: int  # the start of the log on the clock of `route`
 
     @property
     def name(self) -> str:
@@ -147,6 +152,7 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
             raise UserError(text, f"axles: {', '.join(map(str, numbers))}", code=2)
         detailed = choose_axles(summary.axles) if axles is None else tuple(axles)
         columns = _axles(source, summary.axles, start, settings, detailed)
+        route = _route(source)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         version = provenance.get("version", "an unknown version")
         text = (
@@ -154,7 +160,8 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
         )
         hint = f"make it again: `adhesion analyze {shell_word(str(path))} -o FOLDER`"
         raise UserError(text, hint) from error
-    return _run(name or path.name, summary, columns, settings, provenance, detailed)
+    facts = settings, provenance, detailed, route, start
+    return _run(name or path.name, summary, columns, *facts)
 
 
 def of_result(result: Result, summary: ResultSummary) -> ReportRun:
@@ -168,20 +175,31 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
     pairs = zip(summary.axles, result.axles, strict=True)
     axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)
     numbers = tuple(axle.number for axle in axles)
-    return _run(Path(summary.log.path).name, summary, axles, settings, {}, numbers)
+    facts = settings, dict[str, str](), numbers, find_route(result.log), start
+    return _run(Path(summary.log.path).name, summary, axles, *facts)
 
 
-def _run(
+def _run(  # noqa: PLR0913 (all that a page shows)
     file: str,
     summary: ResultSummary,
     axles: tuple[ReportAxle, ...],
     settings: Mapping[str, str],
     provenance: Mapping[str, str],
     detailed: tuple[int, ...],
+    route: Route,
+    start_ns: int,
 ) -> ReportRun:
     log, findings, channels = summary.log, summary.findings, summary.channels
-    facts = settings, provenance, summary.brake, detailed
+    facts = settings, provenance, summary.brake, detailed, summary.stops, route, start_ns
     return ReportRun(file, log, summary.vehicle, axles, findings, channels, *facts)
+
+
+def _route(source: Source) -> Route:
+    """Where the train was, by the topics of a result."""
+    fields = [f for f in source.fields if f.channel.removeprefix("/") in PLACES]
+    columns = source.columns(fields)
+    by_meaning = {f.channel.removeprefix("/"): c for f, c in zip(fields, columns, strict=True)}
+    return make_route({meaning: by_meaning[meaning] for meaning in PLACES if meaning in by_meaning})
 
 
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:

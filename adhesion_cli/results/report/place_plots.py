@@ -1,0 +1,166 @@
+"""Figures of a run over the line: µ over the kilometre, and the way of the train as a map."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.plotting import figure
+
+from ...core.model import Floats
+from ...core.summary import SlideSummary
+from .. import palette
+from ..text_tables import number
+from .run import ReportAxle, ReportRun
+
+_STEP = 5.0  # of the position, over which µ is averaged [m]
+_KM_PER_DEGREE = 111.195  # of a mean meridian
+_MOST_POINTS = 4000  # of a map's line
+_LABELS = 12  # kilometres with a number on a map, at most
+_SLIDE_POINTS = 20  # of a slide's line on a map
+
+
+class Plane(NamedTuple):
+    """Kilometres to the east and to the north of a place: a map without distortion around it."""
+
+    latitude: float
+    longitude: float
+
+    def at(self, places: Floats) -> tuple[Floats, Floats]:
+        """East and north of latitudes and longitudes (n, 2), each (n,) [km]."""
+        scale = _KM_PER_DEGREE * float(np.cos(np.radians(self.latitude)))
+        east = scale * (places[:, 1] - self.longitude)
+        return east, _KM_PER_DEGREE * (places[:, 0] - self.latitude)
+
+
+def position_label(run: ReportRun) -> str:
+    """What the position of a run is."""
+    of_line = run.route.position_from == "position"
+    return "position on the line [km]" if of_line else "way since the start of the log [km]"
+
+
+def draw_over_position(fig: figure, axle: ReportAxle, run: ReportRun, colour: str) -> list[Any]:
+    """µ of an axle in its brake applications over the position, a mean every 5 m."""
+    km, mu = list[float](), list[float]()
+    for a in axle.applications:
+        inside = (axle.t >= a.start_s) & (axle.t <= a.end_s) & np.isfinite(axle.force)
+        metres = run.route.positions.at(_times(run, axle.t[inside]))
+        known = np.isfinite(metres)
+        metres, values = metres[known], (axle.force[inside] / axle.weight)[known]
+        if not len(metres):
+            continue
+        first = np.flatnonzero(np.diff(np.floor(metres / _STEP), prepend=np.nan))
+        counts = np.diff(first, append=len(metres))
+        for column, series in ((km, metres / 1e3), (mu, values)):
+            column += [*(np.add.reduceat(series, first) / counts).tolist(), np.nan]
+    if not km:
+        return []
+    source = ColumnDataSource({"km": np.array(km, np.float32), "mu": np.array(mu, np.float32)})
+    return [fig.line("km", "mu", source=source, color=colour, line_width=1.3)]
+
+
+def slid_positions(run: ReportRun) -> list[tuple[float, float]]:
+    """From and to of each slide [km]."""
+    spans = []
+    for _, x in _slides(run):
+        times = _times(run, np.array([x.start_s, x.start_s + x.duration_s]))
+        begin, stop = (run.route.positions.at(times) / 1e3).tolist()
+        if np.isfinite([begin, stop]).all():
+            spans.append((min(begin, stop), max(begin, stop)))
+    return spans
+
+
+def draw_map(fig: figure, run: ReportRun) -> dict[str, list[Any]]:
+    """The way of the train, its stops and its slides; returns what a legend names."""
+    lines = run.route.lines()
+    plane = Plane(*np.mean(np.concatenate(lines), axis=0).tolist())
+    step = -(-sum(map(len, lines)) // _MOST_POINTS)
+    items: dict[str, list[Any]] = {}
+    for line in lines:
+        drawn = fig.line(*plane.at(line[:: max(step, 1)]), color=palette.GREY, line_width=2.0)
+        items.setdefault("way", []).append(drawn)
+    if slides := [(axle, x) for axle, x in _slides(run) if x.latitude is not None]:
+        items["slides"] = _draw_slides(fig, run, plane, slides)
+    stops = [s for s in run.stops if s.latitude is not None]
+    if stops:
+        columns: dict[str, Sequence[Any]] = {
+            "at": [number(s.start_s, 1) for s in stops],
+            "km": [number(s.position_m and s.position_m / 1e3, 3) for s in stops],
+            "distance": [number(s.distance_m and s.distance_m.value, 1) for s in stops],
+        }
+        tips = {"stop at": "@at s", "position": "@km km", "distance": "@distance m"}
+        items["stops"] = _points(fig, plane, stops, columns, tips, palette.BLUE, 8)
+    _label_kilometres(fig, run, plane)
+    return items
+
+
+def _draw_slides(
+    fig: figure, run: ReportRun, plane: Plane, slides: Sequence[tuple[int, SlideSummary]]
+) -> list[Any]:
+    drawn = []
+    for _, x in slides:
+        seconds = x.start_s + np.linspace(0.0, x.duration_s, _SLIDE_POINTS)
+        assert run.route.coordinates
+        places = run.route.coordinates.at(_times(run, seconds))
+        places = places[np.isfinite(places).all(axis=1)]
+        drawn.append(fig.line(*plane.at(places), color=palette.VERMILLION, line_width=6.0))
+    columns: dict[str, Sequence[Any]] = {
+        "axle": [str(axle) for axle, _ in slides],
+        "at": [number(x.start_s, 1) for _, x in slides],
+        "km": [number(x.position_km, 3) for _, x in slides],
+        "slip": [number(100.0 * min(x.max_slip, 1.0), 1) for _, x in slides],
+        "distance": [number(x.distance_m, 0) for _, x in slides],
+    }
+    tips = {
+        "slide of axle": "@axle", "at": "@at s", "position": "@km km", "distance": "@distance m",
+        "largest slip": "@slip %",
+    }  # fmt: skip
+    places_of = [x for _, x in slides]
+    return drawn + _points(fig, plane, places_of, columns, tips, palette.VERMILLION, 7)
+
+
+def _points(  # noqa: PLR0913 (all that a point shows)
+    fig: figure,
+    plane: Plane,
+    places: Iterable[Any],
+    columns: Mapping[str, Sequence[Any]],
+    tips: Mapping[str, str],
+    colour: str,
+    size: int,
+) -> list[Any]:
+    """Points with what the pointer shows of each."""
+    east, north = plane.at(np.array([[x.latitude, x.longitude] for x in places]))
+    source = ColumnDataSource({"east": east, "north": north, **columns})
+    style = {"size": size, "color": colour, "line_color": "white"}
+    points = fig.scatter("east", "north", source=source, **style)
+    fig.add_tools(HoverTool(renderers=[points], tooltips=list(tips.items())))
+    return [points]
+
+
+def _label_kilometres(fig: figure, run: ReportRun, plane: Plane) -> None:
+    """Numbers of whole kilometres at the way."""
+    places, trace = run.route.coordinates, run.route.positions
+    if places is None or run.route.position_from != "position":
+        return
+    km = trace.value / 1e3
+    spacing = next(x for x in (1, 2, 5, 10, 20, 50, 100, 10**9) if np.ptp(km) / x <= _LABELS)
+    numbers = np.floor(km / spacing)
+    passed = np.flatnonzero(np.diff(numbers) != 0.0) + 1
+    points = places.at(trace.t[passed])
+    known = np.isfinite(points).all(axis=1)
+    east, north = plane.at(points[known])
+    whole = spacing * np.maximum(numbers[passed], numbers[passed - 1])[known]
+    texts = [f"km {x:g}" for x in whole]
+    fig.scatter(east, north, size=4, color=palette.BLACK)
+    style = {"text_font_size": "11px", "text_color": palette.GREY, "x_offset": 6, "y_offset": 6}
+    fig.text(east, north, texts, **style)
+
+
+def _slides(run: ReportRun) -> list[tuple[int, SlideSummary]]:
+    """Slides after the number of their axle."""
+    return [(a.number, x) for a in run.axles for o in a.applications for x in o.slide_list]
+
+
+def _times(run: ReportRun, seconds: Floats) -> Any:
+    """Times after the start of the log as a route has them [ns]."""
+    return run.start_ns + np.round(1e9 * seconds).astype(np.int64)
