@@ -125,6 +125,9 @@ class LiveAxle:
         self._force, self._pressure, self._train = math.nan, math.nan, math.nan
         self._last_time: int | None = None  # time of the newest sample that was used [ns]
         self._first_time: int | None = None  # and of the first one
+        self._motors: dict[int, tuple[float, float]] = {}  # force at the rim and its sigma [N]
+        self._motor_clock = _Clock(measuring.max_gap)
+        self._motor_part = 0.0, 0.0  # of the newest sample
         self._slides = False
         p = measuring.thresholds
         self._speed_leaps, self._speed_stuck = wheel_leaps(p.outliers), StuckSpeed(p.stuck_speed)
@@ -162,6 +165,19 @@ class LiveAxle:
             return False
         return True
 
+    def motor(self, place: int, t: int, force: float, tolerance: float) -> None:
+        """A force of the motors at the rim [N], the ED brake above zero, with its tolerance."""
+        self._motor_clock.step(t)
+        self._motors[place] = force, tolerance * abs(force)
+
+    def _by_motors(self, t: int) -> tuple[float, float]:
+        """The motors' part of K, and 1 sigma of their force [N]; NaN where it is too old."""
+        if not self._motors:
+            return 0.0, 0.0
+        forces, sigmas = zip(*self._motors.values(), strict=True)
+        K = sum(forces) / self._wheelset.phi if self._motor_clock.fresh(t) else math.nan
+        return K, math.hypot(*sigmas)
+
     def train(self, t: int, value: float) -> None:
         """A train speed [m/s]."""
         self._run.step(t)
@@ -184,7 +200,9 @@ class LiveAxle:
             self._states.clear()
         self._last_time = t
         self._first_time = t if self._first_time is None else self._first_time
-        K, slip = self._force * self._share(self._force, y), self._slip(v, y)
+        self._motor_part = self._by_motors(t)
+        K = self._force * self._share(self._force, y) + self._motor_part[0]
+        slip = self._slip(v, y)
         status = self._fault(t, y, K, start)
         if status in ("no-pressure", "pressure-stuck", "speed-stuck"):
             self._states.clear()
@@ -271,9 +289,10 @@ class LiveAxle:
     def _tolerance(self, K: float, F: float, y: float) -> tuple[float, float]:
         """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""
         w, vehicle = self._wheelset, self._vehicle
-        columns: Any = (K, w.a * (F - w.phi * K), y * w.radius)  # (1)
+        by_motors, sigma = self._motor_part
+        columns: Any = (K - by_motors, w.a * (F - w.phi * K), y * w.radius)  # (1)
         variance, mass = by_tolerances(self._measuring, vehicle, *columns)
-        return math.sqrt(max(float(variance), 0.0)), float(mass)
+        return math.sqrt(max(float(variance), 0.0) + sigma**2), float(mass)
 
     def _regime(self, slip: float, speed: float) -> str:
         """By the slip, from where slides begin to where they end; without slip as `imm` says.

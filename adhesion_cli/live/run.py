@@ -163,6 +163,10 @@ def axle_samples(
     for p, axle in zip(wheels.axles, axles, strict=True):
         if p.train in si:
             axle.train(*si[p.train])
+        for motor in p.motors:
+            if motor.place in si:
+                t, force = si[motor.place]
+                axle.motor(motor.place, t, motor.sign * force, motor.tolerance)
         if p.brake in si:
             axle.brake(*si[p.brake], start)
         if p.speed in si and (sample := axle.wheel(*si[p.speed], start)):

@@ -11,7 +11,7 @@ from ..channels.meaning import Mapping, Meant
 from ..core import units
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Parameter, Vehicle
+from ..core.model import MOTOR_FORCES, MOTOR_TOLERANCE, Parameter, Vehicle
 from ..formats.source import Field, Source
 from ..records.choose import Key, axle_numbers, brake_of, find, incomplete
 from .feed import PAUSE, FeedRow
@@ -31,6 +31,15 @@ class Places(NamedTuple):
     train: int | None
     of_rim: bool  # the wheel speed is ωR, and was divided by the vehicle's R
     zero: Parameter  # was taken off the pressure [Pa]
+    motors: tuple["MotorPlace", ...] = ()  # ED and traction force
+
+
+class MotorPlace(NamedTuple):
+    """Where a force of motors is, among the fields that are wanted."""
+
+    place: int
+    sign: float  # −1 of one that drives
+    tolerance: float  # 1 sigma, as a share
 
 
 class LiveWheels:
@@ -119,6 +128,7 @@ class LiveWheels:
             elif key := speed or brake:
                 lacking.append(incomplete(axle, self._by_key[key].title, speed is not None))
         # Of one time, the brake and the train come before the wheel: so do their places.
+        motors_by_axle = {axle: self._find_motors(axle) for axle, *_ in places}
         for _, _, brake, train in places:
             for key in (brake, train):
                 if key:
@@ -131,10 +141,22 @@ class LiveWheels:
                 axle_places = self._place(speed), self._place(brake), brake[0] == "pressure"
                 zero = to_si.zero(self._by_key[brake], self._vehicle)
                 self.axles.append(Places(axle, *axle_places, None, of_rim, zero))
+            i = index_of.get(axle, len(self.axles) - 1)
+            self.axles[i] = self.axles[i]._replace(motors=motors_by_axle[axle])
             if train:
                 i = index_of.get(axle, len(self.axles) - 1)
                 self.axles[i] = self.axles[i]._replace(train=self._place(train))
         return lacking
+
+    def _find_motors(self, axle: int) -> tuple[MotorPlace, ...]:
+        """Gives places to the forces of an axle's motors."""
+        motors = []
+        for sign, meaning in zip((1.0, -1.0), MOTOR_FORCES, strict=True):
+            if key := find(self._by_key, meaning, axle):
+                stated = self._by_key[key].mapping
+                tolerance = stated.tolerance if stated else MOTOR_TOLERANCE
+                motors.append(MotorPlace(self._place(key), sign, tolerance))
+        return tuple(motors)
 
     def _place(self, key: Key) -> int:
         """The place of what has this meaning; it gets one if it has none."""

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.blended import VEHICLE, blended
 from helpers.live_runs import LOW, SERVICE, axle, followed, lines_of, running
 
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import load
+from adhesion_cli.core import toml
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
 from adhesion_cli.live.replay import Replay
@@ -137,3 +139,20 @@ def test_without_a_recent_pressure_there_is_no_force() -> None:
         last = one.wheel(k * 10_000_000, 40.0 - 0.001 * k, 0)
     assert last
     assert (last.status, dict(last.estimates)) == ("no-pressure", {})
+
+
+def test_the_ed_force_is_in_the_clamping_force_of_live_samples(tmp_path: Path) -> None:
+    log = blended((60.0,), (0.9,))
+    columns = {"ED force per axle [kN]": log.ed[0] * 1e-3}
+    path = log.write(tmp_path / "ed.csv", columns)
+    settings = load(toml.parsed(VEHICLE, "test"), folder=False)
+    samples, _ = followed(Replay(path, settings.read, 0.0), settings, ["imm"])
+    braked = [s for s in samples[2] if s.t * 1e-9 > log.stops[0][0] + 5.0 and s.speed > 12.0]
+    at = np.array([s.t * 1e-9 for s in braked])
+    by_ed = np.interp(at, log.t, log.ed[1])
+    true_force = np.interp(at, log.t, log.force[1])
+    K = np.array([s.clamping for s in braked])
+    assert (by_ed < 0.35 * K).all()
+    estimates = [s.estimates["imm"] for s in braked]
+    np.testing.assert_allclose([e.force for e in estimates], true_force, rtol=0.02)
+    assert all(e.tolerance > 0.05 * F for e, F in zip(estimates, by_ed, strict=True))
