@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core import time_axis, units
+from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
 from ..core.model import MOTOR_FORCES, Bools, Channel, Column, Floats, Parameter, Vehicle
@@ -99,10 +99,12 @@ def _check_zero(m: Meant, si: float, values: Floats) -> None:
     """
     top = float(np.max(np.abs(values), initial=0.0))
     if m.zero and abs(si) > max(top, _LARGE_ZERO):
+        key = f"channels.{m.meaning}" + (f".axle{m.axle}" if m.axle else "")
+        option = toml.option(f"{key}.zero = 0.1")
         raise UserError(
-            f"channel {m.title!r}: zero = {m.zero.value:g} {m.unit} is larger than every value, "
-            f"of which the largest is {top * m.zero.value / si:.3g} {m.unit}",
-            "state in [channels], in the channel's unit, what it shows while the brake is released",
+            f"{key}: zero = {m.zero.value:g} {m.unit} is larger than every value of channel "
+            f"{m.title!r}, of which the largest is {top * m.zero.value / si:.3g} {m.unit}",
+            f"state what it shows while the brake is released, as {option}",
             code=2,
         )
 
