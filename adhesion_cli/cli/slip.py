@@ -1,10 +1,10 @@
 """`adhesion slip`: the slip-adhesion curve of a log."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from . import results
-from .options import ALL_NAMES, Logs, Shared, shared
+from .options import ALL_NAMES, Logs, Shared, option, shared
 
 if TYPE_CHECKING:
     from ..rail.rail_under_slides import Summary
@@ -12,7 +12,11 @@ if TYPE_CHECKING:
 
 
 @shared(*(name for name in ALL_NAMES if name != "algo"))
-def command(logs: Logs, shared: Shared) -> int:
+def command(
+    logs: Logs,
+    shared: Shared,
+    rows: Annotated[bool, option("--rows", None, "Show every slide, however many.")] = False,
+) -> int:
     """Show slip, slides and the adhesion curve of every axle.
 
     Writes <log>.slip.mcap and <log>.slip.rrd.
@@ -49,13 +53,14 @@ def command(logs: Logs, shared: Shared) -> int:
     else:
         for (result, axles, slip_summaries), files_of in zip(slip_results, pairs, strict=True):
             vehicle = terminal.folded(describe_vehicle(summarise_vehicle(result.identified)))
-            text = table(axles, result.log.start_ns(), find_route(result.log))
+            text = table(axles, result.log.start_ns(), find_route(result.log), rows)
             print(f"{printable(result.log.path)}\n{vehicle}\n{text}")
             print(terminal.wrote(*files_of))
             terminal.show(slip_summaries, shared.quiet)
     return results.finished(shared, pairs[-1][1], [f for s in slip_results for f in s.findings])
 
 
+_MANY_SLIDES, _SHOWN_SLIDES = 40, 20  # slides of all axles; of more, so many are shown
 _OF_REGIONS = """\
 Share of the braked time in each region:
   unknown  the slope of µ over slip cannot be measured: slip changes too little, too
@@ -66,8 +71,20 @@ Share of the braked time in each region:
   beyond   beyond the peak: µ falls with slip, or slip is above its band"""
 
 
-def table(summaries: "Sequence[Summary]", start_ns: int, route: "Route | None" = None) -> str:
-    """What the screen shows of a log: rail and regions of every axle, and every slide."""
+def table(
+    summaries: "Sequence[Summary]",
+    start_ns: int,
+    route: "Route | None" = None,
+    all_rows: bool = False,
+) -> str:
+    """What the screen shows of a log: rail and regions of every axle, and its slides.
+
+    Args:
+        summaries: of the axles.
+        start_ns: of the log, from which times count [ns].
+        route: where the train was.
+        all_rows: whether every slide is shown; else of many the worst ones, these first.
+    """
     from ..rail.slope import REGION_TITLES
     from ..records.route import NOWHERE
     from ..results.slip_text import OF_CURVE, constants, rail_row, slide_rows
@@ -88,5 +105,10 @@ def table(summaries: "Sequence[Summary]", start_ns: int, route: "Route | None" =
     if rows := constants(list(rails.values())):
         sections += [table(["rail", *(f"axle {axle}" for axle in rails)], rows), folded(OF_CURVE)]
     if slides := slide_rows(summaries, start_ns, route or NOWHERE):
-        sections.append(records(slides))
+        shown, heading = slides, ""
+        if len(slides) > _MANY_SLIDES and not all_rows:
+            shown = sorted(slides, key=lambda row: -float(row["max slip [%]"].lstrip("≥ ")))
+            shown = shown[:_SHOWN_SLIDES]
+            heading = f"{len(shown)} of {len(slides)} slides, the worst first; --rows shows all:\n"
+        sections.append(heading + records(shown))
     return "\n\n".join(sections)

@@ -52,3 +52,13 @@ def test_the_clock_of_the_log_stands_beside_the_seconds() -> None:
     assert "clock" in head
     assert "00:00:12" in row
     assert "clock" not in table([SLID], 0)
+
+
+def test_of_many_slides_the_worst_are_shown_and_all_on_request() -> None:
+    slides = [slide(0.1 + 0.001 * i, 1e3) for i in range(60)]
+    many = SLID._replace(slides=slides)
+    lines = table([many], 0).splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("20 of 60 slides"))
+    assert len(lines) == first + 3 + 20
+    assert "15.9" in lines[first + 3]
+    assert len(table([many], 0, all_rows=True).splitlines()) > 60
