@@ -47,7 +47,7 @@ def write_result(
 
     record, recording = places
     mcap.write_result(record, result, embedded([summary]), slip, every_sample)
-    rrd.write_result(recording, result, notes, every_sample, summary.axles)
+    rrd.write_result(recording, result, notes, every_sample, summary)
 
 
 def write_comparison(

@@ -30,7 +30,7 @@ from ..core.model import (
     Vehicle,
     quantities,
 )
-from ..core.summary import BrakeApplication, ResultSummary
+from ..core.summary import BrakeApplication, ResultSummary, StopSummary
 from ..core.toml import Table
 from ..rail.rail_under_slides import Summary
 from ..rail.slope import REGIONS
@@ -236,14 +236,15 @@ def _axle(axle: AxleResult, result: Result, braked: tuple[BrakeApplication, ...]
 class Analysis(_Tables):
     """One analysed log.
 
-    `to_arrow` and `to_pandas` give the tables ``applications``, ``estimators`` and ``findings``.
+    `to_arrow` and `to_pandas` give the tables ``applications``, ``stops``, ``estimators`` and
+    ``findings``.
 
     Attributes:
         result: all that was computed, as the rest of the program has it.
     """
 
     result: Result
-    _tables = ("applications", "estimators", "findings")
+    _tables = ("applications", "stops", "estimators", "findings")
 
     @property
     def log(self) -> Log:
@@ -270,6 +271,11 @@ class Analysis(_Tables):
     def applications(self) -> tuple[BrakeApplication, ...]:
         """Every brake application of every axle, with force, adhesion coefficient and slides."""
         return tuple(application for of_axle in self._braked.values() for application in of_axle)
+
+    @property
+    def stops(self) -> tuple[StopSummary, ...]:
+        """The stops of the whole train: distance, deceleration, response time."""
+        return self._summary.stops
 
     @property
     def estimators(self) -> tuple[Score, ...]:
@@ -586,6 +592,8 @@ def _table(name: str, summaries: Sequence[ResultSummary]) -> Any:
     """The table of that name of some logs."""
     if name == "applications":
         return tables.applications(summaries)
+    if name == "stops":
+        return tables.stops(summaries)
     if name == "estimators":
         return tables.estimators(summaries)
     return tables.findings(summaries)

@@ -494,11 +494,13 @@ def test_short_and_long_recordings_hold_the_same(
 
 def test_the_first_tab_has_the_adhesion_coefficient_with_its_uncertainty(tmp_path: Path) -> None:
     made = result(10, 400)
-    axles = summarise(made, {}).axles
-    rrd.write_result(tmp_path / "a.rrd", made, axles=axles)
+    summary = summarise(made, {})
+    axles = summary.axles
+    rrd.write_result(tmp_path / "a.rrd", made, summary=summary)
     (text,) = static(tmp_path / "a.rrd", "/summary", "text")
     mu = axles[0].applications[0].coefficient
     assert mu
     assert "±".join(by_uncertainty(mu.mean, mu.mean_u95, 3)) in text
     assert "## Groups of axles" in text
+    assert ("## Stops" in text) == bool(summary.stops)
     assert [name for name, _ in overview._groups(made)] == ["axles 1–4", "axles 5–8", "axles 9–10"]

@@ -8,6 +8,9 @@ from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
+from ..stop_rows import NOTE as STOP_NOTE  # noqa: F401 (for the template)
+from ..stop_rows import describe_sources as describe_sources
+from ..stop_rows import stop_row as train_stop_row
 from ..text_tables import DASH, non_empty, number, when_and_where
 from ..train_stops import (
     MANY_AXLES,
@@ -187,6 +190,12 @@ def application_rows(run: ReportRun) -> list[tuple[Mark, Cells]]:
 def is_long(run: ReportRun) -> bool:
     """Whether a row per stop stands above those of all axles."""
     return len(run.axles) > 1 and sum(len(a.applications) for a in run.axles) > MANY_ROWS
+
+
+def train_stop_rows(run: ReportRun) -> list[dict[str, str]]:
+    """The stops of the whole train, and why one is none."""
+    rows = [train_stop_row(stop) | {"Remark": stop.reason or DASH} for stop in run.stops]
+    return non_empty(rows)
 
 
 def stop_rows(run: ReportRun) -> list[dict[str, str]]:

@@ -14,7 +14,7 @@ from ...core import physics, rounding, signals
 from ...core.finding import catalogue
 from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
 from ...core.physics import LOCKED, SLIDES
-from ...core.summary import AxleSummary, summarise_vehicle
+from ...core.summary import AxleSummary, ResultSummary, StopSummary, summarise_vehicle
 from ...core.text import printable
 from ...rail import fit, sliding
 from ...rail.locks import locks_of_axle
@@ -23,6 +23,8 @@ from ...scores.metrics import pool_scores
 from ...stops.settings import StopSettings
 from .. import log_events, names, palette, thinning
 from ..result_rows import row, score_rows
+from ..stop_rows import NOTE, describe_sources
+from ..stop_rows import stop_row as train_stop_row
 from ..text_tables import non_empty
 from ..train_stops import (
     MANY_AXLES,
@@ -52,7 +54,7 @@ def write_result(
     result: Result,
     notes: Sequence[Note] = (),
     full: bool = False,
-    axles: Sequence[AxleSummary] = (),
+    summary: ResultSummary | None = None,
 ) -> None:
     """Write one analysed log.
 
@@ -61,10 +63,10 @@ def write_result(
         result: the analysed log.
         notes: on the slip of each axle, with its rail; with them, slip is what is shown first.
         full: whether a long log is drawn with every sample between its brake applications, too.
-        axles: summaries with the brake applications, for the table of the first tab.
+        summary: of the log, for the tables of stops and brake applications.
     Raises as `verified.verified`.
     """
-    _write(path, [_Page("", result, notes, full, axles)])
+    _write(path, [_Page("", result, notes, full, summary)])
 
 
 def write_comparison(path: Path, results: Sequence[Result], full: bool = False) -> None:
@@ -74,7 +76,7 @@ def write_comparison(path: Path, results: Sequence[Result], full: bool = False) 
     `brake`, which is shown, time counts from each log's own brake start.
     """
     pairs = zip(drawable_names(names.logs(results)), results, strict=True)
-    _write(path, [_Page(name, result, (), full, ()) for name, result in pairs])
+    _write(path, [_Page(name, result, (), full, None) for name, result in pairs])
 
 
 def _write(path: Path, pages: "list[_Page]") -> None:
@@ -96,10 +98,10 @@ class _Page:
         result: Result,
         notes: Sequence[Note],
         full: bool,
-        applications: Sequence[AxleSummary],
+        summary: ResultSummary | None,
     ) -> None:
         self.result, self.notes, self.full = result, notes, full
-        self.applications = applications
+        self.summary = summary
         (self.title,) = drawable_names([printable(Path(result.log.path).name)])
         self.root = rr.new_entity_path([name]) if name else ""
         self.zeros = {"time": result.log.start_ns()}
@@ -138,7 +140,7 @@ class _Page:
         if len(self.result.axles) > 1:
             overview.send(rec, self.root, self.times, self.result)
         self._send_lists(rec)
-        summary = _summary(self.result, self.title, self.slides, self.applications)
+        summary = _summary(self.result, self.title, self.slides, self.summary)
         parts.send_text(rec, f"{self.root}/summary", summary)
         about = _about(self.result, self.large, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
@@ -428,8 +430,9 @@ def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
 
 
 def _summary(
-    result: Result, title: str, slides: overview.Slides, axles: Sequence[AxleSummary]
+    result: Result, title: str, slides: overview.Slides, summary: ResultSummary | None
 ) -> str:
+    axles = summary.axles if summary else ()
     entries = [
         f"- **{f.severity}** {parts.escape_markdown(f'{f.code}: {log_events.text(f)}')}"
         for f in result.findings
@@ -437,6 +440,7 @@ def _summary(
     lines = [
         f"# {parts.escape_markdown(title)}\n",
         describe_vehicle(summarise_vehicle(result.identified), axles),
+        *_stopped(summary.stops if summary else ()),
         *_braked(result, axles),
         "\n## Slides\n",
         overview.listed(slides, result.log),
@@ -448,6 +452,20 @@ def _summary(
     else:
         lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
     return "\n".join(lines)
+
+
+def _stopped(stops: Sequence[StopSummary]) -> list[str]:
+    """The stops of the whole train."""
+    if not stops:
+        return []
+    rows = [train_stop_row(stop) for stop in stops[:_LISTED_STOPS]]
+    shown = f"{len(rows)} of {len(stops)} stops.\n" if len(rows) < len(stops) else ""
+    return [
+        "\n## Stops\n",
+        shown,
+        parts.markdown_table(rows),
+        f"\n{NOTE} {describe_sources(stops)}\n",
+    ]
 
 
 def _braked(result: Result, axles: Sequence[AxleSummary]) -> list[str]:
