@@ -238,9 +238,9 @@ def find_log_brake(log: AlignedLog, settings: Settings) -> LogBrake | None:
         log: on one clock.
         settings: with the vehicle that is used.
     """
-    if settings.vehicle.axles:
-        (log,), mean = as_equal_axles([log.clamped_by(settings.vehicle)], settings)
-        settings = replace(settings, vehicle=mean)
+    # The force of motors and a friction table are in the grid by the vehicle that is used, too.
+    (log,), mean = as_equal_axles([log.clamped_by(settings.vehicle)], settings)
+    settings = replace(settings, vehicle=mean)
     vehicle, setting = settings.vehicle, _setting([log], settings)
     rotating = _rotating_share(vehicle, settings.stated)
     if not log.grids:

@@ -178,3 +178,19 @@ def test_axles_need_not_begin_with_the_first(tmp_path: Path) -> None:
     first = summarise(result, {}).axles[0].applications[0].coefficient
     assert first is not None
     assert first.mean == pytest.approx(float(np.mean(truth[3][125:530])), rel=0.02)
+
+
+def test_equal_cars_are_a_train_without_cars(tmp_path: Path) -> None:
+    car = {k: v for k, v in TRAIN["car"]["motor"].items() if k != "axles"}
+    car |= {"friction": {"speed": [0, 60], "value": [0.37, 0.30], "tolerance": 0.1}}
+    layers = [{"vehicle": {"wheel_diameter": 0.84}}, {"vehicle": car}]
+    alone, in_cars = (
+        load(*layers),
+        load(*layers, {"car": {"a": {"axles": [1]}, "b": {"axles": [2]}}}),
+    )
+    stronger = load(*layers, {"friction": 0.35})
+    unlike_train.write(tmp_path / "train.csv", stronger.vehicle, [1, 2])
+    results = [analyze(tmp_path / "train.csv", x, ["td"]) for x in (alone, in_cars)]
+    assert results[0].brake is not None
+    assert results[0].brake == results[1].brake
+    assert np.array_equal(*(r.axles[1].reference.force for r in results), equal_nan=True)
