@@ -23,6 +23,7 @@ from ..records.choose import choose, no_records_error
 from ..records.faults import View
 from ..records.faults import Window as Window
 from ..records.motor_forces import with_signs
+from ..records.other_brakes import other_brake_findings
 from ..records.resample import resample
 from ..records.screen import screen
 from ..train.align import align
@@ -42,6 +43,7 @@ class AlignedLog(NamedTuple):
     vehicle: Vehicle  # of the axles' clamping force
     view: View
     findings: list[Finding]
+    other_brakes: tuple[Finding, ...] = ()  # brakes that act by a channel, and are not in K
 
     def clamped_by(self, vehicle: Vehicle) -> "AlignedLog":
         """The log with the clamping force that another vehicle makes of the pressures."""
@@ -113,6 +115,7 @@ def align_log(
         vehicle,
         view,
         findings + aligned.findings,
+        other_brake_findings(log, aligned.axles, vehicle, view),
     )
 
 

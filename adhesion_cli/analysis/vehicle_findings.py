@@ -47,7 +47,9 @@ def find_vehicle_findings(
     findings = []
     if identified.other_brake:
         values = {} if identified.factor is None else {"factor": identified.factor}
-        findings.append(Finding("other-brake", "warning", values=values))
+        names = {"reason": "Train decelerates more than the pressure explains"}
+        findings.append(Finding("other-brake", "warning", values=values, names=names))
+    findings += log.other_brakes
     if not identified.known:
         findings.append(Finding("vehicle-unknown", "warning"))
     if identified.factor is not None and not identified.other_brake:

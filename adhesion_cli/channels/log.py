@@ -14,6 +14,7 @@ from ..core.model import (
     MOTOR_FORCES,
     MOTOR_TOLERANCE,
     NOT_MEASURED,
+    OTHER_BRAKES,
     PLACES,
     Channel,
     Column,
@@ -237,6 +238,8 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
         UserError: a guess would be silently wrong.
     """
     assert m.meaning
+    if m.meaning in OTHER_BRAKES:  # on or off, or any force
+        return
     if not m.unit:
         raise UserError(
             f"{path}: channel {m.title!r} looks like the {m.describe}, but {_lacks(m)}",

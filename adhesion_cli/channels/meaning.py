@@ -10,7 +10,14 @@ from dataclasses import dataclass, replace
 from ..core import toml, units
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
-from ..core.model import INPUTS, MOTOR_FORCES, MOTOR_TOLERANCE, Meaning, Parameter
+from ..core.model import (
+    INPUTS,
+    MOTOR_FORCES,
+    MOTOR_TOLERANCE,
+    OTHER_BRAKES,
+    Meaning,
+    Parameter,
+)
 from ..formats.source import Field
 from .places import UNCLEAR, served
 from .rules import GENERIC, guess, name_words, place_of, word_of_kind
@@ -354,7 +361,7 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     repeats: dict[tuple[str, int | None], list[str]] = {}
     for i in guesses:
         m = meant[i]
-        if not m.meaning or m.meaning not in INPUTS:
+        if not m.meaning or m.meaning not in INPUTS or m.meaning in OTHER_BRAKES:
             continue
         key = (m.meaning, m.axle)
         if (holder := first_of.setdefault(key, m)) is not m:

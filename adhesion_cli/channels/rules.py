@@ -47,6 +47,7 @@ class Rule(NamedTuple):
 
 _NAMED = "an analysis does not use it"
 _PLACED = "stops and slides have their place by it"
+_ON = "above zero it acts"
 ED_WITHOUT_UNIT = "an ED brake, but no unit of a force, a torque or a share (%) is stated"
 
 RULES = (
@@ -100,8 +101,8 @@ RULES = (
     Rule("state", "own ED brake, !state", None, ED_WITHOUT_UNIT),
     Rule("state", "own vent valve", "vent_valve", _NAMED),
     Rule("state", "own hold valve", "hold_valve", _NAMED),
-    Rule("any", "own magnetic braking", "magnetic_brake", _NAMED),
-    Rule("any", "own retarder", "retarder", _NAMED),
+    Rule("any", "own magnetic braking", "magnetic_brake", _ON),
+    Rule("any", "own retarder", "retarder", _ON),
     Rule("state", "own sand", "sanding", _NAMED),
     Rule("state", "own emergency", "emergency", _NAMED),
     Rule("state", "own WSP", "wsp_active", _NAMED),
@@ -379,7 +380,7 @@ def guess(field: Field) -> Guess:
         numbered = field.group or "wheel" in name.kinds
         if rule.quantity == "acceleration" or (rule.meaning == "train_speed" and not numbered):
             axle = None
-        if rule.reason == _NAMED and not {"wheel", "valve"} & name.kinds.keys():
+        if rule.reason in (_NAMED, _ON) and not {"wheel", "valve"} & name.kinds.keys():
             axle = None
         names = " and ".join(repr(word) for word in dict.fromkeys(matched))
         reasons = (

@@ -66,8 +66,12 @@ INPUTS: frozenset[Meaning | None] = frozenset(
         "true_slip",
         "ed_force",
         "traction_force",
+        "magnetic_brake",
+        "retarder",
     )
 )
+# Brakes of which it is known only whether they act.
+OTHER_BRAKES: tuple[Meaning, Meaning] = ("magnetic_brake", "retarder")
 MOTOR_FORCES: tuple[Meaning, Meaning] = ("ed_force", "traction_force")
 MOTOR_TOLERANCE = 0.05  # 1 sigma of a force that a converter calculates from its currents, a share
 # Where the train was; read as well, where the log has them.

@@ -23,6 +23,7 @@ from ..core.model import (
     AS_INPUT,
     MOTOR_FORCES,
     NOT_MEASURED,
+    OTHER_BRAKES,
     PLACES,
     RECOVERED,
     AxleRecord,
@@ -338,6 +339,8 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
     for meaning in PLACES:
         if channel := result.log.find(meaning, 0):
             streams.append(_scalar(f"{prefix}/{meaning}", names.SI[meaning], channel.data))
+    for c in (c for c in result.log.channels if c.meaning in OTHER_BRAKES):
+        streams.append(_scalar(f"{prefix}/{c.meaning}", "", c.data))
     return [*streams, *_events(of_result(result), prefix)]
 
 

@@ -144,11 +144,13 @@ def calibrate(
     prior_vehicle, _ = find_prior(equal_logs, replace(settings, vehicle=mean))
     vehicle = prior_vehicle.vehicle  # of the mean axle
     of_all = of_all_axles(prior_vehicle, mean, settings.vehicle, aligned_logs[0].numbers[0])
+    acting = [f for log in aligned_logs for f in log.other_brakes]
     if prior_vehicle.other_brake:
-        finding = Finding("other-brake", "warning")
-        raise UserError(
-            f"{', '.join(p.name for p in paths)}: {finding.message}", finding.hint or ""
-        )
+        names = {"reason": "Train decelerates more than the pressure explains"}
+        acting.append(Finding("other-brake", "warning", names=names))
+    if acting:
+        titles = ", ".join(p.name for p in paths)
+        raise UserError(f"{titles}: {acting[-1].message}", acting[-1].hint or "")
     logs = [
         _used_log(log, aligned, move_axles(aligned.vehicle, mean, vehicle), settings)
         for log, aligned in read_logs

@@ -147,3 +147,19 @@ def test_traction_without_a_channel_is_no_brake_and_no_fault(
     assert sum(f.code == "traction" for f in result.findings) == 4
     assert result.identified.force_per_bar is not None
     assert result.identified.force_per_bar.value == pytest.approx(6329.0, rel=0.03)
+
+
+def test_a_magnetic_brake_that_acts_is_another_brake(tmp_path: Path) -> None:
+    from adhesion_cli.results import mcap
+
+    log = blended(ed_part=0.0)
+    start, stop = log.stops[1]
+    on = ((log.t > start + 1.0) & (log.t < stop - 5.0)).astype(float)
+    result = analyzed(log.write(tmp_path / "magnetic.csv", {"magnetic track brake": on}))
+    first = result.findings[0]
+    assert first.code == "other-brake"
+    assert first.spans == (pytest.approx((start + 1.0, stop - 5.0), abs=0.1),)
+    assert "magnetic track brake is on" in first.message
+    mcap.write_result(tmp_path / "magnetic.adhesion.mcap", result, "{}")
+    again = run.analyze(tmp_path / "magnetic.adhesion.mcap", load(None, folder=False), ["td"])
+    assert [f.spans for f in again.findings if f.code == "other-brake"] == [first.spans]

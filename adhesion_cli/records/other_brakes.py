@@ -1,0 +1,57 @@
+"""Brakes of which a channel says that they act: a magnetic track brake, a retarder."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..core.finding import Finding, merge_spans
+from ..core.model import OTHER_BRAKES, Bools, Channel, Log, Vehicle
+from ..core.physics import CRAWL
+from ..core.signals import true_runs
+from .axle_channels import AxleChannels
+from .faults import View
+
+_ACTING_SHARE = 0.1  # of the highest value of a channel: from there its brake acts
+
+
+def other_brake_findings(
+    log: Log, axles: Sequence[AxleChannels], vehicle: Vehicle, view: View
+) -> tuple[Finding, ...]:
+    """A finding for each brake that acts while the train moves, with its times.
+
+    Args:
+        log: with its channels' meanings.
+        axles: of the log, for the speed.
+        vehicle: for the wheel radius.
+        view: only its window counts.
+    """
+    findings = []
+    for c in log.channels:
+        if c.meaning not in OTHER_BRAKES or not len(c.data.t):
+            continue
+        acting = _is_acting(c) & view.contains(c.data.t) & _moves(c, axles, vehicle)
+        runs = true_runs(acting)
+        if not runs:
+            continue
+        since = view.seconds(c.data.t)
+        spans = merge_spans([(float(since[a]), float(since[b - 1])) for a, b in runs])
+        name = str(c.meaning).replace("_", " ").replace("magnetic", "magnetic track")
+        names = {"reason": f"The {name} is on while the train moves"}
+        findings.append(Finding("other-brake", "warning", c.title, len(runs), spans, {}, names))
+    return tuple(findings)
+
+
+def _is_acting(c: Channel) -> Bools:
+    size = np.abs(c.data.value)
+    acting: Bools = size > _ACTING_SHARE * float(np.max(size, initial=0.0))
+    return acting
+
+
+def _moves(c: Channel, axles: Sequence[AxleChannels], vehicle: Vehicle) -> Bools:
+    """Whether any wheel turns at the times of a channel, (n,)."""
+    moves = np.zeros(len(c.data.t), dtype=np.bool_)
+    for r in (a.record for a in axles):
+        order = np.argsort(r.t, kind="stable")
+        rim = r.wheel_speed[order] * vehicle.radius(r.axle).value
+        moves |= np.interp(c.data.t, r.t[order], rim, left=0.0, right=0.0) > CRAWL
+    return moves
