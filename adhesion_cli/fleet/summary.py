@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow import dataset
 
@@ -26,7 +27,7 @@ _SUSPECT = "-unit-suspect"  # end of the codes of units that are probably wrong
 _LISTED = 10  # slides and logs that are listed
 _OF_APPLICATION = (
     "log sha256 axle start_s from_mps to_mps coefficient_mean slides slide_s slide_distance_m "
-    "max_slip slide_energy_j settings version"
+    "max_slip slide_energy_j time position_km position_from settings version"
 ).split()
 _FILE = "__filename"
 _OF_STOP = (
@@ -85,6 +86,21 @@ class StopGroup:
     response_median_s: float | None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kilometre(Distribution):
+    """Of a kilometre of the line."""
+
+    km: int  # from here to the next one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KilometreAndHour(Kilometre):
+    """Of a kilometre of the line, in one hour of one day (UTC)."""
+
+    day: str  # "unknown" without a calendar
+    hour: int | None  # None without a calendar
+
+
 @dataclass(frozen=True, slots=True)
 class SlidApplication:
     """A brake application that slid far; names as in the table of applications."""
@@ -137,6 +153,8 @@ class FleetSummary:
     by_speed: list[SpeedBand]
     by_settings: list[SettingsGroup]
     by_day: list[Day]
+    by_km: list[Kilometre]  # where the logs have positions on the line
+    by_km_and_hour: list[KilometreAndHour]
     stops: list[StopGroup]
     worst_slides: list[SlidApplication]
     findings: list[CodeCount]
@@ -211,6 +229,8 @@ def summarise_fleet(folder: Path) -> FleetSummary:
             for name, spread in _grouped(applications, settings)
         ],
         by_day=[Day(day=name, **spread) for name, spread in _grouped(applications, row_days)],
+        by_km=_by_km(applications),
+        by_km_and_hour=_by_km_and_hour(applications),
         stops=_stops(stops),
         worst_slides=_worst(applications),
         findings=_codes(findings),
@@ -318,6 +338,34 @@ def _grouped(table: Any, names: Sequence[str]) -> list[tuple[str, Json]]:
     order = np.argsort(group, kind="stable")
     rows = np.split(order, np.cumsum(np.bincount(group, minlength=len(groups)))[:-1])
     return [(str(name), _spread(table, x)) for name, x in zip(groups, rows, strict=False)]
+
+
+def _on_line(table: Any) -> Any:
+    """The applications whose position on the line is known."""
+    of_line = pc.equal(table["position_from"].cast(pa.string()), "position")
+    return table.filter(pc.and_(of_line, pc.is_valid(table["position_km"])))
+
+
+def _by_km(table: Any) -> list[Kilometre]:
+    placed = _on_line(table)
+    km = [f"{x:.0f}" for x in np.floor(_column(placed, "position_km"))]
+    kilometres = [Kilometre(km=int(x), **spread) for x, spread in _grouped(placed, km)]
+    return sorted(kilometres, key=lambda x: x.km)
+
+
+def _by_km_and_hour(table: Any) -> list[KilometreAndHour]:
+    placed = _on_line(table)
+    km = np.floor(_column(placed, "position_km")).tolist()
+    keys = [
+        f"{x:.0f} {time[:10]} {time[11:13]}" if time else f"{x:.0f} unknown -"
+        for x, time in zip(km, placed["time"].to_pylist(), strict=True)
+    ]
+    bins = []
+    for key, spread in _grouped(placed, keys):
+        place, day, hour = key.split()
+        hour_number = None if hour == "-" else int(hour)
+        bins.append(KilometreAndHour(km=int(place), day=day, hour=hour_number, **spread))
+    return sorted(bins, key=lambda x: (x.km, x.day, x.hour or 0))
 
 
 def _worst(table: Any) -> list[SlidApplication]:

@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from datetime import datetime
-from math import isfinite, nan
+from math import inf, isfinite, nan
+from typing import TypeVar
 
 from ..core.finding import catalogue
 from ..results.report.campaign import Bar, Bars, Campaign, PageTable
-from ..results.text_tables import number
+from ..results.text_tables import DASH, number
 from .summary import (
     Day,
     Distribution,
     FleetSummary,
+    Kilometre,
+    KilometreAndHour,
     SettingsGroup,
     SlidApplication,
     SpeedBand,
@@ -35,6 +38,7 @@ _STOPS = "Stops of the train by nominal speed"
 _WORST = "Worst slides (distance times largest slip)"
 _FINDINGS = "Findings on the data"
 DAYS = 14  # that a summary shows
+PLACES = 20  # kilometres that a summary shows
 _DAY = 86_400_000.0  # [ms]
 _BAND = 40.0  # width of the fastest speed band in a figure; it has no upper end [km/h]
 
@@ -66,6 +70,16 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
         PageTable(_SPEEDS, speeds, figure=_by_speed(fleet.by_speed), note=_OF_SPREAD),
         PageTable("By settings", vehicles, 2, _by_settings(fleet.by_settings)),
         PageTable(f"By day{scope}", newest_days, figure=_by_day(days)),
+        PageTable(
+            f"By kilometre{_scope(fleet.by_km)}",
+            [{"km": str(row.km), **_spread(row)} for row in _most_slides(fleet.by_km)],
+            figure=_by_km(fleet.by_km),
+        ),
+        PageTable(
+            f"By kilometre, day and hour (UTC){_scope(fleet.by_km_and_hour)}",
+            list(map(_km_and_hour, _most_slides(fleet.by_km_and_hour))),
+            3,
+        ),
         PageTable(_STOPS, list(map(_stopped, fleet.stops)), note=_OF_STOPS),
         PageTable(_WORST, list(map(_slid, fleet.worst_slides)), note=_OF_SLIDES),
         PageTable(_FINDINGS, codes, 3),
@@ -176,6 +190,33 @@ def _by_day(rows: Sequence[Day]) -> Bars | None:
             noon = 1e3 * datetime.fromisoformat(f"{row.day}T12:00:00Z").timestamp()
             bars.append(_bar(row.day, noon - _DAY / 2, noon + _DAY / 2, row))
     return _compared(Bars("day of the log's start (UTC), every day", bars, dated=True))
+
+
+_OfPlace = TypeVar("_OfPlace", bound=Kilometre)
+
+
+def _most_slides(rows: Sequence[_OfPlace]) -> list[_OfPlace]:
+    """Places, those with the most slides first and then those with the lowest adhesion."""
+
+    def severity(row: _OfPlace) -> tuple[int, float]:
+        return -row.with_slides, inf if row.p5 is None else row.p5
+
+    return sorted(rows, key=severity)[:PLACES]
+
+
+def _scope(rows: Sequence[Kilometre]) -> str:
+    """How many of the places a table has."""
+    return f", {PLACES} of {len(rows)}, most slides first" if len(rows) > PLACES else ""
+
+
+def _km_and_hour(row: KilometreAndHour) -> dict[str, str]:
+    hour = DASH if row.hour is None else f"{row.hour:02d}"
+    return {"km": str(row.km), "day": row.day, "hour": hour, **_spread(row)}
+
+
+def _by_km(rows: Sequence[Kilometre]) -> Bars | None:
+    bars = [_bar(f"{row.km} to {row.km + 1}", row.km, row.km + 1.0, row) for row in rows]
+    return _compared(Bars("position on the line [km]", bars))
 
 
 def _compared(page_bars: Bars) -> Bars | None:

@@ -112,6 +112,41 @@ def test_logs_are_counted_by_their_status(folder: Path) -> None:
     assert found.damaged == ["c"]
 
 
+def placed(km: float, time: str | None, mu: float = 0.1, **more: Any) -> BrakeApplication:
+    place = {"position_km": km, "position_from": "position", "time": time}
+    return application(mu, 20.0, **place | more)
+
+
+def test_adhesion_is_distributed_by_kilometre_hour_and_day(tmp_path: Path) -> None:
+    morning, later = "2026-03-01T06:59:00Z", "2026-03-01T07:00:00.5Z"
+    first = placed(12.2, morning), placed(12.9, morning, 0.2), placed(12.9, later, **SLID)
+    way = application(0.1, 20.0, position_km=1.0, position_from="distance", time=later)
+    write(tmp_path, log("a", "2026-03-01", *first, placed(9.5, later), way))
+    write(tmp_path, log("b", None, placed(12.0, None)))
+    found = summarise_fleet(tmp_path)
+    assert [(x.km, x.applications, x.with_slides) for x in found.by_km] == [(9, 1, 0), (12, 4, 1)]
+    bins = [(x.km, x.day, x.hour, x.applications) for x in found.by_km_and_hour]
+    assert bins == [
+        (9, "2026-03-01", 7, 1),
+        (12, "2026-03-01", 6, 2),
+        (12, "2026-03-01", 7, 1),
+        (12, "unknown", None, 1),
+    ]
+    text = _text(found)
+    kilometres = text.split("By kilometre:")[1].splitlines()
+    assert [line.split()[0] for line in kilometres[3:5]] == ["12", "9"]  # most slides first
+    hours = text.split("By kilometre, day and hour (UTC):")[1].splitlines()
+    assert hours[3].split()[:4] == ["12", "2026-03-01", "07", "1"]
+    figure = next(x.figure for x in summary_tables.tables(found) if x.title == "By kilometre")
+    assert figure
+    assert [(bar.begin, bar.number) for bar in figure.bars] == [(9, 1), (12, 4)]
+
+
+def test_logs_without_positions_have_no_table_of_kilometres(folder: Path) -> None:
+    assert summarise_fleet(folder).by_km == []
+    assert "kilometre" not in _text(summarise_fleet(folder))
+
+
 def test_the_coefficient_is_distributed_by_the_mean_speed(folder: Path) -> None:
     slow, middle = summarise_fleet(folder).by_speed
     assert (slow.from_kmh, slow.to_kmh, slow.applications) == (0.0, 40.0, 2)
