@@ -12,6 +12,7 @@ from ..core.mean_axle import mean_axle
 from ..core.model import (
     Z95,
     AxleRecord,
+    Bools,
     Floats,
     Parameter,
     Vehicle,
@@ -96,6 +97,14 @@ def _highest_friction_share(rim: Floats, K: Floats, vehicle: Vehicle) -> Floats:
     return share
 
 
+def _slide_together(sliding: Bools, seconds_of_log: Floats) -> Finding:
+    """That all axles slide, and where; arguments of shape (n,)."""
+    runs = signals.true_runs(sliding)
+    spans = [(float(seconds_of_log[a]), float(seconds_of_log[b - 1])) for a, b in runs]
+    count = int(sliding.sum())
+    return Finding("all-axles-slide", "warning", count=count, spans=merge_spans(spans))
+
+
 def with_reference_speed(
     records: Sequence[AxleRecord],
     all_records: Sequence[AxleRecord],
@@ -157,16 +166,7 @@ def with_reference_speed(
         findings.append(Finding("common-slides-unknown", "info"))
     sliding = (fastest < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
     if sliding.any():
-        seconds_of_log = (t - start_ns) * 1e-9
-        spans = merge_spans(
-            [
-                (float(seconds_of_log[a]), float(seconds_of_log[b - 1]))
-                for a, b in signals.true_runs(sliding)
-            ]
-        )
-        findings.append(
-            Finding("all-axles-slide", "warning", count=int(sliding.sum()), spans=spans)
-        )
+        findings.append(_slide_together(sliding, (t - start_ns) * 1e-9))
     completed = [
         replace(
             r,

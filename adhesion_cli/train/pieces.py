@@ -59,11 +59,6 @@ def build_design(
     if not pieces:
         return None
     samples, piece_start = np.concatenate(pieces), np.cumsum([0, *map(len, pieces[:-1])])
-    same_run = np.array(run_starts)[:, None] == np.array(run_starts)
-    gradient_covariance = _GRADIENT**2 * same_run + _GRADIENT_CHANGE**2 * np.eye(len(run_starts))
-    if fine_grid.gradient_sigma != GRADIENT_SIGMA:  # it is known: curves and wind stay
-        gradient_covariance *= (fine_grid.gradient_sigma / GRADIENT_SIGMA) ** 2
-        gradient_covariance += _UNCORRELATED_GRADIENT**2 * np.eye(len(run_starts))
     noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
     interval = max(longer_interval(a) for a in axles)
     rounding = max(_rounding_sigma(a) * vehicle.radius(a.record.axle).value for a in axles)
@@ -82,7 +77,7 @@ def build_design(
         samples=samples,
         piece_start=piece_start,
         size=np.zeros(0),
-        gradient_covariance=gradient_covariance,
+        gradient_covariance=_gradient_covariance(np.array(run_starts), fine_grid),
         has_quadratic=True,
         time=v[samples],
         measured=v[samples],
@@ -103,6 +98,18 @@ def build_design(
     )
     d = _with_pieces(d, piece_start)
     return d._replace(gradient_covariance=d.gradient_covariance + _motor_covariance(d))
+
+
+def _gradient_covariance(run_starts: NDArray[np.int64], grid: Grid) -> Floats:
+    """Prior covariance of the gradients of pieces, by the run of each (p,); (p, p) [m²/s⁴]."""
+    each = np.eye(len(run_starts))
+    covariance: Floats = _GRADIENT**2 * (run_starts[:, None] == run_starts)
+    covariance = covariance + _GRADIENT_CHANGE**2 * each
+    if grid.gradient_sigma == GRADIENT_SIGMA:
+        return covariance
+    # The gradient is known: curves and wind stay.
+    known = (grid.gradient_sigma / GRADIENT_SIGMA) ** 2
+    return known * covariance + _UNCORRELATED_GRADIENT**2 * each
 
 
 def motor_deceleration(
