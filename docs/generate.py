@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 import typer.main
 
 from adhesion_cli.analysis import settings, stated_brake, stated_friction
+from adhesion_cli.channels import meaning
 from adhesion_cli.cli.app import app
 from adhesion_cli.cli.explain import entry
 from adhesion_cli.core import annotated, estimator, methods, physics, units
@@ -34,6 +35,16 @@ _DOCUMENTS = (  # schema, key, class of what stands there
 _WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 _HEAD = "<!-- written by docs/generate.py -->\n"
 _TEXTS = {
+    "key of a force of motors": {
+        "channel": "topic, column header or `column 3`",
+        "field": "place inside a message",
+        "unit": "of a force, of a torque at the wheelset, or % of `full_force`",
+        "group": "of a long table, the device",
+        "axles": "over which the force is spread",
+        "arm": "lever of a torque [m]; 0: the wheel radius",
+        "full_force": "force of 100 % [N]",
+        "tolerance": "1 sigma, as a share",
+    },
     "key of a channel": {
         "channel": "topic, column header or `column 3`",
         "field": "place inside a message, as `velocity[0]`; `velocity` is all of a list",
@@ -151,10 +162,16 @@ def settings_page() -> str:
         '| `pressure."axle 2" = {zero = 0.1}` | the zero of a pressure that its name assigns to an '
         "axle |\n",
         _kinds("key of a channel", settings.CHANNEL_KEYS),
+        "\nThe force of motors brakes above zero as `ed_force`, and drives above zero as "
+        "`traction_force`. `ed_force = {…}` is the force of each axle. `ed_force.vehicle = {…}` "
+        'and `ed_force."bogie 1" = {…}` are spread over their axles.\n',
+        _kinds(
+            "key of a force of motors", settings.FORCE_KEYS, meaning.Mapping("ed_force", None, "")
+        ),
         "\n| meaning | units |\n|---|---|",
         *(
-            f"| `{key}` | {', '.join(units.known_units(meaning)) or 'any, or none'} |"
-            for key, meaning in settings.MEANINGS.items()
+            f"| `{key}` | {', '.join(units.known_units(of)) or 'any, or none'} |"
+            for key, of in settings.MEANINGS.items()
         ),
         "",
         _kinds("key of `time`", settings.TIME_KEYS),

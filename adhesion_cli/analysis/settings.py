@@ -73,7 +73,10 @@ PLACES: dict[str, Callable[[int], tuple[int, ...]]] = {
 }
 # of a force of motors, which several axles may share
 FORCE_KEYS = {
-    **CHANNEL_KEYS,
+    "channel": str,
+    "field": str,
+    "unit": str,
+    "group": str,
     "axles": list,
     "arm": float,
     "full_force": float,
@@ -331,7 +334,8 @@ def _log_sections(
         channels[owner] = {k: v for k, v in values.items() if v is not None}
     for m in settings.mappings:
         if m.meaning in MOTOR_FORCES:
-            entry = {k: list(v) if k == "axles" else v for k in FORCE_KEYS if (v := getattr(m, k))}
+            entry = {k: v for k in FORCE_KEYS if k != "axles" and (v := getattr(m, k))}
+            entry |= {"tolerance": m.tolerance} | ({"axles": list(m.axles)} if m.axles else {})
         else:
             entry = {k: v for k in CHANNEL_KEYS if k not in _OF_PLACE and (v := getattr(m, k))}
             entry |= {"zero": m.zero._asdict()} if m.zero else {}

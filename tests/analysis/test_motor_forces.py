@@ -7,7 +7,7 @@ import pytest
 from helpers.blended import RADIUS, VEHICLE, Blended, blended
 
 from adhesion_cli.analysis import analyze as run
-from adhesion_cli.analysis.settings import load
+from adhesion_cli.analysis.settings import load, tree
 from adhesion_cli.analysis.summarise import brake_applications
 from adhesion_cli.core import toml
 from adhesion_cli.core.errors import UserError
@@ -163,3 +163,28 @@ def test_a_magnetic_brake_that_acts_is_another_brake(tmp_path: Path) -> None:
     mcap.write_result(tmp_path / "magnetic.adhesion.mcap", result, "{}")
     again = run.analyze(tmp_path / "magnetic.adhesion.mcap", load(None, folder=False), ["td"])
     assert [f.spans for f in again.findings if f.code == "other-brake"] == [first.spans]
+
+
+@pytest.mark.parametrize(
+    ("line", "error"),
+    [
+        ('channels.ed_force.vehicle = {channel = "F", axles = [0]}', "are no axles"),
+        ('channels.ed_force."car B" = {channel = "F"}', "axles of 'car B' are not known"),
+        ("channels.ed_force = {full_force = -1.0}", "is out of range"),
+        ('channels.ed_force."bogie 1" = {unit = "kN"}', "names no channel"),
+        ("channels.ed_force = {zero = 0.1}", "zero"),
+    ],
+)
+def test_a_wrong_statement_of_a_force_names_key_and_remedy(line: str, error: str) -> None:
+    with pytest.raises(UserError, match=error) as raised:
+        load(toml.parsed(line, "test"), folder=False)
+    assert raised.value.hint
+
+
+def test_the_statements_of_a_force_survive_a_settings_file() -> None:
+    line = 'channels.ed_force."bogie 1" = {channel = "F", unit = "Nm", arm = 0.4, tolerance = 0.0}'
+    stated = load(toml.parsed(line, "test"), folder=False)
+    (mapping,) = stated.mappings
+    assert (mapping.axles, mapping.arm, mapping.tolerance) == ((1, 2), 0.4, 0.0)
+    written = {"channels": tree(stated, [])["channels"]}
+    assert load(written, folder=False).mappings == stated.mappings
