@@ -10,11 +10,11 @@ from pathlib import Path
 
 from ..core import threads
 from ..core.finding import Finding
-from ..core.mean_axle import move_axles
 from ..core.model import AxleRecord, AxleResult, IdentifiedVehicle, Result
 from ..formats.memory import Signals
 from ..rail import wheel_calibration
 from ..records.route import check_route
+from ..train.mean_axle import move_axles
 from . import settings as settings_module
 from .axle import analyze_axle, without_force
 from .identify import find_log_brake, identify

@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.mean_axle import mean_axle, move_axles
 from ..core.model import (
     AxleRecord,
     CarBrake,
@@ -48,6 +47,7 @@ from ..train import pieces, solve
 from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.explain import explain
 from ..train.grid import Grid
+from ..train.mean_axle import mean_axle, move_axles
 from .prepare import AlignedLog, Window, align_log
 from .request import load_vehicle, open_log, read_log
 from .settings import Settings

@@ -13,9 +13,9 @@ import numpy as np
 from ..core import units
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
-from ..core.mean_axle import vehicle_of_axles
 from ..core.model import Bools, CarAxle, Channel, Load, Log, Parameter, Vehicle, quantities
 from ..core.physics import BAR
+from ..train.mean_axle import vehicle_of_axles
 
 _KEYS = ("pressure", "axle_mass", "unit", "tolerance")
 _EXAMPLE = 'load = {pressure = [1.5, 3.8], axle_mass = [9500, 15000], unit = "bar"}'

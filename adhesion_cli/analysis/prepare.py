@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from ..core.finding import Finding
-from ..core.mean_axle import mass_at_rim, mean_axle
 from ..core.model import AxleRecord, Log, Track, Train, Vehicle
 from ..diagnostics.diagnosis import diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
@@ -29,6 +28,7 @@ from ..records.screen import screen
 from ..train.align import align
 from ..train.explain import explain
 from ..train.grid import Grids, build_grids, on_gradient
+from ..train.mean_axle import mass_at_rim, mean_axle
 from ..train.track import Gradient, find_gradient
 
 

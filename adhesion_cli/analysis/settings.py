@@ -22,7 +22,6 @@ from ..channels.places import bogie_axles
 from ..core import estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
-from ..core.mean_axle import vehicle_of_axles
 from ..core.model import (
     MOTOR_FORCES,
     CarAxle,
@@ -40,6 +39,7 @@ from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
 from ..stops.settings import StopSettings
+from ..train.mean_axle import vehicle_of_axles
 from ..wsp import controller
 from . import cars, loads, stated_brake, stated_friction, stated_track
 

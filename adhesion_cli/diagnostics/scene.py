@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.finding import Finding, Severity, merge_spans
-from ..core.mean_axle import mean_axle
 from ..core.model import Bools, Channel, Train, Vehicle
 from ..core.physics import rolling_deceleration, wheelset
 from ..core.signals import true_runs
 from ..records.axle_channels import AxleChannels
 from ..train.explanation import Explanation
 from ..train.grid import Grid
+from ..train.mean_axle import mean_axle
 
 
 class Scene(NamedTuple):

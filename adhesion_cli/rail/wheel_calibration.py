@@ -8,7 +8,6 @@ import numpy as np
 
 from ..core import compiled, physics, signals
 from ..core.finding import Finding, merge_spans
-from ..core.mean_axle import mean_axle
 from ..core.model import (
     Z95,
     AxleRecord,
@@ -18,6 +17,7 @@ from ..core.model import (
     Vehicle,
 )
 from ..core.physics import reference_speed
+from ..train.mean_axle import mean_axle
 from .speed_errors import COASTING_RATE, DELAY_SIGMA, delay_error
 
 _DRIVING_RATE = 0.1  # and largest acceleration: a driven wheel creeps [m/s²]

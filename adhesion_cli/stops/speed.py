@@ -22,8 +22,6 @@ def smoothed_speed(speed: Series, command: float, end: float) -> tuple[Floats, F
     Local polynomials of second degree over one second. They begin a second before the command,
     where the train still rolls.
     """
-    from scipy.signal import savgol_filter
-
     part = speed.between(command - 2.0, end)
     finite = np.isfinite(part.value)
     raw_t, raw_v = part.t[finite], part.value[finite]
@@ -35,7 +33,7 @@ def smoothed_speed(speed: Series, command: float, end: float) -> tuple[Floats, F
     v = np.interp(t, raw_t, raw_v)
     window = 2 * round(FIT / step / 2.0) + 1
     if window >= 5 and len(v) > window:
-        smooth = savgol_filter(v, window, 2, mode="interp")
+        smooth = local_polynomial(v, window, 2)
         noise = robust_sigma(raw_v - np.interp(raw_t, t, smooth))
     else:
         smooth, noise = v, 0.0
@@ -79,8 +77,6 @@ def largest_jerk(t: Floats, v: Floats, noise: float) -> Parameter | None:
 
     Of polynomials of third degree over one second, which pass up to about 1 Hz.
     """
-    from scipy.signal import savgol_filter
-
     fast = v > SLOW
     if len(t) < 5 or fast.sum() < 5:
         return None
@@ -88,6 +84,34 @@ def largest_jerk(t: Floats, v: Floats, noise: float) -> Parameter | None:
     window = 2 * round(FIT / step / 2.0) + 1
     if window < 5 or len(v) <= window:
         return None
-    jerk = savgol_filter(v, window, 3, deriv=2, delta=step, mode="interp")
+    jerk = local_polynomial(v, window, 3, derivative=2) / step**2
     sigma = noise * math.sqrt(720.0 / window**5) / step**2
     return Parameter(float(np.max(np.abs(jerk[fast]))), sigma)
+
+
+def local_polynomial(x: Floats, window: int, degree: int, derivative: int = 0) -> Floats:
+    """Least-squares polynomials over a moving window, or a derivative of them, per sample.
+
+    At the ends, those of the first and the last whole window. Source: A. Savitzky, M. J. E. Golay,
+    Analytical Chemistry 36 (1964).
+
+    Args:
+        x: even samples, shape (n,), at least one window.
+        window: samples of a polynomial, odd.
+        degree: of the polynomials.
+        derivative: which of them.
+    """
+    half = window // 2
+    place = np.arange(-half, half + 1, dtype=np.float64)
+    fit = np.linalg.pinv(np.vander(place, degree + 1, increasing=True))  # coefficients per sample
+
+    def at(places: Floats) -> Floats:
+        """Weights of the samples of a window at places of it, (m, window)."""
+        powers = np.arange(derivative, degree + 1)
+        factors = np.array([math.perm(int(power), derivative) for power in powers])
+        terms: Floats = factors * places[:, None] ** (powers - derivative)
+        return terms @ fit[derivative:]
+
+    middle = np.convolve(x, at(np.zeros(1))[0][::-1], "valid")
+    first, last = at(place[:half]) @ x[:window], at(place[half + 1 :]) @ x[-window:]
+    return np.concatenate([first, middle, last])

@@ -23,7 +23,6 @@ from ..core.annotated import Json
 from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.mean_axle import move_axles
 from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle, quantities
 from ..core.text import by_uncertainty
 from ..formats.memory import Signals
@@ -34,6 +33,7 @@ from ..results.palette import BLACK, BLUE, GREY, ORANGE
 from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.explanation import Design
+from ..train.mean_axle import move_axles
 
 _FALSE_REFUSAL = 0.01  # probability that logs of one vehicle are refused
 _PLAUSIBLE_SIGMAS = 4.0  # from its prior a parameter is another one

@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import mean_axle, physics
+from ..core import physics
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Parameter, Result, Times, Vehicle
@@ -35,6 +35,7 @@ from ..rail import fit, sliding
 from ..rail.creep_law import Condition, condition
 from ..rail.events import Slide
 from ..rail.fit import RailFit
+from ..train import mean_axle
 from ..train.explain import STATED_SIGMAS
 from ..train.longitudinal import tolerance
 from . import closed_loop, replay_rail

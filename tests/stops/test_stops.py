@@ -8,6 +8,7 @@ import pytest
 from helpers.made_results import result
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import savgol_filter
 
 from adhesion_cli.core.model import Floats, Parameter
 from adhesion_cli.core.physics import G
@@ -16,6 +17,7 @@ from adhesion_cli.stops.find import find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
 from adhesion_cli.stops.settings import StopSettings
 from adhesion_cli.stops.signals import Series, StopSignals, of_records
+from adhesion_cli.stops.speed import local_polynomial
 
 FLAT = ToLevel(Parameter(0.0, 0.0), 1.0)
 ON = 10.0  # command [s]
@@ -222,3 +224,10 @@ def test_where_motors_brake_the_response_is_that_of_the_whole_force() -> None:
     by_force = of_records([electric], analysed.log, analysed.vehicle)
     K = axle.record.clamping_force[~np.isnan(axle.record.clamping_force)]
     assert np.nanmax(by_force.brakes[1].value) == np.max(K)
+
+
+@pytest.mark.parametrize(("degree", "derivative"), [(2, 0), (3, 2)])
+def test_local_polynomials_are_those_of_savitzky_and_golay(degree: int, derivative: int) -> None:
+    x = np.cumsum(np.random.default_rng(3).normal(size=120))
+    expected = savgol_filter(x, 31, degree, deriv=derivative, mode="interp")
+    np.testing.assert_allclose(local_polynomial(x, 31, degree, derivative), expected, atol=1e-9)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from adhesion_cli.core.mean_axle import mean_axle, move_axles, vehicle_of_axles
 from adhesion_cli.core.model import CarAxle, Parameter, Vehicle
 from adhesion_cli.core.physics import braked, clamping_force, force_line, wheelset
+from adhesion_cli.train.mean_axle import mean_axle, move_axles, vehicle_of_axles
 
 LIGHT = replace(Vehicle(), axle_mass=Parameter(9e3, 450.0), wheel_radius=(Parameter(0.46, 0.0),))
 HEAVY = replace(

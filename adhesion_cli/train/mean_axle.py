@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from .model import CarAxle, FrictionTable, Load, Parameter, Vehicle
-from .physics import CHAIN, force_line, friction_share, piston_area
+from ..core.model import CarAxle, FrictionTable, Load, Parameter, Vehicle
+from ..core.physics import CHAIN, force_line, friction_share, piston_area
 
 _BRAKE = ("friction", *CHAIN, "cylinder_diameter")  # factors of the force per pressure
 
