@@ -55,6 +55,7 @@ def head(fleet: FleetSummary) -> str:
 def tables(fleet: FleetSummary) -> list[PageTable]:
     """Adhesion by speed, settings and day, the worst slides, the findings; those with rows."""
     days = fleet.by_day
+    timed = fleet.by_km_and_hour if any(x.hour is not None for x in fleet.by_km_and_hour) else []
     scope = f", last {DAYS} of {len(days)} days" if len(days) > DAYS else ""
     speeds = [{"speed [km/h]": _speeds(row), **_spread(row)} for row in fleet.by_speed]
     vehicles = [
@@ -76,8 +77,8 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
             figure=_by_km(fleet.by_km),
         ),
         PageTable(
-            f"By kilometre, day and hour (UTC){_scope(fleet.by_km_and_hour)}",
-            list(map(_km_and_hour, _most_slides(fleet.by_km_and_hour))),
+            f"By kilometre, day and hour (UTC){_scope(timed)}",
+            list(map(_km_and_hour, _most_slides(timed))),
             3,
         ),
         PageTable(_STOPS, list(map(_stopped, fleet.stops)), note=_OF_STOPS),

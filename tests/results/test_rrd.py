@@ -21,7 +21,7 @@ from rerun.error_utils import RerunWarning
 
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.finding import Finding
-from adhesion_cli.core.model import Floats, Result, Vehicle
+from adhesion_cli.core.model import Channel, Column, Floats, Meaning, Result, Vehicle
 from adhesion_cli.core.physics import G
 from adhesion_cli.core.text import by_uncertainty
 from adhesion_cli.rail import sliding
@@ -504,3 +504,27 @@ def test_the_first_tab_has_the_adhesion_coefficient_with_its_uncertainty(tmp_pat
     assert "## Groups of axles" in text
     assert ("## Stops" in text) == bool(summary.stops)
     assert [name for name, _ in overview._groups(made)] == ["axles 1–4", "axles 5–8", "axles 9–10"]
+
+
+def test_a_log_with_coordinates_has_a_map(small: Path, tmp_path: Path) -> None:
+    analysed = result(2, 400)
+    t = analysed.axles[0].record.t
+    usable = np.ones(len(t), np.bool_)
+    metres = 20.0 * (t - t[0]) * 1e-9
+    places: dict[Meaning, Floats] = {
+        "latitude": 50.0 + metres / 111_195.0, "longitude": np.full(len(t), 8.6),
+    }  # fmt: skip
+    channels = tuple(
+        Channel(str(m), "", m, None, "deg", "", Column(t, x, usable)) for m, x in places.items()
+    )
+    log = replace(analysed.log, channels=(*analysed.log.channels, *channels))
+    path = tmp_path / "placed.rrd"
+    rrd.write_result(path, replace(analysed, log=log))
+    (way,) = static(path, "/map/way", "strips")
+    ends = np.array(way)[[0, -1]]
+    assert ends[0, 1] > ends[1, 1]  # north is up, where y points down
+    assert np.ptp(ends[:, 1]) == pytest.approx(100.0, rel=0.1)
+    assert static(path, "/map/slides", "strips")
+    names = [value for key, value in blueprint(path).items() if "display_name" in key]
+    assert "Map" in str(names)
+    assert not batches(small, "/map/way", static=True)

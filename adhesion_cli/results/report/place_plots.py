@@ -1,7 +1,7 @@
 """Figures of a run over the line: µ over the kilometre, and the way of the train as a map."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool
@@ -10,27 +10,13 @@ from bokeh.plotting import figure
 from ...core.model import Floats
 from ...core.summary import SlideSummary
 from .. import palette
+from ..plane import Plane, kilometre_posts
 from ..text_tables import number
 from .run import ReportAxle, ReportRun
 
 _STEP = 5.0  # of the position, over which µ is averaged [m]
-_KM_PER_DEGREE = 111.195  # of a mean meridian
 _MOST_POINTS = 4000  # of a map's line
-_LABELS = 12  # kilometres with a number on a map, at most
 _SLIDE_POINTS = 20  # of a slide's line on a map
-
-
-class Plane(NamedTuple):
-    """Kilometres to the east and to the north of a place: a map without distortion around it."""
-
-    latitude: float
-    longitude: float
-
-    def at(self, places: Floats) -> tuple[Floats, Floats]:
-        """East and north of latitudes and longitudes (n, 2), each (n,) [km]."""
-        scale = _KM_PER_DEGREE * float(np.cos(np.radians(self.latitude)))
-        east = scale * (places[:, 1] - self.longitude)
-        return east, _KM_PER_DEGREE * (places[:, 0] - self.latitude)
 
 
 def position_label(run: ReportRun) -> str:
@@ -138,22 +124,12 @@ def _points(  # noqa: PLR0913 (all that a point shows)
 
 
 def _label_kilometres(fig: figure, run: ReportRun, plane: Plane) -> None:
-    """Numbers of whole kilometres at the way."""
-    places, trace = run.route.coordinates, run.route.positions
-    if places is None or run.route.position_from != "position":
-        return
-    km = trace.value / 1e3
-    spacing = next(x for x in (1, 2, 5, 10, 20, 50, 100, 10**9) if np.ptp(km) / x <= _LABELS)
-    numbers = np.floor(km / spacing)
-    passed = np.flatnonzero(np.diff(numbers) != 0.0) + 1
-    points = places.at(trace.t[passed])
-    known = np.isfinite(points).all(axis=1)
-    east, north = plane.at(points[known])
-    whole = spacing * np.maximum(numbers[passed], numbers[passed - 1])[known]
-    texts = [f"km {x:g}" for x in whole]
+    """Whole kilometres at the way."""
+    posts = kilometre_posts(run.route)
+    east, north = plane.at(posts.places)
     fig.scatter(east, north, size=4, color=palette.BLACK)
     style = {"text_font_size": "11px", "text_color": palette.GREY, "x_offset": 6, "y_offset": 6}
-    fig.text(east, north, texts, **style)
+    fig.text(east, north, posts.names, **style)
 
 
 def _slides(run: ReportRun) -> list[tuple[int, SlideSummary]]:

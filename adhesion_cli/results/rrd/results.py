@@ -19,6 +19,7 @@ from ...core.text import printable
 from ...rail import fit, sliding
 from ...rail.locks import locks_of_axle
 from ...rail.slope import Bands
+from ...records.route import find_route
 from ...scores.metrics import pool_scores
 from ...stops.settings import StopSettings
 from .. import log_events, names, palette, thinning
@@ -36,7 +37,7 @@ from ..train_stops import (
     stop_row,
 )
 from ..vehicle_text import describe_vehicle
-from . import overview, parts, rows
+from . import line_map, overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
 from .glyphs import drawable, drawable_names
 
@@ -109,6 +110,7 @@ class _Page:
             self.zeros["brake"] = result.brake_ns()
         self.spans = [self._spans(a) for a in result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in result.axles}
+        self.route = find_route(result.log)
         self.run = overview.ComparedRun(name, result, self.times, self.slides)
         drawn = [(a, sum(map(len, s))) for a, s in zip(result.axles, self.spans, strict=True)]
         self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn) > OVERVIEW_FROM
@@ -139,6 +141,8 @@ class _Page:
                 parts.send_text(rec, f"{self.root}/{path}/note", note)
         if len(self.result.axles) > 1:
             overview.send(rec, self.root, self.times, self.result)
+        slides = [x for of_axle in self.slides.values() for x in of_axle]
+        line_map.send_map(rec, f"{self.root}/map", self.times, self.route, slides)
         self._send_lists(rec)
         summary = _summary(self.result, self.title, self.slides, self.summary)
         parts.send_text(rec, f"{self.root}/summary", summary)
@@ -343,6 +347,8 @@ class _Page:
         if self.large:
             name = "Brake applications" if self.thinned else "Full data"
             tabs.append(rrb.Tabs(*(self._axle_tab(a, "") for a in axles), name=name))
+        if self.route.lines():
+            tabs.append(rrb.Tabs(line_map.map_view(f"{self.root}/map"), name="Map"))
         for entity, name in (("summary", "Summary"), ("about", "How this was made, settings")):
             tabs.append(rrb.TextDocumentView(origin=f"{self.root}/{entity}", name=name))
         tab = int(bool(self.notes) and len(axles) > 1)  # the slip of an axle, where asked for

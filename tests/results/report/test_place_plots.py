@@ -9,7 +9,7 @@ from helpers.pages import analysed, written
 
 from adhesion_cli.core.model import Column, Floats, Meaning
 from adhesion_cli.records.route import make_route
-from adhesion_cli.results.report.place_plots import Plane, position_label
+from adhesion_cli.results.report.place_plots import position_label
 from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import ReportRun, read
 
@@ -66,10 +66,3 @@ def test_coordinates_give_a_map(run: ReportRun) -> None:
     assert fig.match_aspect
     texts = [t for s in fig.select({"type": ColumnDataSource}) for t in s.data.get("text", [])]
     assert "km 13" in texts or SPEED * run.axles[0].t[-1] < 1000.0
-
-
-def test_a_plane_has_equal_kilometres_to_the_east_and_to_the_north() -> None:
-    east, north = Plane(60.0, 10.0).at(np.array([[60.0, 10.0], [61.0, 11.0]]))
-    assert (east[0], north[0]) == (0.0, 0.0)
-    assert north[1] == pytest.approx(111.2, abs=0.1)
-    assert east[1] == pytest.approx(55.6, abs=0.1)
