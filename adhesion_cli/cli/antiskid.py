@@ -176,7 +176,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     from ..core.text import printable
     from ..wsp.controller import registry
     from ..wsp.documents import replay_document
-    from ..wsp.replay import answers, case
+    from ..wsp.replay import answers, case, distance_findings
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
@@ -188,8 +188,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     count = len(registry()) * (1 + len(replayed.draws))
     terminal.message(f"{name}: rail fitted; {count} stops to simulate", shared.quiet)
     dry, laws = answers(replayed, algo, settings, seed, progress)
-    findings = [*result.findings, *replayed.findings]
-    used_parameters = parameters(laws, algo, settings)
+    findings = [*result.findings, *replayed.findings, *distance_findings(replayed, laws)]
+    used_parameters = parameters(registry(), algo, settings)
     document = replay_document(str(log), replayed, used_parameters, dry, laws, findings)
     on_dry = f"{dry:.1f} m on dry rail" if dry else "on dry rail not known"
     logged = replayed.logged_m
@@ -199,7 +199,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     text = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {caption}"
     head = terminal.folded(text)
     origin = {"log": name, "log_sha256": result.log.sha256}
-    stops, said = [a.stop for a in laws.values()], f"{head}\n{verdict}\n{_MEANING}"
+    stops, said = [laws[law].stop for law in registry()], f"{head}\n{verdict}\n{_MEANING}"
     on_rail = findings, replayed.track, origin
     outcome = _Outcome(replayed.scenario, settings, stops, document, said, *on_rail)
     return _write(paths, shared, log, outcome)

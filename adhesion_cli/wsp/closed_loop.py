@@ -8,7 +8,7 @@ time. The verdict uses the terms of EN 15595, without its limits: no copy of it 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,14 @@ from ..rail.slope import region
 from . import plant as plants
 from .controller import registry
 from .plant import Demand, MovingTrain, Plant, Track, WheelStates, adhesion, advance_to, rail_under
-from .scenario import Limit, Rail, Scenario, Section
+from .scenario import Antiskid, Limit, Rail, Scenario, Section
 from .stop import Stop, Verdict
 from .wsp_controller import Constants, Settings, bands, choose, initial_wheels, slip_of, start, tick
 
 DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen
 LONGEST = 600.0  # of a stop [s]
+LOGGED = "logged"  # the stop in which the cylinders have the pressures of a log
 _NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
 _CREEP, _STEPS = 1e-6, 16  # least slip of the search for the peak, and slips up to 1, geometric
 _HALVINGS = 27  # of the step between them
@@ -58,6 +59,16 @@ class _Trace(NamedTuple):
     confidence: Floats
     valve: NDArray[np.int8]
     region: NDArray[np.int8]
+
+
+class Logged(NamedTuple):
+    """What a log shows of its axles from the start of a stop on, shape (n, axles)."""
+
+    interval: float  # between rows; the last one stays [s]
+    friction: float  # φ of the forces
+    pressure: Floats  # of the cylinders [Pa]
+    slip: Floats
+    force: Floats  # adhesion force of a wheel that does not slide, else NaN [N]
 
 
 class _World(NamedTuple):
@@ -229,42 +240,128 @@ def run(
     world, train = _world(scenario, track or plants.track_of(scenario), seed)
     march = compiled.function(_march, chosen.stand_ins())
     stop_index = march(world, train, chosen.constants, bands(settings))
-    trace = _stopped(name, world.trace, stop_index, h)
+    _check_stopped(name, stop_index, len(world.trace.demand), h)
+    trace = _Trace._make(column[:stop_index].copy() for column in world.trace)
     v, rim, seconds = trace.train_speed, trace.rim_speed, np.arange(stop_index) * h
-    force, peak, best = np.empty((3, *rim.shape))
-    course = world.plant, world.track, seconds, v, trace.distance
-    compiled.function(_peaks)(*course, best)
-    for rims, column in ((rim, force), (best, peak)):
-        compiled.function(plants.forces)(*course, rims, column)
+    on_rail = _on_rail(world.plant, world.track, seconds, v, trace.distance, rim)
     stop = Stop(
         controller,
         algo,
         seed,
-        np.round(np.arange(stop_index) * (h * 1e9)).astype(np.int64),
+        np.round(seconds * 1e9).astype(np.int64),
         **trace._asdict(),
-        force=force,
-        peak=peak,
-        peak_slip=1.0 - best / v[:, None],
-        slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
-        air=float(world.wheels.air.sum()) * antiskid.volume / _NORMAL * 1e3,
+        **on_rail,
+        air=_litres(float(world.wheels.air.sum()), antiskid),
     )
     if not _stopping_distance(stop, scenario) > 0.0:
         raise UserError(f"{name}: the train stands at once", "a faster train")
     return stop
 
 
-def _stopped(name: str, trace: _Trace, stop_index: int, h: float) -> _Trace:
-    """The ticks that are done.
+def follow(scenario: Scenario, track: Track, logged: Logged) -> Stop:
+    """The stop in which every wheel slides as in a log.
+
+    A wheel that slides has the log's slip, and so the force of the rail at that slip. With the
+    logged pressures alone it would lock or roll: a wheel past the peak is not stable. The pads'
+    friction scales the forces of wheels that do not slide.
+
+    Args:
+        scenario: train and brake.
+        track: the rail.
+        logged: what the log shows, from the start of the scenario on.
 
     Raises:
-        UserError: the train does not stand after them.
+        UserError: the train does not stop.
+    """
+    from ..core import compiled
+
+    h, axles, ticks = logged.interval, scenario.train.axles, round(LONGEST / logged.interval)
+    plant, demand = plants.plant_of(scenario), plants.demand_of(scenario)
+    forces = logged.force * (scenario.vehicle.friction.value / logged.friction)
+    columns = [np.empty(ticks), np.empty(ticks), np.empty((ticks, axles)), np.empty((ticks, axles))]
+    march = compiled.function(_follow)
+    n = march(plant, track, scenario.train.speed, logged.slip, forces, h, *columns)
+    _check_stopped(scenario.name, n, ticks, h)
+    v, x, rim, force = (column[:n] for column in columns)
+    seconds: Floats = np.arange(n) * h
+    unknown, no_valve = np.full((n, axles), np.nan), np.zeros((n, axles), np.int8)
+    trace = _Trace._make([unknown[:, 0]] * 5 + [unknown] * 10 + [no_valve] * 2)._replace(
+        train_speed=v,
+        distance=x,
+        rim_speed=rim,
+        demand=np.interp(seconds, demand.t[:-1], demand.p[:-1]),
+        pressure=logged.pressure[np.minimum(np.arange(n), len(logged.pressure) - 1)],
+    )
+    rises = np.maximum(np.diff(trace.pressure, axis=0), 0.0)
+    on_rail = _on_rail(plant, track, seconds, v, x, rim) | {"force": force}
+    t = np.round(seconds * 1e9).astype(np.int64)
+    air = _litres(float(np.sum(rises)), scenario.antiskid)
+    return Stop(LOGGED, "", 0, t, **trace._asdict(), **on_rail, air=air)
+
+
+def _follow(  # noqa: PLR0913 (compiled)
+    plant: Plant,
+    track: Track,
+    speed: float,
+    slip: Floats,
+    rolling: Floats,
+    h: float,
+    v: Floats,
+    x: Floats,
+    rim: Floats,
+    force: Floats,
+) -> int:
+    """Fills speed, distance, rim speeds and forces until the train stands; returns the ticks."""
+    rail, knots, place = np.zeros(5), np.zeros(rim.shape[1], np.int64), 0.0
+    for j in range(len(v)):
+        row, total = min(j, len(slip) - 1), 0.0
+        v[j], x[j] = speed, place
+        for i in range(rim.shape[1]):
+            knots[i] = rail_under(plant, track, i, j * h, place, knots[i], rail)
+            rim[j, i] = speed * (1.0 - slip[row, i])
+            force[j, i] = rolling[row, i]
+            if math.isnan(force[j, i]):
+                force[j, i] = adhesion(speed - rim[j, i], speed, rail, plant.patch)[0]
+            total += force[j, i]
+        slowing = total / plant.mass + track.resistance + track.drag * speed * speed
+        place += h * (speed - 0.5 * h * slowing)
+        speed -= h * slowing
+        if not speed > 0.0:
+            return j + 1
+    return len(v)
+
+
+def _on_rail(
+    plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, rim: Floats
+) -> dict[str, Any]:
+    """Force, slip, and those of the peak of the rail: fields of `Stop`."""
+    from ..core import compiled
+
+    force, peak, best = np.empty((3, *rim.shape))
+    course = plant, track, t, v, x
+    compiled.function(_peaks)(*course, best)
+    for rims, column in ((rim, force), (best, peak)):
+        compiled.function(plants.forces)(*course, rims, column)
+    slip = physics.slip(v[:, None], rim, 1.0, JUDGED_FROM)
+    return {"force": force, "peak": peak, "peak_slip": 1.0 - best / v[:, None], "slip": slip}
+
+
+def _litres(rise: float, antiskid: Antiskid) -> float:
+    """Normal litres of a rise of pressure in a cylinder [Pa]."""
+    return rise * antiskid.volume / _NORMAL * 1e3
+
+
+def _check_stopped(name: str, stop_index: int, ticks: int, h: float) -> None:
+    """Nothing, if the train stands after `stop_index` ticks.
+
+    Raises:
+        UserError: it does not.
     """
     if stop_index < 0:
         raise UserError(f"{name}: no solution at {-stop_index * h:g} s", "take a shorter dt")
-    if stop_index == len(trace.demand):
+    if stop_index == ticks:
         text = f"{name}: the train does not stop within {LONGEST:g} s"
         raise UserError(text, "a stronger brake that stays applied, or a better rail")
-    return _Trace._make(column[:stop_index].copy() for column in trace)
 
 
 def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, MovingTrain]:
@@ -312,10 +409,18 @@ def speed_noise(s: Scenario) -> float:
     return math.sqrt(train + rim)
 
 
-def dry_distance(scenario: Scenario) -> float:
-    """Stopping distance of the same train and brake on dry rail, without controller [m]."""
+def dry_distance(scenario: Scenario, track: Track | None = None) -> float:
+    """Stopping distance of the same train and brake on dry rail, without controller [m].
+
+    Args:
+        scenario: train and brake.
+        track: whose resistance acts, too.
+    """
     dry = replace(scenario, rail=DRY, train=replace(scenario.train, cleaning=()))
-    return _stopping_distance(run(dry, "none"), dry)
+    rail = plants.track_of(dry)
+    if track:
+        rail = rail._replace(resistance=track.resistance, drag=track.drag)
+    return _stopping_distance(run(dry, "none", track=rail), dry)
 
 
 def compare_laws(
@@ -331,7 +436,7 @@ def compare_laws(
     `progress` gets the progress.
     """
     progress("dry rail")
-    dry, stops = dry_distance(scenario), {}
+    dry, stops = dry_distance(scenario, track), {}
     for law in registry():
         progress(law)
         stop = run(scenario, law, seed, algo, settings, track)

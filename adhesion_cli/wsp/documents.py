@@ -93,6 +93,7 @@ def stop_settings(
     if track:  # its last knot is at infinity
         knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
         scenario["rail"] = {"knots": knots, "conditions": conditions}
+        scenario["rail"] |= {"resistance": track.resistance, "drag": track.drag}
     loop["scenario"] = _as_json({**scenario, "seed": stop.seed})
     parameters = wsp_controller.parameters([stop.controller], stop.algo, settings)
     return {**settings_tree, **parameters, "antiskid": loop}

@@ -9,15 +9,20 @@ slides, or grew in them, half of the draws have more, up to what locks a wheel o
 then no dry distance. The demand begins earlier by the time in which cylinders fill against their
 springs. If the brake was released before standstill, the demand continues.
 
-Train. It has the log's axles and its speed at the start of the brake. The track is level, and the
-WSP controller is that of `scenario.Antiskid`.
+Train. It has the log's axles and its speed at the start of the brake. What slowed the logged train
+beside its axles, as running resistance, air drag and gradient, acts in every replayed stop. It is
+r + C v², fitted to the train speed less the impulse of the axles' forces. Without a measured train
+speed, or with axles left out, it is zero. The WSP controller is that of `scenario.Antiskid`.
+
+The log's own WSP is replayed, too: every wheel slides as in the log, with the force that the fitted
+rail has at that slip. Where this stop is not as long as the log's, the replay is not that stop.
 
 Uncertainty. A draw has a rail under each axle and one true pad friction. How friction falls in deep
 slides is the same choice under all axles. The intervals do not contain the errors of the
 assumptions above.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -39,6 +44,7 @@ from ..train import mean_axle
 from ..train.explain import STATED_SIGMAS
 from ..train.longitudinal import tolerance
 from . import closed_loop, replay_rail
+from .closed_loop import Logged
 from .plant import Track
 from .replay_rail import RailUnderAxle
 from .scenario import INF, Antiskid, Command, Scenario, ScenarioBrake, ScenarioTrain
@@ -56,6 +62,9 @@ _STEADY_CHANGE = 0.03  # and its largest change, as a share
 _FILLED_FORCE = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _HINT_LEAD = 5.0  # of a stop that a hint names [s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
+_MISSING = "replay-axles-missing"
+_CLOSE = 0.02  # of a distance: a smaller difference is one of the curve's shape
+_LOGGED_INTERVAL = 0.01  # between samples of the logged stop [s]
 
 
 class Case(NamedTuple):
@@ -65,6 +74,7 @@ class Case(NamedTuple):
     scenario: Scenario  # train and demand
     track: Track  # the best fit
     draws: list[tuple[Scenario, Track]]
+    logged: Logged  # what the log shows of its axles
     logged_m: float | None  # distance in the log from the same moment to standstill
     demanded: bool  # the demand is known
     findings: list[Finding]
@@ -128,15 +138,20 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         vehicle=replace(_equal_axle(result), wheel_radius=radii, friction_table=None),
     ).with_train_speed(train_speed)
     rails = [x and x.rail for x in axle_rails]
+    missing = _missing_axles(result, braking)
+    impulse = None if missing and missing[0].code == _MISSING else _impulse(result, braking)
     comes_to_rest = bool(braking.speed[-1] < STANDING)
     return Case(
         (begin - result.log.start_ns()) / 1e9,
         scenario,
-        _track(places, [rail and rail.best for rail in rails]),
-        _draws(scenario, braking, rails, places, (demand, demand_known)),
+        _with_resistance(
+            _track(places, [rail and rail.best for rail in rails]), braking, impulse, 1.0
+        ),
+        _draws(scenario, braking, rails, places, (demand, demand_known), impulse),
+        _logged(result, braking, slides),
         _distance(braking, stop) if comes_to_rest else None,
         bool(demand_known.all()),
-        [*findings, *demand_findings, *_missing_axles(result, braking)],
+        [*findings, *demand_findings, *missing],
     )
 
 
@@ -192,8 +207,12 @@ def _draws(
     rails: Sequence[RailFit | None],
     places: Sequence[Sequence[tuple[float, float]]],
     demand: tuple[Floats, Bools],
+    impulse: Floats | None,
 ) -> list[tuple[Scenario, Track]]:
-    """Stops that are as likely as the best fit; `demand` and where it is known, from `_demand`."""
+    """Stops that are as likely as the best fit.
+
+    `demand` and where it is known are from `_demand`, `impulse` from `_impulse`.
+    """
     random = np.random.default_rng(0)
     (demand_force, demand_known), vehicle, draws = demand, scenario.vehicle, []
     phi = vehicle.friction
@@ -203,12 +222,75 @@ def _draws(
     for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
         truly = replace(vehicle, friction=phi._replace(value=phi.value * scale))
         track = _track(places, [axle[k] if axle else None for axle in sampled_rails])
+        track = _with_resistance(track, braking, impulse, scale)
         exponent = max(random.uniform(-1.0, 1.0), 0.0)
         excess = (dry_force / np.maximum(demand_force, _FILLED_FORCE)) ** exponent
         drawn_demand = np.where(demand_known, 1.0, excess) * demand_force
         brake = ScenarioBrake(_commands(braking, drawn_demand))
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
     return draws
+
+
+def _impulse(result: Result, braking: _Braking) -> Floats | None:
+    """What the axles' forces took from the train's speed so far, shape (n,) [m/s].
+
+    None where no train speed is measured: an estimated one is made of the axles.
+    """
+    if any(a.record.train_speed_made for a in result.axles):
+        return None
+    F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
+    mass = len(result.axles) * _equal_axle(result).axle_mass.value
+    return _KNOT_INTERVAL * np.cumsum(F) / mass
+
+
+def _with_resistance(
+    track: Track, braking: _Braking, impulse: Floats | None, scale: float
+) -> Track:
+    """The track with what slows the train beside its axles: a constant, and drag over v².
+
+    Args:
+        track: the rail.
+        braking: the stop of the log.
+        impulse: from `_impulse`.
+        scale: of the forces.
+    """
+    if impulse is None:
+        return track
+    lost = braking.speed[0] - braking.speed - scale * impulse
+    seconds = (braking.t - braking.t[0]) * 1e-9
+    squares = _KNOT_INTERVAL * np.cumsum(braking.speed**2)
+    both = np.column_stack([seconds, squares])
+    resistance, drag = np.linalg.lstsq(both, lost, rcond=None)[0].tolist()
+    if drag < 0.0:  # of noise: no drag pushes
+        resistance, drag = float(np.sum(lost * seconds) / np.sum(seconds**2)), 0.0
+    return track._replace(resistance=resistance, drag=drag)
+
+
+def _logged(result: Result, braking: _Braking, slides: Sequence[Sequence[Slide]]) -> Logged:
+    """What the log shows of each axle from the start of the stop on."""
+    first, last = braking.t[[0, -1]].tolist()
+    t = np.arange(first, last + 1, round(_LOGGED_INTERVAL * 1e9), dtype=np.int64)
+    vehicle = _equal_axle(result)
+    line, columns = physics.force_line(vehicle), list[tuple[Floats, Floats, Floats]]()
+    for axle, axle_slides in zip(result.axles, slides, strict=True):
+        record = axle.record
+        v, rim = (
+            _column(t, record.t, x)
+            for x in (
+                record.train_speed,
+                record.wheel_speed * result.vehicle.radius(record.axle).value,
+            )
+        )
+        slip = np.clip(1.0 - rim / np.maximum(v, STANDING), 0.0, 1.0)
+        force = _column(t, record.t, axle.reference.force)
+        for x in axle_slides:
+            force[(t >= x.start) & (t <= x.start + x.duration * 1e9)] = np.nan
+        pressure = physics.cylinder_pressure(
+            line, _column(t, record.t, record.clamping_force_smooth)
+        )
+        columns.append((pressure, slip, force))
+    tables = (np.column_stack(x) for x in zip(*columns, strict=True))
+    return Logged(_LOGGED_INTERVAL, vehicle.friction.value, *tables)
 
 
 def answers(
@@ -230,7 +312,12 @@ def answers(
     def stops(
         draw: tuple[Scenario, Track], progress: Callable[[str], None] = lambda _: None
     ) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
-        return closed_loop.compare_laws(draw[0], seed, algo, settings, progress, draw[1])
+        scenario, track = draw
+        dry, by_law = closed_loop.compare_laws(scenario, seed, algo, settings, progress, track)
+        if case.logged_m is not None:
+            stop = closed_loop.follow(scenario, track, case.logged)
+            by_law[closed_loop.LOGGED] = stop, closed_loop.verdict(stop, scenario, dry)
+        return dry, by_law
 
     def verdicts(draw: tuple[Scenario, Track]) -> dict[str, Verdict]:
         return {law: v for law, (_, v) in stops(draw)[1].items()}
@@ -244,6 +331,19 @@ def answers(
         quantities = values if case.demanded else {**values, "extension": None}
         bounds[law] = Answer(stop, quantities, paired[law])
     return dry if case.demanded else None, bounds
+
+
+def distance_findings(case: Case, answers: Mapping[str, Answer]) -> list[Finding]:
+    """A finding where the replay of the logged slides is not as long as the logged stop."""
+    logged = answers.get(closed_loop.LOGGED)
+    interval = logged and logged.values["stopping_distance_m"]
+    if case.logged_m is None or interval is None:
+        return []
+    _, lower, upper = interval
+    if (1.0 - _CLOSE) * lower <= case.logged_m <= (1.0 + _CLOSE) * upper:
+        return []
+    values = {"logged_m": case.logged_m, "lower_m": lower, "upper_m": upper}
+    return [Finding("replay-train-differs", "warning", values=values)]
 
 
 def _draw_rails(
@@ -350,7 +450,7 @@ def _missing_axles(result: Result, braking: _Braking) -> list[Finding]:
     speeds = [c for c in result.log.channels if c.meaning == "wheel_speed" and len(c.data.t)]
     if missing := sorted({c.axle for c in speeds if c.axle} - result_axles):
         names = {"axles": ", ".join(map(str, missing))}
-        return [Finding("replay-axles-missing", "warning", names=names)]
+        return [Finding(_MISSING, "warning", names=names)]
     if any(a.record.train_speed_made for a in result.axles):
         return []
     F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
@@ -362,7 +462,7 @@ def _missing_axles(result: Result, braking: _Braking) -> list[Finding]:
         return []
     span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()
     values = {"lost_mps": speed_lost, "explained_mps": by_axles}
-    return [Finding("replay-train-differs", "warning", spans=((span[0], span[1]),), values=values)]
+    return [Finding("replay-axles-differ", "warning", spans=((span[0], span[1]),), values=values)]
 
 
 def _column(grid: Times, t: Times, values: Floats | None) -> Floats:

@@ -141,10 +141,48 @@ def test_a_train_in_part_is_told(log: Path) -> None:
         (whole, 0),
         (replace(whole, identified=replace(whole.identified, vehicle=heavy)), 1),
     ):
-        found = [f for f in replay.case(result).findings if f.code == "replay-train-differs"]
+        found = [f for f in replay.case(result).findings if f.code == "replay-axles-differ"]
         assert len(found) == many
         for f in found:
             assert f.values["lost_mps"] > 1.2 * f.values["explained_mps"]
+
+
+def test_what_slows_the_train_beside_its_axles_acts_in_the_replay(log: Path) -> None:
+    seconds = 0.1 * np.arange(400)
+    speed = 30.0 - 0.6 * seconds
+    impulse = 30.0 - speed - 0.02 * seconds - 6e-5 * np.cumsum(0.1 * speed**2)
+    t = np.round(seconds * 1e9).astype(np.int64)
+    braking = replay._Braking(t, speed, np.zeros((1, 400)))
+    track = replay._track([[]], [None])
+    slowed = replay._with_resistance(track, braking, impulse, 1.0)
+    assert (slowed.resistance, slowed.drag) == pytest.approx((0.02, 6e-5), rel=1e-6)
+    pushed = replay._with_resistance(track, braking, impulse + 0.05 * seconds, 1.0)
+    assert pushed.resistance < 0.0
+    assert replay._with_resistance(track, braking, None, 1.0) == track
+    case = replay.case(analysed(log))
+    against = case.track._replace(resistance=1.0, drag=1e-3)
+    slower, faster = (
+        closed_loop.run(case.scenario, "rule", track=x).distance[-1] for x in (against, case.track)
+    )
+    assert slower < 0.8 * faster
+
+
+def test_the_logged_wsp_on_the_fitted_rail_stops_where_it_did(log: Path) -> None:
+    case = replay.case(analysed(log))
+    stop = closed_loop.follow(case.scenario, case.track, case.logged)
+    assert case.logged_m is not None
+    assert stop.distance[-1] == pytest.approx(case.logged_m, rel=0.02)
+
+    def findings(logged_m: float) -> list[str]:
+        interval = {"stopping_distance_m": (500.0, 490.0, 510.0)}
+        answer = replay.Answer(stop, interval, replay.Compared(None, 0.0))
+        told = replay.distance_findings(
+            case._replace(logged_m=logged_m), {closed_loop.LOGGED: answer}
+        )
+        return [f.code for f in told]
+
+    assert findings(485.0) == []
+    assert findings(450.0) == ["replay-train-differs"]
 
 
 def test_a_draw_steeper_than_dry_rail_is_one_that_can_be_run() -> None:
