@@ -16,6 +16,7 @@ from ..core.model import (
     NOT_MEASURED,
     OTHER_BRAKES,
     PLACES,
+    STATES,
     Channel,
     Column,
     Log,
@@ -179,12 +180,12 @@ def needed(
 def _further(meant: Sequence[Meant], further: Collection[Meaning]) -> list[Meant]:
     """What is read as well: where the train was, by the first of each, and what is asked for."""
     first = {m.meaning: m for m in reversed(meant) if m.meaning and m.meaning in PLACES}
-    degrees = ("latitude", "longitude")  # need no unit
+    without_unit = ("latitude", "longitude", *STATES)
     return [
         m
         for m in meant
         if m.meaning
-        and (m.unit or m.meaning in degrees)
+        and (m.unit or m.meaning in without_unit)
         and (m.meaning in further or first.get(m.meaning) is m)
     ]
 

@@ -173,7 +173,7 @@ class AxleStop(NamedTuple):
         Number, Quantity("s", "time in which the wheel stands and the train is faster than stated")
     ]
     longest_lock_s: Annotated[Number, Quantity("s", "the longest such time at once")]
-    valve_actions: Annotated[int, Quantity("", "releases of the brake by the WSP, by the pressure")]
+    valve_actions: Annotated[int, Quantity("", "releases of the brake by the WSP")]
     slip_bands: Annotated[
         tuple[float, ...] | None,
         Quantity("-", "share of the time with slip to 5, 10, 20, 50 and 100 %"),
@@ -183,6 +183,19 @@ class AxleStop(NamedTuple):
     ] = None
     utilisation: Annotated[
         Number, Quantity("-", "mean adhesion in the slides over the highest that the rail gives")
+    ] = None
+    energy_j: Annotated[
+        Number, Quantity("J", "friction energy of wheel and rail in the slides")
+    ] = None
+    lock_energy_j: Annotated[
+        Number, Quantity("J", "the same of the longest lock: heat in one place of the tread")
+    ] = None
+    valves_from: Annotated[
+        Literal["valves", "pressure"] | None,
+        Quantity("", "what shows the valve actions: valve channels, or falls of the pressure"),
+    ] = None
+    vented_s: Annotated[
+        Number, Quantity("s", "time in which the vent valve is open; null without its channel")
     ] = None
 
 
@@ -263,6 +276,10 @@ class StopSummary:
     max_slip: Annotated[Number, Quantity("-", "largest slip of any axle; null without a slide")] = (
         None
     )
+    sanding_s: Annotated[Number, Quantity("s", "time of sanding; null without its channel")] = None
+    reservoir_drop_pa: Annotated[
+        Number, Quantity("Pa", "fall of the reservoir's pressure; null without its channel")
+    ] = None
     axles: tuple[AxleStop, ...] = ()
     budget: tuple[StopContribution, ...] = ()
     # times after the command [s] and the smoothed speed then [m/s], for figures

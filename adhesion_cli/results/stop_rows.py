@@ -5,12 +5,14 @@ from pathlib import Path
 
 from ..core.summary import Measured, StopSummary
 from ..core.text import by_uncertainty
+from ..stops.axle_stops import SLIP_BANDS
 from ..stops.series import (
     QUANTITIES,
     Difference,
     Group,
     LimitVerdict,
     SeriesStop,
+    WspAxle,
     WspSummary,
     braked_weight_percentage,
 )
@@ -174,10 +176,17 @@ def describe_wsp(x: WspSummary) -> str:
     """The extension of the wet stops, in one sentence."""
     head = f"WSP, group {x.group}: "
     if x.extension is None or x.extension_u95 is None or x.k_wet is None:
-        return head + "extension not known: dry or wet stops are missing."
+        why = "dry or wet stops are missing, or their nominal speeds differ"
+        return head + f"extension not known: {why}.{_air(x)}"
     extension, u95 = by_uncertainty(100.0 * x.extension, 100.0 * x.extension_u95, 1)
     head += f"extension of the deceleration distance {extension} ± {u95} %, "
-    return head + f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5)."
+    return head + f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5).{_air(x)}"
+
+
+def _air(x: WspSummary) -> str:
+    """Air and sand of a wet stop, where they are known."""
+    air = "" if x.air_nl is None else f" Air: {x.air_nl:.0f} Nl in a stop, by the reservoir."
+    return air if x.sanding_s is None else f"{air} Sanding: {x.sanding_s:.1f} s in a stop."
 
 
 def wsp_rows(x: WspSummary) -> list[dict[str, str]]:
@@ -187,12 +196,25 @@ def wsp_rows(x: WspSummary) -> list[dict[str, str]]:
             "axle": str(a.axle),
             "max slip [%]": number(a.max_slip and 100.0 * a.max_slip, 1),
             "locked [s]": number(a.locked_s, 2),
+            "longest": number(a.longest_lock_s, 2),
+            "lock [kJ]": number(a.lock_energy_j and 1e-3 * a.lock_energy_j, 1),
             "valve actions": str(a.valve_actions),
             "initial µ": number(a.initial_coefficient, 3),
             "used [%]": number(a.utilisation and 100.0 * a.utilisation, 0),
+            "energy [kJ]": number(a.energy_j and 1e-3 * a.energy_j, 0),
+            **_bands(a),
         }
         for a in x.axles
     ]
+
+
+def _bands(a: WspAxle) -> dict[str, str]:
+    """The slip histogram: share of the time by the upper limit of each band."""
+    shares = a.slip_bands or [None] * len(SLIP_BANDS)
+    return {
+        f"{'slip to ' * (not i)}{100.0 * top:g} %": number(x and 100.0 * x, 0)
+        for i, (top, x) in enumerate(zip(SLIP_BANDS, shares, strict=True))
+    }
 
 
 def braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:

@@ -1,11 +1,12 @@
 """Each axle in one stop: slip, locks, releases of its brake."""
 
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 
 from ..core.physics import WORKING
-from ..core.signals import median_of_five
+from ..core.signals import median_of_five, true_runs
 from ..core.summary import AxleStop
 from ..rail.locks import find_locks
 from .brake_levels import brake_levels
@@ -14,6 +15,7 @@ from .settings import StopSettings
 from .signals import Series, StopSignals
 
 SLIP_BANDS = (0.05, 0.1, 0.2, 0.5, 1.0)  # upper limits of the bands of the slip histogram
+_ON = 0.5  # a state is 0 or 1
 _DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 
 
@@ -35,10 +37,20 @@ def axle_stops(
             locks = [x.duration for x in find_locks(rim.t, v, rim.value, settings.locks)]
             locked, longest = sum(locks), max(locks, default=0.0)
             slip = 1.0 if locks else slip
-        actions = 0
-        if axle in signals.brakes:
-            actions = _releases(signals.brakes[axle], braking)
-        yield AxleStop(axle, slip, locked, longest, actions, bands)
+        actions, vented = 0, None
+        source: Literal["valves", "pressure"] | None = None
+        if axle in signals.valves:
+            valve = signals.valves[axle].between(command, braking.end)
+            actions, source, vented = len(true_runs(valve.value > _ON)), "valves", on_time(valve)
+        elif axle in signals.brakes:
+            actions, source = _releases(signals.brakes[axle], braking), "pressure"
+        row = AxleStop(axle, slip, locked, longest, actions, bands)
+        yield row._replace(valves_from=source, vented_s=vented)
+
+
+def on_time(state: Series) -> float:
+    """How long a state is on [s]; each sample lasts until the next one."""
+    return float(np.sum(np.diff(state.t)[state.value[:-1] > _ON]))
 
 
 def _releases(brake: Series, braking: Braking) -> int:

@@ -25,7 +25,7 @@ import numpy as np
 from ..core.model import Parameter
 from ..core.physics import G
 from ..core.summary import Measured, StopContribution, StopSummary
-from .axle_stops import axle_stops
+from .axle_stops import axle_stops, on_time
 from .command import find_command
 from .find import Braking
 from .response import find_response
@@ -93,6 +93,7 @@ def measure_stop(
     )
     valid = not braking.reason
     measured = figures.measured if valid else lambda _: None
+    sanding = signals.sanding
     return StopSummary(
         start_s=command,
         end_s=braking.end,
@@ -112,9 +113,18 @@ def measure_stop(
         corrected_distance_m=measured("corrected"),
         energy_distance_m=measured("by_energy"),
         axles=tuple(axle_stops(signals, command, braking, settings)),
+        sanding_s=sanding and on_time(sanding.between(command, braking.end)),
+        reservoir_drop_pa=_drop(signals.reservoir, command, braking.end),
         budget=figures.budget(),
         speed=(t[after] - command, v[after]),
     )
+
+
+def _drop(reservoir: Series | None, start: float, end: float) -> float | None:
+    """By how much the reservoir's pressure falls below that at the command [Pa]."""
+    if reservoir is None or not len(pressure := reservoir.between(start, end).value):
+        return None
+    return float(pressure[0] - np.min(pressure))
 
 
 class _Figures:

@@ -25,6 +25,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from ..core.model import Floats, Quantity
+from ..core.physics import NORMAL_PRESSURE
 from ..core.summary import Measured, Number, StopSummary
 
 QUANTITIES = {  # of a stop, with the heading of its column and the unit
@@ -129,6 +130,15 @@ class WspAxle(NamedTuple):
     valve_actions: Annotated[int, Quantity("", "releases by the WSP, all stops")]
     initial_coefficient: Annotated[Number, Quantity("-", "mean µ at the first slide")]
     utilisation: Annotated[Number, Quantity("-", "mean utilisation of the rail's adhesion")]
+    energy_j: Annotated[Number, Quantity("J", "largest friction energy of one stop")] = None
+    longest_lock_s: Annotated[Number, Quantity("s", "the longest lock")] = None
+    lock_energy_j: Annotated[Number, Quantity("J", "friction energy of one lock, the largest")] = (
+        None
+    )
+    slip_bands: Annotated[
+        tuple[float, ...] | None,
+        Quantity("-", "share of the time with slip to 5, 10, 20, 50 and 100 %"),
+    ] = None
 
 
 class WspSummary(NamedTuple):
@@ -139,7 +149,12 @@ class WspSummary(NamedTuple):
     extension_u95: Annotated[Number, Quantity("-", "its expanded uncertainty")]
     k_wet: Annotated[Number, Quantity("-", "100 / (100 + extension in %)")]
     axles: tuple[WspAxle, ...]
-    air_nl: Annotated[Number, Quantity("l", "normal litres; null without a volume")] = None
+    air_nl: Annotated[
+        Number, Quantity("l", "normal litres of a stop, mean; null without reservoir and volume")
+    ] = None
+    sanding_s: Annotated[
+        Number, Quantity("s", "sanding in a stop, mean; null without its channel")
+    ] = None
 
 
 def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
@@ -281,7 +296,7 @@ def _decide(excess: float, u95: float) -> Verdict:
     return "fail" if excess - u95 > 0.0 else "undecided"
 
 
-def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str) -> WspSummary:
+def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float = 0.0) -> WspSummary:
     """Wet stops against dry ones: extension of the deceleration distance, and the axles.
 
     The deceleration distance is that after the equivalent response time. Where slides hide the
@@ -291,19 +306,37 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str) -> WspSummary:
         stops: of the series.
         dry: name of the dry group.
         wet: name of the wet one.
+        volume: of the reservoir [l]; 0: not known.
+
+    Where the groups have other nominal speeds, there is no extension.
     """
     of_dry, of_wet = ([s.stop for s in stops if s.group == n and s.stop.valid] for n in (dry, wet))
     responses = [s.response_time_s.value for s in of_dry if s.response_time_s]
     response = float(np.mean(responses)) if responses else 0.0
     lengths = [_statistic([_braked_length(s, response) for s in x]) for x in (of_dry, of_wet)]
     extension = u95 = k_wet = None
-    if lengths[0] and lengths[1]:
+    speeds = {s.nominal_speed_kmh for s in (*of_dry, *of_wet)}
+    if lengths[0] and lengths[1] and len(speeds) == 1:
         ratio = lengths[1].mean / lengths[0].mean
         extension, k_wet = ratio - 1.0, 1.0 / ratio
         own = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in lengths if x]
         u95 = ratio * math.hypot(*own)
     axles = sorted({a.axle for s in of_wet for a in s.axles})
-    return WspSummary(wet, extension, u95, k_wet, tuple(_wsp_axle(of_wet, x) for x in axles))
+    rows = tuple(_wsp_axle(of_wet, x) for x in axles)
+    drops = [s.reservoir_drop_pa for s in of_wet if s.reservoir_drop_pa is not None]
+    air = volume * float(np.mean(drops)) / NORMAL_PRESSURE if drops and volume else None
+    sanding = [s.sanding_s for s in of_wet if s.sanding_s is not None]
+    sanded = float(np.mean(sanding)) if sanding else None
+    return WspSummary(wet, extension, u95, k_wet, rows, air, sanded)
+
+
+def wet_speeds(stops: Sequence[SeriesStop], dry: str, wet: str) -> tuple[list[float], list[float]]:
+    """The nominal speeds of two groups [km/h], of their valid stops."""
+    dry_speeds, wet_speeds = (
+        sorted({s.stop.nominal_speed_kmh for s in stops if s.group == n and s.stop.valid})
+        for n in (dry, wet)
+    )
+    return dry_speeds, wet_speeds
 
 
 def braked_weight_percentage(nominal_speed: float, distance: float) -> float | None:
@@ -332,6 +365,7 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
         return [x for a in rows if (x := getattr(a, name)) is not None]
 
     initial, used = values("initial_coefficient"), values("utilisation")
+    bands = [a.slip_bands for a in rows if a.slip_bands]
     return WspAxle(
         axle,
         max(values("max_slip"), default=None),
@@ -339,4 +373,8 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
         sum(a.valve_actions for a in rows),
         float(np.mean(initial)) if initial else None,
         float(np.mean(used)) if used else None,
+        max(values("energy_j"), default=None),
+        max(values("longest_lock_s"), default=None),
+        max(values("lock_energy_j"), default=None),
+        tuple(np.mean(bands, axis=0).tolist()) if bands else None,
     )

@@ -17,6 +17,7 @@ _AVERAGED = 5  # intervals of a slow train speed over which its difference to th
 _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
 _RATIO_SPEED = 3.0  # the ratio of train and rim is measured above [m/s]
+_VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
 UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
 UNKNOWN_DELAY = 0.1  # 1 sigma of a train speed's delay that the log does not show [s]
 
@@ -47,6 +48,9 @@ class StopSignals(NamedTuple):
     rims: Mapping[int, Series]  # by axle, the speed of the wheel's rim as the train's [m/s]
     brakes: Mapping[int, Series]  # by axle, cylinder pressure [Pa], else clamping force [N]
     commands: Mapping[str, Series]  # brake_command, emergency, brake_pipe: where the log has them
+    valves: Mapping[int, Series] = {}  # by axle, its vent valve, else its hold valve: 0 or 1
+    sanding: Series | None = None  # 0 or 1
+    reservoir: Series | None = None  # pressure [Pa]
 
 
 def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> StopSignals:
@@ -80,7 +84,8 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         radius = vehicle.radius(base.axle)
         scale, late = radius.tolerance / radius.value, 0.0
     source: SpeedSource = "train" if measured else "axles"
-    return StopSignals(train, source, scale, late, rims, brakes, _commands(log))
+    signals = StopSignals(train, source, scale, late, rims, brakes, _commands(log))
+    return _with_states(signals, log)
 
 
 def _brake(record: AxleRecord) -> Floats:
@@ -111,7 +116,8 @@ def of_log(log: Log) -> StopSignals | None:
         for i, c in enumerate(_channels(log, "pressure") or _channels(log, "clamping_force"), 1)
     }
     late = UNKNOWN_DELAY if source == "train" and brakes else 0.0
-    return StopSignals(speed, source, UNKNOWN_SCALE, late, {}, brakes, _commands(log))
+    signals = StopSignals(speed, source, UNKNOWN_SCALE, late, {}, brakes, _commands(log))
+    return _with_states(signals, log)
 
 
 def _channels(log: Log, meaning: Meaning) -> list[Channel]:
@@ -134,6 +140,30 @@ def _commands(log: Log) -> dict[str, Series]:
         if name in ("brake_command", "emergency", "brake_pipe") and len(channel.data.t) > 1:
             commands.setdefault(name, _series(channel, start_ns))
     return commands
+
+
+def _with_states(signals: StopSignals, log: Log) -> StopSignals:
+    """The signals with valves, sanding and reservoir, where the log has them."""
+    start_ns = log.start_ns()
+    valves = {
+        channel.axle: _as_logged(channel, start_ns)
+        for meaning in _VALVES
+        for channel in _channels(log, meaning)
+        if channel.axle is not None
+    }
+    sanding, reservoir = _channels(log, "sanding"), _channels(log, "reservoir_pressure")
+    return signals._replace(
+        valves=valves,
+        sanding=_as_logged(sanding[0], start_ns) if sanding else None,
+        reservoir=_series(reservoir[0], start_ns) if reservoir else None,
+    )
+
+
+def _as_logged(channel: Channel, start_ns: int) -> Series:
+    """The samples of a state: a valve may open for one of them."""
+    data = channel.data
+    used = data.valid & np.isfinite(data.value)
+    return Series(*_in_order((data.t[used] - start_ns) * np.float64(1e-9), data.value[used]))
 
 
 def _in_order(t: Floats, value: Floats) -> tuple[Floats, Floats]:

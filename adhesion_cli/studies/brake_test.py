@@ -31,6 +31,7 @@ from ..stops.series import (
     differences,
     group_stops,
     judge,
+    wet_speeds,
 )
 from .plan import Plan, PlannedGroup
 
@@ -101,7 +102,14 @@ def run(
             maps.append(map_)
             stops += (_series_stop(path, group, stop) for stop in map_.stops)
     groups = group_stops(stops)
-    wsp = (compare_wet(stops, plan.dry, plan.wet),) if plan.dry else ()
+    wsp: tuple[WspSummary, ...] = ()
+    if plan.dry:
+        wsp = (compare_wet(stops, plan.dry, plan.wet, plan.reservoir_volume),)
+        dry, wet = wet_speeds(stops, plan.dry, plan.wet)
+        if dry and wet and (dry != wet or len(dry) > 1):
+            dry_kmh, wet_kmh = (", ".join(f"{v:g}" for v in x) for x in (dry, wet))
+            names = {"dry": plan.dry, "dry_kmh": dry_kmh, "wet": plan.wet, "wet_kmh": wet_kmh}
+            findings.append(Finding("wet-speeds-differ", "warning", names=names))
     return BrakeTest(
         tuple(stops),
         tuple(groups),

@@ -39,6 +39,7 @@ class Plan(NamedTuple):
     limits: tuple[Limit, ...] = ()
     dry: str = ""
     wet: str = ""
+    reservoir_volume: float = 0.0  # [l]; 0: not stated
     protocol: Mapping[str, str] = {}
 
     def group_of(self, log: Path) -> PlannedGroup | None:
@@ -75,9 +76,15 @@ def read_plan(path: Path) -> Plan:
     dry, wet = (_known(path, names, wsp[k]) if k in wsp else "" for k in _RAILS)
     if bool(dry) != bool(wet):
         raise UserError(f"{path}: [wsp] needs dry and wet", 'dry = "NAME"\nwet = "NAME"', code=2)
+    volume = wsp.get("reservoir_volume", 0.0)
+    if not isinstance(volume, int | float) or volume < 0.0:
+        text = f"{path}: wsp.reservoir_volume = {volume!r} is no volume"
+        raise UserError(text, "in litres, for example reservoir_volume = 150", code=2)
+    if unused := wsp.keys() - {*_RAILS, "reservoir_volume"}:
+        raise unknown("key of [wsp]", min(unused), [*_RAILS, "reservoir_volume"])
     limits = tuple(_limit(path, k, x) for k, x in _table(path, tables, "limits").items())
     protocol = {k: str(v) for k, v in _table(path, tables, "protocol").items()}
-    return Plan(groups, tuple(pairs), limits, dry, wet, protocol)
+    return Plan(groups, tuple(pairs), limits, dry, wet, float(volume), protocol)
 
 
 def planned_logs(plan: Plan, folder: Path) -> list[Path]:

@@ -31,7 +31,6 @@ DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen
 LONGEST = 600.0  # of a stop [s]
 LOGGED = "logged"  # the stop in which the cylinders have the pressures of a log
-_NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
 _CREEP, _STEPS = 1e-6, 16  # least slip of the search for the peak, and slips up to 1, geometric
 _HALVINGS = 27  # of the step between them
 
@@ -348,7 +347,7 @@ def _on_rail(
 
 def _litres(rise: float, antiskid: Antiskid) -> float:
     """Normal litres of a rise of pressure in a cylinder [Pa]."""
-    return rise * antiskid.volume / _NORMAL * 1e3
+    return rise * antiskid.volume / physics.NORMAL_PRESSURE * 1e3
 
 
 def _check_stopped(name: str, stop_index: int, ticks: int, h: float) -> None:

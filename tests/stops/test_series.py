@@ -119,7 +119,26 @@ def test_the_extension_is_that_of_the_distance_after_the_response() -> None:
     assert x.extension == pytest.approx(1.0 / 3.0)
     assert x.k_wet == pytest.approx(0.75)
     (axle_row,) = x.axles
-    assert axle_row == (1, 0.3, 0.5, 14, 0.08, 0.9)
+    assert axle_row[:6] == (1, 0.3, 0.5, 14, 0.08, 0.9)
+
+
+def test_wet_stops_of_another_nominal_speed_have_no_extension() -> None:
+    dry = SeriesStop("d", "dry", None, stop(320.0))
+    other = replace(stop(420.0), nominal_speed_kmh=dry.stop.nominal_speed_kmh + 20.0)
+    x = compare_wet([dry, SeriesStop("w", "wet", None, other)], "dry", "wet")
+    assert x.extension is None
+    assert x.k_wet is None
+
+
+def test_air_is_the_fall_of_the_reservoir_and_its_volume() -> None:
+    wet = [
+        SeriesStop("w", "wet", None, replace(stop(420.0), reservoir_drop_pa=x, sanding_s=4.0))
+        for x in (1e5, 2e5)
+    ]
+    assert compare_wet(wet, "dry", "wet").air_nl is None
+    x = compare_wet(wet, "dry", "wet", 100.0)
+    assert x.air_nl == pytest.approx(150.0 / 1.0873, rel=1e-3)
+    assert x.sanding_s == 4.0
 
 
 def test_braked_weight_percentage_of_known_speeds_only() -> None:

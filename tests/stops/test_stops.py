@@ -203,6 +203,23 @@ def test_releases_by_the_valves_are_counted() -> None:
     assert stop.axles[0].valve_actions == len([k for k in range(16, 36, 4) if k < stop.end_s])
 
 
+def test_valve_channels_come_before_the_pressure() -> None:
+    x, _ = signals()
+    t = x.speed.t
+    opened = Series(t, 1.0 * ((t > 15.0) & (np.mod(t, 4.0) < 0.5)))
+    reservoir = Series(t, 8e5 - 1e4 * np.clip(t - 15.0, 0.0, 5.0))
+    states = {"valves": {1: opened}, "sanding": opened, "reservoir": reservoir}
+    (stop,) = measured(x._replace(**states))
+    (axle,) = stop.axles
+    count = len([k for k in range(16, 60, 4) if k < stop.end_s])
+    assert (axle.valve_actions, axle.valves_from) == (count, "valves")
+    assert axle.vented_s == pytest.approx(0.5 * count, abs=0.1)
+    assert stop.sanding_s == pytest.approx(0.5 * count, abs=0.1)
+    assert stop.reservoir_drop_pa == pytest.approx(5e4)
+    (plain,) = measured(x)
+    assert (plain.axles[0].valves_from, plain.sanding_s) == ("pressure", None)
+
+
 def test_axles_that_all_slide_give_a_wide_distance_that_holds_the_true_one() -> None:
     x, distance = signals(a=0.7)
     t, v = x.speed.t, x.speed.value

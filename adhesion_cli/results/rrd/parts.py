@@ -234,6 +234,7 @@ def send_names(
 
 
 _State = tuple[str, int]  # name and colour
+States = tuple[_State, ...]
 
 
 def _states(names_: Sequence[str], *colours: str) -> tuple[_State, ...]:
@@ -244,6 +245,7 @@ def _states(names_: Sequence[str], *colours: str) -> tuple[_State, ...]:
 BRAKE = _states(("released", "applied"), palette.OFF, palette.BLUE)
 REGION_STATES = _states(REGION_TITLES, palette.OFF, palette.BLUE, palette.GREEN, palette.VERMILLION)
 WHEELS = _states(("rolls", "slides", "locked"), palette.OFF, palette.ORANGE, palette.VERMILLION)
+SWITCHES = _states(("off", "on"), palette.OFF, palette.GREEN)
 VALVES = _states(("apply", "hold", "vent"), palette.BLUE, palette.ORANGE, palette.VERMILLION)
 
 

@@ -12,7 +12,19 @@ from numpy.typing import NDArray
 
 from ...core import physics, rounding, signals
 from ...core.finding import catalogue
-from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
+from ...core.model import (
+    Z95,
+    AxleRecord,
+    AxleResult,
+    Bools,
+    Column,
+    Floats,
+    Log,
+    Meaning,
+    Result,
+    Score,
+    Times,
+)
 from ...core.physics import LOCKED, SLIDES
 from ...core.summary import AxleSummary, ResultSummary, StopSummary, summarise_vehicle
 from ...core.text import printable
@@ -45,6 +57,8 @@ OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overvi
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _LISTED_STOPS = 20  # stops of the train that are listed
+_ON = 0.5  # a state is 0 or 1
+_SWITCHED: tuple[Meaning, ...] = ("hold_valve", "vent_valve", "wsp_active", "sanding")
 _ROWS = 1 << 16  # rows sent at once
 Note = tuple[str, fit.RailFit | None]
 _NO_NOTE: Note = "`adhesion slip` shows peak, rail and slides.", None
@@ -313,6 +327,7 @@ class _Page:
             ("brake", braked, parts.BRAKE),
             ("region", region, parts.REGION_STATES),
             ("wheel", slides, parts.WHEELS),
+            *_logged_states(self.result.log, axle.record),
         ):
             for lane in lanes:
                 lane_codes = np.where(lane.inside, codes[lane.row], -1)
@@ -415,6 +430,31 @@ class _Page:
             parts.list_view(f"{self.root}/{kind}", f"Axle {axle}: {kind}", contents)
             for kind in ("findings", "events")
         ]
+
+
+def _logged_states(
+    log: Log, record: AxleRecord
+) -> Iterator[tuple[str, NDArray[np.int8], parts.States]]:
+    """Valves of an axle, WSP and sanding, where the log has them: name, codes (n,), states."""
+    on = {
+        meaning: _sampled(channel.data, record.t) > _ON
+        for meaning in _SWITCHED
+        if (channel := log.find(meaning, record.axle)) is not None
+    }
+    codes: dict[Meaning, int] = {"hold_valve": 1, "vent_valve": 2}
+    valves = [code * on[name] for name, code in codes.items() if name in on]
+    if valves:
+        yield "valve", np.max(valves, axis=0).astype(np.int8), parts.VALVES
+    for name, meaning in (("WSP", "wsp_active"), ("sanding", "sanding")):
+        if meaning in on:
+            yield name, on[meaning].astype(np.int8), parts.SWITCHES
+
+
+def _sampled(column: Column, t: Times) -> Floats:
+    """The last value of a state at each time, shape (n,); 0 before the first."""
+    used = column.valid & np.isfinite(column.value)
+    values = np.concatenate([[0.0], column.value[used]])
+    return values[np.searchsorted(column.t[used], t, side="right")]
 
 
 def _thinned(axle: AxleResult, lane: rows.Lane) -> NDArray[np.int64]:
