@@ -25,6 +25,7 @@ assumptions above.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -63,6 +64,7 @@ _FILLED_FORCE = 1.0  # clamping force for which a cylinder is filled up to its s
 _HINT_LEAD = 5.0  # of a stop that a hint names [s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
 _MISSING = "replay-axles-missing"
+_SPEED_SCALE = 0.005  # 1 sigma of the scale of the train speed, and so of the deceleration
 _CLOSE = 0.02  # of a distance: a smaller difference is one of the curve's shape
 _LOGGED_INTERVAL = 0.01  # between samples of the logged stop [s]
 
@@ -219,16 +221,25 @@ def _draws(
     dry_force = condition("dry").f0 * physics.G * vehicle.axle_mass.value
     dry_force = max(dry_force / phi.value, float(demand_force.max()))
     sampled_rails = _draw_rails(rails, vehicle, random)
-    for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
+    scales = next(rail.scales for rail in rails if rail)[:_DRAWS]
+    errors = _normal_errors(len(scales), _SPEED_SCALE)
+    for k, scale in enumerate(scales):
         truly = replace(vehicle, friction=phi._replace(value=phi.value * scale))
         track = _track(places, [axle[k] if axle else None for axle in sampled_rails])
-        track = _with_resistance(track, braking, impulse, scale)
+        track = _with_resistance(track, braking, impulse, scale, errors[k])
         exponent = max(random.uniform(-1.0, 1.0), 0.0)
         excess = (dry_force / np.maximum(demand_force, _FILLED_FORCE)) ** exponent
         drawn_demand = np.where(demand_known, 1.0, excess) * demand_force
         brake = ScenarioBrake(_commands(braking, drawn_demand))
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
     return draws
+
+
+def _normal_errors(n: int, sigma: float) -> list[float]:
+    """Errors that are spread as a normal distribution's, in an order of their own."""
+    normal = NormalDist(0.0, sigma)
+    order = np.random.default_rng(1).permutation(n)
+    return [normal.inv_cdf((k + 0.5) / n) for k in order.tolist()]
 
 
 def _impulse(result: Result, braking: _Braking) -> Floats | None:
@@ -244,7 +255,7 @@ def _impulse(result: Result, braking: _Braking) -> Floats | None:
 
 
 def _with_resistance(
-    track: Track, braking: _Braking, impulse: Floats | None, scale: float
+    track: Track, braking: _Braking, impulse: Floats | None, scale: float, error: float = 0.0
 ) -> Track:
     """The track with what slows the train beside its axles: a constant, and drag over v².
 
@@ -253,6 +264,7 @@ def _with_resistance(
         braking: the stop of the log.
         impulse: from `_impulse`.
         scale: of the forces.
+        error: of the train's deceleration, as a share.
     """
     if impulse is None:
         return track
@@ -263,7 +275,8 @@ def _with_resistance(
     resistance, drag = np.linalg.lstsq(both, lost, rcond=None)[0].tolist()
     if drag < 0.0:  # of noise: no drag pushes
         resistance, drag = float(np.sum(lost * seconds) / np.sum(seconds**2)), 0.0
-    return track._replace(resistance=resistance, drag=drag)
+    mean = float(braking.speed[0] - braking.speed[-1]) / max(float(seconds[-1]), _KNOT_INTERVAL)
+    return track._replace(resistance=resistance + error * mean, drag=drag)
 
 
 def _logged(result: Result, braking: _Braking, slides: Sequence[Sequence[Slide]]) -> Logged:

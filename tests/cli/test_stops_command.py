@@ -19,6 +19,7 @@ PLAN = """
 [group.first]
 logs = ["one.csv"]
 label = "as delivered"
+nominal_speed = 70
 [group.second]
 logs = ["two.csv"]
 nominal_speed = 70
