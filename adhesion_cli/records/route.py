@@ -24,6 +24,7 @@ _LEAST_GAP = 5.0  # places further apart are not interpolated [s]
 _MOVING = 1.0  # below, the noise of a receiver is no way [m/s]
 _WAY_INTERVAL = 1.0  # between coordinates whose distances are added [s]
 _CONTRADICTION = 0.05  # of the way against the speed, as a share
+_CONTRADICTION_TO_WHEELS = 0.25  # the same of wheels, which may all slide
 _LEAST_WAY = 200.0  # a shorter way shows no contradiction [m]
 _POINT_DISTANCE = 5.0  # between points of a drawn way [m]
 
@@ -48,17 +49,17 @@ class Trace(NamedTuple):
     t: Times  # (n,) [ns]
     value: Floats  # positions [m], (n,), or latitudes and longitudes [°], (n, 2)
     jumps: Bools  # whether the place jumps between a sample and the next one, (n - 1,)
+    joined: Bools  # whether what is between them is known: no jump and no gap, (n - 1,)
 
     def at(self, t: Times) -> Floats:
         """Places at other times, (m,) or (m, 2); NaN beyond the ends, over jumps and over gaps."""
         places = np.full((len(t), *self.value.shape[1:]), np.nan)
         if len(self.t) < 2:
             return places
-        intervals = np.diff(self.t)
-        known = (intervals <= max(gap_limit(intervals), 1e9 * _LEAST_GAP)) & ~self.jumps
-        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(intervals) - 1)
-        share = (t - self.t[i]) / intervals[i]
-        inside = (t >= self.t[0]) & (t <= self.t[-1]) & (known[i] | (share == 0.0))
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        share = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
+        inside = (t >= self.t[0]) & (t <= self.t[-1])
+        inside &= self.joined[i] | np.isin(share, [0.0, 1.0])
         weight = share.reshape(len(t), *[1] * (self.value.ndim - 1))
         places[inside] = ((1.0 - weight) * self.value[i] + weight * self.value[i + 1])[inside]
         return places
@@ -76,11 +77,14 @@ class Trace(NamedTuple):
     def thinned(self, interval: float) -> "Trace":
         """One sample per interval [s]."""
         _, first = np.unique(self.t // round(1e9 * interval), return_index=True)
-        after = np.concatenate([[0], np.cumsum(self.jumps)])
-        return Trace(self.t[first], self.value[first], np.diff(after[first]) > 0)
+        jumps, breaks = (
+            np.diff(np.concatenate([[0], np.cumsum(x)])[first]) > 0
+            for x in (self.jumps, ~self.joined)
+        )
+        return Trace(self.t[first], self.value[first], jumps, ~breaks)
 
 
-_EMPTY = Trace(np.empty(0, np.int64), np.empty(0), np.empty(0, np.bool_))
+_EMPTY = Trace(np.empty(0, np.int64), np.empty(0), *[np.empty(0, np.bool_)] * 2)
 
 
 class Route(NamedTuple):
@@ -156,12 +160,14 @@ def check_route(log: Log, vehicle: Vehicle) -> list[Finding]:
         vehicle: for the wheels' radii, where the log has no train speed.
     """
     speed = _speed(log, vehicle)
+    has_train = any(c.meaning == "train_speed" and len(c.data.t) > 1 for c in log.channels)
+    share = _CONTRADICTION if has_train else _CONTRADICTION_TO_WHEELS
     route, findings = make_route(_columns(log), speed), list[Finding]()
     for meaning, trace in _logged(route):
         title = _channels(log)[meaning].title
         findings += _jumps(trace, title, log.start_ns())
         if speed:
-            findings += _contradiction(trace.thinned(_WAY_INTERVAL), title, speed)
+            findings += _contradiction(trace.thinned(_WAY_INTERVAL), title, speed, share)
     return findings
 
 
@@ -185,12 +191,12 @@ def _jumps(trace: Trace, title: str, start_ns: int) -> list[Finding]:
     return [Finding("position-jumps", "warning", title, count, spans, {"largest_m": farthest})]
 
 
-def _contradiction(trace: Trace, title: str, speed: Column) -> list[Finding]:
+def _contradiction(trace: Trace, title: str, speed: Column, share: float) -> list[Finding]:
     """A finding where the way of the places is not that of the speed."""
     travelled = _travelled(trace.t, speed)
     counted = ~trace.jumps & _moves(trace.t, speed) & np.isfinite(travelled)
     way, by_speed = (float(x[counted].sum()) for x in (trace.distances(), travelled))
-    if by_speed < _LEAST_WAY or abs(way - by_speed) <= _CONTRADICTION * by_speed + _LEAST_JUMP:
+    if by_speed < _LEAST_WAY or abs(way - by_speed) <= share * by_speed + _LEAST_JUMP:
         return []
     values = {"way_m": way, "by_speed_m": by_speed, "share": way / by_speed}
     return [Finding("distance-contradicts-speed", "warning", title, values=values)]
@@ -210,15 +216,16 @@ def _columns(log: Log) -> dict[Meaning, Column]:
 
 
 def _speed(log: Log, vehicle: Vehicle) -> Column | None:
-    """The speed of the train [m/s], else that of the first wheel's rim."""
+    """The speed of the train [m/s], else that of the fastest rim."""
     for c in log.channels:
         if c.meaning == "train_speed" and not c.is_rate and len(c.data.t) > 1:
             return c.data
-    for c in log.channels:
-        if c.meaning == "wheel_speed" and len(c.data.t) > 1:
-            radius = vehicle.radius(c.axle or 1).value
-            return Column(c.data.t, radius * c.data.value, c.data.valid)
-    return None
+    wheels = [c for c in log.channels if c.meaning == "wheel_speed" and len(c.data.t) > 1]
+    if not wheels:
+        return None
+    t, _ = _in_order(max((c.data for c in wheels), key=lambda x: len(x.t)))
+    rims = (vehicle.radius(c.axle or 1).value * np.interp(t, *_in_order(c.data)) for c in wheels)
+    return Column(t, np.maximum.reduce([*rims]), np.ones(len(t), np.bool_))
 
 
 def _in_order(column: Column | None) -> tuple[Times, Floats]:
@@ -244,15 +251,17 @@ def _coordinates(columns: Mapping[Meaning, Column], speed: Column | None) -> Tra
 
 def _trace(t: Times, value: Floats, speed: Column | None) -> Trace:
     """Places with their jumps: the steps that are longer than the train can be fast."""
-    trace = Trace(t, value, np.zeros(len(t) - 1, np.bool_))
-    distances = trace.distances()
+    nowhere, intervals = np.zeros(len(t) - 1, np.bool_), np.diff(t)
+    distances = Trace(t, value, nowhere, ~nowhere).distances()
     moved = distances > 0.0
     usual = float(np.median(distances[moved])) if moved.any() else 0.0  # of a coarse place
     fastest = np.full(len(distances), _FASTEST)
     if speed is not None and len(speed.t):
         v = np.interp(t, speed.t, speed.value)
         fastest = _SPEED_MARGIN * np.maximum(v[1:], v[:-1])
-    return trace._replace(jumps=distances > _LEAST_JUMP + 2.0 * usual + fastest * np.diff(t) * 1e-9)
+    jumps = distances > _LEAST_JUMP + 2.0 * usual + fastest * intervals * 1e-9
+    has_gap = intervals > max(gap_limit(intervals), 1e9 * _LEAST_GAP)
+    return Trace(t, value, jumps, ~jumps & ~has_gap)
 
 
 def _moves(t: Times, speed: Column | None) -> Bools:

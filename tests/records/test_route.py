@@ -1,5 +1,7 @@
 """Where a train was: by its position, its distance or its coordinates, with jumps found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -116,6 +118,14 @@ def test_a_distance_that_the_speed_contradicts_is_named(factor: float, contradic
         values = codes["distance-contradicts-speed"].values
         assert values["share"] == pytest.approx(factor, rel=1e-3)
         assert values["by_speed_m"] == pytest.approx(SPEED * 99.0)
+
+
+def test_wheels_that_slide_contradict_no_distance() -> None:
+    """Both wheels are slow for a while, and no train speed shows it."""
+    rim = np.where((T > 40.0) & (T < 60.0), 0.3 * SPEED, SPEED)
+    wheels = [replace(channel("wheel_speed", rim / 0.42), axle=axle) for axle in (1, 2)]
+    channels = (*wheels, channel("distance", METRES))
+    assert check_route(Log("a.csv", "csv", "", True, 1, channels, ()), Vehicle()) == []
 
 
 def test_falling_kilometres_contradict_nothing() -> None:

@@ -64,7 +64,7 @@ def send_map(
             on_map(posts.places), labels=posts.names, radii=0.5, show_labels=True, colors=_TEXT
         )
         rec.log(f"{path}/kilometres", labels, static=True)
-    t, places, _ = route.coordinates
+    t, places = route.coordinates[:2]
     shown = slice(None, None, max(1, -(-len(t) // _POINTS)))
     now = rr.Points2D.from_fields(radii=1.2, colors=palette.rgba(palette.WHITE), draw_order=60.0)
     rec.log(f"{path}/now", now, static=True)
