@@ -10,7 +10,7 @@ from ..core import estimator
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.finding import Finding
-from ..core.model import STATES, Log, Meaning
+from ..core.model import PLACES, STATES, Log, Meaning
 from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..formats.source import Source
@@ -86,9 +86,9 @@ def read_log(source: Source, settings: Settings) -> Log:
 
 def further_meanings(settings: Settings) -> tuple[Meaning, ...]:
     """The meanings of channels that these settings need beside brake and speeds."""
-    further: tuple[Meaning, ...] = ("gradient", "reservoir_pressure", *STATES)
-    if settings.track.profile:
-        further = ("position", "distance", *further[1:])
+    further: tuple[Meaning, ...] = (*PLACES, "reservoir_pressure", *STATES)
+    if not settings.track.profile:
+        further = (*further, "gradient")
     return (*further, "load_pressure") if loads.states_load(settings.vehicle) else further
 
 

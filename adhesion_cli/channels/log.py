@@ -73,7 +73,7 @@ def read(
     log = _log(source, chosen, findings, lambda m, c, t0: channel(m, c, vehicle, t0, max_gap_ns))
     log = _judged(log, chosen, vehicle)
     _refuse_pipe_alone(log)
-    wanted = {*INPUTS, *PLACES, *further}
+    wanted = {*INPUTS, *further}
     return without_empty(
         replace(log, channels=tuple(c for c in log.channels if c.meaning in wanted))
     )
@@ -178,15 +178,15 @@ def needed(
 
 
 def _further(meant: Sequence[Meant], further: Collection[Meaning]) -> list[Meant]:
-    """What is read as well: where the train was, by the first of each, and what is asked for."""
-    first = {m.meaning: m for m in reversed(meant) if m.meaning and m.meaning in PLACES}
+    """What is asked for beside the inputs, where its unit is known."""
     without_unit = ("latitude", "longitude", *STATES)
+    short = ("mm", "cm")  # places of a piston or a valve, not of a train
     return [
         m
         for m in meant
-        if m.meaning
+        if m.meaning in further
         and (m.unit or m.meaning in without_unit)
-        and (m.meaning in further or first.get(m.meaning) is m)
+        and not (m.meaning in PLACES and m.unit in short)
     ]
 
 

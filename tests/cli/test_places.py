@@ -93,3 +93,14 @@ def test_a_map_needs_coordinates(run: Run, tmp_path: Path) -> None:
     refused = run("stops", str(SAMPLE), "--geojson", "map.kml")
     assert refused.returncode == 2
     assert "--geojson map.geojson" in refused.stderr
+
+
+def test_inspect_names_places_that_jump(run: Run, log: Path, tmp_path: Path) -> None:
+    head, *rows = log.read_text("utf-8").splitlines()
+    later = [row.replace(",7.", ",97.") for row in rows[1000:]]
+    jumped = tmp_path / "jumped.csv"
+    jumped.write_text("\n".join([head, *rows[:1000], *later]) + "\n", encoding="utf-8")
+    (inspected,) = json.loads(run("inspect", str(jumped), "--json").stdout)["logs"]
+    jump = next(f for f in inspected["findings"] if f["code"] == "position-jumps")
+    assert jump["channel"] == "position [km]"
+    assert jump["values"]["largest_m"] == pytest.approx(90_000.0, abs=1.0)
