@@ -1,9 +1,11 @@
 """An analysed log as its summary, which JSON, tables, pages and Python have in common."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ..core.finding import Finding
 from ..core.model import AxleResult, Channel, Floats, Result
 from ..core.summary import (
     AxleSummary,
@@ -82,10 +84,22 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
 
     start, route = result.log.start_ns(), find_route(result.log)
     limits = StopSettings(**result.settings.get("stops", {})).locks
+    others = [f for f in result.findings if f.code == "other-brake"]
     return {
-        a.record.axle: find_applications(a, result.vehicle, start, route, limits)
+        a.record.axle: tuple(
+            replace(x, other_brake=_is_under_others(x, others))
+            for x in find_applications(a, result.vehicle, start, route, limits)
+        )
         for a in result.axles
     }
+
+
+def _is_under_others(a: BrakeApplication, others: Sequence[Finding]) -> bool:
+    """Whether another brake acts in a brake application; one that has no time acts in all."""
+    return any(
+        not f.spans or any(begin < a.end_s and a.start_s < end for begin, end in f.spans)
+        for f in others
+    )
 
 
 def _rows_used(result: Result) -> int:

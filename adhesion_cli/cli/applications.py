@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
-from ..results.result_rows import budget_row, combined, row, slid_row
+from ..results.result_rows import OF_MARK, budget_row, combined, row, slid_row
 from ..results.stop_rows import NOTE as STOP_NOTE
 from ..results.stop_rows import describe_sources, short_row
 from ..results.train_stops import (
@@ -132,7 +132,9 @@ def _by_application(logs: _Logs) -> str:
         for a in axle.applications
     ]
     rows = [name | row(axle, a) for name, axle, a in keyed]
-    lines = [terminal.records(rows), terminal.folded(_NOTE), ""]
+    marked = any(a.other_brake for *_, a in keyed)
+    note = f"{_NOTE} {OF_MARK}" if marked else _NOTE
+    lines = [terminal.records(rows), terminal.folded(note), ""]
     if slid := [name | slid_row(axle, a) for name, axle, a in keyed if a.slides]:
         has_bounds = any(a.at_least for *_, a in keyed if a.slides)
         note = f"{_OF_SLIDES} {_BOUND}" if has_bounds else _OF_SLIDES

@@ -129,6 +129,9 @@ class BrakeApplication:
         Quantity("", "contributions to the uncertainty of the mean force"),
     ]
     coverage: Annotated[Coverage | None, Quantity("", "the combined uncertainty of the mean force")]
+    other_brake: Annotated[
+        bool, Quantity("", "whether another brake acts, whose force is not in force and µ")
+    ] = False
     slip_unknown_s: Annotated[
         float, Quantity("s", "no train speed shows the slip: a slide may be hidden")
     ] = 0.0

@@ -7,6 +7,14 @@ from ..core.summary import BrakeApplication, Contribution
 from ..core.text import by_uncertainty
 from .text_tables import DASH, bounded_number, non_empty, number, when_and_where
 
+MARK = "*"  # behind a µ without the force of another brake that acts
+OF_MARK = "*: without the force of another brake that acts (`other-brake`)."
+
+
+def marked(a: BrakeApplication) -> str:
+    """The mark of a brake application in which another brake acts, too."""
+    return MARK if a.other_brake else ""
+
 
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """A brake application: when, how fast, adhesion coefficient and force."""
@@ -17,7 +25,7 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         **when_and_where(a.time),
         "for [s]": number(a.end_s - a.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
-        "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3),
+        "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3) + marked(a),
         "µ max": _with_u95(mu and (mu.max, mu.max_u95), 1.0, 3),
         "F [kN]": _with_u95(force and (force.mean, force.mean_u95), 1e-3),
         "Fmax [kN]": _with_u95(force and (force.max, force.max_u95), 1e-3),

@@ -8,6 +8,8 @@ from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
+from ..result_rows import OF_MARK as OF_MARK
+from ..result_rows import marked
 from ..stop_rows import NOTE as STOP_NOTE  # noqa: F401 (for the template)
 from ..stop_rows import describe_sources as describe_sources
 from ..stop_rows import stop_row as train_stop_row
@@ -219,6 +221,11 @@ def slides_first(rows: Sequence[tuple[Mark, Cells]]) -> Sequence[tuple[Mark, Cel
     return [rows[i] for i in sorted(order[:MAX_ROWS])]
 
 
+def has_other_brakes(runs: Sequence[ReportRun]) -> bool:
+    """Whether another brake acts in any brake application."""
+    return any(a.other_brake for run in runs for axle in run.axles for a in axle.applications)
+
+
 def has_bounds(runs: Sequence[ReportRun]) -> bool:
     """Whether some numbers of slides are lower bounds."""
     axles = [axle for run in runs for axle in run.axles]
@@ -241,7 +248,7 @@ def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
         "Time [s]": span(a.start_s, a.end_s),
         **{name.capitalize(): cell for name, cell in when_and_where(a.time).items()},
         "Speed [km/h]": "–".join(number(v and 3.6 * v) for v in (a.from_mps, a.to_mps)),
-        "Adhesion coefficient, mean": _mean(a.coefficient, 1.0, 3),
+        "Adhesion coefficient, mean": _mean(a.coefficient, 1.0, 3) + marked(a),
         "highest": _highest(a.coefficient),
         "Force, mean [kN]": _mean(a.force_n, 1e-3, 2),
         "Slides": str(a.slides) if a.slides or _is_observed(axle, a) else "?",
