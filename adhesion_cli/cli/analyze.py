@@ -43,7 +43,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     estimator follows. Writes <log>.adhesion.mcap and <log>.adhesion.rrd.
 
     --table writes one row per log, axle and brake application. A workbook (FILE.xlsx) also has
-    sheets of the estimators, the findings and the logs.
+    sheets of the stops, the slides, the estimators, the findings and the logs.
 
     Many brake applications are shown as one row per stop of the train, the worst first. Several
     logs are taken for one train's: one table has the stops of all, and what they have in common is
@@ -115,6 +115,7 @@ def _write_table(place: Path, _: Path, *, name: Path, summaries: "Sequence[Resul
     sheets = {
         "applications": tables.applications(summaries),
         "stops": tables.stops(summaries),
+        "slides": tables.slides_of_results(summaries),
         "estimators": tables.estimators(summaries),
         "findings": tables.findings(summaries),
         "logs": tables.table(map(tables.log_row, summaries), tables.LOGS),

@@ -26,8 +26,9 @@ _OF_SPREAD = (
     "median of those with a slide."
 )
 _OF_SLIDES = (
-    "at: start of the brake application after the start of the log. km/h: speed there. slid and "
-    "[m]: time and distance of all its slides. kJ: energy of friction between wheel and rail."
+    "at: start of the brake application after the start of the log. km: its place on the "
+    "line. km/h: speed there. slid and [m]: time and distance of all its slides. kJ: energy "
+    "of friction between wheel and rail."
 )
 _OF_STOPS = (
     "valid: whole stops. Distance and response time are medians of these; 5 %, median, 95 %: "
@@ -63,6 +64,9 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
         for row in fleet.by_settings
     ]
     newest_days = [{"day": row.day, **_spread(row)} for row in days[-DAYS:]]
+    slid = list(map(_slid, fleet.worst_slides))
+    if all(row["km"] == DASH for row in slid):
+        slid = [{name: cell for name, cell in row.items() if name != "km"} for row in slid]
     codes = [
         {"finding": x.code, "severity": x.severity, "example": x.example, "logs": str(x.logs)}
         for x in fleet.findings
@@ -82,7 +86,7 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
             3,
         ),
         PageTable(_STOPS, list(map(_stopped, fleet.stops)), note=_OF_STOPS),
-        PageTable(_WORST, list(map(_slid, fleet.worst_slides)), note=_OF_SLIDES),
+        PageTable(_WORST, slid, note=_OF_SLIDES),
         PageTable(_FINDINGS, codes, 3),
     )
     return [table for table in all_tables if table.rows]
@@ -253,6 +257,7 @@ def _slid(row: SlidApplication) -> dict[str, str]:
         "log": row.log,
         "axle": str(row.axle),
         "at [s]": number(row.start_s, 1),
+        "km": number(row.position_km if row.position_from == "position" else None, 3),
         "km/h": number(row.from_mps and 3.6 * row.from_mps, 0),
         "slid [s]": number(row.slide_s, 1),
         "[m]": number(row.slide_distance_m, 0),

@@ -136,6 +136,17 @@ def slides(axles: Iterable[SlipSummary]) -> Any:
     return _table(rows, SLIDES)
 
 
+def slides_of_results(results: Iterable[ResultSummary]) -> Any:
+    """The same of the brake applications of logs."""
+    rows = (
+        {"log": utf8(str(keys["log"])), "axle": axle.axle, **flat(x)}
+        for keys, axle in _axles(results)
+        for a in axle.applications
+        for x in a.slide_list
+    )
+    return _table(rows, SLIDES)
+
+
 def table(rows: Iterable[object], schema: Any) -> Any:
     """A row per object, as a slip summary, a channel or a log; `schema` is that of their class."""
     return _table(map(flat, rows), schema)

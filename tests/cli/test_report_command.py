@@ -94,7 +94,12 @@ def test_a_workbook_has_a_sheet_per_table(run: Run, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     (entry,) = json.loads(done.stdout)["results"]
     book = openpyxl.load_workbook(tmp_path / "t.xlsx")
-    assert book.sheetnames == ["applications", "estimators", "findings", "logs"]
+    sheets = ["applications", "stops", "slides", "estimators", "findings", "logs"]
+    assert book.sheetnames == sheets
+    slides = [x for a in entry["axles"] for o in a["applications"] for x in o["slide_list"]]
+    slide_heads, *slide_rows = book["slides"].iter_rows(values_only=True)
+    assert "position_km [km]" in slide_heads
+    assert len(slide_rows) == len(slides)
     heads, row = book["applications"].iter_rows(values_only=True)
     force = entry["axles"][0]["applications"][0]["force_n"]["mean"]
     assert row[0] == "=a.csv"

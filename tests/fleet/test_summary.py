@@ -137,6 +137,9 @@ def test_adhesion_is_distributed_by_kilometre_hour_and_day(tmp_path: Path) -> No
     assert [line.split()[0] for line in kilometres[3:5]] == ["12", "9"]  # most slides first
     hours = text.split("By kilometre, day and hour (UTC):")[1].splitlines()
     assert hours[3].split()[:4] == ["12", "2026-03-01", "07", "1"]
+    worst = text.split("Worst slides")[1].splitlines()
+    assert worst[1].split()[:5] == ["log", "axle", "at", "[s]", "km"]
+    assert "12.900" in worst[3]
     figure = next(x.figure for x in summary_tables.tables(found) if x.title == "By kilometre")
     assert figure
     assert [(bar.begin, bar.number) for bar in figure.bars] == [(9, 1), (12, 4)]
