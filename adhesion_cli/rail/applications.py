@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import physics, threads
-from ..core.model import Z95, AxleResult, Floats, Times, Vehicle
+from ..core.model import Z95, AxleRecord, AxleResult, Floats, Times, Vehicle
 from ..core.signals import coverage_factor
 from ..core.summary import (
     BrakeApplication,
@@ -99,7 +99,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         slide_list=tuple(summarise_slide(x, log_start, route, rail) for x in slides),
         slide_s=sum(x.duration for x in slides),
         slide_distance_m=sum(x.distance for x in slides),
-        max_slip=1.0 if locks else max((x.max_slip for x in slides), default=None),
+        max_slip=1.0 if locks else _largest_slip(slides, record),
         slide_energy_j=sum(energies) if len(energies) == len(slides) else None,
         at_least=any(x.is_lower_bound for x in slides),
         utilisation=utilisation and utilisation.value,
@@ -115,6 +115,16 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         latitude=place.latitude,
         longitude=place.longitude,
     )
+
+
+def _largest_slip(slides: Sequence[Slide], record: AxleRecord) -> float | None:
+    """The largest slip of slides that begin above 10 km/h; of all, where none does.
+
+    In the last metres a wheel may stand: WSP units are switched off there.
+    """
+    v = record.train_speed
+    fast = [x for x in slides if v is not None and v[x.samples.start] > physics.WORKING]
+    return max((x.max_slip for x in fast or slides), default=None)
 
 
 def summarise_slide(

@@ -11,6 +11,7 @@ from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.core.model import Result
 from adhesion_cli.core.physics import G
 from adhesion_cli.rail.applications import find_applications
+from adhesion_cli.rail.locks import LockLimits
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
@@ -103,3 +104,24 @@ def test_a_wheel_that_locks_for_a_time_has_one_application(low: Result) -> None:
     released[middle : middle + 200] = 0.0
     record = replace(axle.record, clamping_force=released)
     assert len(find_applications(replace(apart, record=record), low.vehicle)) == 2
+
+
+def test_the_last_metres_have_no_part_in_the_largest_slip(low: Result) -> None:
+    axle = low.axles[0]
+    (before,) = find_applications(axle, low.vehicle)
+    v, wheel = axle.record.train_speed, axle.record.wheel_speed
+    assert v is not None
+    assert axle.slip is not None
+    (samples,) = axle.applications
+    last = np.zeros(len(v), dtype=np.bool_)
+    last[samples] = (v[samples] > 0.8) & (v[samples] < 1.5)
+    stands = np.where(last, 0.0, wheel)
+    slip = np.where(last, 1.0, axle.slip)
+    stood = replace(axle, record=replace(axle.record, wheel_speed=stands), slip=slip)
+    (after,) = find_applications(stood, low.vehicle)
+    assert after.max_slip == before.max_slip
+    assert before.max_slip is not None
+    assert before.max_slip < 0.9
+    (limited,) = find_applications(stood, low.vehicle, limits=LockLimits(speed=0.8))
+    assert (limited.locked_s or 0.0) > 0.4
+    assert limited.max_slip == 1.0
