@@ -528,3 +528,27 @@ def test_a_log_with_coordinates_has_a_map(small: Path, tmp_path: Path) -> None:
     names = [value for key, value in blueprint(path).items() if "display_name" in key]
     assert "Map" in str(names)
     assert not batches(small, "/map/way", static=True)
+
+
+def test_logged_valves_and_sanding_are_states() -> None:
+    analysed = result(1, 400)
+    record = analysed.axles[0].record
+    t = record.t[::40]
+    usable = np.ones(len(t), np.bool_)
+    open_ = (np.arange(len(t)) % 2).astype(np.float64)
+    held = np.ones(len(t))
+    states: tuple[tuple[Meaning, int | None, Floats], ...] = (
+        ("hold_valve", 1, held),
+        ("vent_valve", 1, open_),
+        ("vent_valve", 2, held),
+        ("sanding", None, open_),
+    )
+    channels = tuple(
+        Channel(f"{m} {axle}", "", m, axle, "", "", Column(t, x, usable)) for m, axle, x in states
+    )
+    shown = results._logged_states(replace(analysed.log, channels=channels), record)
+    codes = {name: code for name, code, _ in shown}
+    assert set(codes) == {"valve", "sanding"}
+    assert codes["valve"][[0, 39, 40, 79, 80]].tolist() == [1, 1, 2, 2, 1]
+    assert codes["sanding"][[0, 40, 80]].tolist() == [0, 1, 0]
+    assert not list(results._logged_states(replace(analysed.log, channels=()), record))

@@ -409,10 +409,11 @@ class _Page:
             rows += parts.slope_charts(path, f"Axle {N}", axle.slope, self.bands)
             shares += [2.3, 1.5]
         heights = [4.5, 4.5, 1.5, 1.5] if self.notes else [4.5, 1.0, 2.8, 2.8]
-        states = f"Axle {N}: brake, region on the curve, wheel"
+        logged = [name for name, *_ in _logged_states(self.result.log, axle.record)]
+        states = f"Axle {N}: {', '.join(['brake', 'region on the curve', 'wheel', *logged])}"
         rows.append(parts.states_view(f"{exact}/state", states))
         return rrb.Horizontal(
-            rrb.Vertical(*rows, row_shares=[*shares, 3.0]),
+            rrb.Vertical(*rows, row_shares=[*shares, 3.0 + len(logged)]),
             rrb.Vertical(
                 curve_view(f"{exact}/slip", f"Axle {N}"),
                 rrb.TextDocumentView(origin=f"{exact}/note", name=f"Axle {N}: rail and slides"),
