@@ -106,7 +106,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         utilisation_ci=utilisation and (utilisation.lower, utilisation.upper),
         budget=rows,
         coverage=coverage,
-        locked_s=None if record.train_speed is None else sum(locks),
+        locked_s=None if record.train_speed is None else sum(locks, 0.0),
         longest_lock_s=None if record.train_speed is None else max(locks, default=0.0),
         slip_unknown_s=rail_under_slides.unknown_slip(record, samples, vehicle)[1],
         time=place.time,

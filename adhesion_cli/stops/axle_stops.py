@@ -35,7 +35,7 @@ def axle_stops(
                 shares, _ = np.histogram(slips, [-np.inf, *SLIP_BANDS])
                 bands = tuple((shares / len(slips)).tolist())
             locks = [x.duration for x in find_locks(rim.t, v, rim.value, settings.locks)]
-            locked, longest = sum(locks), max(locks, default=0.0)
+            locked, longest = sum(locks, 0.0), max(locks, default=0.0)
             slip = 1.0 if locks else slip
         actions, vented = 0, None
         source: Literal["valves", "pressure"] | None = None

@@ -44,6 +44,26 @@ def test_slides_of_a_stop_have_their_initial_adhesion_and_energy() -> None:
     assert (rolled.initial_coefficient, rolled.energy_j) == (None, None)
 
 
+def test_command_valves_and_sanding_of_a_log_are_read(tmp_path: Path) -> None:
+    """They need no unit."""
+    head, *lines = (SAMPLES / "low-adhesion.csv").read_text().splitlines()
+    rows = [f"{head},brake command,vent valve axle 1,sanding"]
+    for line in lines:
+        t = float(line.split(",")[0])
+        command, opened, sand = t >= 2.0, t >= 10.0 and t % 2.0 < 0.5, 10.0 <= t < 15.0
+        rows.append(f"{line},{command:d},{opened:d},{sand:d}")
+    log = tmp_path / "states.csv"
+    log.write_text("\n".join(rows) + "\n")
+    stated = settings.load(None, ["analysis.vehicle=stated"])
+    (stop,) = summarise(analyze(log, stated, ["td"]), {}).stops
+    assert stop.command_from == "channel"
+    assert stop.start_s == pytest.approx(2.0, abs=0.05)
+    assert stop.sanding_s == pytest.approx(5.0, abs=0.05)
+    first, second, *_ = stop.axles
+    assert (first.valves_from, second.valves_from) == ("valves", "pressure")
+    assert first.vented_s == pytest.approx(0.5 * first.valve_actions, rel=0.1)
+
+
 def test_a_lock_has_the_force_before_and_after_it() -> None:
     t = np.arange(5.0)
     force = np.array([1.0, np.nan, np.nan, 4.0, np.nan])
