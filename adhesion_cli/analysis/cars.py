@@ -66,13 +66,13 @@ def with_parameters(tables: Table) -> Table:
         UserError: as `stated_brake.with_parameters`; for cars and lists as `by_axle`.
     """
     axles = by_axle(tables)
-    others = {k: v for k, v in tables.items() if k not in ("vehicle", "car")}
+    other_axles = {k: v for k, v in tables.items() if k not in ("vehicle", "car")}
     if axles:
         converted = [x._replace(table=named(x, stated_brake.with_parameters)) for x in axles]
-        return {**others, **_collected(converted)}
+        return {**other_axles, **_collected(converted)}
     if vehicle := tables.get("vehicle"):
-        others["vehicle"] = stated_brake.with_parameters(vehicle)
-    return others
+        other_axles["vehicle"] = stated_brake.with_parameters(vehicle)
+    return other_axles
 
 
 def named(axle: AxleTable, convert: Callable[[Table], Any]) -> Any:
@@ -155,27 +155,28 @@ def _of_car(vehicle: Tables, car: str, table: Tables, number: int, place: int) -
     Raises:
         UserError: for a list that does not reach the axle, or is not one for each of the car.
     """
-    count, stated, own = len(table["axles"]), dict[str, Any](), dict[str, Any]()
+    count, stated_keys, own_table = len(table["axles"]), dict[str, Any](), dict[str, Any]()
     for name, value in vehicle.items():
         if isinstance(value, list) and 1 < len(value) < number:
             text = f"vehicle.{name} has {_values(len(value))}, [car.{car}] has an axle {number}"
             hint = "state one value, or a list with one for each axle of the train"
             raise UserError(text, hint, code=2)
-        stated[name] = _item(value, number - 1)
+        stated_keys[name] = _item(value, number - 1)
     for name, value in table.items():
         if isinstance(value, list) and len(value) not in (1, count) and name != "axles":
             text = f"car.{car}.{name} has {_values(len(value))}, the car has {count} axles"
             raise UserError(text, f"state one value, or {count}: one for each axle", code=2)
         if name != "axles":
-            own[name] = _item(value, place)
+            own_table[name] = _item(value, place)
     for group in _GROUPS:
-        if of_group := [name for name in group if name in own]:
+        if of_group := [name for name in group if name in own_table]:
             replaced = set(group) - (set(of_group) & set(stated_brake.KINDS))
-            stated = {k: v for k, v in stated.items() if k not in replaced}
-    for name, value in own.items():
-        both = name in stated_brake.KINDS and isinstance(stated.get(name), dict)
-        stated[name] = stated[name] | value if both and isinstance(value, dict) else value
-    return stated
+            stated_keys = {k: v for k, v in stated_keys.items() if k not in replaced}
+    for name, value in own_table.items():
+        joins = name in stated_brake.KINDS and isinstance(stated_keys.get(name), dict)
+        joins &= isinstance(value, dict)
+        stated_keys[name] = stated_keys[name] | value if joins else value
+    return stated_keys
 
 
 def _item(value: Any, place: int) -> Any:
@@ -189,8 +190,8 @@ def _values(count: int) -> str:
     return "1 value" if count == 1 else f"{count} values"
 
 
-def _forget_keys(table: Table, later: Tables) -> None:
-    for name, value in later.items():
+def _forget_keys(table: Table, later_layer: Tables) -> None:
+    for name, value in later_layer.items():
         if name in stated_brake.KINDS and isinstance(table.get(name), dict):
             _forget_keys(table[name], value)
         else:
@@ -203,12 +204,12 @@ def _collected(axles: Sequence[AxleTable]) -> Table:
     for axle in axles:
         cars.setdefault(axle.car, []).append(axle)
     tables: Table = {}
-    for car, own in cars.items():
+    for car, own_table in cars.items():
         table: Table = {}
-        for name in own[0].table:
-            values = [axle.table[name] for axle in own]
+        for name in own_table[0].table:
+            values = [axle.table[name] for axle in own_table]
             table[name] = values[0] if all(x == values[0] for x in values) else values
         if not car:
             return {"vehicle": table}
-        tables[car] = {"axles": [axle.number for axle in own], **table}
+        tables[car] = {"axles": [axle.number for axle in own_table], **table}
     return {"car": tables}

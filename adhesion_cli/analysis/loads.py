@@ -20,7 +20,7 @@ from ..train.mean_axle import vehicle_of_axles
 _KEYS = ("pressure", "axle_mass", "unit", "tolerance")
 _EXAMPLE = 'load = {pressure = [1.5, 3.8], axle_mass = [9500, 15000], unit = "bar"}'
 _STEADY = 0.15  # a train that gains or loses less speed is steady [m/s²]
-_BEYOND = 0.5  # of the stated range: farther out, it is another pressure or unit
+_EXTRAPOLATION = 0.5  # of the stated range: farther out, it is another pressure or unit
 
 
 def stated_load(entry: Any) -> Load:
@@ -69,19 +69,19 @@ def with_load(vehicle: Vehicle, log: Log) -> tuple[Vehicle, list[Finding]]:
     """
     numbers = {c.axle for c in log.channels if c.meaning == "wheel_speed"}
     last_axle = max((number or 1 for number in numbers), default=1)
-    stated = [a.number for a in vehicle.axles] or range(1, last_axle + 1)
-    own = {number: vehicle.of_axle(number) for number in stated}
+    stated_load = [a.number for a in vehicle.axles] or range(1, last_axle + 1)
+    axle_load = {number: vehicle.of_axle(number) for number in stated_load}
     masses: dict[int, Parameter] = {}
     pressures: dict[str, float] = {}  # by channel
     findings, refused = list[Finding](), set[str]()
-    for number, v in own.items():
+    for number, v in axle_load.items():
         if v.load is None or number > last_axle:
             continue
         channel = log.find("load_pressure", number)
         if channel is None:
             continue
         pressure = _steady_pressure(channel, log, number)
-        if v.load.reaches(pressure, _BEYOND):
+        if v.load.reaches(pressure, _EXTRAPOLATION):
             masses[number] = v.load.mass(pressure)
             pressures[channel.title] = pressure
         elif channel.title not in refused:
@@ -95,14 +95,14 @@ def with_load(vehicle: Vehicle, log: Log) -> tuple[Vehicle, list[Finding]]:
         title = ", ".join(pressures)
         findings.append(Finding("mass-by-load", "info", title, len(masses), values=values))
     else:
-        first = next(v for v in own.values() if v.load)
+        first_load = next(v for v in axle_load.values() if v.load)
         if not findings:
-            values = {"mass_kg": first.axle_mass.value}
+            values = {"mass_kg": first_load.axle_mass.value}
             findings.append(Finding("no-load-pressure", "warning", values=values))
         return vehicle, findings
     loaded = {
         number: replace(v, axle_mass=masses.get(number, v.axle_mass), load=None)
-        for number, v in own.items()
+        for number, v in axle_load.items()
     }
     if not vehicle.axles and len({v.axle_mass for v in loaded.values()}) == 1:
         return replace(vehicle, axle_mass=loaded[1].axle_mass, load=None), findings
@@ -132,8 +132,9 @@ def _steady(channel: Channel, log: Log, axle: int) -> Bools:
         speed, radius = log.find("wheel_speed", axle), 0.45
     if speed is None:
         return np.ones(len(t), np.bool_)
-    half = 500_000_000  # [ns]
-    v = [np.interp(t + side, speed.data.t, speed.data.value) for side in (-half, half)]
+    half_width = 500_000_000  # [ns]
+    shifts = -half_width, half_width
+    v = [np.interp(t + shift, speed.data.t, speed.data.value) for shift in shifts]
     steady: Bools = np.abs(v[1] - v[0]) * radius < _STEADY
     return steady
 
@@ -147,11 +148,11 @@ def _pair(name: str, numbers: Any) -> tuple[float, float]:
         raise UserError(
             f"{name} = {numbers!r} is not two numbers", f"for example {_EXAMPLE}", code=2
         )
-    low, high = map(float, numbers)
-    if not low < high:
-        text = f"{name} does not rise: {high:g} after {low:g}"
+    empty_mass, loaded_mass = map(float, numbers)
+    if not empty_mass < loaded_mass:
+        text = f"{name} does not rise: {loaded_mass:g} after {empty_mass:g}"
         raise UserError(text, "write the point of the empty car first", code=2)
-    return low, high
+    return empty_mass, loaded_mass
 
 
 def _is_number(x: Any) -> bool:

@@ -44,7 +44,7 @@ class Material(NamedTuple):
     speeds: Sequence[float] = ()  # of the table [km/h]; empty: φ is one number
     forces: Sequence[float] = ()  # of one block [kN]
 
-    def stated(self) -> Table:
+    def stated_table(self) -> Table:
         """The same as `friction` of a vehicle."""
         if not self.speeds:
             phi = self.friction(0.0, 0.0)
@@ -115,7 +115,7 @@ def per_axle(entry: Any, faces: float) -> Any:
         if entry.lower() not in names:
             text = f"vehicle.friction = {entry!r} is no material"
             raise UserError(text, f"write a number, or one of {', '.join(MATERIALS)}", code=2)
-        return per_axle(MATERIALS[names[entry.lower()]].stated(), faces)
+        return per_axle(MATERIALS[names[entry.lower()]].stated_table(), faces)
     if not (isinstance(entry, dict) and "block_force" in entry):
         return entry
     if not faces:
@@ -135,12 +135,12 @@ def is_table(entry: Any) -> bool:
     return isinstance(entry, dict) and bool(entry.keys() - {"value", "tolerance"})
 
 
-def replaces(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> bool:
+def replaces(earlier: Mapping[str, Any], later_layer: Mapping[str, Any]) -> bool:
     """Whether a friction replaces an earlier one: a number a table, or a table all of it."""
-    by_table = isinstance(later.get("value"), list)
-    if by_table and "speed" in later:
+    by_table = isinstance(later_layer.get("value"), list)
+    if by_table and "speed" in later_layer:
         return True
-    return "value" in later and not by_table and isinstance(earlier.get("value"), list)
+    return "value" in later_layer and not by_table and isinstance(earlier.get("value"), list)
 
 
 def friction_table(entry: Table) -> tuple[Parameter, FrictionTable]:

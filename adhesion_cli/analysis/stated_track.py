@@ -31,12 +31,12 @@ def stated_track(table: Table) -> Track:
     if entry is None:
         return Track()
     if isinstance(entry, dict) and "profile" in entry:
-        return _along(entry)
-    stated = number("track.gradient", entry)
-    GRADIENT.check("track.gradient", stated.value)
+        return _profile_track(entry)
+    stated_gradient = number("track.gradient", entry)
+    GRADIENT.check("track.gradient", stated_gradient.value)
     has_tolerance = isinstance(entry, dict) and "tolerance" in entry
-    tolerance = _PER_MILLE * stated.tolerance if has_tolerance else usual.tolerance
-    return Track(Parameter(_PER_MILLE * stated.value, tolerance), stated=True)
+    tolerance = _PER_MILLE * stated_gradient.tolerance if has_tolerance else usual.tolerance
+    return Track(Parameter(_PER_MILLE * stated_gradient.value, tolerance), stated=True)
 
 
 def as_stated(track: Track) -> Table:
@@ -49,7 +49,7 @@ def as_stated(track: Track) -> Table:
     return {"gradient": {"value": value, "tolerance": tolerance}} if track.stated else {}
 
 
-def _along(entry: Table) -> Track:
+def _profile_track(entry: Table) -> Track:
     keys = ["profile", "position", "tolerance"]
     if extra := entry.keys() - {*keys}:
         raise unknown("key of track.gradient", min(extra), keys)
@@ -99,14 +99,14 @@ def _read(path: Path) -> Iterator[tuple[str, float, float]]:
 
 def _rising(rows: Iterable[tuple[str, float, float]]) -> Iterator[tuple[float, float]]:
     """Places [m] and gradients [-], checked."""
-    last = -math.inf
+    previous = -math.inf
     for name, km, per_mille in rows:
         GRADIENT.check(f"{name}: gradient", per_mille)
-        if not km > last:
+        if not km > previous:
             hint = "order the rows by km, each km once"
             raise UserError(f"{name}: km {km:g} does not rise", hint, code=2)
-        last = km
+        previous = km
         yield _KM * km, _PER_MILLE * per_mille
-    if last == -math.inf:
+    if previous == -math.inf:
         hint = "rows of km and per mille"
         raise UserError("track.gradient.profile: no gradient in it", hint, code=2)

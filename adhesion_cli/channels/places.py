@@ -54,16 +54,16 @@ def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
     axles: dict[int, Served] = {}
     for i, p in places.items():
         offset = offsets.get(p.part, 0)
-        of_part = [n + offset for n in sorted(numbers.get(p.part, ()))]
+        word_place = [n + offset for n in sorted(numbers.get(p.part, ()))]
         if p.axle is not None:
-            own: tuple[int, ...] = (p.axle + offset,)
+            own_number: tuple[int, ...] = (p.axle + offset,)
         elif p.bogie and repeated_bogies:
-            own = tuple(of_part[2 * p.bogie - 2 : 2 * p.bogie])
+            own_number = tuple(word_place[2 * p.bogie - 2 : 2 * p.bogie])
         elif p.bogie:
-            own = tuple(n + offset for n in bogie_axles(p.bogie))
+            own_number = tuple(n + offset for n in bogie_axles(p.bogie))
         else:
-            own = tuple(of_part) if len(numbers) > 1 else ()
-        axles[i] = Served(own, offset > 0)
+            own_number = tuple(word_place) if len(numbers) > 1 else ()
+        axles[i] = Served(own_number, offset > 0)
     if _are_unclear(pressures, numbers, axles):
         axles |= dict.fromkeys(pressures, Served(None))
     return axles
@@ -72,7 +72,7 @@ def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
 def _counted_in_bogies(places: Mapping[int, Place]) -> dict[int, Place]:
     """The places; where each bogie counts its axles from 1, they are counted on over the bogies."""
     pairs = {(p.part, p.bogie, p.axle) for p in places.values() if p.bogie and p.axle is not None}
-    if len({(part, axle) for part, _, axle in pairs}) == len(pairs):
+    if len({(word, axle) for word, _, axle in pairs}) == len(pairs):
         return dict(places)
     return {
         i: p._replace(axle=2 * (p.bogie - 1) + p.axle, bogie=None) if p.bogie and p.axle else p
@@ -86,22 +86,22 @@ def _axles_of_parts(speeds: Iterable[Place]) -> dict[str, set[int]]:
     for p in speeds:
         of_bogie = bogie_axles(p.bogie) if p.bogie else (1,)
         numbers.setdefault(p.part, set()).update(of_bogie if p.axle is None else (p.axle,))
-    names = {re.sub(r"\d+$", "", part) for part in numbers}
+    names = {re.sub(r"\d+$", "", word) for word in numbers}
     if len(names) == 1:
         return dict(sorted(numbers.items(), key=lambda item: _number(item[0])))
     return numbers  # in the order of the log
 
 
-def _number(part: str) -> int:
-    digits = re.search(r"\d+$", part)
+def _number(word: str) -> int:
+    digits = re.search(r"\d+$", word)
     return int(digits[0]) if digits else 0
 
 
 def _offsets(numbers: Mapping[str, set[int]]) -> dict[str, int]:
     """By how much the axles of each car are counted on."""
     offsets, total = {}, 0
-    for part, axles in numbers.items():
-        offsets[part] = total
+    for word, axles in numbers.items():
+        offsets[word] = total
         total += max(axles)
     return offsets
 
@@ -118,14 +118,14 @@ def _are_unclear(
     """
     if len(pressures) < 2:
         return False
-    parts = {p.part for p in pressures.values()}
+    words = {p.part for p in pressures.values()}
     own_places = {(p.axle, p.bogie) for p in pressures.values()}
     counted = sum(map(len, numbers.values()))
     if len(numbers) > 1:
         served_axles = {n for i in pressures for n in axles[i].axles or ()}
-        if not parts <= numbers.keys() and len(served_axles) != counted:
+        if not words <= numbers.keys() and len(served_axles) != counted:
             return True
-    elif len(parts) > 1 and (len(own_places) < len(pressures) or (None, None) in own_places):
+    elif len(words) > 1 and (len(own_places) < len(pressures) or (None, None) in own_places):
         return True
     # As in "BCP M1/1": the last number may be that of a bogie or of an axle.
     loose = all(p.part and p.is_loose for p in pressures.values())

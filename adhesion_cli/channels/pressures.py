@@ -22,7 +22,7 @@ _MOST_TIMES = 1_000_000  # a longer log is compared at longer intervals
 _SLOPE_STEPS = 2  # so many before and after give the slope of the speed
 _MOVING = 2.0  # [m/s]
 _LEAST_RANGE = 0.15  # from rolling freely to braking, else no brake shows [m/s²]
-_FREE, _SLOWS = 0.1, 0.5  # shares of that range: rolls freely by less, slows by more
+_FREE_ROLLING, _SLOWS = 0.1, 0.5  # shares of that range: rolls freely by less, slows by more
 _SHORTEST_RUN = 8  # times: wheels that regain speed in a slide do so for less
 _PIPE = 3e5, 7e5  # pressure of a brake pipe that is not reduced [Pa]
 _LEAST_REDUCTION = 0.25e5  # of a brake pipe [Pa]
@@ -37,7 +37,7 @@ class Motion(NamedTuple):
     instants: time_axis.Instants
     rolls: Bools  # freely, for some time
     slows: Bools  # by a brake, for some time
-    free: float  # how its speed changes where it rolls freely [m/s²]
+    free_slope: float  # how its speed changes where it rolls freely [m/s²]
 
 
 def judge(
@@ -58,8 +58,11 @@ def judge(
         rolling = slowing = np.empty(0)
         if motion:
             pressure = time_axis.interpolated(motion.instants, c)
-            known = np.isfinite(pressure)
-            rolling, slowing = pressure[motion.rolls & known], pressure[motion.slows & known]
+            has_value = np.isfinite(pressure)
+            rolling, slowing = (
+                pressure[motion.rolls & has_value],
+                pressure[motion.slows & has_value],
+            )
         if _is_brake_pipe(rolling, slowing):
             level = float(np.median(rolling))
             reason = f"stands at {level / 1e5:.1f} bar while the train rolls, falls as it slows"
@@ -67,7 +70,7 @@ def judge(
             values = {"level_bar": level / 1e5}
             findings.append(Finding("pressure-of-brake-pipe", "info", c.title, values=values))
         elif meant[i].zero is None and not _is_absolute(c) and _seems_absolute(c.data.value):
-            judged[i], finding = _above_air(c, rolling, motion.free if motion else 0.0)
+            judged[i], finding = _above_air(c, rolling, motion.free_slope if motion else 0.0)
             findings += [finding] if finding else []
     return judged, list(dict.fromkeys(findings))
 
@@ -93,13 +96,13 @@ def _seems_absolute(pressure: Floats) -> bool:
     return _AIR[0] < lowest < _AIR[1] and top > 2.0 * lowest
 
 
-def _above_air(c: Channel, rolling: Floats, free: float) -> tuple[Channel, Finding | None]:
+def _above_air(c: Channel, rolling: Floats, free_slope: float) -> tuple[Channel, Finding | None]:
     """The pressure above its level in a freely rolling train, if that is the air's.
 
     Args:
         c: a pressure that never falls far below that of the air.
         rolling: its values where the train rolls freely [Pa].
-        free: how the train's speed changes there [m/s²].
+        free_slope: how the train's speed changes there [m/s²].
 
     Returns:
         The channel, and the finding; None where the level varies as that of a brake in use.
@@ -110,7 +113,7 @@ def _above_air(c: Channel, rolling: Floats, free: float) -> tuple[Channel, Findi
         lower, level, upper = (float(x) for x in np.quantile(rolling, [0.25, 0.5, 0.75]))
         if not _AIR[0] < level < _AIR[1] or upper - lower > _AIR_SPREAD:
             return c, None
-        if free > _SURELY_FREE:
+        if free_slope > _SURELY_FREE:
             zero = Parameter(level, max((upper - lower) / 1.35, c.step / 12.0**0.5))
             c = replace(c, data=replace(c.data, value=c.data.value - level), zero=zero)
             names["use"] = f"Its released level of {level / 1e5:.2f} bar is taken off"
@@ -141,26 +144,26 @@ def _find_motion(channels: Sequence[Channel], vehicle: Vehicle) -> Motion | None
     inner = slice(_SLOPE_STEPS, -_SLOPE_STEPS)
     slope[inner] = fastest[2 * _SLOPE_STEPS :] - fastest[: -2 * _SLOPE_STEPS]
     slope /= 2.0 * _SLOPE_STEPS * step * 1e-9
-    moves = (fastest > _MOVING) & np.isfinite(slope)
-    if not moves.any():
+    is_moving = (fastest > _MOVING) & np.isfinite(slope)
+    if not is_moving.any():
         return None
     # Resistance and gradient slow a train that rolls freely, too: its least deceleration shows it.
-    free = min(float(np.quantile(slope[moves], 0.95)), 0.0)
-    braked = slope[moves & (slope < free - _LEAST_RANGE)]
+    free_slope = min(float(np.quantile(slope[is_moving], 0.95)), 0.0)
+    braked = slope[is_moving & (slope < free_slope - _LEAST_RANGE)]
     if not len(braked):
         return None
-    slows_range = free - float(np.median(braked))
+    slows_range = free_slope - float(np.median(braked))
     return Motion(
         instants,
-        _long_runs(moves & (slope > free - _FREE * slows_range)),
-        _long_runs(moves & (slope < free - _SLOWS * slows_range)),
-        free,
+        _long_runs(is_moving & (slope > free_slope - _FREE_ROLLING * slows_range)),
+        _long_runs(is_moving & (slope < free_slope - _SLOWS * slows_range)),
+        free_slope,
     )
 
 
 def _long_runs(mask: Bools) -> Bools:
     """The mask without runs that are short."""
-    long = np.zeros_like(mask)
+    long_enough = np.zeros_like(mask)
     for a, b in true_runs(mask):
-        long[a:b] = b - a >= _SHORTEST_RUN
-    return long
+        long_enough[a:b] = b - a >= _SHORTEST_RUN
+    return long_enough

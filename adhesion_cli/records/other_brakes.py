@@ -29,7 +29,7 @@ def other_brake_findings(
     for c in log.channels:
         if c.meaning not in OTHER_BRAKES or not len(c.data.t):
             continue
-        acting = _is_acting(c) & view.contains(c.data.t) & _moves(c, axles, vehicle)
+        acting = _is_acting(c) & view.contains(c.data.t) & _is_moving(c, axles, vehicle)
         runs = true_runs(acting)
         if not runs:
             continue
@@ -47,11 +47,11 @@ def _is_acting(c: Channel) -> Bools:
     return acting
 
 
-def _moves(c: Channel, axles: Sequence[AxleChannels], vehicle: Vehicle) -> Bools:
+def _is_moving(c: Channel, axles: Sequence[AxleChannels], vehicle: Vehicle) -> Bools:
     """Whether any wheel turns at the times of a channel, (n,)."""
-    moves = np.zeros(len(c.data.t), dtype=np.bool_)
+    is_moving = np.zeros(len(c.data.t), dtype=np.bool_)
     for r in (a.record for a in axles):
         order = np.argsort(r.t, kind="stable")
         rim = r.wheel_speed[order] * vehicle.radius(r.axle).value
-        moves |= np.interp(c.data.t, r.t[order], rim, left=0.0, right=0.0) > CRAWL
-    return moves
+        is_moving |= np.interp(c.data.t, r.t[order], rim, left=0.0, right=0.0) > CRAWL
+    return is_moving

@@ -40,20 +40,20 @@ class FrictionGroup(NamedTuple):
 
 def group_by_friction(runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
     """The groups of runs with one brake; that of the first run is the first."""
-    known = sorted(
+    known_brakes = sorted(
         (run.brake.ratio, place, run.brake) for place, run in enumerate(runs, 1) if run.brake
     )
-    groups = _split([(place, brake) for _, place, brake in known]) if known else []
+    groups = _split([(place, brake) for _, place, brake in known_brakes]) if known_brakes else []
     groups.sort(key=lambda group: min(place for place, _ in group))
-    without = [place for place, run in enumerate(runs, 1) if not run.brake]
+    without_brake = [place for place, run in enumerate(runs, 1) if not run.brake]
     if not groups:
-        return [FrictionGroup(tuple(without), 1.0, 0.0)]
-    first, *_ = groups
+        return [FrictionGroup(tuple(without_brake), 1.0, 0.0)]
+    first_run, *_ = groups
     result = []
     for group in groups:
-        ratio = math.exp(_mean(group) - _mean(first))
-        places = sorted([place for place, _ in group] + without * (group is first))
-        u95 = Z95 * ratio * _sigma(first, group) * (group is not first)
+        ratio = math.exp(_mean(group) - _mean(first_run))
+        places = sorted([place for place, _ in group] + without_brake * (group is first_run))
+        u95 = Z95 * ratio * _sigma(first_run, group) * (group is not first_run)
         result.append(FrictionGroup(tuple(places), ratio, u95))
     return result
 
@@ -75,7 +75,7 @@ def find_friction_differs(
     if len(groups) < 2:
         return []
 
-    def called(group: FrictionGroup) -> str:
+    def group_name(group: FrictionGroup) -> str:
         logs = [Path(runs[place - 1].log).name for place in group.places]
         return _logs(logs) if by_name else _runs(group.places)
 
@@ -86,7 +86,7 @@ def find_friction_differs(
             "warning",
             count=len(group.places),
             values={"factor": group.factor, "u95": group.u95},
-            names={"runs": called(group), "base": called(groups[0]), "commands": commands},
+            names={"runs": group_name(group), "base": group_name(groups[0]), "commands": commands},
         )
         for group in groups[1:]
     ]
@@ -121,10 +121,10 @@ def _sigma(group_a: _Group, group_b: _Group) -> float:
     Gradient and resistance may be one error in all runs of a group, so it is that of one run.
     """
     sides = [[brake for _, brake in group] for group in (group_a, group_b)]
-    speeds = [np.mean([brake.speed_mps for brake in side]) for side in sides]
-    pressures = [[x.pressure_bar for x in side if x.pressure_bar] for side in sides]
+    speeds = [np.mean([brake.speed_mps for brake in group_files]) for group_files in sides]
+    pressures = [[x.pressure_bar for x in group_files if x.pressure_bar] for group_files in sides]
     begin = np.diff([1.0 / np.mean(x) for x in pressures])[0] if all(pressures) else 0.0
-    noise = [np.mean([brake.sigma for brake in side]) for side in sides]
+    noise = [np.mean([brake.sigma for brake in group_files]) for group_files in sides]
     return math.hypot(*noise, _FADE * (speeds[1] - speeds[0]), _BEGIN * begin)
 
 
@@ -139,20 +139,20 @@ def _runs(places: Sequence[int]) -> str:
 
 def _logs(names: Sequence[str]) -> str:
     """The first logs by their names, and how many there are more."""
-    shown = ", ".join(names[:_NAMED])
-    return f"{shown} and {len(names) - _NAMED} more" if len(names) > _NAMED else shown
+    shown_runs = ", ".join(names[:_NAMED])
+    return f"{shown_runs} and {len(names) - _NAMED} more" if len(names) > _NAMED else shown_runs
 
 
 def _commands(
     runs: Sequence[GroupedRun], groups: Sequence[FrictionGroup], vehicle_files: Sequence[str]
 ) -> str:
     """A vehicle for each group, and the comparison with them."""
-    stated = "".join(f" -c {shell_word(file)}" for file in vehicle_files)
+    stated_vehicle = "".join(f" -c {shell_word(file)}" for file in vehicle_files)
     lines, results = [], []
     for number, group in enumerate(groups, 1):
         paths = [runs[place - 1].log for place in group.places]
         logs, brake = " ".join(map(shell_word, paths)), f"brake-{number}"
-        lines += [f"adhesion calibrate {logs}{stated} -o {brake}.toml"]
+        lines += [f"adhesion calibrate {logs}{stated_vehicle} -o {brake}.toml"]
         lines += [f"adhesion analyze {logs} -c {brake}.toml -o {brake}"]
         results += [f"{brake}/{stem(path)}.adhesion.mcap" for path in paths]
     report = f"adhesion report {' '.join(map(shell_word, results))} -o compare.html"

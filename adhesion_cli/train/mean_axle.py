@@ -32,7 +32,7 @@ def vehicle_of_axles(axles: Sequence[CarAxle]) -> Vehicle:
         axles: in the order of their numbers.
     """
     mean = _mean({a.number: a.vehicle for a in axles})
-    differ = axles[0].car or not _are_alike([a.vehicle for a in axles])
+    differ = axles[0].car or not _have_equal_values([a.vehicle for a in axles])
     return replace(mean, axles=tuple(axles)) if differ else mean
 
 
@@ -56,119 +56,141 @@ def mass_at_rim(vehicle: Vehicle) -> float:
     return vehicle.axle_mass.value + vehicle.wheelset_inertia.value / vehicle.radius(1).value ** 2
 
 
-def are_alike(vehicle: Vehicle, axles: Sequence[int]) -> bool:
+def have_equal_values(vehicle: Vehicle, axles: Sequence[int]) -> bool:
     """Whether these axles differ in their wheel radius only."""
-    return _are_alike([vehicle.of_axle(number) for number in axles])
+    return _have_equal_values([vehicle.of_axle(number) for number in axles])
 
 
 def _mean(by_number: dict[int, Vehicle]) -> Vehicle:
     """The mean axle of these, with a list of all radii up to the last number."""
-    own = list(by_number.values())
-    first, n = own[0], len(own)
+    vehicles = list(by_number.values())
+    first_vehicle, n = vehicles[0], len(vehicles)
     radii = tuple(
-        by_number.get(number, first).wheel_radius[0] for number in range(1, max(by_number) + 1)
+        by_number.get(number, first_vehicle).wheel_radius[0]
+        for number in range(1, max(by_number) + 1)
     )
-    if _are_alike(own):
-        return replace(first, wheel_radius=radii)
-    forces = [v.friction.value * force_line(v).per_pascal for v in own]
+    if _have_equal_values(vehicles):
+        return replace(first_vehicle, wheel_radius=radii)
+    forces = [v.friction.value * force_line(v).per_pascal for v in vehicles]
     changed: dict[str, Any] = {}
     for name in _BRAKE:
-        tolerance = _mean_of([_share(getattr(v, name)) for v in own], forces)
-        value = getattr(first, name).value * (sum(forces) / n / forces[0] if name == "discs" else 1)
+        tolerance = _mean_of([_share(getattr(v, name)) for v in vehicles], forces)
+        value = getattr(first_vehicle, name).value * (
+            sum(forces) / n / forces[0] if name == "discs" else 1
+        )
         changed[name] = Parameter(value, value * tolerance)
     # The springs take φ ratio F of an axle's force, in the mean as well.
-    ratios = [v.friction.value * _ratio(v) for v in own]
-    ratio = ratios[0] * changed["discs"].value / first.discs.value
+    ratios = [v.friction.value * _ratio(v) for v in vehicles]
+    ratio = ratios[0] * changed["discs"].value / first_vehicle.discs.value
     # Rotating masses add up at the rim: I is on the radius of the axle that is taken first.
-    R = first.wheel_radius[0].value
-    rotating = [(R / v.wheel_radius[0].value) ** 2 for v in own]
+    R = first_vehicle.wheel_radius[0].value
+    rotating = [(R / v.wheel_radius[0].value) ** 2 for v in vehicles]
     for name, weights, total in (
         ("spring_force", ratios, n * ratio),
         ("friction_fade", forces, sum(forces)),
         ("axle_mass", [1.0] * n, n),
         ("wheelset_inertia", rotating, n),
     ):
-        columns = zip(*(getattr(v, name) for v in own), strict=True)
+        columns = zip(*(getattr(v, name) for v in vehicles), strict=True)
         changed[name] = Parameter(*(_mean_of(column, weights, total) for column in columns))
-    table = next((v.friction_table for v in own if v.friction_table), None)
+    table = next((v.friction_table for v in vehicles if v.friction_table), None)
     if table:  # each axle has its own; this one shows whether φ is scaled or tilted
         factor = changed["friction"].value / table.reference
         table = table.scaled([factor] * len(table.speed))
-    return replace(first, **changed, wheel_radius=radii, friction_table=table)
+    return replace(first_vehicle, **changed, wheel_radius=radii, friction_table=table)
 
 
-def _are_alike(vehicles: Sequence[Vehicle]) -> bool:
-    first, *others = vehicles
-    return all(replace(v, wheel_radius=first.wheel_radius) == first for v in others)
+def _have_equal_values(vehicles: Sequence[Vehicle]) -> bool:
+    first_vehicle, *other_vehicles = vehicles
+    return all(
+        replace(v, wheel_radius=first_vehicle.wheel_radius) == first_vehicle for v in other_vehicles
+    )
 
 
-def move_axles(vehicle: Vehicle, stated: Vehicle, identified: Vehicle) -> Vehicle:
+def move_axles(vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> Vehicle:
     """The vehicle with what a log shows of its mean axle, as one error of all axles.
 
     Args:
         vehicle: as stated.
-        stated: its mean axle.
+        stated_mean: its mean axle.
         identified: the mean axle as the log shows it.
     """
-    if identified == stated:
+    if identified == stated_mean:
         return vehicle
-    if vehicle == stated:
-        return replace(identified, load=_moved_load(vehicle, stated, identified))
-    stated = _at_speed(stated, identified.friction_speed.value)
+    if vehicle == stated_mean:
+        return replace(identified, load=_moved_load(vehicle, stated_mean, identified))
+    stated_mean = _at_speed(stated_mean, identified.friction_speed.value)
     if not vehicle.axles:
-        return _moved(vehicle, stated, identified)
-    axles = [own._replace(vehicle=_moved(own.vehicle, stated, identified)) for own in vehicle.axles]
+        return _move_axle(vehicle, stated_mean, identified)
+    axles = [
+        axle_vehicle._replace(vehicle=_move_axle(axle_vehicle.vehicle, stated_mean, identified))
+        for axle_vehicle in vehicle.axles
+    ]
     return vehicle_of_axles(axles)
 
 
-def _moved(own: Vehicle, stated: Vehicle, identified: Vehicle) -> Vehicle:
+def _move_axle(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> Vehicle:
     """One axle, moved as its mean axle was, by its share of the tolerances."""
-    own = _at_speed(own, identified.friction_speed.value)
+    axle_vehicle = _at_speed(axle_vehicle, identified.friction_speed.value)
     changed: dict[str, Any] = {}
-    of_brake = _ratio_of(_brake_sigma(own), _brake_sigma(stated))
+    of_brake = _ratio_of(_brake_sigma(axle_vehicle), _brake_sigma(stated_mean))
     for name in (*_BRAKE, "axle_mass", "wheelset_inertia"):
-        x, before, after = (getattr(v, name) for v in (own, stated, identified))
-        share = of_brake if name in _BRAKE else _ratio_of(_share(x), _share(before))
-        value = x.value * (after.value / before.value) ** share
-        changed[name] = Parameter(value, value * _share(after) * share)
+        x, stated_value, identified_value = (
+            getattr(v, name) for v in (axle_vehicle, stated_mean, identified)
+        )
+        share = of_brake if name in _BRAKE else _ratio_of(_share(x), _share(stated_value))
+        value = x.value * (identified_value.value / stated_value.value) ** share
+        changed[name] = Parameter(value, value * _share(identified_value) * share)
     # What differs in the spring is a pressure, which acts on every piston.
-    area = piston_area(own) / piston_area(stated)
-    moved = (identified.spring_force.value - stated.spring_force.value) * area
-    spring = max(own.spring_force.value + moved, 0.0)
+    area = piston_area(axle_vehicle) / piston_area(stated_mean)
+    spring_change = (identified.spring_force.value - stated_mean.spring_force.value) * area
+    spring = max(axle_vehicle.spring_force.value + spring_change, 0.0)
     changed["spring_force"] = Parameter(spring, identified.spring_force.tolerance * area)
-    fade = identified.friction_fade.value - stated.friction_fade.value
+    fade = identified.friction_fade.value - stated_mean.friction_fade.value
     changed["friction_fade"] = identified.friction_fade._replace(
-        value=own.friction_fade.value + fade
+        value=axle_vehicle.friction_fade.value + fade
     )
-    if stated.friction_table and identified.friction_table:
-        tables = stated.friction_table, identified.friction_table
-        changed |= _moved_table(own, *tables, _share(identified.friction), of_brake)
-    load = _moved_load(own, stated, identified)
-    return replace(own, **changed, load=load, correlation=identified.correlation)
+    if stated_mean.friction_table and identified.friction_table:
+        tables = stated_mean.friction_table, identified.friction_table
+        changed |= _moved_table(axle_vehicle, *tables, _share(identified.friction), of_brake)
+    load = _moved_load(axle_vehicle, stated_mean, identified)
+    return replace(axle_vehicle, **changed, load=load, correlation=identified.correlation)
 
 
-def _moved_load(own: Vehicle, stated: Vehicle, identified: Vehicle) -> Load | None:
+def _moved_load(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> Load | None:
     """The line of the load pressure, with the error that the log shows of the mass."""
-    if own.load is None:
+    if axle_vehicle.load is None:
         return None
-    before, after = stated.axle_mass, identified.axle_mass
-    factor = (after.value / before.value) ** _ratio_of(_share(own.axle_mass), _share(before))
-    low, high = own.load.axle_mass
-    tolerance = factor * own.load.tolerance * _ratio_of(_share(after), _share(before))
-    return own.load._replace(axle_mass=(factor * low, factor * high), tolerance=tolerance)
+    stated_value, identified_value = stated_mean.axle_mass, identified.axle_mass
+    factor = (identified_value.value / stated_value.value) ** _ratio_of(
+        _share(axle_vehicle.axle_mass), _share(stated_value)
+    )
+    empty_mass, loaded_mass = axle_vehicle.load.axle_mass
+    tolerance = (
+        factor
+        * axle_vehicle.load.tolerance
+        * _ratio_of(_share(identified_value), _share(stated_value))
+    )
+    return axle_vehicle.load._replace(
+        axle_mass=(factor * empty_mass, factor * loaded_mass), tolerance=tolerance
+    )
 
 
 def _moved_table(
-    own: Vehicle, stated: FrictionTable, identified: FrictionTable, tolerance: float, share: float
+    axle_vehicle: Vehicle,
+    stated_mean: FrictionTable,
+    identified: FrictionTable,
+    tolerance: float,
+    share: float,
 ) -> dict[str, Any]:
     """Friction and table of an axle, scaled over the speed as those of the mean axle were."""
-    factors = [b / a for a, b in zip(stated.value[0], identified.value[0], strict=True)]
-    table, fade = own.friction_table, own.friction_fade
+    factors = [b / a for a, b in zip(stated_mean.value[0], identified.value[0], strict=True)]
+    table, fade = axle_vehicle.friction_table, axle_vehicle.friction_fade
     if table is None:
-        factor = float(np.interp(stated.middle[0], stated.speed, factors)) ** share
-        value = factor * own.friction.value
+        factor = float(np.interp(stated_mean.middle[0], stated_mean.speed, factors)) ** share
+        value = factor * axle_vehicle.friction.value
         return {"friction": Parameter(value, value * tolerance * share), "friction_fade": fade}
-    by_speed = np.interp(table.speed, stated.speed, factors) ** share
+    by_speed = np.interp(table.speed, stated_mean.speed, factors) ** share
     scaled = table.scaled(by_speed.tolist())
     return {
         "friction": Parameter(scaled.reference, scaled.reference * tolerance * share),

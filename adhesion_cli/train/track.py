@@ -43,7 +43,7 @@ def find_gradient(log: Log, track: Track) -> Gradient | None:
     sigma = track.gradient.tolerance
     if track.profile:
         position = position_channel(log, track)
-        return _along(position.data, track.profile, sigma) if position else None
+        return _along_profile(position.data, track.profile, sigma) if position else None
     if track.stated:
         return Gradient(np.zeros(1, np.int64), np.full(1, track.gradient.value), sigma)
     logged = _named(log, "gradient")
@@ -63,12 +63,16 @@ def _named(log: Log, meaning: str) -> Channel | None:
     return next((c for c in log.channels if c.meaning == meaning and len(c.data.t)), None)
 
 
-def _along(position: Column, profile: tuple[tuple[float, float], ...], sigma: float) -> Gradient:
+def _along_profile(
+    position: Column, profile: tuple[tuple[float, float], ...], sigma: float
+) -> Gradient:
     """The profile at the train's places; the sign changes where it goes towards lower ones."""
     t, x = position.t[position.valid], position.value[position.valid]
     if not len(t):
         t, x = np.zeros(1, np.int64), np.full(1, profile[0][0])
     starts, values = np.array(profile).T
     place = np.clip(np.searchsorted(starts, x, side="right") - 1, 0, len(starts) - 1)
-    later, earlier = (np.interp(t + side, t, x) for side in (_DIRECTION_WINDOW, -_DIRECTION_WINDOW))
-    return Gradient(t, values[place] * np.sign(later - earlier), sigma)
+    later_place, earlier_place = (
+        np.interp(t + shift, t, x) for shift in (_DIRECTION_WINDOW, -_DIRECTION_WINDOW)
+    )
+    return Gradient(t, values[place] * np.sign(later_place - earlier_place), sigma)

@@ -392,7 +392,7 @@ def _equal_axle(result: Result) -> Vehicle:
     """
     numbers = [a.record.axle for a in result.axles]
     vehicle = mean_axle.mean_axle(result.vehicle, numbers)
-    if not mean_axle.are_alike(result.vehicle, numbers):
+    if not mean_axle.have_equal_values(result.vehicle, numbers):
         text = "the axles of this stop have different brakes or masses: a replay has one kind"
         raise UserError(text, "replay one car, by an --axle for each of its axles", code=2)
     return vehicle

@@ -65,14 +65,14 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     first_axles: dict[str, int] = {}  # a channel may serve several axles
     for i, a in enumerate(s.axles):
         first_axles.setdefault(a.brake.title, i)
-    rests = {i: rest for i in first_axles.values() if (rest := _rest(p, s, i))}
+    rests = {i: rest for i in first_axles.values() if (rest := _released_brake(p, s, i))}
     for i, rest in rests.items():
-        other_levels = [other.level for j, other in rests.items() if j != i]
+        other_levels = [other_level.level for j, other_level in rests.items() if j != i]
         yield from _offset(p, s, i, rest, other_levels)
         yield from _drift(p, s, i, rest.top)
 
 
-def _rest(p: Params, s: Scene, i: int) -> _Rest | None:
+def _released_brake(p: Params, s: Scene, i: int) -> _Rest | None:
     """Where the brake of an axle is released; None where nothing shows it."""
     g, pressure = s.grid, s.grid.pressure[i]
     top = float(np.nanmax(pressure, initial=0.0))
@@ -85,8 +85,8 @@ def _rest(p: Params, s: Scene, i: int) -> _Rest | None:
     level = float(np.median(pressure[mask]))
     if top - level < p.applied * top:
         return None
-    own = s.vehicle.of_axle(s.axles[i].record.axle)
-    slowed = s.by_rolling * float(clamping_force(np.array(level), own))
+    axle_vehicle = s.vehicle.of_axle(s.axles[i].record.axle)
+    slowed = s.by_rolling * float(clamping_force(np.array(level), axle_vehicle))
     if slowed and np.nanmedian(slowing) > p.slows * slowed:
         return None
     return _Rest(mask, level, top)
@@ -97,17 +97,19 @@ def _offset(
 ) -> Iterator[Finding]:
     """A released pressure that is not zero, where another one is, or by much."""
     a, level = s.axles[i], rest.level
-    other = min(other_levels, key=abs, default=level)
+    other_level = min(other_levels, key=abs, default=level)
     # A cylinder that is still being released is above another one, too, and falls.
-    low, high = np.quantile(s.grid.pressure[i][rest.mask], [0.1, 0.9])
-    is_steady = rest.mask.sum() * s.grid.step > p.steady and high - low < abs(level - other)
+    lower_level, upper_level = np.quantile(s.grid.pressure[i][rest.mask], [0.1, 0.9])
+    is_steady = rest.mask.sum() * s.grid.step > p.steady and upper_level - lower_level < abs(
+        level - other_level
+    )
     least = max(p.apart, 1.1 * a.brake.step)
-    is_apart = is_steady and abs(level) > abs(other) and abs(level - other) > least
-    if not is_apart and abs(level) < max(p.share * rest.top, p.least):
+    differs = is_steady and abs(level) > abs(other_level) and abs(level - other_level) > least
+    if not differs and abs(level) < max(p.share * rest.top, p.least):
         return
     force = force_line(s.vehicle.of_axle(a.record.axle)).per_pascal * level
     values = {"level_bar": level / 1e5, "force_n": force}
-    names = {"others": f", another one at {other / 1e5:+.2f} bar" if is_apart else ""}
+    names = {"others": f", another one at {other_level / 1e5:+.2f} bar" if differs else ""}
     names["option"] = _option(s, a.brake, level, 0.0)
     yield s.finding("pressure-zero", "warning", a.brake, rest.mask, i, values, names)
 
@@ -121,18 +123,20 @@ def _drift(p: Params, s: Scene, i: int, top: float) -> Iterator[Finding]:
     g, pressure, brake = s.grid, s.grid.pressure[i], s.axles[i].brake
     is_moving = np.isfinite(pressure) & (g.fastest > CRAWL)
     lowest = float(np.min(pressure[is_moving]))
-    is_low = is_moving & (pressure < lowest + max(p.released, p.rest * top))
-    phases = true_runs(long_runs(is_low, 2.0 * p.steady, g))
+    is_released = is_moving & (pressure < lowest + max(p.released, p.rest * top))
+    phases = true_runs(long_runs(is_released, 2.0 * p.steady, g))
     if len(phases) < _FEWEST_PHASES:
         return
     levels = [float(np.quantile(pressure[a:b], 0.1)) for a, b in phases]
     third = len(levels) // 3
-    first, last = float(np.median(levels[:third])), float(np.median(levels[-third:]))
-    stated = 4.0 * brake.zero.tolerance  # of a drift that `_option` states: 4 / √12 of it
-    if abs(last - first) < max(p.drift, 1.1 * brake.step, stated):
+    first_level, last_level = float(np.median(levels[:third])), float(np.median(levels[-third:]))
+    stated_drift = 4.0 * brake.zero.tolerance  # of a drift that `_option` states: 4 / √12 of it
+    if abs(last_level - first_level) < max(p.drift, 1.1 * brake.step, stated_drift):
         return
-    values = {"first_bar": first / 1e5, "last_bar": last / 1e5}
-    option = _option(s, brake, (first + last) / 2.0, abs(last - first) / math.sqrt(12.0))
+    values = {"first_bar": first_level / 1e5, "last_bar": last_level / 1e5}
+    option = _option(
+        s, brake, (first_level + last_level) / 2.0, abs(last_level - first_level) / math.sqrt(12.0)
+    )
     yield s.finding("pressure-zero-drift", "warning", brake, None, i, values, {"option": option})
 
 
