@@ -51,7 +51,7 @@ def stops_of_log(
         settings: how stops are measured.
         track: the line, as stated.
     """
-    signals = of_log(log)
+    signals = of_log(log, vehicle)
     if signals is None:
         return ()
     gradient = find_gradient(log, track)
@@ -76,7 +76,7 @@ def _measured(
     w = wheelset(replace(vehicle, axles=()), 1)  # of the mean axle
     rotating = 1.0 + w.inertia / (w.mass * w.radius**2)
     for braking in find_brakings(signals):
-        run = signals.speed.between(braking.on, braking.end)
+        run = signals.speed.cut(braking.start, braking.stop)
         to_level = ToLevel(_mean_gradient(gradient, run, start_ns), rotating)
         yield measure_stop(signals, braking, to_level, settings)
 

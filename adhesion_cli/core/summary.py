@@ -248,6 +248,9 @@ class StopSummary:
 
     valid: Annotated[bool, Quantity("", "whether it is a whole stop")]
     reason: Annotated[str | None, Quantity("", "why it is not valid")] = None
+    pressure_bar: Annotated[
+        Number, Quantity("bar", "full pressure of the brake cylinders, mean of the axles")
+    ] = None
     initial_speed_mps: Annotated[Measured | None, Quantity("m/s", "speed at the command")]
     distance_m: Annotated[Measured | None, Quantity("m", "distance from command to standstill")]
     duration_s: Annotated[Measured | None, Quantity("s", "time from command to standstill")]

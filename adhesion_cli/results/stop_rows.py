@@ -22,7 +22,7 @@ NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
     "uncertainties (95\N{NO-BREAK SPACE}%). a: mean deceleration v0²/(2s); a equiv.: without the "
     "response time, which is delay and half of the build-up; level: distance on level track from "
-    "the nominal speed."
+    "the nominal speed. p: full pressure of the brake cylinders, mean of the axles."
 )
 OF_GROUPS = (
     "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
@@ -43,7 +43,8 @@ OF_BUDGET = (
 _COMMAND = {
     "channel": "a command channel",
     "brake_pipe": "the fall of the brake pipe",
-    "pressure": "the first rise of a cylinder pressure: the dead time before it is not counted",
+    "pressure": "the first rise of a cylinder pressure. The dead time before it is not known and "
+    "in the uncertainty, unless --set stops.dead_time=SECONDS states it",
     "deceleration": "the begin of the deceleration",
 }
 _SPEED = {"train": "the train speed", "axles": "the axles: no train speed is logged"}
@@ -75,6 +76,7 @@ def stop_row(s: StopSummary) -> dict[str, str]:
         "v0 [km/h]": with_u95(s.initial_speed_mps, 3.6, 1),
         "distance [m]": with_u95(s.distance_m, 1.0, 1),
         "time [s]": with_u95(s.duration_s, 1.0, 2),
+        "p [bar]": number(s.pressure_bar, 2),
         "a [m/s²]": with_u95(s.mean_deceleration, 1.0, 3),
         "a equiv.": with_u95(s.equivalent_deceleration, 1.0, 3),
         "response [s]": with_u95(s.response_time_s, 1.0, 2),
@@ -95,7 +97,8 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     """What showed command and speed of the stops."""
     commands = " or ".join(_COMMAND[x] for x in dict.fromkeys(s.command_from for s in stops))
     speeds = " or ".join(_SPEED[x] for x in dict.fromkeys(s.speed_from for s in stops))
-    return f"Command: {commands}. Speed: {speeds}."
+    nominal = " or ".join(f"{v:g}" for v in dict.fromkeys(s.nominal_speed_kmh for s in stops))
+    return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h."
 
 
 def series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
@@ -153,7 +156,8 @@ def difference_rows(differences: Sequence[Difference]) -> list[dict[str, str]]:
         name, factor = _named(x.quantity)
         change = _pair(factor * x.value, factor * x.u95)
         differs = "yes" if x.distinguishable else "not distinguishable"
-        rows.append({"from": x.earlier, "to": x.later, "quantity": name, "change": change})
+        rows.append({"from": x.from_group, "to": x.to_group, "quantity": name, "change": change})
+        rows[-1]["[%]"] = number(100.0 * x.share, 1)
         rows[-1]["differs"] = differs
     return rows
 

@@ -15,7 +15,7 @@ from .settings import StopSettings
 from .signals import Series, StopSignals
 
 SLIP_BANDS = (0.05, 0.1, 0.2, 0.5, 1.0)  # upper limits of the bands of the slip histogram
-_ON = 0.5  # a state is 0 or 1
+_SWITCHED_ON = 0.5  # a state is 0 or 1
 _DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 
 
@@ -26,10 +26,10 @@ def axle_stops(
     for axle in sorted({*signals.rims, *signals.brakes}):
         slip = locked = longest = bands = None
         if axle in signals.rims:
-            rim = signals.rims[axle].between(command, braking.end)
-            v = signals.speed.at(rim.t)
-            known = np.isfinite(v) & np.isfinite(rim.value) & (v > WORKING)
-            slips = 1.0 - rim.value[known] / v[known]
+            rim = signals.rims[axle].cut(command, braking.stop)
+            v = signals.speed.interpolated(rim.t)
+            has_slip = np.isfinite(v) & np.isfinite(rim.value) & (v > WORKING)
+            slips = 1.0 - rim.value[has_slip] / v[has_slip]
             if len(slips):
                 slip = float(np.max(median_of_five(slips)))
                 shares, _ = np.histogram(slips, [-np.inf, *SLIP_BANDS])
@@ -40,8 +40,12 @@ def axle_stops(
         actions, vented = 0, None
         source: Literal["valves", "pressure"] | None = None
         if axle in signals.valves:
-            valve = signals.valves[axle].between(command, braking.end)
-            actions, source, vented = len(true_runs(valve.value > _ON)), "valves", on_time(valve)
+            valve = signals.valves[axle].cut(command, braking.stop)
+            actions, source, vented = (
+                len(true_runs(valve.value > _SWITCHED_ON)),
+                "valves",
+                on_time(valve),
+            )
         elif axle in signals.brakes:
             actions, source = _releases(signals.brakes[axle], braking), "pressure"
         row = AxleStop(axle, slip, locked, longest, actions, bands)
@@ -50,24 +54,24 @@ def axle_stops(
 
 def on_time(state: Series) -> float:
     """How long a state is on [s]; each sample lasts until the next one."""
-    return float(np.sum(np.diff(state.t)[state.value[:-1] > _ON]))
+    return float(np.sum(np.diff(state.t)[state.value[:-1] > _SWITCHED_ON]))
 
 
 def _releases(brake: Series, braking: Braking) -> int:
     """How often a brake falls by a tenth of its full value before the train stands."""
-    released, full, _ = brake_levels(brake, braking.on, braking.end)
-    part = brake.between(braking.on, braking.end)
-    x = part.value[np.isfinite(part.value)]
-    if full <= released or not len(x):
+    released, full_value, _ = brake_levels(brake, braking.start, braking.stop)
+    run = brake.cut(braking.start, braking.stop)
+    x = run.value[np.isfinite(run.value)]
+    if full_value <= released or not len(x):
         return 0
-    count, high, low, falls = 0, x[0], x[0], False
+    count, highest, lowest, falls = 0, x[0], x[0], False
     for value in median_of_five(x).tolist():
         if falls:
-            low = min(low, value)
-            if value > low + _DROP * (full - released):
-                falls, high = False, value
+            lowest = min(lowest, value)
+            if value > lowest + _DROP * (full_value - released):
+                falls, highest = False, value
         else:
-            high = max(high, value)
-            if value < high - _DROP * (full - released):
-                falls, low, count = True, value, count + 1
+            highest = max(highest, value)
+            if value < highest - _DROP * (full_value - released):
+                falls, lowest, count = True, value, count + 1
     return count

@@ -7,21 +7,21 @@ from ..core.signals import robust_sigma
 from .signals import Series
 
 _RELEASED = 3.0  # time before it over which the released level is a median [s]
-_HIGH = 0.9  # of the highest brake: samples above it are those of the full brake
+_HIGH_SHARE = 0.9  # of the highest brake: samples above it are those of the full brake
 
 
-def brake_levels(brake: Series, on: float, end: float) -> tuple[float, float, float]:
+def brake_levels(brake: Series, start: float, stop: float) -> tuple[float, float, float]:
     """Released and full value of a brake in a braking, and its noise (1 sigma)."""
-    before = brake.between(on - _RELEASED - 1.0, on - 1.0).value
-    before = before[np.isfinite(before)]
-    applied = brake.between(on, end).value
+    released_values = brake.cut(start - _RELEASED - 1.0, start - 1.0).value
+    released_values = released_values[np.isfinite(released_values)]
+    applied = brake.cut(start, stop).value
     applied = applied[np.isfinite(applied)]
     if not len(applied):
         return 0.0, 0.0, 0.0
-    released = float(np.median(before)) if len(before) else 0.0
-    noise = robust_sigma(before - released) if len(before) else 0.0
-    high = released + _HIGH * (float(np.quantile(applied, 0.98)) - released)
-    return released, float(np.median(applied[applied >= high])), noise
+    released = float(np.median(released_values)) if len(released_values) else 0.0
+    noise = robust_sigma(released_values - released) if len(released_values) else 0.0
+    high_level = released + _HIGH_SHARE * (float(np.quantile(applied, 0.98)) - released)
+    return released, float(np.median(applied[applied >= high_level])), noise
 
 
 def quantisation_step(x: Floats) -> float:

@@ -13,7 +13,7 @@ from ..core.signals import true_runs
 from .signals import Series, StopSignals
 
 STEP = 0.1  # of the grid on which brakings are looked for [s]
-_ON, _OFF = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
+_ON_SHARE, _OFF_SHARE = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
 _LEAST_BRAKE = 5e3  # and the least: pressure [Pa], or clamping force [N]
 _DUMP = 3.0  # a shorter release is one of wheel slide protection [s]
 _SLOWEST = 5.0 / 3.6  # a train slower than this at the begin is shunted [m/s]
@@ -22,7 +22,7 @@ _ROLLED_OUT = 5.0 / 3.6  # a brake that is released below this speed has stopped
 _LONGEST_ROLL = 10.0  # and the train then stands after this time [s]
 _LONGEST_GAP = 1.0  # without a speed: the distance is not known [s]
 _LOCKED = 10.0  # all wheels may be locked for this long [s]
-_LAST = 2.0  # time before standstill whose speeds lead to it [s]
+_STOPPING_TIME = 2.0  # time before standstill whose speeds lead to it [s]
 _FEWEST = 4  # samples of a line
 _SLOWING = 0.15  # deceleration that is braking, where no brake is logged [m/s²]
 _AVERAGED = 1.0  # time over which that is a mean [s]
@@ -31,10 +31,10 @@ _AVERAGED = 1.0  # time over which that is a mean [s]
 class Braking(NamedTuple):
     """One braking of the train."""
 
-    on: float  # the brake is clearly applied, after the start of the log [s]
-    end: float  # standstill, or where the braking ends before it [s]
+    start: float  # the brake is clearly applied, after the start of the log [s]
+    stop: float  # standstill, or where the braking ends before it [s]
     reason: str  # why it is no stop, "" where it is one
-    end_sigma: float = 0.0  # standard uncertainty of the time of standstill [s]
+    stop_sigma: float = 0.0  # standard uncertainty of the time of standstill [s]
 
 
 def find_brakings(signals: StopSignals) -> Iterator[Braking]:
@@ -43,36 +43,37 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
     t = np.arange(speed.t[0], speed.t[-1], STEP)
     if len(t) < 3:
         return
-    v, known = speed.at(t), _known(speed, t)
+    v, has_speed = speed.interpolated(t), _has_speed(speed, t)
     applied = _applied(signals, t) if signals.brakes else _slows(v)
-    stands = _lasting(v < STANDING, _LOCKED if signals.speed_from == "axles" else 0.0)
-    for first, stop in true_runs(applied):
-        start_speed = v[first]
+    is_standing = _lasting(v < STANDING, _LOCKED if signals.speed_from == "axles" else 0.0)
+    for first_index, release_index in true_runs(applied):
+        start_speed = v[first_index]
         if not start_speed > _SLOWEST:
             continue
-        standing = [k for k, _ in true_runs(stands[first:])]
-        end = first + standing[0] if standing else len(t) - 1
-        braked_until = min(stop - 1, end)
+        standing = [k for k, _ in true_runs(is_standing[first_index:])]
+        stop_index = first_index + standing[0] if standing else len(t) - 1
+        braked_until = min(release_index - 1, stop_index)
         last_speed = float(v[braked_until])
-        if first == 0:
+        gap = STEP * _longest(~has_speed[first_index : braked_until + 1])
+        if first_index == 0:
             reason = "the log begins with the brake applied"
-        elif not known[first : braked_until + 1].all():
-            reason = f"no speed for {_longest(~known[first : braked_until + 1]) * STEP:.1f} s"
-        elif not standing and stop == len(t):
+        elif gap:
+            reason = f"no speed for {gap:.1f} s"
+        elif not standing and release_index == len(t):
             reason = f"the log ends at {3.6 * last_speed:.0f} km/h"
-        elif stop - 1 < end and last_speed > _ROLLED_OUT:
+        elif release_index - 1 < stop_index and last_speed > _ROLLED_OUT:
             reason = f"the brake was released at {3.6 * last_speed:.0f} km/h"
-        elif end - stop > _LONGEST_ROLL / STEP:
+        elif stop_index - release_index > _LONGEST_ROLL / STEP:
             reason = "the train rolled on after the release of the brake"
         else:
-            standstill = _standstill(speed, float(t[end]))
-            yield Braking(float(t[first]), standstill.value, "", standstill.tolerance)
+            standstill = _standstill(speed, float(t[stop_index]))
+            yield Braking(float(t[first_index]), standstill.value, "", standstill.tolerance)
             continue
         if not start_speed - last_speed < _LEAST_LOSS * start_speed:
-            yield Braking(float(t[first]), float(t[braked_until]), reason)
+            yield Braking(float(t[first_index]), float(t[braked_until]), reason)
 
 
-def _known(speed: Series, t: Floats) -> Bools:
+def _has_speed(speed: Series, t: Floats) -> Bools:
     """Where the speed has a sample nearby."""
     finite = speed.t[np.isfinite(speed.value)]
     place = np.clip(np.searchsorted(finite, t), 1, len(finite) - 1)
@@ -82,24 +83,26 @@ def _known(speed: Series, t: Floats) -> Bools:
 
 def _applied(signals: StopSignals, t: Floats) -> Bools:
     """Where any brake is applied; short releases by wheel slide protection count as applied."""
-    columns = [brake.at(t) for brake in signals.brakes.values()]
+    columns = [brake.interpolated(t) for brake in signals.brakes.values()]
     brake = np.nan_to_num(np.fmax.reduce(columns), nan=0.0)
     lowest, highest = (float(x) for x in np.quantile(brake, [0.02, 0.995]))
     base = lowest if lowest < 0.1 * highest else 0.0
-    on = brake > base + max(_ON * (highest - base), _LEAST_BRAKE)
-    off = brake < base + max(_OFF * (highest - base), _LEAST_BRAKE / 2.0)
+    start = brake > base + max(_ON_SHARE * (highest - base), _LEAST_BRAKE)
+    is_released = brake < base + max(_OFF_SHARE * (highest - base), _LEAST_BRAKE / 2.0)
     applied = np.zeros(len(t), dtype=np.bool_)
-    for first, stop in true_runs(~off):
-        applied[first:stop] = on[first:stop].any()
-        applied[first : first + int(np.argmax(on[first:stop]))] = False
+    for first_index, stop in true_runs(~is_released):
+        applied[first_index:stop] = start[first_index:stop].any()
+        applied[first_index : first_index + int(np.argmax(start[first_index:stop]))] = False
     return _closed(applied, _DUMP)
 
 
 def _slows(v: Floats) -> Bools:
     """Where the train slows as by a brake."""
-    half = max(1, round(_AVERAGED / STEP / 2.0))
+    half_width = max(1, round(_AVERAGED / STEP / 2.0))
     slope = np.zeros(len(v))
-    slope[half:-half] = (v[2 * half :] - v[: -2 * half]) / (2.0 * half * STEP)
+    slope[half_width:-half_width] = (v[2 * half_width :] - v[: -2 * half_width]) / (
+        2.0 * half_width * STEP
+    )
     return _closed(slope < -_SLOWING, _DUMP)
 
 
@@ -113,11 +116,11 @@ def _closed(mask: Bools, longest: float) -> Bools:
     return closed
 
 
-def _lasting(stands: Bools, locked: float) -> Bools:
+def _lasting(is_standing: Bools, locked: float) -> Bools:
     """Standstill without the times, up to `locked` [s], in which all wheels are locked."""
-    lasting = np.zeros(len(stands), dtype=np.bool_)
-    for start, stop in true_runs(stands):
-        lasting[start:stop] = stop == len(stands) or stop - start > locked / STEP
+    lasting = np.zeros(len(is_standing), dtype=np.bool_)
+    for start, stop in true_runs(is_standing):
+        lasting[start:stop] = stop == len(is_standing) or stop - start > locked / STEP
     return lasting
 
 
@@ -135,9 +138,9 @@ def _standstill(speed: Series, slow: float) -> Parameter:
         speed: of the train.
         slow: when it is slower than `STANDING` [s].
     """
-    part = speed.between(slow - _LAST, slow)
-    used = np.isfinite(part.value) & (part.value > 2.0 * STANDING) & (part.value < _SLOWEST)
-    t, v = part.t[used], part.value[used]
+    run = speed.cut(slow - _STOPPING_TIME, slow)
+    is_used = np.isfinite(run.value) & (run.value > 2.0 * STANDING) & (run.value < _SLOWEST)
+    t, v = run.t[is_used], run.value[is_used]
     interval = float(np.median(np.diff(speed.t)))
     usual = Parameter(slow, math.hypot(interval, STEP) / math.sqrt(3.0))
     if len(t) < _FEWEST:
@@ -145,7 +148,7 @@ def _standstill(speed: Series, slow: float) -> Parameter:
     slope, level = np.polyfit(t - slow, v, 1)
     if slope > -_SLOWING / 2.0:
         return usual
-    rest = v - slope * (t - slow) - level
-    sigma = math.sqrt(float(np.sum(rest**2)) / max(len(t) - 2, 1)) / -slope
-    end = float(np.clip(slow - level / slope, slow - STEP, slow + 1.0))
-    return Parameter(end, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0)))
+    residual = v - slope * (t - slow) - level
+    sigma = math.sqrt(float(np.sum(residual**2)) / max(len(t) - 2, 1)) / -slope
+    stop = float(np.clip(slow - level / slope, slow - STEP, slow + 1.0))
+    return Parameter(stop, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0)))

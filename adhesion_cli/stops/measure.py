@@ -23,12 +23,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Parameter
-from ..core.physics import G
+from ..core.physics import BAR, G
 from ..core.summary import Measured, StopContribution, StopSummary
 from .axle_stops import axle_stops, on_time
 from .command import find_command
 from .find import Braking
-from .response import find_response
+from .response import Response, find_response
 from .settings import StopSettings
 from .signals import Series, StopSignals
 from .speed import FIT, largest_jerk, locked_time, over_slides, smoothed_speed
@@ -67,27 +67,30 @@ def measure_stop(
         settings: how.
     """
     command, command_u, source = find_command(signals, braking)
-    t, v, noise = smoothed_speed(signals.speed, command, braking.end)
+    if source == "pressure":
+        command -= settings.dead_time
+    t, v, noise = smoothed_speed(signals.speed, command, braking.stop)
     hidden = locked = 0.0
     if signals.speed_from == "axles":
         locked = locked_time(signals.speed, t, v)
         v, hidden = over_slides(t, v)
         signals = signals._replace(speed=Series(t, v))
     v0 = float(np.interp(command, t, v))
-    after = t >= command - 1e-9
-    distance = float(np.trapezoid(v[after], t[after]))
-    jerk = None if hidden else largest_jerk(t[after], v[after], noise)
+    is_braking = t >= command - 1e-9
+    distance = float(np.trapezoid(v[is_braking], t[is_braking]))
+    jerk = None if hidden else largest_jerk(t[is_braking], v[is_braking], noise)
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
     )
     delay, equivalent = response.delay.value, math.nan if hidden else response.equivalent.value
     gradient = to_level.gradient.value
-    values = _Values(v0, distance, braking.end - command, delay, equivalent, gradient)
+    values = _Values(v0, distance, braking.stop - command, delay, equivalent, gradient)
     interval = float(np.median(np.diff(signals.speed.t)))
-    standstill = math.hypot(braking.end_sigma, locked)
+    standstill = math.hypot(braking.stop_sigma, locked)
     build_up = response.delay.tolerance, response.equivalent.tolerance
-    sigmas = _Sigmas(noise, interval, command_u, standstill, hidden, *build_up)
+    dead_time = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
+    sigmas = _Sigmas(noise, interval, command_u, standstill, dead_time, hidden, *build_up)
     figures = _Figures(
         values, _errors(signals, settings, values, to_level, sigmas), nominal, to_level
     )
@@ -96,12 +99,13 @@ def measure_stop(
     sanding = signals.sanding
     return StopSummary(
         start_s=command,
-        end_s=braking.end,
+        end_s=braking.stop,
         command_from=source,
         speed_from=signals.speed_from,
         nominal_speed_kmh=nominal,
         valid=valid,
         reason=braking.reason or None,
+        pressure_bar=_bar(response.full_value) if signals.by_pressure else None,
         initial_speed_mps=figures.measured("v0"),
         distance_m=measured("distance"),
         duration_s=measured("duration"),
@@ -113,16 +117,16 @@ def measure_stop(
         corrected_distance_m=measured("corrected"),
         energy_distance_m=measured("by_energy"),
         axles=tuple(axle_stops(signals, command, braking, settings)),
-        sanding_s=sanding and on_time(sanding.between(command, braking.end)),
-        reservoir_drop_pa=_drop(signals.reservoir, command, braking.end),
+        sanding_s=sanding and on_time(sanding.cut(command, braking.stop)),
+        reservoir_drop_pa=_drop(signals.reservoir, command, braking.stop),
         budget=figures.budget(),
-        speed=(t[after] - command, v[after]),
+        speed=(t[is_braking] - command, v[is_braking]),
     )
 
 
-def _drop(reservoir: Series | None, start: float, end: float) -> float | None:
+def _drop(reservoir: Series | None, start: float, stop: float) -> float | None:
     """By how much the reservoir's pressure falls below that at the command [Pa]."""
-    if reservoir is None or not len(pressure := reservoir.between(start, end).value):
+    if reservoir is None or not len(pressure := reservoir.cut(start, stop).value):
         return None
     return float(pressure[0] - np.min(pressure))
 
@@ -167,7 +171,14 @@ class _Figures:
         )
 
 
-_COMMON = ("speed scale", "speed delay", "gradient")  # the same in every stop of a series
+_LEAST_DEAD_TIME, _DEAD_TIME_SHARE = 0.2, 0.15  # [s], of the build-up: 1 sigma, assumed
+_DEAD_TIME_ERROR = 0.1  # 1 sigma of a stated dead time, as a share of it
+_COMMON = (
+    "speed scale",
+    "speed delay",
+    "dead time",
+    "gradient",
+)  # the same in every stop of a series
 
 
 class _Sigmas(NamedTuple):
@@ -177,9 +188,27 @@ class _Sigmas(NamedTuple):
     interval: float  # between samples of the speed [s]
     command: float  # of the command time [s]
     standstill: float  # of the time of standstill [s]
+    dead_time: float  # of a brake whose command is not logged [s]
     hidden: float  # of the distance, by slides of all axles [m]
     delay: float  # by noise and level of the brake [s]
     response: float  # the same [s]
+
+
+def _bar(pressure: float) -> float | None:
+    """A pressure [Pa] in bar; None where it is not known."""
+    return pressure / BAR if math.isfinite(pressure) else None
+
+
+def _dead_time_sigma(response: Response, settings: StopSettings) -> float:
+    """1 sigma of the time between a command that is not logged and the first rise [s].
+
+    A slow brake is late, too: as a share of its build-up. A stated dead time is known better.
+    """
+    if settings.dead_time:
+        return _DEAD_TIME_ERROR * settings.dead_time
+    build_up = 2.0 * response.equivalent.value - response.delay.value
+    share = _DEAD_TIME_SHARE * build_up if math.isfinite(build_up) else 0.0
+    return max(_LEAST_DEAD_TIME, share)
 
 
 def _errors(
@@ -192,11 +221,13 @@ def _errors(
     """The measured values changed by one standard uncertainty of each source."""
     scale = settings.speed_scale or signals.scale
     v0, s = values.v0, values.distance
-    interval, late, command = sigmas.interval, signals.late, sigmas.command
+    interval, delay_sigma, command = sigmas.interval, signals.delay_sigma, sigmas.command
     fitted = max(FIT / max(interval, 1e-3), 1.0)
     return {
         "speed scale": values._replace(v0=v0 * (1.0 + scale), distance=s * (1.0 + scale)),
-        "speed delay": values._replace(distance=s + v0 * late, duration=values.duration + late),
+        "speed delay": values._replace(
+            distance=s + v0 * delay_sigma, duration=values.duration + delay_sigma
+        ),
         "speed noise": values._replace(
             v0=v0 + 1.5 * sigmas.speed / math.sqrt(fitted),
             distance=s + sigmas.speed * math.sqrt(interval * max(values.duration, 0.0)),
@@ -207,6 +238,12 @@ def _errors(
             duration=values.duration + command,
             delay=values.delay + command,
             response=values.response + command,
+        ),
+        "dead time": values._replace(
+            distance=s + v0 * sigmas.dead_time,
+            duration=values.duration + sigmas.dead_time,
+            delay=values.delay + sigmas.dead_time,
+            response=values.response + sigmas.dead_time,
         ),
         "build-up": values._replace(
             delay=values.delay + sigmas.delay, response=values.response + sigmas.response

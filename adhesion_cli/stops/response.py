@@ -23,11 +23,12 @@ class Response(NamedTuple):
 
     delay: Parameter  # [s]
     equivalent: Parameter  # [s]
+    full_value: float  # of the brake, mean over the axles: pressure [Pa] or force [N]
 
 
 class _AxleResponse(NamedTuple):
     delay: Parameter  # until the start share [s]
-    full: Parameter  # until 95 % of the full value [s]
+    build_up: Parameter  # until 95 % of the full value [s]
     weight: float  # the full value of the brake
 
 
@@ -46,42 +47,48 @@ def find_response(
     """
     axles, disturbed = [], False
     for axle, brake in signals.brakes.items():
-        released, full, noise = brake_levels(brake, braking.on, braking.end)
-        span = full - released
+        released, full_value, noise = brake_levels(brake, braking.start, braking.stop)
+        span = full_value - released
         if span < 10.0 * noise or span <= 0.0:
             continue
-        part = brake.between(command - 0.5, braking.end)
-        share = (part.value - released) / span
-        error = math.hypot(noise, quantisation_step(part.value) / math.sqrt(12.0)) / span
-        delay = _crossing(part.t, share, start_share if start_share else 5.0 * noise / span, error)
-        end = _crossing(part.t, share, FULL_SHARE, math.hypot(error, _LEVEL_ERROR))
-        if delay is None or end is None:
+        window = brake.cut(command - 0.5, braking.stop)
+        share = (window.value - released) / span
+        error = math.hypot(noise, quantisation_step(window.value) / math.sqrt(12.0)) / span
+        delay = _crossing(
+            window.t, share, start_share if start_share else 5.0 * noise / span, error
+        )
+        build_up_end = _crossing(window.t, share, FULL_SHARE, math.hypot(error, _LEVEL_ERROR))
+        if delay is None or build_up_end is None:
             disturbed = True
             continue
-        rising = share[part.t <= end.value]
+        rising = share[window.t <= build_up_end.value]
         rising = rising[np.isfinite(rising)]
         fall = np.max(np.maximum.accumulate(rising) - rising) if len(rising) else 0.0
-        disturbed |= bool(fall > _DROP) or _slides(signals, axle, command, end.value)
-        axles.append(_AxleResponse(_after(delay, command), _after(end, command), span))
+        disturbed |= bool(fall > _DROP) or _slides(signals, axle, command, build_up_end.value)
+        axles.append(
+            _AxleResponse(
+                _since_command(delay, command), _since_command(build_up_end, command), span
+            )
+        )
     total = sum(r.weight for r in axles)
     unknown = Parameter(math.nan, math.nan)
     if not total:
-        return Response(unknown, unknown)
+        return Response(unknown, unknown, math.nan)
     delay_mean, full_mean = (
         Parameter(
             sum(r.weight * x.value for r, x in zip(axles, times, strict=True)) / total,
             sum(r.weight * x.tolerance for r, x in zip(axles, times, strict=True)) / total,
         )
-        for times in ([r.delay for r in axles], [r.full for r in axles])
+        for times in ([r.delay for r in axles], [r.build_up for r in axles])
     )
-    if disturbed or full_mean.value > _LONGEST_BUILD_UP * (braking.end - command):
-        return Response(delay_mean, unknown)
+    if disturbed or full_mean.value > _LONGEST_BUILD_UP * (braking.stop - command):
+        return Response(delay_mean, unknown, total / len(axles))
     sigma = math.hypot(delay_mean.tolerance, full_mean.tolerance) / 2.0
     mean = (delay_mean.value + full_mean.value) / 2.0
-    return Response(delay_mean, Parameter(mean, sigma))
+    return Response(delay_mean, Parameter(mean, sigma), total / len(axles))
 
 
-def _after(time: Parameter, command: float) -> Parameter:
+def _since_command(time: Parameter, command: float) -> Parameter:
     return time._replace(value=time.value - command)
 
 
@@ -94,26 +101,30 @@ def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter
         level: that is reached.
         error: 1 sigma of the share: the flatter it rises, the less is its time known.
     """
-    above = np.flatnonzero(share >= level)
-    if not len(above):
+    reached = np.flatnonzero(share >= level)
+    if not len(reached):
         return None
-    k = int(above[0])
+    k = int(reached[0])
     interval = float(np.median(np.diff(t)))
-    late = np.flatnonzero(share >= level + 2.0 * error)
-    early = np.flatnonzero(share >= level - 2.0 * error)
-    sigma = float(t[late[0]] - t[early[0]]) / 4.0 if len(late) else float(t[-1] - t[k]) / 4.0
+    upper_samples = np.flatnonzero(share >= level + 2.0 * error)
+    lower_samples = np.flatnonzero(share >= level - 2.0 * error)
+    sigma = (
+        float(t[upper_samples[0]] - t[lower_samples[0]]) / 4.0
+        if len(upper_samples)
+        else float(t[-1] - t[k]) / 4.0
+    )
     sigma = math.hypot(sigma, 0.25 * interval)
     if k == 0 or not share[k - 1] < level:
         return Parameter(float(t[k]), sigma)
-    part = (level - share[k - 1]) / (share[k] - share[k - 1])
-    return Parameter(float(t[k - 1] + part * (t[k] - t[k - 1])), sigma)
+    fraction = (level - share[k - 1]) / (share[k] - share[k - 1])
+    return Parameter(float(t[k - 1] + fraction * (t[k] - t[k - 1])), sigma)
 
 
 def _slides(signals: StopSignals, axle: int, start: float, stop: float) -> bool:
     """Whether an axle slides in a span of time."""
     if axle not in signals.rims:
         return False
-    rim = signals.rims[axle].between(start, stop)
-    v = signals.speed.at(rim.t)
+    rim = signals.rims[axle].cut(start, stop)
+    v = signals.speed.interpolated(rim.t)
     with np.errstate(invalid="ignore"):
         return bool(np.any((v > SLOW) & (rim.value < (1.0 - _SLIDES) * v)))

@@ -93,12 +93,13 @@ class Group(NamedTuple):
 class Difference(NamedTuple):
     """A quantity of one group less that of another."""
 
-    earlier: str
-    later: str
+    from_group: str
+    to_group: str
     quantity: str
     value: float  # later less earlier
     u95: float
     distinguishable: bool
+    share: float  # of the earlier value
 
 
 class Limit(NamedTuple):
@@ -174,15 +175,15 @@ def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
 def _statistic(measured: Sequence[Measured | None]) -> Statistic | None:
     """Statistics of the stops that have a quantity; None where none has it."""
     places = [i for i, x in enumerate(measured, 1) if x is not None]
-    known = [x for x in measured if x is not None]
-    if not known:
+    known_values = [x for x in measured if x is not None]
+    if not known_values:
         return None
-    values = np.array([x.value for x in known])
+    values = np.array([x.value for x in known_values])
     n, mean = len(values), float(np.mean(values))
-    common = max(x.common_u95 for x in known)
+    common = max(x.common_u95 for x in known_values)
     scatter = float(np.ptp(values)) / abs(mean) if mean else 0.0
     if n == 1:
-        return Statistic(1, mean, None, known[0].u95, common, scatter, (), None, None)
+        return Statistic(1, mean, None, known_values[0].u95, common, scatter, (), None, None)
     sd = float(np.std(values, ddof=1))
     u95 = math.hypot(_student(n - 1) * sd / math.sqrt(n), common)
     outliers = tuple(places[i] for i in _outliers(values))
@@ -222,8 +223,8 @@ def _drift(runs: Floats, values: Floats) -> tuple[float | None, float | None]:
     centred = runs - np.mean(runs)
     spread = float(np.sum(centred**2))
     slope = float(np.sum(centred * values)) / spread
-    rest = values - np.mean(values) - slope * centred
-    sigma = math.sqrt(float(np.sum(rest**2)) / (n - 2) / spread)
+    residuals = values - np.mean(values) - slope * centred
+    sigma = math.sqrt(float(np.sum(residuals**2)) / (n - 2) / spread)
     return slope, _student(n - 2) * sigma
 
 
@@ -236,22 +237,24 @@ def differences(groups: Sequence[Group], pairs: Iterable[tuple[str, str]]) -> li
     """
     by_name = {group.name: group for group in groups}
     rows = []
-    for earlier, later in pairs:
-        a, b = by_name[earlier].statistics, by_name[later].statistics
+    for from_group, to_group in pairs:
+        a, b = by_name[from_group].statistics, by_name[to_group].statistics
         for quantity in QUANTITIES:
             if quantity in a and quantity in b:
                 pair = a[quantity], b[quantity]
-                rows += [_difference(earlier, later, quantity, *pair)]
+                rows += [_difference(from_group, to_group, quantity, *pair)]
     return rows
 
 
-def _difference(earlier: str, later: str, quantity: str, a: Statistic, b: Statistic) -> Difference:
+def _difference(
+    from_group: str, to_group: str, quantity: str, a: Statistic, b: Statistic
+) -> Difference:
     """The difference of two means. Source: Welch and Satterthwaite, JCGM 100, G.4."""
     variances, freedom = [], []
     for x in (a, b):
         if x.sd is None:
-            own = math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / 2.0
-            variances.append(own**2)
+            own_sigma = math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / 2.0
+            variances.append(own_sigma**2)
             freedom.append(50.0)  # of one stop, whose uncertainty is a tolerance
         else:
             variances.append(x.sd**2 / x.n)
@@ -265,7 +268,8 @@ def _difference(earlier: str, later: str, quantity: str, a: Statistic, b: Statis
     if quantity in _OF_VEHICLE:
         common = math.hypot(a.common_u95, b.common_u95)
     u95 = math.hypot(factor * math.sqrt(variance), common)
-    return Difference(earlier, later, quantity, value, u95, abs(value) > u95)
+    share = value / a.mean if a.mean else 0.0
+    return Difference(from_group, to_group, quantity, value, u95, abs(value) > u95, share)
 
 
 def judge(groups: Iterable[Group], limits: Sequence[Limit]) -> list[LimitVerdict]:
@@ -319,8 +323,8 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
     if lengths[0] and lengths[1] and len(speeds) == 1:
         ratio = lengths[1].mean / lengths[0].mean
         extension, k_wet = ratio - 1.0, 1.0 / ratio
-        own = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in lengths if x]
-        u95 = ratio * math.hypot(*own)
+        own_sigma = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in lengths if x]
+        u95 = ratio * math.hypot(*own_sigma)
     axles = sorted({a.axle for s in of_wet for a in s.axles})
     rows = tuple(_wsp_axle(of_wet, x) for x in axles)
     drops = [s.reservoir_drop_pa for s in of_wet if s.reservoir_drop_pa is not None]
@@ -353,9 +357,9 @@ def _braked_length(stop: StopSummary, response: float) -> Measured | None:
     if stop.distance_m is None or stop.initial_speed_mps is None:
         return None
     v0, s = stop.initial_speed_mps.value, stop.distance_m
-    own = stop.response_time_s.value if stop.response_time_s else response
+    own_sigma = stop.response_time_s.value if stop.response_time_s else response
     scale = 1.0 / v0**2
-    return Measured((s.value - v0 * own) * scale, s.u95 * scale, s.common_u95 * scale)
+    return Measured((s.value - v0 * own_sigma) * scale, s.u95 * scale, s.common_u95 * scale)
 
 
 def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
@@ -364,7 +368,7 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
     def values(name: str) -> list[float]:
         return [x for a in rows if (x := getattr(a, name)) is not None]
 
-    initial, used = values("initial_coefficient"), values("utilisation")
+    initial, utilisations = values("initial_coefficient"), values("utilisation")
     bands = [a.slip_bands for a in rows if a.slip_bands]
     return WspAxle(
         axle,
@@ -372,7 +376,7 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
         max(values("locked_s"), default=None),
         sum(a.valve_actions for a in rows),
         float(np.mean(initial)) if initial else None,
-        float(np.mean(used)) if used else None,
+        float(np.mean(utilisations)) if utilisations else None,
         max(values("energy_j"), default=None),
         max(values("longest_lock_s"), default=None),
         max(values("lock_energy_j"), default=None),

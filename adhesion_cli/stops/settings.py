@@ -14,6 +14,15 @@ class StopSettings(NamedTuple):
         float,
         Quantity("-", "share of the full brake at which the delay ends; SUBSET-026: 0", 0.0, 0.5),
     ] = 0.1
+    dead_time: Annotated[
+        float,
+        Quantity(
+            "s",
+            "from command to the first rise of a cylinder, where no command is logged; 0: unknown",
+            0.0,
+            10.0,
+        ),
+    ] = 0.0
     nominal_speed: Annotated[
         float, Quantity("km/h", "nominal speed of all stops; 0: the nearest usual one", 0.0, 600.0)
     ] = 0.0

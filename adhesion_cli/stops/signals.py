@@ -28,11 +28,11 @@ class Series(NamedTuple):
     t: Floats
     value: Floats
 
-    def at(self, t: Floats) -> Floats:
+    def interpolated(self, t: Floats) -> Floats:
         """Values at other times, shape (m,); NaN before the first and after the last."""
         return np.interp(t, self.t, self.value, left=np.nan, right=np.nan)
 
-    def between(self, start: float, stop: float) -> "Series":
+    def cut(self, start: float, stop: float) -> "Series":
         """The samples from `start` to `stop`, both included."""
         selected = slice(*np.searchsorted(self.t, [start, np.nextafter(stop, np.inf)]))
         return Series(self.t[selected], self.value[selected])
@@ -44,13 +44,14 @@ class StopSignals(NamedTuple):
     speed: Series  # of the train [m/s]
     speed_from: SpeedSource
     scale: float  # 1 sigma of the speed's scale, as a share
-    late: float  # 1 sigma of the speed's delay [s]
+    delay_sigma: float  # 1 sigma of the speed's delay [s]
     rims: Mapping[int, Series]  # by axle, the speed of the wheel's rim as the train's [m/s]
     brakes: Mapping[int, Series]  # by axle, cylinder pressure [Pa], else clamping force [N]
     commands: Mapping[str, Series]  # brake_command, emergency, brake_pipe: where the log has them
     valves: Mapping[int, Series] = {}  # by axle, its vent valve, else its hold valve: 0 or 1
     sanding: Series | None = None  # 0 or 1
     reservoir: Series | None = None  # pressure [Pa]
+    by_pressure: bool = True  # whether `brakes` are pressures
 
 
 def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> StopSignals:
@@ -77,26 +78,35 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
     if measured:
         delay = base.train_speed_late
-        scale, late = UNKNOWN_SCALE, UNKNOWN_DELAY if delay is None else delay.tolerance
+        scale, delay_sigma = UNKNOWN_SCALE, UNKNOWN_DELAY if delay is None else delay.tolerance
         if base.train_speed_interval > _FAST:
             train = _shaped(train, rims, base.train_speed_interval)
     else:
         radius = vehicle.radius(base.axle)
-        scale, late = radius.tolerance / radius.value, 0.0
+        scale, delay_sigma = radius.tolerance / radius.value, 0.0
     source: SpeedSource = "train" if measured else "axles"
-    signals = StopSignals(train, source, scale, late, rims, brakes, _commands(log))
+    signals = StopSignals(train, source, scale, delay_sigma, rims, brakes, _commands(log))
+    signals = signals._replace(by_pressure=not any(_by_force(r) for r in records))
     return _with_states(signals, log)
 
 
 def _brake(record: AxleRecord) -> Floats:
     """What shows the brake of an axle: its pressure; the whole force where motors brake, too."""
-    if record.pressure is None or record.motor_clamping is not None:
+    if record.pressure is None or _by_force(record):
         return record.clamping_force
     return record.pressure
 
 
-def of_log(log: Log) -> StopSignals | None:
+def _by_force(record: AxleRecord) -> bool:
+    return record.pressure is None or record.motor_clamping is not None
+
+
+def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
     """The signals of a log from which no record can be made: those that it has, as logged.
+
+    Args:
+        log: with its channels' meanings.
+        vehicle: for the wheels' radii.
 
     Returns:
         None where it has no speed.
@@ -106,17 +116,22 @@ def of_log(log: Log) -> StopSignals | None:
     if not speeds:
         return None
     source: SpeedSource = "train" if speeds[0].meaning == "train_speed" else "axles"
-    fastest = max(speeds, key=lambda c: len(c.data.t))
-    speed = _series(fastest, start_ns)
-    others = [_series(c, start_ns).at(speed.t) for c in speeds if c is not fastest]
+    series = [_series(c, start_ns) for c in speeds]
+    if source == "axles":  # ω to the speed of the rim
+        series = [
+            Series(x.t, x.value * vehicle.radius(c.axle or 1).value)
+            for x, c in zip(series, speeds, strict=True)
+        ]
+    speed = max(series, key=lambda x: len(x.t))
     if source == "axles":
-        speed = Series(speed.t, np.fmax.reduce([speed.value, *others]))
+        speed = Series(speed.t, np.fmax.reduce([x.interpolated(speed.t) for x in series]))
     brakes = {
         c.axle or i: _series(c, start_ns)
         for i, c in enumerate(_channels(log, "pressure") or _channels(log, "clamping_force"), 1)
     }
-    late = UNKNOWN_DELAY if source == "train" and brakes else 0.0
-    signals = StopSignals(speed, source, UNKNOWN_SCALE, late, {}, brakes, _commands(log))
+    delay_sigma = UNKNOWN_DELAY if source == "train" and brakes else 0.0
+    signals = StopSignals(speed, source, UNKNOWN_SCALE, delay_sigma, {}, brakes, _commands(log))
+    signals = signals._replace(by_pressure=bool(_channels(log, "pressure")))
     return _with_states(signals, log)
 
 
@@ -127,9 +142,13 @@ def _channels(log: Log, meaning: Meaning) -> list[Channel]:
 def _series(channel: Channel, start_ns: int) -> Series:
     """The samples of a channel that may be used, without single outliers."""
     data = channel.data
-    used = data.valid & np.isfinite(data.value)
-    t = (data.t[used] - start_ns) * np.float64(1e-9)
-    return Series(*_in_order(t, median_of_five(data.value[used]))) if used.any() else Series(t, t)
+    is_used = data.valid & np.isfinite(data.value)
+    t = (data.t[is_used] - start_ns) * np.float64(1e-9)
+    return (
+        Series(*_in_order(t, median_of_five(data.value[is_used])))
+        if is_used.any()
+        else Series(t, t)
+    )
 
 
 def _commands(log: Log) -> dict[str, Series]:
@@ -162,14 +181,14 @@ def _with_states(signals: StopSignals, log: Log) -> StopSignals:
 def _as_logged(channel: Channel, start_ns: int) -> Series:
     """The samples of a state: a valve may open for one of them."""
     data = channel.data
-    used = data.valid & np.isfinite(data.value)
-    return Series(*_in_order((data.t[used] - start_ns) * np.float64(1e-9), data.value[used]))
+    is_used = data.valid & np.isfinite(data.value)
+    return Series(*_in_order((data.t[is_used] - start_ns) * np.float64(1e-9), data.value[is_used]))
 
 
 def _in_order(t: Floats, value: Floats) -> tuple[Floats, Floats]:
     """Samples in the order of time, one per time."""
-    times, first = np.unique(t, return_index=True)
-    return times, value[first]
+    times, first_index = np.unique(t, return_index=True)
+    return times, value[first_index]
 
 
 def _seconds(record: AxleRecord, start_ns: int) -> Floats:
@@ -188,7 +207,7 @@ def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> Series:
 
 def _as_train(rim: Series, train: Series) -> Series:
     """A rim speed on the train's scale: their usual ratio while the wheel rolls is taken off."""
-    v = train.at(rim.t)
+    v = train.interpolated(rim.t)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = v / rim.value
         rolls = (v > _RATIO_SPEED) & (np.abs(ratio - 1.0) < 2.0 * _ROLLING)
@@ -206,15 +225,15 @@ def _shaped(train: Series, rims: Mapping[int, Series], interval: float) -> Serie
     difference = train.value - fastest
     limit = np.maximum(_ROLLING * train.value, _SLOW_ROLLING)
     rolls = np.abs(difference) < limit
-    known = np.where(rolls, difference, 0.0)
-    half = _AVERAGED * interval / 2.0
-    first = np.searchsorted(train.t, train.t - half)
-    stop = np.searchsorted(train.t, train.t + half, side="right")
-    total, count = (np.append(0.0, np.cumsum(x)) for x in (known, rolls))
-    mean = (total[stop] - total[first]) / np.maximum(count[stop] - count[first], 1)
+    rolling_difference = np.where(rolls, difference, 0.0)
+    half_window = _AVERAGED * interval / 2.0
+    first_index = np.searchsorted(train.t, train.t - half_window)
+    stop = np.searchsorted(train.t, train.t + half_window, side="right")
+    total, count = (np.append(0.0, np.cumsum(x)) for x in (rolling_difference, rolls))
+    mean = (total[stop] - total[first_index]) / np.maximum(count[stop] - count[first_index], 1)
     return Series(train.t, np.where(rolls, fastest + mean, train.value))
 
 
 def _fastest(rims: Mapping[int, Series], t: Floats) -> Series:
     """The speed of the fastest rim."""
-    return Series(t, np.fmax.reduce([rim.at(t) for rim in rims.values()]))
+    return Series(t, np.fmax.reduce([rim.interpolated(t) for rim in rims.values()]))

@@ -16,20 +16,20 @@ _FALL, _LOCKING = 0.3, 1.0  # a train that is faster that long before standstill
 _GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 
 
-def smoothed_speed(speed: Series, command: float, end: float) -> tuple[Floats, Floats, float]:
+def smoothed_speed(speed: Series, command: float, stop: float) -> tuple[Floats, Floats, float]:
     """Times and smoothed speed of a braking, and the noise of one sample of the speed [m/s].
 
     Local polynomials of second degree over one second. They begin a second before the command,
     where the train still rolls.
     """
-    part = speed.between(command - 2.0, end)
-    finite = np.isfinite(part.value)
-    raw_t, raw_v = part.t[finite], part.value[finite]
+    run = speed.cut(command - 2.0, stop)
+    finite = np.isfinite(run.value)
+    raw_t, raw_v = run.t[finite], run.value[finite]
     interval = float(np.median(np.diff(speed.t)))
     step = max(_RESAMPLED, interval)
     lead = int(min(FIT, max(command - raw_t[0], 0.0)) / step)  # steps before the command
-    t: Floats = command + np.float64(step) * np.arange(-lead, math.ceil((end - command) / step))
-    t = np.append(t, end)
+    t: Floats = command + np.float64(step) * np.arange(-lead, math.ceil((stop - command) / step))
+    t = np.append(t, stop)
     v = np.interp(t, raw_t, raw_v)
     window = 2 * round(FIT / step / 2.0) + 1
     if window >= 5 and len(v) > window:
@@ -46,9 +46,13 @@ def locked_time(speed: Series, t: Floats, v: Floats) -> float:
 
     They then fall to zero from a speed from which no train stops at once.
     """
-    final = speed.between(t[-1] - 2.0 * _FALL, t[-1] - _FALL).value
-    before = float(np.nanmax(final, initial=0.0))
-    return before * float(t[-1] - t[0]) / max(float(v[0]), 1e-9) if before > _LOCKING else 0.0
+    final = speed.cut(t[-1] - 2.0 * _FALL, t[-1] - _FALL).value
+    earlier_speed = float(np.nanmax(final, initial=0.0))
+    return (
+        earlier_speed * float(t[-1] - t[0]) / max(float(v[0]), 1e-9)
+        if earlier_speed > _LOCKING
+        else 0.0
+    )
 
 
 def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
@@ -60,15 +64,15 @@ def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
     """
     if float(np.max(v - np.minimum.accumulate(v))) < _GAIN:
         return v, 0.0
-    kept: list[int] = []
+    hull: list[int] = []
     for k in range(len(t)):
-        while len(kept) > 1:
-            i, j = kept[-2:]
+        while len(hull) > 1:
+            i, j = hull[-2:]
             if (v[j] - v[i]) * (t[k] - t[i]) > (v[k] - v[i]) * (t[j] - t[i]):
                 break
-            kept.pop()
-        kept.append(k)
-    train = np.interp(t, t[kept], v[kept])
+            hull.pop()
+        hull.append(k)
+    train = np.interp(t, t[hull], v[hull])
     return train, float(np.trapezoid(train - v, t)) / 2.0
 
 
@@ -101,17 +105,20 @@ def local_polynomial(x: Floats, window: int, degree: int, derivative: int = 0) -
         degree: of the polynomials.
         derivative: which of them.
     """
-    half = window // 2
-    place = np.arange(-half, half + 1, dtype=np.float64)
+    half_width = window // 2
+    place = np.arange(-half_width, half_width + 1, dtype=np.float64)
     fit = np.linalg.pinv(np.vander(place, degree + 1, increasing=True))  # coefficients per sample
 
-    def at(places: Floats) -> Floats:
+    def weights_at(places: Floats) -> Floats:
         """Weights of the samples of a window at places of it, (m, window)."""
         powers = np.arange(derivative, degree + 1)
         factors = np.array([math.perm(int(power), derivative) for power in powers])
         terms: Floats = factors * places[:, None] ** (powers - derivative)
         return terms @ fit[derivative:]
 
-    middle = np.convolve(x, at(np.zeros(1))[0][::-1], "valid")
-    first, last = at(place[:half]) @ x[:window], at(place[half + 1 :]) @ x[-window:]
-    return np.concatenate([first, middle, last])
+    middle = np.convolve(x, weights_at(np.zeros(1))[0][::-1], "valid")
+    first_values, last_values = (
+        weights_at(place[:half_width]) @ x[:window],
+        weights_at(place[half_width + 1 :]) @ x[-window:],
+    )
+    return np.concatenate([first_values, middle, last_values])

@@ -17,8 +17,9 @@ from ..core.annotated import Json, as_json
 from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import IdentifiedVehicle, Log
+from ..core.model import IdentifiedVehicle, Log, LogBrake
 from ..core.summary import FailedLog, StopSummary, summarise_finding
+from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from ..results.geojson import MapOfLog, map_of_log
 from ..results.report.protocol import Protocol
 from ..stops.series import (
@@ -89,18 +90,21 @@ def run(
         if len(paths) > 1:
             progress(f"finding the vehicle of {len(paths)} logs")
             identified = identify_together(paths, stated, request.axles, request.window)
+        runs: list[GroupedRun] = []  # with one vehicle
         for path in paths:
             progress(f"{path.name}: stops")
             try:
-                map_, its_findings = _map(path, stated, request, identified)
+                map_, its_findings, brake = _map(path, stated, request, identified)
             except UserError as error:
                 failed.append(FailedLog(str(path), error.text, error.hint))
                 if len(failed) == len(logs):
                     raise
                 continue
             findings += its_findings
+            runs.append(GroupedRun(str(path), brake))
             maps.append(map_)
             stops += (_series_stop(path, group, stop) for stop in map_.stops)
+        findings = [*find_friction_differs(runs, group_by_friction(runs), by_name=True), *findings]
     groups = group_stops(stops)
     wsp: tuple[WspSummary, ...] = ()
     if plan.dry:
@@ -152,8 +156,8 @@ def _load_for(group: PlannedGroup | None, load: Callable[[Sequence[Path]], Setti
 
 def _map(
     path: Path, settings: Settings, request: Request, identified: IdentifiedVehicle | None
-) -> tuple[MapOfLog, Sequence[Finding]]:
-    """The stops of a log with their places, by its axles or else by what it has."""
+) -> tuple[MapOfLog, Sequence[Finding], LogBrake | None]:
+    """The stops of a log with their places, by its axles or else by what it has; its brake."""
     axles, window = request
     try:
         result = analyze(path, settings, [_ALGO], axles, window, identified=identified)
@@ -163,9 +167,9 @@ def _map(
         stops = stops_of_log(log, of_log.vehicle, of_log.stops, of_log.track)
         if not stops:
             raise refused from None
-        return map_of_log(log, stops, ()), log.findings
+        return map_of_log(log, stops, ()), log.findings, None
     summary = summarise(result, {})
-    return map_of_log(result.log, summary.stops, summary.axles), result.findings
+    return map_of_log(result.log, summary.stops, summary.axles), result.findings, result.brake
 
 
 def _series_stop(path: Path, group: PlannedGroup | None, stop: StopSummary) -> SeriesStop:
@@ -233,5 +237,5 @@ def document(test: BrakeTest) -> Json:
 
 
 def _difference(x: Difference) -> Json:
-    names = {"from": x.earlier, "to": x.later}
-    return names | {k: v for k, v in as_json(x).items() if k not in ("earlier", "later")}
+    names = {"from": x.from_group, "to": x.to_group}
+    return names | {k: v for k, v in as_json(x).items() if k not in ("from_group", "to_group")}

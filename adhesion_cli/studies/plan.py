@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatch
+from glob import glob
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,12 +42,15 @@ class Plan(NamedTuple):
     wet: str = ""
     reservoir_volume: float = 0.0  # [l]; 0: not stated
     protocol: Mapping[str, str] = {}
+    folder: Path = Path()  # of the plan: patterns with folders begin there
 
     def group_of(self, log: Path) -> PlannedGroup | None:
         """The group that names a log by its path, its file name or a pattern."""
+        place = log.resolve().as_posix()
         for group in self.groups:
             for pattern in group.logs:
-                if fnmatch(log.name, pattern) or fnmatch(log.as_posix(), pattern):
+                full = (self.folder / pattern).resolve().as_posix()
+                if fnmatch(log.name, pattern) or fnmatch(place, full):
                     return group
         return None
 
@@ -84,7 +88,7 @@ def read_plan(path: Path) -> Plan:
         raise unknown("key of [wsp]", min(unused), [*_RAILS, "reservoir_volume"])
     limits = tuple(_limit(path, k, x) for k, x in _table(path, tables, "limits").items())
     protocol = {k: str(v) for k, v in _table(path, tables, "protocol").items()}
-    return Plan(groups, tuple(pairs), limits, dry, wet, float(volume), protocol)
+    return Plan(groups, tuple(pairs), limits, dry, wet, float(volume), protocol, path.parent)
 
 
 def planned_logs(plan: Plan, folder: Path) -> list[Path]:
@@ -95,7 +99,8 @@ def planned_logs(plan: Plan, folder: Path) -> list[Path]:
     """
     logs: list[Path] = []
     for group in plan.groups:
-        matched = [p for pattern in group.logs for p in sorted(folder.glob(pattern))]
+        patterns = [str(folder / pattern) for pattern in group.logs]
+        matched = [Path(p) for pattern in patterns for p in sorted(glob(pattern))]
         if not matched:
             text = f"group {group.name}: no log matches {', '.join(group.logs)} in {folder}"
             raise UserError(text, "name the logs on the command line, or correct the plan")

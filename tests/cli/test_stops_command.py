@@ -138,3 +138,23 @@ def test_the_protocol_has_its_tables_figures_and_empty_lines(run: Run, plan: Pat
     refused = run("stops", "one.csv", "two.csv", "--plan", str(plan), "--report")
     assert refused.returncode == 2
     assert "-o DIR" in refused.stderr
+
+
+def test_wheel_speeds_without_a_brake_are_those_of_the_rim(run: Run, tmp_path: Path) -> None:
+    rows = [f"{t / 20},{min(max(90 - 3.6 * (t / 20 - 10), 0), 90)}" for t in range(0, 900)]
+    (tmp_path / "axle.csv").write_text("time [s],axle 1 speed [km/h]\n" + "\n".join(rows))
+    (stop,) = json.loads(run("stops", "axle.csv", "--json").stdout)["stops"]
+    assert stop["initial_speed_mps"]["value"] == pytest.approx(25.0, rel=0.01)
+
+
+def test_a_plan_may_lie_in_another_folder(run: Run, plan: Path, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    for name in ("one.csv", "two.csv"):
+        (tmp_path / name).rename(tmp_path / "runs" / name)
+    text = PLAN.replace('"one.csv"', '"runs/one.csv"')
+    text = text.replace('"two.csv"', f'"{(tmp_path / "runs" / "tw*.csv").as_posix()}"')
+    plan.write_text(text)
+    document = json.loads(run("stops", "--plan", str(plan), "--json").stdout)
+    assert [s["group"] for s in document["stops"]] == ["first", "second"]
+    named = run("stops", "runs/one.csv", "runs/two.csv", "--plan", "plan.toml", "--json")
+    assert json.loads(named.stdout)["groups"] == document["groups"]

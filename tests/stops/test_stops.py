@@ -116,7 +116,7 @@ def test_a_stop_on_a_gradient_is_that_on_level_track(gradient: float) -> None:
 
 def test_each_source_of_error_is_in_the_uncertainty() -> None:
     x, _ = signals()
-    x = x._replace(scale=0.01, late=0.1)
+    x = x._replace(scale=0.01, delay_sigma=0.1)
     (stop,) = measured(x, ToLevel(Parameter(0.0, 3.0), 1.06))
     by_source = {c.source: c for c in stop.budget}
     assert stop.distance_m is not None
@@ -236,7 +236,7 @@ def test_where_motors_brake_the_response_is_that_of_the_whole_force() -> None:
     analysed = result(1, 2000)
     (axle,) = analysed.axles
     by_pressure = of_records([axle.record], analysed.log, analysed.vehicle)
-    np.testing.assert_allclose(by_pressure.brakes[1].at(np.array([4.0])), 2.6e5, rtol=0.2)
+    np.testing.assert_allclose(by_pressure.brakes[1].interpolated(np.array([4.0])), 2.6e5, rtol=0.2)
     electric = replace(axle.record, motor_clamping=0.5 * axle.record.clamping_force)
     by_force = of_records([electric], analysed.log, analysed.vehicle)
     K = axle.record.clamping_force[~np.isnan(axle.record.clamping_force)]
@@ -248,3 +248,15 @@ def test_local_polynomials_are_those_of_savitzky_and_golay(degree: int, derivati
     x = np.cumsum(np.random.default_rng(3).normal(size=120))
     expected = savgol_filter(x, 31, degree, deriv=derivative, mode="interp")
     np.testing.assert_allclose(local_polynomial(x, 31, degree, derivative), expected, atol=1e-9)
+
+
+def test_a_command_that_is_not_logged_has_an_uncertain_dead_time() -> None:
+    x, distance = signals(command=False)
+    (stop,) = measured(x)
+    assert stop.distance_m is not None
+    assert abs(stop.distance_m.value - distance) < stop.distance_m.u95
+    assert stop.pressure_bar == pytest.approx(3.0, abs=0.01)
+    (stated,) = measured(x, dead_time=T_A)
+    assert stated.distance_m is not None
+    assert stated.distance_m.value == pytest.approx(distance, abs=1.0)
+    assert stated.distance_m.u95 < 0.5 * stop.distance_m.u95

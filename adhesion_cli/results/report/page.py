@@ -183,6 +183,8 @@ def _vehicle(settings: Mapping[str, str]) -> list[dict[str, str]]:
             parameters[name] = {"value": value}
         elif name.endswith(".axles"):
             parameters[name] = {"value": ", ".join(map(str, values))}
+        elif isinstance(values, list) and not all(isinstance(x, dict) for x in values):
+            parameters[name] = {"value": value}  # a table, as of the friction
         elif isinstance(values, list):
             several = settings.get(f"{key.rpartition('.')[0]}.axles")
             numbers = json.loads(several) if several else range(1, len(values) + 1)
