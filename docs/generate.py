@@ -18,11 +18,12 @@ from adhesion_cli.cli.app import app
 from adhesion_cli.cli.explain import entry
 from adhesion_cli.core import annotated, estimator, methods, physics, units
 from adhesion_cli.core.finding import catalogue
-from adhesion_cli.core.model import Parameter, Quantity, Vehicle, quantities
+from adhesion_cli.core.model import Parameter, Quantity, Train, Vehicle, quantities
 from adhesion_cli.core.summary import InspectedLog, ResultSummary, SlipSummary
 from adhesion_cli.diagnostics.registry import tunable
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.rail.slope import Bands, Params
+from adhesion_cli.stops.settings import StopSettings
 from adhesion_cli.wsp import controller
 from adhesion_cli.wsp.wsp_controller import SLOPE_IN_LOOP
 
@@ -190,6 +191,8 @@ def settings_page() -> str:
             for section, of, text in (
                 ("analysis", settings.AnalysisSettings, ""), ("slope", Params, _IN_LOOP),
                 ("bands", Bands, "Of `slip`; those of `antiskid` stand in `[patent]`.\n\n"),
+                ("train", Train, "The rest of the train, beside the axles of the log.\n\n"),
+                ("stops", StopSettings, "Of `stops`, and of the stops in every result.\n\n"),
             )
         ),
         *(
