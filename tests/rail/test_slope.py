@@ -65,8 +65,8 @@ def test_a_line_gives_its_slope_at_any_rate(h: float, jitter: float, k: float, s
     slips = (0.05 + 0.02 * np.sin(2.0 * times)).tolist()
     samples = [(t, s, 0.05 + k * s) for t, s in zip(times.tolist(), slips, strict=True)]
     assert march(BY_TIME, samples)[-1].slope == pytest.approx(k, rel=1e-6, abs=1e-9)
-    # What is a line in slip is bent in ln s.
-    assert march(slope.Params(), samples)[-1].slope == pytest.approx(k, rel=0.06, abs=1e-9)
+    # What is a line in slip is bent in ln s: by up to 7 % where the last sample is at a turn.
+    assert march(slope.Params(), samples)[-1].slope == pytest.approx(k, rel=0.08, abs=1e-9)
 
 
 @pytest.mark.parametrize(("p", "within"), [(BY_TIME, 2e-3), (slope.Params(), 0.02)])

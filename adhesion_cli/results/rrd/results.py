@@ -36,8 +36,7 @@ from ...scores.metrics import pool_scores
 from ...stops.settings import StopSettings
 from .. import log_events, names, palette, thinning
 from ..result_rows import row, score_rows
-from ..stop_rows import NOTE, describe_sources
-from ..stop_rows import stop_row as train_stop_row
+from ..stop_rows import NOTE, describe_sources, short_row
 from ..text_tables import non_empty
 from ..train_stops import (
     MANY_AXLES,
@@ -505,7 +504,7 @@ def _stopped(stops: Sequence[StopSummary]) -> list[str]:
     """The stops of the whole train."""
     if not stops:
         return []
-    rows = [train_stop_row(stop) for stop in stops[:_LISTED_STOPS]]
+    rows = [short_row(stop) for stop in stops[:_LISTED_STOPS]]
     shown = f"{len(rows)} of {len(stops)} stops.\n" if len(rows) < len(stops) else ""
     return [
         "\n## Stops\n",
