@@ -86,7 +86,7 @@ def read_log(source: Source, settings: Settings) -> Log:
 
 def further_meanings(settings: Settings) -> tuple[Meaning, ...]:
     """The meanings of channels that these settings need beside brake and speeds."""
-    further: tuple[Meaning, ...] = (*PLACES, "reservoir_pressure", *STATES)
+    further: tuple[Meaning, ...] = (*PLACES, "brake_pipe", "reservoir_pressure", *STATES)
     if not settings.track.profile:
         further = (*further, "gradient")
     return (*further, "load_pressure") if loads.states_load(settings.vehicle) else further

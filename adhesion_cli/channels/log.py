@@ -72,7 +72,7 @@ def read(
     chosen, findings = needed(source, mappings, further)
     log = _log(source, chosen, findings, lambda m, c, t0: channel(m, c, vehicle, t0, max_gap_ns))
     log = _judged(log, chosen, vehicle)
-    _refuse_pipe_alone(log)
+    _refuse_pipe_alone(log, chosen)
     wanted = {*INPUTS, *further}
     return without_empty(
         replace(log, channels=tuple(c for c in log.channels if c.meaning in wanted))
@@ -92,13 +92,15 @@ def _judged(log: Log, meant: Sequence[Meant], vehicle: Vehicle) -> Log:
     return replace(log, channels=tuple(channels), findings=(*log.findings, *findings))
 
 
-def _refuse_pipe_alone(log: Log) -> None:
-    """Refuses a log whose only pressure acts as that of a brake pipe.
+def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant]) -> None:
+    """Refuses a log whose only pressure acts as that of a brake pipe, and is not named so.
 
     Raises:
         UserError: names it.
     """
-    pipe = next((c for c in log.channels if c.meaning == "brake_pipe"), None)
+    named = {name(m.field) for m in chosen if m.meaning == "brake_pipe"}
+    pipes = [c for c in log.channels if c.meaning == "brake_pipe" and c.name not in named]
+    pipe = next(iter(pipes), None)
     if pipe and not any(_NEEDED.get(c.meaning) == "brake" for c in log.channels):
         line = 'channels.pressure."axle 1" = {channel = "NAME", unit = "bar"}'
         raise UserError(

@@ -44,7 +44,7 @@ _COMMAND = {
     "channel": "a command channel",
     "brake_pipe": "the fall of the brake pipe",
     "pressure": "the first rise of a cylinder pressure. The dead time before it is not known and "
-    "in the uncertainty, unless --set stops.dead_time=SECONDS states it",
+    "in the uncertainty; `--set stops.dead_time=0.2` states it",
     "deceleration": "the begin of the deceleration",
 }
 _SPEED = {"train": "the train speed", "axles": "the axles: no train speed is logged"}

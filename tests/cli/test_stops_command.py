@@ -158,3 +158,18 @@ def test_a_plan_may_lie_in_another_folder(run: Run, plan: Path, tmp_path: Path) 
     assert [s["group"] for s in document["stops"]] == ["first", "second"]
     named = run("stops", "runs/one.csv", "runs/two.csv", "--plan", "plan.toml", "--json")
     assert json.loads(named.stdout)["groups"] == document["groups"]
+
+
+def test_the_fall_of_a_brake_pipe_is_the_command(run: Run, tmp_path: Path) -> None:
+    rows = []
+    for k in range(1200):
+        t = k / 20
+        pipe = 5.0 - 1.5 * min(max(t - 10.2, 0.0), 1.0)
+        cylinder = 3.2 * min(max((t - 10.8) / 1.5, 0.0), 1.0)
+        speed = 90.0 - 3.24 * max(t - 11.5, 0.0)
+        rows.append(f"{t},{pipe:.3f},{cylinder:.3f},{max(speed, 0.0):.2f},{max(speed, 0.0):.2f}")
+    heads = "time [s],brake pipe pressure [bar],BC pressure [bar],axle 1 speed [km/h],GPS [km/h]"
+    (tmp_path / "pipe.csv").write_text("\n".join([heads, *rows]))
+    (stop,) = json.loads(run("stops", "pipe.csv", "--json").stdout)["stops"]
+    assert stop["command_from"] == "brake_pipe"
+    assert stop["start_s"] == pytest.approx(10.25, abs=0.1)
