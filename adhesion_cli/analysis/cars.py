@@ -155,7 +155,7 @@ def _of_car(vehicle: Tables, car: str, table: Tables, number: int, place: int) -
     Raises:
         UserError: for a list that does not reach the axle, or is not one for each of the car.
     """
-    count, stated_keys, own_table = len(table["axles"]), dict[str, Any](), dict[str, Any]()
+    count, stated_keys, own_table = len(table["axles"]), Table(), Table()
     for name, value in vehicle.items():
         if isinstance(value, list) and 1 < len(value) < number:
             text = f"vehicle.{name} has {_values(len(value))}, [car.{car}] has an axle {number}"

@@ -15,6 +15,7 @@ from ..core.errors import UserError, unknown
 from ..core.finding import Finding
 from ..core.model import Bools, CarAxle, Channel, Load, Log, Parameter, Vehicle, quantities
 from ..core.physics import BAR
+from ..core.toml import Table
 from ..train.mean_axle import vehicle_of_axles
 
 _KEYS = ("pressure", "axle_mass", "unit", "tolerance")
@@ -54,7 +55,7 @@ def stated_load(entry: Any) -> Load:
     return Load((pressure[0] * unit.factor, pressure[1] * unit.factor), mass, float(tolerance))
 
 
-def as_stated(load: Load) -> dict[str, Any]:
+def as_stated(load: Load) -> Table:
     """The line as `stated_load` takes it."""
     pressure = [p / BAR for p in load.pressure]
     return {**load._asdict(), "pressure": pressure, "axle_mass": [*load.axle_mass], "unit": "bar"}

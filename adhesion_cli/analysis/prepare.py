@@ -9,13 +9,13 @@
    shows the delay of the pressure.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..core.finding import Finding
 from ..core.model import AxleRecord, Log, Track, Train, Vehicle
-from ..diagnostics.diagnosis import diagnose, sensor_thresholds
+from ..diagnostics.diagnosis import Checks, diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
 from ..records.axle_channels import AxleChannels
 from ..records.choose import choose, no_records_error
@@ -88,7 +88,7 @@ def align_log(
     vehicle: Vehicle,
     axles: Sequence[int] = (),
     window: Window = (None, None),
-    checks: Mapping[str, Any] | None = None,
+    checks: Checks | None = None,
     track: Track = Track(),  # noqa: B008 (a value that cannot change)
 ) -> AlignedLog:
     """The first four steps. Arguments and errors as of `prepare`, and `track`, the line."""
@@ -122,7 +122,7 @@ def align_log(
 def diagnose_log(
     log: AlignedLog,
     vehicle: Vehicle,
-    checks: Mapping[str, Any] | None = None,
+    checks: Checks | None = None,
     train: Train = Train(),  # noqa: B008 (a value that cannot change)
 ) -> Prepared:
     """The last step.
@@ -154,7 +154,7 @@ def prepare(
     vehicle: Vehicle,
     axles: Sequence[int] = (),
     window: Window = (None, None),
-    checks: Mapping[str, Any] | None = None,
+    checks: Checks | None = None,
 ) -> Prepared:
     """One record per axle that has a wheel speed and a pressure (or K), by a known vehicle.
 

@@ -1,12 +1,13 @@
 """`adhesion vehicle`: a vehicle to start from, and what a stated one means at the rail."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .options import Shared, shared
 
 if TYPE_CHECKING:
+    from ..core.annotated import Json
     from ..core.model import CarBrake, Vehicle
 
 
@@ -62,7 +63,7 @@ def _derived(shared: Shared) -> int:
         brakes.append((brake, own, clamping_faces(table) * own.radius_ratio.value))
     if shared.json:
         figures = [_figures(brake, own) for brake, own, _ in brakes]
-        cars_of_train: dict[str, Any] = {}
+        cars_of_train: Json = {}
         if brakes[0][0].axles:
             numbers = [{"car": x.name, "axles": [*x.axles]} for x, *_ in brakes]
             cars_of_train["cars"] = [{**a, **b} for a, b in zip(numbers, figures, strict=True)]
@@ -75,13 +76,13 @@ def _derived(shared: Shared) -> int:
     return 0
 
 
-def _figures(brake: "CarBrake", vehicle: "Vehicle") -> dict[str, Any]:
+def _figures(brake: "CarBrake", vehicle: "Vehicle") -> "Json":
     """The figures of a car for `--json`."""
     from ..core.model import Z95
     from ..core.physics import BAR, force_line
 
     pairs = {"force_per_bar_n": brake.force, "deceleration_per_bar": brake.deceleration}
-    figures: dict[str, Any] = {
+    figures: Json = {
         name: {"value": x.value, "u95": Z95 * x.tolerance} for name, x in pairs.items()
     }
     return figures | {"clamping_force_per_bar_n": force_line(vehicle).per_pascal * BAR}

@@ -11,8 +11,10 @@ from ..records.screen import Thresholds
 from .registry import registry
 from .scene import Scene
 
+Checks = Mapping[str, Any]  # parameters of checks, by the check's name
 
-def diagnose(scene: Scene, params: Mapping[str, Any] | None = None) -> list[Finding]:
+
+def diagnose(scene: Scene, params: Checks | None = None) -> list[Finding]:
     """Everything that cannot be true, or hardly.
 
     Args:
@@ -31,6 +33,6 @@ def diagnose(scene: Scene, params: Mapping[str, Any] | None = None) -> list[Find
     return findings
 
 
-def sensor_thresholds(params: Mapping[str, Any] | None) -> Thresholds:
+def sensor_thresholds(params: Checks | None) -> Thresholds:
     """The parameters of the checks of single channels, of those of all checks."""
     return Thresholds(**{k: p for k, p in (params or {}).items() if k in Thresholds._fields})

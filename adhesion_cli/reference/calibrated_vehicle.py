@@ -37,6 +37,7 @@ from . import force
 
 # 1 sigma from log to log, assumed: of the friction by heat and wear, of the pressure's zero.
 LOG_TO_LOG = {model.SCALE: 0.02, model.OFFSET: 0.005}
+_Values = dict[str, Any]  # of a vehicle, by their names
 _SOURCES = {
     "force_over_mass": "stated tolerances",
     "friction": "stated tolerances of φ, n, η, i, d",
@@ -309,23 +310,19 @@ def _posterior_vehicle(
         for i, a in enumerate(names)
         for b in names[i + 1 :]
     )
-    determined: dict[str, Any] = {
+    determined: _Values = {
         _PARAMETERS.get(name, name): Parameter(row.posterior, row.posterior_u)
         for name, row in rows.items()
         if _PARAMETERS.get(name, name) in names
     }
     if v.friction_table:
         determined |= _scaled_table(v, v.friction_table, determined, speed)
-    exact: dict[str, Any] = {
-        n: Parameter(getattr(v, n).value, 0.0) for n in (*CHAIN, "cylinder_diameter")
-    }
+    exact: _Values = {n: Parameter(getattr(v, n).value, 0.0) for n in (*CHAIN, "cylinder_diameter")}
     friction_speed = Parameter(speed, 0.0)
     return replace(v, **determined, **exact, friction_speed=friction_speed, correlation=related)
 
 
-def _scaled_table(
-    v: Vehicle, table: FrictionTable, determined: dict[str, Any], speed: float
-) -> dict[str, Any]:
+def _scaled_table(v: Vehicle, table: FrictionTable, determined: _Values, speed: float) -> _Values:
     """The friction table of the posterior: scaled, and tilted by what φ changes with speed.
 
     Args:

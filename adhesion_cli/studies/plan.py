@@ -108,7 +108,7 @@ def planned_logs(plan: Plan, folder: Path) -> list[Path]:
     return list(dict.fromkeys(logs))
 
 
-def _table(path: Path, tables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+def _table(path: Path, tables: toml.Table, name: str) -> toml.Table:
     table = tables.get(name, {})
     if not isinstance(table, dict):
         raise UserError(f"{path}: {name} is a table", f"write [{name}], then its keys", code=2)
@@ -119,7 +119,7 @@ def _group(path: Path, name: str, entry: Any) -> PlannedGroup:
     place = f"{path}: group.{name}"
     if not isinstance(entry, dict) or not entry.get("logs"):
         raise UserError(f"{place} names no logs", 'for example logs = ["old_*.csv"]', code=2)
-    values: dict[str, Any] = {}
+    values: toml.Table = {}
     for key, value in entry.items():
         if key not in _GROUP_KEYS:
             raise unknown(f"key of [group.{name}]", key, list(_GROUP_KEYS))

@@ -22,6 +22,7 @@ import numpy as np
 from ..core.model import CarAxle, FrictionTable, Load, Parameter, Vehicle
 from ..core.physics import CHAIN, force_line, friction_share, piston_area
 
+_Changes = dict[str, Any]  # values of a vehicle by their names
 _BRAKE = ("friction", *CHAIN, "cylinder_diameter")  # factors of the force per pressure
 
 
@@ -72,7 +73,7 @@ def _mean(by_number: dict[int, Vehicle]) -> Vehicle:
     if _have_equal_values(vehicles):
         return replace(first_vehicle, wheel_radius=radii)
     forces = [v.friction.value * force_line(v).per_pascal for v in vehicles]
-    changed: dict[str, Any] = {}
+    changed: _Changes = {}
     for name in _BRAKE:
         tolerance = _mean_of([_share(getattr(v, name)) for v in vehicles], forces)
         value = getattr(first_vehicle, name).value * (
@@ -132,7 +133,7 @@ def move_axles(vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> V
 def _move_axle(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> Vehicle:
     """One axle, moved as its mean axle was, by its share of the tolerances."""
     axle_vehicle = _at_speed(axle_vehicle, identified.friction_speed.value)
-    changed: dict[str, Any] = {}
+    changed: _Changes = {}
     of_brake = _ratio_of(_brake_sigma(axle_vehicle), _brake_sigma(stated_mean))
     for name in (*_BRAKE, "axle_mass", "wheelset_inertia"):
         x, stated_value, identified_value = (
@@ -182,7 +183,7 @@ def _moved_table(
     identified: FrictionTable,
     tolerance: float,
     share: float,
-) -> dict[str, Any]:
+) -> _Changes:
     """Friction and table of an axle, scaled over the speed as those of the mean axle were."""
     factors = [b / a for a, b in zip(stated_mean.value[0], identified.value[0], strict=True)]
     table, fade = axle_vehicle.friction_table, axle_vehicle.friction_fade
