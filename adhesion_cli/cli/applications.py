@@ -110,7 +110,9 @@ def _by_stop(logs: _Logs, cars: Mapping[int, str]) -> str:
     if len(stops) > _SHOWN_STOPS or not logs[0][0]:
         shown = sorted(stops, key=lambda pair: slide_severity(pair[1].worst), reverse=True)
         shown = shown[:_SHOWN_STOPS]
-        lines.append(f"{len(shown)} of {len(stops)} stops, worst first:")
+        has_slides = any(a.slides for _, stop in stops for a in stop.applications)
+        order = "most slip first" if has_slides else "highest µ first"
+        lines.append(f"{len(shown)} of {len(stops)} stops, {order}:")
     rows = [_named(name) | stop_row(stop) for name, stop in shown]
     lines.append(terminal.records(terminal.non_empty(rows)))
     lines += [terminal.folded(f"{_OF_STOPS} --rows shows every brake application of every axle.")]

@@ -81,7 +81,7 @@ def test_many_rows_are_one_row_per_stop_worst_first() -> None:
     ]
     shown = tables(axles)
     lines = shown.splitlines()
-    assert lines[0] == "20 of 30 stops, worst first:"
+    assert lines[0] == "20 of 30 stops, most slip first:"
     assert lines[3].split()[0] == "5000.0"
     assert max(map(len, lines)) <= 100
     assert len(tables(axles, all_rows=True).splitlines()) > 60
