@@ -133,11 +133,7 @@ def _members(logs: Sequence[Path], plan: Plan) -> list[tuple[PlannedGroup | None
         return [(None, list(logs))]
     by_name: dict[str, list[Path]] = {}
     for log in logs:
-        group = plan.group_of(log)
-        if group is None:
-            hint = "name it in [group.NAME] logs, or leave it out"
-            raise UserError(f"{log}: in no group of the plan", hint)
-        by_name.setdefault(group.name, []).append(log)
+        by_name.setdefault(plan.group_of(log).name, []).append(log)
     for group in plan.groups:
         if group.name not in by_name:
             text = f"group {group.name}: no log matches {', '.join(group.logs)}"

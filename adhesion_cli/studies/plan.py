@@ -44,15 +44,25 @@ class Plan(NamedTuple):
     protocol: Mapping[str, str] = {}
     folder: Path = Path()  # of the plan: patterns with folders begin there
 
-    def group_of(self, log: Path) -> PlannedGroup | None:
-        """The group that names a log by its path, its file name or a pattern."""
+    def group_of(self, log: Path) -> PlannedGroup:
+        """The group that names a log by its path, its file name or a pattern.
+
+        Raises:
+            UserError: where none or several do.
+        """
         place = log.resolve().as_posix()
-        for group in self.groups:
-            for pattern in group.logs:
-                full = (self.folder / pattern).resolve().as_posix()
-                if fnmatch(log.name, pattern) or fnmatch(place, full):
-                    return group
-        return None
+        groups = [g for g in self.groups if any(self._names(p, log.name, place) for p in g.logs)]
+        if len(groups) > 1:
+            names = " and ".join(group.name for group in groups)
+            raise UserError(f"{log}: in the groups {names} of the plan", "name it in one", code=2)
+        if not groups:
+            hint = "name it in [group.NAME] logs, or leave it out"
+            raise UserError(f"{log}: in no group of the plan", hint)
+        return groups[0]
+
+    def _names(self, pattern: str, name: str, place: str) -> bool:
+        full = (self.folder / pattern).resolve().as_posix()
+        return fnmatch(name, pattern) or fnmatch(place, full)
 
 
 def read_plan(path: Path) -> Plan:

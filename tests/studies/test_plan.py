@@ -41,7 +41,11 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
     assert plan.limits == (Limit("distance_m", 300, None), Limit("jerk", 4, 0.1))
     assert (plan.dry, plan.wet, plan.protocol) == ("old", "new", {"line": "depot"})
     assert plan.group_of(Path("runs/old_7.csv")) == old
-    assert plan.group_of(Path("other.csv")) is None
+    with pytest.raises(UserError, match="in no group"):
+        plan.group_of(Path("other.csv"))
+    twice = plan._replace(groups=(old, old._replace(name="again")))
+    with pytest.raises(UserError, match="in the groups old and again"):
+        twice.group_of(Path("old_1.csv"))
     for name in ("old_2.csv", "old_1.csv", "new_1.csv", "x.csv"):
         (tmp_path / name).touch()
     names = [p.name for p in planned_logs(plan, tmp_path)]
