@@ -18,6 +18,7 @@ from ..results.text_tables import non_empty as non_empty
 from ..results.text_tables import number as number
 from ..results.text_tables import records as records
 from ..results.text_tables import table as table
+from ..results.vehicle_text import describe_motors
 
 if TYPE_CHECKING:
     from ..fleet.run import State
@@ -192,7 +193,7 @@ def describe_log(summary: ResultSummary) -> str:
     return (
         f"{printable(log.path)}:\n{log.format}, {log.duration_s:.1f} s, "
         f"{log.rows_used} of {log.rows_read} rows used, "
-        f"{'axles' if len(axles) > 1 else 'axle'} {', '.join(axles)}"
+        f"{'axles' if len(axles) > 1 else 'axle'} {', '.join(axles)}{_motors([summary])}"
     )
 
 
@@ -206,8 +207,13 @@ def describe_logs(summaries: Sequence[ResultSummary]) -> str:
     used, read = sum(log.rows_used for log in logs), sum(log.rows_read for log in logs)
     return (
         f"{len(logs)} logs, {formats}, {min(seconds):.1f} to {max(seconds):.1f} s, "
-        f"{used} of {read} rows used, {axle_text}"
+        f"{used} of {read} rows used, {axle_text}{_motors(summaries)}"
     )
+
+
+def _motors(summaries: Sequence[ResultSummary]) -> str:
+    text = describe_motors(c for summary in summaries for c in summary.channels)
+    return f"\n{text}" if text else ""
 
 
 def describe_reference(axle: AxleSummary) -> str:

@@ -1,16 +1,26 @@
 """The line on the vehicle that stands above every result: stated or found, and how well known."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..core.summary import AxleSummary, CarSummary, VehicleSummary
+from ..core.summary import AxleSummary, CarSummary, ChannelSummary, VehicleSummary
 
 _UNKNOWN = (
     "Vehicle: not stated, and the log cannot show its brake. Adhesion force and µ are not known. "
     "State the vehicle with -c FILE.toml."
 )
 _MOST_CARS = 4  # that the line names one by one
+
+
+_MOTORS = {"ed_force": "ED force", "traction_force": "traction force"}
+
+
+def describe_motors(channels: Iterable[ChannelSummary]) -> str:
+    """That force and µ have the forces of the motors, too; empty where the log has none."""
+    meanings = {c.meaning for c in channels}
+    names = [name for meaning, name in _MOTORS.items() if meaning in meanings]
+    return f"Force and µ include the {' and the '.join(names)} of the log." if names else ""
 
 
 def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ()) -> str:

@@ -1,11 +1,15 @@
 """Tables on a terminal: nothing wider than it, nothing lost."""
 
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
 
 from adhesion_cli.cli.terminal import findings, scores, show_of_logs, table
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Score
+from adhesion_cli.core.summary import ChannelSummary
+from adhesion_cli.results.vehicle_text import describe_motors
 
 text = st.lists(st.text("abc_[]", min_size=1, max_size=30), max_size=6).map(" ".join)
 figure = st.floats(-1e6, 1e6).map(lambda x: f"{x:.3f}")
@@ -97,3 +101,11 @@ def test_findings_of_logs_are_one_line_a_code_with_the_logs_that_have_it(capsys)
     assert codes[0] == ["standstill", "all", "3", "logs"]
     assert codes[1][:2] == ["traction", "b.csv"]
     assert len(codes) == 2
+
+
+def test_forces_of_motors_are_named_where_the_log_has_them() -> None:
+    channel = ChannelSummary("ED force [kN]", "", "ed_force", 1, "kN", "name")
+    traction = replace(channel, meaning="traction_force")
+    assert describe_motors([replace(channel, meaning="pressure")]) == ""
+    assert describe_motors([channel]) == "Force and µ include the ED force of the log."
+    assert "the ED force and the traction force of" in describe_motors([traction, channel])

@@ -23,6 +23,7 @@ from ..train_stops import (
     slide_severity,
     stop_row,
 )
+from ..vehicle_text import describe_motors as describe_motors
 from .run import ReportAxle, ReportRun
 
 Mark = Literal["good", "slid", "locked", "unknown"]
