@@ -70,7 +70,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
     if not logs:
         if plan is None:
             raise UserError("no log", "adhesion stops LOG..., or --plan FILE.toml", code=2)
-        logs = planned_logs(stated_plan, plan.parent)
+        logs = planned_logs(stated_plan)
     if report and not shared.out:
         raise UserError("--report writes into a folder", "add -o DIR", code=2)
     folder = shared.out or Path()

@@ -71,7 +71,7 @@ def _first_rise(brake: Series, start: float) -> tuple[float, float] | None:
 
 
 def _deceleration_begin(speed: Series, start: float) -> float:
-    """Where the deceleration begins that is clear at `on` [s]: lines before and after meet."""
+    """Where the deceleration begins that is clear at `start` [s]: lines before and after meet."""
     rolling_window, braking_window = (
         speed.cut(start - 4.0, start - 1.0),
         speed.cut(start + 0.5, start + 3.0),

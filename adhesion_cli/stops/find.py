@@ -87,12 +87,12 @@ def _applied(signals: StopSignals, t: Floats) -> Bools:
     brake = np.nan_to_num(np.fmax.reduce(columns), nan=0.0)
     lowest, highest = (float(x) for x in np.quantile(brake, [0.02, 0.995]))
     base = lowest if lowest < 0.1 * highest else 0.0
-    start = brake > base + max(_ON_SHARE * (highest - base), _LEAST_BRAKE)
+    is_applied = brake > base + max(_ON_SHARE * (highest - base), _LEAST_BRAKE)
     is_released = brake < base + max(_OFF_SHARE * (highest - base), _LEAST_BRAKE / 2.0)
     applied = np.zeros(len(t), dtype=np.bool_)
     for first_index, stop in true_runs(~is_released):
-        applied[first_index:stop] = start[first_index:stop].any()
-        applied[first_index : first_index + int(np.argmax(start[first_index:stop]))] = False
+        applied[first_index:stop] = is_applied[first_index:stop].any()
+        applied[first_index : first_index + int(np.argmax(is_applied[first_index:stop]))] = False
     return _closed(applied, _DUMP)
 
 

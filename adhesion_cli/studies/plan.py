@@ -101,18 +101,18 @@ def read_plan(path: Path) -> Plan:
     return Plan(groups, tuple(pairs), limits, dry, wet, float(volume), protocol, path.parent)
 
 
-def planned_logs(plan: Plan, folder: Path) -> list[Path]:
-    """The files in a folder that the groups name, in their order.
+def planned_logs(plan: Plan) -> list[Path]:
+    """The files in the folder of a plan that its groups name, in their order.
 
     Raises:
         UserError: where a group names none.
     """
     logs: list[Path] = []
     for group in plan.groups:
-        patterns = [str(folder / pattern) for pattern in group.logs]
+        patterns = [str(plan.folder / pattern) for pattern in group.logs]
         matched = [Path(p) for pattern in patterns for p in sorted(glob(pattern))]
         if not matched:
-            text = f"group {group.name}: no log matches {', '.join(group.logs)} in {folder}"
+            text = f"group {group.name}: no log matches {', '.join(group.logs)} in {plan.folder}"
             raise UserError(text, "name the logs on the command line, or correct the plan")
         logs += matched
     return list(dict.fromkeys(logs))

@@ -48,7 +48,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
         twice.group_of(Path("old_1.csv"))
     for name in ("old_2.csv", "old_1.csv", "new_1.csv", "x.csv"):
         (tmp_path / name).touch()
-    names = [p.name for p in planned_logs(plan, tmp_path)]
+    names = [p.name for p in planned_logs(plan)]
     assert names == ["old_1.csv", "old_2.csv", "new_1.csv"]
 
 
@@ -79,6 +79,6 @@ def test_a_wrong_plan_says_what_and_where(tmp_path: Path, text: str, said: str) 
 
 
 def test_a_group_without_a_log_is_an_error(tmp_path: Path) -> None:
-    plan = Plan((PlannedGroup("a", ("none_*.csv",)),))
+    plan = Plan((PlannedGroup("a", ("none_*.csv",)),), folder=tmp_path)
     with pytest.raises(UserError, match="no log matches none_"):
-        planned_logs(plan, tmp_path)
+        planned_logs(plan)
