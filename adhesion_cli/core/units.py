@@ -3,6 +3,7 @@
 import math
 import re
 import tomllib
+import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -102,18 +103,65 @@ _OTHER_QUANTITIES = re.compile(
 )
 
 
+_NUMBER = r"(?:\d+\.\d+|\d+,\d{1,2}|\d+)(?:[eE][-+]?\d+)?"
+_TIMES = "[x×*·]"
+# A number before a unit, as in "0.01 bar", "x10 kPa", "1/128 bar/bit"; not that of "1/min"
+_FACTOR = re.compile(
+    rf"(?:/|{_TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>{_NUMBER}))"
+    rf"[\s_]*{_TIMES}?\s*(?P<unit>[^\W\d_].*?|[%°‰].*?)"
+    r"(?:\s*(?:/|per)\s*(?:bit|lsb|count|digit|inc))?"
+)
+# The same at the end of a name, where a sign or a decimal says that the number is no axle's;
+# and a number that may be a range, as in "sensor 10bar".
+_FACTOR_AT_END = re.compile(
+    rf"(?i)(?:\sin\s+|\s*[/,]\s*|[\s_](?={_TIMES}|\d+[.,]\d))"
+    rf"(?P<text>{_TIMES}?\s*{_NUMBER}[\s_]*[^\W\d_]\S*)$"
+)
+_RANGE_AT_END = re.compile(r"[\s_](?P<text>\d{2,}[^\W\d_]\S*)$")
+_FACTOR_BEFORE_BRACKET = re.compile(rf"[\s_](?P<factor>{_TIMES}\s*{_NUMBER})$")
+# The coarsest step of a logged value in SI: a larger number before a unit is a sensor's range.
+_COARSEST: dict[Dimension, float] = {"pressure": 1e5, "speed": 3.0, "angular speed": 11.0}
+
+
+def _scaled(text: str) -> Unit | None:
+    """The unit of a text with a factor before it, None where it has none."""
+    match = _FACTOR.fullmatch(text.strip(" []{}【】"))
+    base = unit(match["unit"]) or rare_unit(match["unit"]) if match else None
+    if not match or not base:
+        return None
+    number = f"1e{match['power']}" if match["power"] else match["number"].replace(",", ".")
+    factor = float(number) or math.nan
+    scaled_factor = base.factor * (1.0 / factor if match["over"] else factor)
+    if not 0.0 < scaled_factor <= _COARSEST.get(base.dimension, math.inf):
+        return None
+    return base._replace(name=text.strip(), factor=scaled_factor)
+
+
+def _has_factor_unread(text: str) -> bool:
+    """Whether a text is a unit with a number of which it is not known what it does: "bar x10"."""
+    parts = re.split(rf"[-\d.,\s/…]+|{_TIMES}", text)
+    return any(c.isdigit() for c in text) and any(map(unit, parts))
+
+
 @lru_cache(1 << 10)
 def unit(text: str) -> Unit | None:
-    """The unit a text spells, None where it spells none; "kPa abs", "kPa(a)" count from vacuum."""
+    """The unit a text spells, None where it spells none.
+
+    "kPa abs" and "kPa(a)" count from vacuum; "0.01 bar" is a unit with a factor.
+
+    >>> unit("0.01 bar").factor, unit("x10 kPa").factor, unit("bar x10")
+    (1000.0, 10000.0, None)
+    """
+    text = unicodedata.normalize("NFKC", text).replace("−", "-")  # superscripts, as in "min⁻¹"
     key = re.sub(r"[\s\^·*]", "", text).lower()
-    if text.strip() == "mPa":  # no brake pressure is in thousandths of a pascal
+    if "mPa" in text:  # no brake pressure is in thousandths of a pascal
         return None
     if plain_unit := UNITS.get(key.strip("[](){}（）【】")) or UNITS.get(text.strip().lower()):
         return plain_unit
     absolute = re.fullmatch(r"(.*?)(?:\(a\)|\(abs\.?\)|_?abs\.?|_a)", key)
     gauge = UNITS.get(absolute[1]) if absolute else None
     if gauge is None or gauge.dimension != "pressure":
-        return None
+        return _scaled(text)
     return gauge._replace(name=f"{gauge.name} abs", offset=-ATMOSPHERE)
 
 
@@ -161,7 +209,9 @@ def stated_unit(text: str, meaning: Meaning, channel: str) -> Unit:
 
 def unknown_in(name: str) -> str:
     """What a name has in its last brackets, if it is no known unit and no index, "" for nothing."""
-    inside = [text.strip() for text in _BRACKETS.findall(name)]
+    at_end = _RANGE_AT_END.search(name.strip())
+    inside = [at_end["text"]] if at_end else []
+    inside += [text.strip() for text in _BRACKETS.findall(name)]
     return inside[-1] if inside and not (unit(inside[-1]) or inside[-1].isdecimal()) else ""
 
 
@@ -181,17 +231,42 @@ _TAILS = [
 ]
 
 
+def _in_brackets(name: str) -> tuple[str, str] | None:
+    """The base of a name and the unit in its brackets; None where they hold no unit."""
+    brackets = [m for m in reversed(list(_BRACKETS.finditer(name))) if not m[1].isdecimal()]
+    for match in sorted(brackets, key=lambda m: any(c.isdigit() for c in m[1])):
+        if unit(match[1]):
+            base = (name[: match.start()] + name[match.end() :]).strip(" _-,/")
+            factor = _FACTOR_BEFORE_BRACKET.search(name[: match.start()].rstrip())
+            if factor and unit(scaled_text := f"{factor['factor']} {match[1].strip()}"):
+                return base[: factor.start()].strip(" _-,/"), scaled_text
+            return base, match[1].strip()
+    for match in brackets:
+        if _has_factor_unread(match[1]):  # its digits are no axle
+            return (name[: match.start()] + name[match.end() :]).strip(" _-,/"), ""
+    return None
+
+
+def _with_number(name: str) -> tuple[str, str] | None:
+    """The base of a name and the unit with a number at its end, "" where that may be a range."""
+    if (at_end := _FACTOR_AT_END.search(name)) and unit(at_end["text"]):
+        return name[: at_end.start()].strip(" _-,/"), at_end["text"].strip()
+    if (at_end := _RANGE_AT_END.search(name)) and _has_factor_unread(at_end["text"]):
+        return name[: at_end.start()].strip(" _-,/"), ""
+    return None
+
+
 @lru_cache(1 << 10)  # many rules ask for the same name
 def in_name(name: str) -> tuple[str, str]:
     """Splits a channel name into its base and the unit written in it, "" for no unit.
 
     Takes ``BC pressure [kPa]``, ``制动缸压力(kPa)``, ``v_kmh``, ``Druck / bar``, ``speed, km/h``.
     """
-    for match in reversed(list(_BRACKETS.finditer(name))):
-        if unit(match[1]):
-            return (name[: match.start()] + name[match.end() :]).strip(" _-,/"), match[1].strip()
+    name = name.strip()
+    if split := _in_brackets(name) or _with_number(name):
+        return split
     for separator in _SEPARATORS:
-        head, *tail = separator.split(name.strip())
+        head, *tail = separator.split(name)
         if (
             head
             and tail
@@ -204,7 +279,10 @@ def in_name(name: str) -> tuple[str, str]:
         tail_match = tail_unit.search(name)
         if tail_match and tail_match[1].lower() in _IN_NAMES:
             return name[: tail_match.start()] + (tail_match[2] or ""), tail_match[1]
-    camel = re.search(r"(?<=[a-z])(Kmh|Mps|Rpm|KPa|MPa|Bar|Mbar|RadS|Kpa|Mpa|Pa|Hz)(?=\d*$)", name)
+    camel = re.search(
+        r"(?<=[a-z])(?<![^a-z][kKhmM])(Kmh|Mps|Rpm|[kKhM][Pp]a|Bar|[mM][bB]ar|RadS|Pa|k?Hz)(?=\d*$)",
+        name,
+    )
     if camel and (tail_found := unit(camel[1].replace("RadS", "rad_s"))):
         return name[: camel.start()] + name[camel.end() :], tail_found.name
     return name, ""

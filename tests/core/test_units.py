@@ -30,6 +30,21 @@ from adhesion_cli.core.errors import UserError
         ("axle2_speed", "axle2_speed", ""),
         ("N", "N", ""),
         ("velocity[0]", "velocity[0]", ""),
+        ("BC pressure [10 kPa]", "BC pressure", "10 kPa"),
+        ("BC pressure x10 [kPa]", "BC pressure", "x10 kPa"),
+        ("BC pressure/10kPa", "BC pressure", "10kPa"),
+        ("BC pressure in 10 kPa", "BC pressure", "10 kPa"),
+        ("BC pressure, 10 kPa", "BC pressure", "10 kPa"),
+        ("wheel speed 0.1 km/h", "wheel speed", "0.1 km/h"),
+        ("v_0.1kmh", "v", "0.1kmh"),
+        ("BC pressure [bar] (1 s)", "BC pressure  (1 s)", "bar"),
+        ("speed 1 km/h", "speed 1", "km/h"),
+        ("pressurekPa", "pressure", "kPa"),
+        ("BCP 10bar", "BCP", ""),  # a range, or a factor: its digits are no axle
+        ("BCP (0-10 bar)", "BCP", ""),
+        ("BCP [bar x10]", "BCP", ""),
+        ("BCP [bar/100]", "BCP", ""),
+        ("BCP [10 bar]", "BCP", ""),
     ],
 )
 def test_finds_the_unit_in_a_name(name: str, base: str, unit: str) -> None:
@@ -55,6 +70,16 @@ def test_finds_the_unit_in_a_name(name: str, base: str, unit: str) -> None:
         ("°/s", 180.0, math.pi),
         ("kN", 21.0, 21000.0),
         ("µs", 5.0, 5e-6),
+        ("min⁻¹", 60.0, 2.0 * math.pi),
+        ("N/mm²", 0.35, 3.5e5),
+        ("0.01 bar", 350.0, 3.5e5),
+        ("0,01 bar", 350.0, 3.5e5),
+        ("10 kPa", 35.0, 3.5e5),
+        ("x0.1 km/h", 720.0, 20.0),
+        ("2 km/h", 36.0, 20.0),
+        ("1/128 bar/bit", 448.0, 3.5e5),
+        ("10^-2 bar", 350.0, 3.5e5),
+        ("0.1 kPa abs", 1013.25, 0.0),
     ],
 )
 def test_converts_to_si(text: str, value: float, si: float) -> None:
@@ -71,8 +96,15 @@ def test_refuses_a_unit_of_another_dimension_and_names_the_right_ones() -> None:
     assert error.value.code == 2
 
 
-def test_a_millipascal_is_no_megapascal() -> None:
-    assert units.unit("mPa") is None
+@pytest.mark.parametrize("text", ["bar x10", "kPa*10", "bar/100", "0-10 bar", "10 bar", "0 bar"])
+def test_a_number_that_may_mean_anything_is_no_factor(text: str) -> None:
+    assert units.unit(text) is None
+    assert units.unknown_in(f"BCP [{text}]") == text
+
+
+@pytest.mark.parametrize("text", ["mPa", "[mPa]", "mPa abs"])
+def test_a_millipascal_is_no_megapascal(text: str) -> None:
+    assert units.unit(text) is None
 
 
 @given(st.text(max_size=40))
