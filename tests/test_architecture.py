@@ -97,3 +97,12 @@ def test_analyze_does_not_load_pandas_which_arrow_would(loaded: set[str]) -> Non
     pytest.importorskip("pandas")
     assert "pyarrow.lib" in loaded
     assert "pandas.core.api" not in loaded
+
+
+def test_a_class_name_stands_once() -> None:
+    """Except the names that every estimator, check or format defines by its contract."""
+    files = ROOT.glob("adhesion_cli/**/*.py")
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in files]
+    names = [n.name for tree in trees for n in tree.body if isinstance(n, ast.ClassDef)]
+    by_contract = {"About", "Params", "State", "Reader"}
+    assert not {name for name in names if names.count(name) > 1} - by_contract

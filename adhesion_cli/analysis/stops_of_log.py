@@ -14,7 +14,7 @@ from ..records.route import find_route
 from ..stops.find import find_brakings
 from ..stops.measure import ToLevel, measure_stop
 from ..stops.settings import StopSettings
-from ..stops.signals import Series, StopSignals, of_log, of_records
+from ..stops.signals import StopSignals, TimeSeries, of_log, of_records
 from ..train.track import Gradient, find_gradient
 
 _BEGIN = 0.1  # over which the initial adhesion is a mean [s]
@@ -81,7 +81,7 @@ def _measured(
         yield measure_stop(signals, braking, to_level, settings)
 
 
-def _mean_gradient(gradient: Gradient | None, run: Series, start_ns: int) -> Parameter:
+def _mean_gradient(gradient: Gradient | None, run: TimeSeries, start_ns: int) -> Parameter:
     """The mean gradient over the distance of a stop [‰]."""
     distance = np.maximum(np.nan_to_num(run.value), 0.0)
     if gradient is None or not distance.any():

@@ -23,7 +23,7 @@ from .options import (
 if TYPE_CHECKING:
     from ..core.annotated import Json
     from ..core.finding import Finding
-    from ..wsp.plant import Track
+    from ..wsp.plant import RailConditions
     from ..wsp.replay import Answer
     from ..wsp.scenario import Scenario
     from ..wsp.stop import Stop
@@ -231,7 +231,7 @@ class _Outcome:
     document: "Json"
     text: str
     findings: "Sequence[Finding]" = ()
-    track: "Track | None" = None  # the rail that was fitted to a log
+    track: "RailConditions | None" = None  # the rail that was fitted to a log
     origin: Mapping[str, str] = field(default_factory=dict)  # of the log
 
 

@@ -12,7 +12,7 @@ import typer
 from .options import Shared, assignments, check_settings, option, shared
 
 if TYPE_CHECKING:
-    from ..fleet.run import State, Workers
+    from ..fleet.run import FleetProgress, Workers
     from ..fleet.summary import FleetSummary
     from ..fleet.work import Job
 
@@ -137,7 +137,7 @@ def _processors() -> int:
     return os.cpu_count() or 1
 
 
-def _status_text(state: "State", folder: Path, seconds: float) -> str:
+def _status_text(state: "FleetProgress", folder: Path, seconds: float) -> str:
     """The counts of a run, and what shows its results."""
     from ..core.text import printable
 
@@ -154,7 +154,7 @@ def _status_text(state: "State", folder: Path, seconds: float) -> str:
     return "\n".join([*lines, f"`adhesion fleet --summary {folder_name}` shows them."])
 
 
-def _show_failed(state: "State", quiet: bool) -> None:
+def _show_failed(state: "FleetProgress", quiet: bool) -> None:
     """The first failed logs on stderr, each with error and hint."""
     from . import terminal
 

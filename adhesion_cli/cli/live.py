@@ -237,9 +237,9 @@ class _Run:
         names = list(dict.fromkeys([*self._algos_shown, *sorted(self._algos)]))
         yield from self._recordings(axles, names)
         if self._screens.serve is not None:
-            from ..live.served import Served
+            from ..live.served import LiveServer
 
-            server = Served(self._screens.serve, self._settings.vehicle, axles, names)
+            server = LiveServer(self._screens.serve, self._settings.vehicle, axles, names)
             self._say(f"Foxglove: open {server.url}")
             yield server
         if self._shared.json:

@@ -21,7 +21,7 @@ from ..results.text_tables import table as table
 from ..results.vehicle_text import describe_motors
 
 if TYPE_CHECKING:
-    from ..fleet.run import State
+    from ..fleet.run import FleetProgress
 
 _WIDEST = 120  # columns of a line on a finding
 _CHANNEL = 28  # of these for names of channels
@@ -262,11 +262,11 @@ def progress(quiet: bool) -> Callable[[str], None]:
     return advance
 
 
-def campaign(quiet: bool, logs: int) -> "Callable[[State], None]":
+def campaign(quiet: bool, logs: int) -> "Callable[[FleetProgress], None]":
     """Shows how far a run over many logs is, as `progress`."""
     show_text, begin, skipped = progress(quiet), 0.0, 0
 
-    def advance(state: "State") -> None:
+    def advance(state: "FleetProgress") -> None:
         nonlocal begin, skipped
         failed = len(state.failed)
         ended = state.completed + state.skipped + failed

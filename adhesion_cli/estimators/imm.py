@@ -132,7 +132,7 @@ class Clamping(NamedTuple):
     variance: float
 
 
-class Train(NamedTuple):
+class TrainMotion(NamedTuple):
     """The train, for a wheel that does not roll."""
 
     speed: float  # V/R [rad/s]
@@ -157,7 +157,7 @@ class State(NamedTuple):
     noise: Noise  # of the wheel speed [rad/s]
     clamping: Clamping
     creep: Creep
-    train: Train
+    train: TrainMotion
     slippery: float  # probability that the rail is as in the last slide
     sigma: float  # standard uncertainty of F [N]
     F: float  # [N]
@@ -173,7 +173,7 @@ class Prediction(NamedTuple):
     noise: Noise
     clamping: Clamping
     creep: Creep
-    train: Train
+    train: TrainMotion
 
 
 def init(p: Params, w: Wheelset, K: float, y: float) -> State:
@@ -191,7 +191,7 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
         initial_noise(SPEED_NOISE, y),
         _initial_clamping(initial_noise(FORCE_NOISE * weight / w.phi, K), K, weight / w.phi),
         Creep(K, 0.0, 0.0),
-        Train(y, abs(y) + 1.0, rolling_deceleration(w) * K),
+        TrainMotion(y, abs(y) + 1.0, rolling_deceleration(w) * K),
         0.0,
         sigma,
         rolling_force,
@@ -287,7 +287,7 @@ def _delay_by_creep(w: Wheelset, s: State, h: float, K: float) -> Creep:
     return Creep(K_delayed, (K_delayed - s.creep.K) / h, delay)
 
 
-def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian, Train]:
+def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian, TrainMotion]:
     """Each regime as a mixture of what may have become it within `h`, at most one change."""
     rolling, sliding, changing = s.rolling, s.sliding, s.changing
     weight, braked = w.mass * G, w.phi * s.clamping.K
@@ -349,7 +349,7 @@ def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian,
 
 def _update_train(
     w: Wheelset, s: State, h: float, weight_stopped: float, weight_earlier: float
-) -> Train:
+) -> TrainMotion:
     """The train one interval on, for wheels that stop rolling, and those that did before."""
     rolling, train, share = s.rolling, s.train, weight_stopped / (weight_stopped + weight_earlier)
     speed = train.speed + share * (rolling.x - train.speed)
@@ -358,7 +358,7 @@ def _update_train(
         rolling.xx + squared(CREEPAGE_SIGMA * rolling.x) + squared(rolling.x - speed)
     )
     rate = train.slows + share * (w.a * (w.phi * s.clamping.K - rolling.r) - train.slows)
-    return Train(speed - h * rate, math.sqrt(variance) + h * TRAIN_SIGMA / w.radius, rate)
+    return TrainMotion(speed - h * rate, math.sqrt(variance) + h * TRAIN_SIGMA / w.radius, rate)
 
 
 def _with_force(g: Gaussian, F: float, FF: float) -> Gaussian:
@@ -371,7 +371,7 @@ def _widen_force(g: Gaussian, FF: float) -> Gaussian:
     return Gaussian(g.x, g.r, g.n, g.xx, g.xr, g.rr + FF, g.xn, g.rn, g.nn, g.p)
 
 
-def _probability_as_fast(g: Gaussian, t: Train) -> float:
+def _probability_as_fast(g: Gaussian, t: TrainMotion) -> float:
     """Probability that the wheel is as fast as the train; quicker than the error function."""
     e = g.x - t.speed
     return 0.5 + 0.5 * e / math.sqrt(e * e + 2.0 * (g.xx + t.doubt * t.doubt) + 1e-30)

@@ -23,14 +23,14 @@ _DATASET = {"applications", "estimators", "findings", "logs"}  # folders of a fl
 EXTRA = installed_by("fleet")
 
 
-class Location(NamedTuple):
+class LogLocation(NamedTuple):
     """A log: as the user names it, and where a process with another folder finds it."""
 
     name: str
     place: str
 
 
-def find(named: Sequence[str]) -> list[Location]:
+def find(named: Sequence[str]) -> list[LogLocation]:
     """The logs that the names stand for, each once, in the order of the names.
 
     Of a folder these are all files with a suffix of a log, those of its folders too. Results of
@@ -40,7 +40,7 @@ def find(named: Sequence[str]) -> list[Location]:
     Raises:
         UserError: for a name without a log, and for a URL that cannot be listed.
     """
-    locations: dict[str, Location] = {}
+    locations: dict[str, LogLocation] = {}
     for name in named:
         matches = _of_url(name) if _is_url(name) else [_of_file(path) for path in _files(name)]
         if not matches:
@@ -73,8 +73,8 @@ def _is_url(name: str) -> bool:
     return "://" in name
 
 
-def _of_file(path: Path) -> Location:
-    return Location(str(path), os.path.abspath(path))
+def _of_file(path: Path) -> LogLocation:
+    return LogLocation(str(path), os.path.abspath(path))
 
 
 def _files(name: str) -> list[Path]:
@@ -107,7 +107,7 @@ def _is_result(file: str) -> bool:
     return file.endswith(_RESULTS)
 
 
-def _of_url(url: str) -> list[Location]:
+def _of_url(url: str) -> list[LogLocation]:
     system, path = _open_url(url)
     try:
         if glob.has_magic(path):
@@ -120,7 +120,7 @@ def _of_url(url: str) -> list[Location]:
     except Exception as error:  # every kind of URL has its own errors
         text = f"{printable(url)}: cannot be listed ({printable(str(error))})"
         raise UserError(text, "check the address and your access rights") from error
-    return [Location(x, x) for x in urls]
+    return [LogLocation(x, x) for x in urls]
 
 
 def _open_url(url: str) -> tuple[Any, str]:

@@ -12,7 +12,7 @@ from ..core.text import utf8
 from ..results.tables import LogRow
 from . import dataset, work
 from .dataset import Dataset, DoneLog, KeptTables
-from .locations import Location
+from .locations import LogLocation
 from .work import Item, Job, Outcome
 
 _DEAD = {
@@ -50,7 +50,7 @@ class Failed(NamedTuple):
 
 
 @dataclass(slots=True)
-class State:
+class FleetProgress:
     """How far a run is; counts are logs as the user names them.
 
     Attributes:
@@ -71,13 +71,13 @@ class State:
 
 
 def run(
-    logs: Sequence[Location],
+    logs: Sequence[LogLocation],
     job: Job,
     dataset: Dataset,
     workers: Workers,
     force: bool = False,
-    progress: Callable[[State], None] = lambda _: None,
-) -> State:
+    progress: Callable[[FleetProgress], None] = lambda _: None,
+) -> FleetProgress:
     """Analyses the logs that have no result in the dataset.
 
     Args:
@@ -92,7 +92,7 @@ def run(
         UserError: results cannot be written, or the cluster is lost.
     """
     dataset.prepare(job.depends())
-    existing, state = dataset.finished_logs(), State(len(logs))
+    existing, state = dataset.finished_logs(), FleetProgress(len(logs))
     named = _identified(logs, job, dataset, workers, state, progress)
     items = []
     for digest, same_logs in named.items():
@@ -116,15 +116,15 @@ def run(
 
 
 def _identified(
-    logs: Sequence[Location],
+    logs: Sequence[LogLocation],
     job: Job,
     finished: Dataset,
     workers: Workers,
-    state: State,
-    progress: Callable[[State], None],
-) -> dict[str, list[Location]]:
+    state: FleetProgress,
+    progress: Callable[[FleetProgress], None],
+) -> dict[str, list[LogLocation]]:
     """The logs by the hash of their content; one that cannot be read has failed."""
-    named: dict[str, list[Location]] = {}
+    named: dict[str, list[LogLocation]] = {}
     for log, (digest, error) in zip(logs, workers.map_jobs(work.identified, logs), strict=True):
         state.read += 1
         key = dataset.unread(log.name)
@@ -146,7 +146,7 @@ def _complete(item: Item, job: Job, rows: Sequence[DoneLog]) -> bool:
 
 
 def _name(
-    dataset: Dataset, key: str, rows: Sequence[DoneLog], same_logs: Sequence[Location]
+    dataset: Dataset, key: str, rows: Sequence[DoneLog], same_logs: Sequence[LogLocation]
 ) -> None:
     """Adds the names that a log did not have when it was analysed."""
     names = _names(same_logs, rows)
@@ -154,11 +154,11 @@ def _name(
         dataset.write([KeptTables(key, names, dataset.row(key), {})])
 
 
-def _names(same_logs: Iterable[Location], rows: Iterable[DoneLog]) -> tuple[str, ...]:
+def _names(same_logs: Iterable[LogLocation], rows: Iterable[DoneLog]) -> tuple[str, ...]:
     return tuple({*(utf8(log.name) for log in same_logs), *(row.log for row in rows)})
 
 
-def _count(state: State, same_logs: Sequence[Location], row: LogRow) -> None:
+def _count(state: FleetProgress, same_logs: Sequence[LogLocation], row: LogRow) -> None:
     if row.status == "error":
         state.failed += [Failed(log.name, row.error or "", row.hint or "") for log in same_logs]
     else:

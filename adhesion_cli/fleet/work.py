@@ -24,7 +24,7 @@ from ..core.text import printable
 from ..formats.open import check_kind
 from ..results import atomic_files, tables
 from ..results.tables import LogRow
-from .locations import Location, local
+from .locations import LogLocation, local
 
 BLOCK = 256  # logs whose hashes are asked for at once
 _SINGLE_LOG = threading.Lock()  # a process analyses one log at a time, whatever threads it has
@@ -65,7 +65,7 @@ class Job(NamedTuple):
 class Item(NamedTuple):
     """A log that is to be analysed: where it is, and the hash of its content."""
 
-    log: Location
+    log: LogLocation
     sha256: str
 
 
@@ -81,7 +81,7 @@ class Outcome(NamedTuple):
     files: dict[str, bytes]
 
 
-def identified(log: Location) -> tuple[str, dict[str, str]]:
+def identified(log: LogLocation) -> tuple[str, dict[str, str]]:
     """The hash of a log's content; where it cannot be read, error and hint."""
     try:
         with local(log.place) as path:

@@ -18,7 +18,7 @@ _HOST = "127.0.0.1"  # nobody else is let in
 _INNER = "127.{}.{}.{}" if sys.platform != "darwin" else _HOST
 
 
-class Served:
+class LiveServer:
     """A server on this computer, whose port refuses pages of other web sites.
 
     On macOS, the SDK's own server behind it has the same address, on a port that changes.

@@ -45,7 +45,7 @@ def shares(axle: AxleResult) -> dict[str, float]:
     return {name: float(x) / total for name, x in zip(REGIONS, time, strict=True)}
 
 
-class Place(NamedTuple):
+class ApplicationSlides(NamedTuple):
     """The slides of one brake application, and the rail under them."""
 
     slides: list[Slide]
@@ -62,9 +62,9 @@ class Summary(NamedTuple):
     rail: fit.RailFit | None
     slip_rmse: float | None  # against the log's own true slip, while braked
     delay: Parameter | None  # delay of the train speed, corrected [s]; None: not known
-    places: Sequence[Place] = ()  # where it slid, in the order of time
+    places: Sequence[ApplicationSlides] = ()  # where it slid, in the order of time
 
-    def place_of(self, slide: Slide) -> Place | None:
+    def place_of(self, slide: Slide) -> ApplicationSlides | None:
         """The place of a slide."""
         return next((place for place in self.places if slide in place.slides), None)
 
@@ -104,7 +104,7 @@ def _locked(record: AxleRecord, pause: slice) -> bool:
     return bool((K > physics.NO_FORCE).all() and (v[pause] > physics.CRAWL).all())
 
 
-def fit_places(context: "AxleContext", axle_slides: Sequence[Slide]) -> list[Place]:
+def fit_places(context: "AxleContext", axle_slides: Sequence[Slide]) -> list[ApplicationSlides]:
     """The rail under the slides of each brake application that has some.
 
     Each has fewer draws than the fit of all slides: it takes about half a second.
@@ -114,12 +114,12 @@ def fit_places(context: "AxleContext", axle_slides: Sequence[Slide]) -> list[Pla
         for pieces in braked_pieces(context.axle)
     ]
     return threads.run_each(
-        lambda group: Place(group, *fit_rail(context, group, _FEW_DRAWS)),
+        lambda group: ApplicationSlides(group, *fit_rail(context, group, _FEW_DRAWS)),
         [group for group in groups if group],
     )
 
 
-def _differ(a: Place, b: Place, vehicle: Vehicle) -> bool:
+def _differ(a: ApplicationSlides, b: ApplicationSlides, vehicle: Vehicle) -> bool:
     """Whether neither rail, as far as its slides show it, gives the adhesion of the other one."""
     rail_a, rail_b = a.rail, b.rail
     if rail_a is None or rail_b is None:

@@ -121,7 +121,7 @@ def _tolerance(run: AxleRecord, vehicle: Vehicle, estimate: RunEstimate) -> tupl
     return np.sqrt(np.maximum(variance, 0.0)), np.zeros(len(run)) + mass
 
 
-class Measured(Protocol):
+class AxleMeasurement(Protocol):
     """What says how an axle is measured: its record, or live its channels."""
 
     @property
@@ -146,7 +146,7 @@ class Measured(Protocol):
 
 
 def by_tolerances(
-    record: Measured, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
+    record: AxleMeasurement, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
 ) -> tuple[Any, Any]:
     """Variance of the force [N²] by the vehicle's tolerances, and its covariance with ln m [N].
 
@@ -158,7 +158,7 @@ def by_tolerances(
 
 
 def contributions(
-    record: Measured, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
+    record: AxleMeasurement, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
 ) -> dict[str, Floats]:
     """By how much each tolerance moves F = φK + I ω̇/R, first order [N]; (n,) each.
 

@@ -8,8 +8,8 @@ from ..core.text import by_uncertainty
 from ..stops.axle_stops import SLIP_BANDS
 from ..stops.series import (
     QUANTITIES,
-    Difference,
     Group,
+    GroupDifference,
     LimitVerdict,
     SeriesStop,
     WspAxle,
@@ -149,7 +149,7 @@ def group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
     return rows
 
 
-def difference_rows(differences: Sequence[Difference]) -> list[dict[str, str]]:
+def difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:
     """What a group has more than another."""
     rows = []
     for x in differences:

@@ -29,7 +29,7 @@ _DAY_1970 = 25_569  # 1970-01-01 as a day of Excel
 _CREATED = datetime(2000, 1, 1)  # the time of writing would make each file another one
 
 
-class _Column(NamedTuple):
+class _SheetColumn(NamedTuple):
     """How the cells of a column are written."""
 
     values: Callable[[Any], list[Any]]  # of an Arrow array, None for an empty cell
@@ -89,20 +89,20 @@ class Workbook:
             sheet.write_string(0, k, _title(column), self._head)
         return Sheet(sheet, [self._column(sheet, column.type) for column in schema], schema)
 
-    def _column(self, sheet: Any, kind: Any) -> _Column:
+    def _column(self, sheet: Any, kind: Any) -> _SheetColumn:
         if pa.types.is_timestamp(kind):
-            return _Column(_days, sheet.write_number, self._time)
+            return _SheetColumn(_days, sheet.write_number, self._time)
         if pa.types.is_boolean(kind):
-            return _Column(pa.Array.to_pylist, sheet.write_boolean, None)
+            return _SheetColumn(pa.Array.to_pylist, sheet.write_boolean, None)
         if pa.types.is_string(kind):
-            return _Column(_texts, sheet.write_string, None)
-        return _Column(_numbers, sheet.write_number, None)
+            return _SheetColumn(_texts, sheet.write_string, None)
+        return _SheetColumn(_numbers, sheet.write_number, None)
 
 
 class Sheet:
     """A sheet that is being written; `write_batch` is that of Arrow's writers."""
 
-    def __init__(self, sheet: Any, columns: list[_Column], schema: Any) -> None:
+    def __init__(self, sheet: Any, columns: list[_SheetColumn], schema: Any) -> None:
         self._sheet, self._columns, self._row = sheet, columns, 0
         self._widths = [len(_title(column)) for column in schema]
 

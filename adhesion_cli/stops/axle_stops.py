@@ -12,7 +12,7 @@ from ..rail.locks import find_locks
 from .brake_levels import brake_levels
 from .find import Braking
 from .settings import StopSettings
-from .signals import Series, StopSignals
+from .signals import StopSignals, TimeSeries
 
 SLIP_BANDS = (0.05, 0.1, 0.2, 0.5, 1.0)  # upper limits of the bands of the slip histogram
 _SWITCHED_ON = 0.5  # a state is 0 or 1
@@ -52,12 +52,12 @@ def axle_stops(
         yield row._replace(valves_from=source, vented_s=vented)
 
 
-def on_time(state: Series) -> float:
+def on_time(state: TimeSeries) -> float:
     """How long a state is on [s]; each sample lasts until the next one."""
     return float(np.sum(np.diff(state.t)[state.value[:-1] > _SWITCHED_ON]))
 
 
-def _releases(brake: Series, braking: Braking) -> int:
+def _releases(brake: TimeSeries, braking: Braking) -> int:
     """How often a brake falls by a tenth of its full value before the train stands."""
     released, full_value, _ = brake_levels(brake, braking.start, braking.stop)
     run = brake.cut(braking.start, braking.stop)

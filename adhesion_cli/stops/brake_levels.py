@@ -4,13 +4,13 @@ import numpy as np
 
 from ..core.model import Floats
 from ..core.signals import robust_sigma
-from .signals import Series
+from .signals import TimeSeries
 
 _RELEASED = 3.0  # time before it over which the released level is a median [s]
 _HIGH_SHARE = 0.9  # of the highest brake: samples above it are those of the full brake
 
 
-def brake_levels(brake: Series, start: float, stop: float) -> tuple[float, float, float]:
+def brake_levels(brake: TimeSeries, start: float, stop: float) -> tuple[float, float, float]:
     """Released and full value of a brake in a braking, and its noise (1 sigma)."""
     released_values = brake.cut(start - _RELEASED - 1.0, start - 1.0).value
     released_values = released_values[np.isfinite(released_values)]

@@ -8,7 +8,7 @@ from ..core.signals import robust_sigma
 from ..core.summary import CommandSource
 from .brake_levels import brake_levels, quantisation_step
 from .find import Braking
-from .signals import Series, StopSignals
+from .signals import StopSignals, TimeSeries
 
 _LEAD_TIME = 8.0  # time before a braking in which its command is looked for [s]
 
@@ -35,7 +35,7 @@ def find_command(signals: StopSignals, braking: Braking) -> tuple[float, float, 
     return begin, max(interval, 0.25), "deceleration"
 
 
-def _first_change(series: Series, start: float, falls: bool) -> tuple[float, float] | None:
+def _first_change(series: TimeSeries, start: float, falls: bool) -> tuple[float, float] | None:
     """When a command or a brake pipe leaves the value that it had, and its uncertainty [s]."""
     window = series.cut(start - _LEAD_TIME, start + 1.0)
     finite = np.isfinite(window.value)
@@ -54,7 +54,7 @@ def _first_change(series: Series, start: float, falls: bool) -> tuple[float, flo
     return float(t[k] - interval / 2.0), interval / math.sqrt(12.0)
 
 
-def _first_rise(brake: Series, start: float) -> tuple[float, float] | None:
+def _first_rise(brake: TimeSeries, start: float) -> tuple[float, float] | None:
     """When a brake leaves its released value, and the uncertainty of that [s]."""
     released, full_value, noise = brake_levels(brake, start, start + 10.0)
     window = brake.cut(start - _LEAD_TIME, start + 1.0)
@@ -70,7 +70,7 @@ def _first_rise(brake: Series, start: float) -> tuple[float, float] | None:
     return float(window.t[k]), interval / math.sqrt(3.0)
 
 
-def _deceleration_begin(speed: Series, start: float) -> float:
+def _deceleration_begin(speed: TimeSeries, start: float) -> float:
     """Where the deceleration begins that is clear at `start` [s]: lines before and after meet."""
     rolling_window, braking_window = (
         speed.cut(start - 4.0, start - 1.0),

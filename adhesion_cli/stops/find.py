@@ -10,7 +10,7 @@ import numpy as np
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import STANDING
 from ..core.signals import true_runs
-from .signals import Series, StopSignals
+from .signals import StopSignals, TimeSeries
 
 STEP = 0.1  # of the grid on which brakings are looked for [s]
 _ON_SHARE, _OFF_SHARE = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
@@ -73,7 +73,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
             yield Braking(float(t[first_index]), float(t[braked_until]), reason)
 
 
-def _has_speed(speed: Series, t: Floats) -> Bools:
+def _has_speed(speed: TimeSeries, t: Floats) -> Bools:
     """Where the speed has a sample nearby."""
     finite = speed.t[np.isfinite(speed.value)]
     place = np.clip(np.searchsorted(finite, t), 1, len(finite) - 1)
@@ -128,7 +128,7 @@ def _longest(mask: Bools) -> int:
     return max((stop - start for start, stop in true_runs(mask)), default=0)
 
 
-def _standstill(speed: Series, slow: float) -> Parameter:
+def _standstill(speed: TimeSeries, slow: float) -> Parameter:
     """When the train stands, and 1 sigma [s].
 
     The line through the last speeds crosses zero there: sensors read zero too early, and noise

@@ -28,9 +28,9 @@ from ..core.summary import Measured, StopContribution, StopSummary
 from .axle_stops import axle_stops, on_time
 from .command import find_command
 from .find import Braking
-from .response import Response, find_response
+from .response import BrakeResponse, find_response
 from .settings import StopSettings
-from .signals import Series, StopSignals
+from .signals import StopSignals, TimeSeries
 from .speed import FIT, largest_jerk, locked_time, over_slides, smoothed_speed
 
 K95 = 2.0  # coverage factor
@@ -74,7 +74,7 @@ def measure_stop(
     if signals.speed_from == "axles":
         locked = locked_time(signals.speed, t, v)
         v, hidden = over_slides(t, v)
-        signals = signals._replace(speed=Series(t, v))
+        signals = signals._replace(speed=TimeSeries(t, v))
     v0 = float(np.interp(command, t, v))
     is_braking = t >= command - 1e-9
     distance = float(np.trapezoid(v[is_braking], t[is_braking]))
@@ -124,7 +124,7 @@ def measure_stop(
     )
 
 
-def _drop(reservoir: Series | None, start: float, stop: float) -> float | None:
+def _drop(reservoir: TimeSeries | None, start: float, stop: float) -> float | None:
     """By how much the reservoir's pressure falls below that at the command [Pa]."""
     if reservoir is None or not len(pressure := reservoir.cut(start, stop).value):
         return None
@@ -199,7 +199,7 @@ def _bar(pressure: float) -> float | None:
     return pressure / BAR if math.isfinite(pressure) else None
 
 
-def _dead_time_sigma(response: Response, settings: StopSettings) -> float:
+def _dead_time_sigma(response: BrakeResponse, settings: StopSettings) -> float:
     """1 sigma of the time between a command that is not logged and the first rise [s].
 
     A slow brake is late, too: as a share of its build-up. A stated dead time is known better.

@@ -18,7 +18,7 @@ _DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 _SLIDES = 0.05  # slip of a wheel that slides
 
 
-class Response(NamedTuple):
+class BrakeResponse(NamedTuple):
     """When the brakes of all axles build up, after the command; NaN where it is not defined."""
 
     delay: Parameter  # [s]
@@ -34,7 +34,7 @@ class _AxleResponse(NamedTuple):
 
 def find_response(
     signals: StopSignals, command: float, braking: Braking, start_share: float
-) -> Response:
+) -> BrakeResponse:
     """The mean response of all axles, weighted by their brakes.
 
     It is not defined where WSP, a slide or another brake disturbs the build-up.
@@ -73,7 +73,7 @@ def find_response(
     total = sum(r.weight for r in axles)
     unknown = Parameter(math.nan, math.nan)
     if not total:
-        return Response(unknown, unknown, math.nan)
+        return BrakeResponse(unknown, unknown, math.nan)
     delay_mean, full_mean = (
         Parameter(
             sum(r.weight * x.value for r, x in zip(axles, times, strict=True)) / total,
@@ -82,10 +82,10 @@ def find_response(
         for times in ([r.delay for r in axles], [r.build_up for r in axles])
     )
     if disturbed or full_mean.value > _LONGEST_BUILD_UP * (braking.stop - command):
-        return Response(delay_mean, unknown, total / len(axles))
+        return BrakeResponse(delay_mean, unknown, total / len(axles))
     sigma = math.hypot(delay_mean.tolerance, full_mean.tolerance) / 2.0
     mean = (delay_mean.value + full_mean.value) / 2.0
-    return Response(delay_mean, Parameter(mean, sigma), total / len(axles))
+    return BrakeResponse(delay_mean, Parameter(mean, sigma), total / len(axles))
 
 
 def _since_command(time: Parameter, command: float) -> Parameter:

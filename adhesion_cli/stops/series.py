@@ -90,7 +90,7 @@ class Group(NamedTuple):
     statistics: Mapping[str, Statistic]  # by quantity, those that a stop has
 
 
-class Difference(NamedTuple):
+class GroupDifference(NamedTuple):
     """A quantity of one group less that of another."""
 
     from_group: str
@@ -102,7 +102,7 @@ class Difference(NamedTuple):
     share: float  # of the earlier value
 
 
-class Limit(NamedTuple):
+class GroupLimit(NamedTuple):
     """A limit that the user states."""
 
     quantity: str
@@ -228,7 +228,7 @@ def _drift(runs: Floats, values: Floats) -> tuple[float | None, float | None]:
     return slope, _student(n - 2) * sigma
 
 
-def differences(groups: Sequence[Group], pairs: Iterable[tuple[str, str]]) -> list[Difference]:
+def differences(groups: Sequence[Group], pairs: Iterable[tuple[str, str]]) -> list[GroupDifference]:
     """What the second group of each pair has more than the first, quantity by quantity.
 
     Args:
@@ -248,7 +248,7 @@ def differences(groups: Sequence[Group], pairs: Iterable[tuple[str, str]]) -> li
 
 def _difference(
     from_group: str, to_group: str, quantity: str, a: Statistic, b: Statistic
-) -> Difference:
+) -> GroupDifference:
     """The difference of two means. Source: Welch and Satterthwaite, JCGM 100, G.4."""
     variances, freedom = [], []
     for x in (a, b):
@@ -269,10 +269,10 @@ def _difference(
         common = math.hypot(a.common_u95, b.common_u95)
     u95 = math.hypot(factor * math.sqrt(variance), common)
     share = value / a.mean if a.mean else 0.0
-    return Difference(from_group, to_group, quantity, value, u95, abs(value) > u95, share)
+    return GroupDifference(from_group, to_group, quantity, value, u95, abs(value) > u95, share)
 
 
-def judge(groups: Iterable[Group], limits: Sequence[Limit]) -> list[LimitVerdict]:
+def judge(groups: Iterable[Group], limits: Sequence[GroupLimit]) -> list[LimitVerdict]:
     """Each limit against each group that has the quantity."""
     return [
         verdict
@@ -283,7 +283,7 @@ def judge(groups: Iterable[Group], limits: Sequence[Limit]) -> list[LimitVerdict
     ]
 
 
-def _verdicts(group: str, limit: Limit, x: Statistic) -> Iterator[LimitVerdict]:
+def _verdicts(group: str, limit: GroupLimit, x: Statistic) -> Iterator[LimitVerdict]:
     """The highest and the lowest value of a limit, those that are stated."""
     if limit.highest is not None:
         verdict = _decide(x.mean - limit.highest, x.u95)

@@ -22,7 +22,7 @@ UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where no
 UNKNOWN_DELAY = 0.1  # 1 sigma of a train speed's delay that the log does not show [s]
 
 
-class Series(NamedTuple):
+class TimeSeries(NamedTuple):
     """A quantity over time, both of shape (n,); times rise, values are finite or NaN."""
 
     t: Floats
@@ -32,25 +32,27 @@ class Series(NamedTuple):
         """Values at other times, shape (m,); NaN before the first and after the last."""
         return np.interp(t, self.t, self.value, left=np.nan, right=np.nan)
 
-    def cut(self, start: float, stop: float) -> "Series":
+    def cut(self, start: float, stop: float) -> "TimeSeries":
         """The samples from `start` to `stop`, both included."""
         selected = slice(*np.searchsorted(self.t, [start, np.nextafter(stop, np.inf)]))
-        return Series(self.t[selected], self.value[selected])
+        return TimeSeries(self.t[selected], self.value[selected])
 
 
 class StopSignals(NamedTuple):
     """The signals of one log."""
 
-    speed: Series  # of the train [m/s]
+    speed: TimeSeries  # of the train [m/s]
     speed_from: SpeedSource
     scale: float  # 1 sigma of the speed's scale, as a share
     delay_sigma: float  # 1 sigma of the speed's delay [s]
-    rims: Mapping[int, Series]  # by axle, the speed of the wheel's rim as the train's [m/s]
-    brakes: Mapping[int, Series]  # by axle, cylinder pressure [Pa], else clamping force [N]
-    commands: Mapping[str, Series]  # brake_command, emergency, brake_pipe: where the log has them
-    valves: Mapping[int, Series] = {}  # by axle, its vent valve, else its hold valve: 0 or 1
-    sanding: Series | None = None  # 0 or 1
-    reservoir: Series | None = None  # pressure [Pa]
+    rims: Mapping[int, TimeSeries]  # by axle, the speed of the wheel's rim as the train's [m/s]
+    brakes: Mapping[int, TimeSeries]  # by axle, cylinder pressure [Pa], else clamping force [N]
+    commands: Mapping[
+        str, TimeSeries
+    ]  # brake_command, emergency, brake_pipe: where the log has them
+    valves: Mapping[int, TimeSeries] = {}  # by axle, its vent valve, else its hold valve: 0 or 1
+    sanding: TimeSeries | None = None  # 0 or 1
+    reservoir: TimeSeries | None = None  # pressure [Pa]
     by_pressure: bool = True  # whether `brakes` are pressures
 
 
@@ -67,11 +69,12 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     t = _seconds(base, start_ns)
     rims = {r.axle: _on_segments(r, r.wheel_speed, start_ns) for r in records}
     rims = {
-        axle: Series(rim.t, rim.value * vehicle.radius(axle).value) for axle, rim in rims.items()
+        axle: TimeSeries(rim.t, rim.value * vehicle.radius(axle).value)
+        for axle, rim in rims.items()
     }
     measured = base.train_speed is not None and not base.train_speed_made
     if measured and base.train_speed is not None:
-        train = Series(*_in_order(t, base.train_speed))
+        train = TimeSeries(*_in_order(t, base.train_speed))
         rims = {axle: _as_train(rim, train) for axle, rim in rims.items()}
     else:
         train = _fastest(rims, rims[base.axle].t)
@@ -119,12 +122,12 @@ def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
     series = [_series(c, start_ns) for c in speeds]
     if source == "axles":  # ω to the speed of the rim
         series = [
-            Series(x.t, x.value * vehicle.radius(c.axle or 1).value)
+            TimeSeries(x.t, x.value * vehicle.radius(c.axle or 1).value)
             for x, c in zip(series, speeds, strict=True)
         ]
     speed = max(series, key=lambda x: len(x.t))
     if source == "axles":
-        speed = Series(speed.t, np.fmax.reduce([x.interpolated(speed.t) for x in series]))
+        speed = TimeSeries(speed.t, np.fmax.reduce([x.interpolated(speed.t) for x in series]))
     brakes = {
         c.axle or i: _series(c, start_ns)
         for i, c in enumerate(_channels(log, "pressure") or _channels(log, "clamping_force"), 1)
@@ -139,21 +142,21 @@ def _channels(log: Log, meaning: Meaning) -> list[Channel]:
     return [c for c in log.channels if c.meaning == meaning and len(c.data.t) > 1]
 
 
-def _series(channel: Channel, start_ns: int) -> Series:
+def _series(channel: Channel, start_ns: int) -> TimeSeries:
     """The samples of a channel that may be used, without single outliers."""
     data = channel.data
     is_used = data.valid & np.isfinite(data.value)
     t = (data.t[is_used] - start_ns) * np.float64(1e-9)
     return (
-        Series(*_in_order(t, median_of_five(data.value[is_used])))
+        TimeSeries(*_in_order(t, median_of_five(data.value[is_used])))
         if is_used.any()
-        else Series(t, t)
+        else TimeSeries(t, t)
     )
 
 
-def _commands(log: Log) -> dict[str, Series]:
+def _commands(log: Log) -> dict[str, TimeSeries]:
     start_ns = log.start_ns()
-    commands: dict[str, Series] = {}
+    commands: dict[str, TimeSeries] = {}
     for channel in log.channels:
         name = str(channel.meaning)
         if name in ("brake_command", "emergency", "brake_pipe") and len(channel.data.t) > 1:
@@ -178,11 +181,13 @@ def _with_states(signals: StopSignals, log: Log) -> StopSignals:
     )
 
 
-def _as_logged(channel: Channel, start_ns: int) -> Series:
+def _as_logged(channel: Channel, start_ns: int) -> TimeSeries:
     """The samples of a state: a valve may open for one of them."""
     data = channel.data
     is_used = data.valid & np.isfinite(data.value)
-    return Series(*_in_order((data.t[is_used] - start_ns) * np.float64(1e-9), data.value[is_used]))
+    return TimeSeries(
+        *_in_order((data.t[is_used] - start_ns) * np.float64(1e-9), data.value[is_used])
+    )
 
 
 def _in_order(t: Floats, value: Floats) -> tuple[Floats, Floats]:
@@ -195,26 +200,26 @@ def _seconds(record: AxleRecord, start_ns: int) -> Floats:
     return (record.t - start_ns) * np.float64(1e-9)
 
 
-def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> Series:
+def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> TimeSeries:
     """A channel of an axle with NaN between its segments, which nothing may cross."""
     t, value = _seconds(record, start_ns), x.astype(np.float64)
     times, values = [], []
     for s in record.segments:
         times.append(np.append(t[s], t[s][-1] + 1e-6))
         values.append(np.append(value[s], np.nan))
-    return Series(*_in_order(np.concatenate(times), np.concatenate(values)))
+    return TimeSeries(*_in_order(np.concatenate(times), np.concatenate(values)))
 
 
-def _as_train(rim: Series, train: Series) -> Series:
+def _as_train(rim: TimeSeries, train: TimeSeries) -> TimeSeries:
     """A rim speed on the train's scale: their usual ratio while the wheel rolls is taken off."""
     v = train.interpolated(rim.t)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = v / rim.value
         rolls = (v > _RATIO_SPEED) & (np.abs(ratio - 1.0) < 2.0 * _ROLLING)
-    return Series(rim.t, rim.value * float(np.median(ratio[rolls]))) if rolls.any() else rim
+    return TimeSeries(rim.t, rim.value * float(np.median(ratio[rolls]))) if rolls.any() else rim
 
 
-def _shaped(train: Series, rims: Mapping[int, Series], interval: float) -> Series:
+def _shaped(train: TimeSeries, rims: Mapping[int, TimeSeries], interval: float) -> TimeSeries:
     """A slow train speed with the shape of the fastest wheel between its samples.
 
     The wheels are quick and creep; the train speed is slow and does not. The sum of the wheels'
@@ -231,9 +236,9 @@ def _shaped(train: Series, rims: Mapping[int, Series], interval: float) -> Serie
     stop = np.searchsorted(train.t, train.t + half_window, side="right")
     total, count = (np.append(0.0, np.cumsum(x)) for x in (rolling_difference, rolls))
     mean = (total[stop] - total[first_index]) / np.maximum(count[stop] - count[first_index], 1)
-    return Series(train.t, np.where(rolls, fastest + mean, train.value))
+    return TimeSeries(train.t, np.where(rolls, fastest + mean, train.value))
 
 
-def _fastest(rims: Mapping[int, Series], t: Floats) -> Series:
+def _fastest(rims: Mapping[int, TimeSeries], t: Floats) -> TimeSeries:
     """The speed of the fastest rim."""
-    return Series(t, np.fmax.reduce([rim.interpolated(t) for rim in rims.values()]))
+    return TimeSeries(t, np.fmax.reduce([rim.interpolated(t) for rim in rims.values()]))

@@ -8,7 +8,7 @@ from ..core.model import Floats, Parameter
 from ..core.physics import SLOW
 from ..core.signals import robust_sigma
 from .brake_levels import quantisation_step
-from .signals import Series
+from .signals import TimeSeries
 
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _RESAMPLED = 0.02  # step of the smoothed speed [s]
@@ -16,7 +16,7 @@ _FALL, _LOCKING = 0.3, 1.0  # a train that is faster that long before standstill
 _GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 
 
-def smoothed_speed(speed: Series, command: float, stop: float) -> tuple[Floats, Floats, float]:
+def smoothed_speed(speed: TimeSeries, command: float, stop: float) -> tuple[Floats, Floats, float]:
     """Times and smoothed speed of a braking, and the noise of one sample of the speed [m/s].
 
     Local polynomials of second degree over one second. They begin a second before the command,
@@ -41,7 +41,7 @@ def smoothed_speed(speed: Series, command: float, stop: float) -> tuple[Floats, 
     return t, np.maximum(smooth, 0.0), math.hypot(noise, steps / math.sqrt(12.0))
 
 
-def locked_time(speed: Series, t: Floats, v: Floats) -> float:
+def locked_time(speed: TimeSeries, t: Floats, v: Floats) -> float:
     """How long all wheels may be locked before the train stands [s].
 
     They then fall to zero from a speed from which no train stops at once.

@@ -23,8 +23,8 @@ from ..results.friction_groups import GroupedRun, find_friction_differs, group_b
 from ..results.geojson import MapOfLog, map_of_log
 from ..results.report.protocol import Protocol
 from ..stops.series import (
-    Difference,
     Group,
+    GroupDifference,
     LimitVerdict,
     SeriesStop,
     WspSummary,
@@ -51,7 +51,7 @@ class BrakeTest(NamedTuple):
 
     stops: tuple[SeriesStop, ...]
     groups: tuple[Group, ...]
-    differences: tuple[Difference, ...]
+    differences: tuple[GroupDifference, ...]
     limits: tuple[LimitVerdict, ...]
     wsp: tuple[WspSummary, ...]
     findings: tuple[Finding, ...]
@@ -232,6 +232,6 @@ def document(test: BrakeTest) -> Json:
     )
 
 
-def _difference(x: Difference) -> Json:
+def _difference(x: GroupDifference) -> Json:
     names = {"from": x.from_group, "to": x.to_group}
     return names | {k: v for k, v in as_json(x).items() if k not in ("from_group", "to_group")}

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from ..core import toml
 from ..core.errors import UserError, unknown
-from ..stops.series import QUANTITIES, Limit
+from ..stops.series import QUANTITIES, GroupLimit
 
 _SECTIONS = ("group", "compare", "limits", "wsp", "protocol")
 _GROUP_KEYS = {
@@ -37,7 +37,7 @@ class Plan(NamedTuple):
 
     groups: tuple[PlannedGroup, ...] = ()
     pairs: tuple[tuple[str, str], ...] = ()
-    limits: tuple[Limit, ...] = ()
+    limits: tuple[GroupLimit, ...] = ()
     dry: str = ""
     wet: str = ""
     reservoir_volume: float = 0.0  # [l]; 0: not stated
@@ -154,7 +154,7 @@ def _known(path: Path, names: Sequence[str], name: Any) -> str:
     return str(name)
 
 
-def _limit(path: Path, quantity: str, entry: Any) -> Limit:
+def _limit(path: Path, quantity: str, entry: Any) -> GroupLimit:
     if quantity not in QUANTITIES:
         raise unknown(f"quantity in [limits] of {path}", quantity, list(QUANTITIES))
     bounds = entry if isinstance(entry, dict) else {}
@@ -162,4 +162,4 @@ def _limit(path: Path, quantity: str, entry: Any) -> Limit:
     if not numbers or bounds.keys() - {"max", "min"} or len(numbers) < len(bounds):
         text = f"{path}: limits.{quantity} = {entry!r} is no limit"
         raise UserError(text, "for example {max = 300}, {min = 0.9}, or both", code=2)
-    return Limit(quantity, numbers.get("max"), numbers.get("min"))
+    return GroupLimit(quantity, numbers.get("max"), numbers.get("min"))

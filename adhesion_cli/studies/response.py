@@ -32,7 +32,7 @@ _LONGEST = 400.0  # time after which it is taken as it is [s]
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
+class FrequencyResponse:
     """One estimator at one amplitude; None: any amplitude, it is linear. Columns over frequency."""
 
     algo: str
@@ -45,7 +45,7 @@ class Response:
 
 def responses(
     est: Estimator, p: Any, w: Wheelset, frequencies: Sequence[float] = FREQUENCIES
-) -> list[Response]:
+) -> list[FrequencyResponse]:
     """The response at each of `AMPLITUDES`, or a single one where they make no difference.
 
     Args:
@@ -59,7 +59,7 @@ def responses(
     difference = float(np.max(np.abs(np.diff(measured, axis=0)) / np.abs(measured[1:]).clip(1e-9)))
     amplitudes: Sequence[float | None] = AMPLITUDES if difference > LINEAR else (None,)
     return [
-        Response(
+        FrequencyResponse(
             est.name,
             A,
             f,
@@ -82,7 +82,7 @@ def harmonic(t: Floats, x: Floats, frequency: float) -> complex:
     return complex(float(sine), float(cosine))
 
 
-def panels(responses: Sequence[Response]) -> list[Panel]:
+def panels(responses: Sequence[FrequencyResponse]) -> list[Panel]:
     """Gain, delay and noise gain over frequency; larger amplitudes are dashed."""
     columns = (
         ("Gain of the force", "gain", [r.gain for r in responses]),

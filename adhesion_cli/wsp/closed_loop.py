@@ -22,8 +22,17 @@ from ..rail import slope
 from ..rail.slope import region
 from . import plant as plants
 from .controller import registry
-from .plant import Demand, MovingTrain, Plant, Track, WheelStates, adhesion, advance_to, rail_under
-from .scenario import Antiskid, Limit, Rail, Scenario, Section
+from .plant import (
+    Demand,
+    MovingTrain,
+    Plant,
+    RailConditions,
+    WheelStates,
+    adhesion,
+    advance_to,
+    rail_under,
+)
+from .scenario import Antiskid, Rail, Scenario, Section, StopLimit
 from .stop import Stop, Verdict
 from .wsp_controller import Constants, Settings, bands, choose, initial_wheels, slip_of, start, tick
 
@@ -74,7 +83,7 @@ class _World(NamedTuple):
     """Train, rail and sensors."""
 
     plant: Plant
-    track: Track
+    track: RailConditions
     demand: Demand
     wheels: WheelStates
     dt: float  # of the plant [s]
@@ -169,7 +178,9 @@ def _march(world: _World, train: MovingTrain, c: Constants, bands: slope.Bands) 
     return len(trace.demand)
 
 
-def _peaks(plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, rim: Floats) -> None:
+def _peaks(
+    plant: Plant, track: RailConditions, t: Floats, v: Floats, x: Floats, rim: Floats
+) -> None:
     """Fills the rim speed of the greatest adhesion force at each sample; shapes as in `forces`.
 
     The slope of the force changes its sign there. A fitted rail may have several such places: the
@@ -205,7 +216,7 @@ def run(
     seed: int | None = None,
     algo: str = ESTIMATOR,
     settings: Settings | None = None,
-    track: Track | None = None,
+    track: RailConditions | None = None,
 ) -> Stop:
     """One stop.
 
@@ -257,7 +268,7 @@ def run(
     return stop
 
 
-def follow(scenario: Scenario, track: Track, logged: Logged) -> Stop:
+def follow(scenario: Scenario, track: RailConditions, logged: Logged) -> Stop:
     """The stop in which every wheel slides as in a log.
 
     A wheel that slides has the log's slip, and so the force of the rail at that slip. With the
@@ -300,7 +311,7 @@ def follow(scenario: Scenario, track: Track, logged: Logged) -> Stop:
 
 def _follow(  # noqa: PLR0913 (compiled)
     plant: Plant,
-    track: Track,
+    track: RailConditions,
     speed: float,
     slip: Floats,
     rolling: Floats,
@@ -331,7 +342,7 @@ def _follow(  # noqa: PLR0913 (compiled)
 
 
 def _on_rail(
-    plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, rim: Floats
+    plant: Plant, track: RailConditions, t: Floats, v: Floats, x: Floats, rim: Floats
 ) -> dict[str, Any]:
     """Force, slip, and those of the peak of the rail: fields of `Stop`."""
     from ..core import compiled
@@ -363,7 +374,7 @@ def _check_stopped(name: str, stop_index: int, ticks: int, h: float) -> None:
         raise UserError(text, "a stronger brake that stays applied, or a better rail")
 
 
-def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, MovingTrain]:
+def _world(s: Scenario, track: RailConditions, seed: int) -> tuple[_World, MovingTrain]:
     """Train, rail and sensors of a scenario at the start, with an empty trace."""
     antiskid, axles, dt = s.antiskid, s.train.axles, s.dt
     stride, delay, dead = (
@@ -408,7 +419,7 @@ def speed_noise(s: Scenario) -> float:
     return math.sqrt(train + rim)
 
 
-def dry_distance(scenario: Scenario, track: Track | None = None) -> float:
+def dry_distance(scenario: Scenario, track: RailConditions | None = None) -> float:
     """Stopping distance of the same train and brake on dry rail, without controller [m].
 
     Args:
@@ -428,7 +439,7 @@ def compare_laws(
     algo: str,
     settings: Settings,
     progress: Callable[[str], None],
-    track: Track | None = None,
+    track: RailConditions | None = None,
 ) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
     """Dry distance [m], and the stop under every controller by name; arguments as in `run`.
 
@@ -471,7 +482,7 @@ def _stopping_distance(stop: Stop, scenario: Scenario) -> float:
     return float(stop.distance[-1] - np.interp(demanded, stop.t * 1e-9, stop.distance))
 
 
-def against(limits: Sequence[Limit], v: Verdict) -> Iterator[tuple[Limit, bool]]:
+def against(limits: Sequence[StopLimit], v: Verdict) -> Iterator[tuple[StopLimit, bool]]:
     """Each limit, and whether the stop keeps it; a quantity without a value keeps it."""
     for limit in limits:
         value = getattr(v, limit.quantity)

@@ -9,9 +9,9 @@ from ..core.annotated import Json
 from ..core.document import findings_document, finite, tagged
 from ..core.finding import Finding
 from . import wsp_controller
-from .plant import Track
+from .plant import RailConditions
 from .replay import Answer, Case
-from .scenario import Limit, Scenario
+from .scenario import Scenario, StopLimit
 from .stop import Stop
 from .sweep import SweepRow
 
@@ -59,7 +59,7 @@ def replay_document(
     return antiskid_document(stop, name, parameters, dry, median, **of_log)
 
 
-def limits_document(rows: Sequence[tuple[str, Limit, bool | float]]) -> list[Json]:
+def limits_document(rows: Sequence[tuple[str, StopLimit, bool | float]]) -> list[Json]:
     """Which controller keeps which limit, or in what share; an end that is not stated is None."""
     limits = []
     for law, x, ok in rows:
@@ -74,7 +74,7 @@ def stop_settings(
     case: Scenario,
     settings: wsp_controller.Settings,
     settings_tree: Json,
-    track: Track | None = None,
+    track: RailConditions | None = None,
     **more: str,
 ) -> Json:
     """All that a stop was made from, as the settings its file carries.

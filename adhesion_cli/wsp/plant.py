@@ -59,7 +59,7 @@ class Demand(NamedTuple):
     p: Floats  # [Pa]
 
 
-class Track(NamedTuple):
+class RailConditions(NamedTuple):
     """Rail condition under each axle as straight lines between knots."""
 
     timed: bool  # knots are times, not places
@@ -108,7 +108,7 @@ def demand_of(s: Scenario) -> Demand:
     return Demand(np.array([*t, INF]), np.array([*p, p[-1]]))
 
 
-def track_of(s: Scenario) -> Track:
+def track_of(s: Scenario) -> RailConditions:
     """The rail of a scenario, film laid over its sections, as each axle finds it cleaned."""
     rail = s.rail
     knots: list[float] = []
@@ -122,7 +122,7 @@ def track_of(s: Scenario) -> Track:
     wave = rail.wave or Wave(0.0, 1.0)
     wheel_values = np.array([[*values, values[-1]]] * s.train.axles)
     wheel_values[:, :, 2] *= np.array(s.train.cleaning or [1.0] * s.train.axles)[:, None]  # f0
-    return Track(
+    return RailConditions(
         rail.along == "time", np.array([*knots, INF]), wheel_values, wave.amplitude, wave.period
     )
 
@@ -169,7 +169,7 @@ def rolling(v: float, axles: int) -> tuple[MovingTrain, WheelStates]:
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def rail_at(track: Track, axle: int, z: float, j: int, rail: Floats) -> int:
+def rail_at(track: RailConditions, axle: int, z: float, j: int, rail: Floats) -> int:
     """Fills `rail` with the condition at place or time `z`; returns the knot before it.
 
     `axle` counts from 0, `j` is that knot or an earlier one.
@@ -185,7 +185,7 @@ def rail_at(track: Track, axle: int, z: float, j: int, rail: Floats) -> int:
 
 
 def rail_under(  # noqa: PLR0913 (compiled)
-    plant: Plant, track: Track, axle: int, t: float, x: float, j: int, rail: Floats
+    plant: Plant, track: RailConditions, axle: int, t: float, x: float, j: int, rail: Floats
 ) -> int:
     """`rail_at` under an axle of a train whose first axle is at `x` at time `t`."""
     z = t if track.timed else x - plant.positions[axle]
@@ -199,7 +199,7 @@ def adhesion(sliding: float, speed: float, rail: Floats, patch: Patch) -> tuple[
 
 
 def forces(  # noqa: PLR0913 (compiled: one array each)
-    plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, w: Floats, force: Floats
+    plant: Plant, track: RailConditions, t: Floats, v: Floats, x: Floats, w: Floats, force: Floats
 ) -> None:
     """Fills the adhesion force at each sample; shapes (n,), of `w` [m/s] and `force` (n, axles)."""
     rail = np.zeros(5)
@@ -229,7 +229,9 @@ def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float)
     return max(p1, p - plant.vent_rate * h) if plant.vent_rate < math.inf else p1
 
 
-def _stage(plant: Plant, track: Track, s: WheelStates, h: float, v_from: float, v: float) -> float:
+def _stage(
+    plant: Plant, track: RailConditions, s: WheelStates, h: float, v_from: float, v: float
+) -> float:
     """Implicit stage: v = v_from − h (ΣF/M + r + C v²), w = w_from + h R² (F − B)/I, none below 0.
 
     Newton's method with an arrow Jacobian. F is very steep about zero sliding. An iterate that
@@ -269,7 +271,12 @@ def _stage(plant: Plant, track: Track, s: WheelStates, h: float, v_from: float, 
 
 
 def advance_to(
-    plant: Plant, track: Track, demand: Demand, s: MovingTrain, wheels: WheelStates, t_stop: float
+    plant: Plant,
+    track: RailConditions,
+    demand: Demand,
+    s: MovingTrain,
+    wheels: WheelStates,
+    t_stop: float,
 ) -> MovingTrain:
     """The train at time `t_stop` [s]; a step ends at every jump and kink of demand or rail."""
     t, v, x, demand_pressure, i, j = s.t, s.v, s.x, s.demand_pressure, s.demand_knot, s.track_knot
@@ -310,7 +317,7 @@ def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
 
 def _step(  # noqa: PLR0913 (compiled: plain floats)
     plant: Plant,
-    track: Track,
+    track: RailConditions,
     s: WheelStates,
     demand: float,
     rise: float,

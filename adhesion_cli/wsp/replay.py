@@ -46,7 +46,7 @@ from ..train.explain import STATED_SIGMAS
 from ..train.longitudinal import tolerance
 from . import closed_loop, replay_rail
 from .closed_loop import Logged
-from .plant import Track
+from .plant import RailConditions
 from .replay_rail import RailUnderAxle
 from .scenario import INF, Antiskid, Command, Scenario, ScenarioBrake, ScenarioTrain
 from .stop import Stop, Verdict
@@ -74,8 +74,8 @@ class Case(NamedTuple):
 
     start_s: float  # of the brake, after the log's start [s]
     scenario: Scenario  # train and demand
-    track: Track  # the best fit
-    draws: list[tuple[Scenario, Track]]
+    track: RailConditions  # the best fit
+    draws: list[tuple[Scenario, RailConditions]]
     logged: Logged  # what the log shows of its axles
     logged_m: float | None  # distance in the log from the same moment to standstill
     demanded: bool  # the demand is known
@@ -210,7 +210,7 @@ def _draws(
     places: Sequence[Sequence[tuple[float, float]]],
     demand: tuple[Floats, Bools],
     impulse: Floats | None,
-) -> list[tuple[Scenario, Track]]:
+) -> list[tuple[Scenario, RailConditions]]:
     """Stops that are as likely as the best fit.
 
     `demand` and where it is known are from `_demand`, `impulse` from `_impulse`.
@@ -255,8 +255,12 @@ def _impulse(result: Result, braking: _Braking) -> Floats | None:
 
 
 def _with_resistance(
-    track: Track, braking: _Braking, impulse: Floats | None, scale: float, error: float = 0.0
-) -> Track:
+    track: RailConditions,
+    braking: _Braking,
+    impulse: Floats | None,
+    scale: float,
+    error: float = 0.0,
+) -> RailConditions:
     """The track with what slows the train beside its axles: a constant, and drag over v².
 
     Args:
@@ -323,7 +327,7 @@ def answers(
     """
 
     def stops(
-        draw: tuple[Scenario, Track], progress: Callable[[str], None] = lambda _: None
+        draw: tuple[Scenario, RailConditions], progress: Callable[[str], None] = lambda _: None
     ) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
         scenario, track = draw
         dry, by_law = closed_loop.compare_laws(scenario, seed, algo, settings, progress, track)
@@ -332,7 +336,7 @@ def answers(
             by_law[closed_loop.LOGGED] = stop, closed_loop.verdict(stop, scenario, dry)
         return dry, by_law
 
-    def verdicts(draw: tuple[Scenario, Track]) -> dict[str, Verdict]:
+    def verdicts(draw: tuple[Scenario, RailConditions]) -> dict[str, Verdict]:
         return {law: v for law, (_, v) in stops(draw)[1].items()}
 
     dry, best = stops((case.scenario, case.track), progress)
@@ -546,7 +550,7 @@ def _commands(braking: _Braking, demand: Floats) -> tuple[Command, ...]:
 
 def _track(
     places: Sequence[Sequence[tuple[float, float]]], rails: Sequence[Condition | None]
-) -> Track:
+) -> RailConditions:
     """Each axle's rail at its places, from and to [m], in order; dry elsewhere."""
     limits = {x for axle in places for place in axle for x in place if x < INF}
     knots = np.unique([0.0, *limits, *(x + _BLEND for x in limits)])
@@ -562,4 +566,4 @@ def _track(
         conditions[:2] = np.minimum(conditions[:2], 1.0)
         rail_values = dry + weight[:, None] * (conditions - dry)
         values.append([*rail_values, rail_values[-1]])
-    return Track(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)
+    return RailConditions(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)

@@ -166,7 +166,7 @@ class Antiskid:
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class StopLimit:
     """What a stop must keep, with its source; none is built in."""
 
     quantity: Literal[
@@ -240,7 +240,7 @@ class Scenario:
     contact: Contact = field(default_factory=Contact)
     wsp: Wsp | None = None
     antiskid: Antiskid = field(default_factory=Antiskid)  # of `adhesion antiskid`, not the log's
-    limit: tuple[Limit, ...] = ()
+    limit: tuple[StopLimit, ...] = ()
     rig: Rig | None = None
     dt: Annotated[float, Quantity("s", "step of integration and dense output", 1e-6, 0.02)] = 1e-3
     seed: Annotated[int, Quantity("-", "seed of the sensor noise", 0)] = 0

@@ -24,7 +24,7 @@ from .plant import (
     Demand,
     MovingTrain,
     Plant,
-    Track,
+    RailConditions,
     WheelStates,
     advance_to,
     radii,
@@ -67,7 +67,7 @@ def _decide(wsp: Wsp, v: float, wheels: WheelStates, previous: Floats) -> None:
 
 def _integrate(  # noqa: PLR0913 (compiled: one array each)
     plant: Plant,
-    track: Track,
+    track: RailConditions,
     demand: Demand,
     wsp: Wsp,
     train: MovingTrain,

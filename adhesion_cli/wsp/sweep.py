@@ -9,7 +9,7 @@ import numpy as np
 from ..core import threads
 from .closed_loop import ESTIMATOR, against, dry_distance, run, verdict
 from .controller import registry
-from .scenario import Film, Limit, Rail, Scenario, Section
+from .scenario import Film, Rail, Scenario, Section, StopLimit
 from .stop import Verdict
 from .wsp_controller import Settings
 
@@ -53,7 +53,7 @@ class SweepRow(NamedTuple):
     dry_distance_m: float
     values: Values
     compared: Compared
-    limits: tuple[tuple[Limit, float], ...] = ()  # each with the share of stops that keep it
+    limits: tuple[tuple[StopLimit, float], ...] = ()  # each with the share of stops that keep it
 
 
 def sweep(

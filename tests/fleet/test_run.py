@@ -16,7 +16,7 @@ from adhesion_cli.core.summary import FailedLog
 from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
 from adhesion_cli.fleet.locations import find
 from adhesion_cli.fleet.processes import Processes
-from adhesion_cli.fleet.run import State, run
+from adhesion_cli.fleet.run import FleetProgress, run
 from adhesion_cli.fleet.work import Job
 from adhesion_cli.results import tables
 
@@ -58,19 +58,21 @@ def of(folder: Path, table: str) -> list[dict[str, Any]]:
     return dataset.dataset(folder / table, format="parquet").to_table().to_pylist()
 
 
-def campaign(logs: Path, folder: Path, workers: Killed, **more: Any) -> State:
+def campaign(logs: Path, folder: Path, workers: Killed, **more: Any) -> FleetProgress:
     workers.submitted = []
     kept = Dataset(folder, JOB.settings, JOB.version)
     return run(find([str(logs)]), JOB, kept, workers, **more)
 
 
 @pytest.fixture(scope="module")
-def first(logs: Path, workers: Killed) -> tuple[Path, State]:
+def first(logs: Path, workers: Killed) -> tuple[Path, FleetProgress]:
     folder = logs.parent / "results"
     return folder, campaign(logs, folder, workers)
 
 
-def test_each_log_has_a_row_with_what_became_of_it(logs: Path, first: tuple[Path, State]) -> None:
+def test_each_log_has_a_row_with_what_became_of_it(
+    logs: Path, first: tuple[Path, FleetProgress]
+) -> None:
     folder, state = first
     rows = {Path(row["log"]).name: row for row in of(folder, "logs")}
     assert {name: row["status"] for name, row in rows.items()} == {
@@ -86,12 +88,12 @@ def test_each_log_has_a_row_with_what_became_of_it(logs: Path, first: tuple[Path
     assert {row["version"] for row in rows.values()} == {"1.2"}
 
 
-def test_two_logs_with_one_content_are_analysed_once(first: tuple[Path, State]) -> None:
+def test_two_logs_with_one_content_are_analysed_once(first: tuple[Path, FleetProgress]) -> None:
     names = [Path(row["log"]).name for row in of(first[0], "applications")]
     assert sorted(names) == ["copy.csv", "once.csv"]
 
 
-def test_the_tables_hold_what_analyze_gives(logs: Path, first: tuple[Path, State]) -> None:
+def test_the_tables_hold_what_analyze_gives(logs: Path, first: tuple[Path, FleetProgress]) -> None:
     log = logs / "once.csv"
     one = summarise(analyze(log, Settings(), train_speed=True), {})
     for name in ("applications", "stops", "estimators", "findings"):
@@ -102,7 +104,7 @@ def test_the_tables_hold_what_analyze_gives(logs: Path, first: tuple[Path, State
 
 
 def test_a_second_run_tries_only_what_failed(
-    logs: Path, first: tuple[Path, State], workers: Killed
+    logs: Path, first: tuple[Path, FleetProgress], workers: Killed
 ) -> None:
     folder, _ = first
     before = {p: (p.read_bytes(), p.stat().st_ino) for p in folder.glob("applications/*")}
@@ -113,7 +115,7 @@ def test_a_second_run_tries_only_what_failed(
 
 
 def test_a_new_name_of_a_known_log_is_added_without_analysis(
-    logs: Path, first: tuple[Path, State], workers: Killed
+    logs: Path, first: tuple[Path, FleetProgress], workers: Killed
 ) -> None:
     again = logs.parent / "moved.csv"
     again.write_bytes((logs / "once.csv").read_bytes())
@@ -125,7 +127,7 @@ def test_a_new_name_of_a_known_log_is_added_without_analysis(
 
 
 def test_a_log_that_can_be_read_at_last_loses_its_failed_row(
-    logs: Path, first: tuple[Path, State], workers: Killed
+    logs: Path, first: tuple[Path, FleetProgress], workers: Killed
 ) -> None:
     (logs / "nowhere").write_bytes((logs / "once.csv").read_bytes())
     campaign(logs / "lost.csv", first[0], workers)
@@ -152,7 +154,7 @@ def test_settings_decide_the_hash() -> None:
     assert hashed({"x": one}) == hashed({"x": same}) != hashed({"x": {}})
 
 
-def test_every_table_has_a_file_for_each_log(first: tuple[Path, State]) -> None:
+def test_every_table_has_a_file_for_each_log(first: tuple[Path, FleetProgress]) -> None:
     files = {name: {p.name for p in (first[0] / name).iterdir()} for name in TABLES}
     assert files["applications"] == files["estimators"] == files["findings"] < files["logs"]
     assert all(name.endswith(f"-{JOB.settings}-1.2.parquet") for name in files["logs"])

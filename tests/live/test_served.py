@@ -19,9 +19,9 @@ from adhesion_cli.live.gate import Gate
 def test_foxglove_gets_the_topics_of_an_axle_that_comes_later() -> None:
     pytest.importorskip("foxglove")
     sync = pytest.importorskip("websockets.sync.client")
-    from adhesion_cli.live.served import Served
+    from adhesion_cli.live.served import LiveServer
 
-    served, (sample,) = Served(0, Vehicle(), [1], ["td", "imm"]), samples_of(1)
+    served, (sample,) = LiveServer(0, Vehicle(), [1], ["td", "imm"]), samples_of(1)
     served.take([sample, sample._replace(axle=2)])
     try:
         with sync.connect(served.url, subprotocols=["foxglove.sdk.v1"]) as client:
@@ -36,9 +36,9 @@ def test_foxglove_gets_the_topics_of_an_axle_that_comes_later() -> None:
 @pytest.fixture
 def served() -> Iterator[Any]:
     pytest.importorskip("foxglove")
-    from adhesion_cli.live.served import Served
+    from adhesion_cli.live.served import LiveServer
 
-    server = Served(0, Vehicle(), [1], ["td"])
+    server = LiveServer(0, Vehicle(), [1], ["td"])
     yield server
     server.close()
 
@@ -86,7 +86,7 @@ def test_after_its_end_nothing_is_connected() -> None:
 
 
 def test_a_taken_port_is_an_error(served: Any) -> None:
-    from adhesion_cli.live.served import Served
+    from adhesion_cli.live.served import LiveServer
 
     with pytest.raises(UserError, match="cannot listen"):
-        Served(int(served.url.rpartition(":")[2]), Vehicle(), [1], ["td"])
+        LiveServer(int(served.url.rpartition(":")[2]), Vehicle(), [1], ["td"])

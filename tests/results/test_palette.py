@@ -12,7 +12,7 @@ from helpers.recordings import static
 from adhesion_cli.core import estimator
 from adhesion_cli.results import palette, report, rrd
 from adhesion_cli.results.rrd import curve, parts
-from adhesion_cli.studies.response import Response, panels
+from adhesion_cli.studies.response import FrequencyResponse, panels
 from adhesion_cli.wsp import controller
 
 ESTIMATORS, CONTROLLERS = estimator.registry(), controller.registry()
@@ -87,6 +87,6 @@ def test_figures_and_viewer_agree(tmp_path: Path) -> None:
         static(tmp_path / "a.rrd", "/axle/1/force/estimates", of) for of in ("names", "colors")
     )
     t = made.axles[0].reference.force
-    (gain, *_) = panels([Response(name, None, t, t, t, t) for name in names[1:]])
+    (gain, *_) = panels([FrequencyResponse(name, None, t, t, t, t) for name in names[1:]])
     drawn = [palette.rgba(line.colour) for line in gain.lines]
     assert drawn == colours[1:]

@@ -11,7 +11,7 @@ from adhesion_cli.core.summary import StopSummary
 from adhesion_cli.stops.find import find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
 from adhesion_cli.stops.settings import StopSettings
-from adhesion_cli.stops.signals import Series, StopSignals
+from adhesion_cli.stops.signals import StopSignals, TimeSeries
 
 STEP = 0.002
 RHO = 1.06
@@ -52,9 +52,9 @@ def drawn_stop(rng: np.random.Generator) -> tuple[list[StopSummary], dict[str, f
     speed = np.maximum(step * np.round((speed * (1.0 + rng.normal(0.0, SCALE)) + noise) / step), 0)
     pressure = 3e5 * np.interp(samples, t, share) + rng.normal(0.0, 500.0, len(samples))
     pressure = 1e3 * np.round(pressure / 1e3)
-    commands = {"brake_command": Series(samples, (samples >= on) * 1.0)}
-    brakes = {1: Series(samples, pressure)}
-    signals = StopSignals(Series(samples, speed), "train", SCALE, LATE, {}, brakes, commands)
+    commands = {"brake_command": TimeSeries(samples, (samples >= on) * 1.0)}
+    brakes = {1: TimeSeries(samples, pressure)}
+    signals = StopSignals(TimeSeries(samples, speed), "train", SCALE, LATE, {}, brakes, commands)
     to_level = ToLevel(Parameter(0.0, UPHILL), RHO)
     stops = [measure_stop(signals, b, to_level, StopSettings()) for b in find_brakings(signals)]
     return stops, truth

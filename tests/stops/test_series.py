@@ -9,7 +9,7 @@ from scipy import stats
 
 from adhesion_cli.core.summary import AxleStop, Measured, StopSummary
 from adhesion_cli.stops.series import (
-    Limit,
+    GroupLimit,
     SeriesStop,
     braked_weight_percentage,
     compare_wet,
@@ -101,10 +101,10 @@ def test_a_difference_has_no_error_that_both_groups_share() -> None:
 def test_a_limit_is_kept_or_broken_by_the_whole_interval(limit: float, verdict: str) -> None:
     groups = group_stops(series({"a": [300.0, 301.0, 299.0, 300.0]}))
     assert groups[0].statistics["distance_m"].u95 == pytest.approx(3.27, abs=0.05)
-    (row,) = judge(groups, [Limit("distance_m", limit, None)])
+    (row,) = judge(groups, [GroupLimit("distance_m", limit, None)])
     assert (row.kind, row.verdict) == ("max", verdict)
     mirrored = {"pass": "fail", "fail": "pass", "undecided": "undecided"}
-    (row,) = judge(groups, [Limit("distance_m", None, limit)])
+    (row,) = judge(groups, [GroupLimit("distance_m", None, limit)])
     assert (row.kind, row.verdict) == ("min", mirrored[verdict])
 
 

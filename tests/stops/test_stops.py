@@ -16,7 +16,7 @@ from adhesion_cli.core.summary import StopSummary
 from adhesion_cli.stops.find import find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
 from adhesion_cli.stops.settings import StopSettings
-from adhesion_cli.stops.signals import Series, StopSignals, of_records
+from adhesion_cli.stops.signals import StopSignals, TimeSeries, of_records
 from adhesion_cli.stops.speed import local_polynomial
 
 FLAT = ToLevel(Parameter(0.0, 0.0), 1.0)
@@ -42,9 +42,11 @@ def signals(
     t = np.arange(0.0, min(ON + v0 / a + 12.0, until), 1.0 / rate)
     v, distance = train(v0, a, t)
     p = 3e5 * brake_share(t)
-    speed = Series(t, v)
-    commands = {"brake_command": Series(t, (t >= ON) * 1.0)} if command else {}
-    return StopSignals(speed, "train", 0.0, 0.0, {1: speed}, {1: Series(t, p)}, commands), distance
+    speed = TimeSeries(t, v)
+    commands = {"brake_command": TimeSeries(t, (t >= ON) * 1.0)} if command else {}
+    return StopSignals(
+        speed, "train", 0.0, 0.0, {1: speed}, {1: TimeSeries(t, p)}, commands
+    ), distance
 
 
 def measured(x: StopSignals, to_level: ToLevel = FLAT, **stated: float) -> list[StopSummary]:
@@ -88,7 +90,7 @@ def test_without_a_command_the_first_rise_is_the_command() -> None:
 def test_a_brake_pipe_falls_before_the_cylinders_rise() -> None:
     x, _ = signals(command=False)
     t = x.speed.t
-    pipe = Series(t, 5e5 - 1.5e5 * np.clip((t - ON - 0.1) / 2.0, 0.0, 1.0))
+    pipe = TimeSeries(t, 5e5 - 1.5e5 * np.clip((t - ON - 0.1) / 2.0, 0.0, 1.0))
     (stop,) = measured(x._replace(commands={"brake_pipe": pipe}))
     assert stop.command_from == "brake_pipe"
     assert ON <= stop.start_s <= ON + 0.4
@@ -142,20 +144,20 @@ def test_stops_that_are_none_say_why() -> None:
     t = whole.speed.t
     released = np.where(t < 20.0, whole.brakes[1].value, 0.0)
     v = np.where(t < 20.0, whole.speed.value, np.interp(20.0, t, whole.speed.value))
-    (stop,) = measured(whole._replace(speed=Series(t, v), brakes={1: Series(t, released)}))
+    (stop,) = measured(whole._replace(speed=TimeSeries(t, v), brakes={1: TimeSeries(t, released)}))
     assert (stop.valid, stop.reason) == (False, "the brake was released at 58 km/h")
 
     holey = np.where((t > 18.0) & (t < 21.0), np.nan, whole.speed.value)
-    (stop,) = measured(whole._replace(speed=Series(t, holey)))
+    (stop,) = measured(whole._replace(speed=TimeSeries(t, holey)))
     assert not stop.valid
     assert stop.reason is not None
     assert stop.reason.startswith("no speed for")
 
     late = t >= 15.0
-    begun = Series(t[late], whole.brakes[1].value[late])
+    begun = TimeSeries(t[late], whole.brakes[1].value[late])
     (stop,) = measured(
         whole._replace(
-            speed=Series(t[late], whole.speed.value[late]), brakes={1: begun}, commands={}
+            speed=TimeSeries(t[late], whole.speed.value[late]), brakes={1: begun}, commands={}
         )
     )
     assert (stop.valid, stop.reason) == (False, "the log begins with the brake applied")
@@ -168,14 +170,14 @@ def test_a_brief_brake_and_shunting_are_no_stops() -> None:
     t = x.speed.t
     short = np.where((t > ON) & (t < ON + 2.0), 2e5, 0.0)
     v = np.full(len(t), 25.0) - 1.0 * np.clip(t - ON, 0.0, 2.0)
-    assert measured(x._replace(speed=Series(t, v), brakes={1: Series(t, short)})) == []
+    assert measured(x._replace(speed=TimeSeries(t, v), brakes={1: TimeSeries(t, short)})) == []
 
 
 def test_slides_in_the_build_up_leave_no_response() -> None:
     x, _ = signals()
     t = x.speed.t
     slid = np.where((t > ON + 0.6) & (t < ON + 3.0), 0.8, 1.0) * x.speed.value
-    (stop,) = measured(x._replace(rims={1: Series(t, slid)}))
+    (stop,) = measured(x._replace(rims={1: TimeSeries(t, slid)}))
     assert (stop.response_time_s, stop.equivalent_deceleration) == (None, None)
     assert stop.delay_s is not None
     (axle,) = stop.axles
@@ -187,7 +189,7 @@ def test_a_wheel_is_locked_where_the_train_is_fast_and_not_in_the_last_metres() 
     t, v = x.speed.t, x.speed.value
     rim = np.where((t > 20.0) & (t < 22.0), 0.0, v)
     rim = np.where(v < 1.2, 0.0, rim)  # stands 0.7 m before the train does
-    (stop,) = measured(x._replace(rims={1: Series(t, rim)}))
+    (stop,) = measured(x._replace(rims={1: TimeSeries(t, rim)}))
     (axle,) = stop.axles
     assert axle.locked_s == pytest.approx(2.0, abs=0.05)
     assert axle.longest_lock_s == pytest.approx(2.0, abs=0.05)
@@ -199,15 +201,15 @@ def test_releases_by_the_valves_are_counted() -> None:
     x, _ = signals()
     t = x.speed.t
     dumped = x.brakes[1].value * np.where((t > 15.0) & (np.mod(t, 4.0) < 1.0), 0.4, 1.0)
-    (stop,) = measured(x._replace(brakes={1: Series(t, dumped)}))
+    (stop,) = measured(x._replace(brakes={1: TimeSeries(t, dumped)}))
     assert stop.axles[0].valve_actions == len([k for k in range(16, 36, 4) if k < stop.end_s])
 
 
 def test_valve_channels_come_before_the_pressure() -> None:
     x, _ = signals()
     t = x.speed.t
-    opened = Series(t, 1.0 * ((t > 15.0) & (np.mod(t, 4.0) < 0.5)))
-    reservoir = Series(t, 8e5 - 1e4 * np.clip(t - 15.0, 0.0, 5.0))
+    opened = TimeSeries(t, 1.0 * ((t > 15.0) & (np.mod(t, 4.0) < 0.5)))
+    reservoir = TimeSeries(t, 8e5 - 1e4 * np.clip(t - 15.0, 0.0, 5.0))
     states = {"valves": {1: opened}, "sanding": opened, "reservoir": reservoir}
     (stop,) = measured(x._replace(**states))
     (axle,) = stop.axles
@@ -224,7 +226,7 @@ def test_axles_that_all_slide_give_a_wide_distance_that_holds_the_true_one() -> 
     x, distance = signals(a=0.7)
     t, v = x.speed.t, x.speed.value
     slip = 0.15 * (1.0 - np.abs(np.sin(t))) * (t > ON + 2.0)
-    rim = Series(t, v * (1.0 - slip))
+    rim = TimeSeries(t, v * (1.0 - slip))
     (stop,) = measured(x._replace(speed=rim, rims={1: rim}, speed_from="axles"))
     assert stop.distance_m is not None
     assert abs(stop.distance_m.value - distance) < stop.distance_m.u95

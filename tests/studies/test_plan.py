@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.stops.series import Limit
+from adhesion_cli.stops.series import GroupLimit
 from adhesion_cli.studies.plan import Plan, PlannedGroup, planned_logs, read_plan
 
 PLAN = """
@@ -38,7 +38,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
     assert old == PlannedGroup("old", ("old_*.csv",), tmp_path / "old.toml", 100.0)
     assert (new.rail, new.label) == ("wet", "sinter")
     assert plan.pairs == (("old", "new"),)
-    assert plan.limits == (Limit("distance_m", 300, None), Limit("jerk", 4, 0.1))
+    assert plan.limits == (GroupLimit("distance_m", 300, None), GroupLimit("jerk", 4, 0.1))
     assert (plan.dry, plan.wet, plan.protocol) == ("old", "new", {"line": "depot"})
     assert plan.group_of(Path("runs/old_7.csv")) == old
     with pytest.raises(UserError, match="in no group"):

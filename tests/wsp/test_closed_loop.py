@@ -40,8 +40,8 @@ from adhesion_cli.wsp import (
 )
 from adhesion_cli.wsp.controller import APPLY, DUMP, HOLD, Observed, registry
 from adhesion_cli.wsp.controllers import patent, rule
-from adhesion_cli.wsp.plant import Track
-from adhesion_cli.wsp.scenario import Limit, Scenario
+from adhesion_cli.wsp.plant import RailConditions
+from adhesion_cli.wsp.scenario import Scenario, StopLimit
 from adhesion_cli.wsp.stop import Stop, Verdict
 
 
@@ -362,7 +362,7 @@ def test_peak_is_the_most_the_rail_gives() -> None:
 def test_a_curve_with_two_humps_has_its_highest_as_the_peak() -> None:
     """As fits to short slides draw them: a small hump at 0.04 % of slip, the largest at 8 %."""
     rail = np.array([1.0, 0.03, 0.06, 0.2, 0.3])
-    track = Track(False, np.array([0.0, np.inf]), np.tile(rail, (1, 2, 1)), 0.0, 1.0)
+    track = RailConditions(False, np.array([0.0, np.inf]), np.tile(rail, (1, 2, 1)), 0.0, 1.0)
     stop = closed_loop.run(short(), "patent", track=track)
     moving = stop.train_speed > 1.0
     assert (stop.force <= stop.peak * (1.0 + 1e-9))[moving].all()
@@ -608,13 +608,13 @@ def test_same_seed_same_stop() -> None:
 def test_limits_are_the_users_with_their_source() -> None:
     v = judged("slippery-stop", "patent")
     limits = (
-        Limit("extension", "a test", most=0.1),
-        Limit("utilisation", "a test", least=0.5),
-        Limit("locked_s", "a test", most=0.0),
+        StopLimit("extension", "a test", most=0.1),
+        StopLimit("utilisation", "a test", least=0.5),
+        StopLimit("locked_s", "a test", most=0.0),
     )
     assert [kept for _, kept in closed_loop.against(limits, v)] == [False, True, True]
     assert case("slippery-stop").limit == ()  # none is built in
-    assert [str(x) for x in (*limits[:2], Limit("air_nl", "it", 9.0, 1.0))] == [
+    assert [str(x) for x in (*limits[:2], StopLimit("air_nl", "it", 9.0, 1.0))] == [
         "extension at most 0.1 (a test)", "utilisation at least 0.5 (a test)",
         "air_nl at least 1 and at most 9 (it)",
     ]  # fmt: skip
@@ -645,7 +645,10 @@ def test_a_step_longer_than_the_units_period_is_refused() -> None:
 
 def test_sweep_is_every_controller_on_every_rail() -> None:
     told: list[str] = []
-    limits = Limit("utilisation", "a test", least=0.8), Limit("locked_s", "a test", most=0.0)
+    limits = (
+        StopLimit("utilisation", "a test", least=0.8),
+        StopLimit("locked_s", "a test", most=0.0),
+    )
     slow = replace(case("slippery-stop"), train=short().train, limit=limits)
     rows = sweep.sweep(slow, 2, progress=told.append)
     assert [(r.rail, r.controller) for r in rows] == [

@@ -7,7 +7,7 @@ from ...core.summary import BrakeApplication
 from ...core.text import by_uncertainty
 from ..text_tables import DASH, number
 from . import differences, words
-from .differences import Difference
+from .differences import RunDifference
 from .run import ReportRun
 
 _SETTINGS = 6  # that differ and are named
@@ -52,7 +52,7 @@ def cautions(runs: Sequence[ReportRun]) -> Iterator[str]:
             yield f"Runs 1 and {i} state different vehicles. {cause}"
 
 
-def _headline(runs: Sequence[ReportRun], all_differences: Sequence[Difference]) -> str:
+def _headline(runs: Sequence[ReportRun], all_differences: Sequence[RunDifference]) -> str:
     """How many mean adhesion coefficients differ clearly, and which way."""
     coefficients = [d for d in all_differences if d.quantity == "coefficient"]
     if not coefficients:
@@ -111,7 +111,7 @@ def _mean_deceleration(run: ReportRun) -> float | None:
     return sum(speed for speed, _ in lost) / sum(time for _, time in lost) if lost else None
 
 
-def _rows(all_differences: Sequence[Difference]) -> list[dict[str, str]]:
+def _rows(all_differences: Sequence[RunDifference]) -> list[dict[str, str]]:
     """One row per run, axle and brake application."""
     rows: dict[tuple[int, int, int], dict[str, str]] = {}
     heads = [x[0] for q, x in _QUANTITIES.items() if any(d.quantity == q for d in all_differences)]

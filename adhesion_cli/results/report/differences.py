@@ -28,7 +28,7 @@ _MASS = "axle_mass"
 _BY_BRAKE = ("force", "coefficient")  # quantities that the brake of the vehicle scales
 
 
-class Difference(NamedTuple):
+class RunDifference(NamedTuple):
     """A quantity of a run less that of the first run; names as in the JSON."""
 
     run: int  # place of the run, the second is 2
@@ -42,14 +42,14 @@ class Difference(NamedTuple):
     alike: bool  # whether the uncertainty explains the difference
 
 
-def compare(runs: Sequence[ReportRun]) -> list[Difference]:
+def compare(runs: Sequence[ReportRun]) -> list[RunDifference]:
     """All runs against the first one: brake applications by their order, axles by their number.
 
     A run with another brake than the first has no difference of force and coefficient: one vehicle
     makes both wrong.
     """
     reference, *others_runs = runs
-    differences: list[Difference] = []
+    differences: list[RunDifference] = []
     other_brake = {place for group in friction_groups(runs)[1:] for place in group.places}
     for place, run in enumerate(others_runs, 2):
         reference_axles = {axle.number: axle for axle in reference.axles}
@@ -105,7 +105,7 @@ def same_vehicle(run_a: ReportRun, run_b: ReportRun) -> bool:
 
 def _of_axle(
     place: int, axle_a: ReportAxle, axle_b: ReportAxle, run: ReportRun
-) -> Iterator[Difference]:
+) -> Iterator[RunDifference]:
     pairs = zip(axle_a.applications, axle_b.applications, strict=False)
     for k, (a, b) in enumerate(pairs, 1):
         quantities: list[tuple[str, str, float, float, float]] = []
@@ -126,7 +126,7 @@ def _of_axle(
         for quantity, unit, value, u95, u95_apart in quantities:
             is_explained = abs(value) <= u95
             application = place, axle_b.number, k
-            yield Difference(*application, quantity, unit, value, u95, u95_apart, is_explained)
+            yield RunDifference(*application, quantity, unit, value, u95, u95_apart, is_explained)
 
 
 def _of_force(

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from ...core.summary import FindingSummary
-from ...stops.series import Difference, Group, LimitVerdict, SeriesStop, WspSummary
+from ...stops.series import Group, GroupDifference, LimitVerdict, SeriesStop, WspSummary
 from .. import stop_rows
 
 # What a protocol states, by its part; what nobody stated is an empty line to fill in by hand.
@@ -25,7 +25,7 @@ class Protocol(NamedTuple):
     texts: Mapping[str, str]  # of the fields, and of others that the plan states
     stops: Sequence[SeriesStop]
     groups: Sequence[Group]
-    differences: Sequence[Difference]
+    differences: Sequence[GroupDifference]
     limits: Sequence[LimitVerdict]
     wsp: Sequence[WspSummary]
     findings: Sequence[FindingSummary]
