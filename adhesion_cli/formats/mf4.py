@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core import units
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Bools, Floats
+from ..core.model import Bools, Floats, Times
 from .source import Field, ReadOptions
 from .tables import (
     YEAR_1990,
@@ -22,12 +23,24 @@ from .tables import (
 )
 
 _EPOCH, _ZERO = datetime(1970, 1, 1), timedelta(0)
+_EPOCH_S = 631_152_000.0, 4e9  # seconds of a date from 1990 on: such a time counts from 1970
 _TIME = 1  # type of a master channel: time, and no angle, distance or index
 # By whether the version is 4: data types that are integers and floats; conversions that give
 # numbers only; conversions that give a text for some values.
 _NUMBERS = {True: tuple(range(6)), False: (0, 1, 2, 3, *range(9, 17))}
 _PLAIN_CONVERSIONS = {True: tuple(range(7)), False: (0, 1, 2, 6, 7, 8, 9, 10, 65535)}
 _TEXTS = {True: (7, 8), False: (11, 12)}
+_UNSIGNED = {True: (0, 1), False: (0, 9, 13)}
+_FRAMES = "CAN_DataFrame"  # channel of a group that holds the frames of a bus
+
+
+class _Master(NamedTuple):
+    """How the time channel of a group becomes seconds."""
+
+    channel: int
+    scale: float  # s = scale * value
+    is_absolute: bool  # counts from 1970, not from the start of the log
+    turn: float  # [s] that an unsigned counter spans; 0 for other numbers
 
 
 class _ChannelPlace(NamedTuple):
@@ -58,34 +71,25 @@ class Reader:
         self._row_counts: dict[int, int] = {}  # whole rows of each group
         self._names: dict[int, str] = {}
         findings: list[Finding] = []
-        rows, timeless, texts = 0, [], []
+        self._masters: dict[int, _Master] = {}
+        self._texts: list[str] = []
         for g, group in enumerate(self._mdf.groups):
-            count = group.channel_group.cycles_nr
-            if not count:
+            if not group.channel_group.cycles_nr:
                 continue
             self._names[g] = self._name(g)
-            master = self._mdf.masters_db.get(g)
-            if not self._is_time(group, master):
-                timeless.append(self._names[g])
-                continue
-            self._row_counts[g] = int(count)
-            rows += self._row_counts[g]
-            for i, channel in enumerate(group.channels):
-                if i == master:
-                    continue
-                if self._is_number(group, i):
-                    self._places.append(_ChannelPlace(g, i))
-                else:
-                    texts.append(channel.name)
-        if timeless:
-            names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time axis"}
-            findings.append(Finding("group-not-read", "info", "", len(timeless), (), {}, names))
-        reason = "time channel of each group, in seconds"
-        reason += f" after the start of the log ({zone})" if self._start else "; no start stated"
+            if problem := self._add(g, group):
+                names = {"groups": self._names[g], "reason": problem}
+                findings.append(Finding("group-not-read", "info", "", 1, (), {}, names))
+        if any(time.is_absolute for time in self._masters.values()) and not self._start:
+            zone, self._start = "UTC", YEAR_1990  # no other time can be compared with these
+            self._places = [p for p in self._places if self._masters[p.group].is_absolute]
+        rows = sum(self._row_counts.values())
+        reason = "time channel of each group, in the unit that it states"
+        reason += f", after the start of the log ({zone})" if self._start else "; no start stated"
         reasons = {
             "version": self._mdf.version,
             "groups": len(self._row_counts),
-            "not numeric": ", ".join(dict.fromkeys(texts)),
+            "not numeric": ", ".join(dict.fromkeys(self._texts)),
         }
         self.contents = Contents(
             self._fields(), self._start, reason, rows, reasons, findings=findings
@@ -110,10 +114,60 @@ class Reader:
         name = group.channel_group.acq_name if self._is_version_4 else ""
         return name or f"group {g + 1}"
 
+    def _add(self, g: int, group: Any) -> str:
+        """Adds the channels of a group; "", or why it cannot be read."""
+        master = self._mdf.masters_db.get(g)
+        if any(channel.name == _FRAMES for channel in group.channels):
+            return "it holds CAN frames: state their DBC with --dbc"
+        if not self._is_time(group, master):
+            return "it has no time axis"
+        time = self._master(g, master)
+        if time is None:
+            unit = self._mdf.get_channel_unit(group=g, index=master)
+            return f"its time is in {unit!r}, which is no unit of time"
+        self._masters[g] = time
+        self._row_counts[g] = int(group.channel_group.cycles_nr)
+        for i, channel in enumerate(group.channels):
+            if i != master and self._is_number(group, i):
+                self._places.append(_ChannelPlace(g, i))
+            elif i != master:
+                self._texts.append(channel.name)
+        return ""
+
     def _is_time(self, group: Any, master: int | None) -> bool:
         if master is None:
             return False
         return not self._is_version_4 or group.channels[master].sync_type == _TIME
+
+    def _master(self, g: int, i: int) -> _Master | None:
+        """How the time of a group is read, None where its unit is none of time.
+
+        Seconds since 1970 are known by their size, also as ms, us or ns that no unit states.
+        """
+        unit = units.unit((self._mdf.get_channel_unit(group=g, index=i) or "s").strip())
+        if unit is None or unit.dimension != "time":
+            return None
+        first = float(self._mdf.get_master(g, record_offset=0, record_count=1)[0])
+        epochs = (scale for scale in (unit.factor, 1e-3, 1e-6, 1e-9) if _is_date(first * scale))
+        scale = next(epochs, unit.factor)
+        channel, turn = self._mdf.groups[g].channels[i], 0.0
+        if channel.data_type in _UNSIGNED[self._is_version_4] and channel.bit_count in (32, 64):
+            turn = 2.0**channel.bit_count * scale * getattr(channel.conversion, "a", 1.0)
+        return _Master(i, scale, _is_date(first * scale), turn)
+
+    def _times(self, g: int, timestamps: Floats) -> tuple[Times, Bools]:
+        """The times of a group [ns] of its time channel's values, and which of them hold."""
+        master = self._masters[g]
+        seconds = master.scale * np.asarray(timestamps, np.float64)
+        if master.turn and not master.is_absolute:
+            # An unsigned counter that began below zero; its first number is close to a turn.
+            wrapped = np.cumprod(seconds > master.turn / 2.0).astype(bool)
+            if wrapped.any() and (not wrapped.all() or master.turn > _EPOCH_S[1]):
+                raw = self._mdf.get(group=g, index=master.channel, raw=True)
+                signed = raw.samples.view(f"<i{raw.samples.itemsize}")[: len(seconds)]
+                exact = master.turn * (signed / 2.0 ** (8 * raw.samples.itemsize))
+                seconds = np.where(wrapped, exact, seconds)
+        return nanoseconds(seconds, 0 if master.is_absolute else self._start)
 
     def _is_number(self, group: Any, i: int) -> bool:
         """Whether a channel holds one number in each row."""
@@ -151,7 +205,7 @@ class Reader:
                 raw=True,
                 copy_master=False,
             )
-            t, ok = nanoseconds(signals[0].timestamps, self._start)
+            t, ok = self._times(g, signals[0].timestamps)
             rows = len(t)
             if rows < self._row_counts[g]:
                 values = {"kept_rows": rows, "lost_rows": self._row_counts[g] - rows}
@@ -176,6 +230,10 @@ class Reader:
                     masks["value-is-text"] = text[ok]
                 series[place] = TableSamples(a, value[ok], masks)
         return Columns(axes, [series[place] for place in places], findings)
+
+
+def _is_date(seconds: float) -> bool:
+    return _EPOCH_S[0] < seconds < _EPOCH_S[1]
 
 
 def _physical(signal: Any, texts: Sequence[int]) -> tuple[Floats, Bools | None]:

@@ -79,10 +79,11 @@ class TableSource:
     def __init__(self, path: Path, kind: str, options: ReadOptions, reader: Reader) -> None:
         contents = reader.contents
         if not contents.fields or not contents.rows:
-            raise UserError(
-                f"{path}: the log holds no numbers over time",
-                "check that the logger recorded anything",
-            )
+            hint = "check that the logger recorded anything"
+            cause = contents.findings[0] if contents.findings else None
+            text = f"{path}: the log holds no numbers over time"
+            text += f": {cause.channel} {cause.message}".removesuffix(".") if cause else ""
+            raise UserError(text, (cause and cause.hint) or hint)
         self.path, self.format, self._options, self._reader = path, kind, options, reader
         self.absolute, self.time_reason = contents.absolute, contents.time_reason
         self.rows, self.reasons, self.metadata = contents.rows, contents.reasons, contents.metadata

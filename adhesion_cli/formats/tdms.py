@@ -1,17 +1,20 @@
 """TDMS logs of LabVIEW and DIAdem, by npTDMS; runs in a process of its own."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
+from ..core import toml, units
 from ..core.errors import UserError
-from ..core.finding import Finding
+from ..core.finding import Finding, Severity
 from ..core.model import Bools, Times
 from . import time_columns
 from .csv.clock import Clock
+from .csv.header_words import time_name, time_unit
 from .source import Field, ReadOptions
 from .tables import (
     YEAR_1990,
@@ -27,12 +30,31 @@ _SINCE_1904 = 2_082_844_800  # seconds from the epoch of LabVIEW to 1970
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of a channel
 
 
+# Properties that say what the samples are, and when: of a channel, its group or the file. The
+# others are for people; wf_samples counts the samples of one writing.
+_SAYING = re.compile(r"wf_(increment|start|xunit)|NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
+_SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
+_X_CHANNEL = ("xchannel", "xrelation")  # properties that name the channel with a channel's time
+_DEFAULT_INCREMENT = 1.0  # [s]; writers state it where nobody set one
+
+
 class _Wave(NamedTuple):
-    """Time of a channel by its own properties."""
+    """Time of a channel by properties, from one of its samples on."""
 
     start: int  # since 1970 [ns]; 0 where none is stated
     offset: float  # of the first sample [s]
     increment: float  # [s]
+    row: int = 0  # its first sample
+
+    def time(self, rows: Any) -> Any:
+        """The times of samples of the channel, after `start` [s]."""
+        return self.offset + (rows - self.row) * self.increment
+
+
+class _Waves(NamedTuple):
+    """Time of a channel by properties: pieces that were recorded one after the other."""
+
+    pieces: tuple[_Wave, ...]
 
 
 class _Columns(NamedTuple):
@@ -43,21 +65,19 @@ class _Columns(NamedTuple):
     names: tuple[str, ...]
 
 
-_Axis = _Wave | _Columns
+_Axis = _Waves | _Columns
 
 
 class Reader:
     """A TDMS file, opened; see `tables.Reader`."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        from nptdms import TdmsFile
-
         self._path, self._options = path, options
-        # As a file without a name: the library would trust an index file beside the log.
-        self._file: Any = TdmsFile.open(path.open("rb"), raw_timestamps=True)
+        self._file, self._changes = _open_file(path)
         self._channels: list[tuple[Any, _Axis]] = []
         self._texts: list[str] = []
         findings: list[Finding] = []
+        self._findings = findings
         refused: dict[str, UserError] = {}  # by group
         for group in self._file.groups():
             try:
@@ -89,24 +109,96 @@ class Reader:
         self.contents = Contents(self._fields(), start, reason, rows, reasons, findings=findings)
 
     def _add(self, group: Any) -> None:
-        """Adds the channels of a group, those with a time of their own first.
+        """Adds the channels of a group.
 
         Raises:
-            UserError: where the others have no time.
+            UserError: where one has no time.
         """
-        channels = [c for c in group.channels() if len(c)]
-        without_wave = [c for c in channels if not _wave(c)]
-        for channel in channels:
+        channels, waves, by_name = {}, {}, {}
+        for channel in group.channels():
+            states = self._states(channel)
+            if not len(channel):
+                continue
+            if problem := _scaling_problem(self._file, group, channel, states):
+                self._leave_out(channel, problem, "warning")
+            elif _is_number(channel) and (problem := _axis_problem(states)):
+                self._leave_out(channel, problem, "info")
+            else:
+                channels[channel.name] = channel, states
+        for name, (channel, states) in channels.items():
             if not _is_number(channel):
-                self._texts += [channel.name] * (not _is_time(channel))
-            elif wave := _wave(channel):
-                self._channels.append((channel, wave))
-        if without_wave and (
-            len(without_wave) == len(channels) or self._options.time_channel is None
-        ):
-            axis = self._by_columns(group.name, without_wave)
-            own_names = [c for c in without_wave if c.name not in axis.names and _is_number(c)]
-            self._channels += [(channel, axis) for channel in own_names]
+                self._texts += [name] * (not _is_time(channel))
+                continue
+            time = next((x for p in _X_CHANNEL if (x := states[-1][1].get(p)) in channels), None)
+            if time:
+                by_name[name] = self._by_columns(group.name, [channels[time][0]])
+            elif wave := _waves(states):
+                waves[name] = wave
+        times = {name for axis in by_name.values() for name in axis.names}
+        usable = [c for c, _ in channels.values() if c.name not in times]
+        axis = self._time_channel(group.name, usable, waves)
+        rest = [c for c in usable if c.name not in {*by_name, *waves}]
+        rest = [c for c in rest if _is_number(c) or _is_time(c)]
+        if rest and axis is None:
+            axis = self._by_columns(group.name, rest)
+        for channel in usable:
+            own_axis = by_name.get(channel.name) or waves.get(channel.name) or axis
+            is_time = axis is not None and channel.name in axis.names
+            if _is_number(channel) and own_axis and not is_time:
+                self._channels.append((channel, own_axis))
+
+    def _leave_out(self, channel: Any, reason: str, severity: Severity) -> None:
+        names = {"reason": reason}
+        self._findings.append(Finding("channel-not-read", severity, channel.name, 1, names=names))
+
+    def _states(self, channel: Any) -> list[tuple[int, dict[str, Any]]]:
+        """What properties say of a channel, and from which of its samples on.
+
+        Those of the group and the file hold where the channel has none of its own.
+        """
+        paths = "/", channel.path.rsplit("/", 1)[0], channel.path
+        by_path: dict[str, dict[str, Any]] = {path: {} for path in paths}
+        states: list[tuple[int, dict[str, Any]]] = [(0, {})]
+        for rows, changed in self._changes:
+            for path in (path for path in paths if path in changed):
+                by_path[path] = by_path[path] | changed[path]
+                row = rows.get(channel.path, 0)
+                states = [state for state in states if state[0] < row]
+                states.append((row, by_path[paths[0]] | by_path[paths[1]] | by_path[paths[2]]))
+        return states
+
+    def _time_channel(
+        self, group: str, channels: Sequence[Any], waves: dict[str, _Waves]
+    ) -> _Columns | None:
+        """The time channel that holds instead of increments; these are taken out of `waves`.
+
+        It does where it is stated, or where an increment is the default and the channel has
+        another step.
+
+        Raises:
+            UserError: where both say a time and differ.
+        """
+        stated = self._options.time_channel
+        is_stated = stated in {c.name for c in channels}
+        names = [c for c in channels if c.name == stated or _is_time(c) or _names_time(c)]
+        if not waves or not names or (stated and not is_stated):
+            return None
+        axis = self._by_columns(group, channels if is_stated else names)
+        steps = np.diff(self._by_clock(axis)[0]) / 1e9
+        step = float(np.median(steps)) if len(steps) else 0.0
+        for name, wave in list(waves.items()):
+            increment = wave.pieces[-1].increment
+            if not is_stated and abs(step - increment) < 0.01 * increment:
+                continue
+            if not is_stated and increment != _DEFAULT_INCREMENT:
+                hint = f"channels.time.channel = {toml.value(axis.names[0])}"
+                raise UserError(
+                    f"{self._path}: channel {name!r} states wf_increment = {increment:g} s, "
+                    f"but time channel {axis.names[0]!r} has steps of {step:.4g} s",
+                    f"state the time channel, as {toml.option(hint)}, or correct wf_increment",
+                )
+            del waves[name]
+        return None if len(waves) else axis
 
     def _by_columns(self, group: str, channels: Sequence[Any]) -> _Columns:
         """The time of a group that has time channels.
@@ -124,8 +216,8 @@ class Reader:
 
     def _start(self, axis: _Axis) -> int:
         """Where an axis begins since 1970 [ns]; 0 where it counts from an unknown start."""
-        if isinstance(axis, _Wave):
-            return axis.start
+        if isinstance(axis, _Waves):
+            return axis.pieces[0].start
         head, _ = self._by_clock(axis, 1)
         return int(head[0]) if axis.clock.absolute and len(head) else 0
 
@@ -189,28 +281,125 @@ class Reader:
         """Times [ns] of a channel of n samples, and which of them hold."""
         if isinstance(axis, _Columns):
             return self._by_clock(axis)
-        return nanoseconds(
-            axis.offset + np.arange(n, dtype=np.float64) * axis.increment, axis.start
-        )
+        parts = []
+        for wave, end in zip(axis.pieces, [*(w.row for w in axis.pieces[1:]), n], strict=True):
+            rows = np.arange(wave.row, max(min(end, n), wave.row), dtype=np.float64)
+            parts.append(nanoseconds(wave.time(rows), wave.start))
+        return np.concatenate([t for t, _ in parts]), np.concatenate([ok for _, ok in parts])
+
+
+_Changes = list[tuple[dict[str, int], dict[str, dict[str, Any]]]]
+
+
+def _open_file(path: Path) -> tuple[Any, _Changes]:
+    """The file, and the properties of each segment; the library keeps the last of each.
+
+    Returns:
+        The file; for each segment with properties the samples that each channel has before it, and
+        the properties by the path of what has them.
+    """
+    from nptdms import tdms
+
+    changes: _Changes = []
+
+    class Noting(tdms.TdmsReader):  # type: ignore[misc]
+        def _read_segment_metadata(self, *arguments: Any) -> Any:
+            segment, properties = super()._read_segment_metadata(*arguments)
+            saying = {
+                name: {key: value for key, value in pairs if _is_saying(key)}
+                for name, pairs in (properties or {}).items()
+            }
+            if any(saying.values()):
+                rows = {name: x.num_values for name, x in self.object_metadata.items()}
+                changes.append((rows, saying))
+            return segment, properties
+
+    tdms.TdmsReader = Noting  # this process reads one file at a time
+    # As a file without a name: the library would trust an index file beside the log.
+    return tdms.TdmsFile.open(path.open("rb"), raw_timestamps=True), changes
+
+
+def _is_saying(key: str) -> bool:
+    return key in _X_CHANNEL or _SAYING.match(key) is not None
 
 
 def _reason(clock: Clock) -> str:
     return clock.reason.replace("(units row)", "(channel's unit)")
 
 
-def _wave(channel: Any) -> _Wave | None:
-    """The time that a channel's properties state, None where they state none."""
-    properties = channel.properties
+def _waves(states: Sequence[tuple[int, Mapping[str, Any]]]) -> _Waves | None:
+    """The time that properties state, None where they state none.
+
+    A piece that begins where the one before ends, to half a sample, is no piece of its own.
+    """
+    pieces: list[_Wave] = []
+    for row, properties in states:
+        wave = _wave(properties)
+        if wave is None:
+            continue
+        wave = wave._replace(row=row if pieces else 0)
+        if pieces and pieces[-1][:3] == wave[:3]:
+            continue
+        if pieces and pieces[-1].increment == wave.increment:
+            before = pieces[-1]
+            late = (wave.start - before.start) / 1e9 + wave.offset - before.time(row)
+            if abs(late) < wave.increment / 2.0:
+                continue
+        pieces.append(wave)
+    return _Waves(tuple(pieces)) if pieces else None
+
+
+def _wave(properties: Mapping[str, Any]) -> _Wave | None:
+    """The time that these properties state, None where they state none."""
     increment = properties.get("wf_increment", 0.0)
     if not isinstance(increment, float | int) or not 0.0 < increment < 1e6:
         return None
+    unit = units.unit(_x_unit(properties))
+    scale = unit.factor if unit else 1.0
     offset = properties.get("wf_start_offset", 0.0)
     start = properties.get("wf_start_time")
     ns = 0
-    if hasattr(start, "second_fractions"):
+    if start is not None and hasattr(start, "second_fractions"):
         ns = int(_stamps(np.array([start.seconds]), np.array([start.second_fractions]))[0])
     start_offset = float(offset) if isinstance(offset, float | int) and abs(offset) < 1e9 else 0.0
-    return _Wave(ns if ns >= YEAR_1990 else 0, start_offset, float(increment))
+    return _Wave(ns if ns >= YEAR_1990 else 0, scale * start_offset, scale * float(increment))
+
+
+def _x_unit(properties: Mapping[str, Any]) -> str:
+    return str(properties.get("wf_xunit_string", "")).strip()
+
+
+def _axis_problem(states: Sequence[tuple[int, Mapping[str, Any]]]) -> str:
+    """Why the x axis of a channel is no time, "" where it may be one."""
+    for _, properties in states:
+        text = _x_unit(properties)
+        unit = units.unit(text)
+        if text and _wave(properties) and not (unit and unit.dimension == "time"):
+            return f"wf_xunit_string = {text!r} is no unit of time"
+    return ""
+
+
+def _scaling_problem(
+    file: Any, group: Any, channel: Any, states: Sequence[tuple[int, Mapping[str, Any]]]
+) -> str:
+    """Why the numbers of a channel cannot be known, "" where nothing is wrong."""
+    from nptdms.scaling import get_scaling
+
+    scalings = [{k: x for k, x in state.items() if _SCALING.match(k)} for _, state in states]
+    if any(later != scalings[0] for later in scalings[1:] if scalings[0]):
+        return "its scaling or unit changes inside the file"
+    last = scalings[-1]
+    if last.get("NI_Scaling_Status", "unscaled") == "scaled":
+        return ""
+    types = [str(x) for k, x in last.items() if k.endswith("_Scale_Type")]
+    has_raw_data = channel.data_type is None or "NI_Scaling_Status" in last
+    try:
+        known = get_scaling(channel.properties, group.properties, file.properties) is not None
+    except Exception as error:  # whatever the library raises
+        return f"scaling {', '.join(types)} lacks {error}"
+    if known or not (types or (has_raw_data and channel.dtype.kind in "iu")):
+        return ""
+    return f"scaling {', '.join(types) or 'of its raw numbers'} is not known"
 
 
 def _stamps(seconds: Any, fractions: Any) -> Times:
@@ -225,6 +414,12 @@ def _is_number(channel: Any) -> bool:
 
 def _is_time(channel: Any) -> bool:
     return channel.dtype is not None and channel.dtype.kind in "VM"
+
+
+def _names_time(channel: Any) -> bool:
+    """Whether a channel is a time by its name and its unit."""
+    is_time = time_name(channel.name) is not None or time_unit(_unit(channel)) is not None
+    return is_time and _is_number(channel)
 
 
 def _array(values: Any) -> Any:

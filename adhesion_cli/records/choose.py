@@ -22,6 +22,15 @@ _LEAVE_OUT = {
     "pressure-stuck",
     "pressure-unusable",
 }
+# What a reader leaves out, which may be the channel that is missing.
+_NOT_READ = {
+    "channel-not-read",
+    "csv-no-numbers",
+    "dbc-not-used",
+    "group-not-read",
+    "mcap-encoding",
+    "nested-columns",
+}
 
 
 class AxleKeys(NamedTuple):
@@ -65,7 +74,15 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
     for c in log.channels:
         if c.meaning and len(c.data.t) and not c.is_rate:
             channels.setdefault((c.meaning, c.axle), c)
-    numbers = axle_numbers(log.path, channels, axles, [c.title for c in log.channels])
+    try:
+        numbers = axle_numbers(log.path, channels, axles, [c.title for c in log.channels])
+    except UserError as error:
+        causes = [f for f in log.findings if f.code in _NOT_READ]
+        if causes:
+            name = f"{causes[0].channel!r}: " if causes[0].channel else ""
+            error.text += f". {name}{causes[0].message.removesuffix('.')}"
+            error.hint = causes[0].hint or error.hint
+        raise
     requested, axle_keys, findings = tuple(axles or numbers), [], []
     for axle in numbers:
         speed = find(channels, "wheel_speed", axle)

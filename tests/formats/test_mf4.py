@@ -3,12 +3,14 @@
 import os
 import signal
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from asammdf import MDF, Signal
+from asammdf.blocks.conversion_utils import from_dict
 from helpers import brakes
 from helpers.systems import not_on_windows
 
@@ -20,6 +22,8 @@ from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
 T = np.arange(200) / 50
+V = np.linspace(70.0, 10.0, 200)
+START_NS = int(brakes.START.timestamp() * 1e9)
 
 
 def written(path: Path, *groups: tuple[str, list[Signal]], version: str = "4.10") -> Path:
@@ -29,6 +33,29 @@ def written(path: Path, *groups: tuple[str, list[Signal]], version: str = "4.10"
         for name, signals in groups:
             file.append(signals, acq_name=name, common_timebase=True)
         return Path(file.save(path, overwrite=True))
+
+
+def with_time(
+    path: Path, time: Any, unit: str, *, start: datetime | None = brakes.START, a: float = 0.0
+) -> Path:
+    """A log of one channel whose times are these numbers; `a` is the factor of their conversion."""
+    with MDF(version="4.10") as file:
+        file.header.start_time = start or datetime(1980, 1, 1, tzinfo=UTC)
+        file.append([Signal(V, T, name="v", unit="km/h")], common_timebase=True)
+        group = file.groups[0]
+        group.channels[0].unit = unit
+        stream, kind = group.channels[0], "u" if time.dtype.kind == "u" else "f"
+        stream.data_type = 0 if kind == "u" else 4
+        if a:
+            stream.conversion = from_dict({"a": a, "b": 0.0})
+        file.save(path, overwrite=True)
+    # The library writes floats as the time: the numbers are put in their places.
+    raw, width = path.read_bytes(), T.dtype.itemsize
+    records = np.rec.fromarrays([T, V]).tobytes()
+    assert raw.count(records) == 1
+    assert time.dtype.itemsize == width
+    path.write_bytes(raw.replace(records, np.rec.fromarrays([time, V]).tobytes()))
+    return path
 
 
 def columns(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -182,3 +209,44 @@ def test_without_the_library_the_error_says_what_to_install(
     with pytest.raises(UserError, match="asammdf") as error:
         open_source(path, ReadOptions())
     assert 'pip install "adhesion-cli[mf4]"' in error.value.hint
+
+
+EPOCH_S = brakes.START.timestamp()
+
+
+@pytest.mark.parametrize(
+    ("time", "unit", "start", "first_ns"),
+    [
+        (T * 1e3, "ms", brakes.START, START_NS),
+        (T * 1e6, "us", brakes.START, START_NS),
+        (T * 1e9, "ns", brakes.START, START_NS),
+        (T / 60.0, "min", brakes.START, START_NS),
+        (T, "", brakes.START, START_NS),
+        (T - 2.0, "s", brakes.START, START_NS - 2 * 10**9),
+        (T + EPOCH_S, "s", brakes.START, START_NS),
+        (T + EPOCH_S, "s", None, START_NS),  # without a start in the header
+        ((T + EPOCH_S) * 1e3, "ms", brakes.START, START_NS),
+        ((T + EPOCH_S) * 1e3, "", None, START_NS),  # no year has that many seconds
+        ((T + EPOCH_S) * 1e6, "s", brakes.START, START_NS),
+    ],
+)
+def test_the_unit_of_the_time_and_dates_count(
+    tmp_path: Path, time: Any, unit: str, start: datetime | None, first_ns: int
+) -> None:
+    found, findings = columns(with_time(tmp_path / "a.mf4", time, unit, start=start))
+    expected = first_ns + np.rint(T * 1e9).astype(np.int64)
+    assert np.abs(found["v"].t - expected).max() < 1_000  # a date as a float is no better
+    assert not findings
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e-6])
+def test_an_unsigned_time_that_began_below_zero(tmp_path: Path, factor: float) -> None:
+    ticks = np.rint((T - 2.0) / factor).astype(np.int64).view(np.uint64)
+    found, findings = columns(with_time(tmp_path / "a.mf4", ticks, "s", a=factor))
+    assert np.array_equal(found["v"].t, START_NS + np.rint((T - 2.0) * 1e9).astype(np.int64))
+    assert not findings
+
+
+def test_a_time_that_is_no_time_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="its time is in 'm', which is no unit of time"):
+        columns(with_time(tmp_path / "a.mf4", T, "m"))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import brakes
-from nptdms import ChannelObject, RootObject, TdmsWriter
+from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
 from adhesion_cli.channels.log import needed
 from adhesion_cli.core.errors import UserError
@@ -171,3 +171,135 @@ def test_a_cut_file_is_read_as_far_as_each_channel_is_there(
     assert n["p"] > n["w"] >= N
     assert source.rows >= max(n.values())
     assert findings["log-damaged"].values["kept_rows"] == source.rows
+
+
+def pieces(path: Path, *segments: tuple[dict[str, Any], dict[str, Any]]) -> Path:
+    """A log of one channel in segments: properties of the root, and of the channel, in each."""
+    with TdmsWriter(path) as file:
+        for root, own in segments:
+            file.write_segment([RootObject(root), ChannelObject("g", "p", P, own)])
+    return path
+
+
+def later(seconds: float) -> dict[str, Any]:
+    return WAVE | {"wf_start_time": START + np.timedelta64(round(seconds * 1e6), "us")}
+
+
+@pytest.mark.parametrize("place", ["file", "group"])
+@pytest.mark.parametrize("own", [{}, {"wf_increment": 0.04}])
+def test_increment_and_start_of_the_group_or_the_file(
+    tmp_path: Path, place: str, own: dict[str, Any]
+) -> None:
+    path, root = tmp_path / "a.tdms", RootObject(WAVE if place == "file" else {})
+    with TdmsWriter(path) as file:
+        group = GroupObject("g", WAVE if place == "group" else {})
+        file.write_segment([root, group, ChannelObject("g", "p", P, BAR | own)])
+    found, findings, _ = columns(path)
+    step = round(own.get("wf_increment", 0.02) * 1e9)
+    assert np.array_equal(found["p"].t, NS + 500_000_000 + np.arange(N) * step)
+    assert not findings
+
+
+@pytest.mark.parametrize("place", ["file", "channel"])
+@pytest.mark.parametrize("pause", [0.0, 1.0, 90.0, -3.0])
+def test_segments_with_starts_of_their_own(tmp_path: Path, place: str, pause: float) -> None:
+    """A pause between recordings is in the times; where there is none, the clock runs on."""
+    starts = [later(k * (N * 0.02 + pause) + 0.004 * (k % 2)) for k in range(3)]
+    segments = [(x, BAR) if place == "file" else ({}, BAR | x) for x in starts]
+    found, _, _ = columns(pieces(tmp_path / "a.tdms", *segments))
+    t = (found["p"].t - NS - 500_000_000) / 1e9
+    for k in range(3):
+        jitter = 0.004 * (k % 2) if pause else 0.0  # less than half a sample is none of its own
+        expected = k * (N * 0.02 + pause) + jitter + np.arange(N) * 0.02
+        assert np.abs(t[k * N : (k + 1) * N] - expected).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("s", 1.0), ("", 1.0), ("min", 1 / 60)]
+)
+def test_the_unit_of_the_x_axis(tmp_path: Path, unit: str, factor: float) -> None:
+    wave = {"wf_increment": 0.02 * factor, "wf_start_offset": 0.5 * factor, "wf_xunit_string": unit}
+    found, _, _ = columns(written(tmp_path / "a.tdms", ("g", "p", P, BAR | WAVE | wave)))
+    assert np.abs(found["p"].t - (NS + 500_000_000 + np.arange(N) * 20_000_000)).max() < 10
+
+
+@pytest.mark.parametrize("unit", ["m", "Hz", "km", "rev"])
+def test_an_x_axis_that_is_no_time_is_named(tmp_path: Path, unit: str) -> None:
+    channels = ("g", "p", P, BAR | WAVE | {"wf_xunit_string": unit}), ("g", "v", V, KMH | WAVE)
+    found, findings, _ = columns(written(tmp_path / "a.tdms", *channels))
+    assert set(found) == {"v"}
+    assert repr(unit) in findings["channel-not-read"].message
+    assert (findings["channel-not-read"].channel, findings["channel-not-read"].severity) == (
+        "p", "info"
+    )  # fmt: skip
+
+
+def test_channels_name_their_time_channel(tmp_path: Path) -> None:
+    slow, fast = np.arange(N) / 10, np.arange(N) / 50
+    path = written(
+        tmp_path / "a.tdms",
+        ("g", "time p", slow, SECONDS), ("g", "time v", fast * 1e3, {"unit_string": "ms"}),
+        ("g", "p", P, BAR | {"xchannel": "time p"}), ("g", "v", V, KMH | {"xchannel": "time v"}),
+    )  # fmt: skip
+    found, findings, _ = columns(path)
+    assert set(found) == {"p", "v"}
+    assert np.allclose(found["p"].t, slow * 1e9)
+    assert np.allclose(found["v"].t, fast * 1e9)
+    assert not findings
+
+
+def test_a_time_channel_holds_where_the_increment_is_a_default(tmp_path: Path) -> None:
+    time, default = ("g", "Time", np.arange(N) / 50, SECONDS), {"wf_increment": 1.0}
+    path = written(tmp_path / "a.tdms", time, ("g", "p", P, BAR | default))
+    found, _, _ = columns(path)
+    assert set(found) == {"p"}
+    assert np.array_equal(found["p"].t, np.arange(N) * 20_000_000)
+    path = written(tmp_path / "b.tdms", time, ("g", "p", P, BAR | {"wf_increment": 0.05}))
+    with pytest.raises(UserError, match=r"'p' states wf_increment = 0.05 s, but .*'Time'") as error:
+        columns(path)
+    assert "channels.time.channel=Time" in error.value.hint
+    found, _, _ = columns(path, time_channel="Time")
+    assert np.array_equal(found["p"].t, np.arange(N) * 20_000_000)
+
+
+LINEAR = {
+    "NI_Number_Of_Scales": 1, "NI_Scaling_Status": "unscaled", "NI_Scale[0]_Scale_Type": "Linear",
+    "NI_Scale[0]_Linear_Slope": 0.5, "NI_Scale[0]_Linear_Y_Intercept": 1.0,
+}  # fmt: skip
+RAW = np.arange(N, dtype=np.int16)
+
+
+@pytest.mark.parametrize(
+    ("scaling", "reason"),
+    [
+        (LINEAR | {"NI_Scale[0]_Scale_Type": "PieceWisePolynomial"}, "PieceWisePolynomial"),
+        (LINEAR | {"NI_Scale[0]_Scale_Type": "Callback"}, "Callback"),
+        ({"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Linear"}, "Linear lacks"),
+        ({"NI_Scaling_Status": "unscaled"}, "of its raw numbers is not known"),
+    ],
+)
+def test_raw_numbers_of_an_unknown_scaling_are_no_pressure(
+    tmp_path: Path, scaling: dict[str, Any], reason: str
+) -> None:
+    channels = ("g", "p", RAW, BAR | WAVE | scaling), ("g", "v", V, KMH | WAVE)
+    found, findings, _ = columns(written(tmp_path / "a.tdms", *channels))
+    assert set(found) == {"v"}
+    assert reason in findings["channel-not-read"].message
+    assert findings["channel-not-read"].severity == "warning"
+
+
+@pytest.mark.parametrize(
+    ("scaling", "factor"), [({}, 1.0), (LINEAR, 0.5), ({"NI_Scaling_Status": "scaled"}, 1.0)]
+)
+def test_a_known_scaling_is_applied(tmp_path: Path, scaling: dict[str, Any], factor: float) -> None:
+    path = written(tmp_path / "a.tdms", ("g", "p", RAW, BAR | WAVE | scaling))
+    found, findings, _ = columns(path)
+    assert np.allclose(found["p"].value, RAW * factor + (1.0 if factor < 1.0 else 0.0))
+    assert not findings
+
+
+@pytest.mark.parametrize("changed", [{"unit_string": "mbar"}, {"NI_Scaling_Status": "unscaled"}])
+def test_a_scaling_that_changes_is_refused(tmp_path: Path, changed: dict[str, Any]) -> None:
+    path = pieces(tmp_path / "a.tdms", ({}, BAR | WAVE), ({}, BAR | WAVE | changed))
+    with pytest.raises(UserError, match="its scaling or unit changes"):
+        columns(path)
