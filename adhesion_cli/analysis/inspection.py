@@ -97,7 +97,7 @@ def _inspect_channel(c: Channel) -> InspectedChannel:
     return InspectedChannel(
         taken.name, taken.field, taken.meaning, taken.axle, taken.unit, taken.reason,
         rate_hz=c.rate_hz, rows=c.rows, valid=len(c.data.t), gaps=c.gaps,
-        duplicates=c.duplicates, backward=c.backward,
+        duplicates=c.duplicates, backward=c.backward, levels=c.levels,
     )  # fmt: skip
 
 

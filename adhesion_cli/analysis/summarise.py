@@ -74,7 +74,13 @@ def summarise_channel(channel: Channel) -> ChannelSummary:
     """What a channel was taken for, and why."""
     meaning = "truth" if channel.meaning == "true_slip" else channel.meaning  # by its unit
     return ChannelSummary(
-        channel.name, channel.field, meaning, channel.axle, channel.unit, channel.reason
+        channel.name,
+        channel.field,
+        meaning,
+        channel.axle,
+        channel.unit,
+        channel.reason,
+        levels=channel.levels,
     )
 
 

@@ -29,6 +29,7 @@ from .meaning import Mapping, Meant, name, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
 from .rules import ED_WITHOUT_UNIT
+from .state_words import as_levels
 from .to_si import channel
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
@@ -312,6 +313,7 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
     """`understood`; mappings are for raw logs, a result of this program needs none."""
     fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # not measured
+    fields += source.texts
     train_speed_source = source.metadata.get("adhesion.provenance", {}).get("train_speed")
     if train_speed_source in (NOT_MEASURED, AS_INPUT):
         trains = [f for f in fields if f.path == "train_speed"]
@@ -348,9 +350,11 @@ def _log(
     indexed_findings: list[tuple[int, Finding]] = []
     columns.reverse()
     for m, clock in zip(chosen, clocks, strict=True):
-        channel, its_findings = convert(
-            m, columns.pop(), start
-        )  # what was read is let go one by one
+        column, levels = as_levels(columns.pop(), m.meaning)  # let go one by one
+        channel, its_findings = convert(m, column, start)
+        if levels:
+            read_as = ", ".join(f"{word!r} is {k}" for k, word in enumerate(levels) if word)
+            channel = replace(channel, levels=levels, reason=f"{channel.reason}; {read_as}")
         if m.meaning == "wheel_speed" and (unit := provenance.get(f"wheel_speed_{m.axle}")):
             channel = replace(channel, first_unit=unit)
         if m.meaning in MOTOR_FORCES:

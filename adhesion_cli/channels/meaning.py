@@ -15,12 +15,14 @@ from ..core.model import (
     MOTOR_FORCES,
     MOTOR_TOLERANCE,
     OTHER_BRAKES,
+    STATES,
     Meaning,
     Parameter,
 )
 from ..formats.source import Field
 from .places import UNCLEAR, served
 from .rules import GENERIC, guess, name_words, place_of, word_of_kind
+from .state_words import says_state
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,7 @@ class Meant:
         return (self.meaning or "").replace("_", " ").replace("ed f", "ED f")
 
 
+_IN_WORDS: tuple[Meaning | None, ...] = (*STATES, *OTHER_BRAKES)  # which words may state
 _MOST_NAMED = 20  # channels that one finding names
 
 
@@ -99,6 +102,8 @@ def understood(
     for field in fields:
         if stated := by_hand.get(field):
             meant += [_as_stated(field, m) for m in stated]
+            continue
+        if field.words and not (guess(field).meaning in _IN_WORDS and says_state(field.words)):
             continue
         ungrouped = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = guess(ungrouped)
@@ -403,6 +408,7 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
         lambda channel: channel.strip().casefold() in (folded, f"column {folded}"),
         lambda channel: units.in_name(channel)[0].casefold() == folded,
     )
+    fields = [f for f in fields if not f.words or m.meaning in _IN_WORDS]
     named = ([f for f in fields if spelling(f.channel)] for spelling in spellings)
     matching = next((fields for fields in named if fields), [])
     if not matching:

@@ -46,6 +46,7 @@ class Rule(NamedTuple):
 
 
 _NAMED = "an analysis does not use it"
+_SHOWN = "stops use it"
 _PLACED = "stops and slides have their place by it"
 _ON = "above zero it acts"
 ED_WITHOUT_UNIT = "an ED brake, but no unit of a force, a torque or a share (%) is stated"
@@ -83,8 +84,8 @@ RULES = (
     ),
     Rule("any", "acceleration", None, "{0!r} in the name, but no unit of it is stated"),
     Rule("pressure", "other pressure", None, "a pressure, but {0!r} is not the brake cylinder"),
-    Rule("pressure", "reservoir", "reservoir_pressure", _NAMED),
-    Rule("pressure", "brake pipe", "brake_pipe", _NAMED),
+    Rule("pressure", "reservoir", "reservoir_pressure", _SHOWN),
+    Rule("pressure", "brake pipe", "brake_pipe", _SHOWN),
     Rule("pressure", "suspension", "load_pressure", _NAMED),
     Rule("absolute pressure", "?own pressure, ?cylinder, absolute", "pressure"),
     Rule("pressure", "?own pressure, ?cylinder", "pressure"),
@@ -99,15 +100,15 @@ RULES = (
     Rule("speed along the track", "train, ?own speed, !wheel", "train_speed"),
     Rule("speed", "?wheel, ?own speed", "wheel_speed"),
     Rule("state", "own ED brake, !state", None, ED_WITHOUT_UNIT),
-    Rule("state", "own vent valve", "vent_valve", _NAMED),
-    Rule("state", "own hold valve", "hold_valve", _NAMED),
+    Rule("state", "own vent valve", "vent_valve", _SHOWN),
+    Rule("state", "own hold valve", "hold_valve", _SHOWN),
     Rule("any", "own magnetic braking", "magnetic_brake", _ON),
     Rule("any", "own retarder", "retarder", _ON),
-    Rule("state", "own sand", "sanding", _NAMED),
-    Rule("state", "own emergency", "emergency", _NAMED),
-    Rule("state", "own WSP", "wsp_active", _NAMED),
-    Rule("state", "own braking demand", "brake_command", _NAMED),
-    Rule("ratio", "own braking demand", "brake_command", _NAMED),
+    Rule("state", "own sand", "sanding", _SHOWN),
+    Rule("state", "own emergency", "emergency", _SHOWN),
+    Rule("state", "own WSP", "wsp_active", _SHOWN),
+    Rule("state", "own braking demand", "brake_command", _SHOWN),
+    Rule("ratio", "own braking demand", "brake_command", _SHOWN),
     Rule("length", "own position|own kilometre", "position", _PLACED),
     Rule("length", "own distance", "distance", _PLACED),
     Rule("state", "own kilometre", "position", _PLACED),
@@ -156,13 +157,13 @@ _MEASURED = {"speed", "pressure"}
 _NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
 
 
-_VOCABULARY = tomllib.loads(Path(__file__).with_name("vocabulary.toml").read_text("utf-8"))
-_STEMS: list[str] = _VOCABULARY["stems"].split()
-GENERIC: list[str] = _VOCABULARY["generic"].split()
-_CONVENTIONS: list[tuple[str, str, str]] = _VOCABULARY["conventions"]
+VOCABULARY = tomllib.loads(Path(__file__).with_name("vocabulary.toml").read_text("utf-8"))
+_STEMS: list[str] = VOCABULARY["stems"].split()
+GENERIC: list[str] = VOCABULARY["generic"].split()
+_CONVENTIONS: list[tuple[str, str, str]] = VOCABULARY["conventions"]
 _WORDS_BY_KIND: dict[str, list[str]] = {  # of each kind, in the order of the file
     kind: " ".join(of_language.values()).split()
-    for kind, of_language in _VOCABULARY["kinds"].items()
+    for kind, of_language in VOCABULARY["kinds"].items()
 }
 
 
@@ -380,7 +381,7 @@ def guess(field: Field) -> Guess:
         numbered = field.group or "wheel" in name.kinds
         if rule.quantity == "acceleration" or (rule.meaning == "train_speed" and not numbered):
             axle = None
-        if rule.reason in (_NAMED, _ON) and not {"wheel", "valve"} & name.kinds.keys():
+        if rule.reason in (_NAMED, _SHOWN, _ON) and not {"wheel", "valve"} & name.kinds.keys():
             axle = None
         names = " and ".join(repr(word) for word in dict.fromkeys(matched))
         reasons = (

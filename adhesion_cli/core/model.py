@@ -133,11 +133,15 @@ def quantities(annotated: type) -> dict[str, Quantity]:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One scalar series: time stamps [ns], values, and which of them may be used; shape (n,)."""
+    """One scalar series: time stamps [ns], values, and which of them may be used; shape (n,).
+
+    A column of words has the number of each cell's word in `words`.
+    """
 
     t: Times
     value: Floats
     valid: Bools
+    words: tuple[str, ...] = ()
 
 
 class Parameter(NamedTuple):
@@ -173,6 +177,7 @@ class Channel:
     first_unit: str = ""  # of a result: the unit in the log that it was made of, where it matters
     zero: Parameter = Parameter(0.0, 0.0)  # of a pressure's sensor, taken off `data` [Pa]
     tolerance: float = 0.0  # 1 sigma of an ED or traction force, as a share
+    levels: tuple[str, ...] = ()  # of a state in words: the word of 0, of 1, ...
 
     @property
     def measured_in(self) -> str:

@@ -3,6 +3,7 @@
 Names are those of the JSON. None is what the log does not show.
 """
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
@@ -376,6 +377,9 @@ class ChannelSummary:
     axle: Annotated[int | None, Quantity("", "number; null for the whole train")]
     unit: Annotated[str, Quantity("", "unit in the log")]
     reason: Annotated[str, Quantity("", "why it was taken for that")]
+    levels: Annotated[
+        tuple[str, ...], Quantity("", "of a state in words: the word of 0, of 1 and so on")
+    ] = dataclasses.field(default=(), kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)

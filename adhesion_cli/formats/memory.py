@@ -144,6 +144,7 @@ class MemorySource:
         self.account: dict[str, str] = {}
         self.reasons: dict[str, object] = {}
         several = len(axes) > 1  # then each signal has rows of its own
+        self.texts: Sequence[Field] = ()
         self.fields: Sequence[Field] = [
             Field(n, unit=unit, unit_from="as given" if unit else "", signal=n if several else "")
             for n, unit in self.signals.units.items()

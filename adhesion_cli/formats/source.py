@@ -30,6 +30,7 @@ class Field:
     # MF4, TDMS, CAN: the group or message with one time axis that holds it. `group` is then its
     # name for people, where several of them have a channel of this name.
     folder: str = ""
+    words: tuple[str, ...] = ()  # of a column of words: those in the head of the log
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +104,11 @@ class Source(Protocol):
     @property
     def fields(self) -> Sequence[Field]:
         """Every scalar series it can give."""
+        ...
+
+    @property
+    def texts(self) -> Sequence[Field]:
+        """Series of words, which may be states; none where the format has none."""
         ...
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:

@@ -88,6 +88,7 @@ class TableSource:
         self.absolute, self.time_reason = contents.absolute, contents.time_reason
         self.rows, self.reasons, self.metadata = contents.rows, contents.reasons, contents.metadata
         self.fields: Sequence[Field] = contents.fields
+        self.texts: Sequence[Field] = ()
         self.account: dict[str, str] = {}
         self.findings: list[Finding] = []
         self._places = {f: i for i, f in enumerate(contents.fields)}

@@ -37,6 +37,7 @@ class Fields:
 
     path: Path
     fields: Sequence[Field]
+    texts: Sequence[Field] = ()
     format: str = "live"
     absolute: bool = True
     rows: int = 0

@@ -60,7 +60,7 @@ class LiveTable:
             except UserError as error:
                 text = error.text.replace(str(path), self.name)
                 raise UserError(text, error.hint, error.code) from None
-        source.path = Path(self.name)
+        source.path, source.texts = Path(self.name), []  # rows that arrive are numbers
         source.table = replace(source.table, path=source.path)
         return source
 

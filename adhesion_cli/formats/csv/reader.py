@@ -23,7 +23,7 @@ from .dialect import Dialect, is_stamp
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
-from .rows import read_rows
+from .rows import MOST_WORDS, read_rows
 from .time_column import find_clock
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
@@ -73,8 +73,11 @@ class CsvSource:
         reserved = {*clock.columns, *self.keys.columns}
         data_columns = [i for i in range(len(names)) if i not in reserved]
         numeric = [i for i in data_columns if self._is_numeric(i)]
+        self._words = {i: words for i in data_columns if (words := self._words_of(i, numeric))}
         self.places = self._fields(numeric)  # number of the series, and column
         self.fields: list[Field] = list(self.places)
+        self.texts: list[Field] = [Field(names[i], words=x) for i, x in self._words.items()]
+        self.places |= zip(self.texts, ((0, i) for i in self._words), strict=True)
         self.reasons: dict[str, object] = dict(dialect.reasons)
         self.reasons["time"] = clock.reason
         if text := [i for i in data_columns if i not in numeric]:
@@ -112,10 +115,17 @@ class CsvSource:
                 unit, source = self._dialect.units[i], "units row"
                 if series.unit:
                     unit, source = series.unit, "units column"
-                of_series = {"group": series.group, "signal": series.signal}
-                f = Field(channel, unit=unit, unit_from=source if unit else "", **of_series)
+                unit_from = source if unit else ""
+                f = Field(channel, "", "", series.group, unit, unit_from, signal=series.signal)
                 places[f] = k, i
         return places
+
+    def _words_of(self, i: int, numeric: Sequence[int]) -> tuple[str, ...]:
+        """The words of a column that may be a state, in a table of one series; else none."""
+        if i in numeric or len(self._series) > 1 or not self._dialect.headed:
+            return ()
+        words = tuple(dict.fromkeys(self._dialect.column(i)))
+        return words if len(words) <= MOST_WORDS else ()
 
     def _report_text(self, i: int) -> None:
         """Reports a column that should hold numbers by its unit, or by the digits in its cells."""
@@ -137,8 +147,9 @@ class CsvSource:
             UserError: where the log cannot be read, with file, place and remedy; with
                 `ReadOptions.strict` also where a row or cell cannot.
         """
-        indices = sorted({self.places[f][1] for f in wanted})
-        read = read_rows(self.table, indices, self.keys.columns, list(self.keys.series))
+        indices = {self.places[f][1] for f in wanted}
+        numeric, texts = sorted(indices - self._words.keys()), sorted(indices & self._words.keys())
+        read = read_rows(self.table, numeric, self.keys.columns, list(self.keys.series), texts)
         t, codes = read.times, read.codes
         self.lines = Counter({kind: n for kind, n in read.losses.lines.items() if n})
         self.rows = self.lines["used"] + self.lines["other group"]
@@ -165,8 +176,9 @@ class CsvSource:
             if rows:
                 value = value[rows[k]]
                 times.setdefault(k, t[rows[k]])
-            valid = np.isfinite(value) if i in lossy else np.ones(len(value), np.bool_)
-            read_columns.append(Column(times.get(k, t), value, valid))
+            words = tuple(read.words.get(i, ()))
+            valid = np.isfinite(value) if words or i in lossy else np.ones(len(value), np.bool_)
+            read_columns.append(Column(times.get(k, t), value, valid, words))
         return read_columns
 
     def _refuse_time(self, t: Times) -> None:

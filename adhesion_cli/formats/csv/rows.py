@@ -1,5 +1,6 @@
 """One pass over the rows of a text log for some of its columns, every line accounted for."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from .losses import Losses
 
 Key = tuple[str, ...]  # cells of the key columns
 
+MOST_WORDS = 16  # of a column: one with more is no state
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
 _MAX_UNREAD = 1_000  # rows of a block without a readable time that may be a header
 _T, _SERIES = -1, -2  # what a pass gives besides its columns
@@ -32,12 +34,17 @@ class CsvRows:
     codes: NDArray[Any]  # number of each row's key in `met`; zeros without keys
     values: dict[int, Floats]
     met: list[Key]
+    words: dict[int, list[str]]  # of columns of words, whose values are numbers of them
     losses: Losses
     lines: Lines  # with what is wrong at the end of the file
 
 
 def read_rows(
-    table: CsvTable, indices: list[int], keys: tuple[int, ...] = (), wanted: list[Key] | None = None
+    table: CsvTable,
+    indices: list[int],
+    keys: tuple[int, ...] = (),
+    wanted: list[Key] | None = None,
+    texts: Sequence[int] = (),
 ) -> CsvRows:
     """One pass over the file.
 
@@ -46,6 +53,7 @@ def read_rows(
         indices: columns of numbers.
         keys: columns that separate series.
         wanted: their cells; None for every series that occurs.
+        texts: columns of words.
 
     Raises:
         UserError: where no row has a time, another header stands among the rows, or the file
@@ -58,14 +66,17 @@ def read_rows(
     groups = Groups(keys, wanted)
     by_column: dict[int, NDArray[Any]] = {}
     row_count = 0
-    for parsed in threads.run_ahead(Parser(table, indices, keys).parse, lines.blocks()):
+    words: dict[int, list[str]] = {i: [] for i in texts}
+    reread = (*keys, *texts)
+    for parsed in threads.run_ahead(Parser(table, indices, reread).parse, lines.blocks()):
         if not parsed.timed.all():
             classify_untimed(table, parsed)
         timed = parsed.timed.copy()
         codes = groups.codes(parsed, timed)
         losses.add(parsed, timed, row_count)
         stop = row_count + int(timed.sum())
-        for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values}.items():
+        numbers = {i: _numbers_of(parsed.arrays[i], timed, words[i]) for i in texts}
+        for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values, **numbers}.items():
             if i not in by_column:
                 by_column[i] = np.empty(max(table.expected, stop), array.dtype)
             if stop > len(by_column[i]):
@@ -78,7 +89,24 @@ def read_rows(
     losses.lines["used"] = row_count
     for column in by_column.values():
         column.resize(row_count, refcheck=False)
-    return CsvRows(by_column.pop(_T), by_column.pop(_SERIES), by_column, groups.met, losses, lines)
+    t, codes = by_column.pop(_T), by_column.pop(_SERIES)
+    return CsvRows(t, codes, by_column, groups.met, words, losses, lines)
+
+
+def _numbers_of(array: Any, timed: Bools, words: list[str]) -> Floats:
+    """The number of each cell's word, shape (n,); NaN without a word, and where it is not used.
+
+    Words that are new are appended, in the order in which they occur.
+    """
+    used = pc.if_else(pa.array(timed), pc.utf8_trim_whitespace(array), None)
+    encoded = used.dictionary_encode()
+    met = encoded.dictionary.to_pylist()
+    new = [word for word in met if word not in words]
+    words += new[: MOST_WORDS - len(words)]
+    number_of = {word: float(k) for k, word in enumerate(words)}
+    numbers: Floats = np.array([*(number_of.get(word, np.nan) for word in met), np.nan])
+    indices: NDArray[np.int64] = np.asarray(pc.fill_null(encoded.indices, len(met)))
+    return numbers[indices]
 
 
 def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:

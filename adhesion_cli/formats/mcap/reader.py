@@ -53,6 +53,7 @@ class McapSource:
         self._report(self._of_walk())
         self._series = grouped(walk)
         self._report(Discovery(options).report(self._series))
+        self.texts: Sequence[Field] = ()
         self.fields: Sequence[Field] = [
             Field(s.topic, p, leaf.label, s.group, leaf.unit, leaf.unit_from, s.name, s.encoding)
             for s in self._series

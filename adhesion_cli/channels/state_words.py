@@ -1,0 +1,51 @@
+"""States in words: "off" and "on", "zu" and "auf", or the names of a few levels."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from ..core.model import Column, Meaning
+from .rules import VOCABULARY
+
+_OFF, _ON, _CLOSED, _OPEN = (
+    frozenset(" ".join(VOCABULARY["states"][kind].values()).split())
+    for kind in ("off", "on", "closed", "open")
+)
+
+
+def says_state(words: tuple[str, ...]) -> bool:
+    """Whether one of these words of a column is known as that of a state."""
+    return any(word.casefold() in _OFF | _ON | _CLOSED | _OPEN for word in words)
+
+
+def as_levels(column: Column, meaning: Meaning | None) -> tuple[Column, tuple[str, ...]]:
+    """A column of words as 0 and 1, or as 0, 1, 2 and so on; and the word of each level.
+
+    Words for "off" are 0. Where all others are words for "on", these are 1. Else each of them is
+    a level, by the number in it, then in the order of the log. A hold valve acts where it is
+    closed, every other one where it is open.
+    """
+    if not column.words:
+        return column, ()
+    zero = _OFF | (_OPEN if meaning == "hold_valve" else _CLOSED)
+    one = _ON | (_CLOSED if meaning == "hold_valve" else _OPEN)
+    folded = [word.casefold() for word in column.words]
+    others = [word for word in dict.fromkeys(folded) if word not in zero]
+    if all(word in one for word in others):
+        level_of = {word: int(word in one) for word in folded}
+    else:
+        level_of = dict.fromkeys(folded, 0)
+        level_of |= {word: k for k, word in enumerate(sorted(others, key=_number_in), 1)}
+    numbers = np.array([level_of[word] for word in folded], np.float64)
+    value = np.full(len(column.t), np.nan)
+    value[column.valid] = numbers[column.value[column.valid].astype(np.int64)]
+    names = dict(zip(numbers[::-1].astype(int).tolist(), column.words[::-1], strict=True))
+    levels = tuple(names.get(k, "") for k in range(max(names) + 1))
+    return replace(column, value=value, words=()), levels
+
+
+def _number_in(word: str) -> float:
+    """The first number in a word; a word without one stands behind all that have one."""
+    number = re.search(r"\d+", word)
+    return float(number[0]) if number else np.inf
