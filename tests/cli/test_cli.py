@@ -17,6 +17,7 @@ from adhesion_cli.cli.app import app
 from adhesion_cli.core.model import Log
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.studies import response
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_logs"
@@ -523,7 +524,9 @@ def test_the_summary_of_every_command_is_whole(capsys: pytest.CaptureFixture[str
     assert all(line.endswith(".") and "..." not in line for line in listed), listed
 
 
-def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) -> None:
+def test_the_examples_of_the_help_run_as_they_stand(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     examples = {
         c.name: re.findall(r"Example: adhesion (.*)", c.callback.__doc__ or "")
         for c in app.registered_commands
@@ -532,6 +535,7 @@ def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) ->
     assert all(len(found) == 1 for found in examples.values()), examples
     assert max(len(found[0]) for found in examples.values()) <= 60  # on one line: it can be pasted
     (tmp_path / "sample_logs").symlink_to(SAMPLES)
+    monkeypatch.setattr(response, "STEP", 5e-3)  # of `estimators --response`, which takes long
     # These take long, need no file, and have tests of their own.
     assert examples.pop("reproduce") == ["reproduce"]
     assert examples.pop("antiskid") == ["antiskid slippery-stop --set patent.slip_high=0.05"]

@@ -4,6 +4,7 @@ import ast
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -116,19 +117,20 @@ def test_function_is_the_plain_function(a, b, x):
 
 def test_no_result_is_made_by_calling_python() -> None:
     """A tuple is: with a signal pending, numba crashes at it."""
-    called, returned = set(), {}
-    trees = {path: ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
-    nodes = [(path, node) for path, tree in trees.items() for node in ast.walk(tree)]
-    for path, node in nodes:
-        if isinstance(node, ast.FunctionDef) and node.returns:
-            returned[path, node.name] = ast.unparse(node.returns)
-    for path, node in nodes:
-        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
-            continue
-        if node.func.attr == "function" and ast.unparse(node.func) == "compiled.function":
-            module, _, name = ast.unparse(node.args[0]).rpartition(".")
-            places = path.parent.glob("*.py") if module else [path]
-            called |= {(place, name) for place in places if (place, name) in returned}
+    texts = {path: path.read_text("utf-8") for path in PACKAGE.rglob("*.py")}
+    called = {
+        (place, name)
+        for path, text in texts.items()
+        for module, name in re.findall(r"\bcompiled\.function\((?:(\w+)\.)?(\w+)", text)
+        for place in (path.parent.glob("*.py") if module else [path])
+    }
+    returned = {
+        (place, node.name): ast.unparse(node.returns)
+        for place in {place for place, _ in called}
+        for node in ast.parse(texts[place]).body
+        if isinstance(node, ast.FunctionDef) and node.returns
+    }
+    called &= returned.keys()
     assert len(called) > 5
     assert {returned[x] for x in called} <= {"None", "bool", "int", "float"}
 
