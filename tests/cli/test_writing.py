@@ -196,46 +196,61 @@ def test_a_full_disk(
 
 
 TELLS_ITS_WORK = """
-import atexit
+import contextlib, io, json
 opened = []
 sys.addaudithook(lambda event, told: event == "open" and opened.append(str(told[0])))
-@atexit.register
-def tell():
+def run(arguments):
+    opened.clear()
+    sys.argv = ["adhesion", *arguments]
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            __main__.main()
+        except SystemExit as end:
+            code = end.code
     logs = [path for path in opened if path.endswith((".csv", ".mcap"))]
-    print(*logs, *({"numba", "rerun"} & set(sys.modules)))
+    return code, out.getvalue(), [*logs, *({"numba", "rerun"} & set(sys.modules))], err.getvalue()
+print(json.dumps([run(arguments) for arguments in json.loads(sys.argv[1])]))
+sys.exit()
 """
 
 
 @pytest.mark.parametrize("how", ["read-only", "hard link", "symlink", "exists"])
-@pytest.mark.parametrize("name", ALL)
 def test_what_cannot_be_written_is_found_before_the_work(
-    logs: Path, tmp_path: Path, name: str, how: str
+    logs: Path, tmp_path: Path, how: str
 ) -> None:
     """No log is opened and nothing compiled, and nothing changes."""
-    log, out = logs / COMMANDS[name][0].split()[0], tmp_path / COMMANDS[name][1][0]
+    inputs = {name: logs / COMMANDS[name][0].split()[0] for name in ALL}
+    if how in ("hard link", "symlink"):
+        inputs = {name: log for name, log in inputs.items() if log.is_file()}
     force, says = ["--force"], "is the input itself"
     with contextlib.ExitStack() as stack:
-        if how == "read-only":
-            stack.enter_context(mounted(tmp_path, "ro"))
-            says = "the folder cannot be written to"
-        elif how == "exists":
-            out.symlink_to("nowhere")
-            force, says = [], "exists already"
-        elif not log.is_file():
-            pytest.skip("reads no log")
-        elif how == "hard link":
-            os.link(log, out)
-        else:
-            out.symlink_to(log)
-        before, content = os.listdir(tmp_path), log.is_file() and log.read_bytes()
-        code, worked, err = ended(
-            started(logs, command(name, tmp_path, *force), TELLS_ITS_WORK, bare=True)
-        )
-        assert (code, worked) == (1, "\n")
-        assert err.startswith("error: ")
-        assert says in err
-        assert os.listdir(tmp_path) == before
-        assert (log.is_file() and log.read_bytes()) == content
+        for name, log in inputs.items():
+            folder = tmp_path / name
+            folder.mkdir()
+            out = folder / COMMANDS[name][1][0]
+            if how == "read-only":
+                stack.enter_context(mounted(folder, "ro"))
+                says = "the folder cannot be written to"
+            elif how == "exists":
+                out.symlink_to("nowhere")
+                force, says = [], "exists already"
+            elif how == "hard link":
+                os.link(log, out)
+            else:
+                out.symlink_to(log)
+        before = {name: os.listdir(tmp_path / name) for name in inputs}
+        contents = {log: log.read_bytes() for log in inputs.values() if log.is_file()}
+        commands = [command(name, tmp_path / name, *force) for name in inputs]
+        process = started(logs, [json.dumps(commands)], TELLS_ITS_WORK, bare=True)
+        ends, told, err = ended(process)
+        assert (ends, err) == (0, "")
+        for name, (code, *worked, said) in zip(inputs, json.loads(told), strict=True):
+            assert (code, *worked) == (1, "", []), name
+            assert said.startswith("error: "), name
+            assert says in said, name
+        assert {name: os.listdir(tmp_path / name) for name in inputs} == before
+        assert {log: log.read_bytes() for log in contents} == contents
 
 
 @pytest.mark.parametrize("name", EACH)
