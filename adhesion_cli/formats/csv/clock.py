@@ -6,7 +6,7 @@ without a zone count as UTC, times of day from midnight.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -17,19 +17,49 @@ from ...core.model import Bools, Times
 from . import cells
 from .header_words import NS_PER_UNIT
 
-EXCEL_DAYS = (30_000, 60_000)  # serial days that a log may have: 1982 to 2064
-SCALE = {"s": 9, "ms": 6, "us": 3, "ns": 0}  # decimals of an absolute time that are read
+_DAY, _S = NS_PER_UNIT["d"], NS_PER_UNIT["s"]
 
-_EXCEL_1970 = 25_569  # serial day of 1970-01-01
+
+class Count(NamedTuple):
+    """What the numbers of a time column count.
+
+    Attributes:
+        ns: length of one.
+        at_1970: the number of 1970-01-01.
+        name: in words; "" for a unit alone, which may count from any day.
+    """
+
+    ns: int
+    at_1970: float = 0
+    name: str = ""
+
+    @property
+    def scale(self) -> int:
+        """Decimals that an absolute time is read with: to the nanosecond, if int64 holds them."""
+        return len(str(self.ns)) - 1 if self.at_1970 < 1e12 else 0
+
+    def seconds(self, number: float) -> float:
+        """Seconds from 1970 to the time of this number [s]."""
+        return (number - self.at_1970) * self.ns / _S
+
+
+COUNTS = {unit: Count(ns) for unit, ns in NS_PER_UNIT.items()} | {
+    "excel": Count(_DAY, 25_569, "Excel serial days"),
+    "datenum": Count(_DAY, 719_529, "days since the year 0"),
+    "julian": Count(_DAY, 2_440_587.5, "Julian days"),
+    "1904": Count(_S, 2_082_844_800, "seconds since 1904"),
+    "filetime": Count(100, 116_444_736_000_000_000, "100 ns since 1601"),
+    "ticks": Count(100, 621_355_968_000_000_000, "100 ns since the year 1"),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """How to get int64 ns from one or two columns of the table."""
+    """How to get int64 ns from one or more columns of the table."""
 
     columns: tuple[int, ...]
-    unit: str  # of a number: key of `NS_PER_UNIT` or "excel"; "" for stamps
-    pattern: str  # of a stamp, date and time joined by a blank; "" for numbers
+    unit: str  # of a number: key of `COUNTS`; "" for stamps
+    pattern: str  # of a stamp, the cells of its columns joined by blanks; "" for numbers
     decimal: str
     absolute: bool  # counts from 1970
     reason: str
@@ -46,18 +76,18 @@ class Clock:
             return np.asarray(array.cast(pa.int64()).fill_null(0)), np.asarray(array.is_valid())
         if self.pattern:
             text = [pc.utf8_trim_whitespace(a) for a in arrays]
-            stamp = pc.binary_join_element_wise(*text, " ") if len(text) == 2 else text[0]
-            return cells.stamps(stamp, self.pattern)
-        if self.absolute and self.unit in SCALE:
-            return cells.decimals(array, SCALE[self.unit], self.decimal)
+            return cells.stamps(pc.binary_join_element_wise(*text, " "), self.pattern)
+        count = COUNTS[self.unit]
+        if self.absolute and count.ns < _DAY:
+            ticks, ok = cells.decimals(array, count.scale, self.decimal)
+            per_tick = count.ns // 10**count.scale
+            ticks = ticks - int(count.at_1970) * 10**count.scale
+            ok = ok & (np.abs(ticks) < 2**62 // per_tick)
+            return np.where(ok, ticks, 0) * per_tick, ok
         value, _ = cells.floats(array, self.decimal)
         with np.errstate(over="ignore"):
-            if self.unit == "excel":
-                # a serial day is exact to about a microsecond; rounding there keeps steps even
-                value = np.rint((value - _EXCEL_1970) * 86_400e6) * 1000
-            else:
-                value = value * NS_PER_UNIT[self.unit]
+            # a serial day is exact to about a microsecond; rounding there keeps steps even
+            step = 1_000 if count.at_1970 else 1
+            value = np.rint((value - count.at_1970) * (count.ns / step)) * step
         ok = np.abs(value) < 2.0**62
-        if not ok.all():
-            value[~ok] = 0.0
-        return np.rint(value).astype(np.int64), ok
+        return np.where(ok, value, 0.0).astype(np.int64), ok

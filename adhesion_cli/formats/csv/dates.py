@@ -1,71 +1,80 @@
-"""Dates of a text log: which of their numbers is the day, the month and the year."""
+"""Which form of date and clock the cells of a column have."""
 
 import re
-from collections.abc import Sequence
-from datetime import date
+from collections.abc import Mapping, Sequence
 
-CLOCK = (
-    r"(?P<H>[0-9]{1,3}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})(?:[.,](?P<f>[0-9]+)|:(?P<l>[0-9]{3}))?"
-    r"(?:\s*(?P<p>[AaPp])[Mm])?\s*(?P<z>Z|z|UTC|GMT|[+-][0-9]{2}:?[0-9]{2}|[+-][0-9]{2})?"
-)
-GAP = r"(?:[Tt]|[\s,_]+)"
-DATES = {  # a year of two digits is of this century
-    "ymd": r"(?P<y>[0-9]{4})[-/.年](?P<m>[0-9]{1,2})[-/.月](?P<d>[0-9]{1,2})日?",
-    "dmy": r"(?P<d>[0-9]{1,2})[./-](?P<m>[0-9]{1,2})[./-](?P<y>[0-9]{4}|[0-9]{2})",
-    "mdy": r"(?P<m>[0-9]{1,2})[/-](?P<d>[0-9]{1,2})[/-](?P<y>[0-9]{4}|[0-9]{2})",
-    "yymd": r"(?P<y>[0-9]{2})[/-](?P<m>[0-9]{1,2})[/-](?P<d>[0-9]{1,2})",
-}
-ANY_DATE = "|".join(re.sub(r"\?P<\w>", "?:", form) for form in DATES.values())
+import numpy as np
+import pyarrow as pa
+
+from ...core.model import Times
+from .cells import stamps
+
 READABLE = 0.5  # of a time column's first cells must be readable
 _LONGEST_LOG = 7  # days that a log may be long
+_SAMPLE = 50  # cells that show whether a form is worth a look
+_DAY = 86_400 * 10**9
 
-FORM_NAMES = {"dmy": "day/month", "mdy": "month/day", "yymd": "year/month/day"}
+_FRACTION = "(?P<f>[0-9]+)"
+_COUNTS = ("(?P<l>[0-9]{1,3})", "(?P<u>[0-9]{1,6})")  # of it: milliseconds, microseconds
 
 
-def forms_of(cells: Sequence[str], order: str | None) -> list[str]:
-    """Forms in which the most of the cells begin with a date; none where that are few.
+def forms_of(cells: Sequence[str], forms: Mapping[str, str], order: str | None = None) -> list[str]:
+    """Names of the forms in which the most of the cells are read; none where that are few.
 
     Args:
-        cells: of a column, dates or dates and times.
-        order: the order that the user states, as "dmy".
+        cells: of a column.
+        forms: patterns by name.
+        order: the order of a date that the user states, as "dmy".
     """
-    count = {form: len(_days(cells, form)) for form in DATES}
-    if order in ("ymd", "dmy", "mdy"):
-        count = {form: n for form, n in count.items() if form.endswith(order)}
-    largest = max(count.values())
+    sample = cells[:: len(cells) // _SAMPLE + 1]
+    count = {}
+    for name, pattern in forms.items():
+        is_stated = order not in ("ymd", "dmy", "mdy") or name.endswith(order)
+        hits = sum(bool(re.fullmatch(pattern, c)) for c in sample) if is_stated else 0
+        if hits and hits >= READABLE * len(sample):
+            count[name] = int(stamps(pa.array(cells), pattern)[1].sum())
+    largest = max(count.values(), default=0)
     is_readable = largest >= max(READABLE * len(cells), 1)
-    return [form for form, n in count.items() if is_readable and n == largest]
+    return [name for name, n in count.items() if is_readable and n == largest]
 
 
-def decided(cells: Sequence[str], forms: Sequence[str]) -> tuple[str, str] | None:
+def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str] | None:
     """The only form in which the log is no longer than some days, and why; None for several.
 
     With one date, all forms give the same times after the log's start.
 
     Args:
         cells: of the first rows and the last ones.
-        forms: more than one, as `forms_of` gives them.
+        forms: more than one, as `forms_of` names them.
     """
-    days = {form: _days(cells, form) for form in forms}
-    length = {form: max(day_numbers) - min(day_numbers) for form, day_numbers in days.items()}
+    days = {name: read(cells, pattern) // _DAY for name, pattern in forms.items()}
+    length = {name: int(np.ptp(numbers)) for name, numbers in days.items()}
     if not any(length.values()):
-        american = "mdy" in forms and re.search("(?i)[ap]m", cells[0])
-        form = "mdy" if american else forms[0]
-        return form, f"the log has one date, read with the {'month' if american else 'day'} first"
-    plausible = [form for form, n in length.items() if n <= _LONGEST_LOG]
+        names = list(forms)
+        american = re.search(r"(?i)[ap]\.?\s?m", cells[0])
+        form = next((x for x in names if x.endswith("mdy") and american), names[0])
+        first = "month" if form.endswith("mdy") else "day"
+        return form, f"the log has one date, read with the {first} first"
+    plausible = [name for name, n in length.items() if n <= _LONGEST_LOG]
     if len(plausible) == 1:
         return plausible[0], "the only order in which the dates are near"
     return None
 
 
-def _days(cells: Sequence[str], form: str) -> list[int]:
-    """The days of the cells that are dates in a form, counted from 1 January of year 1."""
-    pattern = re.compile(f"{DATES[form]}(?:{GAP}{CLOCK})?")
-    days = []
-    for match in filter(None, map(pattern.fullmatch, cells)):
-        year, month, day = (int(match[name]) for name in "ymd")
-        try:
-            days.append(date(year + 2000 * (year < 100), month, day).toordinal())
-        except ValueError:  # no month has that many days
-            continue
-    return days
+def read(cells: Sequence[str], pattern: str) -> Times:
+    """Times [ns] of the cells that match a pattern."""
+    t, ok = stamps(pa.array(cells), pattern)
+    return t[ok]
+
+
+def with_counted_fraction(cells: Sequence[str], pattern: str) -> str:
+    """The pattern; of a fraction without leading zeros, as .20 after .180, one that counts.
+
+    Such a fraction counts milliseconds or microseconds. Only so the times do not fall.
+    """
+    unnamed = pattern.replace("(?P<l>", "(?:")
+    for counting in (pattern, *(unnamed.replace(_FRACTION, count) for count in _COUNTS)):
+        t = read(cells, counting)
+        if len(t) >= READABLE * len(cells) and not (np.diff(t) < 0).any():
+            return counting
+    return pattern

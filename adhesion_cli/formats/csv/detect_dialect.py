@@ -13,7 +13,6 @@ from .dialect import (
     is_comment,
     is_null,
     is_number,
-    is_stamp,
     number_grammar,
     split,
     without_brackets,
@@ -30,6 +29,7 @@ from .header import (
     refuse_table_above,
     refuse_width,
 )
+from .stamps import is_stamp
 
 _MAX_COLUMNS = 10_000
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns

@@ -17,14 +17,6 @@ INFINITE = tuple(
 _NULLS = frozenset((*NULLS, *INFINITE))
 
 COMMENT = re.compile(r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!|NAME\?|NUM!|NULL!)|%|//)")
-_DATE = (
-    r"(?:\d{1,4}[-/.年]\d{1,2}[-/.月]\d{1,4}日?|\d{1,2}[-. ]?[A-Za-zä]{3}\.?[-. ]?\d{2,4}|\d{8})"
-)
-_CLOCK = (
-    r"\d{1,3}:\d{2}(?::\d{2}(?:[.,]\d+|:\d{3})?|[.,]\d+)?(?:\s*[AaPp][Mm])?"
-    r"\s*(?:Z|UTC|GMT|[+-]\d{2}:?\d{0,2})?"
-)
-_STAMP = re.compile(rf"(?:{_DATE}(?:[T ,_]+{_CLOCK})?|{_CLOCK})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,11 +89,6 @@ _DOT, _COMMA = number_grammar("."), number_grammar(",")
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, with either decimal mark."""
     return _DOT.fullmatch(cell) is not None or _COMMA.fullmatch(cell) is not None
-
-
-def is_stamp(cell: str) -> bool:
-    """Whether a cell reads like a date, a time of day or both."""
-    return _STAMP.fullmatch(cell) is not None
 
 
 def is_null(cell: str) -> bool:

@@ -14,13 +14,13 @@ from .dialect import (
     is_comment,
     is_null,
     is_number,
-    is_stamp,
     number_grammar,
     split,
     uncommented,
 )
 from .head import Line
 from .header_words import is_units_row, time_name
+from .stamps import is_stamp
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 _REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")

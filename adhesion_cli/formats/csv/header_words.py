@@ -13,6 +13,7 @@ NS_PER_UNIT = {
     "s": 1_000_000_000,
     "min": 60_000_000_000,
     "h": 3_600_000_000_000,
+    "d": 86_400_000_000_000,
 }
 
 _VOCABULARY = tomllib.loads(Path(__file__).with_name("header_words.toml").read_text("utf-8"))
@@ -21,6 +22,7 @@ _UNIT = {
     for unit, unit_words in _VOCABULARY["time_units"].items()
     for word in unit_words.split()
 }
+_PARTS = {word: part for part, words in _VOCABULARY["parts"].items() for word in words.split()}
 _TIME: list[str] = _VOCABULARY["time"].split()
 _UNITS_ROW = frozenset(_VOCABULARY["units_row"].split())
 GROUP, SIGNAL, UNITS = (
@@ -66,6 +68,15 @@ def time_name(header: str) -> tuple[int, str | None] | None:
     if name not in _TIME:
         return None
     return _TIME.index(name), unit or _UNIT.get(name if name not in ("t", "h", "s") else "")
+
+
+def time_part(header: str) -> str | None:
+    """Which part of the time a header names, as a group of `stamps.toml`.
+
+    >>> time_part("/axle/header/stamp/nanosec"), time_part("Minute"), time_part("min. speed")
+    ('N', 'M', None)
+    """
+    return _PARTS.get(normal(re.split(r"[/.](?=\w)", header)[-1]).strip("[](){}"))
 
 
 def speaks_of_time(header: str) -> bool:

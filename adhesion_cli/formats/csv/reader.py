@@ -19,11 +19,12 @@ from ..source import Field, ReadOptions
 from .block_parser import CsvTable
 from .clock import Clock
 from .detect_dialect import detect_dialect
-from .dialect import Dialect, is_stamp
+from .dialect import Dialect
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
 from .rows import MOST_WORDS, read_rows
+from .stamps import is_stamp
 from .time_column import find_clock
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words

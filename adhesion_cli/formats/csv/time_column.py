@@ -3,32 +3,37 @@
 import math
 import re
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from ...core import toml, units
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import ReadOptions
-from .clock import EXCEL_DAYS, SCALE, Clock
-from .dates import ANY_DATE, CLOCK, DATES, FORM_NAMES, GAP, READABLE, decided, forms_of
+from .clock import COUNTS, Clock
+from .dates import READABLE, decided, forms_of, read, with_counted_fraction
 from .dialect import Dialect, is_null
-from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_unit
+from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
+from .stamps import CLOCKS, DATES, STAMPS
 
-_DATED = ("iso", "ymd", "dmy", "mdy")  # a column of dates, and the order of their numbers
-TIME_UNITS = (*NS_PER_UNIT, *_DATED, "excel")
+TIME_UNITS = (*COUNTS, "iso", "ymd", "dmy", "mdy")  # numbers, and columns of dates by their order
 
 _S = 1_000_000_000
 _EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
 _STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit is not stated
 _SPAN_S = (3.0, 100_000.0)  # and their lengths
 _SAME_RATE = 0.02  # two clocks whose rates differ by less are one
+_MOST_DATES = 8  # of a log
+_SECONDS = r"(?P<n>-)?(?P<S>[0-9]{1,10})[.,](?P<f>[0-9]+)"
+_DIGITS = {"y": 4, "S": 10, "l": 3, "u": 6, "N": 9}  # of a part of the time, else 2
+_ORDERS = {"dmy": "day/month", "mdy": "month/day", "yymd": "year/month/day"}
 _CANONICAL = re.compile(  # stamps that Arrow reads itself
     r"[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?"
     r"(Z|[+-][0-9]{2}:[0-9]{2})?"
@@ -52,21 +57,26 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         hint = f"{_stated_time('')}; known: {', '.join(TIME_UNITS)}"
         raise UserError(f"unknown time unit {unit!r}", hint, code=2)
     search = _ClockSearch(dialect, unit, rows, path)
+    clock = search.of_parts()
     if options.time_channel is not None:
         i = column_index(dialect, options.time_channel, path)
-        if clock := search.clock(i, "stated"):
+        if clock is None or i not in clock.columns:
+            clock = search.clock(i, "stated")
+        if clock:
             return clock
-        raise _unreadable(dialect, i, path)
+        raise search.unreadable(i)
+    if clock:
+        return clock
     named = search.named()
     text_columns = [i for i in named if len(dialect.numbers(i)) < len(dialect.column(i)) / 2]
     clock = search.first_clock(named, "column named")
     if clock is None and not text_columns:
         clock = search.first_clock(search.likely(), "time by its cells or unit: column")
     if clock is None and named:
-        raise _unreadable(dialect, (text_columns or named)[0], path)
+        raise search.unreadable((text_columns or named)[0])
     if clock is None:
         text = f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})"
-        raise UserError(text, _stated_time("NAME"))
+        raise UserError(text, search.proposal())
     search.refuse_another(clock)
     return clock
 
@@ -106,17 +116,6 @@ def _stated_time(channel: str, unit: str = "s") -> str:
     return f"state it, as {toml.option(f'channels.time = {entry}')}"
 
 
-def _unreadable(dialect: Dialect, i: int, path: Path) -> UserError:
-    """The refusal of a column that is stated, or named, as the time."""
-    cells = dialect.column(i)
-    return UserError(
-        f"{path}: column {dialect.names[i]!r} holds no times that can be read"
-        + (f", as {cells[0][:40]!r}" if cells else ""),
-        "export it in seconds, or as 2026-11-21 13:05:07.250; if another column is the time, "
-        f"{_stated_time('NAME')} (unit: one of {', '.join(TIME_UNITS)})",
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class _ClockSearch:
     """Reads columns as times."""
@@ -140,9 +139,15 @@ class _ClockSearch:
         """Columns of stamps, then those that rise and whose name or unit speaks of time."""
         dialect = self.dialect
         columns = range(len(dialect.names) * dialect.headed)
-        stamps = [i for i in columns if forms_of(dialect.column(i), self.unit)]
-        stamps += [i for i in columns if _share(dialect.column(i), CLOCK) >= READABLE]
-        return stamps + [i for i in columns if _says_time(dialect, i) and _rises(dialect, i)]
+        forms = CLOCKS | STAMPS
+        stamps = [
+            i
+            for i in columns
+            if len(set(dialect.column(i))) > 1 and forms_of(dialect.column(i), forms, self.unit)
+        ]
+        dates = [i for i in columns if forms_of(dialect.column(i), DATES)]
+        rising = [i for i in columns if _says_time(dialect, i) and _rises(dialect, i)]
+        return [*stamps, *dates, *rising]
 
     def first_clock(self, columns: Sequence[int], reason: str) -> Clock | None:
         """The first of these columns that can be read as a time.
@@ -166,9 +171,39 @@ class _ClockSearch:
         cells = self.dialect.column(i)
         if not cells:
             return None
-        if len(self.dialect.numbers(i)) >= READABLE * len(cells):
+        is_numeric = len(self.dialect.numbers(i)) >= READABLE * len(cells)
+        if is_numeric and not forms_of(cells, STAMPS):  # digits may be a date and a time
             return self._of_numbers(i, reason)
         return self._of_stamps(i, reason)
+
+    def of_parts(self) -> Clock | None:
+        """The clock of columns from year to second, or of seconds and a fraction of them."""
+        dialect, columns = self.dialect, dict[str, int]()
+        for i, name in enumerate(dialect.names):
+            if part := time_part(name):
+                columns.setdefault(part, i)
+        fraction = [part for part in "lNu" if part in columns][:1]
+        whole = next((p for p in ("ymdHMS", "HMS", "S" * len(fraction)) if {*p} <= {*columns}), "")
+        parts = [*whole, *fraction]
+        used = tuple(columns[part] for part in parts)
+        patterns = [rf"(?P<{p}>[0-9]{{1,{_DIGITS.get(p, 2)}}})(?:[.,]0*)?" for p in parts]
+        if not fraction:
+            patterns[-1:] = [r"(?P<S>[0-9]{1,2})(?:[.,](?P<f>[0-9]+))?"]
+        pattern = " ".join(patterns)
+        cells = self._joined(used) if whole else []
+        if not forms_of(cells, {"": pattern}) or (np.diff(read(cells, pattern)) < 0).any():
+            return None
+        if not fraction and not re.search("[.,]", cells[-1]) and len(set(cells)) < len(cells):
+            return None
+        names = " + ".join(repr(dialect.names[i]) for i in used)
+        absolute = "y" in parts or read(cells[:1], pattern)[0] >= _EPOCH_S[0] * _S
+        reason = f"parts of the time in {names}"
+        return Clock(used, "", pattern, dialect.decimal, absolute, reason, pa.string())
+
+    def _joined(self, columns: Sequence[int]) -> list[str]:
+        """The cells of several columns, joined by blanks, of rows that have all of them."""
+        rows = ([row[k] for k in columns] for row in self.dialect.rows)
+        return [" ".join(cells) for cells in rows if not any(map(is_null, cells))]
 
     def refuse_another(self, clock: Clock) -> None:
         """Refuses a second time of another rate: nobody says which channels belong to it.
@@ -209,33 +244,57 @@ class _ClockSearch:
         values = [v for v in dialect.numbers(i) if math.isfinite(v)]
         falls = sum(b < a for a, b in pairwise(values))
         said = self._said_unit(i)
+        if falls and (not said or said[0] == "s"):
+            pattern = with_counted_fraction(dialect.column(i), _SECONDS)
+            if pattern != _SECONDS:
+                reason = f"{choice}; s, with a fraction that has no leading zeros"
+                return Clock((i,), "", pattern, dialect.decimal, False, reason, pa.string())
         if not values or (not said and 0.3 * len(values) < falls < 0.9 * (len(values) - 1)):
             return None  # a T that is a temperature
-        unit_source = said or self._shown_unit(i, values)
-        unit, source = unit_source or self._plausible_unit(i, values)
-        if unit in _DATED:
+        if said and said[0] not in COUNTS:
             return None
-        absolute = unit == "excel" or values[0] * NS_PER_UNIT[unit] / _S >= _EPOCH_S[0]
-        kind: Any = pa.float64()
-        if unit == "excel":
-            reason = f"{choice}; Excel serial days ({source})"
-        else:
-            reason = f"{choice}; {'Unix epoch, ' if absolute else ''}{unit} ({source})"
-            seconds = values[0] * NS_PER_UNIT[unit] / _S
-            if seconds > (2**62 / _S if source == "stated" else _EPOCH_S[1]):
-                text = f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
-                raise self._refusal(i, f"{text}2060 ({dialect.column(i)[0]})")
-            if absolute and unit in SCALE:
-                kind = pa.decimal128(38, SCALE[unit])
+        unit_source = self._shown_unit(i, values, said) or said
+        unit, source = unit_source or self._plausible_unit(i, values)
+        count = COUNTS[unit]
+        absolute = bool(count.at_1970) or count.seconds(values[0]) >= _EPOCH_S[0]
+        epoch = "Unix epoch, " if absolute else ""
+        reason = f"{choice}; {count.name or epoch + unit} ({source})"
+        if count.seconds(values[0]) > (2**62 / _S if source == "stated" else _EPOCH_S[1]):
+            text = f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
+            raise self._refusal(i, f"{text}2060 ({dialect.column(i)[0]})", values)
+        is_exact = absolute and count.ns < NS_PER_UNIT["d"]
+        kind: Any = pa.decimal128(38, count.scale) if is_exact else pa.float64()
         names = {"column": repr(name), "unit": unit, "reason": source}
         note = Finding("time-unit-guessed", "info", name, names=names)
         notes = () if unit_source else (note,)
         return Clock((i,), unit, "", dialect.decimal, absolute, reason, kind, notes)
 
-    def _refusal(self, i: int, text: str) -> UserError:
-        units = f"(unit: one of {', '.join(NS_PER_UNIT)}, excel)"
-        hint = f"{_stated_time(self.dialect.names[i], 'ms')} {units}"
-        return UserError(f"{self.path}: {text}", hint)
+    def _refusal(self, i: int, text: str, values: Sequence[float]) -> UserError:
+        return UserError(f"{self.path}: {text}", self.proposal(i, values))
+
+    def proposal(self, i: int | None = None, values: Sequence[float] = ()) -> str:
+        """What to do about a time in doubt: a column and a unit with a usual rate, if there is one.
+
+        Args:
+            i: the column; None for the first that rises.
+            values: its first numbers.
+        """
+        columns = range(len(self.dialect.names)) if i is None else [i]
+        for k in columns:
+            numbers = values or (self.dialect.numbers(k) if _rises(self.dialect, k) else [])
+            if numbers and (units := _usual_units(numbers)):
+                others = f" (or {', '.join(units[1:])})" * (len(units) > 1)
+                return f"{_stated_time(self.dialect.names[k], units[0])}{others}"
+        return "export the log with a column of times, in seconds or as 2026-11-21 13:05:07.250"
+
+    def unreadable(self, i: int) -> UserError:
+        """The refusal of a column that is stated, or named, as the time."""
+        cells = self.dialect.column(i)
+        text = f"{self.path}: column {self.dialect.names[i]!r} holds no times that can be read"
+        hint = "export it in seconds, or as 2026-11-21 13:05:07.250"
+        if self.unit:
+            hint += f"; or state its unit, one of {', '.join(COUNTS)}"
+        return UserError(text + (f", as {cells[0][:40]!r}" if cells else ""), hint)
 
     def _said_unit(self, i: int) -> tuple[str, str] | None:
         """The unit that the user, the units row or the header states, and which of them.
@@ -251,22 +310,28 @@ class _ClockSearch:
         sources = {unit: source for source, unit in said.items() if unit}
         if len(sources) > 1:
             text = " and ".join(f"{unit!r} ({source})" for unit, source in sources.items())
-            raise self._refusal(i, f"the unit of time column {name!r} is stated twice: {text}")
+            text = f"the unit of time column {name!r} is stated twice: {text}"
+            raise self._refusal(i, text, self.dialect.numbers(i))
         return next(iter(sources.items()), None)
 
-    def _shown_unit(self, i: int, values: list[float]) -> tuple[str, str] | None:
-        """The unit in which times lie in our days, and why."""
+    def _shown_unit(
+        self, i: int, values: list[float], said: tuple[str, str] | None
+    ) -> tuple[str, str] | None:
+        """The count in which times lie in our days, and why; only of the length that is `said`."""
         edges, step = (values[0], values[-1]), _step(values)
         cells = self.dialect.column(i)
         fine_cells = sum(len(re.split("[.,]", c)[-1]) >= 6 for c in cells if re.search("[.,]", c))
-        lowest, highest = EXCEL_DAYS
-        if fine_cells > len(cells) / 2 and lowest <= edges[0] <= highest and step * 86_400 <= 60:
-            return "excel", f"serial days between {lowest} and {highest}"
-        for u in ("s", "ms", "us", "ns"):
-            second = _S // NS_PER_UNIT[u]
-            in_our_days = all(_EPOCH_S[0] <= v / second <= _EPOCH_S[1] for v in edges)
-            if in_our_days and step / second <= 60:
-                return u, "epoch by its magnitude"
+        for unit, count in COUNTS.items():
+            if said and (said[1] == "stated" or count.ns != COUNTS[said[0]].ns):
+                continue
+            is_day = count.ns == NS_PER_UNIT["d"]
+            is_possible = count.at_1970 if is_day else count.ns <= _S
+            if not is_possible or (is_day and not said and fine_cells <= len(cells) / 2):
+                continue
+            in_our_days = all(_EPOCH_S[0] <= count.seconds(v) <= _EPOCH_S[1] for v in edges)
+            longest = 2.0 if count.at_1970 and not is_day else 60.0
+            if in_our_days and step * count.ns / _S <= longest:
+                return unit, said[1] if said else f"{count.name or 'epoch'} by its magnitude"
         return None
 
     def _plausible_unit(self, i: int, values: list[float]) -> tuple[str, str]:
@@ -279,8 +344,8 @@ class _ClockSearch:
         span = (values[-1] - values[0]) / max(len(values) - 1, 1) * max(self.rows - 1, 1)
         possible = []
         for u in ("s", "ms", "us", "ns"):
-            step_s, span_s = (x * NS_PER_UNIT[u] / _S for x in (step, span))
-            if _STEP_S[0] <= step_s <= _STEP_S[1] and _SPAN_S[0] <= span_s <= _SPAN_S[1]:
+            span_s = span * NS_PER_UNIT[u] / _S
+            if u in _usual_units(values) and _SPAN_S[0] <= span_s <= _SPAN_S[1]:
                 possible.append(u)
         # fractions of milliseconds would be a rate above 1 kHz
         if _STEP_S[0] <= step < 1 and any(v != int(v) for v in values):
@@ -289,7 +354,7 @@ class _ClockSearch:
             cells = self.dialect.column(i)
             text = f"the unit of time column {self.dialect.names[i]!r} is not stated and not clear "
             text += f"from its values (step {step:g}, from {cells[0]} to {cells[-1]})"
-            raise self._refusal(i, text)
+            raise self._refusal(i, text, values)
         return possible[0], f"step {step:g}, about {span:g} long"
 
     def _of_stamps(self, i: int, choice: str) -> Clock | None:
@@ -298,59 +363,105 @@ class _ClockSearch:
         Raises:
             UserError: where day/month and month/day are possible.
         """
-        dialect, columns = self.dialect, [i]
-        time_only = _share(dialect.column(i), CLOCK) >= READABLE
-        if time_only and (date := self._partner(i, i - 1, ANY_DATE)) is not None:
-            columns = [date, i]
-        elif _share(dialect.column(i), ANY_DATE) >= READABLE:
-            if (time := self._partner(i, i + 1, CLOCK)) is None:
-                return None
-            columns = [i, time]
+        dialect, cells = self.dialect, self.dialect.column(i)
+        columns: tuple[int, ...] = (i,)
+        forms = STAMPS
+        if forms_of(cells, DATES) and (k := self._partner(i, i + 1, CLOCKS)) is not None:
+            columns = (i, k)
+        elif forms_of(cells, CLOCKS):
+            if (k := self._partner(i, i - 1, DATES)) is not None:
+                columns = (k, i)
+            else:
+                forms = CLOCKS
+        form_names = forms_of(self._joined(columns), forms, self.unit)
+        if not form_names:
+            return None
+        form, order = self._order(columns, form_names, forms)
         names = " + ".join(repr(dialect.names[k]) for k in columns)
-        forms = forms_of(dialect.column(columns[0]), self.unit)
-        if not forms:
-            reason = f"{choice}; time of day in {names}, without a date"
-            clock = Clock((i,), "", CLOCK, dialect.decimal, False, reason, pa.string())
-            return clock if time_only else None
-        form, order = self._order(columns[0], forms)
-        kind: Any = pa.string()
-        canonical = [_CANONICAL.fullmatch(c) for c in dialect.column(i)]
-        with_zone = {bool(m and m[1]) for m in canonical}
-        if len(columns) == 1 and all(canonical) and len(with_zone) == 1:
-            kind = pa.timestamp("ns", "UTC" if True in with_zone else None)
-        zone = "" if kind.equals(pa.timestamp("ns", "UTC")) else "; UTC where no zone is stated"
-        reason = f"{choice}; date and time in {names} ({form[-3:]}{order}{zone})"
-        pattern = f"{DATES[form]}{GAP}{CLOCK}"
-        return Clock(tuple(columns), "", pattern, dialect.decimal, True, reason, kind)
+        reason = f"{choice}; time of day in {names}, without a date"
+        pattern, kind = with_counted_fraction(self._joined(columns), forms[form]), pa.string()
+        if forms is STAMPS:
+            if pattern == forms[form] and len(columns) == 1:
+                kind = _arrow_type(cells)
+            zone = "" if kind.equals(pa.timestamp("ns", "UTC")) else "; UTC where no zone is stated"
+            date = form.split()[1].replace("yymd", "ymd")
+            reason = f"{choice}; date and time in {names} ({date}{order}{zone})"
+        columns, pattern = self._with_fraction(columns, pattern)
+        is_dated = forms is STAMPS
+        return Clock(columns, "", pattern, dialect.decimal, is_dated, reason, kind)
 
-    def _order(self, i: int, forms: list[str]) -> tuple[str, str]:
-        """The form of the dates in a column, and what decided between several.
+    def _with_fraction(self, columns: tuple[int, ...], pattern: str) -> tuple[tuple[int, ...], str]:
+        """The columns and pattern of stamps; with a column of their milliseconds, if there is one.
+
+        It is one where the stamps have no fraction.
+        """
+        parts = {time_part(name): i for i, name in enumerate(self.dialect.names)}
+        part = next((p for p in "lNu" if p in parts and parts[p] not in columns), None)
+        if part is None or any(re.search(r"[0-9][.,][0-9]+\D*$", c) for c in self._joined(columns)):
+            return columns, pattern
+        longer = (*columns, parts[part])
+        unnamed = re.sub(r"\?P<[flu]>", "?:", pattern)
+        with_part = rf"{unnamed} (?P<{part}>[0-9]{{1,{_DIGITS[part]}}})"
+        return (
+            (longer, with_part)
+            if forms_of(self._joined(longer), {"": with_part})
+            else (columns, pattern)
+        )
+
+    def _order(
+        self, columns: Sequence[int], names: list[str], forms: Mapping[str, str]
+    ) -> tuple[str, str]:
+        """The form of the stamps in these columns, and what decided between several.
 
         Raises:
             UserError: where nothing does.
         """
-        name, cells = self.dialect.names[i], self.dialect.column(i)
-        if len(forms) > 1:
-            tail = read_tail(self.path, self.dialect)
-            cells += [c for row in tail if not is_null(c := row[i])]
-            forms = [form for form in forms_of(cells, self.unit) if form in forms]
-        if len(forms) < 2:
-            return forms[0], ""
-        if decided_form := decided(cells, forms):
+        cells = self._joined(columns)
+        if len(names) > 1:
+            rows = ([row[k] for k in columns] for row in read_tail(self.path, self.dialect))
+            cells += [" ".join(row) for row in rows if not any(map(is_null, row))]
+            names = [name for name in forms_of(cells, forms, self.unit) if name in names] or names
+        if len(names) < 2:
+            return names[0], ""
+        if decided_form := decided(cells, {name: forms[name] for name in names}):
             return decided_form[0], f": {decided_form[1]}"
-        alternatives = " or ".join(toml.quoted(form[-3:]) for form in forms[1:])
-        readings = " or ".join(FORM_NAMES[form] for form in forms)
-        hint = f"{_stated_time(name, forms[0][-3:])} (or {alternatives})"
-        raise UserError(f"{self.path}: {cells[0]!r} in {name!r} may be {readings}", hint)
+        column, dates = self.dialect.names[columns[0]], [name.split()[-1] for name in names]
+        alternatives = " or ".join(toml.quoted(date[-3:]) for date in dates[1:])
+        readings = " or ".join(_ORDERS.get(date, date) for date in dates)
+        hint = f"{_stated_time(column, dates[0][-3:])} (or {alternatives})"
+        raise UserError(f"{self.path}: {cells[0]!r} in {column!r} may be {readings}", hint)
 
-    def _partner(self, i: int, neighbour: int, pattern: str) -> int | None:
+    def _partner(self, i: int, neighbour: int, forms: Mapping[str, str]) -> int | None:
         """The column with the other half of date and time; the neighbour is preferred."""
-        columns = sorted(range(len(self.dialect.names)), key=lambda k: k != neighbour)
-        cells = ((k, self.dialect.column(k)) for k in columns if k != i)
-        return next((k for k, column in cells if _share(column, pattern) >= READABLE), None)
+        for k in sorted(range(len(self.dialect.names)), key=lambda k: k != neighbour):
+            cells = self.dialect.column(k)
+            is_likely = k != i and (forms is CLOCKS or len(set(cells)) <= _MOST_DATES)
+            if is_likely and forms_of(cells, forms):
+                return k
+        return None
 
 
-def _step(values: list[float]) -> float:
+def _usual_units(values: Sequence[float]) -> list[str]:
+    """Units in which these times have the sampling period of a brake log, none beyond 2060."""
+    step, last = _step(values), values[-1]
+    return [
+        u
+        for u in ("ms", "s", "us", "ns", "min", "h", "d")
+        if _STEP_S[0] <= step * NS_PER_UNIT[u] / _S <= _STEP_S[1]
+        and COUNTS[u].seconds(last) <= _EPOCH_S[1]
+    ]
+
+
+def _arrow_type(cells: Sequence[str]) -> Any:
+    """The type by which Arrow itself reads these stamps; text where it does not."""
+    canonical = [_CANONICAL.fullmatch(c) for c in cells]
+    with_zone = {bool(m and m[1]) for m in canonical}
+    if all(canonical) and len(with_zone) == 1:
+        return pa.timestamp("ns", "UTC" if True in with_zone else None)
+    return pa.string()
+
+
+def _step(values: Sequence[float]) -> float:
     """The median step of the times that rise, 0 where none does."""
     return statistics.median([b - a for a, b in pairwise(values) if b > a] or [0.0])
 
@@ -391,10 +502,6 @@ def _rises(dialect: Dialect, i: int) -> bool:
     if len(values) < max(3, len(dialect.column(i))):
         return False
     return all(b > a for a, b in pairwise(values))
-
-
-def _share(cells: Sequence[str], pattern: str) -> float:
-    return sum(bool(re.fullmatch(pattern, c)) for c in cells) / max(len(cells), 1)
 
 
 def _unnumbered(name: str) -> str:

@@ -232,8 +232,8 @@ def test_reads_every_form_of_relative_time(log, name):
 
 
 def test_a_time_in_an_unknown_form_is_refused_and_no_measured_column_taken_for_it(log):
-    log.write_text("time,p [bar]\n" + "".join(f"PT{k}S,{k / 10}\n" for k in range(9)))
-    with pytest.raises(UserError, match=r"'time' holds no times .* as 'PT0S'") as error:
+    log.write_text("time,p [bar]\n" + "".join(f"T{k}T,{k / 10}\n" for k in range(9)))
+    with pytest.raises(UserError, match=r"'time' holds no times .* as 'T0T'") as error:
         open_csv(log, ReadOptions())
     assert "export it in seconds" in error.value.hint
 
@@ -938,7 +938,7 @@ REFUSED = {
         "grouped thousands or a decimal",
         "decimal",
     ),
-    "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "channels.time.channel="),
+    "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "a column of times"),
     "day or month": (
         b"Time;p\n01/02/2026 13:00:00;1\n05/03/2026 13:00:01;2\n",
         "day/month or month/day",
@@ -952,7 +952,7 @@ REFUSED = {
     "date only": (
         b"Date;p\n2026-01-01;1\n2026-01-01;2\n",
         "no column is a time",
-        "channels.time.channel=",
+        "a column of times",
     ),
     "two different times": (
         b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n",
