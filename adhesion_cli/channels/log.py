@@ -384,14 +384,20 @@ def _sha256(source: Source) -> str:
 
 
 def _joined(findings: Sequence[tuple[int, Finding]]) -> list[Finding]:
-    """The findings; those on time that channels of one clock share are one, which names them all.
+    """The findings; those on time that channels share are one, which names them all.
+
+    Faults are shared by the channels of one clock. Notes with the same numbers are shared by all:
+    each message of a bus has stamps of its own, which are rounded alike.
 
     Args:
         findings: each with its channel's clock.
     """
-    channels: dict[tuple[int, Finding], list[str]] = {}
+    joined: dict[tuple[int, Finding], tuple[Finding, list[str]]] = {}
     for clock, f in findings:
-        shared = catalogue()[f.code].section == "time"
-        key = replace(f, channel="") if shared else f
-        channels.setdefault((clock, key), []).append(f.channel)
-    return [replace(f, channel=", ".join(names)) for (_, f), names in channels.items()]
+        key = clock, f
+        if catalogue()[f.code].section == "time":
+            key = clock, replace(f, channel="")
+            if f.severity == "info":
+                key = 0, replace(f, channel="", count=0, spans=())
+        joined.setdefault(key, (f, []))[1].append(f.channel)
+    return [replace(f, channel=", ".join(names)) for f, names in joined.values()]

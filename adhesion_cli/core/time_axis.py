@@ -6,6 +6,7 @@ Nothing is sorted.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,8 @@ _MOST_SPANS = 20  # of one finding
 _LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
 _FULL_SHARE = 0.9  # share of the samples that then hold a value
 _LEAST_STAMPS = 5  # of a log in which that shows
+_NEAR = 10  # samples on either side that show whether as many came around a stamp as elsewhere
+_MEANED = 0.5  # rounding and jitter are averaged over as long on either side [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +81,7 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     for counter, wrapped in wraps.items():
         report("time-wrapped", wrapped, counter=counter)
     t = _spread(report, column.value)
+    t = _without_rounding(report, column.value) if t is report.t else t
     usable = column.valid & np.isfinite(column.value)
     # The reader reports cells without any value; a wide table of several rates has many.
     report("not-a-number", column.valid & ~usable)
@@ -294,15 +298,85 @@ def _spread(report: _Report, value: Floats) -> Times:
             return t
         n = np.arange(rows.stop - rows.start)
         even_t[rows] = t[rows.start] + np.rint((earliest + latest) / 2.0 + period * n).astype(int)
-    everywhere = np.ones(len(t), dtype=np.bool_)
-    report(
-        "time-coarse-spread",
-        everywhere,
-        samples=per_stamp,
-        apart_s=tick / 1e9,
-        rate_hz=1e9 / period,
-    )
+    _report_spread(report, t, tick, period)
     return even_t
+
+
+def _report_spread(report: _Report, t: Times, tick: float, period: float) -> None:
+    """Notes that samples got even times: no data is lost."""
+    spans = spans_of(t[:1], t[-1:], report.start_ns)
+    values = {"apart_s": tick / 1e9, "rate_hz": float(f"{1e9 / period:.3g}")}
+    report.findings.append(
+        Finding(
+            "time-coarse-spread",
+            "info",
+            channel=report.channel,
+            count=len(t),
+            spans=spans,
+            values=values,
+        )
+    )
+
+
+def _without_rounding(report: _Report, value: Floats) -> Times:
+    """The times of samples of a cycle that jitters, under stamps that are rounded.
+
+    Samples share a stamp by rounding where no more samples came around it than elsewhere: rows that
+    are written twice come on top. Each time is the mean of the stamps around it, the cycle apart.
+    """
+    own = np.isfinite(value)
+    if np.count_nonzero(own) >= _FULL_SHARE * len(own):
+        own[:] = True
+    t, value = report.t[own], value[own]
+    steps = np.diff(t)
+    inside = steps == 0
+    if not inside.any() or (steps < 0).any() or len(t) <= 4 * _NEAR:
+        return report.t
+    changes = value[1:] != value[:-1]
+    if np.count_nonzero(changes) * np.mean(inside) > 1.0 and not changes[inside].any():
+        return report.t  # one sample of each stamp, repeated
+    limit, tick = gap_limit(steps), float(np.quantile(steps[~inside], 0.01))
+    around = (t[2 * _NEAR :] - t[: -2 * _NEAR]) / (2.0 * _NEAR)
+    period = float(np.median(around))
+    shared = np.flatnonzero(inside[_NEAR:-_NEAR])
+    if not len(shared) or np.mean(around[shared]) < (1.0 - 0.25 / _NEAR) * period:
+        return report.t
+    per_stamp = round(tick / period)
+    if per_stamp > _LEAST_SHARED or _alternates(value, max(per_stamp, 2)):
+        return report.t
+    even_t = report.t.copy()
+    width = _width(t - period * np.arange(len(t)), period)
+    cuts = [0, *(np.flatnonzero(steps > limit) + 1), len(t)]
+    even_t[own] = np.concatenate([_mean_times(t[a:b], period, width) for a, b in pairwise(cuts)])
+    if (np.diff(even_t[own]) <= 0).any():
+        return report.t
+    _report_spread(report, t, tick, period)
+    return even_t
+
+
+def _width(late: Floats, period: float) -> int:
+    """Over how many samples on either side to average: fewer where samples are lost.
+
+    Args:
+        late: how late each stamp is, by an even cycle (n,) [ns].
+        period: of the cycle [ns].
+    """
+    width, nearby = round(_MEANED * 1e9 / period), np.std(late[_NEAR:] - late[:-_NEAR])
+    while width > _NEAR and np.std(late[width:] - late[:-width]) > 1.2 * nearby:
+        width //= 2
+    return max(width, _NEAR)
+
+
+def _mean_times(t: Times, period: float, width: int) -> Times:
+    """Each stamp [ns] as the mean of those up to `width` samples around, moved by their periods."""
+    n = np.arange(len(t))
+    total = np.concatenate([[0.0], np.cumsum(t - t[0] - period * n)])
+    reach = np.minimum(np.minimum(n, n[::-1]), width)  # as many on either side: no drift goes in
+    reach = np.maximum(reach, min(_NEAR, len(t)))
+    first, last = np.maximum(n - reach, 0), np.minimum(n + reach + 1, len(t))
+    mean = (total[last] - total[first]) / (last - first)
+    times: Times = t[0] + np.rint(period * n + mean).astype(np.int64)
+    return times
 
 
 def _alternates(value: Floats, per_stamp: int) -> bool:

@@ -22,6 +22,7 @@ def find_applications(record: AxleRecord) -> tuple[slice, ...]:
     K above 5 % of its range, and clearly above its noise, is a brake. Its application reaches back
     and forth down to 2 %. A K that stays on is a sensor's offset if it is less than a tenth of the
     peaks, else a drag brake. A wheel that stands has no application: (1) says nothing about it.
+    Nor is a brake that was applied while it stood, and is released as it starts: it slows nothing.
     """
     runs = moving(record)
     if not runs:
@@ -47,6 +48,8 @@ def _application_slices(
     for start, stop in true_runs(K[run] > off_force):
         if not (K[run][start:stop] > on_force).any():
             continue
+        if start == 0 and _lets_start(record, K, slice(run.start, run.start + stop)):
+            continue
         if spans and t[start] - t[spans[-1][1] - 1] < _DUMP:
             start = spans.pop()[0]
         spans.append((start, stop))
@@ -59,6 +62,13 @@ def _application_slices(
         yield slice(
             run.start + max(start - 1, 0), run.start + end_index
         )  # the last sample released
+
+
+def _lets_start(record: AxleRecord, K: Floats, span: slice) -> bool:
+    """Whether K only falls, from where the wheel began to turn, and the wheel gets faster."""
+    stood = span.start > 0 and span.start not in {s.start for s in record.segments}
+    y = record.wheel_speed[span]
+    return stood and bool(K[span].max() <= 1.1 * K[span.start] and y[-1] > y[0])
 
 
 def find_start_ups(record: AxleRecord, applications: Iterable[slice]) -> list[slice]:

@@ -17,6 +17,8 @@ from .noise_fit import (
     take_samples,
 )
 
+_FEW = 100  # fewer samples of a brake may be all bends
+_MEDIAN_SQUARE = 0.455  # of a standard normal value
 _SHORTEST_ZERO = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 
 
@@ -43,11 +45,12 @@ def smooth_clamping(runs: list[AxleRecord]) -> list[SmoothedClamping]:
     step = median_step(all_pieces)
     floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
     rough = scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
-    guess = smoother.MeasurementNoise(
-        max(white_noise((r.t, r.y) for r in all_pieces), floor), 0.0, rough
-    )
+    variance, decades = white_noise((r.t, r.y) for r in all_pieces), 2.0
+    if sum(len(r.t) for r in all_pieces) < _FEW:
+        variance, decades = min(variance, _noise_of_bends(all_pieces)), 0.5
+    guess = smoother.MeasurementNoise(max(variance, floor), 0.0, rough)
     regimes = smoother.Regimes(np.zeros(3), SWITCHING_RATES, START_PROBABILITIES, 3.0 * scale)
-    prior = smoother.Prior(guess, [2.0, 0.0, 2.0, 2.0, 0.0], floor)
+    prior = smoother.Prior(guess, [decades, 0.0, 2.0, 2.0, 0.0], floor)
     noise, _ = smoother.fit(take_samples(all_pieces), regimes, prior)
     clamping = []
     for r, run_pieces in zip(runs, pieces, strict=True):
@@ -63,6 +66,16 @@ def smooth_clamping(runs: list[AxleRecord]) -> list[SmoothedClamping]:
             measured[s.start + np.searchsorted((t[1:] + t[:-1]) / 2.0, piece.t)] = True
         clamping.append(SmoothedClamping(K, sigma, missed, measured))
     return clamping
+
+
+def _noise_of_bends(pieces: list[smoother.UnbrokenRun]) -> float:
+    """Variance of the white noise, by fourth differences; infinite where there is none.
+
+    From one sample to the next a slow log shows how a brake bends, and that looks like noise. Noise
+    is what changes how it bends. Where the brake begins and ends is a kink.
+    """
+    bends = np.concatenate([np.diff(r.y[1:-1], 4) for r in pieces])
+    return float(np.median(bends**2)) / _MEDIAN_SQUARE / 70.0 if len(bends) else np.inf
 
 
 def _braked_spans(run: AxleRecord) -> list[slice]:

@@ -88,7 +88,6 @@ def test_samples_that_came_evenly_are_spread_between_coarse_stamps(form: str) ->
         ([7, 9, 12, 8, 5, 9, 11, 8, 7, 12, 3, 9], np.arange(100.0)),
         ([8] * 6 + [4] + [8] * 6, np.arange(100.0)),  # some are missing
         ([8] * 12 + [4], np.tile([1.0, 5.0, 2.0, 7.0], 25)),  # rows of four devices
-        ([4] * 25, np.arange(100.0)),  # or as many
     ],
 )
 def test_stamps_too_coarse_to_tell_samples_apart_are_told_once(sizes, values) -> None:
@@ -98,6 +97,47 @@ def test_stamps_too_coarse_to_tell_samples_apart_are_told_once(sizes, values) ->
     assert axis.findings[0].values == {"samples": np.median(sizes), "apart_s": 1.0}
     assert axis.findings[0].spans == ((0.0, len(sizes) - 1.0),)
     assert not len(axis.data.t)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
+@pytest.mark.parametrize("rounding", [2.0, 5.0, 10.0])
+@pytest.mark.parametrize("lost", [0.0, 0.01])
+def test_rounded_stamps_of_a_jittering_cycle_are_put_right(jitter, rounding, lost) -> None:
+    rng = np.random.default_rng(4)
+    true = 5.0 * np.arange(4000)[rng.random(4000) >= lost]
+    stamps = np.maximum.accumulate(true + 5.0 * jitter * rng.standard_normal(len(true)))
+    stamps = rounding * np.round(stamps / rounding)
+    values = np.sin(true / 1000.0) + 0.01 * rng.standard_normal(len(true))
+    axis = time_axis.clean("x", column(stamps.tolist(), values.tolist()), 0)
+    if rounding < 10.0 and not jitter:  # no two samples share a stamp
+        assert not axis.findings
+        return
+    assert codes(axis) == {"time-coarse-spread": len(true)}
+    assert axis.findings[0].severity == "info"
+    assert axis.findings[0].values == {
+        "apart_s": rounding * 1e-3,
+        "rate_hz": pytest.approx(200.0, rel=0.02),
+    }
+    off = axis.data.t / MS - true
+    assert np.std(off) < (2.5 if lost else 0.8)  # half a cycle where samples are lost
+    np.testing.assert_array_equal(axis.data.value, values)
+
+
+def test_rows_of_a_jittering_cycle_that_are_written_twice_are_no_rounding() -> None:
+    rng = np.random.default_rng(4)
+    stamps = np.round(10.0 * np.arange(1000) + rng.uniform(-3.0, 3.0, 1000))
+    twice = np.repeat(stamps, 1 + (np.arange(1000) % 100 == 50))
+    axis = time_axis.clean("x", column(twice.tolist(), twice.tolist()), 0)
+    assert codes(axis) == {"time-duplicate": 10}
+
+
+def test_two_senders_are_no_rounding() -> None:
+    rng = np.random.default_rng(4)
+    stamps = np.round(10.0 * np.arange(2000) / 2.0 + rng.uniform(-4.0, 4.0, 2000))
+    values = np.tile([20.0, 21.0], 1000) + 0.01 * rng.standard_normal(2000)
+    axis = time_axis.clean("x", column(np.sort(stamps).tolist(), values.tolist()), 0)
+    assert "time-conflict" in codes(axis)
+    assert "time-coarse-spread" not in codes(axis)
 
 
 def test_one_sample_of_each_stamp_repeated_is_taken_once() -> None:

@@ -684,3 +684,22 @@ def test_where_nothing_tells_whether_a_speed_is_a_mean_sigma_holds_either() -> N
     found = force.compute(averaged(now, name), VEHICLE)
     used = np.isfinite(found.force)
     assert np.mean(np.abs(found.force - now.truth)[used] < 1.96 * found.sigma[used]) > 0.8
+
+
+def test_a_brake_that_bends_at_1_hz_is_no_noise() -> None:
+    """A smooth brake of 18 samples, in kPa and mm/s: the error is that of the rounding."""
+    w = physics.wheelset(VEHICLE, 1)
+    dense = np.arange(0.0, 32.0, 0.01)
+    p = 2.2e5 * np.sin(np.pi * np.clip((dense - 6.0) / 18.0, 0.0, 1.0)) ** 2
+    K = physics.clamping_force(p, VEHICLE)
+    dw = -physics.rolling_deceleration(w) * K
+    speed = 40.0 + np.cumsum(dw) * 0.01
+    sampled = slice(37, None, 100)
+    p, speed = np.round(p[sampled], -3), np.round(speed[sampled], 3)
+    measured = physics.clamping_force(p, VEHICLE)
+    record = AxleRecord(
+        1, np.round(dense[sampled] * 1e9).astype(np.int64), measured, measured, speed,
+        (slice(0, len(p)),), 0.001, pressure=p, clamping_force_step=1e3 * 0.0256,
+    )  # fmt: skip
+    error = force.compute(record, VEHICLE).force - (w.phi * K + dw / w.a)[sampled]
+    assert rms(error) < 4.0
