@@ -74,8 +74,7 @@ INPUTS: frozenset[Meaning | None] = frozenset(
 OTHER_BRAKES: tuple[Meaning, Meaning] = ("magnetic_brake", "retarder")
 MOTOR_FORCES: tuple[Meaning, Meaning] = ("ed_force", "traction_force")
 MOTOR_TOLERANCE = 0.05  # 1 sigma of a force that a converter calculates from its currents, a share
-# Where the train was; read as well, where the log has them.
-# States, 0 or 1 mostly: they need no unit. Stops and the viewer show them.
+# States, 0 or 1 mostly: they need no unit. Stops, report and viewer show them.
 STATES: tuple[Meaning, ...] = (
     "brake_command",
     "emergency",
@@ -84,6 +83,7 @@ STATES: tuple[Meaning, ...] = (
     "wsp_active",
     "sanding",
 )
+# Where the train was; read as well, where the log has them.
 PLACES: tuple[Meaning, ...] = ("position", "distance", "latitude", "longitude")
 
 

@@ -26,11 +26,13 @@ from ..core.model import (
     OTHER_BRAKES,
     PLACES,
     RECOVERED,
+    STATES,
     AxleRecord,
     AxleResult,
     Column,
     Floats,
     Log,
+    Meaning,
     Regions,
     Result,
     Times,
@@ -52,6 +54,7 @@ CHUNK = 4 << 20  # bytes of a chunk before compression, about
 _LEVEL = 5  # of zstd; the indexes, which are not compressed, are larger than what more would save
 _OPCODE = int(Opcode.MESSAGE)
 _SECOND = 1_000_000_000
+_BRAKE_SIGNALS: tuple[Meaning, ...] = (*STATES, "brake_pipe", "reservoir_pressure")
 _VARINT = 5  # bytes of seconds since 1970, until the year 3058, and of nanoseconds
 _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
 _UNITS = {  # of the doubles of a message, in the order of its schema
@@ -341,7 +344,19 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
             streams.append(_scalar(f"{prefix}/{meaning}", names.SI[meaning], channel.data))
     for c in (c for c in result.log.channels if c.meaning in OTHER_BRAKES):
         streams.append(_scalar(f"{prefix}/{c.meaning}", "", c.data))
+    streams += _brake_signals(result.log, prefix).values()
     return [*streams, *_events(of_result(result), prefix)]
+
+
+def _brake_signals(log: Log, prefix: str) -> dict[str, _Stream]:
+    """Commands, valves, pipe and reservoir, by topic: stops are judged by them."""
+    streams: dict[str, _Stream] = {}
+    for c in log.channels:
+        if c.meaning and c.meaning in _BRAKE_SIGNALS and len(c.data.t):
+            place = "" if c.axle is None else f"/axle/{c.axle}"
+            topic, unit = f"{prefix}{place}/{c.meaning}", names.SI.get(c.meaning, "")
+            streams.setdefault(topic, _scalar(topic, unit, c.data))
+    return streams
 
 
 def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64] | None) -> Iterable[_Stream]:

@@ -28,9 +28,9 @@ from ...core.summary import Measured
 from ...stops.series import SeriesStop
 from .. import palette
 from ..train_stops import MANY_AXLES, group_numbers
-from . import decimate, place_plots
+from . import decimate, place_plots, state_plots
 from .campaign import Bar, Bars
-from .run import ReportAxle, ReportRun
+from .run import LoggedState, ReportAxle, ReportRun
 
 _DETAIL = 3  # more numbers of an axle with figures of its own, over those of the others
 _BITS = 12  # of a number's mantissa that a picture shows
@@ -88,7 +88,7 @@ class Figures:
             sources[axle.number], step = _source(axle, room)
             longest_step = max(longest_step, step)
         overview = self._overview(run, sources, time)
-        figures = {a.number: self._axle(a, sources[a.number], time, run.train) for a in detailed}
+        figures = {a.number: self._axle(a, sources[a.number], time, run) for a in detailed}
         return RunFigures(overview, self._of_places(run), figures, longest_step)
 
     def of_runs(self, runs: Sequence[ReportRun], adhesion: bool = True) -> dict[int, list[str]]:
@@ -231,7 +231,27 @@ class Figures:
         speed.y_range = _range([_column(s, "rim") for s in sources.values()], is_full=True)
         adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
-        return [self._place(speed, "overview-speed"), self._place(adhesion, "overview-adhesion")]
+        places = [self._place(speed, "overview-speed")]
+        places += self._states([s for s in run.states if s.axle is None], time, "overview")
+        return [*places, self._place(adhesion, "overview-adhesion")]
+
+    def _states(self, states: Sequence[LoggedState], time: Range1d, place: str) -> list[str]:
+        """What the switches, valves and commands did, and the pressure of the reservoir."""
+        lanes = [s for s in states if s.meaning in state_plots.TITLES]
+        lanes.sort(key=lambda s: [*state_plots.TITLES].index(s.meaning))
+        places = []
+        if lanes:
+            fig = self._figure("States", state_plots.lanes_height(lanes), time)
+            _legend(fig, state_plots.draw_lanes(fig, lanes))
+            places.append(self._place(fig, f"{place}-states"))
+        for state in (s for s in states if s not in lanes):
+            fig = self._figure("Reservoir [bar]", 110, time)
+            bar = state.value * 1e-5
+            chosen = decimate.rows(state.t, [bar], [], _CURVE)
+            source = ColumnDataSource({"t": state.t[chosen], "p": _rounded(bar[chosen])})
+            _line(fig, source, "p", palette.GREEN)
+            places.append(self._place(fig, f"{place}-reservoir"))
+        return places
 
     def _of_places(self, run: ReportRun) -> list[str]:
         """µ over the position, and the way as a map; nothing where no place is known."""
@@ -257,9 +277,9 @@ class Figures:
         return [self._place(fig, place) for place, fig in figures.items()]
 
     def _axle(
-        self, axle: ReportAxle, source: ColumnDataSource, time: Range1d, train: str
+        self, axle: ReportAxle, source: ColumnDataSource, time: Range1d, run: ReportRun
     ) -> list[str]:
-        N, slides = axle.number, _slides(axle)
+        N, slides, train = axle.number, _slides(axle), run.train
         speed = self._figure("Speed [km/h]", 180, time)
         items = {"wheel": [_line(speed, source, "rim", palette.BLUE)]}
         if axle.has_values("train"):
@@ -298,6 +318,7 @@ class Figures:
         figures[-1].xaxis.axis_label = "time after the start of the log [s]"
         figures[-1].height += 20
         places = [self._place(f, f"axle-{N}-{i}") for i, f in enumerate(figures)]
+        places[1:1] = self._states([s for s in run.states if s.axle == N], time, f"axle-{N}")
         if axle.has_values("slip"):
             places.append(self._place(self._curve(axle), f"axle-{N}-curve"))
         return places

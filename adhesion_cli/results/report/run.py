@@ -5,13 +5,24 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from ...core import physics
 from ...core.annotated import Json, from_json
 from ...core.errors import UserError
-from ...core.model import PLACES, AxleResult, Column, Floats, LogBrake, Result, Times
+from ...core.model import (
+    PLACES,
+    STATES,
+    AxleResult,
+    Column,
+    Floats,
+    LogBrake,
+    Meaning,
+    Result,
+    Times,
+)
 from ...core.summary import (
     AxleSummary,
     BrakeApplication,
@@ -32,9 +43,21 @@ from ..train_stops import choose_axles
 from ..vehicle_text import describe_vehicle
 
 _TOPIC = re.compile(r"/axle/(\d+)/(input|reference|truth|slip|estimate/([\w-]+))")
+_STATES: tuple[Meaning, ...] = (*STATES, "reservoir_pressure")
+_STATE_TOPIC = re.compile(rf"(?:/axle/(\d+))?/({'|'.join(_STATES)})")
 _CAR_AXLES = re.compile(r"car\..+\.axles")
 _FAST = 3.0  # least speed at which slip shows the radius that it was computed with [m/s]
 _TWO_LOGS = "name the *.adhesion.mcap of each log"
+
+
+class LoggedState(NamedTuple):
+    """What a switch, a valve or a command of the log did, or its reservoir's pressure [Pa]."""
+
+    meaning: Meaning
+    axle: int | None  # None: of the whole train
+    t: Floats  # seconds after the log's start (n,)
+    value: Floats  # (n,): finite
+    levels: tuple[str, ...] = ()  # words of the values 0, 1 and so on, where the log has words
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +115,7 @@ class ReportRun:
     stops: Sequence[StopSummary]  # of the whole train
     route: Route  # where it was
     start_ns: int  # the start of the log on the clock of `route`
+    states: Sequence[LoggedState] = ()
 
     @property
     def name(self) -> str:
@@ -153,6 +177,7 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
         detailed = choose_axles(summary.axles) if axles is None else tuple(axles)
         columns = _axles(source, summary.axles, start, settings, detailed)
         route = _route(source)
+        states = _states(source, start, summary.channels, detailed)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         version = provenance.get("version", "an unknown version")
         text = (
@@ -160,7 +185,7 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
         )
         hint = f"make it again: `adhesion analyze {shell_word(str(path))} -o FOLDER`"
         raise UserError(text, hint) from error
-    facts = settings, provenance, detailed, route, start
+    facts = settings, provenance, detailed, route, start, states
     return _run(name or path.name, summary, columns, *facts)
 
 
@@ -175,7 +200,14 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
     pairs = zip(summary.axles, result.axles, strict=True)
     axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)
     numbers = tuple(axle.number for axle in axles)
-    facts = settings, dict[str, str](), numbers, find_route(result.log), start
+    states = [
+        LoggedState(
+            c.meaning, c.axle, (c.data.t - start) * np.float64(1e-9), c.data.value, c.levels
+        )
+        for c in result.log.channels
+        if c.meaning and c.meaning in _STATES
+    ]
+    facts = settings, dict[str, str](), numbers, find_route(result.log), start, states
     return _run(Path(summary.log.path).name, summary, axles, *facts)
 
 
@@ -188,9 +220,10 @@ def _run(  # noqa: PLR0913 (all that a page shows)
     detailed: tuple[int, ...],
     route: Route,
     start_ns: int,
+    states: Sequence[LoggedState],
 ) -> ReportRun:
     log, findings, channels = summary.log, summary.findings, summary.channels
-    facts = settings, provenance, summary.brake, detailed, summary.stops, route, start_ns
+    facts = settings, provenance, summary.brake, detailed, summary.stops, route, start_ns, states
     return ReportRun(file, log, summary.vehicle, axles, findings, channels, *facts)
 
 
@@ -200,6 +233,25 @@ def _route(source: Source) -> Route:
     columns = source.columns(fields)
     by_meaning = {f.channel.removeprefix("/"): c for f, c in zip(fields, columns, strict=True)}
     return make_route({meaning: by_meaning[meaning] for meaning in PLACES if meaning in by_meaning})
+
+
+def _states(
+    source: Source, start: int, channels: Sequence[ChannelSummary], detailed: Sequence[int]
+) -> list[LoggedState]:
+    """Switches, valves and commands by the topics of a result: of the train, and of these axles."""
+    levels = {(c.meaning, c.axle): c.levels for c in channels}
+    fields = {}
+    for field in source.fields:
+        if match := _STATE_TOPIC.fullmatch(field.channel):
+            axle = int(match[1]) if match[1] else None
+            if axle is None or axle in detailed:
+                fields[cast(Meaning, match[2]), axle] = field
+    states = []
+    for (meaning, axle), c in zip(fields, source.columns([*fields.values()]), strict=True):
+        t, used = (c.t - start) * np.float64(1e-9), np.isfinite(c.value)
+        words = levels.get((meaning, axle), ())
+        states.append(LoggedState(meaning, axle, t[used], c.value[used], words))
+    return states
 
 
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:

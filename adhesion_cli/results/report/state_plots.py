@@ -1,0 +1,87 @@
+"""Figures of what a brake's switches did: valves, wheel slide protection, sanding, commands."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource, HoverTool, Range1d
+from bokeh.plotting import figure
+
+from ...core.model import Floats, Meaning
+from .. import palette
+from .run import LoggedState
+
+TITLES: dict[Meaning, str] = {
+    "emergency": "emergency brake",
+    "brake_command": "brake command",
+    "hold_valve": "hold valve",
+    "vent_valve": "vent valve",
+    "wsp_active": "WSP active",
+    "sanding": "sanding",
+}
+_LANE = 26  # height of a lane
+_FRAME = 64  # of legend and axis
+_HIGH = 0.8  # of a lane, at the highest value
+_MOST = 2000  # stretches of a state that are drawn
+
+
+def lanes_height(states: Sequence[LoggedState]) -> int:
+    """Height of a figure with a lane for each state."""
+    return _FRAME + _LANE * len(states)
+
+
+def draw_lanes(fig: figure, states: Sequence[LoggedState]) -> dict[str, list[Any]]:
+    """A lane for each state, the first one on top: as high as its value; returns the legend."""
+    items = {}
+    for i, state in enumerate(states):
+        begins, stops, values = stretches(state)
+        bottom = float(len(states) - 1 - i)
+        highest = float(np.max(np.abs(state.value), initial=0.0)) or 1.0
+        source = ColumnDataSource(
+            {
+                "begin": begins,
+                "stop": stops,
+                "bottom": np.full(len(begins), bottom),
+                "top": bottom + _HIGH * np.abs(values) / highest,
+                "state": [_word(state, value) for value in values.astype(np.float64).tolist()],
+            }
+        )
+        edges, colour = ("begin", "stop", "bottom", "top"), palette.nth(i)
+        style = {"fill_color": colour, "line_color": colour}
+        drawn = fig.quad(*edges, source=source, **style)
+        name = title = TITLES[state.meaning]
+        if len(state.levels) > len(("off", "on")):
+            name = f"{title}: {', '.join(state.levels[1:])}"
+        tips = [(title, "@state"), ("from", "@begin{0.00} s"), ("to", "@stop{0.00} s")]
+        fig.add_tools(HoverTool(renderers=[drawn], tooltips=tips))
+        items[name] = [drawn]
+    fig.y_range = Range1d(-0.1, len(states))
+    fig.yaxis.ticker = []
+    fig.ygrid.grid_line_color = None
+    return items
+
+
+def stretches(state: LoggedState) -> tuple[Floats, Floats, Floats]:
+    """Begin, stop [s] and value of each stretch in which a state is not 0, shape (n,).
+
+    A sample holds until the next one. Of more stretches than a picture shows, the highest value of
+    each of equal times is taken.
+    """
+    t, value = state.t, state.value
+    edges = np.flatnonzero(np.diff(value, prepend=np.nan) != 0.0)
+    if len(edges) > _MOST:
+        bucket = np.floor((t - t[0]) / max(t[-1] - t[0], 1e-9) * _MOST)
+        edges = np.flatnonzero(np.diff(bucket, prepend=np.nan) != 0.0)
+    if not len(edges):
+        return t, t, value
+    lowest, highest = (f.reduceat(value, edges) for f in (np.minimum, np.maximum))
+    values = np.where(highest >= -lowest, highest, lowest)
+    stops = np.append(t[edges[1:]], t[-1])
+    shown = values != 0.0
+    return t[edges][shown], stops[shown], values[shown]
+
+
+def _word(state: LoggedState, value: float) -> str:
+    """The word of a value, where the log has words; else the value."""
+    is_level = value.is_integer() and 0 <= value < len(state.levels)
+    return state.levels[int(value)] if is_level else f"{value:g}"

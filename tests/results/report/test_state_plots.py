@@ -1,0 +1,104 @@
+"""What valves, wheel slide protection, sanding and commands of a log did, in its report."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bokeh.models import ColumnDataSource
+from bokeh.plotting import figure
+from helpers.made_results import EPOCH
+from helpers.pages import analysed, written
+
+from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.core.model import Channel, Column, Meaning, Result
+from adhesion_cli.results.report.plots import Figures
+from adhesion_cli.results.report.run import LoggedState, ReportRun, of_result, read
+from adhesion_cli.results.report.state_plots import draw_lanes, stretches
+
+
+def state(values: list[float], *levels: str) -> LoggedState:
+    return LoggedState("brake_command", None, np.arange(len(values)) / 10, np.array(values), levels)
+
+
+def with_states(made: Result) -> Result:
+    """The result of a log with a valve, a command in words and a reservoir."""
+    t = EPOCH + np.arange(100) * 10**8
+    on = (np.arange(100) // 10 % 2).astype(np.float64)
+
+    def channel(meaning: Meaning, axle: int | None, value: np.ndarray, *levels: str) -> Channel:
+        data = Column(t, value, np.isfinite(value))
+        return Channel(meaning, "", meaning, axle, "", "", data, levels=levels)
+
+    channels = (
+        channel("vent_valve", 2, on, "closed", "open"),
+        channel("brake_command", None, 2.0 * on, "off", "step 1", "step 2"),
+        channel("sanding", None, on),
+        channel("reservoir_pressure", None, 9e5 - 1e4 * on),
+    )
+    log = replace(made.log, channels=(*made.log.channels, *channels))
+    return replace(made, log=log)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> ReportRun:
+    path = tmp_path_factory.mktemp("run") / "one.adhesion.mcap"
+    return read(written(path, with_states(analysed())))
+
+
+def test_a_result_carries_states_and_the_reservoir(run: ReportRun) -> None:
+    by_place = {(s.meaning, s.axle): s for s in run.states}
+    assert set(by_place) == {
+        ("vent_valve", 2), ("brake_command", None), ("sanding", None), ("reservoir_pressure", None),
+    }  # fmt: skip
+    valve = by_place["vent_valve", 2]
+    assert valve.t[10] - valve.t[0] == pytest.approx(1.0)
+    assert valve.value[[9, 10, 19, 20]].tolist() == [0, 1, 1, 0]
+
+
+def test_states_stand_under_the_speeds_and_valves_with_their_axle(run: ReportRun) -> None:
+    figures = Figures()
+    drawn = figures.of_run(run)
+    assert drawn.overview == [
+        "overview-speed", "overview-states", "overview-reservoir", "overview-adhesion",
+    ]  # fmt: skip
+    assert [place for place in drawn.axles[2] if "states" in place] == ["axle-2-states"]
+    assert not [place for place in drawn.axles[1] if "states" in place]
+    speed, states = figures.figures_of(drawn.overview[:2])
+    assert speed.x_range is states.x_range
+    assert [item.label.value for item in states.legend[0].items] == [
+        "brake command: step 1, step 2",
+        "sanding",
+    ]
+    (valves,) = figures.figures_of(["axle-2-states"])
+    (source,) = valves.select({"type": ColumnDataSource})
+    assert (source.data["stop"] - source.data["begin"])[:-1] == pytest.approx(1.0)
+
+
+def test_a_run_without_states_has_no_figure_of_them() -> None:
+    made = analysed()
+    without, with_some = (of_result(x, summarise(x, {})) for x in (made, with_states(made)))
+    assert len(with_some.states) == 4
+    assert "overview-states" not in Figures().of_run(without).overview
+
+
+def test_words_of_levels_are_shown() -> None:
+    fig = figure()
+    lanes = state([0, 1, 2, 0], "off", "step 1", "step 2")
+    assert list(draw_lanes(fig, [lanes])) == ["brake command: step 1, step 2"]
+    (source,) = fig.select({"type": ColumnDataSource})
+    assert source.data["state"] == ["step 1", "step 2"]
+
+
+def test_a_state_holds_until_its_next_sample() -> None:
+    begins, stops, values = stretches(state([0, 1, 1, 0, 0, 3]))
+    assert begins.tolist() == [0.1, 0.5]
+    assert stops.tolist() == pytest.approx([0.3, 0.5])
+    assert values.tolist() == [1, 3]
+
+
+def test_many_changes_keep_their_highest_values() -> None:
+    values = [float(k % 2) for k in range(50_000)]
+    values[30_000] = 5.0
+    begins, _, highest = stretches(state(values))
+    assert len(begins) < 2100
+    assert highest.max() == 5.0
