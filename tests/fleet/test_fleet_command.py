@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -13,7 +13,12 @@ from helpers import logs_of_fleet
 from helpers.forked import Forked
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
-TABLES = ("applications", "stops", "estimators", "findings", "logs")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def kept_processes() -> Iterator[None]:
+    with logs_of_fleet.kept_processes():
+        yield
 
 
 def test_counts_exit_code_and_summary(run: Run, tmp_path: Path) -> None:

@@ -1,12 +1,17 @@
-"""Small logs of a fleet, and work that ends its process."""
+"""Small logs of a fleet, processes that outlive a run, and work that ends its process."""
 
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from adhesion_cli.core import bundled
-from adhesion_cli.fleet import work
+from adhesion_cli.fleet import processes, work
 
 _LINES = (bundled.folder("sample_logs") / bundled.SAMPLE).read_bytes().splitlines(keepends=True)
 
@@ -18,6 +23,30 @@ def write(folder: Path, count: int) -> list[Path]:
     for i, path in enumerate(paths):
         path.write_bytes(b"".join(_LINES[: len(_LINES) - i]))
     return paths
+
+
+class _Kept(processes.Processes):
+    """Processes that the end of a run leaves alive."""
+
+    def close(self) -> None:
+        """Leaves them to the next run."""
+
+
+@contextmanager
+def kept_processes() -> Iterator[None]:
+    """The processes of a run serve the next one too, whose start and imports take seconds."""
+    pools: list[_Kept] = []
+
+    @cache
+    def pool(count: int) -> _Kept:
+        pools.append(_Kept(count))
+        return pools[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(processes, "Processes", pool)
+        yield
+    for one in pools:
+        super(_Kept, one).close()
 
 
 def killed(item: work.Item, job: work.Job) -> Any:
