@@ -193,21 +193,21 @@ def _statistic(measured: Sequence[Measured | None]) -> Statistic | None:
 
 def _student(freedom: float) -> float:
     """The factor of 95 % for so many degrees of freedom."""
-    from scipy.stats import t
+    from scipy.special import stdtrit  # scipy.stats takes half a second to import
 
-    return float(t.ppf(0.975, freedom))
+    return float(stdtrit(freedom, 0.975))
 
 
 def _outliers(values: Floats) -> list[int]:
     """Places of the values that Grubbs' test rejects, one after the other."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     places, rejected = list(range(len(values))), list[int]()
     while (n := len(places)) >= _FEWEST:
         x = values[places]
         sd = float(np.std(x, ddof=1))
         k = int(np.argmax(np.abs(x - np.mean(x))))
-        quantile = float(t.ppf(1.0 - _LEVEL / (2.0 * n), n - 2))
+        quantile = float(stdtrit(n - 2, 1.0 - _LEVEL / (2.0 * n)))
         limit = (n - 1) / math.sqrt(n) * math.sqrt(quantile**2 / (n - 2 + quantile**2))
         if not sd or abs(x[k] - np.mean(x)) <= limit * sd:
             break

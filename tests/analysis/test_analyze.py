@@ -130,9 +130,13 @@ def cut(log: Path, column: str, begin: float, end: float = 99.0) -> Path:
     return log
 
 
+@pytest.fixture(scope="module")
+def whole() -> Result:
+    return analysed(SAMPLES / "low-adhesion.csv", algos=["td"])
+
+
 @pytest.mark.parametrize("end", [18.0, 99.0])
-def test_a_train_speed_that_is_lost_hides_slides(tmp_path: Path, end: float) -> None:
-    whole = analysed(SAMPLES / "low-adhesion.csv", algos=["td"])
+def test_a_train_speed_that_is_lost_hides_slides(tmp_path: Path, end: float, whole: Result) -> None:
     part = analysed(cut(tmp_path / "a.csv", "train_speed [km/h]", 10.0, end), algos=["td"])
     assert not any(f.code == "slip-unknown" for f in whole.findings)
     found = [f for f in part.findings if f.code == "slip-unknown"]

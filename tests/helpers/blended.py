@@ -86,7 +86,7 @@ def blended(
 
     def advance(wanted_traction: float, wanted_brake: float) -> None:
         nonlocal v, time, ed, traction, force_air
-        possible = wanted_brake * ed_part * float(np.clip((v - 2.2) / 2.0, 0.0, 1.0))
+        possible = wanted_brake * ed_part * min(max((v - 2.2) / 2.0, 0.0), 1.0)
         ed += (possible - ed) * min(h / 0.3, 1.0)
         force_air += (wanted_brake - possible - force_air) * min(h / 0.25, 1.0)
         traction += (wanted_traction - traction) * min(h / 0.3, 1.0)
