@@ -4,13 +4,13 @@ The repeats are no measurements: a ramp that is read off once a second is not a 
 """
 
 from collections.abc import Iterator
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import time_axis
-from ..core.model import Channel, Column, Floats
+from ..core.model import Channel, Floats
 
 _FEWEST_HOLDS = 4  # stands of equal length that show how often a channel is sampled
 _SLOWEST = 2.0  # a longer interval is not a sensor's but a test's programme [s]
@@ -50,9 +50,10 @@ def readings(channel: Channel, interval: float) -> Channel:
     index = np.concatenate(
         [piece.start + i for piece, i in zip(pieces, reading_index, strict=True)]
     )
+    data = channel.data
     return replace(
         channel,
-        data=Column(*(column[index] for column in astuple(channel.data))),
+        data=replace(data, t=data.t[index], value=data.value[index], valid=data.valid[index]),
         starts=tuple(int(n) for n in np.cumsum([0, *map(len, reading_index[:-1])])),
         gap_ns=max(channel.gap_ns, time_axis.gap_limit(np.array([round(interval * 1e9)]))),
         rate_hz=1.0 / interval,
