@@ -1,15 +1,14 @@
-"""CAN logs (BLF, ASC, TRC) with the DBC of the vehicle; runs in a process of its own.
+"""CAN logs with the DBC of the vehicle; runs in a process of its own.
 
-python-can reads the frames, cantools the DBC. The signals are decoded here, a message at a time.
+Frames are in BLF, in text (`can_text`), or in an MF4 of a bus, which python-can reads. cantools
+reads the DBC. The signals are decoded here, a message at a time.
 """
 
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +18,9 @@ from numpy.typing import NDArray
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
-from .can_files import Problems, blf_prefix, checked_lines
+from .can_blf import blf_frames
+from .can_frames import Frame, Problems
+from .can_text import TextLog
 from .source import Field, ReadOptions
 from .tables import YEAR_1990, Columns, Contents, NamedColumn, TableSamples, fields
 
@@ -29,6 +30,10 @@ _NO_VALUE = re.compile(  # texts of a value table that say that there is no valu
 )
 _FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no value
 _LISTED_NAMES = 6  # names of one finding
+_DATABASES = {".sym": "sym", ".kcd": "kcd", ".arxml": "arxml", ".cdd": "cdd"}
+
+
+_J1939_LENGTHS = 8, 16, 32  # of numbers that say by their highest byte that they are no value
 
 
 class _Key(NamedTuple):
@@ -37,6 +42,44 @@ class _Key(NamedTuple):
     bus: int
     identifier: int
     extended: bool
+
+
+class _Database:
+    """The messages of the DBC files.
+
+    Args:
+        names: of the files.
+
+    Raises:
+        UserError: where a file cannot be read, or two define one message differently.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._by_id = _messages(names)
+        self._by_name = {m.name: key for key, m in self._by_id.items()}
+        self._by_group = {
+            _parameter_group(number): m
+            for (number, is_extended), m in self._by_id.items()
+            if m.protocol == "j1939" and is_extended
+        }
+
+    def __len__(self) -> int:
+        return len(self._by_id)
+
+    def message(self, identifier: int, extended: bool) -> Any:
+        """The message of an identifier, None for none; of J1939 that of its parameter group."""
+        own = self._by_id.get((identifier, extended))
+        return own or (self._by_group.get(_parameter_group(identifier)) if extended else None)
+
+    def identifier(self, frame: Frame) -> tuple[int, bool]:
+        """The identifier of a frame; of one that the log names, that of the message."""
+        return self._by_name.get(frame.name, (frame.identifier, frame.extended))
+
+
+def _parameter_group(identifier: int) -> int:
+    """The parameter group of a J1939 frame: without priority, source and destination."""
+    group = identifier >> 8 & 0x3FFFF
+    return group if group >> 8 & 0xFF >= 240 else group & ~0xFF
 
 
 @dataclass(slots=True)
@@ -77,20 +120,20 @@ class Reader:
                 "state it with --dbc FILE.dbc",
             )
         self._path = path
-        messages = _messages(options.dbc)
+        database = _Database(options.dbc)
         self._frames: dict[_Key, _Frames] = {}
-        self._unknown: Counter[int] = Counter()
-        self._errors: list[int] = []
+        self._unknown: Counter[str] = Counter()
         problems = Problems()
         self._start = 0
-        self._read(messages, problems)
+        self._read(database, problems)
         keys = [key for key, frames in self._frames.items() if len(frames.t)]
         if not keys:
-            raise self._nothing(messages, problems)
+            raise self._nothing(database, problems)
         self._signals = [
-            _CanSignal(key, messages[key.identifier, key.extended], signal)
+            _CanSignal(key, message, signal)
             for key in sorted(keys)
-            for signal in messages[key.identifier, key.extended].signals
+            for message in [database.message(key.identifier, key.extended)]
+            for signal in message.signals
         ]
         rows = sum(len(self._frames[key].t) for key in keys)
         reasons = {
@@ -108,7 +151,7 @@ class Reader:
         events = []
         for code, times in (
             ("can-error-frames", problems.errors),
-            ("can-frames-lost", problems.loss_times),
+            ("can-frames-lost", problems.losses),
         ):
             if times:
                 finding = Finding(code, "warning", count=len(times))
@@ -123,38 +166,33 @@ class Reader:
             events=events,
         )
 
-    def _read(self, messages: dict[tuple[int, bool], Any], problems: Problems) -> None:
+    def _read(self, database: _Database, problems: Problems) -> None:
         """Reads all frames; keeps those that the DBC names."""
-        frames, begins = _open_frames(self._path, problems)
-        first_frame = next(frames, None)
-        zero, start = begins()  # now the head of the file is read
-        for message in chain([first_frame] if first_frame else [], frames):
-            t = message.timestamp - zero
-            if message.is_error_frame:
-                problems.errors.append(t)
+        frames, begin = _open_frames(self._path, problems)
+        for frame in frames:
+            if frame.kind == "error":
+                problems.errors.append(frame.t)
+            if frame.kind != "data":
                 continue
-            if message.is_remote_frame:
-                continue
-            bus = message.channel if isinstance(message.channel, int) else 0
-            key = _Key(bus, message.arbitration_id, message.is_extended_id)
+            key = _Key(frame.bus, *database.identifier(frame))
             frame_group = self._frames.get(key)
             if frame_group is None:
-                definition = messages.get((key.identifier, key.extended))
+                definition = database.message(key.identifier, key.extended)
                 if definition is None:
-                    self._unknown[key.identifier] += 1
+                    self._unknown[frame.name or f"0x{key.identifier:X}"] += 1
                     continue
                 frame_group = self._frames[key] = _Frames(definition.length)
-            frame_group.add(t, bytes(message.data))
-        ticks = round(start * 1e6) * 1000
+            frame_group.add(frame.t, frame.data)
+        ticks = round(begin() * 1e6) * 1000
         self._start = ticks if ticks >= YEAR_1990 else 0
 
-    def _nothing(self, messages: dict[tuple[int, bool], Any], problems: Problems) -> UserError:
+    def _nothing(self, database: _Database, problems: Problems) -> UserError:
         """Why no frame is used."""
         if self._unknown:
-            ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_LISTED_NAMES))
+            ids = ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
             return UserError(
                 f"{self._path}: no frame of the log is in the DBC (frames: {ids})",
-                f"state the DBC of this vehicle with --dbc; this one has {len(messages)} messages",
+                f"state the DBC of this vehicle with --dbc; this one has {len(database)} messages",
             )
         damage = problems.damage or (f"line {problems.lines[0]}" if problems.lines else "")
         if damage:
@@ -174,7 +212,7 @@ class Reader:
             names = {"example": problems.example}
             yield Finding("can-lines-skipped", "warning", "", count, (), values, names)
         if self._unknown:
-            ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_LISTED_NAMES))
+            ids = ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
             count = sum(self._unknown.values())
             values = {"messages": len(self._unknown)}
             yield Finding("can-unknown-frames", "info", "", count, (), values, {"ids": ids})
@@ -185,7 +223,9 @@ class Reader:
         named = []
         for key, message, signal in self._signals:
             bus = f", CAN {key.bus + 1}" if len(buses) > 1 else ""
-            group = f"{message.name}{bus}"
+            sources = {k.identifier for k, m, _ in self._signals if m is message}
+            source = f", ECU {key.identifier & 0xFF}" if len(sources) > 1 else ""
+            group = f"{message.name}{bus}{source}"
             named.append(NamedColumn(group, signal.name, signal.unit or "", group))
         return fields(named, "DBC")
 
@@ -207,7 +247,7 @@ class Reader:
                 axes.append(_ticks(t if selected is None else t[selected], self._start))
             rows = slice(None) if selected is None else selected
             sizes = np.frombuffer(frames.sizes, np.uint8)[rows]
-            value, no_value = _decoded(bits[key][rows], signal)
+            value, no_value = _decoded(bits[key][rows], message, signal)
             too_short = 8 * sizes.astype(np.int64) <= max(_positions(signal))
             masks = {"value-missing": too_short, "value-is-text": no_value & ~too_short}
             series.append(TableSamples(places[place], value, masks))
@@ -244,7 +284,7 @@ class FrameDecoder:
     """
 
     def __init__(self, dbc: Sequence[str]) -> None:
-        self._known = _messages(dbc)
+        self._known = _Database(dbc)
         self._fields: dict[int, list[tuple[Any, Field]]] = {}
 
     def values(self, identifier: int, extended: bool, data: bytes) -> dict[Field, float]:
@@ -255,7 +295,7 @@ class FrameDecoder:
             extended: whether it has 29 bits.
             data: of the frame.
         """
-        message = self._known.get((identifier, extended))
+        message = self._known.message(identifier, extended)
         if message is None:
             return {}
         if id(message) not in self._fields:
@@ -274,7 +314,7 @@ class FrameDecoder:
             too_short = 8 * len(data) <= max(_positions(signal))
             if too_short or (selected is not None and not selected[0]):
                 continue
-            value, no_value = _decoded(bits, signal)
+            value, no_value = _decoded(bits, message, signal)
             if not no_value[0]:
                 by_signal[field_] = float(value[0])
         return by_signal
@@ -286,18 +326,10 @@ def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
     Raises:
         UserError: where a file cannot be read, or two define one message differently.
     """
-    from cantools import database
-
     by_key: dict[tuple[int, bool], Any] = {}
     origin: dict[tuple[int, bool], str] = {}
     for name in names:
-        try:
-            contents: Any = database.load_file(name, strict=False)
-            messages = contents.messages
-        except Exception as error:  # whatever the library raises, the file is no DBC
-            reason = error.strerror if isinstance(error, OSError) else "no DBC file"
-            text = f"{name}: {reason or 'cannot be read'}"
-            raise UserError(text, "state the vehicle's DBC file with --dbc", code=2) from error
+        messages = _load(name).messages
         for message in messages:
             key = message.frame_id, bool(message.is_extended_frame)
             if key in by_key and _layout(by_key[key]) != _layout(message):
@@ -312,6 +344,30 @@ def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
     return by_key
 
 
+def _load(name: str) -> Any:
+    """A DBC file, or another one that cantools reads.
+
+    Raises:
+        UserError: where it cannot be read, with the library's reason.
+    """
+    from cantools import database
+
+    path = Path(name)
+    try:
+        raw = path.read_bytes()
+        try:
+            text = raw.decode("utf-8-sig")  # with a mark or without
+        except UnicodeDecodeError:
+            text = raw.decode("cp1252", "replace")
+        file_format = _DATABASES.get(path.suffix.lower(), "dbc")
+        return database.load_string(text, database_format=file_format, strict=False)
+    except Exception as error:  # whatever the library raises, the file is no DBC
+        said = " ".join(str(error).split())[:200]
+        reason = error.strerror if isinstance(error, OSError) else f"no DBC file: {said}"
+        text = f"{name}: {reason or 'cannot be read'}"
+        raise UserError(text, "state the vehicle's DBC file with --dbc", code=2) from error
+
+
 def _layout(message: Any) -> list[tuple[Any, ...]]:
     """What decides how a message is decoded."""
     return [
@@ -320,67 +376,30 @@ def _layout(message: Any) -> list[tuple[Any, ...]]:
     ]
 
 
-def _open_frames(path: Path, problems: Problems) -> tuple[Iterator[Any], Any]:
-    """The frames of a log, and what gives the times of its start once the first one is read.
-
-    These are the start as the stamps of its frames count, and since 1970, 0 where none is stated
-    [s].
-
-    Raises:
-        UserError: for times or a version that python-can does not read.
-    """
+def _open_frames(path: Path, problems: Problems) -> tuple[Iterator[Frame], Callable[[], float]]:
+    """The frames of a log; and its start since 1970 [s], 0 for none, once they are read."""
     import can
 
     with path.open("rb") as file:
-        head = file.read(512)
+        head = file.read(8)
     if head.startswith(b"LOGG"):
-        prefix: Any = blf_prefix(path, problems)
-        blf = can.BLFReader(prefix)
-        return _until_damage(blf, problems), lambda: (blf.start_timestamp, blf.start_timestamp)
-    if b";$FILEVERSION" in head or path.suffix.lower() == ".trc":
-        trc: Any = can.TRCReader
-        frames = checked_lines(path, trc, problems)
-        return frames, lambda: (problems.reader._start_time, _trc_start(path, problems))
-    asc: Any = can.ASCReader
-    return checked_lines(path, asc, problems), lambda: (0.0, _asc_start(path, problems))
+        start = can.BLFReader(path).start_timestamp
+        return blf_frames(path, problems), lambda: start
+    if head.startswith((b"MDF", b"UnFinMF")):
+        reader = can.MF4Reader(path)
+        start = reader._start_timestamp
+        return _mf4_frames(reader, start), lambda: start
+    log = TextLog(path, problems)
+    return iter(log), lambda: log.start
 
 
-def _until_damage(frames: Any, problems: Problems) -> Iterator[Any]:
-    """The frames before the first that cannot be read."""
-    try:
-        yield from frames
-    except Exception as error:  # whatever the library raises, the rest is lost
-        reason = " ".join(str(error).split())[:100] or type(error).__name__
-        problems.damage = problems.damage or f"frames cannot be read: {reason}"
-
-
-def _asc_start(path: Path, problems: Problems) -> float:
-    """Start of an ASC log since 1970 [s], its local time taken as UTC; 0 where it states none."""
-    reader = problems.reader
-    if reader.timestamps_format == "relative":
-        raise UserError(
-            f"{path}: time stamps are relative to the frame before",
-            "export the log with absolute time stamps",
-        )
-    begin = problems.begin or reader.date
-    if not begin:
-        return 0.0
-    try:
-        local = datetime.fromtimestamp(reader._datetime_to_timestamp(begin))
-    except (ValueError, OverflowError, OSError):
-        return 0.0
-    return local.replace(tzinfo=UTC).timestamp()
-
-
-def _trc_start(path: Path, problems: Problems) -> float:
-    """Start of a TRC log since 1970 [s]; 0 where it states none."""
-    reader = problems.reader
-    if reader.file_version == type(reader.file_version).UNKNOWN and problems.version:
-        raise UserError(
-            f"{path}: TRC files of version {problems.version} are not read",
-            "export the log as version 1.1, 1.3, 2.0 or 2.1",
-        )
-    return reader.start_time.timestamp() if reader.start_time else 0.0
+def _mf4_frames(reader: Any, start: float) -> Iterator[Frame]:
+    """The frames of an MF4 log of a bus."""
+    for m in reader:
+        bus = m.channel if isinstance(m.channel, int) else 1
+        kind = "error" if m.is_error_frame else "remote" if m.is_remote_frame else "data"
+        t = m.timestamp - start
+        yield Frame(t, bus - 1, m.arbitration_id, m.is_extended_id, bytes(m.data), kind)
 
 
 def _ticks(seconds: Floats, start: int) -> Times:
@@ -417,7 +436,7 @@ def _raw(bits: NDArray[np.uint8], signal: Any) -> NDArray[Any]:
     return raw
 
 
-def _decoded(bits: NDArray[np.uint8], signal: Any) -> tuple[Floats, Bools]:
+def _decoded(bits: NDArray[np.uint8], message: Any, signal: Any) -> tuple[Floats, Bools]:
     """The physical values of a signal, and which raw values say that there is none; shape (n,)."""
     raw = _raw(bits, signal)
     scale, offset = float(signal.scale), float(signal.offset)
@@ -430,7 +449,10 @@ def _decoded(bits: NDArray[np.uint8], signal: Any) -> tuple[Floats, Bools]:
     if offset:
         value += offset
     no_value = [k for k, text in (signal.choices or {}).items() if _NO_VALUE.search(str(text))]
-    return value, np.isin(raw, no_value) if no_value else np.zeros(len(raw), np.bool_)
+    is_none = np.isin(raw, no_value) if no_value else np.zeros(len(raw), np.bool_)
+    if message.protocol == "j1939" and not signal.is_float and signal.length in _J1939_LENGTHS:
+        is_none |= raw >= 0xFE << (signal.length - 8)  # an error, or not available
+    return value, is_none
 
 
 def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools | None:

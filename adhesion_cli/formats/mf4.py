@@ -80,6 +80,11 @@ class Reader:
             if problem := self._add(g, group):
                 names = {"groups": self._names[g], "reason": problem}
                 findings.append(Finding("group-not-read", "info", "", 1, (), {}, names))
+        if not self._places and any(_has_frames(group) for group in self._mdf.groups):
+            raise UserError(
+                f"{path}: the log holds CAN frames; which signals they are, a DBC file says",
+                "state it with --dbc FILE.dbc",
+            )
         if any(time.is_absolute for time in self._masters.values()) and not self._start:
             zone, self._start = "UTC", YEAR_1990  # no other time can be compared with these
             self._places = [p for p in self._places if self._masters[p.group].is_absolute]
@@ -117,14 +122,14 @@ class Reader:
     def _add(self, g: int, group: Any) -> str:
         """Adds the channels of a group; "", or why it cannot be read."""
         master = self._mdf.masters_db.get(g)
-        if any(channel.name == _FRAMES for channel in group.channels):
-            return "it holds CAN frames: state their DBC with --dbc"
+        if _has_frames(group):
+            return "they hold CAN frames, whose DBC is to be stated with --dbc"
         if not self._is_time(group, master):
-            return "it has no time axis"
+            return "they have no time axis"
         time = self._master(g, master)
         if time is None:
             unit = self._mdf.get_channel_unit(group=g, index=master)
-            return f"its time is in {unit!r}, which is no unit of time"
+            return f"their time is in {unit!r}, which is no unit of time"
         self._masters[g] = time
         self._row_counts[g] = int(group.channel_group.cycles_nr)
         for i, channel in enumerate(group.channels):
@@ -230,6 +235,10 @@ class Reader:
                     masks["value-is-text"] = text[ok]
                 series[place] = TableSamples(a, value[ok], masks)
         return Columns(axes, [series[place] for place in places], findings)
+
+
+def _has_frames(group: Any) -> bool:
+    return any(channel.name == _FRAMES for channel in group.channels)
 
 
 def _is_date(seconds: float) -> bool:

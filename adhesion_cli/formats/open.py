@@ -1,12 +1,15 @@
 """Opens a log by what its first bytes are, else by its suffix."""
 
+import mmap
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import UserError
+from ..core.finding import Finding
 from ..core.text import as_url, printable, shell_word
+from .can_text import BEGINS as CAN_TEXT
 from .isolated import Library
 from .memory import Signals
 from .source import ReadOptions, Source
@@ -65,6 +68,19 @@ def _famos(path: Path, _: ReadOptions) -> Source:
     raise UserError(f"{path}: an imc FAMOS log, which cannot be read", hint)
 
 
+_MF4 = Library("mf4", "MDF", ("asammdf",), "mf4")
+_CAN = Library("can", "CAN", ("can", "cantools"), "can")
+
+
+def _mdf(path: Path, options: ReadOptions) -> Source:
+    """With a DBC, a log of a bus is a CAN log."""
+    if options.dbc:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            if data.find(b"CAN_DataFrame") >= 0:
+                return _CAN.open(path, options)
+    return _MF4.open(path, options)
+
+
 FORMATS = (
     Format("mcap", re.compile(rb"\x89MCAP0\r\n"), (".mcap",), _mcap),
     Format("parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _parquet),
@@ -78,16 +94,16 @@ FORMATS = (
         "mf4",
         re.compile(rb"(MDF|UnFinMF) "),
         (".mf4", ".mdf"),
-        Library("mf4", "MDF", ("asammdf",), "mf4").open,
+        _mdf,
     ),
     Format(
         "tdms", re.compile(rb"TDSm"), (".tdms",), Library("tdms", "TDMS", ("nptdms",), "tdms").open
     ),
     Format(
         "can",
-        re.compile(rb"(?ms)LOGG|\s*;\$FILEVERSION|.{0,400}?^base\s+(hex|dec)\b"),
+        re.compile(rb"LOGG|" + CAN_TEXT.pattern, CAN_TEXT.flags),
         (".blf", ".trc"),
-        Library("can", "CAN", ("can", "cantools"), "can").open,
+        _CAN.open,
     ),
     Format("famos", re.compile(rb"\|CF,"), (), _famos),
 )
@@ -103,7 +119,18 @@ def open_source(path: Path | Signals, options: ReadOptions) -> Source:
     if isinstance(path, Signals):
         return path.source
     log_format = _format(path)
-    return log_format.open(path, options) if log_format else _csv(path, options)
+    try:
+        source = log_format.open(path, options) if log_format else _csv(path, options)
+    except UserError as error:
+        if log_format or not options.dbc:
+            raise
+        text = f"{path}: no CAN log that is known, so that --dbc is not used; as a table: "
+        hint = "convert it to BLF, ASC, MF4 or the log of candump; or leave --dbc out"
+        raise UserError(text + error.text.removeprefix(f"{path}: "), hint) from error
+    if options.dbc and source.format != "can":
+        names = {"dbc": ", ".join(Path(name).name for name in options.dbc)}
+        source.findings.append(Finding("dbc-not-used", "info", names=names))
+    return source
 
 
 def kind(path: Path) -> str | None:

@@ -4,6 +4,7 @@ import random
 import struct
 import zlib
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -177,7 +178,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="DBC") as error:
         columns(asc, ())
     assert "--dbc" in error.value.hint
-    with pytest.raises(UserError, match="no DBC file"):
+    with pytest.raises(UserError, match=r"no DBC file: .*Invalid syntax at line 1"):
         columns(asc, (str(asc),))
     with pytest.raises(UserError, match="No such file"):
         columns(asc, (str(tmp_path / "missing.dbc"),))
@@ -290,3 +291,211 @@ def test_the_setting_is_a_list_of_texts(value: str) -> None:
     with pytest.raises(UserError, match=r"can\.dbc") as error:
         load(assignments=[f"can.dbc = {value}"], folder=False)
     assert "brake.dbc" in error.value.hint
+
+
+# One frame of each text form, of bus 1: identifier 0x123, its name, data. Times are k / 10 s.
+ASC_HEAD = HEAD.replace("no internal", "internal")
+ROWS: dict[str, tuple[str, str]] = {  # head, and a line at t
+    "negative.asc": (HEAD, "{t:.6f} 1  123  Rx   d 5 {data}"),
+    "comma.asc": (HEAD, "{comma} 1  123  Rx   d 5 {data}"),
+    "headless.asc": ("", "{t:.6f} 1  123  Rx   d 5 {data}"),
+    "symbolic.asc": (HEAD, "{t:.6f} 1  Brake  Rx   d 5 {data}"),
+    "mixed.asc": (ASC_HEAD, "{t:.6f} 1  Bremse  Rx   d 5 {data}  Length = 226 ID = 291"),
+    "decimal.asc": (HEAD.replace("hex", "dec"), "{t:.6f} 1  291  Rx   d 5 {decimal}"),
+    "latin.asc": (HEAD + "// Prüfzug München\n", "{t:.6f} 1  123  Tx   d 5 {data}"),
+    "fd.asc": (HEAD, "{t:.6f} CANFD   1 Rx        123  Brake  1 0 5  5 {data}   130 120 303000"),
+    "named_fd.asc": (HEAD, "{t:.6f} CANFD   1 Rx      Brake  0 0 5  5 {data}   130 120 303000"),
+    "candump.log": ("", "({epoch:.6f}) can0 123#{packed}"),
+    "fd.log": ("", "({epoch:.6f}) vcan1 123##1{packed}"),
+    "screen.txt": ("", " ({epoch:.6f})  can0  123   [5]  {data}"),
+    "direction.txt": ("", " ({epoch:.6f})  can0  RX - -  123   [5]  {data}   '..h..'"),
+    "dated.txt": ("", " ({date})  can0  123   [5]  {data}"),
+    "zero.txt": ("", " ({zero:010.6f})  can0  123   [5]  {data}"),
+    "hacker.trc": ("Time ID DLC Data Comment\n", "{short}    123      5     {data} "),
+    "1_0.trc": (";$FILEVERSION=1.0\n", "{n:6d})  {ms:.1f}  0123  5  {data}"),
+    "1_1.trc": (";$FILEVERSION=1.1\n;$STARTTIME=46347.5\n", "{n}) {ms:.1f}  Rx  0123  5  {data}"),
+    "1_3.trc": (";$FILEVERSION=1.3\n", "{n:6d}) {ms:.3f} 1  Rx  0123 -  5    {data}"),
+    "2_1.trc": (
+        ";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n",
+        "{n:6d} {ms:.3f} DT 1 0123 Rx - 5 {data}",
+    ),
+    "busmaster.log": (
+        "***BUSMASTER Ver 3.2.2***\n***START DATE AND TIME 21:11:2026 13:05:07:250***\n***HEX***\n"
+        "***SYSTEM MODE***\n***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***\n",
+        "13:05:{bus} Rx 1 0x123 s 5 {data} ",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_text_logs_of_every_form(tmp_path: Path, name: str) -> None:
+    head, row = ROWS[name]
+    first, lines, speeds = (-5 if name == "negative.asc" else 0), [], []
+    for n, k in enumerate(range(first, 20)):
+        t, speed = k / 10, 7200 - 11 * n
+        data = struct.pack("<H", speed) + b"\x10\x68\0"
+        seconds = datetime.fromtimestamp(START + t, UTC)
+        cells = {
+            "t": t, "comma": f"{t:.6f}".replace(".", ","), "short": f"{t:.3f}".replace(".", ","),
+            "epoch": START + t, "zero": t, "ms": 1e3 * t, "n": n + 1,
+            "date": f"{seconds:%Y-%m-%d %H:%M:%S.%f}", "bus": f"{seconds:%S:%f}"[:7],
+            "data": data.hex(" ").upper(), "packed": data.hex().upper(),
+            "decimal": " ".join(map(str, data)),
+        }  # fmt: skip
+        lines.append(row.format(**cells))
+        speeds.append(speed / 100)
+    path = tmp_path / name
+    path.write_text(head + "\n".join(lines) + "\n", "latin-1")
+    found, findings, source = columns(path, stated(tmp_path))
+    assert source.format == "can"
+    assert np.allclose(found["speed"].value, speeds)
+    origin = NS if source.absolute and name != "1_1.trc" else int(found["speed"].t[-first])
+    assert np.array_equal(found["speed"].t - origin, np.arange(first, 20) * 100_000_000)
+    assert source.absolute == (name.endswith((".asc", ".log")) or name in ("1_1.trc", *DATED)) - (
+        name == "headless.asc"
+    )
+    assert not findings
+
+
+DATED = ("screen.txt", "direction.txt", "dated.txt")
+
+
+def test_a_line_without_a_frame_in_candump_is_counted(tmp_path: Path) -> None:
+    lines = [f"({START + k / 10:.6f}) can0 123#201C106800" for k in range(20)]
+    lines[3] = lines[3][:-1]
+    lines[5:5] = [f"({START + 0.45:.6f}) can0 20000080#0000000000000000", "noise"]
+    path = tmp_path / "a.log"
+    path.write_text("\n".join(lines) + "\n", "utf-8")
+    found, findings, _ = columns(path, stated(tmp_path))
+    assert len(found["speed"].t) == 19
+    assert findings["can-lines-skipped"].count == 2
+    assert findings["can-error-frames"].count == 1
+
+
+MARKERS = [b"", b"x", b"ab", b"abc", b"text with LOBJ inside", b"\xfc" * 101]
+
+
+@pytest.mark.parametrize("text", MARKERS)
+@pytest.mark.parametrize("padding", [0, 1, 3, 4])
+@pytest.mark.parametrize("is_outside", [False, True])
+def test_a_marker_of_the_user_costs_no_frame(
+    tmp_path: Path, text: bytes, padding: int, is_outside: bool
+) -> None:
+    """Of any length, padded as one likes, among the frames or between two containers."""
+    path = tmp_path / "a.blf"
+    places = blf(path)
+    whole, _, _ = columns(path, stated(tmp_path))
+    body = struct.pack("<LLL3xBLLL12x", 0, 0xFFFFFF, 0xFF3300, 0, 5, len(text), 0) + b"Mark " + text
+    marker = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(body), 96, 2, 0, 0, 10**9) + body
+    marker += bytes(padding)
+    raw, at = path.read_bytes(), places[3]
+    if not is_outside:
+        packed = zlib.compress(marker)
+        base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+        at, marker = places[0], base + struct.pack("<H6xL4x", 2, len(marker)) + packed
+    path.write_bytes(raw[:at] + marker + raw[at:])
+    found, findings, _ = columns(path, stated(tmp_path))
+    assert np.array_equal(found["speed"].t, whole["speed"].t)
+    assert not findings
+
+
+@pytest.mark.parametrize("length", [3, 20, 33, 70])
+def test_an_object_with_a_wrong_length_costs_itself(tmp_path: Path, length: int) -> None:
+    frames = [frame(k / 10, bytes(5)) for k in range(400)]
+    path = written(tmp_path / "a.blf", frames)
+    raw = path.read_bytes()
+    size = struct.unpack_from("<L", raw, 144 + 8)[0]
+    content = bytearray(zlib.decompress(raw[144 + 32 : 144 + size]))
+    struct.pack_into("<L", content, 48 * 200 + 8, length)
+    packed = zlib.compress(bytes(content))
+    base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+    path.write_bytes(raw[:144] + base + struct.pack("<H6xL4x", 2, len(content)) + packed)
+    found, findings, _ = columns(path, stated(tmp_path))
+    assert 398 <= len(found["speed"].t) <= 400
+    assert "log-damaged" in findings
+
+
+def j1939(folder: Path, identifier: int) -> tuple[str, ...]:
+    """A DBC with one message of that protocol."""
+    message = Message(identifier, "Brake", 5, [SPEED, PRESSURE], is_extended_frame=True)
+    text = Database([message], version="").as_dbc_string()
+    text += 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
+    text += 'BA_DEF_DEF_ "VFrameFormat" "J1939PG";\n'
+    text += f'BA_ "VFrameFormat" BO_ {identifier | 1 << 31} 3;\n'
+    (folder / "j1939.dbc").write_text(text, "utf-8")
+    return (str(folder / "j1939.dbc"),)
+
+
+@pytest.mark.parametrize(
+    ("identifier", "is_same"),
+    [
+        (0x18FEF10B, True),
+        (0x0CFEF133, True),  # another priority
+        (0x18FEF20B, False),  # another group
+        (0x1CEF0B21, False),  # below 240 the second byte is an address
+    ],
+)
+def test_j1939_frames_are_known_by_their_group(
+    tmp_path: Path, identifier: int, is_same: bool
+) -> None:
+    dbc = j1939(tmp_path, 0x18FEF1FE)
+    data = struct.pack("<H", 7200) + b"\x10\x68\0"
+    frames = [frame(k / 10, data, identifier, is_extended_id=True) for k in range(9)]
+    frames.append(frame(1.0, b"\xff\xfe\x10\x68\0", identifier, is_extended_id=True))
+    written(tmp_path / "a.blf", frames)
+    if not is_same:
+        with pytest.raises(UserError, match="no frame of the log is in the DBC"):
+            columns(tmp_path / "a.blf", dbc)
+        return
+    found, findings, _ = columns(tmp_path / "a.blf", dbc)
+    assert found["speed"].value[:9].tolist() == [72.0] * 9
+    assert findings["value-is-text"].count == 1  # not available
+
+
+def test_j1939_address_below_240(tmp_path: Path) -> None:
+    dbc = j1939(tmp_path, 0x18EF0BFE)
+    frames = [frame(k / 10, bytes(5), 0x18EF2103, is_extended_id=True) for k in range(9)]
+    found, _, _ = columns(written(tmp_path / "a.blf", frames), dbc)
+    assert len(found["speed"].t) == 9
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_encodings_of_a_dbc(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "vehicle.dbc"
+    text = Database([BRAKE], version="").as_dbc_string()
+    path.write_text(text + 'CM_ "Bremszylinderdruck, geprüft bei 20 °C";\n', encoding)
+    frames = [frame(k / 10, bytes(5)) for k in range(9)]
+    found, findings, _ = columns(written(tmp_path / "a.blf", frames), (str(path),))
+    assert len(found["speed"].t) == 9
+    assert not findings
+
+
+def test_the_reason_of_the_library_is_passed_on(tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.dbc"
+    path.write_text(Database([BRAKE], version="").as_dbc_string().replace("BO_ 291", "BO_ 4096"))
+    log = written(tmp_path / "a.blf", [frame(0.0, bytes(5))])
+    with pytest.raises(UserError, match="Standard frame id 0x1000 is more than 11 bits"):
+        columns(log, (str(path),))
+
+
+def test_a_dbc_that_is_not_used_is_reported(tmp_path: Path) -> None:
+    path, dbc = tmp_path / "a.csv", stated(tmp_path)
+    path.write_text("time [s],p [bar]\n" + "".join(f"{k / 10},{k % 3}\n" for k in range(50)))
+    _, findings, _ = columns(path, dbc)
+    assert findings["dbc-not-used"].names["dbc"] == "vehicle.dbc"
+    path.write_text("".join(f"frame {k} at bus: 12 34\n" for k in range(50)))
+    with pytest.raises(UserError, match="--dbc is not used"):
+        columns(path, dbc)
+
+
+def test_frames_in_an_mf4(tmp_path: Path) -> None:
+    frames = [frame(k / 10, struct.pack("<H", 7200 - k) + bytes(3)) for k in range(50)]
+    path = written(tmp_path / "a.mf4", frames)
+    found, findings, source = columns(path, stated(tmp_path))
+    assert source.format == "can"
+    assert np.allclose(found["speed"].value, 72.0 - np.arange(50) / 100)
+    assert np.array_equal(np.rint(np.diff(found["speed"].t) / 1e6), np.full(49, 100))
+    assert not findings
+    with pytest.raises(UserError, match="holds CAN frames") as error:
+        columns(path, ())
+    assert "--dbc" in error.value.hint

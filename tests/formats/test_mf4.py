@@ -248,5 +248,5 @@ def test_an_unsigned_time_that_began_below_zero(tmp_path: Path, factor: float) -
 
 
 def test_a_time_that_is_no_time_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="its time is in 'm', which is no unit of time"):
+    with pytest.raises(UserError, match="their time is in 'm', which is no unit of time"):
         columns(with_time(tmp_path / "a.mf4", T, "m"))

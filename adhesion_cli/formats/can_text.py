@@ -1,0 +1,314 @@
+"""Text logs of CAN frames: ASC, TRC, candump, BUSMASTER and CANHacker.
+
+Each line is read by itself: one that should hold a frame and cannot be read costs only itself, and
+is counted.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+from ..core.errors import UserError
+from .can_frames import Frame, Problems
+
+_CANDUMP = re.compile(
+    r"\s*\((?P<t>[^)]+)\)\s+(?P<bus>\S+)\s+(?:[RT]X\s+\S+\s+\S+\s+)?(?P<id>[0-9A-Fa-f]{3,8})"
+    r"(?:#(?P<log>\S*)|\s+\[\s*(?P<size>\d+)\]\s*(?P<data>.*))"
+)
+_BUSMASTER = b"***BUSMASTER"
+_CANHACKER = re.compile(rb"\s*Time\s+ID\s+DLC\s+Data")
+# What a file begins with that holds frames; the last one is an ASC log without its head.
+BEGINS = re.compile(
+    rb"\s*;\$FILEVERSION|.{0,400}?^base\s+(?:hex|dec)\b|\*\*\*BUSMASTER|\s*Time\s+ID\s+DLC\s+Data"
+    rb"|\s*\([^)]{3,40}\)\s+\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\s*\d+\])"
+    rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s",
+    re.MULTILINE | re.DOTALL,
+)
+_BEGIN = re.compile(r"(?i)begin trigger ?block\s+\w+\s+(.+)")
+_END_OF_BLOCK = re.compile(r"(?i)\s*end trigger ?block")
+_EVENTS = re.compile(r"(?i)Statistic|J1939|Overload|Status|Chip")  # lines of an ASC log: no frames
+_STATES = {"ST", "EC", "EV", "Warng", "Event"}  # lines of a TRC log that are no frames
+_TRC_ERRORS = {"ER", "Error"}
+_CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]")  # of bytes that were lost
+_DAY = 86_400.0
+
+
+class TextLog:
+    """A text log of frames.
+
+    Args:
+        path: of the log.
+        problems: takes what is wrong with it.
+
+    Attributes:
+        start: since 1970 [s], known once the first frame is read; 0 where the log states none.
+    """
+
+    def __init__(self, path: Path, problems: Problems) -> None:
+        self._path, self._problems = path, problems
+        with path.open("rb") as file:
+            head = file.read(512)
+        self._line_reader = self._reader(head, path.suffix.lower())
+        self.start = 0.0
+        self._first: float | None = None  # the first time as the log counts [s]
+        self._begin, self._is_closed = "", False
+        self._base, self._columns, self._version = 16, list[str](), ""
+        self._buses: list[str] = []
+
+    def _reader(self, head: bytes, suffix: str) -> Callable[[str], Frame | None]:
+        if head.startswith(_BUSMASTER):
+            return self._busmaster
+        if _CANHACKER.match(head):
+            return self._canhacker
+        if _CANDUMP.match(head.decode("latin-1")):
+            return self._candump
+        return self._trc if b";$FILEVERSION" in head or suffix == ".trc" else self._asc
+
+    def __iter__(self) -> Iterator[Frame]:
+        number, line = 0, ""
+        # Comments may be in any encoding; what frames are made of is ASCII.
+        with self._path.open(encoding="latin-1", newline=None) as file:
+            for number, line in enumerate(file, 1):
+                if not line.endswith("\n") and not _END_OF_BLOCK.match(line):
+                    break  # a digit of its last byte may be missing
+                if frame := self._frame(number, line.strip()):
+                    yield frame
+        if line and not line.endswith("\n") and not _END_OF_BLOCK.match(line):
+            self._skip(number, line)
+        elif self._begin and not self._is_closed:
+            self._problems.note(f"line {number}: the file ends without its end mark")
+
+    def _frame(self, number: int, line: str) -> Frame | None:
+        """The frame of a line, None for none; a line that should hold one is noted."""
+        try:
+            frame = self._line_reader(line) if line else None
+        except (ValueError, LookupError):
+            frame = None
+            self._skip(number, line)
+        else:
+            if frame is None and _CONTROL.search(line):
+                self._skip(number, line)
+        return frame
+
+    def _skip(self, number: int, line: str) -> None:
+        self._problems.lines.append(number)
+        self._problems.example = self._problems.example or repr(line.strip()[:40])
+
+    def _asc(self, line: str) -> Frame | None:
+        """The frame in a line of an ASC log."""
+        tokens = line.split()
+        if not re.fullmatch(r"-?\d+[.,]\d+", tokens[0]):
+            self._asc_head(line)
+            return None
+        if len(tokens) < 3 or not (tokens[1] == "CANFD" or tokens[1].isdecimal()):
+            return None
+        t, is_fd = _number(tokens[0]), tokens[1] == "CANFD"
+        bus = int(tokens[2 if is_fd else 1]) - 1
+        rest = tokens[3 if is_fd else 2 :]
+        if "errorframe" in (token.lower() for token in rest[:2]):
+            return Frame(t, bus, 0, kind="error")
+        if _EVENTS.match(rest[0]):
+            return None
+        if is_fd:  # direction, identifier, perhaps a name, BRS, ESI, DLC, length
+            has_name = not rest[2].isdecimal()
+            text, size, data = rest[1], int(rest[5 + has_name]), rest[6 + has_name :]
+            is_remote = size == 0
+        elif rest[1] in ("Rx", "Tx", "TxRq"):  # identifier, direction, d or r, DLC
+            text, data, is_remote = rest[0], rest[4:], rest[2].lower() == "r"
+            size = 0 if is_remote else min(int(rest[3], self._base), 8)
+        else:
+            raise ValueError
+        octets, kind = self._bytes(data, size), "remote" if is_remote else "data"
+        if named := re.search(r"\bID = (\d+)(x?)", line):  # of a message that has a name, decimal
+            return Frame(t, bus, int(named[1]), bool(named[2]), octets, kind)
+        try:
+            identifier = int(text.rstrip("xX"), self._base)
+        except ValueError:
+            return Frame(t, bus, -1, False, octets, kind, text)
+        return Frame(t, bus, identifier, text[-1] in "xX", octets, kind)
+
+    def _asc_head(self, line: str) -> None:
+        """Takes what the head of an ASC log says.
+
+        Raises:
+            UserError: for times that count from the frame before.
+        """
+        if begin := _BEGIN.match(line):
+            self._start_asc(begin[1].strip())
+            self._begin = line
+        elif date := re.match(r"(?i)date\s+\w+\s+(.+)", line):
+            self._start_asc(date[1].strip())
+        elif base := re.match(r"(?i)base\s+(hex|dec)(?:\s+timestamps\s+(\w+))?", line):
+            self._base = 10 if base[1].lower() == "dec" else 16
+            if (base[2] or "").lower() == "relative":
+                raise _relative(self._path)
+        self._is_closed |= _END_OF_BLOCK.match(line) is not None
+
+    def _start_asc(self, text: str) -> None:
+        """The start of the log, its local time taken as UTC; the library reads its forms."""
+        import can
+
+        if self._begin:
+            return  # of the first block
+        try:
+            local = datetime.fromtimestamp(can.ASCReader._datetime_to_timestamp(text))
+        except (ValueError, OverflowError, OSError):
+            return
+        self.start = local.replace(tzinfo=UTC).timestamp()
+
+    def _trc(self, line: str) -> Frame | None:
+        """The frame in a line of a TRC log.
+
+        Raises:
+            UserError: for a version that is not read.
+        """
+        if line.startswith(";"):
+            self._trc_head(line)
+            return None
+        tokens = line.split(maxsplit=len(self._columns) - 1 if self._columns else -1)
+        kinds = set(tokens[:6])
+        if kinds & _TRC_ERRORS:
+            return Frame(float(tokens[1]) / 1e3, 0, 0, kind="error")
+        if kinds & _STATES:
+            return None
+        kind = ""
+        if self._columns:
+            cells = dict(zip(self._columns, tokens, strict=False))
+            kind, identifier, bus, t = cells["T"], cells["I"], cells.get("B", "1"), cells["O"]
+            size, data = cells.get("l") or cells["L"], cells.get("D", "").split()
+        else:
+            place, t = {"1.1": 3, "1.3": 4}.get(self._version, 2), tokens[1]
+            bus, gap = (tokens[2], 2) if self._version == "1.3" else ("1", 1)
+            identifier, size, data = tokens[place], tokens[place + gap], tokens[place + gap + 1 :]
+        if identifier == "FFFFFFFF":  # what the bus does
+            return None
+        is_remote = kind == "RR" or data[:1] == ["RTR"]
+        octets = b"" if is_remote else self._bytes(data, min(int(size), 64))
+        number, is_extended = int(identifier, 16), len(identifier) > 4
+        kind = "remote" if is_remote else "data"
+        return Frame(float(t) / 1e3, int(bus) - 1, number, is_extended, octets, kind)
+
+    def _trc_head(self, line: str) -> None:
+        """Takes what the head of a TRC log says.
+
+        Raises:
+            UserError: for a version that is not read.
+        """
+        key, _, value = line[1:].partition("=")
+        if key == "$FILEVERSION":
+            self._version = value.strip()
+            if self._version not in ("1.0", "1.1", "1.3", "2.0", "2.1"):
+                raise UserError(
+                    f"{self._path}: TRC files of version {self._version} are not read",
+                    "export the log as version 1.1, 1.3, 2.0 or 2.1",
+                )
+        elif key == "$STARTTIME":
+            self.start = (float(value) - 25_569.0) * _DAY
+        elif key == "$COLUMNS":
+            self._columns = value.strip().split(",")
+
+    def _candump(self, line: str) -> Frame | None:
+        """The frame in a line of candump, of its log or its screen."""
+        match = _CANDUMP.match(line)
+        if match is None:
+            raise ValueError
+        t = self._after_first(_stamp(match["t"]))
+        if match["bus"] not in self._buses:
+            self._buses.append(match["bus"])
+        bus, text = self._buses.index(match["bus"]), match["id"]
+        identifier, is_extended = int(text, 16), len(text) > 3
+        if identifier & 0x20000000 or "ERRORFRAME" in line:
+            return Frame(t, bus, 0, kind="error")
+        data = match["data"] or re.sub(r"^#.", "", match["log"] or "")  # of FD: "#" and its flags
+        if data.startswith(("R", "remote")):
+            return Frame(t, bus, identifier, is_extended, b"", "remote")
+        if match["size"]:
+            return Frame(
+                t, bus, identifier, is_extended, self._bytes(data.split(), int(match["size"]))
+            )
+        return Frame(t, bus, identifier, is_extended, bytes.fromhex(data))
+
+    def _after_first(self, t: float) -> float:
+        """A time since 1970, or since any start, after the start of the log [s]."""
+        if self._first is None:
+            self._first = t
+            self.start = t
+        return t - self._first
+
+    def _busmaster(self, line: str) -> Frame | None:
+        """The frame in a line of a BUSMASTER log.
+
+        Raises:
+            UserError: for times that count from the frame before.
+        """
+        if line.startswith("***"):
+            self._busmaster_head(line)
+            return None
+        clock, _, bus, identifier, kind, size, *data = line.split()
+        h, m, s, fraction = clock.split(":")
+        t = 3600.0 * int(h) + 60.0 * int(m) + int(s) + int(fraction) / 10.0 ** len(fraction)
+        t -= self._first or 0.0
+        number = int(identifier, 16 if identifier.startswith("0x") else self._base)
+        is_remote = kind.endswith("r")
+        octets = b"" if is_remote else self._bytes(data, int(size))
+        t += _DAY if t < -_DAY / 2.0 else 0.0
+        return Frame(
+            t, int(bus) - 1, number, kind.startswith("x"), octets, "remote" if is_remote else "data"
+        )
+
+    def _busmaster_head(self, line: str) -> None:
+        """Takes what the head of a BUSMASTER log says.
+
+        Raises:
+            UserError: for times that count from the frame before.
+        """
+        words = line.strip("*").split()
+        if "RELATIVE" in words:
+            raise _relative(self._path)
+        if "DEC" in words:
+            self._base = 10
+        if words[:3] == ["START", "DATE", "AND"]:
+            begin = datetime.strptime(" ".join(words[-2:])[:19], "%d:%m:%Y %H:%M:%S")
+            self.start = begin.replace(tzinfo=UTC).timestamp()
+            self._first = self.start % _DAY
+        elif "ABSOLUTE" in words:
+            self._first = 0.0
+
+    def _canhacker(self, line: str) -> Frame | None:
+        """The frame in a line of a CANHacker log."""
+        tokens = line.split()
+        if tokens[0] == "Time":
+            return None
+        identifier, size = tokens[1], int(tokens[2])
+        octets = self._bytes(tokens[3:], size)
+        return Frame(_number(tokens[0]), 0, int(identifier, 16), len(identifier) > 3, octets)
+
+    def _bytes(self, tokens: list[str], size: int) -> bytes:
+        """The first bytes of these.
+
+        Raises:
+            ValueError: where there are fewer.
+        """
+        octets = bytes(int(token, self._base) for token in tokens[:size])
+        if len(octets) < size:
+            raise ValueError
+        return octets
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", "."))
+
+
+def _stamp(text: str) -> float:
+    """A stamp of candump: seconds, or a date [s]."""
+    if " " not in text:
+        return float(text)
+    return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+
+
+def _relative(path: Path) -> UserError:
+    return UserError(
+        f"{path}: time stamps are relative to the frame before",
+        "export the log with absolute time stamps",
+    )
