@@ -1,16 +1,16 @@
-"""Units as logs write them, and the unit in the name of a channel."""
+"""Units as logs write them."""
 
 import math
 import re
 import tomllib
 import unicodedata
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from .errors import UserError
-from .model import Channel, Meaning, Vehicle
+from ..errors import UserError
+from ..model import Channel, Meaning, Vehicle
 
 Dimension = Literal[
     "pressure",
@@ -63,7 +63,7 @@ def _spellings() -> tuple[dict[str, Unit], set[str]]:
     return units, unmistakable
 
 
-UNITS, _IN_NAMES = _spellings()
+UNITS, IN_NAMES = _spellings()
 
 # Separate: a name that ends on "-", "[%]", "g" or "m" states no unit of a pressure or speed.
 _RARE_UNITS = _units_by_spelling(_ENTRIES["rare"])
@@ -94,31 +94,14 @@ _USUAL: dict[Meaning, tuple[str, ...]] = {
     "clamping_force": ("N", "kN"),
 }
 
-_BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))?)\s*[\])）】}>]")
-
-# Units of what is not asked for, with the letters of names: volts are no v, kelvins no K.
-_OTHER_QUANTITIES = re.compile(
-    r"[\[(（]\s*(?:[mkµμ]?[VAW]|V(?:AC|DC)|K)\s*[\])）]"
-    r"|(?<=[^\W_])_[mk]?V$|(?<![^\W_])(?:5|\d{2,}|\d[.,]\d)V(?![^\W_])"
-)
-
-
-_NUMBER = r"(?:\d+\.\d+|\d+,\d{1,2}|\d+)(?:[eE][-+]?\d+)?"
-_TIMES = "[x×*·]"
+NUMBER = r"(?:\d+\.\d+|\d+,\d{1,2}|\d+)(?:[eE][-+]?\d+)?"
+TIMES = "[x×*·]"
 # A number before a unit, as in "0.01 bar", "x10 kPa", "1/128 bar/bit"; not that of "1/min"
 _FACTOR = re.compile(
-    rf"(?:/|{_TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>{_NUMBER}))"
-    rf"[\s_]*{_TIMES}?\s*(?P<unit>[^\W\d_].*?|[%°‰].*?)"
+    rf"(?:/|{TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>{NUMBER}))"
+    rf"[\s_]*{TIMES}?\s*(?P<unit>[^\W\d_].*?|[%°‰].*?)"
     r"(?:\s*(?:/|per)\s*(?:bit|lsb|count|digit|inc))?"
 )
-# The same at the end of a name, where a sign or a decimal says that the number is no axle's;
-# and a number that may be a range, as in "sensor 10bar".
-_FACTOR_AT_END = re.compile(
-    rf"(?i)(?:\sin\s+|\s*[/,]\s*|[\s_](?={_TIMES}|\d+[.,]\d))"
-    rf"(?P<text>{_TIMES}?\s*{_NUMBER}[\s_]*[^\W\d_]\S*)$"
-)
-_RANGE_AT_END = re.compile(r"[\s_](?P<text>\d{2,}[^\W\d_]\S*)$")
-_FACTOR_BEFORE_BRACKET = re.compile(rf"[\s_](?P<factor>{_TIMES}\s*{_NUMBER})$")
 # The coarsest step of a logged value in SI: a larger number before a unit is a sensor's range.
 _COARSEST: dict[Dimension, float] = {"pressure": 1e5, "speed": 3.0, "angular speed": 11.0}
 
@@ -135,12 +118,6 @@ def _scaled(text: str) -> Unit | None:
     if not 0.0 < scaled_factor <= _COARSEST.get(base.dimension, math.inf):
         return None
     return base._replace(name=text.strip(), factor=scaled_factor)
-
-
-def _has_factor_unread(text: str) -> bool:
-    """Whether a text is a unit with a number of which it is not known what it does: "bar x10"."""
-    parts = re.split(rf"[-\d.,\s/…]+|{_TIMES}", text)
-    return any(c.isdigit() for c in text) and any(map(unit, parts))
 
 
 @lru_cache(1 << 10)
@@ -205,106 +182,6 @@ def stated_unit(text: str, meaning: Meaning, channel: str) -> Unit:
             code=2,
         )
     return candidate
-
-
-def unknown_in(name: str) -> str:
-    """What a name has in its last brackets, if it is no known unit and no index, "" for nothing."""
-    at_end = _RANGE_AT_END.search(name.strip())
-    inside = [at_end["text"]] if at_end else []
-    inside += [text.strip() for text in _BRACKETS.findall(name)]
-    return inside[-1] if inside and not (unit(inside[-1]) or inside[-1].isdecimal()) else ""
-
-
-def without_other_units(name: str) -> str:
-    """The name without the unit of another quantity, as in `Battery [V]`."""
-    return _OTHER_QUANTITIES.sub(" ", name)
-
-
-# between a name and its unit; the last one is only space
-_SEPARATORS = [
-    re.compile(f"(?i){separator}(?=[^\\s]+$)")
-    for separator in (r"\s+/\s*", r"\s*,\s*", r"\s+in\s+", r"\s+")
-]
-_TAILS = [
-    re.compile(rf"[_.\-/:]({word})(_?(?:axle|ax|wheel|w)?_?\d{{1,2}})?$")
-    for word in (r"[a-zA-Z]+_[a-zA-Z]", r"[a-zA-Z]+/[a-zA-Z]+", r"[a-zA-Z]+")
-]
-
-
-def _in_brackets(name: str) -> tuple[str, str] | None:
-    """The base of a name and the unit in its brackets; None where they hold no unit."""
-    brackets = [m for m in reversed(list(_BRACKETS.finditer(name))) if not m[1].isdecimal()]
-    for match in sorted(brackets, key=lambda m: any(c.isdigit() for c in m[1])):
-        if unit(match[1]):
-            base = (name[: match.start()] + name[match.end() :]).strip(" _-,/")
-            factor = _FACTOR_BEFORE_BRACKET.search(name[: match.start()].rstrip())
-            if factor and unit(scaled_text := f"{factor['factor']} {match[1].strip()}"):
-                return base[: factor.start()].strip(" _-,/"), scaled_text
-            return base, match[1].strip()
-    for match in brackets:
-        if _has_factor_unread(match[1]):  # its digits are no axle
-            return (name[: match.start()] + name[match.end() :]).strip(" _-,/"), ""
-    return None
-
-
-def _with_number(name: str) -> tuple[str, str] | None:
-    """The base of a name and the unit with a number at its end, "" where that may be a range."""
-    if (at_end := _FACTOR_AT_END.search(name)) and unit(at_end["text"]):
-        return name[: at_end.start()].strip(" _-,/"), at_end["text"].strip()
-    if (at_end := _RANGE_AT_END.search(name)) and _has_factor_unread(at_end["text"]):
-        return name[: at_end.start()].strip(" _-,/"), ""
-    return None
-
-
-@lru_cache(1 << 10)  # many rules ask for the same name
-def in_name(name: str) -> tuple[str, str]:
-    """Splits a channel name into its base and the unit written in it, "" for no unit.
-
-    Takes ``BC pressure [kPa]``, ``制动缸压力(kPa)``, ``v_kmh``, ``Druck / bar``, ``speed, km/h``.
-    """
-    name = name.strip()
-    if split := _in_brackets(name) or _with_number(name):
-        return split
-    for separator in _SEPARATORS:
-        head, *tail = separator.split(name)
-        if (
-            head
-            and tail
-            and (tail_found := unit(tail[-1]))
-            and not (separator is _SEPARATORS[-1] and tail_found.name == "N" and tail[-1] != "N")
-        ):
-            return head.strip(), tail[-1].strip()
-    # after an underscore, perhaps with the axle's number: v_kmh, speed_km_h, wheel_speed_rpm1
-    for tail_unit in _TAILS:
-        tail_match = tail_unit.search(name)
-        if tail_match and tail_match[1].lower() in _IN_NAMES:
-            return name[: tail_match.start()] + (tail_match[2] or ""), tail_match[1]
-    camel = re.search(
-        r"(?<=[a-z])(?<![^a-z][kKhmM])(Kmh|Mps|Rpm|[kKhM][Pp]a|Bar|[mM][bB]ar|RadS|Pa|k?Hz)(?=\d*$)",
-        name,
-    )
-    if camel and (tail_found := unit(camel[1].replace("RadS", "rad_s"))):
-        return name[: camel.start()] + name[camel.end() :], tail_found.name
-    return name, ""
-
-
-def contradicting(text: str, names: Sequence[str], meaning: Meaning) -> str:
-    """A unit of this meaning that one of the names states instead of that of `text`, "" for none.
-
-    Only `text` need say that a pressure counts from vacuum.
-    """
-    stated = unit_for(text, meaning)
-    for name in names:
-        said: str
-        for said in (in_name(name)[1], *_BRACKETS.findall(name)):
-            candidate = unit_for(said, meaning)
-            if (
-                stated
-                and candidate
-                and (candidate[1:3] != stated[1:3] or (candidate.offset and not stated.offset))
-            ):
-                return said
-    return ""
 
 
 def alternative_units(
