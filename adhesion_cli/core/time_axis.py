@@ -14,11 +14,13 @@ import numpy as np
 from .finding import Finding, Span
 from .model import Bools, Channel, Column, Floats, Times
 
+_HOUR, _HOURLESS = 3600 * 10**9, "clock without hours"
 WRAPS_NS = {
     "32-bit millisecond counter": 2**32 * 10**6,
     "32-bit microsecond counter": 2**32 * 10**3,
     "16-bit millisecond counter": 2**16 * 10**6,
     "24-hour clock": 24 * 3600 * 10**9,
+    _HOURLESS: _HOUR,
 }
 _MOST_SPANS = 20  # of one finding
 _LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
@@ -395,7 +397,10 @@ def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
         return t, wraps
     steps = np.diff(t)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    hourless = t.min() >= 0 and t.max() < _HOUR  # else it is the end of summer time
     for width, wrap_ns in WRAPS_NS.items():
+        if width == _HOURLESS and not hourless:
+            continue
         fall = np.diff(t, prepend=t[:1])
         tolerance = max(wrap_ns // 1000, min(2.0 * usual, wrap_ns // 100))
         wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < tolerance)
@@ -403,6 +408,26 @@ def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
             wraps[width] = wrapped
             t = t + wrap_ns * np.cumsum(wrapped)
     return t, wraps
+
+
+def from_digits(t: Times) -> Times | None:
+    """The times [ns] of a clock whose digits, HHMMSS, are read as seconds; None where they are not.
+
+    They are where 59.98 is followed by 100.00, and no second and no minute is above 59.
+
+    >>> from_digits(np.array([5_958, 5_959, 10_000, 10_001]) * 10**9) // 10**9
+    array([3598, 3599, 3600, 3601])
+    """
+    hundred = 100 * 10**9
+    second, minute, hour = t % hundred, t // hundred % 100, t // hundred // 100
+    if not len(t) or t.min() < 0 or second.max() >= 60 * 10**9 or minute.max() >= 60:
+        return None
+    clock = hour * _HOUR + minute * 60 * 10**9 + second
+    turns = np.flatnonzero(np.diff(t // hundred) > 0)
+    steps = np.diff(clock)
+    limit = gap_limit(steps[steps > 0])
+    is_proven = len(turns) and np.mean((steps[turns] <= limit) & (np.diff(t)[turns] > limit)) > 0.5
+    return clock if is_proven else None
 
 
 def _restarts(t: Times, newest: Times) -> tuple[int, ...]:

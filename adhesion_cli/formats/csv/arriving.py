@@ -9,10 +9,11 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import Field
 from .block_parser import ParsedBlock, Parser
+from .cells import NO_NUMBER, OTHER_MARK
 from .lines import LineBlock, Splitter
 from .losses import Losses
 from .reader import CsvSource
-from .rows import Groups, classify_untimed
+from .rows import Groups, classify_untimed, count_times
 
 _NEW_FILE = "let the logger begin a new file where its columns change; start `live` on that file"
 
@@ -36,6 +37,7 @@ class ArrivingCsv:
         self._parser = Parser(self._table, indices, self._keys)
         self._first_time: int | None = None  # time of the first row [ns]
         self._newest_time = 0  # and of the newest
+        self._sample_count = 0  # rows, where they are counted
         self.lost: list[Finding] = []  # what was left out; whoever reads it may empty it
         self.restart(self._table.dialect.first_line - 1)
 
@@ -64,11 +66,15 @@ class ArrivingCsv:
         parsed = self._parser.parse(block)
         if not parsed.timed.all():
             self._classify_untimed(parsed)
+        self._sample_count = count_times(self._table, parsed, self._sample_count)
         timed = parsed.timed.copy()
         codes = Groups(self._keys, self._series).codes(parsed, timed)
         row_times = parsed.times[timed]
         if self._first_time is None:
             self._first_time = self._newest_time = int(row_times[0]) if len(row_times) else 0
+        for i, state in parsed.states.items():  # only all cells of a column decide on its notation
+            parsed.values[i] = np.where(state < OTHER_MARK, parsed.values[i], np.nan)
+            parsed.states[i] = np.where(state < OTHER_MARK, state, NO_NUMBER)
         losses = Losses(self._table.dialect)
         losses.add(parsed, timed, 1)
         self.lost += losses.findings(np.append(self._newest_time, row_times), self._first_time)

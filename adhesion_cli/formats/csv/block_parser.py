@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 from numpy.typing import NDArray
 
@@ -19,7 +20,7 @@ from ...core.model import Bools, Floats, Times
 from ..source import ReadOptions
 from .cells import floats
 from .clock import Clock
-from .dialect import NULLS, Dialect, is_comment
+from .dialect import NULLS, Dialect, is_comment, split
 from .lines import LineBlock
 
 _EXAMPLE_BYTES = 100_000  # bytes of a row that are looked at
@@ -89,7 +90,13 @@ class Parser:
             raise UserError(text, hint)
         arrays = {int(name[1:]): outcome[name].combine_chunks() for name in outcome.column_names}
         clock, decimal = self.table.clock, self.table.dialect.decimal
-        times, timed = clock.nanoseconds([arrays[i] for i in clock.columns])
+        for i, suffix in self.table.dialect.suffixes.items():
+            if i in arrays and pa.types.is_string(arrays[i].type):
+                pattern = rf"\s*{re.escape(suffix)}\s*$"
+                arrays[i] = pc.replace_substring_regex(arrays[i], pattern, "")
+        times, timed = np.zeros(len(lines), np.int64), np.ones(len(lines), np.bool_)
+        if clock.columns:
+            times, timed = clock.nanoseconds([arrays[i] for i in clock.columns])
         checked = {i: floats(arrays[i], decimal) for i in self.indices}
         reread = self.keys if timed.all() else (*self.keys, *clock.columns)
         values = {i: value for i, (value, _) in checked.items()}
@@ -114,12 +121,36 @@ class Parser:
         irregular = np.flatnonzero((cells != width) | (line_ends == starts))
         kinds: dict[str, list[int]] = {}
         for k in irregular.tolist():
-            kinds.setdefault(_kind(data[starts[k] : line_ends[k]], cells[k] < width), []).append(k)
+            kind = self._kind(data[starts[k] : line_ends[k]], cells[k] < width)
+            kinds.setdefault(kind, []).append(k)
         regular = np.ones(len(line_ends), bool)
         regular[irregular] = False
         remaining = text[np.repeat(regular, line_ends + 1 - starts)].tobytes()
         dropped = {kind: np.array(numbers) for kind, numbers in kinds.items()}
         return remaining, np.flatnonzero(regular), dropped
+
+    def _kind(self, line: bytes, is_narrow: bool) -> str:
+        """Class of a line that has another width than the table.
+
+        Raises:
+            UserError: where it is a header of other columns or units.
+        """
+        if not line.strip():
+            return "blank"
+        if line[:1] == b"\0":
+            return "NUL bytes"
+        text = line[:_EXAMPLE_BYTES].decode("utf-8", "replace")
+        if is_comment(text):
+            return "comment"
+        dialect = self.table.dialect
+        firsts = (*dialect.segments, *(row[0] for row in dialect.header_cells if row[0]))
+        cells = split(text, dialect.delimiter) if text.startswith(firsts) else [""]
+        if dialect.repeats_header(cells):
+            return "header"
+        if cells[0] in dialect.segments:
+            hint = "split the log there, and read each part by itself"
+            raise UserError(f"{self.table.path}: {text[:60]!r} begins a header of others", hint)
+        return "too few cells" if is_narrow else "too many cells"
 
     def _typed(self, data: bytes) -> Any:
         """The wanted columns as an Arrow table, or why they cannot be read."""
@@ -165,14 +196,3 @@ def _closed_cells(line: str, delimiter: str) -> int:
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return 0
     return cells if reader.line_num == 1 else 0
-
-
-def _kind(line: bytes, is_narrow: bool) -> str:
-    """Class of a line that has another width than the table."""
-    if not line.strip():
-        return "blank"
-    if line[:1] == b"\0":
-        return "NUL bytes"
-    if is_comment(line[:_EXAMPLE_BYTES].decode("utf-8", "replace")):
-        return "comment"
-    return "too few cells" if is_narrow else "too many cells"

@@ -3,6 +3,7 @@
 Every function takes an Arrow array of shape (n,) that is null where a cell has no value.
 """
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +16,9 @@ from ...core.model import Bools, Floats, Times
 from .dialect import INFINITE, NULLS, number_grammar
 from .stamps import month as month_number
 
-NUMBER, NO_VALUE, NO_NUMBER, IS_INFINITE = range(4)  # states of a cell
+# States of a cell. The last ones are numbers by their column: with the other decimal mark, or such
+# that this mark may separate groups of digits; and texts of digits.
+NUMBER, NO_VALUE, NO_NUMBER, IS_INFINITE, OTHER_MARK, IN_GROUPS, DIGITS = range(7)
 _S = 1_000_000_000
 _DAY = 86_400 * _S
 _FRACTIONS = {"f": 1, "l": 1_000_000, "u": 1_000, "N": 1}  # groups, and their unit [ns]
@@ -42,18 +45,41 @@ def floats(array: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
     grammar = f"^(?:{number_grammar(decimal).pattern})$"
     numeric = pc.fill_null(pc.match_substring_regex(text, grammar), False)
     with_point = pc.replace_substring(text, decimal, ".") if decimal != "." else text
-    value = pc.cast(pc.if_else(numeric, with_point, None), pa.float64()).to_numpy(
-        zero_copy_only=False
-    )
+    value = np.array(pc.cast(pc.if_else(numeric, with_point, None), pa.float64()))
     state = np.full(len(value), NUMBER, np.int8)
     non_finite = np.flatnonzero(~np.isfinite(value))
     if len(non_finite):
         odd_cells = text.take(pa.array(non_finite))
         infinite = np.isinf(value[non_finite]) | _is_any(INFINITE, odd_cells)
+        value[non_finite], kinds = _other_notations(odd_cells, decimal)
         state[non_finite] = np.select(
-            [_says_nothing(odd_cells), infinite], [NO_VALUE, IS_INFINITE], NO_NUMBER
+            [_says_nothing(odd_cells), infinite], [NO_VALUE, IS_INFINITE], kinds
         )
-        value = np.where(state == NUMBER, value, np.nan)
+        value[np.isin(state, (NO_VALUE, IS_INFINITE))] = np.nan
+    return value, state
+
+
+def _other_notations(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
+    """Numbers of cells that are none by the grammar, NaN where they are no number; and states."""
+    other = "." if decimal == "," else ","
+    d, o = re.escape(decimal), re.escape(other)
+    value, state = np.full(len(text), np.nan), np.full(len(text), NO_NUMBER, np.int8)
+    for kind, pattern, mark in (
+        (DIGITS, "[+-]?[0-9][0-9.,' ]*(?:[A-Za-zµ°%][^0-9_]*)?", ""),
+        (OTHER_MARK, rf"[+-]?[1-9][0-9]{{0,2}}(?:[' {d}][0-9]{{3}})+{o}[0-9]*", other),
+        (OTHER_MARK, number_grammar(other).pattern, other),
+        (IN_GROUPS, rf"[+-]?[1-9][0-9]{{0,2}}{o}[0-9]{{3}}", other),
+        (NUMBER, rf"[+-]?[0-9]{{1,3}}(?:[' ][0-9]{{3}})+(?:{d}[0-9]*)?", decimal),
+        (NUMBER, rf"[+-]?[1-9][0-9]{{0,2}}(?:{o}[0-9]{{3}})+{d}[0-9]*", decimal),
+        (NUMBER, rf"[+-]?[1-9][0-9]{{0,2}}(?:{o}[0-9]{{3}}){{2,}}", decimal),
+    ):
+        matches = pc.fill_null(pc.match_substring_regex(text, f"^(?:{pattern})$"), False)
+        rows = np.flatnonzero(np.asarray(matches))
+        state[rows] = kind
+        if mark and len(rows):
+            digits = pc.replace_substring_regex(text.take(pa.array(rows)), f"[^0-9eE+{mark}-]", "")
+            digits = pc.replace_substring(digits, mark, ".")
+            value[rows] = np.asarray(pc.cast(digits, pa.float64()))
     return value, state
 
 

@@ -57,7 +57,7 @@ COUNTS = {unit: Count(ns) for unit, ns in NS_PER_UNIT.items()} | {
 class Clock:
     """How to get int64 ns from one or more columns of the table."""
 
-    columns: tuple[int, ...]
+    columns: tuple[int, ...]  # none where rows are counted
     unit: str  # of a number: key of `COUNTS`; "" for stamps
     pattern: str  # of a stamp, the cells of its columns joined by blanks; "" for numbers
     decimal: str
@@ -65,12 +65,19 @@ class Clock:
     reason: str
     type: Any  # Arrow type of a column whose cells are all sound
     findings: tuple[Finding, ...] = ()
+    start: int = 0  # what is added to every time [ns]
+    step: int = 0  # between two rows, where they are counted [ns]
 
     def nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
         """Times [ns] of the rows of one block, and which of them hold; shape (n,).
 
         `arrays` are the clock's columns, of its type or text, null where a cell has no value.
         """
+        t, ok = self._nanoseconds(arrays)
+        return (np.where(ok, t + self.start, 0), ok) if self.start else (t, ok)
+
+    def _nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
+        """Times without the start."""
         array = arrays[0]
         if pa.types.is_timestamp(array.type):
             return np.asarray(array.cast(pa.int64()).fill_null(0)), np.asarray(array.is_valid())

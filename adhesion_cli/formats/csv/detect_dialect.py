@@ -5,6 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 from ...core.errors import UserError
+from ...core.units import unit
 from ..source import ReadOptions
 from .dialect import (
     COMMENT,
@@ -15,6 +16,7 @@ from .dialect import (
     is_number,
     number_grammar,
     split,
+    unit_behind,
     without_brackets,
 )
 from .head import Line, encoding_of, first_lines, line_too_long, refuse_other_formats
@@ -29,11 +31,12 @@ from .header import (
     refuse_table_above,
     refuse_width,
 )
+from .header_words import label
 from .stamps import is_stamp
 
 _MAX_COLUMNS = 10_000
+_END_OF_HEADER = "***End_of_Header***"
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
-_GROUPED = re.compile(r"[+-]?\d{1,3}(?:[., '’\u00a0\u202f]\d{3})+(?:[.,]\d+)?")
 
 
 def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dialect:
@@ -52,18 +55,23 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     reasons: dict[str, str] = {}
     encoding, bom, reasons["encoding"] = encoding_of(head, options.encoding, path)
     lines = first_lines(head[bom:], encoding, complete, path)
-    body = _body(lines, complete, path)
+    preamble, body = _body(lines, complete, path)
     delimiter_given, directive = _stated_delimiter(body[0][1], options)
     body = body[bool(directive) :]
     texts = [text for _, text in body]
     delimiter, width, reasons["delimiter"] = _delimiter(texts, delimiter_given, path)
     if directive and options.delimiter is None:
         reasons["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
-    rows = [(number, split(text, delimiter)) for number, text in body]
+    rows = [(number, _cells(text, delimiter, width)) for number, text in body]
+    above = [(number, split(text, delimiter)) for number, text in preamble]
     of_width = [cells for _, cells in rows if len(cells) == width]
     decimal, reasons["decimal"] = _decimal(of_width, width, options, path)
     table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
+    above += rows[: header.top]
+    labels = {kind: cells for _, cells in above if len(cells) > 1 and (kind := label(cells[0]))}
+    if not header.names and "names" in labels:
+        header.names = [["", *labels["names"][1:]]]
     data = table.of_width(header.start)
     used_width = width - _has_trailing(header.names, data, width)
     refuse_table_above(table, header.top)
@@ -76,10 +84,20 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     if header.units is not None:
         n, units = rows[header.units]
         reasons["units row"] = f"line {n} (every cell is a unit)"
+    elif "units" in labels and any(map(unit, labels["units"][1:])):
+        units = ["", *labels["units"][1:]]
+        reasons["units row"] = f"{labels['units'][0]!r} above the table"
     if comment := next((m[1] for _, text in lines if (m := COMMENT.match(text))), ""):
         reasons["comments"] = f"lines starting with {comment!r} (seen in the head)"
-    if preamble := leading_lines.get("preamble"):
-        reasons["preamble"] = f"{preamble} lines (before the header)"
+    if count := leading_lines.get("preamble"):
+        reasons["preamble"] = f"{count} lines (before the header)"
+    units = list(map(without_brackets, fit(units, used_width)))
+    data = [row[:used_width] for row in data]
+    suffixes = _suffixes(data, used_width)
+    for i, suffix in suffixes.items():
+        units[i] = units[i] or suffix
+        for row in data:
+            row[i] = row[i].removesuffix(suffix).rstrip()
     return Dialect(
         encoding,
         bom,
@@ -88,18 +106,41 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         width,
         names,
         tuple(tuple(fit(h, used_width)) for h in header.names),
-        tuple(map(without_brackets, fit(units, used_width))),
+        tuple(units),
         bool(header.names),
         rows[header.start][0],
         leading_lines,
-        metadata(rows[: header.top]),
-        [row[:used_width] for row in data],
+        metadata(above),
+        data,
         reasons,
+        suffixes,
+        labels,
+        tuple(cells[0] for _, cells in above[_first_segment(preamble) :]) if preamble else (),
     )
 
 
-def _body(lines: list[Line], complete: bool, path: Path) -> list[Line]:
-    """Lines that may be header or rows.
+def _cells(text: str, delimiter: str, width: int) -> list[str]:
+    """Cells of a line; names of several words, aligned by blanks, are parted by two."""
+    cells = split(text, delimiter)
+    if delimiter == " " and len(cells) != width:
+        aligned = re.split(r"[ \t]{2,}|\t", text.strip())
+        return aligned if len(aligned) == width else cells
+    return cells
+
+
+def _suffixes(rows: list[list[str]], width: int) -> dict[int, str]:
+    """The units that stand behind the numbers in at least half of the cells, by column."""
+    suffixes = {}
+    for i in range(width):
+        cells = [row[i] for row in rows if not is_null(row[i])]
+        suffix, count = Counter(map(unit_behind, cells)).most_common(1)[0] if cells else ("", 0)
+        if suffix and count >= len(cells) / 2:
+            suffixes[i] = suffix
+    return suffixes
+
+
+def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], list[Line]]:
+    """The header of an LVM file, and the lines that may be header or rows.
 
     Raises:
         UserError: where there are too few for a table, or most are no text.
@@ -109,14 +150,23 @@ def _body(lines: list[Line], complete: bool, path: Path) -> list[Line]:
         text = f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others"
         raise UserError(text, "give a text log, or fetch it from the recorder again")
     body = [x for x in lines if x[1].strip() and not is_comment(x[1]) and "\0" not in x[1]]
-    marks = [k for k, x in enumerate(body, 1) if x[1].startswith("***End_of_Header***")]
-    body = body[marks[-1] if marks else 0 :]  # LabVIEW's header has rows of numbers
+    body = [x for x in body if not re.fullmatch(r"\[[A-Za-z ]+\]", x[1].strip())]  # [data]
+    marks = [k + 1 for k, x in enumerate(body) if x[1].startswith(_END_OF_HEADER)]
+    start = marks[0] if marks else 0  # LabVIEW's header has rows of numbers
+    if len(marks) > 1 and any(x[1].startswith("Channels") for x in body[start : marks[1]]):
+        start = marks[1]
+    preamble, body = body[:start], body[start:]
     if len(body) == 1 and not complete:
         raise line_too_long(lines[-1][0] + 1, path)
     if len(body) < 2:
         hint = "give a log with a header and data rows"
         raise UserError(f"{path}: {len(body)} line and no data rows", hint)
-    return body
+    return preamble, body
+
+
+def _first_segment(preamble: list[Line]) -> int:
+    """The number of lines of an LVM file's own header, which the segment's follows."""
+    return next((k for k, x in enumerate(preamble, 1) if x[1].startswith(_END_OF_HEADER)), 0)
 
 
 def _stated_delimiter(first_line: str, options: ReadOptions) -> tuple[str | None, str]:
@@ -168,7 +218,7 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
 
 
 def _worth(cell: str, delimiter: str) -> float:
-    if is_null(cell) or is_number(cell) or is_stamp(cell) or _GROUPED.fullmatch(cell):
+    if is_null(cell) or is_number(cell) or is_stamp(cell):
         return 1.0
     return 0.0 if any(d in cell for d in ";\t|," if d != delimiter) else 0.5
 

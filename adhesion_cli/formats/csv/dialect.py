@@ -3,10 +3,10 @@
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ...core.units import in_name, unit
-from .header_words import is_units_row, normal, time_name
+from .header_words import is_units_row, label, normal, time_name, time_unit
 
 HEAD_BYTES = 1 << 20
 
@@ -37,8 +37,11 @@ class Dialect:
     first_line: int  # line of the first data row, from 1
     leading_lines: dict[str, int]  # lines before it, by class
     metadata: dict[str, str]  # key: value lines of the preamble
-    rows: list[list[str]]  # data rows of the head, each as wide as `names`
+    rows: list[list[str]]  # data rows of the head, each as wide as `names`, without `suffixes`
     reasons: dict[str, str]
+    suffixes: dict[int, str] = field(default_factory=dict)  # units behind the numbers of a column
+    labels: dict[str, list[str]] = field(default_factory=dict)  # rows above the table, see `label`
+    segments: tuple[str, ...] = ()  # first cells of a header that comes again, as in LVM files
 
     def number(self) -> re.Pattern[str]:
         """Strict grammar of a number in this dialect."""
@@ -48,19 +51,34 @@ class Dialect:
         """Non-null cells of a column in the head's rows."""
         return [c for row in self.rows if not is_null(c := row[index])]
 
+    def mark(self, index: int) -> str:
+        """The decimal mark of a column: that of the log, unless its cells have only the other."""
+        cells, other = self.column(index), "." if self.decimal == "," else ","
+        marked = any(other in c for c in cells) and not any(self.decimal in c for c in cells)
+        return (
+            other if marked and all(map(number_grammar(other).fullmatch, cells)) else self.decimal
+        )
+
     def numbers(self, index: int) -> list[float]:
         """Numbers of a column in the head's rows."""
-        number = self.number()
+        number = number_grammar(self.mark(index))
         cells = (c for c in self.column(index) if number.fullmatch(c))
         return [float(c.replace(",", ".")) for c in cells]
 
     def repeats_header(self, cells: list[str]) -> bool:
         """Whether a row among the data is a row of the header, or the units row, once more."""
-        return _key(cells) in [_key(row) for row in (*self.header_cells, self.units) if any(row)]
+        if cells[0] in self.segments and not self.is_another_header(cells):
+            return True
+        return _key(cells[: len(self.names)]) in [
+            _key(row) for row in (*self.header_cells, self.units) if any(row)
+        ]
 
     def is_another_header(self, cells: list[str]) -> bool:
         """Whether a row among the data is a header, or a units row, of other columns than ours."""
         said = [c for c in cells if c]
+        if cells[0] in self.segments:
+            kind = label(cells[0])
+            return kind in ("units", "interval") and [c for c in self.labels[kind] if c] != said
         if not self.headed or len(said) < max(2, len(cells) / 2):
             return False
         if is_units_row(cells):
@@ -83,12 +101,36 @@ def number_grammar(decimal: str) -> re.Pattern[str]:
     return re.compile(rf"[+-]?(?:[0-9]+(?:{d}[0-9]*)?|{d}[0-9]+)(?:[eE][+-]?[0-9]{{1,3}})?")
 
 
-_DOT, _COMMA = number_grammar("."), number_grammar(",")
+_GROUPED = r"[+-]?[0-9]{1,3}(?:[., '][0-9]{3})+(?:[.,][0-9]*)?"
+_NUMBER = re.compile("|".join((number_grammar(".").pattern, number_grammar(",").pattern, _GROUPED)))
+_WITH_UNIT = re.compile(r"([+-]?[0-9.,][0-9.,' ]*?)\s*([^\W\d_]\S*|[%‰°]\S*)")
+_GAP = re.compile("(?<=[0-9])[\u00a0\u202f\u2007\u2009\u2019](?=[0-9]{3}(?![0-9]))")
+_PLAIN = str.maketrans("\u2212\u00a0\u202f\u2007\u2009\uff1a", "-    :", "\ufeff")
+
+
+def plain(text: str) -> str:
+    """The text with the minus, the blanks and the mark between groups of digits that ASCII has.
+
+    >>> plain("\u22125\u202f987,0")
+    "-5'987,0"
+    """
+    return _GAP.sub("'", text).translate(_PLAIN)
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with either decimal mark."""
-    return _DOT.fullmatch(cell) is not None or _COMMA.fullmatch(cell) is not None
+    """Whether a cell is a number: with either decimal mark, in groups of digits, with a unit."""
+    return _NUMBER.fullmatch(cell) is not None or unit_behind(cell) != ""
+
+
+def unit_behind(cell: str) -> str:
+    """The unit behind a number, "" where there is none.
+
+    >>> unit_behind("69.98 km/h"), unit_behind("0.020s"), unit_behind("5 apples")
+    ('km/h', 's', '')
+    """
+    match = _WITH_UNIT.fullmatch(cell)
+    is_measured = match and (unit(match[2]) or time_unit(match[2])) and _NUMBER.fullmatch(match[1])
+    return match[2] if match and is_measured else ""
 
 
 def is_null(cell: str) -> bool:
@@ -111,8 +153,12 @@ def split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         line = re.sub(r"[ \t]+", " ", line.strip())
     try:
-        rows = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
-        return [c.strip() for c in next(rows, [])]
+        rows = csv.reader(
+            [line] if "\n" not in line else line.splitlines(True),
+            delimiter=delimiter,
+            skipinitialspace=True,
+        )
+        return [re.sub(r"\s*\n\s*", " ", c.strip()) for c in next(rows, [])]
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return [line]
 

@@ -5,9 +5,11 @@ import re
 from pathlib import Path
 
 from ...core.errors import UserError
-from .dialect import HEAD_BYTES
+from .dialect import HEAD_BYTES, plain
 
 _HEAD_LINES = 600
+_OPEN_QUOTE = re.compile(r'(?:^|[;,\t|])\s*"[^"]*$')  # of a cell that goes on in the next line
+_MOST_LINE_ENDS = 20  # in the cells of one row
 _CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
 _MAGIC = (
     (b"\x89HDF", "an HDF5 or MATLAB v7.3 file"),
@@ -99,7 +101,7 @@ def first_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[
         UserError: where the text is empty, HTML, XML or JSON, or a line is too long.
     """
     text = codecs.getincrementaldecoder(encoding)("replace").decode(head, complete)
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    text = plain(text.replace("\r\n", "\n").replace("\r", "\n"))
     _refuse_other_texts(text, path)
     lines = text.split("\n", _HEAD_LINES)
     if not complete and len(lines) == 1:
@@ -110,7 +112,21 @@ def first_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[
     for number, line in enumerate(lines, 1):
         if len(line) > HEAD_BYTES // 2:
             raise line_too_long(number, path)
-    return list(enumerate(lines, 1))
+    return _with_line_ends(list(enumerate(lines, 1)))
+
+
+def _with_line_ends(lines: list[Line]) -> list[Line]:
+    """The lines; those above the data whose quotes close in a later line are one with it."""
+    joined: list[Line] = []
+    for k, (number, text) in enumerate(lines):
+        if re.match(r'\s*"?[+-]?[0-9]', text):
+            return [*joined, *lines[k:]]
+        before = joined[-1][1] if joined else ""
+        if _OPEN_QUOTE.search(before) and before.count("\n") < _MOST_LINE_ENDS:
+            joined[-1] = joined[-1][0], f"{before}\n{text}"
+        else:
+            joined.append((number, text))
+    return joined
 
 
 def _refuse_other_texts(text: str, path: Path) -> None:

@@ -85,10 +85,10 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
 
 def _first_data(table: FirstRows) -> int | None:
     """Index of the first row that reads like the later rows."""
-    number, width = number_grammar(table.decimal), table.width
+    width = table.width
 
     def typed(c: str) -> bool:
-        return number.fullmatch(c) is not None or is_stamp(c)
+        return is_number(c) or is_stamp(c)
 
     data_rows = table.of_width(len(table.rows) // 3)  # surely data
     numeric = []
@@ -127,17 +127,17 @@ def _text_above(table: FirstRows, start: int) -> Header:
         return bool(said) and not any(number.fullmatch(c) for c in said if c not in ("-", "1"))
 
     top, units = start, None
-    if texts(top - 1) and texts(top - 2) and is_units_row(rows[top - 1][1]):
-        top = units = top - 1
     names: list[list[str]] = []
     data_columns = _count_data_columns(table, start)
-    while (
-        len(names) < 4
-        and texts(top - 1)
-        and _continues(names, rows[top - 1][1], width, data_columns)
-    ):
+    while len(names) < 4 and texts(top - 1):
+        cells = rows[top - 1][1]
+        if units is None and is_units_row(cells) and (names or texts(top - 2)):
+            units = top - 1
+        elif _continues(names, cells, width, data_columns):
+            names.insert(0, cells)
+        else:
+            break
         top -= 1
-        names.insert(0, rows[top][1])
     return Header(names, units, top, start)
 
 
@@ -182,28 +182,41 @@ def _commented_header(table: FirstRows, first_line: int) -> list[list[str]]:
 def refuse_table_above(table: FirstRows, top: int) -> None:
     """Refuses rows of another table above the header: two or more, of one width.
 
-    Each begins with a number or a stamp, as do half of its cells, whatever delimits them.
+    Each begins with a number or a stamp, as do half of its cells, whatever delimits them. Rows with
+    texts whose first cells count from 0 or 1 are a list, as of channels.
 
     Raises:
         UserError: names the first.
     """
 
-    def form(text: str) -> tuple[str, int] | None:
+    def form(text: str) -> tuple[str, int, str, bool] | None:
         for delimiter in DELIMITERS:
-            cells = split(text, delimiter)
-            typed = [is_number(c) or is_stamp(c) for c in cells if not is_null(c)]
+            cells = [c for c in split(text, delimiter) if not is_null(c)]
+            typed = [is_number(c) or is_stamp(c) for c in cells]
             if sum(typed) >= max(2, len(typed) / 2) and typed[0]:
-                return delimiter, len(cells)
+                width = len(split(text, delimiter))
+                return delimiter, width, cells[0], all(typed)
         return None
 
     line_numbers = {n for n, _ in table.rows[:top]}
     lines = [line for line in table.lines if line[0] in line_numbers]
-    forms = [form(text) for _, text in lines]
-    for k in range(1, len(forms)):
-        if forms[k] and forms[k] == forms[k - 1]:
-            text = f"{table.path}: line {lines[k - 1][0]} and the next ones are rows of another "
-            text += f"table than those below line {table.rows[top][0]}"
-            raise UserError(text, "split the log there, and read each part by itself")
+    is_list, earlier = False, None
+    for k, (_, text) in enumerate(lines):
+        row = form(text)
+        if row and earlier and row[:2] == earlier[:2]:
+            is_list = not (row[3] or earlier[3]) and is_list and _counts_on(earlier[2], row[2])
+            if not is_list:
+                message = f"{table.path}: line {lines[k - 1][0]} and the next ones are rows of "
+                message += f"another table than those below line {table.rows[top][0]}"
+                raise UserError(message, "split the log there, and read each part by itself")
+        else:
+            is_list = row is not None and row[2] in ("0", "1")
+        earlier = row
+
+
+def _counts_on(cell: str, next_cell: str) -> bool:
+    """Whether the second cell is the number after that of the first."""
+    return cell.isdecimal() and next_cell.isdecimal() and int(next_cell) == int(cell) + 1
 
 
 def refuse_width(table: FirstRows, header: Header, width: int) -> None:
@@ -232,7 +245,7 @@ def column_names(heads: list[list[str]], width: int) -> tuple[str, ...]:
     """Distinct names of the columns."""
     filled = _spread([fit(cells, width) for cells in heads])
     names = [
-        " ".join(dict.fromkeys(row[i] for row in filled if row[i])) or f"column {i + 1}"
+        " ".join(dict.fromkeys(row[i] for row in filled if row[i].strip("-"))) or f"column {i + 1}"
         for i in range(width)
     ]
     return tuple(distinct(names))
@@ -262,7 +275,11 @@ def lines_before(table: FirstRows, header: Header) -> dict[str, int]:
         return "units" if is_units else "header"
 
     first_line = rows[header.start][0]
-    return dict(Counter(kind(*line) for line in table.lines if line[0] < first_line))
+    counts: Counter[str] = Counter()
+    for number, text in table.lines:
+        if number < first_line:
+            counts[kind(number, text)] += 1 + text.count("\n")
+    return dict(counts)
 
 
 def metadata(preamble: list[Row]) -> dict[str, str]:

@@ -23,6 +23,7 @@ _UNIT = {
     for word in unit_words.split()
 }
 _PARTS = {word: part for part, words in _VOCABULARY["parts"].items() for word in words.split()}
+_LABELS = {word: kind for kind, words in _VOCABULARY["labels"].items() for word in words.split()}
 _TIME: list[str] = _VOCABULARY["time"].split()
 _UNITS_ROW = frozenset(_VOCABULARY["units_row"].split())
 GROUP, SIGNAL, UNITS = (
@@ -77,6 +78,11 @@ def time_part(header: str) -> str | None:
     ('N', 'M', None)
     """
     return _PARTS.get(normal(re.split(r"[/.](?=\w)", header)[-1]).strip("[](){}"))
+
+
+def label(cell: str) -> str | None:
+    """What a row above a table holds by its first cell: "names", "units", "interval" and so on."""
+    return _LABELS.get(normal(cell).strip(":[]"))
 
 
 def speaks_of_time(header: str) -> bool:

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ...core.errors import UserError
-from .dialect import HEAD_BYTES, Dialect, split
+from .dialect import HEAD_BYTES, Dialect, plain, split
 
 _BLOCK = 1 << 20  # it stays in a processor's cache; smaller ones make threads wait for each other
 MAX_LINE = 16 << 20
@@ -93,7 +93,7 @@ class Splitter:
         if b"\0" in rows:  # each end of a hole may be a part of another row
             rows = re.sub(rb"(?m)^[^\n\0]*\0[^\n]*\n", b"\0\n", rows)
         if not rows.isascii():  # a file joined to another begins with a mark
-            rows = rows.decode("utf-8", "replace").replace("\ufeff", "").encode()
+            rows = plain(rows.decode("utf-8", "replace")).encode()
         delimiter = self._delimiter
         if delimiter != b" ":  # the parser knows a quote only right after the delimiter
             return rows.replace(delimiter + b' "', delimiter + b'"') if b'"' in rows else rows
@@ -216,6 +216,6 @@ def read_tail(path: Path, dialect: Dialect) -> list[list[str]]:
             file.seek(dialect.bom + max(0, size - _TAIL) // 4 * 4)  # whole characters of UTF-16
         while chunk := file.read(_BLOCK):
             tail = (tail + chunk)[-_TAIL:]
-    lines = tail.decode(dialect.encoding, "replace").splitlines()[1:]
+    lines = plain(tail.decode(dialect.encoding, "replace")).splitlines()[1:]
     rows = (split(line, dialect.delimiter) for line in lines)
     return [cells for cells in rows if len(cells) == dialect.width]

@@ -7,15 +7,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...core.finding import Finding, Severity, Span, merge_spans
-from ...core.model import Bools, Times
+from ...core.model import Bools, Floats, Times
 from .block_parser import ParsedBlock, Rows
-from .cells import IS_INFINITE, NO_NUMBER, NO_VALUE
+from .cells import DIGITS, IN_GROUPS, IS_INFINITE, NO_NUMBER, NO_VALUE, OTHER_MARK
 from .dialect import Dialect, split
 
 _LISTED_SPANS = 20  # spans of one finding
+_FEW_UNREAD, _MOST_UNREAD = 2, 0.01  # cells, or share of a column, beside which others are used
 _EXAMPLE_CHARACTERS = 40  # characters of a cell or row in a message
 
-_SKIPPED = {  # classes of rows that are data and are left out
+SKIPPED = {  # classes of rows that are data and are left out
     "too few cells": "too few cells",
     "too many cells": "too many cells",
     "time missing": "no time stamp",
@@ -52,6 +53,7 @@ class Losses:
         self.lines: Counter[str] = Counter(dialect.leading_lines)
         self.rows: dict[str, _Loss] = {}
         self.cells: dict[tuple[int, int], _Loss] = {}  # by column and state
+        self.unread: dict[int, _Loss] = {}  # by column: all of it is left out
         self._dialect = dialect
 
     def add(self, parsed: ParsedBlock, timed: Bools, row_count: int) -> None:
@@ -63,13 +65,13 @@ class Losses:
         row_lines = parsed.lines[timed]
         for kind, lines in parsed.dropped.items():
             self.lines[kind] += len(lines)
-            if kind in _SKIPPED:
+            if kind in SKIPPED:
                 first_line = int(lines[0])
                 row_loss = _Loss(parsed.block.first_line + first_line, parsed.text(first_line))
                 loss = self.rows.setdefault(kind, row_loss)
                 loss.add(row_count + np.searchsorted(row_lines, lines))
         for i, state in parsed.states.items():
-            for k in _CELLS:
+            for k in (*_CELLS, OTHER_MARK, IN_GROUPS, DIGITS):
                 rows = np.flatnonzero(state[timed] == k)
                 if not len(rows):
                     continue
@@ -80,6 +82,34 @@ class Losses:
                     self.cells[i, k] = _Loss(parsed.block.first_line + first_line, cell)
                 self.cells[i, k].add(row_count + rows)
 
+    def settle(self, i: int, value: Floats) -> None:
+        """Decides by all cells of a column what its cells in another notation are.
+
+        Their mark is the column's own decimal mark, or it separates groups of digits. Where it may
+        be both, or more than a hundredth of the cells cannot be read, all values become NaN.
+
+        Args:
+            i: the column.
+            value: its values, shape (n,); changed in place.
+        """
+        losses = {k: self.cells.pop((i, k), None) for k in (OTHER_MARK, IN_GROUPS, DIGITS)}
+        rows = {k: np.concatenate(loss.places) for k, loss in losses.items() if loss}
+        marked = np.concatenate([*rows.values(), np.empty(0, np.int64)]).astype(np.int64)
+        others = np.delete(value, marked)
+        others = others[np.isfinite(others)]
+        has_own_mark = bool((others % 1.0 != 0.0).any())
+        is_sound = len(rows.get(DIGITS, ())) <= max(_FEW_UNREAD, _MOST_UNREAD * len(value))
+        if OTHER_MARK in rows:
+            is_sound &= not has_own_mark
+        elif IN_GROUPS in rows:
+            is_sound &= bool(len(others)) and bool((np.abs(others) < 1_000.0).all())
+            value[rows[IN_GROUPS]] = np.rint(value[rows[IN_GROUPS]] * 1_000.0)
+        if (unread := losses[DIGITS]) and is_sound:
+            self.cells[i, NO_NUMBER] = _joined(self.cells.get((i, NO_NUMBER)), unread)
+        elif not is_sound:
+            self.unread[i] = next(loss for loss in losses.values() if loss)
+            value[:] = np.nan
+
     def findings(self, t: Times, start: int) -> Iterator[Finding]:
         """What was left out, as findings.
 
@@ -87,9 +117,9 @@ class Losses:
             t: times of the rows that are used [ns], shape (n,).
             start: the log's first time [ns].
         """
-        for kind, loss in sorted(self.rows.items(), key=lambda item: [*_SKIPPED].index(item[0])):
+        for kind, loss in sorted(self.rows.items(), key=lambda item: [*SKIPPED].index(item[0])):
             spans, values = _spans(loss, t, start, between_rows=True), {"line": loss.line}
-            names = {"reason": _SKIPPED[kind], "example": quoted(loss.text)}
+            names = {"reason": SKIPPED[kind], "example": quoted(loss.text)}
             yield Finding("csv-rows-skipped", "warning", "", loss.count, spans, values, names)
         for (i, k), loss in sorted(self.cells.items()):
             code, severity = _CELLS[k]
@@ -100,6 +130,17 @@ class Losses:
             spans, name = _spans(loss, t, start, between_rows=False), self._dialect.names[i]
             values, names = {"line": loss.line}, {"example": quoted(loss.text)}
             yield Finding(code, severity, name, loss.count, spans, values, names)
+        for i, loss in self.unread.items():
+            names = {"example": quoted(loss.text)}
+            yield Finding("csv-no-numbers", "warning", self._dialect.names[i], len(t), names=names)
+
+
+def _joined(loss: _Loss | None, other: _Loss) -> _Loss:
+    """Two losses of a column as one; the first cell of both is its example."""
+    if loss is None:
+        return other
+    first = min(loss, other, key=lambda x: x.line)
+    return _Loss(first.line, first.text, loss.count + other.count, [*loss.places, *other.places])
 
 
 def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Span, ...]:

@@ -12,14 +12,15 @@ from ...core import toml
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Column, Times
-from ...core.time_axis import earliest
+from ...core.time_axis import earliest, from_digits
 from ...core.units import in_name
 from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions
 from .block_parser import CsvTable
 from .clock import Clock
 from .detect_dialect import detect_dialect
-from .dialect import Dialect
+from .dialect import Dialect, is_number
+from .header_words import time_name
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
@@ -72,6 +73,7 @@ class CsvSource:
         self.findings += self.keys.findings
         names = dialect.names
         reserved = {*clock.columns, *self.keys.columns}
+        reserved |= {i for i in range(len(names)) if self._repeats_time(i)}
         data_columns = [i for i in range(len(names)) if i not in reserved]
         numeric = [i for i in data_columns if self._is_numeric(i)]
         self._words = {i: words for i in data_columns if (words := self._words_of(i, numeric))}
@@ -113,13 +115,20 @@ class CsvSource:
                 channel = series.signal or name
                 if series.signal and len(numeric) > 1:
                     channel += f" {name}"
-                unit, source = self._dialect.units[i], "units row"
+                unit = self._dialect.units[i]
+                source = "cells" if i in self._dialect.suffixes else "units row"
                 if series.unit:
                     unit, source = series.unit, "units column"
                 unit_from = source if unit else ""
                 f = Field(channel, "", "", series.group, unit, unit_from, signal=series.signal)
                 places[f] = k, i
         return places
+
+    def _repeats_time(self, i: int) -> bool:
+        """Whether a column is the time once more, as LVM files have it for each channel."""
+        times = [self._dialect.column(k) for k in self._clock.columns]
+        is_named = any(time_name(cells[i]) for cells in self._dialect.header_cells)
+        return is_named and self._dialect.column(i) in times
 
     def _words_of(self, i: int, numeric: Sequence[int]) -> tuple[str, ...]:
         """The words of a column that may be a state, in a table of one series; else none."""
@@ -151,7 +160,7 @@ class CsvSource:
         indices = {self.places[f][1] for f in wanted}
         numeric, texts = sorted(indices - self._words.keys()), sorted(indices & self._words.keys())
         read = read_rows(self.table, numeric, self.keys.columns, list(self.keys.series), texts)
-        t, codes = read.times, read.codes
+        t, codes = self._of_digits(read.times), read.codes
         self.lines = Counter({kind: n for kind, n in read.losses.lines.items() if n})
         self.rows = self.lines["used"] + self.lines["other group"]
         self._refuse_time(t)
@@ -164,7 +173,7 @@ class CsvSource:
             self._report(damage)
         if read.lines.is_unfinished:
             self._report(Finding("csv-no-final-newline", "info"))
-        lossy = {i for i, _ in read.losses.cells}
+        lossy = {i for i, _ in read.losses.cells} | set(read.losses.unread)
         rows = []  # of each of several series, in the log's own order
         if (n := len(self._series)) > 1:
             order = np.argsort(codes, kind="stable")
@@ -182,8 +191,24 @@ class CsvSource:
             read_columns.append(Column(times.get(k, t), value, valid, words))
         return read_columns
 
+    def _of_digits(self, t: Times) -> Times:
+        """The times; those of a clock in digits that is read as a number are a time of day."""
+        is_number = bool(self._clock.unit) and not self.absolute
+        clock = from_digits(t) if is_number else None
+        if clock is None:
+            return t
+        i = self._clock.columns[0]
+        name, example = self._dialect.names[i], self._dialect.column(i)[0]
+        self.time_reason = f"column {name!r}; time of day in digits, HHMMSS"
+        self.reasons["time"] = self.time_reason
+        self.findings = [f for f in self.findings if f.code != "time-unit-guessed"]
+        self._report(Finding("time-digits", "info", name, names={"example": example}))
+        return clock
+
     def _refuse_time(self, t: Times) -> None:
         """Refuses times that never change, or nearly always fall."""
+        if self._clock.step:
+            return
         i = self._clock.columns[-1]
         name, cells = self._dialect.names[i], self._dialect.column(i)
         falls = np.count_nonzero(t[1:] < t[:-1])
@@ -203,7 +228,7 @@ class CsvSource:
         cells = self._dialect.column(i)
         if not cells and self._dialect.names[i] == f"column {i + 1}":
             return not self._dialect.headed
-        return len(self._dialect.numbers(i)) >= _NUMERIC * len(cells)
+        return sum(map(is_number, cells)) >= _NUMERIC * len(cells)
 
     def _report(self, finding: Finding) -> None:
         """Adds a finding that is not there from an earlier reading.

@@ -16,7 +16,7 @@ from .block_parser import CsvTable, ParsedBlock, Parser
 from .cells import is_missing
 from .dialect import is_comment, is_null, split
 from .lines import Lines
-from .losses import Losses
+from .losses import SKIPPED, Losses
 
 Key = tuple[str, ...]  # cells of the key columns
 
@@ -65,12 +65,13 @@ def read_rows(
     losses = Losses(table.dialect)
     groups = Groups(keys, wanted)
     by_column: dict[int, NDArray[Any]] = {}
-    row_count = 0
+    row_count = sample_count = 0
     words: dict[int, list[str]] = {i: [] for i in texts}
     reread = (*keys, *texts)
     for parsed in threads.run_ahead(Parser(table, indices, reread).parse, lines.blocks()):
         if not parsed.timed.all():
             classify_untimed(table, parsed)
+        sample_count = count_times(table, parsed, sample_count)
         timed = parsed.timed.copy()
         codes = groups.codes(parsed, timed)
         losses.add(parsed, timed, row_count)
@@ -89,8 +90,24 @@ def read_rows(
     losses.lines["used"] = row_count
     for column in by_column.values():
         column.resize(row_count, refcheck=False)
+    for i in indices:
+        losses.settle(i, by_column[i])
     t, codes = by_column.pop(_T), by_column.pop(_SERIES)
     return CsvRows(t, codes, by_column, groups.met, words, losses, lines)
+
+
+def count_times(table: CsvTable, parsed: ParsedBlock, count: int) -> int:
+    """Sets the times of rows that are counted, after `count` earlier ones; returns the new count.
+
+    A row that is left out was a sample.
+    """
+    if not table.clock.step:
+        return 0
+    lost = [lines for kind, lines in parsed.dropped.items() if kind in SKIPPED]
+    samples = np.unique(np.concatenate([parsed.lines, *lost]))
+    rows = count + np.searchsorted(samples, parsed.lines)
+    parsed.times = table.clock.start + rows * table.clock.step
+    return count + len(samples)
 
 
 def _numbers_of(array: Any, timed: Bools, words: list[str]) -> Floats:

@@ -4,7 +4,7 @@ import math
 import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from ...core.finding import Finding
 from ..source import ReadOptions
 from .clock import COUNTS, Clock
 from .dates import READABLE, decided, forms_of, read, with_counted_fraction
-from .dialect import Dialect, is_null
+from .dialect import Dialect, is_null, is_number
 from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
 from .stamps import CLOCKS, DATES, STAMPS
@@ -72,13 +72,14 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     clock = search.first_clock(named, "column named")
     if clock is None and not text_columns:
         clock = search.first_clock(search.likely(), "time by its cells or unit: column")
+    clock = clock or search.counted()
     if clock is None and named:
         raise search.unreadable((text_columns or named)[0])
     if clock is None:
         text = f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})"
         raise UserError(text, search.proposal())
     search.refuse_another(clock)
-    return clock
+    return search.begun(clock)
 
 
 def column_index(dialect: Dialect, name: str, path: Path) -> int:
@@ -176,6 +177,30 @@ class _ClockSearch:
             return self._of_numbers(i, reason)
         return self._of_stamps(i, reason)
 
+    def counted(self) -> Clock | None:
+        """The clock of rows without a time, whose interval or rate stands above the table."""
+        labels = self.dialect.labels
+        unit = NS_PER_UNIT[time_unit((labels.get("interval_unit") or ["", "s"])[1]) or "s"]
+        for kind in ("interval", "rate"):
+            cells = [c for c in labels.get(kind, [])[1:] if c]
+            if cells and is_number(cells[0]) and float(cells[0].replace(",", ".")) > 0.0:
+                value = float(cells[0].replace(",", "."))
+                step = round(value * unit if kind == "interval" else _S / value)
+                reason = f"rows are counted; {step / _S:g} s apart by {labels[kind][0]!r}"
+                return Clock((), "", "", self.dialect.decimal, False, reason, None, step=step)
+        return None
+
+    def begun(self, clock: Clock) -> Clock:
+        """The clock; with the start above the table, where times are of an LVM file or counted."""
+        date, time = (self.dialect.labels.get(kind, ["", ""])[1] for kind in ("date", "clock"))
+        forms = forms_of([f"{date} {time}"], STAMPS)
+        if clock.absolute or len(forms) != 1 or not (clock.step or self.dialect.segments):
+            return clock
+        start = int(read([f"{date} {time}"], STAMPS[forms[0]])[0])
+        reason = f"{clock.reason}; start {date} {time} above the table, taken as UTC"
+        kind = pa.decimal128(38, COUNTS[clock.unit].scale) if clock.unit else clock.type
+        return replace(clock, start=start, absolute=True, reason=reason, type=kind)
+
     def of_parts(self) -> Clock | None:
         """The clock of columns from year to second, or of seconds and a fraction of them."""
         dialect, columns = self.dialect, dict[str, int]()
@@ -213,9 +238,9 @@ class _ClockSearch:
         Raises:
             UserError: names both.
         """
-        dialect, i = self.dialect, clock.columns[-1]
+        dialect, i = self.dialect, (clock.columns or (-1,))[-1]
         for k, name in enumerate(dialect.names):
-            if k in clock.columns or dialect.column(k) == dialect.column(i):
+            if k in clock.columns or i < 0 or dialect.column(k) == dialect.column(i):
                 continue
             named = _named(dialect, k) is not None
             similar = _unnumbered(name) == _unnumbered(dialect.names[i])
@@ -248,7 +273,7 @@ class _ClockSearch:
             pattern = with_counted_fraction(dialect.column(i), _SECONDS)
             if pattern != _SECONDS:
                 reason = f"{choice}; s, with a fraction that has no leading zeros"
-                return Clock((i,), "", pattern, dialect.decimal, False, reason, pa.string())
+                return Clock((i,), "", pattern, ".", False, reason, pa.string())
         if not values or (not said and 0.3 * len(values) < falls < 0.9 * (len(values) - 1)):
             return None  # a T that is a temperature
         if said and said[0] not in COUNTS:
@@ -267,7 +292,7 @@ class _ClockSearch:
         names = {"column": repr(name), "unit": unit, "reason": source}
         note = Finding("time-unit-guessed", "info", name, names=names)
         notes = () if unit_source else (note,)
-        return Clock((i,), unit, "", dialect.decimal, absolute, reason, kind, notes)
+        return Clock((i,), unit, "", dialect.mark(i), absolute, reason, kind, notes)
 
     def _refusal(self, i: int, text: str, values: Sequence[float]) -> UserError:
         return UserError(f"{self.path}: {text}", self.proposal(i, values))

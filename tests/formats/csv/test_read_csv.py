@@ -377,10 +377,9 @@ def test_second_reading_reports_nothing_twice(log):
     assert source.findings == before
 
 
-@pytest.mark.parametrize("cell", ['"1,23{}.5"', "51;{}", "1'00{}"])
+@pytest.mark.parametrize("cell", ["1.2.{}", "1'0{}"])
 def test_column_of_digits_that_cannot_be_read_is_reported(log, cell):
-    rows = "".join(f"0.{k},{k}.5,{cell.format(k)}\n" for k in range(9)).replace(";", '"",')
-    rows = rows.replace('51"",', '"51,').replace("\n", '"\n') if ";" in cell else rows
+    rows = "".join(f"0.{k},{k}.5,{cell.format(k)}\n" for k in range(9))
     source, columns = read(log, "t [s],v,p\n" + rows)
     assert list(columns) == ["v"]
     (told,) = source.findings
@@ -533,12 +532,20 @@ def test_a_header_again_in_a_long_table_is_no_device(log):
     assert [f.group for f in source.fields] == ["1", "2"]
 
 
-def test_numbers_with_their_unit_in_each_cell_are_reported(log):
+def test_the_unit_behind_the_numbers_of_a_column_is_its_unit(log):
     text = "t [s],p,v,note\n" + "".join(f"{k / 100},{k}.5 bar,{k},go {k}\n" for k in range(20))
     source, columns = read(log, text)
-    assert list(columns) == ["v"]
-    (told,) = source.findings
-    assert (told.code, told.channel, told.count) == ("csv-no-numbers", "p", 20)
+    assert columns["p"].value.tolist() == [k + 0.5 for k in range(20)]
+    assert [f.unit for f in source.fields] == ["bar", ""]
+    assert not source.findings
+
+
+def test_a_column_whose_cells_change_their_unit_is_left_out(log):
+    rows = (f"{k / 100},{k * 10} {'mbar' if k < 15 else 'bar'}\n" for k in range(20))
+    source, columns = read(log, "t [s],p\n" + "".join(rows))
+    assert not columns["p"].valid.any()
+    (finding,) = source.findings
+    assert (finding.code, finding.names["example"]) == ("csv-no-numbers", "'150 bar'")
 
 
 def test_words_that_begin_late_in_a_column_are_no_damage(log):

@@ -1,0 +1,368 @@
+"""One brake as people's loggers and exports write it: kinds of text logs, each in seeded variants.
+
+Every variant holds the same samples: the first time is 0, or the start that its form states.
+"""
+
+import random
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+RATE = 50  # Hz
+ROWS = 1_501
+
+
+@dataclass(frozen=True)
+class WildLog:
+    """A log, and how exactly its numbers can be known.
+
+    Attributes:
+        name: of the file.
+        text: its bytes.
+        apart_s: the most that a time may be wrong by [s].
+        pressure_bar: and a pressure [bar].
+    """
+
+    name: str
+    text: bytes
+    apart_s: float = 1e-4
+    pressure_bar: float = 0.006
+
+
+def brake() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [s], pressures [bar] and speeds [km/h] of one brake application; shape (n,)."""
+    t = np.arange(ROWS) / RATE
+    rng = np.random.default_rng(0)
+    rise, fall = (t - 3.0) / 1.5, (27.0 - t) / 1.5
+    p = 4.0 * np.clip(np.minimum(rise, fall), 0.0, 1.0)
+    slowing = np.cumsum(0.5 * p / 4.0 / RATE)
+    v = 3.6 * (19.4 - slowing) + rng.normal(0.0, 0.01, ROWS)
+    return t, np.round(p, 2), np.round(v, 2)
+
+
+T, P, V = brake()
+NAMES = ["BC pressure [bar]", "wheel speed [km/h]"]
+
+
+def table(
+    heads: list[list[str]], columns: list[list[str]], delimiter: str = ",", end: str = "\n"
+) -> bytes:
+    """Rows of cells below heads, as UTF-8."""
+    rows = [*heads, *zip(*columns, strict=True)]
+    return "".join(delimiter.join(row) + end for row in rows).encode()
+
+
+def timed(name: str, times: list[str], delimiter: str = ",") -> bytes:
+    """A table with these texts as times."""
+    values = [[f"{x:.2f}" for x in series] for series in (P, V)]
+    return table([[name, *NAMES]], [times, *values], delimiter)
+
+
+def _start(rng: random.Random) -> datetime:
+    """A start some seconds before the end of a minute, on a day whose order no date leaves open."""
+    minute, second = rng.randrange(1, 58), rng.randrange(45, 58)
+    day = rng.randrange(13, 28)
+    return datetime(
+        2026, rng.randrange(1, 13), day, rng.randrange(2, 11), minute, second, tzinfo=UTC
+    )
+
+
+def _stamps(rng: random.Random) -> list[datetime]:
+    begin = _start(rng)
+    return [begin + timedelta(milliseconds=20 * k) for k in range(ROWS)]
+
+
+def _clock(seconds: float, hours: str = "02d") -> str:
+    ms = round(seconds * 1000)
+    return f"{ms // 3_600_000:{hours}}:{ms // 60_000 % 60:02}:{ms // 1000 % 60:02}.{ms % 1000:03}"
+
+
+def _ms(stamp: datetime) -> str:
+    return f"{stamp.microsecond // 1000:03}"
+
+
+# ------------------------------------------------------------------------------- repeated headers
+
+
+def segments(rng: random.Random) -> Iterator[WildLog]:
+    """LVM files with a header for each segment; X goes on."""
+    for k in range(5):
+        length, separator = rng.randrange(60, 300), ["\t", ",", "\t", "\t", ";"][k]
+        name = ["Tab", "Comma", "Tab", "Tab", "Semicolon"][k]
+        in_names, comment = k % 2 == 1, k != 2
+        rows = ["LabVIEW Measurement", "Writer_Version|2", "Reader_Version|2", f"Separator|{name}"]
+        rows += ["Decimal_Separator|.", "Multi_Headings|Yes", "X_Columns|One"]
+        rows += ["Time_Pref|Relative", "Date|2026/11/24", "Time|10:15:00.000000"]
+        rows += ["***End_of_Header***", ""]
+        names = ["BC pressure", "wheel speed"]
+        for begin in range(0, ROWS, length):
+            rows += [
+                "",
+                "Channels|2||",
+                f"Samples|{length}|{length}|",
+                "Date|2026/11/24|2026/11/24|",
+            ]
+            clock = _clock(36_900 + begin / RATE)
+            rows += [f"Time|{clock}|{clock}|"]
+            rows += [] if in_names else ["Y_Unit_Label|bar|km/h|"]
+            rows += ["X_Dimension|Time|Time|", "X0|0.0000000E+0|0.0000000E+0|"]
+            rows += ["Delta_X|0.020000|0.020000|", "***End_of_Header***|||"]
+            rows += ["|".join(["X_Value", *(NAMES if in_names else names), *["Comment"] * comment])]
+            part = slice(begin, begin + length)
+            rows += [
+                f"{t:.6f}|{p:.6f}|{v:.6f}"
+                for t, p, v in zip(T[part], P[part], V[part], strict=True)
+            ]
+        yield WildLog("log.lvm", "\n".join(rows).replace("|", separator).encode() + b"\n")
+
+
+def blocks(rng: random.Random) -> Iterator[WildLog]:
+    """Tables whose names, or names and lines above them, come again and again."""
+    for k in range(5):
+        length, delimiter = rng.randrange(100, 700), rng.choice(",;\t")
+        head = [["time [s]", *NAMES]]
+        above = [
+            [],
+            [["Block 1"]],
+            [["Logger", "A7"], []],
+            [[], ["# part"]],
+            [["Record", "2", "ok"]],
+        ][k]
+        rows = []
+        for begin in range(0, ROWS, length):
+            part = slice(begin, begin + length)
+            rows += [*above, *head]
+            rows += [
+                [f"{t:.3f}", f"{p:.2f}", f"{v:.2f}"]
+                for t, p, v in zip(T[part], P[part], V[part], strict=True)
+            ]
+        yield WildLog("log.csv", table(rows, [[], [], []], delimiter))
+
+
+# ------------------------------------------------------------------------------------- numbers
+
+
+def _grouped(number: float, mark: str, decimal: str, decimals: int) -> str:
+    text = f"{abs(number):,.{decimals}f}".replace(",", "_").replace(".", decimal)
+    return text.replace("_", mark)
+
+
+def groups(rng: random.Random) -> Iterator[WildLog]:
+    """Pressures in mbar or Pa, with marks between groups of digits."""
+    marks = [(".", ",", 1), ("'", ".", 0), ("\u202f", ",", 1), (",", ".", 0), (".", ",", 0)]
+    marks += [("\u00a0", ",", 2), ("\u2019", ".", 1), (",", ".", 2)]
+    for mark, decimal, decimals in marks:
+        factor, unit = rng.choice([(1_000.0, "mbar"), (100_000.0, "Pa")])
+        cells = [_grouped(x * factor, mark, decimal, decimals) for x in P]
+        if decimal == "." and mark == ",":
+            cells = [f'"{c}"' for c in cells]
+        time, speed = ([f"{x:.3f}".replace(".", decimal) for x in y] for y in (T, V))
+        heads = [["Zeit [s]", f"Bremszylinderdruck [{unit}]", "Radgeschwindigkeit [km/h]"]]
+        delimiter = rng.choice(";\t" if decimal == "," else ",;\t")
+        yield WildLog("log.csv", table(heads, [time, cells, speed], delimiter))
+
+
+def minus(rng: random.Random) -> Iterator[WildLog]:
+    """Times before the trigger with the minus of typesetting."""
+    for decimal in (".", ",", ".", ",", "."):
+        before = rng.randrange(1, 9)
+        times = [f"{x - before:.3f}".replace("-", "\u2212").replace(".", decimal) for x in T]
+        values = [[f"{x:.2f}".replace(".", decimal) for x in y] for y in (P, V)]
+        yield WildLog("log.csv", table([["time [s]", *NAMES]], [times, *values], ";"))
+
+
+def marks(rng: random.Random) -> Iterator[WildLog]:
+    """One column, or the time, with another decimal mark than the others."""
+    for odd in (2, 1, 0, 2, 1):
+        points = [[f"{x:.{n}f}" for x in y] for y, n in ((T, 3), (P, 2), (V, 2))]
+        columns = [
+            [c.replace(".", ",") for c in x] if k != odd else x for k, x in enumerate(points)
+        ]
+        yield WildLog("log.csv", table([["time [s]", *NAMES]], columns, rng.choice(";\t")))
+
+
+def unit_cells(rng: random.Random) -> Iterator[WildLog]:
+    """Numbers with their unit behind them."""
+    for gap in (" ", "", " ", " ", ""):
+        time = [f"{x:.3f}{gap}s" if rng.random() < 1 else "" for x in T]
+        time = time if gap or rng.random() < 0.5 else [f"{x:.3f}" for x in T]
+        values = [[f"{x:.2f}{gap}{u}" for x in y] for y, u in ((P, "bar"), (V, "km/h"))]
+        yield WildLog("log.csv", table([["Time", "BC pressure", "wheel speed"]], [time, *values]))
+
+
+# -------------------------------------------------------------------------------------- times
+
+
+def clock_digits(rng: random.Random) -> Iterator[WildLog]:
+    """Times as digits, HHMMSS.sss, across a minute."""
+    for k in range(5):
+        name = rng.choice(["time", "Time", "UTC time", "time [s]"][: 3 if k == 2 else 4])
+        form = ["%H%M%S.", "%H%M%S.", "%H%M%S", "%H%M%S.", "%-H%M%S."][k]
+        times = [x.strftime(form) + _ms(x) for x in _stamps(rng)]
+        yield WildLog("log.csv", timed(name, times))
+
+
+def bare_milliseconds(rng: random.Random) -> Iterator[WildLog]:
+    """Milliseconds without leading zeros."""
+    stamps = _stamps(rng)
+    for k in range(5):
+        fraction = [str(x.microsecond // 1000) for x in stamps]
+        whole = [
+            [f"{int(x)}" for x in T],
+            [x.strftime("%H:%M:%S") for x in stamps],
+            [x.strftime("%Y-%m-%d %H:%M:%S") for x in stamps],
+            [f"{int(x + 1e-9) + 17}" for x in T],
+            [x.strftime("%d.%m.%Y %H:%M:%S") for x in stamps],
+        ][k]
+        if k in (0, 3):
+            fraction = [str(20 * (n % 50)) for n in range(ROWS)]
+            whole = [str(n // 50 + 17 * (k == 3)) for n in range(ROWS)]
+        times = [f"{a}.{b}" for a, b in zip(whole, fraction, strict=True)]
+        yield WildLog("log.csv", timed("Time (sec)" if k in (0, 3) else "Time", times))
+
+
+def _written(rng: random.Random, *forms: Callable[[datetime], str]) -> Iterator[WildLog]:
+    for form in forms:
+        name = rng.choice(["Time", "Timestamp", "Zeit", "Datum/Uhrzeit", "Fecha y hora"])
+        yield WildLog("log.csv", timed(name, [form(x) for x in _stamps(rng)], ";"))
+
+
+def day_halves(rng: random.Random) -> Iterator[WildLog]:
+    """Clocks of twelve hours."""
+    yield from _written(
+        rng,
+        lambda x: x.strftime("%d/%m/%Y %I:%M:%S.") + _ms(x) + " a. m.",
+        lambda x: x.strftime("%m/%d/%Y %I:%M:%S.") + _ms(x) + "\u202fAM",
+        lambda x: x.strftime("%m/%d/%Y %I:%M:%S AM.") + _ms(x),
+        lambda x: x.strftime("%d/%m/%Y %I:%M:%S.") + _ms(x) + "\u00a0a.\u00a0m.",
+        lambda x: x.strftime("%Y/%m/%d ") + "上午 " + x.strftime("%I:%M:%S.") + _ms(x),
+    )
+
+
+def named_months(rng: random.Random) -> Iterator[WildLog]:
+    """Dates with the name of the month."""
+    yield from _written(
+        rng,
+        lambda x: x.strftime("%d-%b-%Y %H:%M:%S.") + _ms(x),
+        lambda x: x.strftime("%a %b %d %H:%M:%S.") + _ms(x) + x.strftime(" %Y"),
+        lambda x: x.strftime("%b %d, %Y %I:%M:%S.") + _ms(x) + " AM",
+        lambda x: x.strftime("%d %B %Y %H:%M:%S,") + _ms(x),
+        lambda x: x.strftime("%d.%b.%y %H:%M:%S.") + _ms(x),
+    )
+
+
+def iso(rng: random.Random) -> Iterator[WildLog]:
+    """Dates of ISO 8601 that are not the usual one."""
+    yield from _written(
+        rng,
+        lambda x: x.strftime("%Y-%jT%H:%M:%S.") + _ms(x) + "Z",
+        lambda x: x.strftime("%Y%m%dT%H%M%S.") + _ms(x) + "Z",
+        lambda x: x.strftime("%Y%m%d%H%M%S") + _ms(x),
+        lambda x: x.strftime("%Y%jT%H%M%S.") + _ms(x),
+        lambda x: x.strftime("%Y%m%d %H%M%S") + _ms(x),
+    )
+
+
+def dotted(rng: random.Random) -> Iterator[WildLog]:
+    """Clocks with other marks than colons."""
+    yield from _written(
+        rng,
+        lambda x: x.strftime("%d.%m.%Y %H.%M.%S,") + _ms(x),
+        lambda x: x.strftime("%H.%M.%S.") + _ms(x),
+        lambda x: x.strftime("%Y-%m-%d %H.%M.%S,") + _ms(x),
+        lambda x: x.strftime("%Y-%m-%d_%H-%M-%S.") + _ms(x),
+        lambda x: x.strftime("%Hh%Mm%S.") + _ms(x) + "s",
+    )
+
+
+def elapsed(rng: random.Random) -> Iterator[WildLog]:
+    """Clocks above a day, below zero, and periods."""
+    hours, before = rng.randrange(25, 400), rng.randrange(1, 9)
+    forms: list[Callable[[float], str]] = [
+        lambda x: _clock(hours * 3600 + 3590 + x),
+        lambda x: ("-" if round(x, 3) < before else "") + _clock(abs(x - before)),
+        lambda x: f"{int(x // 86_400)} days {_clock(x % 86_400)}000",
+        lambda x: f"1.{_clock(x + 7200)}0000",
+        lambda x: f"PT{x:.3f}S",
+        lambda x: (
+            f"-1 days +{_clock(86_400 + x - before)}"
+            if round(x, 3) < before
+            else f"0 days {_clock(x - before)}"
+        ),
+    ]
+    for form in forms:
+        yield WildLog("log.csv", timed("Time", [form(x) for x in T], ";"))
+
+
+def minutes(rng: random.Random) -> Iterator[WildLog]:
+    """MM:SS.s, as Excel shows times; also across an hour."""
+    for digits in (1, 3, 2, 3, 1):
+        begin = rng.randrange(100, 3500) if digits != 2 else 3_590
+        ms = [round(1000 * (begin + x)) // 10 ** (3 - digits) for x in T]
+        unit = 10**digits
+        times = [f"{x // unit // 60 % 60:02}:{x // unit % 60:02}.{x % unit:0{digits}}" for x in ms]
+        yield WildLog("log.csv", timed("Time", times), 0.11 if digits == 1 else 1e-4)
+
+
+def counts(rng: random.Random) -> Iterator[WildLog]:
+    """Numbers that count from another day, or in days."""
+    unix = np.array([round(x.timestamp() * 1000) for x in _stamps(rng)])
+    day = 86_400_000
+    for name, times, apart in (
+        ("Time", [f"{(x + 2_082_844_800_000) / 1000:.3f}" for x in unix.tolist()], 1e-3),
+        ("timestamp", [str((x + 11_644_473_600_000) * 10_000) for x in unix.tolist()], 1e-4),
+        ("datenum", [f"{x / day + 719_529:.10f}" for x in unix.tolist()], 1e-3),
+        ("Time [days]", [f"{x / 86_400:.10f}" for x in T], 1e-3),
+        ("t", [str((x + 62_135_596_800_000) * 10_000) for x in unix.tolist()], 1e-4),
+        ("Time [s]", [f"{(x + 2_082_844_800_000) / 1000:.3f}" for x in unix.tolist()], 1e-3),
+        ("t", [f"{x / day + 2_440_587.5:.10f}" for x in unix.tolist()], 1e-3),
+    ):
+        yield WildLog("log.csv", timed(name, times), apart)
+
+
+def parts(rng: random.Random) -> Iterator[WildLog]:
+    """Times in several columns."""
+    stamps, values = _stamps(rng), [[f"{x:.2f}" for x in y] for y in (P, V)]
+    seconds = [str(int(x.timestamp())) for x in stamps]
+    ns = [str(x.microsecond * 1000) for x in stamps]
+    ms = [str(x.microsecond // 1000) for x in stamps]
+    split = [
+        [str(getattr(x, k)) for x in stamps] for k in "year month day hour minute second".split()
+    ]
+    dates, clocks = ([x.strftime(form) for x in stamps] for form in ("%Y-%m-%d", "%H:%M:%S"))
+    for names, columns in (
+        (["secs", "nsecs"], [seconds, ns]),
+        (["/axle/header/stamp/sec", "/axle/header/stamp/nanosec"], [seconds, ns]),
+        (["Year", "Month", "Day", "Hour", "Minute", "Second", "Millisecond"], [*split, ms]),
+        (["Hour", "Minute", "Second", "ms"], [*split[3:], ms]),
+        (["Date", "Time", "Millitm"], [dates, clocks, ms]),
+        (["sec", "usec"], [seconds, [str(x.microsecond) for x in stamps]]),
+    ):
+        yield WildLog("log.csv", table([[*names, *NAMES]], [*columns, *values]))
+
+
+KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
+    "K1-lvm": segments,
+    "K1-blocks": blocks,
+    "K8-groups": groups,
+    "K8-minus": minus,
+    "K9-digits": clock_digits,
+    "K9-ms": bare_milliseconds,
+    "K10-half": day_halves,
+    "K10-month": named_months,
+    "K10-iso": iso,
+    "K10-dots": dotted,
+    "K10-elapsed": elapsed,
+    "K10-minutes": minutes,
+    "K11": counts,
+    "K12": parts,
+    "K16-mark": marks,
+    "K16-unit": unit_cells,
+}
+
+
+def variants(kind: str, seed: int = 1) -> list[WildLog]:
+    """The logs of a kind."""
+    return list(KINDS[kind](random.Random(f"{kind} {seed}")))
