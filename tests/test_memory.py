@@ -122,10 +122,10 @@ print(peak() - before - held // 1024)
 """
 
 
-@pytest.mark.parametrize(("megabytes", "suffix"), [(20, ""), (80, ""), (80, ".gz")])
-def test_reading_csv(tmp_path: Path, megabytes: int, suffix: str) -> None:
-    """The text would not fit under the limit, nor a second copy of the larger log's columns."""
-    rows = megabytes * 1_000_000 // 40
+@pytest.mark.parametrize("suffix", ["", ".gz"])
+def test_reading_csv(tmp_path: Path, suffix: str) -> None:
+    """The text, 80 MB, would not fit under the limit, nor a second copy of the columns."""
+    rows = 2_000_000
     path = tmp_path / f"log.csv{suffix}"
     with gzip.open(path, "wb", 1) if suffix else path.open("wb") as file:
         file.write(b"time [s],p1 [bar],p2 [bar],axle_1 [km/h],axle_2 [km/h]\n")

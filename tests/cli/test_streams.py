@@ -94,18 +94,19 @@ def test_an_interrupt_in_a_callback_of_the_compiler_is_not_lost(
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252", "cp850", "gbk"])
 def test_a_pipe_gets_utf8_whatever_the_code_page(tmp_path: Path, encoding: str) -> None:
     (tmp_path / "a.csv").write_text(ROWS, encoding="utf-8")
-    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    code = f"for stream in (sys.stdout, sys.stderr): stream.reconfigure(encoding={encoding!r})"
     for command, holds in (
         (["inspect", "a.csv"], "轮速(km/h)"),
         (["inspect", "a.csv", "--json"], r'"\u8f6e\u901f(km/h)"'),
         (["explain", "vehicle-default"], "…"),
     ):
-        done = subprocess.run(
-            [*COMMAND, *command], cwd=tmp_path, env=environment, capture_output=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        assert holds in done.stdout.decode()
-        assert b"\r" not in done.stdout
+        with (tmp_path / "out").open("wb") as out:
+            process = Forked(tmp_path, command, code, stdout=out, stderr=subprocess.PIPE)
+            _, told = process.communicate(timeout=50)
+        assert process.returncode == 0, told
+        printed = (tmp_path / "out").read_bytes()
+        assert holds in printed.decode()
+        assert b"\r" not in printed
 
 
 def test_a_file_name_that_is_no_text(run: Run, tmp_path: Path) -> None:
@@ -124,16 +125,15 @@ def test_a_file_name_that_is_no_text(run: Run, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 @pytest.mark.parametrize("options", [[], ["--json"]])
-def test_results_that_cannot_be_printed_are_an_error(options: list[str]) -> None:
+def test_results_that_cannot_be_printed_are_an_error(tmp_path: Path, options: list[str]) -> None:
+    command = ["estimators", *options]
     with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [*COMMAND, "estimators", *options],
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
-    assert done.returncode == 1
-    assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["error", "hint"]
+        process = Forked(tmp_path, command, stdout=full, stderr=subprocess.PIPE)
+        _, told = process.communicate(timeout=50)
+    assert process.returncode == 1
+    assert [line.split(":")[0] for line in told.splitlines()] == ["error", "hint"]
     closed = subprocess.run(
-        ["sh", "-c", '"$@" >&-', "sh", *COMMAND, "estimators", *options],
+        ["sh", "-c", '"$@" >&-', "sh", *COMMAND, *command],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert closed.returncode == 1

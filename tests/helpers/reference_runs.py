@@ -1,7 +1,6 @@
 """Runs of the reference, and how it does."""
 
 import math
-from functools import cache
 
 import numpy as np
 
@@ -13,15 +12,9 @@ from adhesion_cli.core.model import (
     Reference,
     Vehicle,
 )
-from adhesion_cli.wsp import scenario, simulate
 from helpers import simulated
 
 VEHICLE = Vehicle()
-
-
-@cache
-def simulation(name: str) -> simulate.Simulation:
-    return simulate.run(scenario.load(name))
 
 
 def logged(
@@ -34,7 +27,7 @@ def logged(
     The record's truth is φK + ω̇/a of the noiseless signals and the given vehicle: what a
     reference can know.
     """
-    true = simulation(name)
+    true = simulated.simulation(name)
     random = np.random.default_rng(seed)
     dense, j = true.t * 1e-9, axle - 1
     R = vehicle.radius(axle).value

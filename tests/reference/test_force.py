@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import simulated
 from helpers.reference_runs import (
     HARD,
     HARD_SLIDING,
@@ -15,7 +16,6 @@ from helpers.reference_runs import (
     logged,
     rms,
     share_inside,
-    simulation,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -36,7 +36,7 @@ from adhesion_cli.reference import force, pulses, smoother
 
 def averaged(record: AxleRecord, name: str, seed: int = 1) -> AxleRecord:
     """The same log by a sensor that gives the mean since its last reading."""
-    true, t = simulation(name), record.t * 1e-9
+    true, t = simulated.simulation(name), record.t * 1e-9
     dense, speed = true.t * 1e-9, true.wheel_speed[:, record.axle - 1]
     turned = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2.0 * np.diff(dense))])
     mean = np.diff(np.interp(t, dense, turned)) / np.diff(t)
