@@ -79,6 +79,10 @@ _TEXTS = {
         "max_record": "largest record [bytes]; schemas, channels and JSON messages: 1/32 of it",
     },
 }
+_STOPS = (
+    "Of `stops`, and of the stops in every result. Locks and the largest slip have one definition "
+    "in logged and in simulated stops. The largest slip is that above 10 km/h.\n\n"
+)
 _IN_LOOP = (
     "In the loop of `antiskid` the defaults are "
     + ", ".join(f"`{name}` {value:g}" for name, value in SLOPE_IN_LOOP.items())
@@ -192,7 +196,7 @@ def settings_page() -> str:
                 ("analysis", settings.AnalysisSettings, ""), ("slope", Params, _IN_LOOP),
                 ("bands", Bands, "Of `slip`; those of `antiskid` stand in `[patent]`.\n\n"),
                 ("train", Train, "The rest of the train, beside the axles of the log.\n\n"),
-                ("stops", StopSettings, "Of `stops`, and of the stops in every result.\n\n"),
+                ("stops", StopSettings, _STOPS),
             )
         ),
         *(

@@ -17,7 +17,7 @@ from ..core import physics
 from ..core.errors import UserError
 from ..core.estimator import check_step
 from ..core.model import Floats, Vehicle
-from ..core.physics import JUDGED_FROM, LOCKED, ROLLS, clamping
+from ..core.physics import JUDGED_FROM, LOCKED, ROLLS, WORKING, clamping
 from ..rail import slope
 from ..rail.slope import region
 from . import plant as plants
@@ -461,6 +461,7 @@ def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
     demanded = wheel.rolling * wheel.phi * physics.clamping_force(stop.demand, scenario.vehicle)
     counted = stop.train_speed >= JUDGED_FROM
     limited = counted[:, None] & (demanded[:, None] > stop.peak)
+    fast = stop.slip[stop.train_speed > WORKING]
     distance, is_limited = _stopping_distance(stop, scenario), bool(limited.any())
     error, sliding = np.abs(stop.slip - stop.peak_slip)[limited], stop.sliding()
     used, available = float(stop.force[limited].sum()), float(stop.peak[limited].sum())
@@ -468,7 +469,7 @@ def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
         stopping_distance_m=distance,
         extension=distance / dry - 1.0,
         utilisation=used / available if is_limited else None,
-        max_slip=float(stop.slip[counted].max()) if counted.any() else None,
+        max_slip=float(fast.max()) if fast.size else None,
         locked_s=float((sliding == LOCKED).sum()) * h,
         air_nl=stop.air,
         mean_slip_error=float(error.mean()) if is_limited else None,

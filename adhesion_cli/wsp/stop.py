@@ -59,7 +59,7 @@ class Verdict(NamedTuple):
     stopping_distance_m: float  # from the brake demand
     extension: float  # relative to the distance on dry rail, less 1
     utilisation: float | None  # share of the peak, while the brake demands more than it
-    max_slip: float | None  # None: never so fast
+    max_slip: float | None  # above `WORKING`, as of logged stops; None: never so fast
     locked_s: float  # axle-seconds of standing wheels
     air_nl: float
     mean_slip_error: float | None  # mean |s − slip of the peak|, over the times of `utilisation`

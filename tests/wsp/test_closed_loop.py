@@ -25,7 +25,7 @@ from adhesion_cli.cli.app import app
 from adhesion_cli.core import estimator, physics
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
-from adhesion_cli.core.physics import LOCKED
+from adhesion_cli.core.physics import LOCKED, WORKING
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.rail import creep_law, sliding, slope
 from adhesion_cli.results import mcap, rrd
@@ -729,6 +729,14 @@ def test_a_train_too_slow_to_be_judged_has_a_distance_and_no_slip() -> None:
     v = closed_loop.verdict(closed_loop.run(crawl, "patent"), crawl, dry)
     assert v.stopping_distance_m >= dry > 0.0
     assert (v.max_slip, v.utilisation, v.locked_s, v.slide_s) == (None, None, 0.0, 0.0)
+
+
+def test_a_wheel_that_stands_in_the_last_metres_has_no_large_slip() -> None:
+    """Logged stops have this one definition, too."""
+    stop = closed_loop.run(short(), "none")
+    fast = stop.train_speed > WORKING
+    slip = np.where(fast[:, None], 0.03, 1.0)
+    assert closed_loop.verdict(replace(stop, slip=slip), short(), 100.0).max_slip == 0.03
 
 
 def test_a_brake_that_is_released_is_no_stop() -> None:
