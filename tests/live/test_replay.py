@@ -13,9 +13,7 @@ from adhesion_cli.core.finding import Finding
 from adhesion_cli.live.axle import LiveSample
 from adhesion_cli.live.replay import Replay
 
-each_log = pytest.mark.parametrize(
-    "log", [SERVICE, LOW, LOW.with_suffix(".mcap")], ids=lambda p: p.name
-)
+each_log = pytest.mark.parametrize("log", [SERVICE, LOW.with_suffix(".mcap")], ids=lambda p: p.name)
 
 
 @cache

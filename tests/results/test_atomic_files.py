@@ -430,9 +430,13 @@ def test_kill_before_every_step_of_publishing(tmp_path: Path, before: bool) -> N
 
 def test_of_several_sets_killed_at_any_step_none_is_new_beside_old(tmp_path: Path) -> None:
     """Every step but the last leaves no manifest either."""
+    old, new = "old" * 9, "new" * 9
+    kinds = "mcap", "rrd"
+    sets = [[tmp_path / f"{name}.adhesion.{kind}" for kind in kinds] for name in "ab"]
     for die in range(1, 30):
-        old, new = "old" * 9, "new" * 9
-        assert child(SETS, tmp_path, old, "force").wait(20) == 0
+        with atomic_files.sets(sets, True) as places:
+            for path in (path for of in places for path in of):
+                path.write_text(old)
         code = child(DIE + SETS, tmp_path, new, "force", str(die)).wait(20)
         found = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
         told = {name for name in found if name.endswith(".sha256")}

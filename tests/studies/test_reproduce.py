@@ -135,7 +135,10 @@ def test_the_page_on_the_paper_shows_what_comes_out(
     assert claim in page
 
 
-def test_command_writes_and_states_everything(tmp_path: Path) -> None:
+def test_command_writes_and_states_everything(
+    made: reproduce.Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reproduce, "reproduce", lambda progress: made)
     run = functools.partial(in_process, tmp_path, "reproduce")
 
     done = run("--json")
