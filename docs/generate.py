@@ -185,10 +185,7 @@ def settings_page() -> str:
         "",
         *(
             f"## [{section}]\n\n{_kinds(f'key of `{section}`', keys, ReadOptions())}\n"
-            for section, keys in (
-                ("csv", settings.CSV_KEYS), ("xlsx", settings.XLSX_KEYS),
-                ("mcap", settings.MCAP_KEYS), ("can", settings.CAN_KEYS),
-            )
+            for section, keys in settings.READ_KEYS.items()
         ),
         *(
             f"## [{section}]\n\n{text}{_table(_annotated(of))}"

@@ -13,6 +13,7 @@ from ..core.model import Vehicle, quantities
 from ..core.physics import CHAIN
 from ..core.toml import Table
 from . import loads, stated_brake, stated_friction
+from .stated_values import is_axle
 
 Tables = Mapping[str, Any]  # of TOML, read only
 # What a car states of one of these groups replaces what [vehicle] states of it.
@@ -131,7 +132,7 @@ def _places(cars: Mapping[str, Table]) -> Iterator[tuple[int, str, int]]:
     owner: dict[int, str] = {}
     for car, table in cars.items():
         numbers = table.get("axles")
-        if not isinstance(numbers, list) or not numbers or not all(map(_is_number, numbers)):
+        if not isinstance(numbers, list) or not numbers or not all(map(is_axle, numbers)):
             text = f"car.{car}.axles is not a list of axle numbers"
             hint = f"number its axles as in the log, as [car.{car}] axles = [1, 2, 3, 4]"
             raise UserError(text, hint, code=2)
@@ -143,10 +144,6 @@ def _places(cars: Mapping[str, Table]) -> Iterator[tuple[int, str, int]]:
                 raise UserError(text, "take it out of one of the lists `axles`", code=2)
             owner[number] = car
             yield number, car, place
-
-
-def _is_number(x: Any) -> bool:
-    return isinstance(x, int) and not isinstance(x, bool) and x >= 1
 
 
 def _of_car(vehicle: Tables, car: str, table: Tables, number: int, place: int) -> Table:

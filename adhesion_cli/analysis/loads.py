@@ -11,12 +11,23 @@ from typing import Any
 import numpy as np
 
 from ..core import units
-from ..core.errors import UserError, unknown
+from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Bools, CarAxle, Channel, Load, Log, Parameter, Vehicle, quantities
+from ..core.model import (
+    Bools,
+    CarAxle,
+    Channel,
+    Load,
+    Log,
+    Parameter,
+    Quantity,
+    Vehicle,
+    quantities,
+)
 from ..core.physics import BAR
 from ..core.toml import Table
 from ..train.mean_axle import vehicle_of_axles
+from .stated_values import is_number, plain_number, table_of
 
 _KEYS = ("pressure", "axle_mass", "unit", "tolerance")
 _EXAMPLE = 'load = {pressure = [1.5, 3.8], axle_mass = [9500, 15000], unit = "bar"}'
@@ -31,10 +42,7 @@ def stated_load(entry: Any) -> Load:
         UserError: an unknown or missing key, an unknown unit, points that do not rise.
     """
     name, hint = "vehicle.load", f"for example {_EXAMPLE}"
-    if not isinstance(entry, dict):
-        raise UserError(f"{name} is a table", hint, code=2)
-    if extra := [key for key in entry if key not in _KEYS]:
-        raise unknown(f"key of {name}", extra[0], list(_KEYS))
+    table_of(name, entry, _KEYS)
     for key in _KEYS[:3]:
         if key not in entry:
             raise UserError(f"{name} lacks {key}", hint, code=2)
@@ -47,12 +55,10 @@ def stated_load(entry: Any) -> Load:
     for x in mass:
         quantity.check(f"{name}.axle_mass", x)
     usual = Vehicle().axle_mass
-    tolerance = entry.get("tolerance", usual.tolerance / usual.value * sum(mass) / 2.0)
-    if not _is_number(tolerance) or not 0.0 <= tolerance <= mass[1]:
-        raise UserError(
-            f"{name}.tolerance = {tolerance!r} is wrong", "1 sigma [kg], from 0", code=2
-        )
-    return Load((pressure[0] * unit.factor, pressure[1] * unit.factor), mass, float(tolerance))
+    usual_tolerance = usual.tolerance / usual.value * sum(mass) / 2.0
+    tolerance = plain_number(f"{name}.tolerance", entry.get("tolerance", usual_tolerance))
+    Quantity("kg", "1 sigma", 0.0, mass[1]).check(f"{name}.tolerance", tolerance)
+    return Load((pressure[0] * unit.factor, pressure[1] * unit.factor), mass, tolerance)
 
 
 def as_stated(load: Load) -> Table:
@@ -145,7 +151,7 @@ def _range(load: Load) -> Mapping[str, float]:
 
 
 def _pair(name: str, numbers: Any) -> tuple[float, float]:
-    if not isinstance(numbers, list) or len(numbers) != 2 or not all(map(_is_number, numbers)):
+    if not isinstance(numbers, list) or len(numbers) != 2 or not all(map(is_number, numbers)):
         raise UserError(
             f"{name} = {numbers!r} is not two numbers", f"for example {_EXAMPLE}", code=2
         )
@@ -154,7 +160,3 @@ def _pair(name: str, numbers: Any) -> tuple[float, float]:
         text = f"{name} does not rise: {loaded_mass:g} after {empty_mass:g}"
         raise UserError(text, "write the point of the empty car first", code=2)
     return empty_mass, loaded_mass
-
-
-def _is_number(x: Any) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool)

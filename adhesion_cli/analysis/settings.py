@@ -42,19 +42,21 @@ from ..stops.settings import StopSettings
 from ..train.mean_axle import vehicle_of_axles
 from ..wsp import controller
 from . import cars, loads, stated_brake, stated_friction, stated_track
+from .stated_values import is_axle, parameter, plain_number, table_of
 
 Table = toml.Table
 Tables = Tree[str, Any]  # of TOML, read only
 _FORMAT_HINT = "settings are TOML, for example the line: vehicle.friction = 0.3"
 # In words, because a shell takes some of these marks for its own.
 MARKS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", "pipe": "|", "point": "."}
-CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
-XLSX_KEYS = {"sheet": str}
-MCAP_KEYS = {"max_inflated": int, "max_record": int}
-CAN_KEYS = {"dbc": list}
+READ_KEYS: Tree[str, dict[str, type]] = {  # of the sections on how logs are read
+    "csv": {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int},
+    "xlsx": {"sheet": str},
+    "mcap": {"max_inflated": int, "max_record": int},
+    "can": {"dbc": list},
+}
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
 _OF_PLACE = {"zero", "axles"}  # keys whose values are read apart
-_ZERO = {"value": float, "tolerance": float}
 GROUP_KEYS = {"channel": str, "equals": str}
 CHANNEL_KEYS = {
     "channel": str,
@@ -83,7 +85,7 @@ FORCE_KEYS = {
     "tolerance": float,
 }
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
-_OF_LOGS = ("channels", "csv", "xlsx", "mcap", "can")  # sections on how logs are read
+_OF_LOGS = ("channels", *READ_KEYS)  # sections on how logs are read
 _ORIGIN = (*_OF_LOGS, "selection", "antiskid")  # what a result was made from
 _SPEED: dict[str, Meaning] = {"speed": "wheel_speed"}
 _BY_NAME: dict[str, Meaning] = {name: name for name in get_args(Meaning) if name != "time"}
@@ -345,9 +347,7 @@ def _log_sections(
     selection: Table = {"from": from_s, "to": to_s, "axles": list(axles) or None}
     sections = {
         "channels": channels,
-        "csv": {k: getattr(read, k) for k in CSV_KEYS},
-        "xlsx": {k: getattr(read, k) for k in XLSX_KEYS},
-        "mcap": {k: getattr(read, k) for k in MCAP_KEYS},
+        **{name: {k: getattr(read, k) for k in keys} for name, keys in READ_KEYS.items()},
         "can": {"dbc": list(read.dbc)},
         "selection": {**selection, "strict": read.strict},
     }
@@ -426,11 +426,11 @@ def _normalise_names(layer: Tables) -> Table:
         normalised["channels"] = {k: _channel_tables(v) for k, v in channels.items()}
     if "car" in layer:
         normalised["car"] = {
-            name: _normalise_parameters(f"car.{name}", _table_of(f"car.{name}", table).items())
-            for name, table in _table_of("car", layer["car"]).items()
+            name: _normalise_parameters(f"car.{name}", table_of(f"car.{name}", table).items())
+            for name, table in table_of("car", layer["car"]).items()
         }
     bare_keys = {k: v for k, v in layer.items() if k in keys}
-    stated = [*bare_keys.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]
+    stated = [*bare_keys.items(), *table_of("vehicle", layer.get("vehicle", {})).items()]
     vehicle = _normalise_parameters("vehicle", stated)
     return {**normalised, "vehicle": vehicle} if vehicle else normalised
 
@@ -456,7 +456,7 @@ def _halve(value: Any) -> Any:
         return [_halve(v) for v in value]
     if isinstance(value, dict):
         return {k: _halve(v) for k, v in value.items()}
-    return _number("vehicle.wheel_diameter", value) / 2.0
+    return plain_number("vehicle.wheel_diameter", value) / 2.0
 
 
 def sections() -> list[str]:
@@ -481,21 +481,17 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     for key, value in tree.items():
         if key not in section_names:
             raise unknown("setting", key, [*section_names, *vehicle_keys()])
-        _table_of(key, value)
+        table_of(key, value)
     overrides = {
         key: _numbers(numeric[key], value) for key, value in tree.items() if key in numeric
     }
     bands, train = Bands(**overrides.pop("bands", {})), Train(**overrides.pop("train", {}))
     stops = StopSettings(**overrides.pop("stops", {}))
     mappings, time_options = _channels(tree.get("channels", {}))
-    options = {
-        **time_options,
-        **_marks(_fields("csv", tree.get("csv", {}), CSV_KEYS)),
-        **_fields("xlsx", tree.get("xlsx", {}), XLSX_KEYS),
-        **_fields("mcap", tree.get("mcap", {}), MCAP_KEYS),
-        **_files(_fields("can", tree.get("can", {}), CAN_KEYS)),
-        **{k: v for k, v in read.items() if v is not None},
-    }
+    options = dict(time_options)
+    for name, types in READ_KEYS.items():
+        options |= _fields(name, tree.get(name, {}), types)
+    options = _files(_marks(options)) | {k: v for k, v in read.items() if v is not None}
     kinds = {f.name: type(f.default) for f in dataclasses.fields(AnalysisSettings)}
     analysis = _fields("analysis", tree.get("analysis", {}), kinds)
     for name in analysis.keys() - {"reference", "vehicle"}:
@@ -528,7 +524,7 @@ class _Section(NamedTuple):
 def _numbers(tunable: methods.Tunable, table: Any) -> dict[str, float]:
     """The numbers that a section states, checked against their ranges."""
     numbers = {
-        k: _number(f"{tunable.name}.{k}", v) for k, v in _table_of(tunable.name, table).items()
+        k: plain_number(f"{tunable.name}.{k}", v) for k, v in table_of(tunable.name, table).items()
     }
     methods.validate(tunable, numbers)
     return numbers
@@ -586,12 +582,12 @@ def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:
     """
     section, names = "vehicle.correlation", list(quantities(Vehicle))
     coefficients = []
-    for a, row in _table_of(section, table).items():
-        for b, share in _table_of(f"{section}.{a}", row).items():
+    for a, row in table_of(section, table).items():
+        for b, share in table_of(f"{section}.{a}", row).items():
             for name in (a, b):
                 if name not in names:
                     raise unknown("vehicle parameter", name, names)
-            coefficients.append((a, b, _number(f"{section}.{a}.{b}", share)))
+            coefficients.append((a, b, plain_number(f"{section}.{a}.{b}", share)))
     matrix = np.eye(len(names))
     for a, b, share in coefficients:
         matrix[names.index(a), names.index(b)] = matrix[names.index(b), names.index(a)] = share
@@ -605,17 +601,12 @@ def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:
 
 def _parameter(key: str, entry: Any, default: Parameter) -> Parameter:
     """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
-    name = f"vehicle.{key}"
-    table = entry if isinstance(entry, dict) else {"value": entry}
-    fields = _fields(name, table, {"value": float, "tolerance": float})
-    quantity = quantities(Vehicle)[key]
-    value = quantity.check(name, fields.get("value", default.value))
+    name, quantity = f"vehicle.{key}", quantities(Vehicle)[key]
     share = default.tolerance / default.value if default.value else 0.0
-    tolerance = fields.get("tolerance", share * abs(value))
-    if not 0.0 <= tolerance <= quantity.maximum:
-        hint = f"1 sigma, in the parameter's unit: {replace(quantity, minimum=0.0).range}"
-        raise UserError(f"{name}: tolerance = {tolerance:g} is out of range", hint, code=2)
-    return Parameter(value, tolerance)
+    stated = parameter(name, entry, share, default.value)
+    quantity.check(name, stated.value)
+    replace(quantity, minimum=0.0, text="1 sigma").check(f"{name}.tolerance", stated.tolerance)
+    return stated
 
 
 def _channels(section: Table) -> tuple[list[Mapping], Table]:
@@ -684,16 +675,12 @@ def _axles(section: str, name: str, table: Table) -> tuple[tuple[int | None, ...
     if "axles" not in table:
         return axles, table
     stated = table["axles"]
-    if not isinstance(stated, list) or not stated or not all(map(_is_axle, stated)):
+    if not isinstance(stated, list) or not stated or not all(map(is_axle, stated)):
         line = f'{section}."{name or "bogie 1"}".axles = [1, 2]'
         hint = f"list the axles that it serves, from 1, as {toml.option(line)}"
         text = f"{section}.{name!r}" if name else section
         raise UserError(f"{text}: axles = {stated} are no axles", hint, code=2)
     return tuple(dict.fromkeys(stated)), {k: v for k, v in table.items() if k != "axles"}
-
-
-def _is_axle(number: Any) -> bool:
-    return type(number) is int and number > 0
 
 
 def _channel(key: str, table: Table) -> Table:
@@ -703,7 +690,7 @@ def _channel(key: str, table: Table) -> Table:
         UserError: where it names no channel and states nothing else, or a speed has a zero.
     """
     section = f"channels.{key}"
-    zero = _zero(f"{section}.zero", table["zero"]) if "zero" in table else None
+    zero = parameter(f"{section}.zero", table["zero"], usual=0.0) if "zero" in table else None
     table = _fields(section, {k: v for k, v in table.items() if k != "zero"}, CHANNEL_KEYS)
     if zero and "speed" in key:
         raise UserError(f"{section} has a zero: a speed has none", "leave zero out", code=2)
@@ -712,16 +699,6 @@ def _channel(key: str, table: Table) -> Table:
         line = f"{section} = {toml.value({'channel': 'NAME', **table})}"
         raise UserError(f"{section} names no channel", f"name it, as {toml.option(line)}", code=2)
     return {"channel": "", **table, "zero": zero}
-
-
-def _zero(name: str, entry: Any) -> Parameter:
-    """A number or `{value, tolerance}`, in the channel's unit."""
-    table = _fields(name, entry if isinstance(entry, dict) else {"value": entry}, _ZERO)
-    zero = Parameter(table.get("value", 0.0), table.get("tolerance", 0.0))
-    if zero.tolerance < 0.0:
-        text = f"{name}: tolerance = {zero.tolerance:g} is out of range"
-        raise UserError(text, "1 sigma, in the channel's unit: from 0", code=2)
-    return zero
 
 
 def _motor_forces(key: str, value: Any) -> list[Mapping]:
@@ -738,7 +715,7 @@ def _motor_forces(key: str, value: Any) -> list[Mapping]:
             raise UserError(f"{name}: the axles of {owner!r} are not known", hint, code=2)
         if owner and "channel" not in table:
             raise UserError(f"{name} names no channel", f"name it, as {_example(key)}", code=2)
-        if not all(map(_is_axle, axles)):
+        if not all(map(is_axle, axles)):
             hint = f"list axles, from 1, as {_example(key)}"
             raise UserError(f"{name}: axles = {axles} are no axles", hint, code=2)
         for quantity, limit in (("arm", 2.0), ("full_force", 1e7), ("tolerance", 1.0)):
@@ -762,25 +739,15 @@ def _table(value: Any) -> Table:
     return value if isinstance(value, dict) else {"channel": value}
 
 
-def _table_of(section: str, value: Any) -> Table:
-    if not isinstance(value, dict):
-        raise UserError(
-            f"setting {section!r} is a table", f"write [{section}], then its keys", code=2
-        )
-    return value
-
-
 def _fields(section: str, table: Any, types: Tree[str, type]) -> Table:
     """A table's entries, each of its type; a column's number may stand for a text."""
     fields: Table = {}
-    for key, value in _table_of(section, table).items():
+    for key, value in table_of(section, table, types).items():
         name = f"{section}.{key}"
-        if key not in types:
-            raise unknown(f"key of [{section}]", key, list(types))
         if types[key] is str and isinstance(value, (int, float)) and not isinstance(value, bool):
             fields[key] = str(value)
         elif types[key] is float:
-            fields[key] = _number(name, value)
+            fields[key] = plain_number(name, value)
         elif type(value) is types[key]:
             fields[key] = value
         else:
@@ -806,25 +773,19 @@ def _channel_tables(meaning: Any) -> Any:
     }
 
 
-def _marks(csv: Tables) -> Table:
-    """The section with every mark that is stated by its name as the mark itself."""
-    return {k: MARKS.get(v, v) if k in ("delimiter", "decimal") else v for k, v in csv.items()}
+def _marks(options: Tables) -> Table:
+    """The options with every mark that is stated by its name as the mark itself."""
+    return {k: MARKS.get(v, v) if k in ("delimiter", "decimal") else v for k, v in options.items()}
 
 
-def _files(lists: Tables) -> Table:
-    """Lists of file names, checked; --dbc gives them as the section does.
+def _files(options: Table) -> Table:
+    """The options with the names of files checked.
 
     Raises:
         UserError: where an entry is no text.
     """
-    for key, names in lists.items():
-        if not all(isinstance(name, str) for name in names):
-            text = f"can.{key} = {names!r} is wrong"
-            raise UserError(text, 'write a list of texts, as ["brake.dbc"]', code=2)
-    return {key: tuple(names) for key, names in lists.items()}
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UserError(f"{name} = {value!r} is not a number", "write a plain number, SI", code=2)
-    return float(value)
+    names = options.get("dbc", [])
+    if not all(isinstance(name, str) for name in names):
+        text = f"can.dbc = {names!r} is wrong"
+        raise UserError(text, 'write a list of texts, as ["brake.dbc"]', code=2)
+    return options | {"dbc": tuple(names)}

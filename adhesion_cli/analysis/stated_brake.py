@@ -14,10 +14,11 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
-from ..core.errors import UserError, unknown
+from ..core.errors import UserError
 from ..core.model import Parameter, Quantity, Vehicle, quantities
 from ..core.toml import Table
 from . import stated_friction
+from .stated_values import parameter, table_of
 
 _PistonArea = Annotated[
     float, Quantity("m²", "in place of the diameter; cylinder data sheet", 1e-4, 1.0)
@@ -135,44 +136,20 @@ def clamping_faces(vehicle: Table) -> float:
     """The pads or blocks of one axle that share its clamping force; 0 where nobody stated them."""
     if disc := vehicle.get("disc_brake"):
         return math.prod(
-            number(f"vehicle.disc_brake.{key}", disc.get(key, usual)).value
+            parameter(f"vehicle.disc_brake.{key}", disc.get(key, usual)).value
             for key, usual in _COUNTS["disc_brake"].items()
             if key != "cylinders"
         )
     blocks = vehicle.get("tread_brake", {}).get("blocks", 0.0)
-    return number("vehicle.tread_brake.blocks", blocks).value
-
-
-def number(name: str, entry: Any, share: float = 0.0) -> Parameter:
-    """A number, or `{value, tolerance}`; without a tolerance it is this share of the value.
-
-    Raises:
-        UserError: for anything else.
-    """
-    table = entry if isinstance(entry, dict) else {"value": entry}
-    numbers = [table.get("value"), table.get("tolerance", 0.0)]
-    if table.keys() - {"value", "tolerance"} or not all(
-        isinstance(x, int | float) and not isinstance(x, bool) for x in numbers
-    ):
-        text = f"{name} = {entry!r} is no number"
-        raise UserError(text, "write a number, or {value = …, tolerance = …}", code=2)
-    value = float(table["value"])
-    tolerance = float(table.get("tolerance", share * abs(value)))
-    if tolerance < 0.0:
-        raise UserError(f"{name}: tolerance = {tolerance:g} is negative", "1 sigma, from 0", code=2)
-    return Parameter(value, tolerance)
+    return parameter("vehicle.tread_brake.blocks", blocks).value
 
 
 def _brake(kind: str, table: Any, vehicle: Table) -> Table:
     """The parameters of (15) by one of the two tables."""
     ranges, section = quantities(KINDS[kind]), f"vehicle.{kind}"
-    if not isinstance(table, dict):
-        raise UserError(f"{section} is a table", f"write [{section}], then its keys", code=2)
     stated = {}
-    for key, entry in table.items():
-        if key not in ranges:
-            raise unknown(f"key of [{section}]", key, list(ranges))
-        stated[key] = number(f"{section}.{key}", entry)
+    for key, entry in table_of(section, table, ranges).items():
+        stated[key] = parameter(f"{section}.{key}", entry)
         ranges[key].check(f"{section}.{key}", stated[key].value)
     pistons = [key for key in _PISTONS if key in stated]
     missing = [key for key in _NEEDED[kind] if key not in stated] + [_PISTONS[0]] * (not pistons)
@@ -208,9 +185,9 @@ def _inertia(vehicle: Table) -> Table:
     if "axle_mass" not in vehicle:
         raise UserError(f"{name} needs the mass", "state vehicle.axle_mass [kg], too", code=2)
     default = Vehicle().wheelset_inertia
-    share = number(name, vehicle["rotating_mass"], default.tolerance / default.value)
+    share = parameter(name, vehicle["rotating_mass"], default.tolerance / default.value)
     ROTATING_MASS.check(name, share.value)
-    mass = number("vehicle.axle_mass", vehicle["axle_mass"])
+    mass = parameter("vehicle.axle_mass", vehicle["axle_mass"])
     R = _wheel_radius(vehicle, name)
     inertia = _power_product((share, 1.0), (mass._replace(tolerance=0.0), 1.0), (R, 2.0))
     return inertia._asdict()
@@ -224,7 +201,7 @@ def _wheel_radius(vehicle: Table, needed_by: str) -> Parameter:
         raise UserError(f"{needed_by} needs the diameter of the wheels", hint, code=2)
     (default,) = Vehicle().wheel_radius
     radii = [
-        number("vehicle.wheel_radius", entry, default.tolerance / default.value)
+        parameter("vehicle.wheel_radius", entry, default.tolerance / default.value)
         for entry in (stated if isinstance(stated, list) else [stated])
     ]
     mean = sum(r.value for r in radii) / len(radii)

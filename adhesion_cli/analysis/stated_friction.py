@@ -20,10 +20,11 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from ..core.errors import UserError, unknown
+from ..core.errors import UserError
 from ..core.model import FrictionTable, Parameter, Quantity, Vehicle, quantities
 from ..core.physics import G
 from ..core.toml import Table
+from .stated_values import plain_number, table_of
 
 SHARE = Quantity("-", "1 sigma, as a share of φ", 0.0, 1.0)
 _SPEED = Quantity("m/s", "speed of the train", 0.0, 200.0)
@@ -153,8 +154,7 @@ def friction_table(entry: Table) -> tuple[Parameter, FrictionTable]:
         UserError: an unknown key; numbers out of range; a speed or force that does not rise; rows
             that do not fit.
     """
-    if extra := [key for key in entry if key not in _KEYS]:
-        raise unknown("key of vehicle.friction", extra[0], list(_KEYS))
+    table_of("vehicle.friction", entry, _KEYS)
     for key in ("speed", "value"):
         if key not in entry:
             raise UserError(f"vehicle.friction lacks {key}", f"for example {_EXAMPLE}", code=2)
@@ -170,8 +170,8 @@ def friction_table(entry: Table) -> tuple[Parameter, FrictionTable]:
         raise UserError(text, "one row in [] for each block force, in the same order", code=2)
     values = tuple(_row(row, len(speed)) for row in rows)
     usual = Vehicle().friction
-    share = _number("tolerance", entry.get("tolerance", usual.tolerance / usual.value))
-    SHARE.check("vehicle.friction.tolerance", share)
+    name, usual_share = "vehicle.friction.tolerance", usual.tolerance / usual.value
+    share = SHARE.check(name, plain_number(name, entry.get("tolerance", usual_share)))
     table = FrictionTable(speed, forces, values)
     return Parameter(table.reference, share * table.reference), table
 
@@ -191,7 +191,7 @@ def _rising(key: str, numbers: Any, quantity: Quantity) -> tuple[float, ...]:
     if not isinstance(numbers, list) or not numbers:
         text = f"{name} = {numbers!r} is no list of numbers"
         raise UserError(text, f"for example {_EXAMPLE}", code=2)
-    values = tuple(quantity.check(name, _number(key, x)) for x in numbers)
+    values = tuple(quantity.check(name, plain_number(name, x)) for x in numbers)
     for a, b in pairwise(values):
         if not b > a:
             text = f"{name} does not rise: {b:g} after {a:g}"
@@ -204,12 +204,5 @@ def _row(row: Any, speeds: int) -> tuple[float, ...]:
         count = len(row) if isinstance(row, list) else 1
         text = f"vehicle.friction.value has a row of {count}, and speed has {speeds} values"
         raise UserError(text, "one number for each speed in every row", code=2)
-    friction = quantities(Vehicle)["friction"]
-    return tuple(friction.check("vehicle.friction.value", _number("value", x)) for x in row)
-
-
-def _number(key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        text = f"vehicle.friction.{key} = {value!r} is not a number"
-        raise UserError(text, "write plain numbers, SI", code=2)
-    return float(value)
+    name, friction = "vehicle.friction.value", quantities(Vehicle)["friction"]
+    return tuple(friction.check(name, plain_number(name, x)) for x in row)

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import UserError, unknown
+from ..core.errors import UserError
 from ..core.model import Parameter, Quantity, Track
 from ..core.toml import Table
-from .stated_brake import number
+from .stated_values import parameter, plain_number, table_of
 
 GRADIENT = Quantity("‰", "gradient, uphill positive", -150.0, 150.0)
 _EXAMPLE = 'gradient = 5.0, or {profile = "line.csv", position = "km"}'
@@ -25,14 +25,12 @@ def stated_track(table: Table) -> Track:
     Raises:
         UserError: an unknown key, a gradient that is no number, a profile that cannot be read.
     """
-    if extra := table.keys() - {"gradient"}:
-        raise unknown("key of [track]", min(extra), ["gradient"])
-    entry, usual = table.get("gradient"), Track().gradient
+    entry, usual = table_of("track", table, ["gradient"]).get("gradient"), Track().gradient
     if entry is None:
         return Track()
     if isinstance(entry, dict) and "profile" in entry:
         return _profile_track(entry)
-    stated_gradient = number("track.gradient", entry)
+    stated_gradient = parameter("track.gradient", entry)
     GRADIENT.check("track.gradient", stated_gradient.value)
     has_tolerance = isinstance(entry, dict) and "tolerance" in entry
     tolerance = _PER_MILLE * stated_gradient.tolerance if has_tolerance else usual.tolerance
@@ -50,15 +48,13 @@ def as_stated(track: Track) -> Table:
 
 
 def _profile_track(entry: Table) -> Track:
-    keys = ["profile", "position", "tolerance"]
-    if extra := entry.keys() - {*keys}:
-        raise unknown("key of track.gradient", min(extra), keys)
+    table_of("track.gradient", entry, ["profile", "position", "tolerance"])
     position, profile = entry.get("position", ""), entry["profile"]
     if not isinstance(position, str) or not isinstance(profile, str | list):
         text = "track.gradient: profile and position are names"
         raise UserError(text, f"for example {_EXAMPLE}", code=2)
     usual = Track().gradient.tolerance / _PER_MILLE
-    tolerance = number("track.gradient.tolerance", entry.get("tolerance", usual)).value
+    tolerance = plain_number("track.gradient.tolerance", entry.get("tolerance", usual))
     gradient = Parameter(0.0, _PER_MILLE * tolerance)
     rows = _read(Path(profile)) if isinstance(profile, str) else _listed(profile)
     return Track(gradient, True, tuple(_rising(rows)), position)
@@ -70,7 +66,7 @@ def _listed(profile: list[Any]) -> Iterator[tuple[str, float, float]]:
         name = f"track.gradient.profile, row {i}"
         if not isinstance(row, list) or len(row) != len(("km", "per mille")):
             raise UserError(f"{name}: no km and gradient", "two numbers: [12.350, -5.0]", code=2)
-        km, per_mille = (number(name, x).value for x in row)
+        km, per_mille = (plain_number(name, x) for x in row)
         yield name, km, per_mille
 
 

@@ -89,7 +89,8 @@ def read_plan(path: Path) -> Plan:
     wsp = _table(path, tables, "wsp")
     dry, wet = (_known(path, names, wsp[k]) if k in wsp else "" for k in _RAILS)
     if bool(dry) != bool(wet):
-        raise UserError(f"{path}: [wsp] needs dry and wet", 'dry = "NAME"\nwet = "NAME"', code=2)
+        hint = 'state both, as [wsp] dry = "NAME" and wet = "NAME"'
+        raise UserError(f"{path}: [wsp] needs dry and wet", hint, code=2)
     volume = wsp.get("reservoir_volume", 0.0)
     if not isinstance(volume, int | float) or volume < 0.0:
         text = f"{path}: wsp.reservoir_volume = {volume!r} is no volume"
