@@ -82,7 +82,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         check_name(geojson)
     check(shared, files, *logs, *([plan] if plan else []))
     progress = terminal.progress(shared.quiet)
-    series = brake_test.run(
+    test = brake_test.run(
         logs,
         lambda files: load_settings(replace(shared, config=[*shared.config, *files])),
         stated_plan,
@@ -94,50 +94,38 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         with atomic_files.outputs(files, shared.force, inputs=read) as places:
             for file, place in zip(files, places, strict=True):
                 if file == geojson:
-                    verified.write(place, as_text(series.maps))
+                    verified.write(place, as_text(test.maps))
                 elif file.name == _PAGE and report:
                     title = plan.stem if plan else "Brake test"
-                    page.write_protocol(place, brake_test.protocol(series, title, braked_weight))
+                    protocol = brake_test.protocol(test, title, braked_weight)
+                    verified.write(place, page.protocol_page(protocol))
                 else:
-                    rows = ((s.log, s.group, s.label, s.stop) for s in series.stops)
+                    rows = ((s.log, s.group, s.label, s.stop) for s in test.series.stops)
                     sheets = {"stops": tables.stops_of_series(rows)}
                     tables.write(place, tables.kind(file), sheets)
     if shared.json:
-        document = brake_test.document(series)
+        document = brake_test.document(test)
         document["outputs"] = results.named(files)
         print(dumps(document))
     else:
-        print(_text(series, braked_weight, budget))
-        terminal.show(series.findings, shared.quiet)
+        print(_text(test, braked_weight, budget))
+        terminal.show(test.findings, shared.quiet)
         if files:
             print(terminal.wrote(*files))
-    lossy = terminal.lossy(series.findings)
-    return 3 if lossy or series.failed else 0
+    lossy = terminal.lossy(test.findings)
+    return 3 if lossy or test.failed else 0
 
 
 def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
     """What the screen shows of a series."""
-    from ..results import stop_rows as rows
+    from ..results.stop_rows import series_tables
     from . import terminal
 
-    if not test.stops:
+    if not test.series.stops:
         return "No stop."
-
-    def section(table: list[dict[str, str]], text_columns: int, note: str = "") -> str:
-        lines = [terminal.records(table, text_columns=text_columns)] if table else []
-        return "\n".join([*lines, *([terminal.folded(note)] if table and note else [])])
-
-    sources = rows.describe_sources([s.stop for s in test.stops])
-    sections = [
-        section(rows.series_rows(test.stops), 2, rows.NOTE),
-        "\n".join([terminal.folded(sources), *rows.remarks(test.stops)]),
-        section(rows.group_rows(test.groups), 2, rows.OF_GROUPS) or "No valid stop.",
-        section(rows.difference_rows(test.differences), 3),
-        section(rows.limit_rows(test.limits), 3, rows.OF_LIMITS),
-        *("\n".join([rows.describe_wsp(x), section(rows.wsp_rows(x), 1)]) for x in test.wsp),
-    ]
-    if braked_weight:
-        sections.append(section(rows.braked_weight_rows(test.stops), 2, rows.OF_LAMBDA))
-    if budget:
-        sections.append(section(rows.budget_rows(test.stops), 2, rows.OF_BUDGET))
-    return "\n\n".join(filter(None, sections))
+    sections = []
+    for table in series_tables(test.series, braked_weight, budget):
+        lines = [terminal.records(table.rows, None, table.text_columns)] if table.rows else []
+        lines += map(terminal.folded, table.note.splitlines())
+        sections.append("\n".join(lines))
+    return "\n\n".join(sections)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from ..core.summary import Measured, StopSummary
 from ..core.text import by_uncertainty
@@ -12,6 +13,7 @@ from ..stops.series import (
     GroupDifference,
     LimitVerdict,
     SeriesStop,
+    TestSeries,
     WspAxle,
     WspSummary,
     braked_weight_percentage,
@@ -24,22 +26,23 @@ NOTE = (
     "response time, which is delay and half of the build-up; level: distance on level track from "
     "the nominal speed. p: full pressure of the brake cylinders, mean of the axles."
 )
-OF_GROUPS = (
+_OF_GROUPS = (
     "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
     "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
     "does not average out; scatter: range over mean; drift: change from stop to stop; outliers: "
     "stops that Grubbs' test rejects (5\N{NO-BREAK SPACE}%)."
 )
-OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
-OF_LAMBDA = (
+_OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
+_OF_LAMBDA = (
     "λ = C/s − D by constants of a secondary source, for the distance on level track from the "
     "nominal speed. They agree with SUBSET-026, A.3.7 within 1 % at 160 to 200 km/h and 6 % at "
     "140 km/h, not at 100 to 120 km/h."
 )
-OF_BUDGET = (
+_OF_BUDGET = (
     "Change of the distance by one standard uncertainty of each source. *: the same in every stop. "
     "The gradient changes the distance on level track only."
 )
+_WSP = "Wheel slide protection"
 _COMMAND = {
     "channel": "a command channel",
     "brake_pipe": "the fall of the brake pipe",
@@ -101,7 +104,41 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h."
 
 
-def series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
+class TitledTable(NamedTuple):
+    """A table on screen and page."""
+
+    title: str
+    rows: list[dict[str, str]]
+    text_columns: int  # how many columns are texts, from the left
+    note: str = ""  # below it, a line for each subject
+
+
+def series_tables(x: TestSeries, braked_weight: bool, budget: bool) -> list[TitledTable]:
+    """The tables of a series, those with rows.
+
+    Args:
+        x: the series.
+        braked_weight: whether the braked weight percentage is among them.
+        budget: whether the uncertainty budget is.
+    """
+    stops = x.stops
+    note = "\n".join([NOTE, describe_sources([s.stop for s in stops]), *_remarks(stops)])
+    tables = [
+        TitledTable("Stops", _series_rows(stops), 2, note),
+        TitledTable("Statistics", _group_rows(x.groups), 2, _OF_GROUPS),
+        TitledTable("Differences", _difference_rows(x.differences), 3),
+        TitledTable("Limits", _limit_rows(x.limits), 3, _OF_LIMITS),
+        *(TitledTable(_WSP, _wsp_rows(w), 1, _describe_wsp(w)) for w in x.wsp),
+    ]
+    if braked_weight:
+        tables.append(TitledTable("Braked weight", _braked_weight_rows(stops), 2, _OF_LAMBDA))
+    if budget:
+        rows = _budget_rows(stops)
+        tables.append(TitledTable("Uncertainty of the distance", rows, 2, _OF_BUDGET))
+    return [table for table in tables if table.rows or table.title == _WSP]
+
+
+def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     """The stops of a series, numbered, each with its log and group."""
     has_logs = len({s.log for s in stops}) > 1
     return [
@@ -112,7 +149,7 @@ def series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     ]
 
 
-def remarks(stops: Sequence[SeriesStop]) -> list[str]:
+def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
     """A sentence for each stop that is none, or whose level distance depends on the formula."""
     sentences = []
     for i, s in enumerate(stops, 1):
@@ -125,7 +162,7 @@ def remarks(stops: Sequence[SeriesStop]) -> list[str]:
     return sentences
 
 
-def group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
+def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
     """The statistics of each group and quantity."""
     rows = []
     for group in groups:
@@ -149,7 +186,7 @@ def group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
     return rows
 
 
-def difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:
+def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:
     """What a group has more than another."""
     rows = []
     for x in differences:
@@ -162,7 +199,7 @@ def difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, st
     return rows
 
 
-def limit_rows(verdicts: Sequence[LimitVerdict]) -> list[dict[str, str]]:
+def _limit_rows(verdicts: Sequence[LimitVerdict]) -> list[dict[str, str]]:
     """Each limit with its verdict."""
     return [
         {
@@ -176,7 +213,7 @@ def limit_rows(verdicts: Sequence[LimitVerdict]) -> list[dict[str, str]]:
     ]
 
 
-def describe_wsp(x: WspSummary) -> str:
+def _describe_wsp(x: WspSummary) -> str:
     """The extension of the wet stops, in one sentence."""
     head = f"WSP, group {x.group}: "
     if x.extension is None or x.extension_u95 is None or x.k_wet is None:
@@ -193,7 +230,7 @@ def _air(x: WspSummary) -> str:
     return air if x.sanding_s is None else f"{air} Sanding: {x.sanding_s:.1f} s in a stop."
 
 
-def wsp_rows(x: WspSummary) -> list[dict[str, str]]:
+def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
     """The axles in the wet stops."""
     return [
         {
@@ -221,7 +258,7 @@ def _bands(a: WspAxle) -> dict[str, str]:
     }
 
 
-def braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
+def _braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     """The braked weight percentage of each stop whose nominal speed has constants."""
     rows = []
     for i, s in enumerate(stops, 1):
@@ -231,7 +268,7 @@ def braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     return rows
 
 
-def budget_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
+def _budget_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     """What each source of error adds to the distance of each stop; sources that add nothing aside.
 
     A star marks the sources that are the same in every stop.

@@ -158,6 +158,16 @@ class WspSummary(NamedTuple):
     ] = None
 
 
+class TestSeries(NamedTuple):
+    """The stops of a series, and what follows from them."""
+
+    stops: tuple[SeriesStop, ...]
+    groups: tuple[Group, ...]
+    differences: tuple[Difference, ...]
+    limits: tuple[LimitVerdict, ...]
+    wsp: tuple[WspSummary, ...]
+
+
 def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
     """The groups of a series, in the order in which their first stops stand."""
     groups = []

@@ -23,10 +23,9 @@ from ..results.friction_groups import GroupedRun, find_friction_differs, group_b
 from ..results.geojson import MapOfLog, map_of_log
 from ..results.report.protocol import Protocol
 from ..stops.series import (
-    Group,
     GroupDifference,
-    LimitVerdict,
     SeriesStop,
+    TestSeries,
     WspSummary,
     compare_wet,
     differences,
@@ -49,11 +48,7 @@ class Request(NamedTuple):
 class BrakeTest(NamedTuple):
     """A series with its results."""
 
-    stops: tuple[SeriesStop, ...]
-    groups: tuple[Group, ...]
-    differences: tuple[GroupDifference, ...]
-    limits: tuple[LimitVerdict, ...]
-    wsp: tuple[WspSummary, ...]
+    series: TestSeries
     findings: tuple[Finding, ...]
     failed: tuple[FailedLog, ...]
     plan: Plan
@@ -114,17 +109,9 @@ def run(
             dry_kmh, wet_kmh = (", ".join(f"{v:g}" for v in x) for x in (dry, wet))
             names = {"dry": plan.dry, "dry_kmh": dry_kmh, "wet": plan.wet, "wet_kmh": wet_kmh}
             findings.append(Finding("wet-speeds-differ", "warning", names=names))
-    return BrakeTest(
-        tuple(stops),
-        tuple(groups),
-        tuple(differences(groups, plan.pairs)),
-        tuple(judge(groups, plan.limits)),
-        wsp,
-        tuple(dict.fromkeys(findings)),
-        tuple(failed),
-        plan,
-        tuple(maps),
-    )
+    compared, limits = differences(groups, plan.pairs), judge(groups, plan.limits)
+    series = TestSeries(tuple(stops), tuple(groups), tuple(compared), tuple(limits), wsp)
+    return BrakeTest(series, tuple(dict.fromkeys(findings)), tuple(failed), plan, tuple(maps))
 
 
 def _members(logs: Sequence[Path], plan: Plan) -> list[tuple[PlannedGroup | None, list[Path]]]:
@@ -175,7 +162,7 @@ def _series_stop(path: Path, group: PlannedGroup | None, stop: StopSummary) -> S
 
 def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protocol:
     """The series as a page."""
-    logs = {s.log: s for s in test.stops}
+    logs = dict.fromkeys(s.log for s in test.series.stops)
     about = {
         "Evaluated by": f"adhesion {__version__}",
         "Logs": ", ".join(Path(log).name for log in logs),
@@ -187,11 +174,7 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
     return Protocol(
         title,
         test.plan.protocol,
-        test.stops,
-        test.groups,
-        test.differences,
-        test.limits,
-        test.wsp,
+        test.series,
         [summarise_finding(f) for f in test.findings],
         about,
         braked_weight,
@@ -214,19 +197,20 @@ def _stated(group: PlannedGroup) -> str:
 
 def document(test: BrakeTest) -> Json:
     """The `adhesion.stops/1` document."""
+    series = test.series
     return tagged(
         "stops",
         stops=[
             {"log": s.log, "group": s.group, "label": s.label, **as_json(s.stop)}
-            for s in test.stops
+            for s in series.stops
         ],
         groups=[
             {"name": g.name, "n": g.n, **{q: as_json(x) for q, x in g.statistics.items()}}
-            for g in test.groups
+            for g in series.groups
         ],
-        differences=[_difference(x) for x in test.differences],
-        limits=as_json(test.limits),
-        wsp=as_json(test.wsp),
+        differences=[_difference(x) for x in series.differences],
+        limits=as_json(series.limits),
+        wsp=as_json(series.wsp),
         failed=as_json(test.failed),
         findings=findings_document(test.findings),
     )

@@ -9,7 +9,6 @@ import re
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 from zlib import compress
 
@@ -19,12 +18,13 @@ from markupsafe import Markup, escape
 from ... import __version__
 from ...core.model import Vehicle, quantities
 from ...core.text import printable, utf8
-from .. import result_rows, verified
+from .. import result_rows
 from ..carried_vehicle import is_of_vehicle
+from ..stop_rows import series_tables
 from ..text_tables import DASH
 from . import comparison, words
 from .campaign import Campaign
-from .protocol import Protocol, headline, parts, tables
+from .protocol import Protocol, headline, parts
 from .run import ReportRun
 
 if TYPE_CHECKING:
@@ -78,19 +78,11 @@ def protocol_page(protocol: Protocol) -> str:
         "protocol": protocol,
         "headline": headline,
         "parts": parts(protocol),
-        "tables": tables(protocol),
-        "places": figures.of_stops(protocol.stops),
+        "tables": series_tables(protocol.series, protocol.braked_weight, budget=True),
+        "places": figures.of_stops(protocol.series.stops),
         "about": _pairs(protocol.about.items(), "Fact"),
     }
     return _page("protocol.html", protocol.title, figures, context)
-
-
-def write_protocol(place: Path, protocol: Protocol) -> None:
-    """Writes the protocol of a brake test.
-
-    Raises as `verified.verified`.
-    """
-    verified.write(place, protocol_page(protocol))
 
 
 def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:

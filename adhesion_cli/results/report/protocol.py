@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from ...core.summary import FindingSummary
-from ...stops.series import Group, GroupDifference, LimitVerdict, SeriesStop, WspSummary
-from .. import stop_rows
+from ...stops.series import TestSeries
 
 # What a protocol states, by its part; what nobody stated is an empty line to fill in by hand.
 FIELDS: Mapping[str, Sequence[str]] = {
@@ -23,11 +22,7 @@ class Protocol(NamedTuple):
 
     title: str
     texts: Mapping[str, str]  # of the fields, and of others that the plan states
-    stops: Sequence[SeriesStop]
-    groups: Sequence[Group]
-    differences: Sequence[GroupDifference]
-    limits: Sequence[LimitVerdict]
-    wsp: Sequence[WspSummary]
+    series: TestSeries
     findings: Sequence[FindingSummary]
     about: Mapping[str, str]  # how it was made, by the name of the fact
     braked_weight: bool = False
@@ -35,11 +30,12 @@ class Protocol(NamedTuple):
 
 def headline(p: Protocol) -> tuple[str, str]:
     """The mark of the page, and how many stops and limits there are, in one line."""
-    valid = sum(s.stop.valid for s in p.stops)
-    text = f"{valid} valid stops of {len(p.stops)}."
-    if not p.limits:
-        return ("good" if valid == len(p.stops) else "slid"), text
-    counts = {name: sum(x.verdict == name for x in p.limits) for name in _VERDICTS}
+    stops, limits = p.series.stops, p.series.limits
+    valid = sum(s.stop.valid for s in stops)
+    text = f"{valid} valid stops of {len(stops)}."
+    if not limits:
+        return ("good" if valid == len(stops) else "slid"), text
+    counts = {name: sum(x.verdict == name for x in limits) for name in _VERDICTS}
     listed = ", ".join(f"{n} {_VERDICTS[name]}" for name, n in counts.items() if n)
     mark = "slid" if counts["fail"] else "unknown" if counts["undecided"] else "good"
     return mark, f"{text} Limits: {listed}."
@@ -58,21 +54,3 @@ def parts(p: Protocol) -> list[tuple[str, list[tuple[str, str]]]]:
         for part, fields in FIELDS.items()
     ]
     return [*filled, *([("Further", further)] if further else [])]
-
-
-def tables(p: Protocol) -> list[tuple[str, list[dict[str, str]], int, str]]:
-    """Title, rows, columns of text and note of each table; those with rows."""
-    command = stop_rows.describe_sources([s.stop for s in p.stops])
-    remarks = " ".join(stop_rows.remarks(p.stops))
-    rows = stop_rows
-    each = [
-        ("Stops", rows.series_rows(p.stops), 2, f"{rows.NOTE} {command} {remarks}".strip()),
-        ("Statistics", rows.group_rows(p.groups), 2, rows.OF_GROUPS),
-        ("Differences", rows.difference_rows(p.differences), 3, ""),
-        ("Limits", rows.limit_rows(p.limits), 3, rows.OF_LIMITS),
-        *(("Wheel slide protection", rows.wsp_rows(x), 1, rows.describe_wsp(x)) for x in p.wsp),
-    ]
-    if p.braked_weight:
-        each.append(("Braked weight", rows.braked_weight_rows(p.stops), 2, rows.OF_LAMBDA))
-    each.append(("Uncertainty of the distance", rows.budget_rows(p.stops), 2, rows.OF_BUDGET))
-    return [table for table in each if table[1]]
