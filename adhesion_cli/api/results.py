@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 
 from ..analysis import inspection, json_documents, outputs
-from ..analysis.slip_of_log import SlipOfLog, carried
+from ..analysis.slip_of_log import SlipOfLog, carried, slip_document, summarise_slip
 from ..analysis.summarise import brake_applications, summarise
 from ..core import document, physics, toml
 from ..core.annotated import Json, as_json
@@ -34,7 +34,6 @@ from ..core.summary import BrakeApplication, ResultSummary, StopSummary
 from ..core.toml import Table
 from ..rail.rail_under_slides import Summary
 from ..rail.slope import REGIONS
-from ..records.route import find_route
 from ..reference.calibrated_vehicle import CalibratedParameter
 from ..results import atomic_files, result_rows, slip_text, tables
 from ..results.text_tables import number, records
@@ -445,14 +444,10 @@ class SlipAnalysis(_Tables):
     @cached_property
     def document(self) -> Json:
         """What `adhesion slip --json` prints."""
-        slip, files = self._slip, dict[str, str]()
-        return json_documents.slip_document(
-            [slip.result.log], [slip.axles], [slip.findings], [files]
-        )
+        return slip_document([self._slip], [{}])
 
     def _table(self, name: str) -> Any:
-        log = self.analysis.log
-        axles = [json_documents.summarise_slip(log.path, log, s) for s in self._slip.axles]
+        axles = summarise_slip(self._slip)
         return tables.slides(axles) if name == "slides" else tables.table(axles, tables.RAILS)
 
     @in_python
@@ -472,7 +467,7 @@ class SlipAnalysis(_Tables):
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         axles, log = self._slip.axles, self.analysis.log
         rails = [{"axle": str(s.axle)} | slip_text.rail_row(s.rail) for s in axles if s.rail]
-        slides = slip_text.slide_rows(axles, log.start_ns(), find_route(log))
+        slides = slip_text.slide_rows(axles, log.start_ns(), self._slip.route)
         return log.path, {"Rail": rails, "Slides": slides}
 
 

@@ -26,13 +26,11 @@ def command(
 
     Example: adhesion slip sample_logs/low-adhesion.mcap --axle 1
     """
-    from ..analysis.json_documents import slip_document
-    from ..analysis.slip_of_log import carried, slip_of
+    from ..analysis.slip_of_log import carried, slip_document, slip_of
     from ..analysis.summarise import summarise
     from ..core.document import dumps
     from ..core.summary import summarise_vehicle
     from ..core.text import printable
-    from ..records.route import find_route
     from ..results.vehicle_text import describe_vehicle
     from . import terminal
 
@@ -46,17 +44,15 @@ def command(
     summaries, documents = [summarise(r, {}) for r in analysed], [*map(carried, slip_results)]
     results.write(shared, analysed, pairs, summaries, documents)
     if shared.json:
-        files = [results.named(paths) for paths in pairs]
-        logs_read, axles_of = [r.log for r in analysed], [s.axles for s in slip_results]
-        findings = [s.findings for s in slip_results]
-        print(dumps(slip_document(logs_read, axles_of, findings, files)))
+        print(dumps(slip_document(slip_results, [*map(results.named, pairs)])))
     else:
-        for (result, axles, slip_summaries), files_of in zip(slip_results, pairs, strict=True):
-            vehicle = terminal.folded(describe_vehicle(summarise_vehicle(result.identified)))
-            text = table(axles, result.log.start_ns(), find_route(result.log), rows)
-            print(f"{printable(result.log.path)}\n{vehicle}\n{text}")
+        for slip, files_of in zip(slip_results, pairs, strict=True):
+            log = slip.result.log
+            vehicle = describe_vehicle(summarise_vehicle(slip.result.identified))
+            text = table(slip.axles, log.start_ns(), slip.route, rows)
+            print(f"{printable(log.path)}\n{terminal.folded(vehicle)}\n{text}")
             print(terminal.wrote(*files_of))
-            terminal.show(slip_summaries, shared.quiet)
+            terminal.show(slip.findings, shared.quiet)
     return results.finished(shared, pairs[-1][1], [f for s in slip_results for f in s.findings])
 
 
