@@ -77,7 +77,7 @@ def _run(place: int, run: ReportRun, comparable: bool) -> dict[str, str]:
     slip = max((a.max_slip or 0.0 for a in applications), default=0.0)
     slides_known = any(words.slides_known(axle) for axle in run.axles)
     mean_range = [number(f(means), 3) for f in (min, max)] if means else [DASH]
-    start, brake = run.log.start, run.brake
+    start, brake = run.summary.log.start, run.summary.brake
     per_bar = brake and brake.deceleration_per_bar
     u95 = brake and per_bar and Z95 * brake.sigma * per_bar
     return {
@@ -92,7 +92,7 @@ def _run(place: int, run: ReportRun, comparable: bool) -> dict[str, str]:
         "Slides": str(sum(a.slides for a in applications)) if slides_known else "?",
         "Sliding for [s]": number(sum(a.slide_s for a in applications), 1),
         "Most slip [%]": words.percent(min(slip, 1.0), 1) if slip else DASH,
-        "SHA-256": run.log.sha256[:8],
+        "SHA-256": run.summary.log.sha256[:8],
     }
 
 

@@ -66,13 +66,13 @@ def friction_groups(runs: Sequence[ReportRun]) -> list[FrictionGroup]:
 
 def friction_findings(runs: Sequence[ReportRun]) -> list[Finding]:
     """That runs have different brakes, so that one vehicle is wrong for some of them."""
-    stated = any(run.vehicle.source == "stated" for run in runs)
+    stated = any(run.summary.vehicle.source == "stated" for run in runs)
     files = ["my-train.toml"] * stated
     return find_friction_differs(_grouped(runs), friction_groups(runs), files)
 
 
 def _grouped(runs: Sequence[ReportRun]) -> list[GroupedRun]:
-    return [GroupedRun(run.log.path, run.brake) for run in runs]
+    return [GroupedRun(run.summary.log.path, run.summary.brake) for run in runs]
 
 
 def unpaired(runs: Sequence[ReportRun]) -> bool:
@@ -93,7 +93,7 @@ def settings_apart(run_a: ReportRun, run_b: ReportRun) -> list[str]:
 
 def same_log(run_a: ReportRun, run_b: ReportRun) -> bool:
     """Whether two runs are of one log."""
-    return bool(run_a.log.sha256) and run_a.log.sha256 == run_b.log.sha256
+    return bool(run_a.summary.log.sha256) and run_a.summary.log.sha256 == run_b.summary.log.sha256
 
 
 def same_vehicle(run_a: ReportRun, run_b: ReportRun) -> bool:

@@ -91,7 +91,7 @@ def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:
         "run": run,
         "plots": figures.of_run(run),
         "about": _about(run),
-        "channels": words.channel_rows(run.channels),
+        "channels": words.channel_rows(run.summary.channels),
         "vehicle": _vehicle(run.settings),
         "settings": _pairs(sorted(run.settings.items()), "Setting"),
     }
@@ -153,9 +153,9 @@ def _about(run: ReportRun) -> list[dict[str, str]]:
     methods = sorted({a.summary.reference.method for a in run.axles}) or ["none"]
     facts = {
         "Log": run.name,
-        "Format": run.log.format,
-        "Rows": f"{run.log.rows_used} of {run.log.rows_read} used",
-        "SHA-256 of the log": run.log.sha256,
+        "Format": run.summary.log.format,
+        "Rows": f"{run.summary.log.rows_used} of {run.summary.log.rows_read} used",
+        "SHA-256 of the log": run.summary.log.sha256,
         "Result file": run.file,
         "Analysed by": f"adhesion {run.provenance.get('version', 'unknown')}",
         "Reference": words.listed(methods),

@@ -67,7 +67,7 @@ def draw_map(fig: figure, run: ReportRun) -> dict[str, list[Any]]:
         items.setdefault("way", []).append(drawn)
     if slides := [(axle, x) for axle, x in _slides(run) if x.latitude is not None]:
         items["slides"] = _draw_slides(fig, run, plane, slides)
-    stops = [s for s in run.stops if s.latitude is not None]
+    stops = [s for s in run.summary.stops if s.latitude is not None]
     if stops:
         columns: dict[str, Sequence[Any]] = {
             "at": [number(s.start_s, 1) for s in stops],

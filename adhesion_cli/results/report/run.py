@@ -12,27 +12,8 @@ import numpy as np
 from ...core import physics
 from ...core.annotated import Json, from_json
 from ...core.errors import UserError
-from ...core.model import (
-    PLACES,
-    STATES,
-    AxleResult,
-    Column,
-    Floats,
-    LogBrake,
-    Meaning,
-    Result,
-    Times,
-)
-from ...core.summary import (
-    AxleSummary,
-    BrakeApplication,
-    ChannelSummary,
-    FindingSummary,
-    LogSummary,
-    ResultSummary,
-    StopSummary,
-    VehicleSummary,
-)
+from ...core.model import PLACES, STATES, AxleResult, Column, Floats, Meaning, Result, Times
+from ...core.summary import AxleSummary, BrakeApplication, ResultSummary
 from ...core.text import shell_word
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
@@ -103,34 +84,29 @@ class ReportRun:
     """One result file."""
 
     file: str  # its name
-    log: LogSummary
-    vehicle: VehicleSummary
+    summary: ResultSummary
     axles: tuple[ReportAxle, ...]
-    findings: Sequence[FindingSummary]
-    channels: Sequence[ChannelSummary]
     settings: Mapping[str, str]  # dotted keys with JSON values
     provenance: Mapping[str, str]
-    brake: LogBrake | None  # by the deceleration of the log alone
     detailed: tuple[int, ...]  # axles that are drawn one by one, and have all columns
-    stops: Sequence[StopSummary]  # of the whole train
-    route: Route  # where it was
+    route: Route  # where the train was
     start_ns: int  # the start of the log on the clock of `route`
     states: Sequence[LoggedState] = ()
 
     @property
     def name(self) -> str:
         """Of the log it was made from."""
-        return Path(self.log.path).name
+        return Path(self.summary.log.path).name
 
     @property
     def vehicle_line(self) -> str:
         """The vehicle in one line."""
-        return describe_vehicle(self.vehicle, [a.summary for a in self.axles])
+        return describe_vehicle(self.summary.vehicle, [a.summary for a in self.axles])
 
     @property
     def train(self) -> str:
         """What the train's speed is called: measured, or estimated from the axles."""
-        is_estimated = any(f.code == "reference-speed" for f in self.findings)
+        is_estimated = any(f.code == "reference-speed" for f in self.summary.findings)
         return "reference speed (estimated)" if is_estimated else "train"
 
     @property
@@ -186,7 +162,7 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
         hint = f"make it again: `adhesion analyze {shell_word(str(path))} -o FOLDER`"
         raise UserError(text, hint) from error
     facts = settings, provenance, detailed, route, start, states
-    return _run(name or path.name, summary, columns, *facts)
+    return ReportRun(name or path.name, summary, columns, *facts)
 
 
 def of_result(result: Result, summary: ResultSummary) -> ReportRun:
@@ -208,23 +184,7 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
         if c.meaning and c.meaning in _STATES
     ]
     facts = settings, dict[str, str](), numbers, find_route(result.log), start, states
-    return _run(Path(summary.log.path).name, summary, axles, *facts)
-
-
-def _run(  # noqa: PLR0913 (all that a page shows)
-    file: str,
-    summary: ResultSummary,
-    axles: tuple[ReportAxle, ...],
-    settings: Mapping[str, str],
-    provenance: Mapping[str, str],
-    detailed: tuple[int, ...],
-    route: Route,
-    start_ns: int,
-    states: Sequence[LoggedState],
-) -> ReportRun:
-    log, findings, channels = summary.log, summary.findings, summary.channels
-    facts = settings, provenance, summary.brake, detailed, summary.stops, route, start_ns, states
-    return ReportRun(file, log, summary.vehicle, axles, findings, channels, *facts)
+    return ReportRun(Path(summary.log.path).name, summary, axles, *facts)
 
 
 def _route(source: Source) -> Route:

@@ -100,7 +100,7 @@ def headline(run: ReportRun) -> tuple[Mark, str]:
     marks = {a.number: verdict(a).mark for a in run.axles}
     count = max((len(a.applications) for a in run.axles), default=0)
     if not count:
-        reasons = [g.title for g in finding_groups(run.findings) if g.code in _NO_FORCE]
+        reasons = [g.title for g in finding_groups(run.summary.findings) if g.code in _NO_FORCE]
         return "unknown", ". ".join(["The log shows no brake application", *reasons]) + "."
     braked = "the brake application" if count == 1 else f"{count} brake applications"
     by_mark: dict[Mark, list[int]] = {}
@@ -197,7 +197,7 @@ def is_long(run: ReportRun) -> bool:
 
 def train_stop_rows(run: ReportRun) -> list[dict[str, str]]:
     """The stops of the whole train, and why one is none."""
-    rows = [train_stop_row(stop) | {"Remark": stop.reason or DASH} for stop in run.stops]
+    rows = [train_stop_row(stop) | {"Remark": stop.reason or DASH} for stop in run.summary.stops]
     return non_empty(rows)
 
 

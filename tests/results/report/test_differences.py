@@ -31,6 +31,11 @@ def made(path: Path, vehicle: Vehicle = RELATED, **of: Any) -> ReportRun:
     )
 
 
+def with_log(run: ReportRun, **changed: str) -> ReportRun:
+    log = run.summary.log._replace(**changed)
+    return replace(run, summary=replace(run.summary, log=log))
+
+
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> list[ReportRun]:
     """The same train twice; axle 2 slides, and brakes for another time."""
@@ -92,20 +97,20 @@ def test_a_difference_by_the_settings_alone_is_said_first(
 ) -> None:
     other = replace(RELATED, friction=Parameter(0.31, 0.03), axle_mass=Parameter(9e3, 100.0))
     same = made(tmp_path / "x.mcap", other, axles=2, n=3000)
-    apart = replace(same, log=same.log._replace(sha256="other"))
-    first = replace(pair[0], log=pair[0].log._replace(sha256=same.log.sha256))
+    apart = with_log(same, sha256="other")
+    first = with_log(pair[0], sha256=same.summary.log.sha256)
     for run in (same, apart):
         (said,) = comparison.cautions([first, run])
         assert "vehicle.friction" in said
         assert "vehicle.axle_mass" in said
         assert "vehicle.lever_ratio" not in said
         assert ("SHA-256" in said) == (run is same)
-    third = replace(pair[1], log=pair[1].log._replace(sha256="third"))
+    third = with_log(pair[1], sha256="third")
     assert not list(comparison.cautions([first, third]))
 
 
 def test_brackets_are_explained_only_where_there_are_some(pair: list[ReportRun]) -> None:
-    for runs in (pair, [pair[0], replace(pair[0], log=pair[0].log._replace(sha256="x"))]):
+    for runs in (pair, [pair[0], with_log(pair[0], sha256="x")]):
         text = page.page(runs)
         shown = re.search(r"± [\d.]+ \(", text) is not None
         assert ("brackets" in text) == shown
@@ -121,8 +126,7 @@ def test_axles_that_only_one_run_has_are_left_out(pair: list[ReportRun], tmp_pat
 def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
     pair: list[ReportRun], tmp_path: Path
 ) -> None:
-    log = pair[1].log._replace(path=EVIL)
-    runs = [pair[0], replace(pair[1], log=log)]
+    runs = [pair[0], with_log(pair[1], path=EVIL)]
     text = page.page(runs)
     assert page.page(runs) == text
     found = Elements(text)

@@ -162,7 +162,7 @@ def test_words_of_a_log_never_become_markup(tmp_path: Path) -> None:
 
 
 def test_findings_stand_with_their_explanation(run: ReportRun, text: str) -> None:
-    (told,) = [of for of in words.finding_groups(run.findings) if of.code == "gap"]
+    (told,) = [of for of in words.finding_groups(run.summary.findings) if of.code == "gap"]
     assert told.severity == "warning"
     assert {name for name, _ in told.sections} >= {"Cause", "Effect on the result", "What to do"}
     assert told.lines[0]["Channel"] == "speed 2"
@@ -175,7 +175,7 @@ def test_the_first_screen_says_where_a_warning_is(run: ReportRun) -> None:
     def said(*findings: FindingSummary) -> str:
         return "".join(map(words.summary_line, words.finding_groups(findings)))
 
-    (gap,) = [f for f in run.findings if f.code == "gap"]
+    (gap,) = [f for f in run.summary.findings if f.code == "gap"]
     one = said(replace(gap, channel="speed 2", spans=((60.0, 67.5),)))
     assert "speed 2" in one
     assert "60.00–67.50 s" in one
@@ -188,17 +188,17 @@ def test_a_page_without_a_brake_application_points_to_the_reason(run: ReportRun)
     axles = tuple(map(with_applications, run.axles))
     none = words.headline(replace(run, axles=axles))
     finding = Finding("pressure-below-spring", "warning", "p").code
-    told = replace(run.findings[0], code=finding, severity="warning")
-    why = words.headline(replace(run, axles=axles, findings=[told]))
+    told = replace(run.summary.findings[0], code=finding, severity="warning")
+    why = words.headline(replace(run, axles=axles, summary=replace(run.summary, findings=[told])))
     assert none[0] == why[0] == "unknown"
     assert why[1] != none[1]
     assert catalogue()[finding].title in why[1]
 
 
 def test_a_speed_that_the_log_does_not_have_is_not_called_that_of_the_train(run: ReportRun) -> None:
-    made = replace(run.findings[0], code="reference-speed", severity="info")
+    made = replace(run.summary.findings[0], code="reference-speed", severity="info")
     labels = []
-    for of in (run, replace(run, findings=[made])):
+    for of in (run, replace(run, summary=replace(run.summary, findings=[made]))):
         drawn = Figures()
         shown = drawn.of_run(of)
         every = drawn.figures_of([*shown.overview, *shown.axles[1]])
