@@ -50,7 +50,6 @@ def command(
 
     folder = shared.out or Path()
     paths = [folder / name for name in files.names(algo)]
-    _check_folder(folder, algo, paths)
     check(shared, paths)
     settings = load_settings(shared)
     progress = terminal.progress(shared.quiet)
@@ -72,23 +71,3 @@ def command(
     text += f" Single precision differs by at most {single_error} there."
     terminal.message(text, shared.quiet)
     return 0
-
-
-def _check_folder(folder: Path, algo: str, paths: list[Path]) -> None:
-    """Refuses the folder of another export: its Makefile and README would be lost.
-
-    Raises:
-        UserError: names a folder to write to.
-    """
-    from ..core.errors import UserError
-    from ..core.text import printable
-
-    other_headers = [x for x in folder.glob("adhesion_*.h") if x != paths[0]]
-    existing = [path for path in paths if path.exists()]
-    if other_headers and existing and not paths[0].exists():
-        folder_name = printable(str(folder))
-        header = printable(other_headers[0].name)
-        text = f"{printable(str(existing[0]))}: belongs to the export {header}"
-        other_folder = folder.with_name(f"{folder.name}-{algo}") if folder.name else algo
-        hint = f"each export needs a folder of its own, as -o {printable(str(other_folder))}"
-        raise UserError(text, f"{hint}; not {folder_name}")

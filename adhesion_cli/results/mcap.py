@@ -80,6 +80,7 @@ class _Stream:
     units: dict[str, str]  # as the channel record states them
     tails: tuple[bytes, ...] = (b"",)  # encoded fields that follow the doubles
     tail: NDArray[np.int64] | None = None  # which of them, per row; None: the first
+    rows: NDArray[np.int64] | None = None  # that are written, of columns and `tail`; None: all
 
 
 def write_result(
@@ -331,8 +332,11 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
     for axle in result.axles:
         topic = f"{prefix}/axle/{axle.record.axle}"
         streams += _input_streams(axle.record, result.log, topic)
-        rows = None if full else thinning.kept_rows(axle)
-        streams += _thinned(_computed_streams(axle, result, topic), rows)
+        computed = _computed_streams(axle, result, topic)
+        if not full and (rows := thinning.kept_rows(axle)) is not None:
+            t = axle.record.t[rows]  # one array for all: `_partition` knows it by that
+            computed = (replace(x, t=t, rows=rows) for x in computed)
+        streams += computed
     train = result.shared_train()
     if train and not result.inputs_hold(train):
         # As logged: the axles' input has it interpolated, and shifted where it was late.
@@ -357,23 +361,6 @@ def _brake_signals(log: Log, prefix: str) -> dict[str, _Stream]:
             topic, unit = f"{prefix}{place}/{c.meaning}", names.SI.get(c.meaning, "")
             streams.setdefault(topic, _scalar(topic, unit, c.data))
     return streams
-
-
-def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64] | None) -> Iterable[_Stream]:
-    """These rows of streams with one clock; None: all."""
-    if rows is None:
-        return streams
-    t, thinned = None, []
-
-    def select(values: _Values) -> _Values:
-        return lambda piece: values(rows[piece])
-
-    for x in streams:
-        t = x.t[rows] if t is None else t  # one array for all: `_partition` knows it by that
-        columns = {name: select(values) for name, values in x.columns.items()}
-        tail = None if x.tail is None else x.tail[rows]
-        thinned.append(replace(x, t=t, columns=columns, tail=tail))
-    return thinned
 
 
 def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream]:
@@ -617,13 +604,14 @@ class _Rows:
     def __init__(self, channel: int, stream: _Stream, piece: slice, shift: int) -> None:
         self.channel, self.first = channel, piece.start
         self.t = stream.t[piece] + shift
+        rows = piece if stream.rows is None else stream.rows[piece]
         number = descriptors.numbers(stream.message)
         self._tags = [number[name] << 3 | 1 for name in stream.columns]
         self._columns = np.empty((len(self._tags), len(self.t)))
         for column, values in zip(self._columns, stream.columns.values(), strict=True):
-            column[:] = values(piece)
+            column[:] = values(rows)
         self._tails = stream.tails
-        self._tail = np.zeros(len(self.t), np.int64) if stream.tail is None else stream.tail[piece]
+        self._tail = np.zeros(len(self.t), np.int64) if stream.tail is None else stream.tail[rows]
         layouts = [_layout(len(self._tags), len(tail)) for tail in stream.tails]
         self.sizes: Offsets = np.array([x.itemsize for x in layouts], np.int64)[self._tail]
 

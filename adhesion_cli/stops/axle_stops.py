@@ -9,14 +9,13 @@ from ..core.physics import WORKING
 from ..core.signals import median_of_five, true_runs
 from ..core.summary import AxleStop
 from ..rail.locks import find_locks
-from .brake_levels import brake_levels
+from .brake_levels import DROP, brake_levels
 from .find import Braking
 from .settings import StopSettings
 from .signals import StopSignals, TimeSeries
 
 SLIP_BANDS = (0.05, 0.1, 0.2, 0.5, 1.0)  # upper limits of the bands of the slip histogram
 _SWITCHED_ON = 0.5  # a state is 0 or 1
-_DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 
 
 def axle_stops(
@@ -68,10 +67,10 @@ def _releases(brake: TimeSeries, braking: Braking) -> int:
     for value in median_of_five(x).tolist():
         if falls:
             lowest = min(lowest, value)
-            if value > lowest + _DROP * (full_value - released):
+            if value > lowest + DROP * (full_value - released):
                 falls, highest = False, value
         else:
             highest = max(highest, value)
-            if value < highest - _DROP * (full_value - released):
+            if value < highest - DROP * (full_value - released):
                 falls, lowest, count = True, value, count + 1
     return count

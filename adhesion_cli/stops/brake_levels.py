@@ -6,6 +6,7 @@ from ..core.model import Floats
 from ..core.signals import robust_sigma
 from .signals import TimeSeries
 
+DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 _RELEASED = 3.0  # time before it over which the released level is a median [s]
 _HIGH_SHARE = 0.9  # of the highest brake: samples above it are those of the full brake
 

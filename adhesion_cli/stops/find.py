@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
-from ..core.physics import STANDING
+from ..core.physics import SLOW, STANDING
 from ..core.signals import true_runs
 from .signals import StopSignals, TimeSeries
 
@@ -16,7 +16,6 @@ STEP = 0.1  # of the grid on which brakings are looked for [s]
 _ON_SHARE, _OFF_SHARE = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
 _LEAST_BRAKE = 5e3  # and the least: pressure [Pa], or clamping force [N]
 _DUMP = 3.0  # a shorter release is one of wheel slide protection [s]
-_SLOWEST = 5.0 / 3.6  # a train slower than this at the begin is shunted [m/s]
 _LEAST_LOSS = 0.2  # of the speed at the begin: less is no stop that failed
 _ROLLED_OUT = 8.0 / 3.6  # a brake that is released below this speed has stopped the train [m/s]
 _LONGEST_ROLL = 10.0  # and the train then stands after this time [s]
@@ -48,7 +47,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
     is_standing = _lasting(v < STANDING, _LOCKED if signals.speed_from == "axles" else 0.0)
     for first_index, release_index in true_runs(applied):
         start_speed = v[first_index]
-        if not start_speed > _SLOWEST:
+        if not start_speed > SLOW:
             continue
         standing = [k for k, _ in true_runs(is_standing[first_index:])]
         stop_index = first_index + standing[0] if standing else len(t) - 1
@@ -139,7 +138,7 @@ def _standstill(speed: TimeSeries, slow: float) -> Parameter:
         slow: when it is slower than `STANDING` [s].
     """
     run = speed.cut(slow - _STOPPING_TIME, slow)
-    is_used = np.isfinite(run.value) & (run.value > 2.0 * STANDING) & (run.value < _SLOWEST)
+    is_used = np.isfinite(run.value) & (run.value > 2.0 * STANDING) & (run.value < SLOW)
     t, v = run.t[is_used], run.value[is_used]
     interval = float(np.median(np.diff(speed.t)))
     usual = Parameter(slow, math.hypot(interval, STEP) / math.sqrt(3.0))

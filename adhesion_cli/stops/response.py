@@ -7,14 +7,13 @@ import numpy as np
 
 from ..core.model import Floats, Parameter
 from ..core.physics import SLOW
-from .brake_levels import brake_levels, quantisation_step
+from .brake_levels import DROP, brake_levels, quantisation_step
 from .find import Braking
 from .signals import StopSignals
 
 FULL_SHARE = 0.95  # of the full value of a brake: the build-up ends
 _LONGEST_BUILD_UP = 0.5  # of the braking: what is later is another brake, or the driver
 _LEVEL_ERROR = 0.005  # 1 sigma of the full value, as a share of it
-_DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
 _SLIDES = 0.05  # slip of a wheel that slides
 
 
@@ -64,7 +63,7 @@ def find_response(
         rising = share[window.t <= build_up_end.value]
         rising = rising[np.isfinite(rising)]
         fall = np.max(np.maximum.accumulate(rising) - rising) if len(rising) else 0.0
-        disturbed |= bool(fall > _DROP) or _slides(signals, axle, command, build_up_end.value)
+        disturbed |= bool(fall > DROP) or _slides(signals, axle, command, build_up_end.value)
         axles.append(
             _AxleResponse(
                 _since_command(delay, command), _since_command(build_up_end, command), span

@@ -142,16 +142,15 @@ def _channels(log: Log, meaning: Meaning) -> list[Channel]:
     return [c for c in log.channels if c.meaning == meaning and len(c.data.t) > 1]
 
 
-def _series(channel: Channel, start_ns: int) -> TimeSeries:
-    """The samples of a channel that may be used, without single outliers."""
+def _series(channel: Channel, start_ns: int, is_state: bool = False) -> TimeSeries:
+    """The samples of a channel that may be used, without single outliers.
+
+    A state keeps them: a valve may open for one sample.
+    """
     data = channel.data
     is_used = data.valid & np.isfinite(data.value)
-    t = (data.t[is_used] - start_ns) * np.float64(1e-9)
-    return (
-        TimeSeries(*_in_order(t, median_of_five(data.value[is_used])))
-        if is_used.any()
-        else TimeSeries(t, t)
-    )
+    t, value = (data.t[is_used] - start_ns) * np.float64(1e-9), data.value[is_used]
+    return TimeSeries(*_in_order(t, value if is_state or not len(t) else median_of_five(value)))
 
 
 def _commands(log: Log) -> dict[str, TimeSeries]:
@@ -168,7 +167,7 @@ def _with_states(signals: StopSignals, log: Log) -> StopSignals:
     """The signals with valves, sanding and reservoir, where the log has them."""
     start_ns = log.start_ns()
     valves = {
-        channel.axle: _as_logged(channel, start_ns)
+        channel.axle: _series(channel, start_ns, is_state=True)
         for meaning in _VALVES
         for channel in _channels(log, meaning)
         if channel.axle is not None
@@ -176,17 +175,8 @@ def _with_states(signals: StopSignals, log: Log) -> StopSignals:
     sanding, reservoir = _channels(log, "sanding"), _channels(log, "reservoir_pressure")
     return signals._replace(
         valves=valves,
-        sanding=_as_logged(sanding[0], start_ns) if sanding else None,
+        sanding=_series(sanding[0], start_ns, is_state=True) if sanding else None,
         reservoir=_series(reservoir[0], start_ns) if reservoir else None,
-    )
-
-
-def _as_logged(channel: Channel, start_ns: int) -> TimeSeries:
-    """The samples of a state: a valve may open for one of them."""
-    data = channel.data
-    is_used = data.valid & np.isfinite(data.value)
-    return TimeSeries(
-        *_in_order((data.t[is_used] - start_ns) * np.float64(1e-9), data.value[is_used])
     )
 
 

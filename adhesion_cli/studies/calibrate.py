@@ -4,10 +4,8 @@ The mathematics is that of `reference.calibrated_vehicle`.
 """
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import takewhile
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any, NamedTuple
@@ -61,7 +59,6 @@ _CAUSES = {
 }
 _DOT = 4.0  # diameter of a point in the picture
 _SIDE_STEP = 0.22  # what one application shows in several points is drawn so far aside
-_WORD_END = re.compile(r"[\W_]+")
 _NAMES, _LETTERS = 16, 18  # of logs that have room under the picture, and of each
 
 
@@ -550,24 +547,10 @@ def panels(braked: Sequence[ApplicationDeceleration]) -> list[Panel]:
 
 
 def _log_names(braked: Sequence[ApplicationDeceleration]) -> list[str]:
-    """The log of each brake application, where it is the log's first one; at most `_NAMES`.
-
-    Of names that have no room, the words that all begin with are left out.
-    """
+    """The end of each log's name at its first brake application; at most `_NAMES` of them."""
     first_of_log = [i for i, a in enumerate(braked) if i == 0 or a.log != braked[i - 1].log]
-    paths = {i: Path(braked[i].log) for i in first_of_log}
-    stems = [path.stem for path in paths.values()]
-    full_names = {
-        i: path.stem if stems.count(path.stem) == 1 else f"{path.parent.name}/{path.stem}"
-        for i, path in paths.items()
-    }
-    too_long = max(map(len, full_names.values()), default=0) > _LETTERS
-    letters = zip(*full_names.values(), strict=False) if too_long and len(paths) > 1 else ()
-    common = "".join(x[0] for x in takewhile(lambda x: len(set(x)) == 1, letters))
-    start = len(common) - len(_WORD_END.split(common)[-1])  # of a word, all is shown
     names = [""] * len(braked)
     for i in first_of_log[:: -(-len(first_of_log) // _NAMES)]:
-        name = full_names[i][start:]
-        shown = name if len(name) <= _LETTERS else f"…{name[1 - _LETTERS :]}"
-        names[i] = f"…{shown}" if start and not shown.startswith("…") else shown
+        stem = Path(braked[i].log).stem
+        names[i] = stem if len(stem) <= _LETTERS else f"…{stem[1 - _LETTERS :]}"
     return names

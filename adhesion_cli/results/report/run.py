@@ -13,7 +13,7 @@ from ...core import physics
 from ...core.annotated import Json, from_json
 from ...core.errors import UserError
 from ...core.model import PLACES, STATES, AxleResult, Column, Floats, Meaning, Result, Times
-from ...core.summary import AxleSummary, BrakeApplication, ResultSummary
+from ...core.summary import AxleSummary, BrakeApplication, ChannelSummary, ResultSummary
 from ...core.text import shell_word
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
