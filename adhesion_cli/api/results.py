@@ -296,7 +296,7 @@ class Analysis(_Tables):
         return summarise(self.result, {}, self._braked)
 
     def _table(self, name: str) -> Any:
-        return _table(name, [self._summary])
+        return getattr(tables, name)([self._summary])
 
     @in_python
     def plot(self, axles: int | Iterable[int] = ()) -> "Plot":
@@ -391,7 +391,7 @@ class Comparison(_Tables):
         return json_documents.result_document([analysis._summary for analysis in self.analyses])
 
     def _table(self, name: str) -> Any:
-        return _table(name, [analysis._summary for analysis in self.analyses])
+        return getattr(tables, name)([analysis._summary for analysis in self.analyses])
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
@@ -581,17 +581,6 @@ class Calibration(_Tables):
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         title = f"Calibration by {len(self._calibration.applications)} brake applications"
         return title, {"± is 1 sigma": calibrate.as_rows(self._calibration)}
-
-
-def _table(name: str, summaries: Sequence[ResultSummary]) -> Any:
-    """The table of that name of some logs."""
-    if name == "applications":
-        return tables.applications(summaries)
-    if name == "stops":
-        return tables.stops(summaries)
-    if name == "estimators":
-        return tables.estimators(summaries)
-    return tables.findings(summaries)
 
 
 @contextmanager

@@ -1,9 +1,8 @@
 """`adhesion analyze`: the main job."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from . import results
 from .options import ALL_NAMES, Logs, Shared, option, shared
@@ -60,10 +59,13 @@ def command(  # noqa: PLR0913 (one parameter per option)
     from ..analysis.vehicle_findings import with_friction_findings
     from ..core.document import dumps
     from ..core.summary import FailedLog
+    from ..results import verified
     from ..results.geojson import as_text, check_name, map_of_log
 
     if table:
-        _suffix(table)
+        from ..results import tables  # slow to import
+
+        suffix = tables.kind(table)
     if geojson:
         check_name(geojson)
     sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
@@ -80,16 +82,16 @@ def command(  # noqa: PLR0913 (one parameter per option)
     summaries = [
         summarise(r, results.named(files)) for r, files in zip(analysed, written, strict=True)
     ]
-    attachments: dict[Path, results.Attach] = {
-        files[2]: partial(write_report, name=files[0].name) for _, files in successes if report
-    }
-    if table:
-        attachments[table] = partial(_write_table, name=table, summaries=summaries)
-    if geojson:
-        pairs_of_log = zip(analysed, summaries, strict=True)
-        maps = [map_of_log(r.log, s.stops, s.axles) for r, s in pairs_of_log]
-        attachments[geojson] = partial(_write_text, text=as_text(maps))
-    results.write(shared, analysed, written, summaries, attachments=attachments)
+    pairs_of_log = zip(analysed, summaries, strict=True)
+    maps = (map_of_log(r.log, s.stops, s.axles) for r, s in pairs_of_log)
+    map_text = as_text(maps) if geojson else ""
+    with results.written(shared, analysed, written, summaries) as places:
+        for record, _, *others in written if report else ():
+            write_report(places[others[0]], places[record], record.name)
+        if table:
+            tables.write(places[table], suffix, _sheets(summaries))
+        if geojson:
+            verified.write(places[geojson], map_text)
     of_log = iter(summaries)
     if shared.json:
         entries = (f if isinstance(f, FailedLog) else next(of_log) for f in outcomes)
@@ -102,17 +104,11 @@ def command(  # noqa: PLR0913 (one parameter per option)
     return 3 if len(successes) < len(outcomes) else code
 
 
-def _suffix(table: Path) -> str:
-    """The format of the table."""
-    from ..results.tables import kind
-
-    return kind(table)
-
-
-def _write_table(place: Path, _: Path, *, name: Path, summaries: "Sequence[ResultSummary]") -> None:
+def _sheets(summaries: "Sequence[ResultSummary]") -> dict[str, Any]:
+    """The tables of `--table`, of which a workbook has all."""
     from ..results import tables
 
-    sheets = {
+    return {
         "applications": tables.applications(summaries),
         "stops": tables.stops(summaries),
         "slides": tables.slides_of_results(summaries),
@@ -120,13 +116,6 @@ def _write_table(place: Path, _: Path, *, name: Path, summaries: "Sequence[Resul
         "findings": tables.findings(summaries),
         "logs": tables.table(map(tables.log_row, summaries), tables.LOGS),
     }
-    tables.write(place, _suffix(name), sheets)
-
-
-def _write_text(place: Path, _: Path, *, text: str) -> None:
-    from ..results import verified
-
-    verified.write(place, text)
 
 
 class _Shown(NamedTuple):

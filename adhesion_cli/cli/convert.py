@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from . import results
 from .options import LOG_KINDS, Shared, check, inputs, load_settings, shared
 
 
@@ -24,9 +23,11 @@ def command(
     Example: adhesion convert sample_logs/low-adhesion.mcap low-adhesion.csv
     """
     from ..channels.log import unchanged
+    from ..core.document import dumps, findings_document, tagged
     from ..formats.open import open_source
     from ..results import atomic_files
     from ..results.log_writer import writer
+    from . import terminal
 
     write = writer(target)
     settings = load_settings(shared)
@@ -34,4 +35,11 @@ def command(
     result = unchanged(open_source(log, settings.read), settings.mappings)
     with atomic_files.outputs([target], shared.force, inputs=inputs(shared, log)) as (temporary,):
         write(temporary, result)
-    return results.single(shared, "convert", target, result.findings, channels=len(result.channels))
+    channels = len(result.channels)
+    if shared.json:
+        entries = {"channels": channels, "findings": findings_document(result.findings)}
+        print(dumps(tagged("convert", outputs={target.suffix[1:]: str(target)}, **entries)))
+    else:
+        terminal.show(result.findings, shared.quiet)
+        print(f"{terminal.wrote(target)}: {channels} channels")
+    return 3 if terminal.lossy(result.findings) else 0

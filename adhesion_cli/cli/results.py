@@ -1,9 +1,10 @@
 """Shared by the commands that analyse logs: analyse all, then write everything."""
 
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from ..analysis import outputs
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from ..core.model import Result
     from ..core.summary import FailedLog, ResultSummary
     from ..results.rrd.results import Note
-
-Attach = Callable[[Path, Path], None]
 
 
 def pair(shared: Shared, log: Path, kind: str) -> Pair:
@@ -104,33 +103,34 @@ def _analyzer(
     )
 
 
-def write(
+@contextmanager
+def written(
     shared: Shared,
     results: "Sequence[Result]",
     sets: Sequence[Sequence[Path]],
     summaries: "Sequence[ResultSummary]",
     slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
-    attachments: Mapping[Path, Attach] = MappingProxyType({}),
-) -> None:
-    """Writes the files of each result; names appear when all are written.
+) -> Iterator[dict[Path, Path]]:
+    """Writes record and recording of each result; names appear when all is written.
 
     Args:
         shared: whether existing files are replaced.
         results: of the logs.
-        sets: the files of each: record, recording, and those of `attachments`.
+        sets: the files of each: record, recording, and those that the caller writes.
         summaries: of each, from `summarise`.
         slips: the document on each log's slip, and a note on that of each axle with its rail.
-        attachments: by its name, what writes a file; takes the place to write to and the record's.
+
+    Yields:
+        Where to write each file, by its name.
     """
     from ..results import atomic_files
 
     read = [Path(result.log.path) for result in results]
-    with atomic_files.sets(sets, shared.force, inputs=inputs(shared, *read)) as written:
-        for i, (result, targets) in enumerate(zip(results, written, strict=True)):
+    with atomic_files.sets(sets, shared.force, inputs=inputs(shared, *read)) as place_sets:
+        for i, (result, places) in enumerate(zip(results, place_sets, strict=True)):
             slip, notes = slips[i] if slips else ("", ())
-            outputs.write_result(targets[:2], result, summaries[i], slip, notes, shared.full)
-            for name, place in zip(sets[i][2:], targets[2:], strict=True):
-                attachments[name](place, targets[0])
+            outputs.write_result(places[:2], result, summaries[i], slip, notes, shared.full)
+        yield dict(zip(chain(*sets), chain(*place_sets), strict=True))
 
 
 def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> int:
@@ -142,19 +142,3 @@ def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> 
 
         show_recording(recording)
     return 3 if lossy(findings) else 0
-
-
-def single(
-    shared: Shared, kind: str, out: Path, findings: "Sequence[Finding]", **counts: int
-) -> int:
-    """Says that one file was written and what was found; returns the exit code."""
-    from ..core.document import dumps, findings_document, tagged
-    from . import terminal
-
-    if shared.json:
-        files, document = {out.suffix[1:]: str(out)}, findings_document(findings)
-        print(dumps(tagged(kind, outputs=files, **counts, findings=document)))
-    else:
-        terminal.show(findings, shared.quiet)
-        print("".join([terminal.wrote(out), *(f": {n} {name}" for name, n in counts.items())]))
-    return 3 if terminal.lossy(findings) else 0

@@ -42,7 +42,8 @@ def command(
         progress(f"{result.log.path}: rail under each axle")
         slip_results.append(slip_of(result))
     summaries, documents = [summarise(r, {}) for r in analysed], [*map(carried, slip_results)]
-    results.write(shared, analysed, pairs, summaries, documents)
+    with results.written(shared, analysed, pairs, summaries, documents):
+        pass
     if shared.json:
         print(dumps(slip_document(slip_results, [*map(results.named, pairs)])))
     else:

@@ -36,6 +36,10 @@ def with_log(run: ReportRun, **changed: str) -> ReportRun:
     return replace(run, summary=replace(run.summary, log=log))
 
 
+def with_brake(run: ReportRun, brake: LogBrake) -> ReportRun:
+    return replace(run, summary=replace(run.summary, brake=brake))
+
+
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> list[ReportRun]:
     """The same train twice; axle 2 slides, and brakes for another time."""
@@ -143,9 +147,9 @@ def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
 def test_runs_with_other_brakes_have_no_difference_of_adhesion(pair: list[ReportRun]) -> None:
     brake = LogBrake(0.46, 0.92, 0.03, 2.9, 14.0)
     runs = [
-        replace(pair[0], brake=brake),
-        replace(pair[1], brake=brake),
-        replace(pair[1], brake=brake._replace(deceleration_per_bar=0.55, ratio=1.10)),
+        with_brake(pair[0], brake),
+        with_brake(pair[1], brake),
+        with_brake(pair[1], brake._replace(deceleration_per_bar=0.55, ratio=1.10)),
     ]
     compared = {(d.run, d.quantity) for d in differences.compare(runs)}
     assert {(2, "force"), (2, "coefficient")} <= compared
