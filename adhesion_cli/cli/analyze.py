@@ -134,10 +134,9 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
 
     (result,), (summary,) = results, summaries
     vehicle = terminal.folded(describe_vehicle(summary.vehicle, summary.axles))
-    tables = applications.tables(summary.axles, shown.rows, _cars(result))
     head = f"{terminal.describe_log(summary)}\n{vehicle}"
-    sections = [head, applications.stops(summaries), tables]
-    print("\n\n".join(filter(None, sections)) + "\n", flush=True)
+    tables = _tables(results, summaries, shown)
+    print(f"{head}\n\n{tables}\n", flush=True)
     if shown.budget:
         print(applications.budgets(summary.axles))
     terminal.show(result.findings, shown.quiet)
@@ -145,9 +144,15 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
     print(terminal.wrote(*summary.outputs.values()))
 
 
-def _cars(result: "Result") -> dict[int, str]:
-    """Name of the car of each axle, where it is stated."""
-    return {axle.number: axle.car for axle in result.vehicle.axles}
+def _tables(
+    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown
+) -> str:
+    """Stops, brake applications and slides of all logs."""
+    from ..results.application_tables import application_tables, stop_table
+
+    cars = {axle.number: axle.car for axle in results[0].vehicle.axles}
+    tables = [*stop_table(summaries), *application_tables(summaries, shown.rows, cars)]
+    return "\n\n".join(x.text() for x in tables)
 
 
 def _show_together(
@@ -169,11 +174,7 @@ def _show_together(
         axles_by_vehicle.setdefault(summary.vehicle, []).extend(summary.axles)
     vehicles = dict.fromkeys(describe_vehicle(*pair) for pair in axles_by_vehicle.items())
     print("\n".join(map(terminal.folded, [terminal.describe_logs(summaries), *vehicles])))
-    sections = (
-        applications.stops(summaries),
-        applications.tables_of_logs(summaries, shown.rows, _cars(results[0])),
-    )
-    print("\n" + "\n\n".join(filter(None, sections)) + "\n", flush=True)
+    print(f"\n{_tables(results, summaries, shown)}\n", flush=True)
     if shown.budget:
         for summary in summaries:
             print(f"{summary.log.path}:\n{applications.budgets(summary.axles)}")

@@ -119,13 +119,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
 def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
     """What the screen shows of a series."""
     from ..results.stop_rows import series_tables
-    from . import terminal
 
     if not test.series.stops:
         return "No stop."
-    sections = []
-    for table in series_tables(test.series, braked_weight, budget):
-        lines = [terminal.records(table.rows, None, table.text_columns)] if table.rows else []
-        lines += map(terminal.folded, table.note.splitlines())
-        sections.append("\n".join(lines))
-    return "\n\n".join(sections)
+    return "\n\n".join(x.text() for x in series_tables(test.series, braked_weight, budget))

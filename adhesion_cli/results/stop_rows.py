@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from ..core.summary import Measured, StopSummary
 from ..core.text import by_uncertainty
@@ -18,7 +17,7 @@ from ..stops.series import (
     WspSummary,
     braked_weight_percentage,
 )
-from .text_tables import number, when_and_where
+from .text_tables import TitledTable, number, when_and_where
 
 NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
@@ -102,15 +101,6 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     speeds = " or ".join(_SPEED[x] for x in dict.fromkeys(s.speed_from for s in stops))
     nominal = " or ".join(f"{v:g}" for v in dict.fromkeys(s.nominal_speed_kmh for s in stops))
     return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h."
-
-
-class TitledTable(NamedTuple):
-    """A table on screen and page."""
-
-    title: str
-    rows: list[dict[str, str]]
-    text_columns: int  # how many columns are texts, from the left
-    note: str = ""  # below it, a line for each subject
 
 
 def series_tables(x: TestSeries, braked_weight: bool, budget: bool) -> list[TitledTable]:

@@ -4,13 +4,29 @@ import io
 import shutil
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from ..core.text import printable
 
 NARROW = 80  # columns where there is no terminal, and in a recording
 DASH = "-"  # where a number is not known
 _TEXT = 16  # columns that a text keeps
+
+
+class TitledTable(NamedTuple):
+    """A table on screen, page and recording; one without rows has its note only."""
+
+    title: str
+    rows: Sequence[Mapping[str, str]]
+    text_columns: int = 1  # how many columns are texts, from the left
+    note: str = ""  # below it, a line for each subject
+    lead: str = ""  # above it
+
+    def text(self) -> str:
+        """The table without its title, as wide as the terminal."""
+        lines = [self.lead] * bool(self.lead)
+        lines += [records(self.rows, None, self.text_columns)] if self.rows else []
+        return "\n".join([*lines, *map(folded, self.note.splitlines())])
 
 
 def table(

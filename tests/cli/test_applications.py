@@ -1,16 +1,21 @@
 """The table of brake applications."""
 
+from collections.abc import Sequence
 from typing import Any
 
-from adhesion_cli.cli.applications import budgets, tables
+from adhesion_cli.cli.applications import budgets
 from adhesion_cli.core.summary import (
     AxleSummary,
     BrakeApplication,
     Contribution,
     Coverage,
+    LogSummary,
     MeanAndHighest,
     ReferenceSummary,
+    ResultSummary,
+    VehicleSummary,
 )
+from adhesion_cli.results.application_tables import application_tables
 
 MEASURED = MeanAndHighest(0.123, 0.021, 0.234, 0.045)
 
@@ -28,6 +33,15 @@ def one(start: float = 3456.7, slides: int = 0, **more: Any) -> BrakeApplication
 
 def axle(number: int, *applications: BrakeApplication) -> AxleSummary:
     return AxleSummary(number, ReferenceSummary("smoother", 1.0, 2.0), applications, ())
+
+
+def tables(axles: Sequence[AxleSummary], all_rows: bool = False) -> str:
+    log, vehicle = (
+        LogSummary("a.csv", "csv", "", None, 1.0, 1, 1),
+        VehicleSummary("stated", True, *[None] * 4),
+    )
+    summary = ResultSummary(log, {}, vehicle, tuple(axles), (), ())
+    return "\n\n".join(x.text() for x in application_tables([summary], all_rows))
 
 
 def test_a_log_of_three_stops_has_three_rows_per_axle_in_80_columns() -> None:

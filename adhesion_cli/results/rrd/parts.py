@@ -18,6 +18,7 @@ from ...core.text import printable
 from ...core.toml import Table
 from ...rail.slope import REGION_TITLES, Bands
 from .. import names, palette
+from ..text_tables import TitledTable
 from ..verified import verified
 from .glyphs import drawable
 
@@ -188,6 +189,12 @@ def markdown_table(rows: Sequence[Mapping[str, str]]) -> str:
     cells = [[*rows[0]], ["---"] * len(rows[0])]
     cells += [[escape_markdown(cell) for cell in row.values()] for row in rows]
     return "\n".join(f"| {' | '.join(row)} |" for row in cells)
+
+
+def titled(x: TitledTable) -> str:
+    """A table under its title as Markdown."""
+    body = [x.lead, *([markdown_table(x.rows)] if x.rows else []), *x.note.splitlines()]
+    return "\n\n".join([f"\n## {x.title}", *filter(None, body)])
 
 
 def settings_table(settings: Table) -> str:

@@ -26,7 +26,7 @@ from ...core.model import (
     Times,
 )
 from ...core.physics import LOCKED, SLIDES
-from ...core.summary import AxleSummary, ResultSummary, StopSummary, summarise_vehicle
+from ...core.summary import ResultSummary, summarise_vehicle
 from ...core.text import printable
 from ...rail import fit, sliding
 from ...rail.locks import locks_of_axle
@@ -35,18 +35,10 @@ from ...records.route import find_route
 from ...scores.metrics import pool_scores
 from ...stops.settings import StopSettings
 from .. import log_events, names, palette, thinning
-from ..result_rows import row, score_rows
-from ..stop_rows import NOTE, describe_sources, short_row
-from ..text_tables import non_empty
-from ..train_stops import (
-    MANY_AXLES,
-    MANY_ROWS,
-    find_stops,
-    group_axles,
-    group_row,
-    slide_severity,
-    stop_row,
-)
+from ..application_tables import application_tables, stop_table
+from ..result_rows import score_rows
+from ..text_tables import TitledTable
+from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_vehicle
 from . import line_map, overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
@@ -55,7 +47,6 @@ from .glyphs import drawable, drawable_names
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
-_LISTED_STOPS = 20  # stops of the train that are listed
 _ON = 0.5  # a state is 0 or 1
 _SWITCHED: tuple[Meaning, ...] = ("hold_valve", "vent_valve", "wsp_active", "sanding")
 _ROWS = 1 << 16  # rows sent at once
@@ -486,8 +477,7 @@ def _summary(
     lines = [
         f"# {parts.escape_markdown(title)}\n",
         describe_vehicle(summarise_vehicle(result.identified), axles),
-        *_stopped(summary.stops if summary else ()),
-        *_braked(result, axles),
+        *(map(parts.titled, _tables(result, summary)) if summary else ()),
         "\n## Slides\n",
         overview.listed(slides, result.log),
     ]
@@ -500,36 +490,9 @@ def _summary(
     return "\n".join(lines)
 
 
-def _stopped(stops: Sequence[StopSummary]) -> list[str]:
-    """The stops of the whole train."""
-    if not stops:
-        return []
-    rows = [short_row(stop) for stop in stops[:_LISTED_STOPS]]
-    shown = f"{len(rows)} of {len(stops)} stops.\n" if len(rows) < len(stops) else ""
-    return [
-        "\n## Stops\n",
-        shown,
-        parts.markdown_table(rows),
-        f"\n{NOTE} {describe_sources(stops)}\n",
-    ]
-
-
-def _braked(result: Result, axles: Sequence[AxleSummary]) -> list[str]:
-    """Adhesion coefficient and force of each brake application, or of many of each stop."""
-    braked = [row(str(axle.axle), a) for axle in axles for a in axle.applications]
-    if not braked:
-        return []
-    blocks = ["\n## Brake applications\n"]
-    if len(braked) > MANY_ROWS and len(axles) > 1:
-        stops = sorted(find_stops(axles), key=lambda x: slide_severity(x.worst), reverse=True)
-        braked = non_empty([stop_row(stop) for stop in stops[:_LISTED_STOPS]])
-        blocks.append(f"{len(braked)} of {len(stops)} stops of the train, the worst first.\n")
-    blocks += [parts.markdown_table(braked), "\n± is the expanded uncertainty (95 %).\n"]
-    if len(axles) > MANY_AXLES:
-        cars = {axle.number: axle.car for axle in result.vehicle.axles}
-        groups = non_empty([group_row(group) for group in group_axles(axles, cars)])
-        blocks += ["## Groups of axles\n", parts.markdown_table(groups)]
-    return blocks
+def _tables(result: Result, summary: ResultSummary) -> list[TitledTable]:
+    cars = {axle.number: axle.car for axle in result.vehicle.axles}
+    return [*stop_table([summary]), *application_tables([summary], cars=cars)]
 
 
 _LINES = """

@@ -1,0 +1,139 @@
+"""The tables of a log on screen and recording: its stops, brake applications and slides."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+from ..core.summary import AxleSummary, ResultSummary
+from ..rail.events import HIDDEN_TIME
+from .result_rows import OF_MARK, row, slid_row
+from .stop_rows import NOTE as STOP_NOTE
+from .stop_rows import describe_sources, short_row
+from .text_tables import TitledTable, non_empty
+from .train_stops import (
+    MANY_AXLES,
+    MANY_ROWS,
+    find_stops,
+    group_axles,
+    group_row,
+    slide_severity,
+    stop_row,
+)
+
+_NOTE = (
+    "One row per brake application; at: seconds after the start of the log. µ, F: adhesion "
+    "coefficient and force, mean from build-up to release and highest, with expanded uncertainty "
+    "(95\N{NO-BREAK SPACE}%)."
+)
+_OF_STOPS = (
+    "One row per stop; at: seconds after the start of the log. µ mean: mean adhesion coefficient "
+    "of all axles with its expanded uncertainty (95\N{NO-BREAK SPACE}%); µ of axles: lowest and "
+    "highest mean. slid: axles with slides; the columns right of it are of the axle with the "
+    "most slip."
+)
+_OF_GROUPS = "Groups of axles; axle, at: where the most slip was."
+_OF_SLIDES = (
+    "Slides of each brake application: number, time and distance together, largest slip, energy "
+    "of friction between wheel and rail, and share of the available adhesion that was used "
+    "(- where the slides do not show the available one)."
+)
+_TITLE, _SLIDES = "Brake applications", "Slides"
+_BOUND = "≥: the true value is at least this."
+_SHOWN_STOPS = 20  # of more, the worst ones
+
+
+def stop_table(summaries: Sequence[ResultSummary]) -> list[TitledTable]:
+    """The stops of the whole train, of one log or of several; none without a stop."""
+    named = [
+        (_named(Path(x.log.path).name if len(summaries) > 1 else ""), stop)
+        for x in summaries
+        for stop in x.stops
+    ]
+    if not named:
+        return []
+    rows = [name | short_row(stop) for name, stop in named[:_SHOWN_STOPS]]
+    notes = [STOP_NOTE, describe_sources([stop for _, stop in named])]
+    if len(named) > len(rows):
+        notes += [f"The first {len(rows)} of {len(named)} stops; `adhesion stops LOG` shows all."]
+    if reasons := dict.fromkeys(str(s.reason) for _, s in named if not s.valid):
+        notes += [f"Without a distance: no whole stop ({', '.join(reasons)})."]
+    return [TitledTable("Stops", rows, note="\n".join(notes))]
+
+
+def application_tables(
+    summaries: Sequence[ResultSummary],
+    all_rows: bool = False,
+    cars: Mapping[int, str] = MappingProxyType({}),
+) -> list[TitledTable]:
+    """The brake applications: a row each, or, where they are many, a row per stop.
+
+    Args:
+        summaries: of one log or of several.
+        all_rows: whether each brake application of each axle has its row, however many.
+        cars: name of the car of each axle, where it is stated.
+    """
+    is_single = len(summaries) == 1
+    logs = [("" if is_single else Path(x.log.path).name, x.axles) for x in summaries]
+    count = sum(len(axle.applications) for _, axles in logs for axle in axles)
+    if not count:
+        return [TitledTable(_TITLE, [], note="No brake application.")]
+    is_short = is_single and (count <= MANY_ROWS or len(logs[0][1]) == 1)
+    tables = _by_application(logs) if all_rows or is_short else _by_stop(logs)
+    for name, axles in logs:
+        if len(axles) > MANY_AXLES:
+            rows = non_empty([_named(name) | group_row(x) for x in group_axles(axles, cars)])
+            tables.append(TitledTable("Groups of axles", rows, note=_OF_GROUPS))
+    return tables
+
+
+_Logs = Sequence[tuple[str, Sequence[AxleSummary]]]  # name, empty for one log, and axles
+
+
+def _by_stop(logs: _Logs) -> list[TitledTable]:
+    """A row per stop of each log; of many the worst ones, these first."""
+    stops = [(name, stop) for name, axles in logs for stop in find_stops(axles)]
+    shown, lead = stops, ""
+    has_slides = any(a.slides for _, stop in stops for a in stop.applications)
+    if len(stops) > _SHOWN_STOPS or not logs[0][0]:
+        shown = sorted(stops, key=lambda pair: slide_severity(pair[1].worst), reverse=True)
+        shown = shown[:_SHOWN_STOPS]
+        order = "most slip first" if has_slides else "highest µ first"
+        lead = f"{len(shown)} of {len(stops)} stops, {order}:"
+    rows = non_empty([_named(name) | stop_row(stop) for name, stop in shown])
+    note = f"{_OF_STOPS} --rows shows every brake application of every axle."
+    tables = [TitledTable(_TITLE, rows, note=note, lead=lead)]
+    if has_slides:
+        return tables
+    return [*tables, _no_slides([a.slip_unknown_s for _, s in stops for a in s.applications])]
+
+
+def _by_application(logs: _Logs) -> list[TitledTable]:
+    """Brake applications of every axle, then those with slides."""
+    keyed = [
+        (_named(name), str(axle.axle), a)
+        for name, axles in logs
+        for axle in axles
+        for a in axle.applications
+    ]
+    rows = [name | row(axle, a) for name, axle, a in keyed]
+    marked = any(a.other_brake for *_, a in keyed)
+    tables = [TitledTable(_TITLE, rows, note=f"{_NOTE} {OF_MARK}" if marked else _NOTE)]
+    if slid := [name | slid_row(axle, a) for name, axle, a in keyed if a.slides]:
+        has_bounds = any(a.at_least for *_, a in keyed if a.slides)
+        note = f"{_OF_SLIDES} {_BOUND}" if has_bounds else _OF_SLIDES
+        return [*tables, TitledTable(_SLIDES, slid, note=note)]
+    return [*tables, _no_slides([a.slip_unknown_s for *_, a in keyed])]
+
+
+def _named(name: str) -> dict[str, str]:
+    """The column of the log, if there are several."""
+    return {"log": name} if name else {}
+
+
+def _no_slides(unknown_s: Sequence[float]) -> TitledTable:
+    """That there are none, or that they may be hidden."""
+    note = "No slides."
+    if max(unknown_s) >= HIDDEN_TIME:
+        place = f"without a train speed for up to {max(unknown_s):.1f} s of a brake application"
+        note = f"No slide seen, but slides may be hidden: {place}."
+    return TitledTable(_SLIDES, [], note=note)
