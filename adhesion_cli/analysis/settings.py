@@ -56,7 +56,6 @@ READ_KEYS: Tree[str, dict[str, type]] = {  # of the sections on how logs are rea
     "can": {"dbc": list},
 }
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
-_OF_PLACE = {"zero", "axles"}  # keys whose values are read apart
 GROUP_KEYS = {"channel": str, "equals": str}
 CHANNEL_KEYS = {
     "channel": str,
@@ -331,18 +330,8 @@ def _log_sections(
     """How the log was read and what was taken of it: the sections of `_ORIGIN`, where stated."""
     read = settings.read
     channels: Table = {}
-    for owner, key_names in (("time", TIME_KEYS), ("group", GROUP_KEYS)):
-        values = {k: getattr(read, f"{owner}_{k}") for k in key_names}
-        channels[owner] = {k: v for k, v in values.items() if v is not None}
-    for m in settings.mappings:
-        if m.meaning in MOTOR_FORCES:
-            entry = {k: v for k in FORCE_KEYS if k != "axles" and (v := getattr(m, k))}
-            entry |= {"tolerance": m.tolerance} | ({"axles": list(m.axles)} if m.axles else {})
-        else:
-            entry = {k: v for k in CHANNEL_KEYS if k not in _OF_PLACE and (v := getattr(m, k))}
-            entry |= {"zero": m.zero._asdict()} if m.zero else {}
-        place, owner = channels.setdefault(m.meaning, {}), f"axle {m.axle}" if m.axle else m.place
-        place.update({owner: entry} if owner else entry)
+    for key, stated in settings.tables.get("channels", {}).items():
+        _merge(channels, {MEANINGS.get(key, key): stated})
     from_s, to_s = window
     selection: Table = {"from": from_s, "to": to_s, "axles": list(axles) or None}
     sections = {
