@@ -12,7 +12,7 @@ from ..stops.series import (
     GroupDifference,
     LimitVerdict,
     SeriesStop,
-    TestSeries,
+    StopSeries,
     WspAxle,
     WspSummary,
     braked_weight_percentage,
@@ -103,7 +103,7 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h."
 
 
-def series_tables(x: TestSeries, braked_weight: bool, budget: bool) -> list[TitledTable]:
+def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[TitledTable]:
     """The tables of a series, those with rows.
 
     Args:

@@ -158,12 +158,12 @@ class WspSummary(NamedTuple):
     ] = None
 
 
-class TestSeries(NamedTuple):
+class StopSeries(NamedTuple):
     """The stops of a series, and what follows from them."""
 
     stops: tuple[SeriesStop, ...]
     groups: tuple[Group, ...]
-    differences: tuple[Difference, ...]
+    differences: tuple[GroupDifference, ...]
     limits: tuple[LimitVerdict, ...]
     wsp: tuple[WspSummary, ...]
 

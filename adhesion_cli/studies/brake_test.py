@@ -25,7 +25,7 @@ from ..results.report.protocol import Protocol
 from ..stops.series import (
     GroupDifference,
     SeriesStop,
-    TestSeries,
+    StopSeries,
     WspSummary,
     compare_wet,
     differences,
@@ -48,7 +48,7 @@ class Request(NamedTuple):
 class BrakeTest(NamedTuple):
     """A series with its results."""
 
-    series: TestSeries
+    series: StopSeries
     findings: tuple[Finding, ...]
     failed: tuple[FailedLog, ...]
     plan: Plan
@@ -110,7 +110,7 @@ def run(
             names = {"dry": plan.dry, "dry_kmh": dry_kmh, "wet": plan.wet, "wet_kmh": wet_kmh}
             findings.append(Finding("wet-speeds-differ", "warning", names=names))
     compared, limits = differences(groups, plan.pairs), judge(groups, plan.limits)
-    series = TestSeries(tuple(stops), tuple(groups), tuple(compared), tuple(limits), wsp)
+    series = StopSeries(tuple(stops), tuple(groups), tuple(compared), tuple(limits), wsp)
     return BrakeTest(series, tuple(dict.fromkeys(findings)), tuple(failed), plan, tuple(maps))
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from ...core.summary import FindingSummary
-from ...stops.series import TestSeries
+from ...stops.series import StopSeries
 
 # What a protocol states, by its part; what nobody stated is an empty line to fill in by hand.
 FIELDS: Mapping[str, Sequence[str]] = {
@@ -22,7 +22,7 @@ class Protocol(NamedTuple):
 
     title: str
     texts: Mapping[str, str]  # of the fields, and of others that the plan states
-    series: TestSeries
+    series: StopSeries
     findings: Sequence[FindingSummary]
     about: Mapping[str, str]  # how it was made, by the name of the fact
     braked_weight: bool = False
