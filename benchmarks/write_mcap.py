@@ -81,7 +81,7 @@ def rows(n: int = 200_000) -> Iterator[Row]:
         ours, theirs = Path(folder) / "ours.mcap", Path(folder) / "theirs.mcap"
         few = n // 4  # objects are slow
         for name, per_row, write, message, names, columns in (
-            ("result", 4, lambda: mcap.write_result(ours, whole, "{}"), "Reference", fields, v),
+            ("result", 4, lambda: mcap.write_results(ours, [whole], "{}"), "Reference", fields, v),
             ("scalars", 1, lambda: mcap.write_log(ours, log), "Scalar", ["value"], v[:1]),
         ):
             cut = [x[:few] for x in columns]

@@ -29,7 +29,7 @@ from pyarrow import csv
 from table import Row, show
 
 from adhesion_cli.analysis.analyze import analyze
-from adhesion_cli.analysis.outputs import write_result
+from adhesion_cli.analysis.outputs import write_results
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core import rounding
@@ -134,7 +134,7 @@ def rows() -> Iterator[Row]:
 
         def run() -> Result:
             result = analyze(log, Settings(), train_speed=True)
-            write_result(files, result, summarise(result, {}))
+            write_results(files, [result], [summarise(result, {})])
             return result
 
         write_log(log, 1)
@@ -154,10 +154,10 @@ def rows() -> Iterator[Row]:
 
 def against_writers(folder: Path, files: list[Path], result: Result, own: float) -> Iterator[Row]:
     """The files of a result, and all of `analyze`, which took `own` seconds."""
-    our_recording = seconds(lambda: rrd.write_result(files[1], result))
+    our_recording = seconds(lambda: rrd.write_results(files[1], [result]))
     whole, bare, sdk = folder / "whole.mcap", folder / "bare.mcap", folder / "sdk.rrd"
     with mock.patch.multiple(rounding, rounded=lambda x, _: x, digits=lambda x: x):
-        mcap.write_result(whole, result, "{}", full=True)
+        mcap.write_results(whole, [result], "{}", full=True)
     mcap_time, sdk_time = by_mcap(bare, whole), seconds(lambda: by_rerun(sdk, result))
     read_time = seconds(lambda: csv.read_csv(folder / "log.csv"))
     against = "mcap.Writer at its defaults, all digits"

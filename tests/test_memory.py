@@ -183,9 +183,9 @@ def write(n):
     whole = result(axles=1, n=n)
     before = begin()
     if path.suffix == ".mcap":
-        mcap.write_result(path, whole, "{}")
+        mcap.write_results(path, [whole], "{}")
     else:
-        rrd.write_result(path, whole)
+        rrd.write_results(path, [whole])
     return peak() - before
 write(1000)  # all is loaded
 print(write(n))

@@ -24,45 +24,30 @@ def named(files: Sequence[Path]) -> dict[str, str]:
     return {file.suffix.removeprefix(".").lower(): str(file) for file in files}
 
 
-def write_result(
+def write_results(
     places: Sequence[Path],
-    result: "Result",
-    summary: "ResultSummary",
+    results: "Sequence[Result]",
+    summaries: "Sequence[ResultSummary]",
     slip: str = "",
     notes: "Sequence[Note]" = (),
     every_sample: bool = False,
 ) -> None:
-    """Writes record and recording of one analysed log.
+    """Writes record and recording of one analysed log, or of several together.
 
     Args:
         places: where to write the MCAP and the Rerun recording.
-        result: the analysed log.
-        summary: from `summarise`.
-        slip: the document on its slip, if that was asked for.
-        notes: text on the slip of each axle, with its rail.
+        results: the analysed logs.
+        summaries: from `summarise`.
+        slip: the document on the slip of one log, if that was asked for.
+        notes: text on the slip of each of its axles, with its rail.
         every_sample: whether the files of a long log have every computed sample.
     """
     from ..results import mcap, rrd
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_result(record, result, embedded([summary]), slip, every_sample)
-    rrd.write_result(recording, result, notes, every_sample, summary)
-
-
-def write_comparison(
-    places: Sequence[Path],
-    results: "Sequence[Result]",
-    summaries: "Sequence[ResultSummary]",
-    every_sample: bool = False,
-) -> None:
-    """Writes record and recording of several analysed logs, see `write_result`."""
-    from ..results import mcap, rrd
-    from .json_documents import embedded
-
-    record, recording = places
-    mcap.write_comparison(record, results, embedded(summaries), every_sample)
-    rrd.write_comparison(recording, results, every_sample)
+    mcap.write_results(record, results, embedded(summaries), slip, every_sample)
+    rrd.write_results(recording, results, notes, every_sample, summaries)
 
 
 def write_report(place: Path, record: Path, name: str) -> None:
@@ -70,7 +55,7 @@ def write_report(place: Path, record: Path, name: str) -> None:
 
     Args:
         place: where to write the page.
-        record: the MCAP that was written by `write_result`.
+        record: the MCAP that was written by `write_results`.
         name: that the record will have.
     """
     from ..results import verified

@@ -343,7 +343,7 @@ class Analysis(_Tables):
         if report:
             files = (*files, files[0].with_suffix(".html"))
         with _written(files, force, [self.log]) as places:
-            outputs.write_result(places[:2], self.result, self._summary)
+            outputs.write_results(places[:2], [self.result], [self._summary])
             for place in places[2:]:
                 outputs.write_report(place, places[0], files[0].name)
         return files
@@ -404,9 +404,8 @@ class Comparison(_Tables):
         files = outputs.pair(Path(folder), logs[0].path, "compare")
         with _written(files, force, logs) as places:
             results = [analysis.result for analysis in self.analyses]
-            outputs.write_comparison(
-                places, results, [analysis._summary for analysis in self.analyses]
-            )
+            summaries = [analysis._summary for analysis in self.analyses]
+            outputs.write_results(places, results, summaries)
         return files
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
@@ -460,8 +459,8 @@ class SlipAnalysis(_Tables):
         log = self.analysis.log
         files = outputs.pair(Path(folder), log.path, "slip")
         with _written(files, force, [log]) as places:
-            summary = self.analysis._summary
-            outputs.write_result(places, self._slip.result, summary, *carried(self._slip))
+            summaries = [self.analysis._summary]
+            outputs.write_results(places, [self._slip.result], summaries, *carried(self._slip))
         return files
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:

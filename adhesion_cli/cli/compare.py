@@ -26,7 +26,7 @@ def command(
     Example: adhesion compare sample_logs/low-adhesion.mcap -a neso -a leso
     """
     from ..analysis.json_documents import result_document
-    from ..analysis.outputs import write_comparison
+    from ..analysis.outputs import write_results
     from ..analysis.summarise import summarise
     from ..core.document import dumps
     from ..core.text import printable
@@ -42,7 +42,7 @@ def command(
     analysed = results.analysed(shared, logs, pair)
     summaries = [summarise(r, results.named(pair)) for r in analysed]
     with atomic_files.outputs(pair, shared.force, inputs=inputs(shared, *logs)) as written:
-        write_comparison(written, analysed, summaries, shared.full)
+        write_results(written, analysed, summaries, every_sample=shared.full)
     if shared.json:
         print(dumps(result_document(summaries)))
     else:

@@ -31,8 +31,8 @@ def command(shared: Shared) -> int:
     from ..results import rrd  # slow to import: only after the checks
 
     with atomic_files.outputs(paths, shared.force) as (record, recording, figure):
-        mcap.write_comparison(record, study.results, dumps(study.document))
-        rrd.write_comparison(recording, study.results)
+        mcap.write_results(record, study.results, dumps(study.document))
+        rrd.write_results(recording, study.results)
         charts.write(figure, "The paper, reproduced", panels(study))
     if shared.json:
         outputs = {path.suffix[1:]: str(path) for path in paths}

@@ -83,7 +83,7 @@ def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> N
     )
     with atomic_files.outputs([result, recording], force=True) as (record, picture):
         shutil.copyfile(result, record)
-        rrd.write_result(picture, analysed, summary=summarise(analysed, {}))
+        rrd.write_results(picture, [analysed], summaries=[summarise(analysed, {})])
 
 
 def show_recording(recording: Path) -> None:

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from ..analysis import settings
 from ..analysis.analyze import analyze
-from ..analysis.outputs import stem, write_result
+from ..analysis.outputs import stem, write_results
 from ..analysis.summarise import summarise
 from ..core import bundled, threads
 from ..core.annotated import Json
@@ -182,7 +182,7 @@ def _record(result: Result, summary: ResultSummary, files: list[Path]) -> None:
         return
     files[0].parent.mkdir(parents=True, exist_ok=True)
     with atomic_files.sets([files], True, sweeps=False) as (places,):
-        write_result(places, result, summary)
+        write_results(places, [result], [summary])
 
 
 def _error_document(error: Exception, place: str, name: str) -> dict[str, str]:

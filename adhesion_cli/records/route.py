@@ -126,7 +126,8 @@ NOWHERE = Route()
 
 def find_route(log: Log) -> Route:
     """Where the train of a log was, by the channels' meanings."""
-    route = make_route(_columns(log), _speed(log, Vehicle()))
+    columns = _columns(log)
+    route = make_route(columns, _speed(log, Vehicle())) if columns else NOWHERE
     return route._replace(has_calendar=log.absolute)
 
 

@@ -83,53 +83,34 @@ class _Stream:
     rows: NDArray[np.int64] | None = None  # that are written, of columns and `tail`; None: all
 
 
-def write_result(
-    path: Path, result: Result, metrics_json: str, slip_json: str = "", full: bool = False
+def write_results(
+    path: Path, results: Sequence[Result], metrics: str, slip: str = "", full: bool = False
 ) -> None:
-    """Write one analysed log, read it back and check it.
+    """Write analysed logs, read the file back and check it.
+
+    Topics and metadata of several logs are parted by their names. A file of one log can be analysed
+    again.
 
     Args:
         path: file to write; its old content is lost.
-        result: the analysed log.
-        metrics_json: the document that `--json` prints, kept as metadata `adhesion.metrics`.
-        slip_json: what `slip --json` prints of the log, kept as metadata `adhesion.slip`.
+        results: the analysed logs.
+        metrics: the document that `--json` prints, kept as metadata `adhesion.metrics`.
+        slip: what `slip --json` prints of the log, kept as metadata `adhesion.slip`.
         full: whether all that was computed on a long log is written, see `thinning`.
 
     Raises as `verified.verified`, and for a time stamp that MCAP cannot hold.
     """
-    slip = {"adhesion.slip": {"json": slip_json}} if slip_json else {}
-    _write_results(path, [("", result)], metrics_json, slip, full)
-
-
-def write_comparison(
-    path: Path, results: Sequence[Result], metrics_json: str, full: bool = False
-) -> None:
-    """Write several analysed logs into one file, topics and metadata parted by the log's name.
-
-    As `write_result` in all else.
-    """
-    named = list(zip(names.logs(results), results, strict=True))
-    _write_results(path, named, metrics_json, {}, full)
-
-
-def _write_results(
-    path: Path,
-    logs: list[tuple[str, Result]],
-    metrics: str,
-    metadata: dict[str, dict[str, str]],
-    full: bool,
-) -> None:
-    """Writes analysed logs below their names, or one below none."""
+    is_single = len(results) == 1
+    logs = list(zip([""] if is_single else names.logs(results), results, strict=True))
     streams = [x for n, r in logs for x in _result_streams(r, f"/{n}" * bool(n), full)]
-    shift = _shift(streams, [result.log for _, result in logs])
+    shift = _shift(streams, [result.log for result in results])
     provenance: dict[str, str] = {}
+    metadata = {"adhesion.slip": {"json": slip}} if slip else {}
     for name, result in logs:
         stem = f"{name}." * bool(name)
         provenance |= {stem + k: v for k, v in _provenance(result, shift, full).items()}
-        if len(logs) == 1:  # can be analysed again
-            metadata |= {names.SETTINGS: names.flat(result.settings), **_account(result.log)}
-        else:
-            metadata[f"{names.SETTINGS}/{name}"] = names.flat(result.settings)
+        metadata[names.SETTINGS + f"/{name}" * bool(name)] = names.flat(result.settings)
+        metadata |= _account(result.log) if is_single else {}
     metadata |= {names.PROVENANCE: provenance, names.METRICS: {"json": metrics}}
     _write(path, streams, metadata, shift)
 
@@ -141,7 +122,7 @@ def write_log(path: Path, log: Log) -> None:
         path: file to write; its old content is lost.
         log: channels with a meaning are in SI, others in the unit they state.
 
-    Raises as `write_result`.
+    Raises as `write_results`.
     """
     pairs = zip(names.channels(log), log.channels, strict=True)
     streams = [_scalar(*name_and_unit, channel.data) for name_and_unit, channel in pairs]

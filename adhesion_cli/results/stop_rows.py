@@ -23,8 +23,9 @@ NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
     "uncertainties (95\N{NO-BREAK SPACE}%). a: mean deceleration v0²/(2s); a equiv.: without the "
     "response time, which is delay and half of the build-up; level: distance on level track from "
-    "the nominal speed. p: full pressure of the brake cylinders, mean of the axles."
+    "the nominal speed."
 )
+OF_PRESSURE = "p: full pressure of the brake cylinders, mean of the axles."
 _OF_GROUPS = (
     "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
     "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
@@ -112,7 +113,9 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
         budget: whether the uncertainty budget is.
     """
     stops = x.stops
-    note = "\n".join([NOTE, describe_sources([s.stop for s in stops]), *_remarks(stops)])
+    note = "\n".join(
+        [f"{NOTE} {OF_PRESSURE}", describe_sources([s.stop for s in stops]), *_remarks(stops)]
+    )
     tables = [
         TitledTable("Stops", _series_rows(stops), 2, note),
         TitledTable("Statistics", _group_rows(x.groups), 2, _OF_GROUPS),

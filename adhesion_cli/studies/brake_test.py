@@ -166,7 +166,7 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
     about = {
         "Evaluated by": f"adhesion {__version__}",
         "Logs": ", ".join(Path(log).name for log in logs),
-        **{f"Not evaluated: {Path(x.path).name}": x.error for x in test.failed},
+        **{f"Not evaluated: {x.path}": x.error for x in test.failed},
         "Expanded uncertainties": "coverage factor 2, about 95 %",
     }
     stated = {f"{g.name}": _stated(g) for g in test.plan.groups}

@@ -85,7 +85,7 @@ def test_a_result_read_back_gives_the_same_numbers(tmp_path: Path, pressure_ever
     log = tmp_path / "a.csv"
     log.write_text("\n".join(",".join(r) for r in (header, *rows)) + "\n")
     first = analysed(log)
-    mcap.write_result(tmp_path / "a.mcap", first, "{}")
+    mcap.write_results(tmp_path / "a.mcap", [first], "{}")
     second = analysed(tmp_path / "a.mcap")
     (a,), (b,) = first.axles, second.axles
     np.testing.assert_array_equal(a.record.t, b.record.t)
@@ -103,7 +103,7 @@ def test_a_train_speed_that_all_inputs_hold_is_written_once(tmp_path: Path) -> N
     rows = (SAMPLES / "low-adhesion.csv").read_text().splitlines()
     log.write_text("\n".join([rows[0], *rows[1::10]]) + "\n")  # rows with all values
     first = analysed(log, algos=["td"], axles=[1, 3])
-    mcap.write_result(tmp_path / "a.mcap", first, "{}")
+    mcap.write_results(tmp_path / "a.mcap", [first], "{}")
     second = analysed(tmp_path / "a.mcap", algos=["td"])
     (train,) = [c for c in second.log.channels if c.meaning == "train_speed"]
     assert (train.name, train.axle) == ("/axle/1/input", None)
@@ -113,7 +113,7 @@ def test_a_train_speed_that_all_inputs_hold_is_written_once(tmp_path: Path) -> N
         assert b.slip is not None
         np.testing.assert_allclose(b.slip, a.slip, atol=1e-12)
     # Where axles do not hold it as it was logged, it has a topic of its own.
-    mcap.write_result(tmp_path / "b.mcap", analysed(SAMPLES / "low-adhesion.mcap"), "{}")
+    mcap.write_results(tmp_path / "b.mcap", [analysed(SAMPLES / "low-adhesion.mcap")], "{}")
     third = analysed(tmp_path / "b.mcap", algos=["td"])
     assert [c.name for c in third.log.channels if c.meaning == "train_speed"][-1] == "/train_speed"
 
@@ -200,10 +200,10 @@ def test_unknown_names_are_refused() -> None:
 
 def test_a_comparison_of_one_log_is_a_log_and_one_of_several_is_not(tmp_path: Path) -> None:
     one = analysed(SAMPLES / "service-brake.csv", algos=["neso"])
-    mcap.write_comparison(tmp_path / "one.mcap", [one], "{}")
+    mcap.write_results(tmp_path / "one.mcap", [one], "{}")
     again = analysed(tmp_path / "one.mcap", algos=["neso"])
     assert again.axles[0].scores[0].rmse_n == pytest.approx(one.axles[0].scores[0].rmse_n)
-    mcap.write_comparison(tmp_path / "two.mcap", [one, one], "{}")
+    mcap.write_results(tmp_path / "two.mcap", [one, one], "{}")
     with pytest.raises(UserError, match="a comparison of several logs"):
         analysed(tmp_path / "two.mcap")
 

@@ -88,7 +88,7 @@ def test_a_result_of_it_is_a_log_again(tmp_path: Path, even: Blended) -> None:
     path = even.write(tmp_path / "axle.csv", columns)
     result = analyzed(path, "channels.ed_force.tolerance=0.02")
     assert "force-spread" not in codes(result)
-    mcap.write_result(tmp_path / "axle.adhesion.mcap", result, "{}")
+    mcap.write_results(tmp_path / "axle.adhesion.mcap", [result], "{}")
     again = run.analyze(tmp_path / "axle.adhesion.mcap", load(None, folder=False), ["td"])
     first, second = (r.axles[2].reference for r in (result, again))
     np.testing.assert_allclose(second.force, first.force, rtol=1e-9, atol=1e-3)
@@ -160,7 +160,7 @@ def test_a_magnetic_brake_that_acts_is_another_brake(tmp_path: Path) -> None:
     assert first.code == "other-brake"
     assert first.spans == (pytest.approx((start + 1.0, stop - 5.0), abs=0.1),)
     assert "magnetic track brake is on" in first.message
-    mcap.write_result(tmp_path / "magnetic.adhesion.mcap", result, "{}")
+    mcap.write_results(tmp_path / "magnetic.adhesion.mcap", [result], "{}")
     again = run.analyze(tmp_path / "magnetic.adhesion.mcap", load(None, folder=False), ["td"])
     assert [f.spans for f in again.findings if f.code == "other-brake"] == [first.spans]
 

@@ -25,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
-    rrd.write_result(tmp_path / "a b.rrd", result(1, 50))
+    rrd.write_results(tmp_path / "a b.rrd", [result(1, 50)])
     (tmp_path / "a b.sha256").touch()
     (tmp_path / "log.csv").touch()
     return tmp_path

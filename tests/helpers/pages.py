@@ -25,7 +25,7 @@ def analysed(**of: Any) -> Result:
 
 
 def written(path: Path, result: Result) -> Path:
-    mcap.write_result(path, result, embedded([summarise(result, {})]))
+    mcap.write_results(path, [result], embedded([summarise(result, {})]))
     return path
 
 

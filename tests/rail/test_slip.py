@@ -642,7 +642,7 @@ def test_a_result_is_told_as_its_log_was(tmp_path: Path, lag: float | None) -> N
     first = analyze.analyze(
         write(tmp_path / "log.csv", log), settings.load(), ["leso"], train_speed=True
     )
-    mcap.write_result(tmp_path / "log.mcap", first, "{}")
+    mcap.write_results(tmp_path / "log.mcap", [first], "{}")
     again = analyze.analyze(tmp_path / "log.mcap", settings.load(), ["leso"], train_speed=True)
     for a, b in zip(first.axles, again.axles, strict=True):
         one, other = a.record, b.record

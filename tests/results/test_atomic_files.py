@@ -537,9 +537,9 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 try:
     with atomic_files.outputs(paths, False) as (record, picture):
         if "{kind}" == "mcap":
-            mcap.write_result(record, big, "{{}}")
+            mcap.write_results(record, [big], "{{}}")
         else:
-            rrd.write_result(picture, big)
+            rrd.write_results(picture, [big])
 except UserError as error:
     print(error.text)
     sys.exit(error.code)
@@ -559,7 +559,7 @@ from adhesion_cli.results import mcap
 if force:
     try:
         with atomic_files.outputs(paths, force) as (record, picture):
-            mcap.write_result(record, result(1, 400), "{}")
+            mcap.write_results(record, [result(1, 400)], "{}")
             picture.write_text(text)
     except UserError as error:
         sys.exit(error.code)

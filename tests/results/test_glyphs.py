@@ -28,8 +28,8 @@ def test_a_recording_of_chinese_names_has_only_letters_of_the_viewer(tmp_path: P
     values = {"longest_s": 1.0, "limit_s": 2.0}
     finding = Finding("gap", "warning", "1轴速度", spans=((0.5, 0.6),), values=values)
     made = [replace(x, findings=(*x.findings, finding)) for x in made]
-    rrd.write_result(tmp_path / "a.rrd", made[0])
-    rrd.write_comparison(tmp_path / "b.rrd", made)
+    rrd.write_results(tmp_path / "a.rrd", [made[0]])
+    rrd.write_results(tmp_path / "b.rrd", made)
     for path in (tmp_path / "a.rrd", tmp_path / "b.rrd"):
         text = path.read_bytes().decode("utf-8", "ignore")
         assert not re.search("[制动试验第二次轴速度]{2}", text)

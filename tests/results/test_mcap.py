@@ -33,7 +33,7 @@ SCHEMAS = Path(__file__).parents[2] / "schemas"
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("mcap") / "small.mcap"
-    mcap.write_result(path, result(2, 300), '{"schema": "adhesion.result/1"}')
+    mcap.write_results(path, [result(2, 300)], '{"schema": "adhesion.result/1"}')
     return path
 
 
@@ -113,7 +113,7 @@ def test_error_is_against_the_reference_without_truth(tmp_path: Path) -> None:
         scores=tuple(replace(s, against="reference") for s in axle.scores),
     )  # fmt: skip
     path = tmp_path / "a.mcap"
-    mcap.write_result(path, replace(analysed, axles=(axle,)), "{}")
+    mcap.write_results(path, [replace(analysed, axles=(axle,))], "{}")
     found = decoded(path)
     assert not {"/axle/1/truth", "/axle/1/slip"} & set(found)
     error = axle.estimates["neso"] - axle.reference.force
@@ -134,7 +134,7 @@ def test_a_long_log_keeps_few_computed_samples_between_its_brakes(
     kept = {}
     for full in (True, False):
         path = tmp_path / f"{full}.mcap"
-        mcap.write_result(path, both, "{}", full=full)
+        mcap.write_results(path, [both], "{}", full=full)
         kept[full] = {
             topic: {r.log_time: r.data for r, _ in messages}
             for topic, messages in decoded(path).items()
@@ -155,7 +155,7 @@ def test_a_long_log_keeps_few_computed_samples_between_its_brakes(
             assert set(t[exact].tolist()) <= set(some)
             assert spans <= len(some) <= np.count_nonzero(exact) + spans
     monkeypatch.setattr(thinning, "LONG_ROWS", 4000)
-    mcap.write_result(path, both, "{}")  # a short log has all
+    mcap.write_results(path, [both], "{}")  # a short log has all
     assert len(decoded(path)["/axle/1/reference"]) == len(t)
 
 
@@ -165,7 +165,7 @@ def test_an_estimate_has_its_sigma_where_the_method_has_one(tmp_path: Path) -> N
     sigma = np.arange(50.0)
     path = tmp_path / "a.mcap"
     known = replace(axle, sigmas={"neso": sigma})
-    mcap.write_result(path, replace(analysed, axles=(known,)), "{}")
+    mcap.write_results(path, [replace(analysed, axles=(known,))], "{}")
     found = decoded(path)
     np.testing.assert_allclose(column(found["/axle/1/estimate/neso"], "sigma"), sigma, 1.0 / 512.0)
     assert np.isnan(column(found["/axle/1/estimate/td"], "sigma")).all()  # not 0 N
@@ -181,7 +181,7 @@ def test_a_brake_is_released_when_its_pressure_is_gone(tmp_path: Path) -> None:
         path = tmp_path / f"{released}.mcap"
         record = replace(axle.record, clamping_force=K)
         stood = replace(axle, record=record, applications=(application,))
-        mcap.write_result(path, replace(analysed, axles=(stood,)), "{}")
+        mcap.write_results(path, [replace(analysed, axles=(stood,))], "{}")
         told = {m.code: r.log_time for r, m in decoded(path)["/events"]}
         assert "brake-applied" in told
         assert ("brake-released" in told) == released
@@ -194,7 +194,7 @@ def test_events(small: Path, tmp_path: Path) -> None:
     analysed = result(2, 300)
     coarse = Finding("standstill", "info", "time")
     whole = replace(analysed, findings=(*analysed.findings, coarse))
-    mcap.write_result(tmp_path / "a.mcap", whole, "{}")
+    mcap.write_results(tmp_path / "a.mcap", [whole], "{}")
     (of_all,) = (m for _, m in decoded(tmp_path / "a.mcap")["/events"] if m.code == "standstill")
     assert not of_all.HasField("axle")
     events = decoded(small)["/events"]
@@ -248,7 +248,7 @@ def test_indexes_statistics_and_metadata(small: Path) -> None:
 
 
 def test_same_input_same_bytes(small: Path, tmp_path: Path) -> None:
-    mcap.write_result(tmp_path / "b.mcap", result(2, 300), '{"schema": "adhesion.result/1"}')
+    mcap.write_results(tmp_path / "b.mcap", [result(2, 300)], '{"schema": "adhesion.result/1"}')
     assert (tmp_path / "b.mcap").read_bytes() == small.read_bytes()
 
 
@@ -354,7 +354,7 @@ def test_an_event_before_zero_shifts_the_file(tmp_path: Path) -> None:
     at = -2.5 - analysed.log.start_ns() * 1e-9  # a row whose time is none of the log's
     row = Finding("time-out-of-order", "warning", spans=((at, at),))
     analysed = replace(analysed, log=replace(analysed.log, absolute=False), findings=(row,))
-    mcap.write_result(tmp_path / "a.mcap", analysed, "{}")
+    mcap.write_results(tmp_path / "a.mcap", [analysed], "{}")
     found = decoded(tmp_path / "a.mcap")
     assert found["/events"][0][0].log_time == pytest.approx(0.5e9, abs=1e3)
     first = int(analysed.axles[0].record.t[0])
@@ -380,7 +380,7 @@ def test_units_and_names_of_a_log(tmp_path: Path) -> None:
 def test_hostile_findings(tmp_path: Path) -> None:
     names_ = {"reason": "two\nlines \x1b]0;pwned\x07", "hint": ""}
     finding = Finding("not-analysable", "info", "ch\u202e", names=names_)
-    mcap.write_result(tmp_path / "a.mcap", replace(result(1, 20), findings=(finding,)), "{}")
+    mcap.write_results(tmp_path / "a.mcap", [replace(result(1, 20), findings=(finding,))], "{}")
     message = next(
         m.message for _, m in decoded(tmp_path / "a.mcap")["/events"] if "pwned" in m.message
     )
@@ -391,7 +391,7 @@ def test_hostile_findings(tmp_path: Path) -> None:
 def test_findings_larger_than_a_chunk(tmp_path: Path) -> None:
     long = {"reason": "a" * 2 * mcap.CHUNK, "hint": ""}
     findings = tuple(Finding("not-analysable", "info", names=long) for _ in range(3))
-    mcap.write_result(tmp_path / "a.mcap", replace(result(1, 5), findings=findings), "{}")
+    mcap.write_results(tmp_path / "a.mcap", [replace(result(1, 5), findings=findings)], "{}")
     events = decoded(tmp_path / "a.mcap")["/events"]
     assert sum(len(m.message) > 2 * mcap.CHUNK for _, m in events) == 3
 
@@ -402,7 +402,7 @@ def test_comparison_keeps_logs_apart(tmp_path: Path) -> None:
         result(1, 30, start=0, name="b.mcap"),
         result(1, 10, name="a.mcap"),
     ]
-    mcap.write_comparison(tmp_path / "c.mcap", logs, "{}")
+    mcap.write_results(tmp_path / "c.mcap", logs, "{}")
     found = decoded(tmp_path / "c.mcap")
     assert [len(found[f"/{n}/axle/1/reference"]) for n in names.logs(logs)] == [20, 30, 10]
     with (tmp_path / "c.mcap").open("rb") as file:

@@ -82,7 +82,7 @@ def test_every_method_has_its_own_colour() -> None:
 
 def test_figures_and_viewer_agree(tmp_path: Path) -> None:
     made = result(1, 50)
-    rrd.write_result(tmp_path / "a.rrd", made)
+    rrd.write_results(tmp_path / "a.rrd", [made])
     names, colours = (
         static(tmp_path / "a.rrd", "/axle/1/force/estimates", of) for of in ("names", "colors")
     )

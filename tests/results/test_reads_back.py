@@ -47,7 +47,7 @@ def test_log(tmp_path: Path, suffix: str, start: int) -> None:
 
 def test_result(tmp_path: Path) -> None:
     """A result file is itself a log: pressure, speeds and truth of every axle."""
-    mcap.write_result(tmp_path / "a.adhesion.mcap", result(2, 100), "{}")
+    mcap.write_results(tmp_path / "a.adhesion.mcap", [result(2, 100)], "{}")
     source = open_source(tmp_path / "a.adhesion.mcap", ReadOptions())
     meant, _ = understood(source.fields, [])
     found = {(m.meaning, m.axle, m.field.channel, m.field.path) for m in meant if m.meaning}

@@ -37,7 +37,7 @@ ALGORITHMS = ("gradient", "kalman", "leso", "neso", "td")
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rrd") / "small.rrd"
-    rrd.write_result(path, result(2, 400))
+    rrd.write_results(path, [result(2, 400)])
     return path
 
 
@@ -108,7 +108,7 @@ def test_time_counts_from_the_log_beside_its_clock(small: Path, tmp_path: Path) 
     )
     assert clock.min() == EPOCH
     assert set(clock - time) == {result(2, 400).log.start_ns()}
-    rrd.write_result(tmp_path / "a.rrd", result(1, 50, start=0))
+    rrd.write_results(tmp_path / "a.rrd", [result(1, 50, start=0)])
     (batch,) = batches(tmp_path / "a.rrd", "/axle/1/speed")
     assert "clock" not in batch.schema.names
 
@@ -125,7 +125,7 @@ def test_names_and_colours_do_not_depend_on_the_selection(small: Path, tmp_path:
     analysed = result(1, 50)
     (axle,) = analysed.axles
     some = replace(axle, estimates={a: axle.estimates[a] for a in ("td", "neso")})
-    rrd.write_result(tmp_path / "a.rrd", replace(analysed, axles=(some,)))
+    rrd.write_results(tmp_path / "a.rrd", [replace(analysed, axles=(some,))])
     assert static(tmp_path / "a.rrd", "/axle/1/force/estimates", "names") == ["neso", "td"]
     for entity in ("force/estimates", "error"):
         colours = static(tmp_path / "a.rrd", f"/axle/1/{entity}", "colors")
@@ -136,7 +136,7 @@ def test_an_estimator_with_an_uncertainty_has_a_band(tmp_path: Path) -> None:
     analysed = result(1, 50)
     (axle,) = analysed.axles
     known = replace(axle, sigmas={"neso": np.full(50, 3.0)})
-    rrd.write_result(tmp_path / "a.rrd", replace(analysed, axles=(known,)))
+    rrd.write_results(tmp_path / "a.rrd", [replace(analysed, axles=(known,))])
     colours = static(tmp_path / "a.rrd", "/axle/1/force/own", "colors")
     assert colours == [palette.rgba(palette.of_method("neso"))]
 
@@ -161,7 +161,7 @@ def test_events_and_summary(small: Path, tmp_path: Path) -> None:
     evil = {"reason": "![](http://evil/) <b> | \x1b[2J", "hint": ""}
     hostile = Finding("not-analysable", "info", "*\u202e", names=evil)
     analysed = replace(result(1, 50), findings=(hostile,))
-    rrd.write_result(tmp_path / "a.rrd", analysed)
+    rrd.write_results(tmp_path / "a.rrd", [analysed])
     (text,) = static(tmp_path / "a.rrd", "/summary", "text")
     assert "not\\-analysable\\: \\*\\\\u202e\\: " in text
     assert "\\!\\[\\]\\(http\\://evil/\\) \\<b\\> \\| \\\\x1b\\[2J" in text
@@ -214,7 +214,7 @@ def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
     )
     path, made = tmp_path / "a.rrd", replace(analysed, axles=axles)
     assert [overview.worst(sliding.slides(a)) for a in axles] == [0.0, 0.3]
-    rrd.write_result(path, made)
+    rrd.write_results(path, [made])
     (text,) = static(path, "/summary", "text")
     (line,) = [x for x in text.splitlines() if x.startswith("| 2 | ")]
     assert " | 30.0 | " in line
@@ -234,21 +234,21 @@ def test_sparse_result(tmp_path: Path) -> None:
     record = replace(axle.record, pressure=None, train_speed=None, truth=None)
     bare = replace(axle, record=record, scores=(), applications=(), slip=None, estimates={})
     path = tmp_path / "a.rrd"
-    rrd.write_result(path, replace(analysed, axles=(bare,), findings=()))
+    rrd.write_results(path, [replace(analysed, axles=(bare,), findings=())])
     t, force = column(path, "/axle/1/force/reference", "values")
     assert t[0] == 0  # counts from the log's start
     assert len(force) == 52
     assert not batches(path, "/axle/1/force/truth")
-    rrd.write_result(path, replace(analysed, axles=(), findings=()))
+    rrd.write_results(path, [replace(analysed, axles=(), findings=())])
     empty = replace(axle, slip=np.full(50, np.nan))
-    rrd.write_result(path, replace(analysed, axles=(empty,)))
+    rrd.write_results(path, [replace(analysed, axles=(empty,))])
 
 
 def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
     monkeypatch.setattr(rows, "OVERVIEW", 100)
     path = tmp_path / "a.rrd"
-    rrd.write_result(path, result(1, 2000))
+    rrd.write_results(path, [result(1, 2000)])
     t, full = column(path, "/axle/1/force/estimates", "scalars")
     few_t, few = column(path, "/overview/axle/1/force/estimates", "scalars")
     assert len(full) == 2002
@@ -276,7 +276,7 @@ def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_comparison_lays_logs_over_one_another(tmp_path: Path) -> None:
     logs = [result(1, 60, name="a.csv"), result(1, 60, start=0, name="b odd/name.mcap")]
-    rrd.write_comparison(tmp_path / "c.rrd", logs)
+    rrd.write_results(tmp_path / "c.rrd", logs)
     first, _ = column(tmp_path / "c.rrd", "/a/axle/1/speed", "scalars")
     second, _ = column(tmp_path / "c.rrd", "/name/axle/1/speed", "scalars")
     np.testing.assert_array_equal(first, second)
@@ -289,7 +289,7 @@ def test_comparison_lays_logs_over_one_another(tmp_path: Path) -> None:
 
 def test_a_comparison_opens_on_all_logs_in_one_chart(tmp_path: Path) -> None:
     path, logs = tmp_path / "c.rrd", [result(2, 60, name="runs.csv"), result(1, 90, name="b.csv")]
-    rrd.write_comparison(path, logs)
+    rrd.write_results(path, logs)
     root = r"/runs\ \(2\)"  # as one of the logs has the name
     for chart, drawn in (
         ("speed", [a.record.wheel_speed * 3.6 * logs[0].vehicle.radius(1).value for a in (
@@ -331,7 +331,7 @@ def test_a_long_log_is_thinned_between_its_brakes(
     axle = replace(axle, applications=(where,), events=())
     path = tmp_path / "a.rrd"
     for full in (True, False):
-        rrd.write_result(path, replace(analysed, axles=(axle,)), full=full)
+        rrd.write_results(path, [replace(analysed, axles=(axle,))], full=full)
         at, drawn = column(path, "/axle/1/speed", "scalars")
         at += analysed.log.start_ns()
         if full:
@@ -364,7 +364,7 @@ def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:
         analysed, axles=(curved,), settings={**analysed.settings, "bands": stated}
     )  # fmt: skip
     path = tmp_path / "a.rrd"
-    rrd.write_result(path, made)
+    rrd.write_results(path, [made])
     t, edges = column(path, "/axle/1/slope/band", "scalars")
     assert edges.tolist() == [[-0.1, 0.4]] * 2
     assert t.tolist() == [
@@ -379,9 +379,9 @@ def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:
     ends = np.interp([0.02, 0.06], known, x)
     np.testing.assert_allclose(edges, ends, atol=0.5)
     made = replace(made, settings={**made.settings, "bands": {**stated, "slip_high": 0.9}})
-    rrd.write_result(path, made)
+    rrd.write_results(path, [made])
     assert len(static(path, "/axle/1/slip/band", "strips")) == 1  # the other lies outside
-    rrd.write_result(path, replace(analysed, axles=(curved,)))
+    rrd.write_results(path, [replace(analysed, axles=(curved,))])
     assert not batches(path, "/axle/1/slope/band")
     assert not batches(path, "/axle/1/slip/band", static=True)
 
@@ -394,7 +394,7 @@ def test_a_fitted_rail_is_drawn_among_the_points(tmp_path: Path) -> None:
     peak = Interval(0.03, 0.02, 0.05)
     rail = RailFit(law, (), (), {}, 0.05, peak, Interval(0.02, 0.01, 0.03), None, 12.0)
     made = replace(analysed, axles=(replace(axle, slip=slip),))
-    rrd.write_result(path, made, [("a note", rail)])
+    rrd.write_results(path, [made], [("a note", rail)])
     _, now = column(path, "/axle/1/slip/now", "positions")
     known = np.isfinite(axle.reference.force)
     x = np.poly1d(np.polyfit(slip[known], [point[0] for (point,) in now], 1))
@@ -426,7 +426,7 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     from rerun.experimental import ViewerClient
 
     recording = tmp_path / "a.rrd"
-    rrd.write_result(recording, result(2, 2000))
+    rrd.write_results(recording, [result(2, 2000)])
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -471,7 +471,7 @@ def test_scores_have_no_column_without_values(small: Path, tmp_path: Path) -> No
     (axle,) = analysed.axles
     known = tuple(replace(s, band_n=3.0, within=0.9, response_s=0.1) for s in axle.scores[:1])
     some = replace(axle, scores=(*known, *axle.scores[1:]))
-    rrd.write_result(tmp_path / "a.rrd", replace(analysed, axles=(some,)))
+    rrd.write_results(tmp_path / "a.rrd", [replace(analysed, axles=(some,))])
     every = heads(tmp_path / "a.rrd")
     assert [x for x in every if x in few] == few
     assert len(every) == len(few) + 3
@@ -484,7 +484,7 @@ def test_short_and_long_recordings_hold_the_same(
     """A long one is written bit by bit, without the footer that a short one has."""
     monkeypatch.setattr(parts, "_MOST_WAITING", most)
     path = tmp_path / "a.rrd"
-    rrd.write_result(path, result(1, 300))
+    rrd.write_results(path, [result(1, 300)])
     assert path.read_bytes().count(b"RRF2FOOT") == (most > 1000)
     with pytest.warns(RerunWarning) if most == 1000 else nullcontext():
         chunks = list(RrdReader(path).stream())
@@ -496,7 +496,7 @@ def test_the_first_tab_has_the_adhesion_coefficient_with_its_uncertainty(tmp_pat
     made = result(10, 400)
     summary = summarise(made, {})
     axles = summary.axles
-    rrd.write_result(tmp_path / "a.rrd", made, summary=summary)
+    rrd.write_results(tmp_path / "a.rrd", [made], summaries=[summary])
     (text,) = static(tmp_path / "a.rrd", "/summary", "text")
     mu = axles[0].applications[0].coefficient
     assert mu
@@ -519,7 +519,7 @@ def test_a_log_with_coordinates_has_a_map(small: Path, tmp_path: Path) -> None:
     )
     log = replace(analysed.log, channels=(*analysed.log.channels, *channels))
     path = tmp_path / "placed.rrd"
-    rrd.write_result(path, replace(analysed, log=log))
+    rrd.write_results(path, [replace(analysed, log=log)])
     (way,) = static(path, "/map/way", "strips")
     ends = np.array(way)[[0, -1]]
     assert ends[0, 1] > ends[1, 1]  # north is up, where y points down

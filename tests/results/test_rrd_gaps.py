@@ -60,7 +60,7 @@ def test_no_line_of_an_axle_crosses_a_gap(
 ) -> None:
     monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
     monkeypatch.setattr(rows, "OVERVIEW", most)
-    rrd.write_result(tmp_path / "a.rrd", gapped)
+    rrd.write_results(tmp_path / "a.rrd", [gapped])
     for root in {"", tab}:
         for entity, component in {**FORCES, "speed": "scalars", "braking": "scalars"}.items():
             assert_breaks(tmp_path / "a.rrd", f"{root}/axle/1/{entity}", component)
@@ -73,7 +73,7 @@ def test_no_line_crosses_a_gap_that_is_thinned(
     monkeypatch.setattr(thinning, "SAMPLE_INTERVAL", 2 * SECOND)
     (axle,) = gapped.axles
     bare = replace(gapped, axles=(replace(axle, applications=(), events=()),))
-    rrd.write_result(tmp_path / "a.rrd", bare)
+    rrd.write_results(tmp_path / "a.rrd", [bare])
     assert len(column(tmp_path / "a.rrd", "/axle/1/speed", "scalars")[0]) < 100
     for entity, component in {**FORCES, "speed": "scalars"}.items():
         assert_breaks(tmp_path / "a.rrd", f"/axle/1/{entity}", component)
@@ -83,7 +83,7 @@ def test_no_line_of_several_logs_crosses_a_gap(
     gapped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rows, "OVERVIEW", 100)
-    rrd.write_comparison(tmp_path / "c.rrd", [gapped, result(1, 60, name="b.csv")])
+    rrd.write_results(tmp_path / "c.rrd", [gapped, result(1, 60, name="b.csv")])
     for chart in ("speed", "force", "coefficient"):
         assert_breaks(tmp_path / "c.rrd", f"/runs/axle/1/{chart}/1")
 
@@ -94,7 +94,7 @@ def test_the_times_of_a_clock_set_back_are_lines_of_their_own(tmp_path: Path) ->
         t, rest = line.split(",", 1)
         lines.append(f"{float(t) - 3.0 * (float(t) >= 12.0):.3f},{rest}")
     made, path = analysed(tmp_path / "back.csv", lines), tmp_path / "a.rrd"
-    rrd.write_result(path, made)
+    rrd.write_results(path, [made])
     (axle,) = made.axles
     first, second = (slice(s.start, s.stop) for s in axle.record.segments)
     for entity in ("speed", "force/reference", "force/estimates"):

@@ -215,7 +215,7 @@ def test_one_application_says_less_than_many(
 def test_a_result_is_no_second_evidence(logs: list[Path], tmp_path: Path) -> None:
     stated = settings.Settings(vehicle=STATED)
     result = analyze.analyze(logs[0], stated, ["td"])
-    mcap.write_result(tmp_path / "log.adhesion.mcap", result, "{}")
+    mcap.write_results(tmp_path / "log.adhesion.mcap", [result], "{}")
     with pytest.raises(UserError, match=r"log\.adhesion\.mcap: a result"):
         calibrate.calibrate([tmp_path / "log.adhesion.mcap"], stated, lambda _: None)
 

@@ -160,7 +160,7 @@ def test_a_result_analysed_again_is_told_as_its_log_was(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", logged())
 
     first = analyze.analyze(path, settings.load(), ["leso"], train_speed=True)
-    mcap.write_result(tmp_path / "a.adhesion.mcap", first, "{}")
+    mcap.write_results(tmp_path / "a.adhesion.mcap", [first], "{}")
     again = analyze.analyze(
         tmp_path / "a.adhesion.mcap", settings.load(), ["leso"], train_speed=True
     )

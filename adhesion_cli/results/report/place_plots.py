@@ -69,13 +69,12 @@ def draw_map(fig: figure, run: ReportRun) -> dict[str, list[Any]]:
         items["slides"] = _draw_slides(fig, run, plane, slides)
     stops = [s for s in run.summary.stops if s.latitude is not None]
     if stops:
-        columns: dict[str, Sequence[Any]] = {
-            "at": [number(s.start_s, 1) for s in stops],
-            "km": [number(s.position_m and s.position_m / 1e3, 3) for s in stops],
-            "distance": [number(s.distance_m and s.distance_m.value, 1) for s in stops],
+        tips = {
+            "stop at": [f"{number(s.start_s, 1)} s" for s in stops],
+            "position": [f"{number(s.position_m and s.position_m / 1e3, 3)} km" for s in stops],
+            "distance": [f"{number(s.distance_m and s.distance_m.value, 1)} m" for s in stops],
         }
-        tips = {"stop at": "@at s", "position": "@km km", "distance": "@distance m"}
-        items["stops"] = _points(fig, plane, stops, columns, tips, palette.BLUE, 8)
+        items["stops"] = _points(fig, plane, stops, tips, palette.BLUE, 8)
     _label_kilometres(fig, run, plane)
     return items
 
@@ -90,36 +89,31 @@ def _draw_slides(
         places = run.route.coordinates.at(_times(run, seconds))
         places = places[np.isfinite(places).all(axis=1)]
         drawn.append(fig.line(*plane.at(places), color=palette.VERMILLION, line_width=6.0))
-    columns: dict[str, Sequence[Any]] = {
-        "axle": [str(axle) for axle, _ in slides],
-        "at": [number(x.start_s, 1) for _, x in slides],
-        "km": [number(x.position_km, 3) for _, x in slides],
-        "slip": [number(100.0 * min(x.max_slip, 1.0), 1) for _, x in slides],
-        "distance": [number(x.distance_m, 0) for _, x in slides],
-    }
+    of_slides = [x for _, x in slides]
     tips = {
-        "slide of axle": "@axle", "at": "@at s", "position": "@km km", "distance": "@distance m",
-        "largest slip": "@slip %",
-    }  # fmt: skip
-    places_of = [x for _, x in slides]
-    return drawn + _points(fig, plane, places_of, columns, tips, palette.VERMILLION, 7)
+        "slide of axle": [str(axle) for axle, _ in slides],
+        "at": [f"{number(x.start_s, 1)} s" for x in of_slides],
+        "position": [f"{number(x.position_km, 3)} km" for x in of_slides],
+        "distance": [f"{number(x.distance_m, 0)} m" for x in of_slides],
+        "largest slip": [f"{number(100.0 * min(x.max_slip, 1.0), 1)} %" for x in of_slides],
+    }
+    return drawn + _points(fig, plane, of_slides, tips, palette.VERMILLION, 7)
 
 
-def _points(  # noqa: PLR0913 (all that a point shows)
+def _points(
     fig: figure,
     plane: Plane,
     places: Iterable[Any],
-    columns: Mapping[str, Sequence[Any]],
-    tips: Mapping[str, str],
+    tips: Mapping[str, Sequence[str]],
     colour: str,
     size: int,
 ) -> list[Any]:
-    """Points with what the pointer shows of each."""
+    """Points with what the pointer shows of each, by its name."""
     east, north = plane.at(np.array([[x.latitude, x.longitude] for x in places]))
-    source = ColumnDataSource({"east": east, "north": north, **columns})
+    source = ColumnDataSource({"east": east, "north": north, **tips})
     style = {"size": size, "color": colour, "line_color": "white"}
     points = fig.scatter("east", "north", source=source, **style)
-    fig.add_tools(HoverTool(renderers=[points], tooltips=list(tips.items())))
+    fig.add_tools(HoverTool(renderers=[points], tooltips=[(name, f"@{{{name}}}") for name in tips]))
     return [points]
 
 

@@ -4,7 +4,7 @@ The MCAP is the record; a recording is a view of it that opens only in a neighbo
 viewer and can be made again. Everything is sent by columns.
 """
 
-from .results import write_comparison, write_result
+from .results import write_results
 from .stops import StopsPage, write_stops
 
-__all__ = ["StopsPage", "write_comparison", "write_result", "write_stops"]
+__all__ = ["StopsPage", "write_results", "write_stops"]

@@ -8,10 +8,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...core import physics
-from ...core.model import AxleResult, Floats, Log, Result
+from ...core.model import AxleResult, Floats, Result
 from ...core.text import distinct
 from ...rail.events import Slide
-from ...records.route import find_route
+from ...records.route import Route
 from .. import palette
 from ..slip_text import slide_row
 from ..train_stops import MANY_AXLES, group_numbers
@@ -29,11 +29,10 @@ def worst(slides: Sequence[Slide]) -> float:
     return max((x.max_slip for x in slides), default=0.0)
 
 
-def listed(slides: Slides, log: Log) -> str:
+def listed(slides: Slides, start_ns: int, route: Route) -> str:
     """Slides as Markdown, the deepest first, with the log's clock and places where it has them."""
     pairs = [(axle, slide) for axle, axle_slides in slides.items() for slide in axle_slides]
     pairs.sort(key=lambda pair: -pair[1].max_slip)
-    start_ns, route = log.start_ns(), find_route(log)
     rows = [slide_row(*pair, start_ns, route) for pair in pairs[:_LISTED_SLIDES]]
     table = parts.markdown_table(rows)
     if len(pairs) > _LISTED_SLIDES:

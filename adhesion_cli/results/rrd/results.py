@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -54,37 +55,32 @@ Note = tuple[str, fit.RailFit | None]
 _NO_NOTE: Note = "`adhesion slip` shows peak, rail and slides.", None
 
 
-def write_result(
+def write_results(
     path: Path,
-    result: Result,
+    results: Sequence[Result],
     notes: Sequence[Note] = (),
     full: bool = False,
-    summary: ResultSummary | None = None,
+    summaries: Sequence[ResultSummary] = (),
 ) -> None:
-    """Write one analysed log.
+    """Write analysed logs into one recording.
+
+    Several are laid over each other in the first tab, and each has its own tab. On the timeline
+    `brake`, which is then shown, time counts from each log's own brake start.
 
     Args:
         path: file to write; its old content is lost.
-        result: the analysed log.
-        notes: on the slip of each axle, with its rail; with them, slip is what is shown first.
+        results: the analysed logs.
+        notes: on the slip of each axle of one log, with its rail; with them, slip is shown first.
         full: whether a long log is drawn with every sample between its brake applications, too.
-        summary: of the log, for the tables of stops and brake applications.
+        summaries: of the logs, for the tables of stops and brake applications.
+
     Raises as `verified.verified`.
     """
-    _write(path, [_Page("", result, notes, full, summary)])
-
-
-def write_comparison(path: Path, results: Sequence[Result], full: bool = False) -> None:
-    """Write several analysed logs into one recording; a single one as `write_result`.
-
-    They are laid over each other in the first tab, and each has its own tab. On the timeline
-    `brake`, which is shown, time counts from each log's own brake start.
-    """
-    pairs = zip(drawable_names(names.logs(results)), results, strict=True)
-    _write(path, [_Page(name, result, (), full, None) for name, result in pairs])
-
-
-def _write(path: Path, pages: "list[_Page]") -> None:
+    names_of_logs = drawable_names(names.logs(results)) if len(results) > 1 else [""]
+    pages = [
+        _Page(name, result, notes, full, summary)
+        for name, result, summary in zip_longest(names_of_logs, results, summaries)
+    ]
     title = ", ".join(page.title for page in pages)
     identity = " ".join(page.result.log.sha256 for page in pages)
     if len(pages) == 1:
@@ -148,8 +144,7 @@ class _Page:
         slides = [x for of_axle in self.slides.values() for x in of_axle]
         line_map.send_map(rec, f"{self.root}/map", self.times, self.route, slides)
         self._send_lists(rec)
-        summary = _summary(self.result, self.title, self.slides, self.summary)
-        parts.send_text(rec, f"{self.root}/summary", summary)
+        parts.send_text(rec, f"{self.root}/summary", self._summary_text())
         about = _about(self.result, self.large, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
 
@@ -337,6 +332,33 @@ class _Page:
             data = rr.TextLog.columns(text=texts, level=levels)
             rec.send_columns(f"{self.root}{path}", self.times(np.array(times, np.int64)), data)
 
+    def _summary_text(self) -> str:
+        """Vehicle, stops, brake applications, slides, findings and scores as Markdown."""
+        result, tables = self.result, list[TitledTable]()
+        if self.summary:
+            cars = {axle.number: axle.car for axle in result.vehicle.axles}
+            tables = [*stop_table([self.summary]), *application_tables([self.summary], cars=cars)]
+        entries = [
+            f"- **{f.severity}** {parts.escape_markdown(f'{f.code}: {log_events.text(f)}')}"
+            for f in result.findings
+        ]
+        axles = self.summary.axles if self.summary else ()
+        lines = [
+            f"# {parts.escape_markdown(self.title)}\n",
+            describe_vehicle(summarise_vehicle(result.identified), axles),
+            *map(parts.titled, tables),
+            "\n## Each slide\n",
+            overview.listed(self.slides, result.log.start_ns(), self.route),
+            "\n## Findings\n",
+            *(entries or ["none"]),
+        ]
+        if len(result.axles) > MANY_AXLES:
+            pooled = pool_scores(axle.scores for axle in result.axles)
+            lines.append(f"\n## All axles\n\n{_scores(pooled)}")
+        else:
+            lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
+        return "\n".join(lines)
+
     # -- layout
 
     def layout(self) -> rrb.Container:
@@ -464,35 +486,6 @@ def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
 
 
 # ---- text
-
-
-def _summary(
-    result: Result, title: str, slides: overview.Slides, summary: ResultSummary | None
-) -> str:
-    axles = summary.axles if summary else ()
-    entries = [
-        f"- **{f.severity}** {parts.escape_markdown(f'{f.code}: {log_events.text(f)}')}"
-        for f in result.findings
-    ]
-    lines = [
-        f"# {parts.escape_markdown(title)}\n",
-        describe_vehicle(summarise_vehicle(result.identified), axles),
-        *(map(parts.titled, _tables(result, summary)) if summary else ()),
-        "\n## Slides\n",
-        overview.listed(slides, result.log),
-    ]
-    lines += ["\n## Findings\n", *(entries or ["none"])]
-    if len(result.axles) > MANY_AXLES:
-        pooled = pool_scores(axle.scores for axle in result.axles)
-        lines.append(f"\n## All axles\n\n{_scores(pooled)}")
-    else:
-        lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
-    return "\n".join(lines)
-
-
-def _tables(result: Result, summary: ResultSummary) -> list[TitledTable]:
-    cars = {axle.number: axle.car for axle in result.vehicle.axles}
-    return [*stop_table([summary]), *application_tables([summary], cars=cars)]
 
 
 _LINES = """

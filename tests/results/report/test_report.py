@@ -282,12 +282,12 @@ def test_what_is_no_result_is_refused_with_the_remedy(kind: str, tmp_path: Path)
     if kind == "log":
         mcap.write_log(path, made.log)
     elif kind == "comparison":
-        mcap.write_comparison(path, [made, made], embedded([summarise(made, {})]))
+        mcap.write_results(path, [made, made], embedded([summarise(made, {})]))
     elif kind == "older":
         of = as_json(summarise(made, {}))
         for axle in of["axles"]:
             axle["applications"] = [{"start_s": 0.0}]
-        mcap.write_result(path, made, dumps(tagged("result", results=[of])))
+        mcap.write_results(path, [made], dumps(tagged("result", results=[of])))
     else:
         written(path, made)
         path.write_bytes(path.read_bytes()[:-3000])
