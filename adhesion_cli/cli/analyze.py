@@ -98,7 +98,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
         print(dumps(result_document(list(entries))))
     else:
         shown = _Shown(shared.quiet, rows, scores, budget)
-        (_show if len(analysed) == 1 else _show_together)(analysed, summaries, shown)
+        _show(analysed, summaries, shown)
         results.show_failed([f for f in outcomes if isinstance(f, FailedLog)])
     code = results.finished(shared, written[-1][1], [f for r in analysed for f in r.findings])
     return 3 if len(successes) < len(outcomes) else code
@@ -128,40 +128,12 @@ class _Shown(NamedTuple):
 
 
 def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown) -> None:
-    """One log: brake applications, findings, scores, files."""
-    from ..results.vehicle_text import describe_vehicle
-    from . import applications, terminal
-
-    (result,), (summary,) = results, summaries
-    vehicle = terminal.folded(describe_vehicle(summary.vehicle, summary.axles))
-    head = f"{terminal.describe_log(summary)}\n{vehicle}"
-    tables = _tables(results, summaries, shown)
-    print(f"{head}\n\n{tables}\n", flush=True)
-    if shown.budget:
-        print(applications.budgets(summary.axles))
-    terminal.show(result.findings, shown.quiet)
-    _show_scores(results, summaries, shown)
-    print(terminal.wrote(*summary.outputs.values()))
-
-
-def _tables(
-    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown
-) -> str:
-    """Stops, brake applications and slides of all logs."""
+    """Tables, findings, scores, files; of several logs what they have in common once."""
     from ..results.application_tables import application_tables, stop_table
-
-    cars = {axle.number: axle.car for axle in results[0].vehicle.axles}
-    tables = [*stop_table(summaries), *application_tables(summaries, shown.rows, cars)]
-    return "\n\n".join(x.text() for x in tables)
-
-
-def _show_together(
-    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown
-) -> None:
-    """Several logs: what they have in common once, and one table."""
     from ..results.vehicle_text import describe_vehicle
     from . import applications, terminal
 
+    is_single = len(results) == 1
     findings = [
         (Path(r.log.path).name, [f for f in r.findings if f.code != "friction-differs"])
         for r in results
@@ -173,14 +145,22 @@ def _show_together(
     for summary in summaries:
         axles_by_vehicle.setdefault(summary.vehicle, []).extend(summary.axles)
     vehicles = dict.fromkeys(describe_vehicle(*pair) for pair in axles_by_vehicle.items())
-    print("\n".join(map(terminal.folded, [terminal.describe_logs(summaries), *vehicles])))
-    print(f"\n{_tables(results, summaries, shown)}\n", flush=True)
-    if shown.budget:
-        for summary in summaries:
-            print(f"{summary.log.path}:\n{applications.budgets(summary.axles)}")
-    terminal.show_of_logs(findings, shown.quiet)
+    logs = terminal.folded(terminal.describe_logs(summaries))
+    head = terminal.describe_log(summaries[0]) if is_single else logs
+    print("\n".join([head, *map(terminal.folded, vehicles)]))
+    cars = {axle.number: axle.car for axle in results[0].vehicle.axles}
+    tables = [*stop_table(summaries), *application_tables(summaries, shown.rows, cars)]
+    print("\n" + "\n\n".join(x.text() for x in tables) + "\n", flush=True)
+    for summary in summaries if shown.budget else ():
+        name = f"{summary.log.path}:\n" * (not is_single)
+        print(f"{name}{applications.budgets(summary.axles)}")
+    if is_single:
+        terminal.show(results[0].findings, shown.quiet)
+    else:
+        terminal.show_of_logs(findings, shown.quiet)
     _show_scores(results, summaries, shown)
-    print(terminal.wrote_sets([[*x.outputs.values()] for x in summaries]))
+    files = [[*x.outputs.values()] for x in summaries]
+    print(terminal.wrote(*files[0]) if is_single else terminal.wrote_sets(files))
 
 
 def _show_scores(
