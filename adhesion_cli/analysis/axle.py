@@ -85,10 +85,8 @@ def without_force(axle: AxleResult) -> AxleResult:
 def _is_drowned(reference: Reference, application: slice) -> bool:
     """Whether the force of a brake application is mostly smaller than its 95 % noise."""
     finite = np.isfinite(reference.force[application])
-    force, noise = (
-        np.abs(reference.force[application][finite]),
-        Z95 * reference.sigma[application][finite],
-    )
+    force = np.abs(reference.force[application][finite])
+    noise = Z95 * reference.sigma[application][finite]
     return bool(finite.any() and np.median(noise) > np.median(force))
 
 

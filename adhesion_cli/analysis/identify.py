@@ -28,7 +28,6 @@ from ..core.model import (
     AxleRecord,
     CarBrake,
     DifferingStop,
-    Floats,
     IdentifiedVehicle,
     LogBrake,
     Parameter,
@@ -38,7 +37,6 @@ from ..core.model import (
 )
 from ..core.physics import BAR, braked, clamping, force_line, piston_area, wheelset
 from ..formats.memory import Signals
-from ..records.axle_channels import AxleChannels
 from ..records.brake_applications import find_applications
 from ..reference import calibrated_vehicle
 from ..reference.calibrated_vehicle import Evidence, MeanBrake
@@ -46,7 +44,6 @@ from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.explain import explain
-from ..train.grid import Grid
 from ..train.mean_axle import mean_axle, move_axles
 from .prepare import AlignedLog, Window, align_log
 from .request import load_vehicle, open_log, read_log
@@ -144,14 +141,8 @@ def of_all_axles(
     moved = move_axles(vehicle, mean, identified.vehicle)
     if not vehicle.axles:
         return replace(identified, vehicle=moved)
-    forces = (
-        force and force_per_bar(v.of_axle(first))
-        for force, v in (
-            (identified.force_per_bar, moved),
-            (identified.stated_force_per_bar, vehicle),
-        )
-    )
-    used, stated = forces
+    used = identified.force_per_bar and force_per_bar(moved.of_axle(first))
+    stated = identified.stated_force_per_bar and force_per_bar(vehicle.of_axle(first))
     return replace(identified, vehicle=moved, force_per_bar=used, stated_force_per_bar=stated)
 
 
@@ -199,13 +190,7 @@ def find_prior(
         source = "stated" if vehicle != Vehicle() else source
         return IdentifiedVehicle(vehicle, source, force, force), {}
     prior = IdentifiedVehicle(vehicle, source, force, force)
-    rotating = _rotating_share(vehicle, settings.stated)
-    lines = {
-        i: line
-        for i, log in enumerate(logs)
-        if log.grids
-        and (line := find_brake_line(*_axles_and_grid(log), rotating, _by_motors(log, settings)))
-    }
+    lines = {i: line for i, log in enumerate(logs) if (line := _find_line(log, settings))}
     mixed = tuple(logs[i].path for i, line in lines.items() if line.mixed)
     if mixed and len(mixed) < len(lines):  # the others show the brake without another one
         lines = {i: line for i, line in lines.items() if not line.mixed}
@@ -242,10 +227,7 @@ def find_log_brake(log: AlignedLog, settings: Settings) -> LogBrake | None:
     (log,), mean = as_equal_axles([log.clamped_by(settings.vehicle)], settings)
     settings = replace(settings, vehicle=mean)
     vehicle, setting = settings.vehicle, _setting([log], settings)
-    rotating = _rotating_share(vehicle, settings.stated)
-    if not log.grids:
-        return None
-    line = find_brake_line(*_axles_and_grid(log), rotating, _by_motors(log, settings))
+    line = _find_line(log, settings)
     if not line or line.mixed or len(_kinds([log])) > 1:
         return None
     ratio = math.exp(min(_error(vehicle, line, setting), _LARGEST_LN))
@@ -253,18 +235,15 @@ def find_log_brake(log: AlignedLog, settings: Settings) -> LogBrake | None:
     return LogBrake(per_bar, ratio, line.sigma, pressure, line.speed)
 
 
-def _axles_and_grid(log: AlignedLog) -> tuple[Sequence[AxleChannels], Grid]:
-    assert log.grids is not None
-    return log.axles, log.grids.coarse
-
-
-def _by_motors(log: AlignedLog, settings: Settings) -> tuple[Floats, Floats] | None:
-    """The deceleration by the motors' force; None where the mass that it slows is not stated."""
-    axles, grid = _axles_and_grid(log)
-    if grid.motors is not None and "axle_mass" not in settings.stated:
+def _find_line(log: AlignedLog, settings: Settings) -> BrakeLine | None:
+    """The line of a log, less the force of motors where the mass that it slows is stated."""
+    if not log.grids:
         return None
-    share = settings.train.braked_share(settings.vehicle, len(axles))
-    return pieces.motor_deceleration(grid, settings.vehicle, axles, share)
+    grid, axles, vehicle, by_motors = log.grids.coarse, log.axles, settings.vehicle, None
+    if grid.motors is None or "axle_mass" in settings.stated:
+        share = settings.train.braked_share(vehicle, len(axles))
+        by_motors = pieces.motor_deceleration(grid, vehicle, axles, share)
+    return find_brake_line(axles, grid, _rotating_share(vehicle, settings.stated), by_motors)
 
 
 def _differing_stops(log: AlignedLog, line: BrakeLine) -> tuple[DifferingStop, ...]:
@@ -449,10 +428,8 @@ def _posterior(
         designs = pieces.join_designs([e.design for e in rolling if e.design], vehicle)
         delay = max(abs(e.delay) for e in rolling)
         parameters = calibrated_vehicle.prior(designs, vehicle, delay, setting.train)
-        posterior, brake_point = (
-            solve.joint(designs, parameters),
-            calibrated_vehicle.mean_brake(designs),
-        )
+        posterior = solve.joint(designs, parameters)
+        brake_point = calibrated_vehicle.mean_brake(designs)
         calibrated = calibrated_vehicle.calibrate_vehicle(
             vehicle, logs[0].axles[0].record, brake_point, parameters, posterior, len(designs)
         ).vehicle

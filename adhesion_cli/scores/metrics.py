@@ -176,10 +176,8 @@ def ripple(c: EstimateAndTarget) -> float | None:
         half_width = (
             max(_RIPPLE / 2.0, 2.0 * float(np.median(np.diff(t)))) if len(t) > 5 else math.inf
         )
-        start, stop = (
-            np.searchsorted(t, t - half_width),
-            np.searchsorted(t, t + half_width, side="right"),
-        )
+        start = np.searchsorted(t, t - half_width)
+        stop = np.searchsorted(t, t + half_width, side="right")
         sums = np.concatenate([[0.0], np.cumsum(error)])
         quick = error - (sums[stop] - sums[start]) / (stop - start)
         inside = (t - half_width >= t[0]) & (t + half_width <= t[-1])

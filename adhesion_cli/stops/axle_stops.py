@@ -40,11 +40,8 @@ def axle_stops(
         source: Literal["valves", "pressure"] | None = None
         if axle in signals.valves:
             valve = signals.valves[axle].cut(command, braking.stop)
-            actions, source, vented = (
-                len(true_runs(valve.value > _SWITCHED_ON)),
-                "valves",
-                on_time(valve),
-            )
+            actions, source = len(true_runs(valve.value > _SWITCHED_ON)), "valves"
+            vented = on_time(valve)
         elif axle in signals.brakes:
             actions, source = _releases(signals.brakes[axle], braking), "pressure"
         row = AxleStop(axle, slip, locked, longest, actions, bands)

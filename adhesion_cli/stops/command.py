@@ -72,12 +72,8 @@ def _first_rise(brake: TimeSeries, start: float) -> tuple[float, float] | None:
 
 def _deceleration_begin(speed: TimeSeries, start: float) -> float:
     """Where the deceleration begins that is clear at `start` [s]: lines before and after meet."""
-    rolling_window, braking_window = (
-        speed.cut(start - 4.0, start - 1.0),
-        speed.cut(start + 0.5, start + 3.0),
-    )
     lines = []
-    for window in (rolling_window, braking_window):
+    for window in (speed.cut(start - 4.0, start - 1.0), speed.cut(start + 0.5, start + 3.0)):
         finite = np.isfinite(window.value)
         if finite.sum() < 3:
             return start

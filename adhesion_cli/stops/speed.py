@@ -117,8 +117,6 @@ def local_polynomial(x: Floats, window: int, degree: int, derivative: int = 0) -
         return terms @ fit[derivative:]
 
     middle = np.convolve(x, weights_at(np.zeros(1))[0][::-1], "valid")
-    first_values, last_values = (
-        weights_at(place[:half_width]) @ x[:window],
-        weights_at(place[half_width + 1 :]) @ x[-window:],
-    )
+    first_values = weights_at(place[:half_width]) @ x[:window]
+    last_values = weights_at(place[half_width + 1 :]) @ x[-window:]
     return np.concatenate([first_values, middle, last_values])

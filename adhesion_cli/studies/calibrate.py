@@ -270,11 +270,8 @@ def _check_agreement(
     log_to_log = (1.0 + 1.0 / (len(designs) - 1)) * reference.LOG_TO_LOG[model.SCALE] ** 2
     worst = (0.0, 0, 0.0, 0.0)
     for i, (d, mean, information) in enumerate(zip(designs, means, informations, strict=True)):
-        C, D, g = (
-            np.linalg.inv(information),
-            np.linalg.inv(total - information + P),
-            reference.mean_brake([d]).gradient,
-        )
+        C, D = np.linalg.inv(information), np.linalg.inv(total - information + P)
+        g = reference.mean_brake([d]).gradient
         difference = float(g @ (mean - D @ (pull - information @ mean)))
         variance = float(g @ (C + D - C @ P @ D - D @ P @ C) @ g) + log_to_log
         worst = max(
@@ -391,10 +388,8 @@ def _decelerations(
             slopes(y) for y in (loss_stated, loss_calibrated)
         )
         share = np.bincount(piece[samples], minlength=len(d.size)) / len(samples)
-        by_brake, brake_covariance = (
-            np.array(gradient_stated)[of_brake],
-            fitted_log.prior_covariance[np.ix_(of_brake, of_brake)],
-        )
+        by_brake = np.array(gradient_stated)[of_brake]
+        brake_covariance = fitted_log.prior_covariance[np.ix_(of_brake, of_brake)]
         rows.append(
             ApplicationDeceleration(
                 u.log.path,

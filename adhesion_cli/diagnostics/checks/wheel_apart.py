@@ -45,10 +45,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         if len(s.axles) < 3:
             return
         released_all = np.all([erode(K <= 0.0, g.half_width) for K in g.clamping], axis=0)
-        reference, of_train = (
-            np.where(released_all, np.median(g.rim, axis=0), np.nan),
-            "the other axles",
-        )
+        reference = np.where(released_all, np.median(g.rim, axis=0), np.nan)
+        of_train = "the other axles"
     for i, a in enumerate(s.axles):
         released = erode(g.clamping[i] <= 0.0, 2 * g.half_width)  # a wheel that slid has caught up
         delay_error = max(g.step, a.record.train_speed_interval) * np.abs(g.slope(reference))

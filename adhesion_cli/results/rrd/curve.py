@@ -116,10 +116,8 @@ def _send_fit(rec: rr.RecordingStream, path: str, frame: _Frame, fitted: Fitted)
     slip = np.geomspace(1e-4, frame.slip_max, 200)
     mu = fit.curve(rail.best, rail.speed, slip, fitted.vehicle)
     inside = frame.contains(slip, mu)
-    strips, note = (
-        [frame.place(slip[inside], mu[inside])],
-        f", orange: fit at {3.6 * rail.speed:.0f} km/h",
-    )
+    strips = [frame.place(slip[inside], mu[inside])]
+    note = f", orange: fit at {3.6 * rail.speed:.0f} km/h"
     if rail.peak_slip and rail.peak_mu:
         peak_range = np.clip(np.array(rail.peak_slip), frame.slip_min, frame.slip_max)
         height = np.full(3, min(max(rail.peak_mu.value, frame.mu_min), frame.mu_max))

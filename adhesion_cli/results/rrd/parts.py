@@ -22,11 +22,8 @@ from ..text_tables import TitledTable
 from ..verified import verified
 from .glyphs import drawable
 
-REFERENCE, TRUTH, TRAIN = (
-    palette.rgba(palette.LIGHT),
-    palette.rgba(palette.YELLOW),
-    palette.rgba(palette.LIGHT),
-)
+REFERENCE = TRAIN = palette.rgba(palette.LIGHT)
+TRUTH = palette.rgba(palette.YELLOW)
 WHEEL = PRESSURE = palette.rgba(palette.SKY)
 CLAMPING = SLOPE = palette.rgba(palette.ORANGE)
 _CELL = 200  # letters of a setting that are shown; the result file has all
