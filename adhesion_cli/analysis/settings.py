@@ -392,16 +392,14 @@ def _same_kind(a: Tables, b: Tables) -> bool:
     """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
     if stated_friction.replaces(a, b):
         return False
-    kinds = {(_of_all_axles(x), _of_each_axle(x)) for x in (a, b)}
+    kinds = {
+        (
+            bool({"channel", "unit"} & x.keys()),
+            any("channel" in entry for entry in x.values() if isinstance(entry, dict)),
+        )
+        for x in (a, b)
+    }
     return kinds != {(True, False), (False, True)}
-
-
-def _of_all_axles(table: Tables) -> bool:
-    return bool({"channel", "unit"} & table.keys())
-
-
-def _of_each_axle(table: Tables) -> bool:
-    return any("channel" in entry for entry in table.values() if isinstance(entry, dict))
 
 
 def _normalise_names(layer: Tables) -> Table:

@@ -86,7 +86,8 @@ def command(  # noqa: PLR0913 (one parameter per option)
     options = {flag: getattr(shared, name) for flag, name in (_OF_LOGS | _OF_FILES).items()}
     options |= {"--from-log": from_log, "--rails": rails, "--seed": seed, "--seeds": seeds}
     settings: Stated = load_settings(shared).overrides
-    idle = [flag for flag in _IDLE[mode] if _has_value(options[flag])]
+    stated = {flag for flag, x in options.items() if x not in (None, []) and x is not False}
+    idle = [flag for flag in _IDLE[mode] if flag in stated]
     idle += [] if from_log else _idle_settings(shared, settings)
     if idle:
         text = f"{', '.join(idle)}: no effect with {mode}"
@@ -101,10 +102,6 @@ def command(  # noqa: PLR0913 (one parameter per option)
     if rails:
         return _on_rails(shared, Path(scenario), case, seeds or 10, algo, settings)
     return _on_own_rail(shared, Path(scenario), case, seed, algo, settings)
-
-
-def _has_value(value: object) -> bool:
-    return value not in (None, []) and value is not False
 
 
 def _idle_settings(shared: Shared, settings: "Stated") -> list[str]:

@@ -186,9 +186,8 @@ def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, s
         name, factor = _named(x.quantity)
         change = _pair(factor * x.value, factor * x.u95)
         differs = "yes" if x.distinguishable else "not distinguishable"
-        rows.append({"from": x.from_group, "to": x.to_group, "quantity": name, "change": change})
-        rows[-1]["[%]"] = number(100.0 * x.share, 1)
-        rows[-1]["differs"] = differs
+        row = {"from": x.from_group, "to": x.to_group, "quantity": name, "change": change}
+        rows.append(row | {"[%]": number(100.0 * x.share, 1), "differs": differs})
     return rows
 
 
@@ -272,16 +271,13 @@ def _budget_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
         for c in s.stop.budget
         if abs(c.distance_m) > 0.0
     }
-    return [
-        {"stop": str(i), "group": s.group}
-        | {head: number(_distance_error(s.stop, source), 2) for source, head in sources.items()}
-        for i, s in enumerate(stops, 1)
-        if s.stop.valid
-    ]
-
-
-def _distance_error(stop: StopSummary, source: str) -> float | None:
-    return next((c.distance_m for c in stop.budget if c.source == source), None)
+    rows = []
+    for i, s in enumerate(stops, 1):
+        if s.stop.valid:
+            errors = {c.source: c.distance_m for c in s.stop.budget}
+            cells = {head: number(errors.get(x), 2) for x, head in sources.items()}
+            rows.append({"stop": str(i), "group": s.group} | cells)
+    return rows
 
 
 def _named(quantity: str) -> tuple[str, float]:

@@ -18,7 +18,7 @@ from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import IdentifiedVehicle, Log, LogBrake
-from ..core.summary import FailedLog, StopSummary, summarise_finding
+from ..core.summary import FailedLog, summarise_finding
 from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from ..results.geojson import MapOfLog, map_of_log
 from ..results.report.protocol import Protocol
@@ -98,7 +98,10 @@ def run(
             findings += its_findings
             runs.append(GroupedRun(str(path), brake))
             maps.append(map_)
-            stops += (_series_stop(path, group, stop) for stop in map_.stops)
+            label = group.label or None if group else None
+            for stop in map_.stops:
+                name = group.name if group else f"{stop.nominal_speed_kmh:g} km/h"
+                stops.append(SeriesStop(str(path), name, label, stop))
         findings = [*find_friction_differs(runs, group_by_friction(runs), by_name=True), *findings]
     groups = group_stops(stops)
     wsp: tuple[WspSummary, ...] = ()
@@ -153,11 +156,6 @@ def _map(
         return map_of_log(log, stops, ()), log.findings, None
     summary = summarise(result, {})
     return map_of_log(result.log, summary.stops, summary.axles), result.findings, result.brake
-
-
-def _series_stop(path: Path, group: PlannedGroup | None, stop: StopSummary) -> SeriesStop:
-    name = group.name if group else f"{stop.nominal_speed_kmh:g} km/h"
-    return SeriesStop(str(path), name, group.label or None if group else None, stop)
 
 
 def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protocol:
