@@ -11,6 +11,7 @@ from ..core.physics import G, wheelset
 from ..core.summary import AxleStop, BrakeApplication, Measured, StopSummary
 from ..rail.locks import locks_of_axle
 from ..records.route import find_route
+from ..reference.brake_work import brake_work, motor_share
 from ..stops.find import find_brakings
 from ..stops.measure import ToLevel, measure_stop
 from ..stops.settings import StopSettings
@@ -37,7 +38,8 @@ def stops_of_result(
     stops = _measured(signals, result.vehicle, settings, gradient, result.log.start_ns())
     by_axle = list(applications)
     placed = (_with_adhesion(stop, by_axle) for stop in _placed(stops, result.log))
-    return tuple(_with_slides(stop, result, by_axle, settings) for stop in placed)
+    stops_with_slides = (_with_slides(stop, result, by_axle, settings) for stop in placed)
+    return tuple(replace(stop, ed_share=_ed_share(stop, result)) for stop in stops_with_slides)
 
 
 def stops_of_log(
@@ -110,6 +112,23 @@ def _with_adhesion(
                 error += shared * a.coefficient.mean_u95  # one vehicle: its errors are common
     coefficient = Measured(total / seconds, *[error / seconds] * 2) if seconds else None
     return replace(stop, coefficient=coefficient, slides=slides, max_slip=max(slips, default=None))
+
+
+def _ed_share(stop: StopSummary, result: Result) -> Measured | None:
+    """The share of the ED brake in the work of the brakes of all axles."""
+    has_motors = any(axle.record.motor_clamping is not None for axle in result.axles)
+    if not has_motors or stop.coefficient is None:  # or the friction brake is not known
+        return None
+    start_ns, works = result.log.start_ns(), []
+    bounds = [start_ns + round(1e9 * x) for x in (stop.start_s, stop.end_s)]
+    for axle in result.axles:
+        t = axle.record.t
+        pieces = []
+        for s in axle.record.segments:
+            first, last = s.start + np.searchsorted(t[s], bounds)
+            pieces += [slice(int(first), int(last))] if last - first > 1 else []
+        works.append(brake_work(axle.record, result.vehicle, pieces))
+    return motor_share(works, result.vehicle)
 
 
 def _with_slides(

@@ -93,6 +93,16 @@ class SlideSummary(NamedTuple):
     longitude: Annotated[Number, Quantity("°", "east positive, at its begin")] = None
 
 
+class Measured(NamedTuple):
+    """A measured quantity with its expanded uncertainty (95 %)."""
+
+    value: Annotated[float, Quantity("", "measured value")]
+    u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
+    common_u95: Annotated[
+        float, Quantity("", "the part of it that is the same in every stop of a series")
+    ] = 0.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrakeApplication:
     """One brake application of one axle."""
@@ -148,6 +158,9 @@ class BrakeApplication:
     ] = None
     latitude: Annotated[Number, Quantity("°", "north positive, at the start")] = None
     longitude: Annotated[Number, Quantity("°", "east positive, at the start")] = None
+    ed_share: Annotated[
+        Measured | None, Quantity("-", "share of the ED brake in the brake work; null without one")
+    ] = None
 
     @property
     def kilometre(self) -> float | None:
@@ -156,16 +169,6 @@ class BrakeApplication:
 
 
 CommandSource = Literal["channel", "brake_pipe", "pressure", "deceleration"]
-
-
-class Measured(NamedTuple):
-    """A measured quantity with its expanded uncertainty (95 %)."""
-
-    value: Annotated[float, Quantity("", "measured value")]
-    u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
-    common_u95: Annotated[
-        float, Quantity("", "the part of it that is the same in every stop of a series")
-    ] = 0.0
 
 
 class AxleStop(NamedTuple):
@@ -286,6 +289,10 @@ class StopSummary:
     sanding_s: Annotated[Number, Quantity("s", "time of sanding; null without its channel")] = None
     reservoir_drop_pa: Annotated[
         Number, Quantity("Pa", "fall of the reservoir's pressure; null without its channel")
+    ] = None
+    ed_share: Annotated[
+        Measured | None,
+        Quantity("-", "share of the ED brake in the brake work of all axles; null without one"),
     ] = None
     axles: tuple[AxleStop, ...] = ()
     budget: tuple[StopContribution, ...] = ()

@@ -22,6 +22,7 @@ from ..core.summary import (
 )
 from ..records.route import NOWHERE, Route
 from ..reference import budget
+from ..reference.brake_work import brake_work, motor_share
 from . import fit, rail_under_slides, sliding
 from .events import Slide
 from .locks import Lock, LockLimits, locks_of_axle
@@ -87,6 +88,8 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     energies = [x.energy for x in slides if x.energy is not None]
     rail = rails.get(slides[0].start) if slides else None
     utilisation = rail.utilisation if rail else None
+    has_motor = force is not None and record.motor_clamping is not None
+    work = brake_work(record, vehicle, pieces) if has_motor else None
     return BrakeApplication(
         axle=record.axle,
         start_s=(int(record.t[samples.start]) - log_start) / 1e9,
@@ -114,6 +117,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         position_from=route.position_from,
         latitude=place.latitude,
         longitude=place.longitude,
+        ed_share=work and motor_share([work], vehicle),
     )
 
 

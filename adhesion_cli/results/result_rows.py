@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from ..core.model import Score
 from ..core.summary import BrakeApplication, Contribution
 from ..core.text import by_uncertainty
-from .text_tables import DASH, bounded_number, non_empty, number, when_and_where
+from .text_tables import DASH, ED, bounded_number, non_empty, number, when_and_where
 
 MARK = "*"  # behind a µ without the force of another brake that acts
 OF_MARK = "*: without the force of another brake that acts (`other-brake`)."
@@ -29,7 +29,14 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "µ max": _with_u95(mu and (mu.max, mu.max_u95), 1.0, 3),
         "F [kN]": _with_u95(force and (force.mean, force.mean_u95), 1e-3),
         "Fmax [kN]": _with_u95(force and (force.max, force.max_u95), 1e-3),
+        **ed_cell(a),
     }
+
+
+def ed_cell(a: BrakeApplication) -> dict[str, str]:
+    """The column of the ED brake, where one acts."""
+    share = a.ed_share
+    return {ED: _with_u95((share.value, share.u95), 100.0, 0)} if share else {}
 
 
 def _with_u95(pair: tuple[float, float] | None, factor: float, digits: int | None = None) -> str:

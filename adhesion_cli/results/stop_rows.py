@@ -17,7 +17,7 @@ from ..stops.series import (
     WspSummary,
     braked_weight_percentage,
 )
-from .text_tables import TitledTable, number, when_and_where
+from .text_tables import ED, TitledTable, number, when_and_where
 
 NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
@@ -53,6 +53,7 @@ _COMMAND = {
 _SPEED = {"train": "the train speed", "axles": "the axles: no train speed is logged"}
 
 
+OF_ED = "ED: share of the electrodynamic brake in the brake work; the air brake has the rest."
 SHORT = (
     "at [s]",
     "clock",
@@ -63,6 +64,7 @@ SHORT = (
     "a equiv.",
     "response [s]",
     "level [m]",
+    ED,
 )
 
 
@@ -86,6 +88,7 @@ def stop_row(s: StopSummary) -> dict[str, str]:
         "jerk [m/s³]": with_u95(s.jerk, 1.0, 2),
         "level [m]": with_u95(s.corrected_distance_m, 1.0, 1),
         "µ": with_u95(s.coefficient, 1.0, 3),
+        **({ED: with_u95(s.ed_share, 100.0, 0)} if s.ed_share else {}),
     }
 
 
@@ -101,7 +104,8 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     commands = " or ".join(_COMMAND[x] for x in dict.fromkeys(s.command_from for s in stops))
     speeds = " or ".join(_SPEED[x] for x in dict.fromkeys(s.speed_from for s in stops))
     nominal = " or ".join(f"{v:g}" for v in dict.fromkeys(s.nominal_speed_kmh for s in stops))
-    return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h."
+    ed = f" {OF_ED}" if any(s.ed_share for s in stops) else ""
+    return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h.{ed}"
 
 
 def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[TitledTable]:

@@ -10,6 +10,7 @@ from ..core.text import printable
 
 NARROW = 80  # columns where there is no terminal, and in a recording
 DASH = "-"  # where a number is not known
+ED = "ED [%]"  # the column of the share of the ED brake
 _TEXT = 16  # columns that a text keeps
 
 

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.blended import RADIUS, VEHICLE, Blended, blended
+from helpers.blended import PHI, PISTON, RADIUS, RATIO, SPRING, VEHICLE, Blended, blended
 
 from adhesion_cli.analysis import analyze as run
 from adhesion_cli.analysis.settings import load, tree
+from adhesion_cli.analysis.stops_of_log import stops_of_result
 from adhesion_cli.analysis.summarise import brake_applications
 from adhesion_cli.core import toml
 from adhesion_cli.core.errors import UserError
@@ -188,3 +189,35 @@ def test_the_statements_of_a_force_survive_a_settings_file() -> None:
     assert (mapping.axles, mapping.arm, mapping.tolerance) == ((1, 2), 0.4, 0.0)
     written = {"channels": tree(stated, [])["channels"]}
     assert load(written, folder=False).mappings == stated.mappings
+
+
+def test_the_share_of_the_ed_brake_is_that_of_its_work(tmp_path: Path) -> None:
+    log = blended(ed_share=MOTOR_BOGIE)
+    forces = {f"ED force axle {axle} [kN]": log.ed[axle - 1] / 1e3 for axle in (1, 2, 3, 4)}
+    result = analyzed(log.write(tmp_path / "x.csv", forces))
+    friction = RATIO * PHI * np.maximum(PISTON * 1e5 * log.pressure - SPRING, 0.0)
+
+    def true_share(axles: slice, start: float, stop: float) -> float:
+        inside = (log.t >= start) & (log.t <= stop)
+        works = [float(np.sum((x[axles] * log.v)[:, inside])) for x in (log.ed, friction)]
+        return works[0] / sum(works)
+
+    applications = brake_applications(result)
+    stops = stops_of_result(result, applications.values())
+    assert len(stops) == len(log.stops)
+    for stop in stops:
+        assert stop.ed_share is not None
+        true = true_share(slice(0, 4), stop.start_s, stop.end_s)
+        assert abs(stop.ed_share.value - true) < min(stop.ed_share.u95, 0.05)
+    for a in applications[1]:
+        assert a.ed_share is not None
+        true = true_share(slice(0, 1), a.start_s, a.end_s)
+        assert abs(a.ed_share.value - true) < min(a.ed_share.u95, 0.05)
+    assert all(a.ed_share is None for a in applications[3])  # no motor
+
+
+def test_without_a_motor_there_is_no_share_of_it(tmp_path: Path) -> None:
+    result = analyzed(blended(ed_part=0.0).write(tmp_path / "x.csv", {}))
+    (stop, *_) = stops_of_result(result, brake_applications(result).values())
+    assert stop.coefficient is not None
+    assert stop.ed_share is None

@@ -9,7 +9,7 @@ from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, Me
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
 from ..result_rows import OF_MARK as OF_MARK
-from ..result_rows import marked
+from ..result_rows import ed_cell, marked
 from ..stop_rows import NOTE, OF_PRESSURE
 from ..stop_rows import describe_sources as describe_sources
 from ..stop_rows import stop_row as train_stop_row
@@ -253,6 +253,7 @@ def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
         "Adhesion coefficient, mean": _mean(a.coefficient, 1.0, 3) + marked(a),
         "highest": _highest(a.coefficient),
         "Force, mean [kN]": _mean(a.force_n, 1e-3, 2),
+        **ed_cell(a),
         "Slides": str(a.slides) if a.slides or _is_observed(axle, a) else "?",
         "Sliding for [s]": if_slid(number(a.slide_s, 1)),
         "Most slip [%]": if_slid(percent(min(a.max_slip or 0.0, 1.0), 1)),
