@@ -62,10 +62,29 @@ def _xlsx(path: Path, options: ReadOptions) -> Source:
     return open_workbook(path, options)
 
 
-def _famos(path: Path, _: ReadOptions) -> Source:
-    """Its library gives wrong values for sound files, and no error; see docs/howto/my-log.md."""
-    hint = "export it from FAMOS as CSV, MDF 4 or TDMS"
-    raise UserError(f"{path}: an imc FAMOS log, which cannot be read", hint)
+def _mat(path: Path, options: ReadOptions) -> Source:
+    from .mat import open_mat
+
+    return open_mat(path, options)
+
+
+@dataclass(frozen=True, slots=True)
+class _Unread:
+    """A known format that is not read: its name for people, and what to do."""
+
+    description: str
+    hint: str
+
+    def open(self, path: Path, _: ReadOptions) -> Source:
+        """Refuses a log.
+
+        Raises:
+            UserError: always.
+        """
+        raise UserError(f"{path}: {self.description}, which cannot be read", self.hint)
+
+
+_TO_MCAP = "convert it to MCAP with JSON, protobuf or ROS 2 messages"
 
 
 _MF4 = Library("mf4", "MDF", ("asammdf",), "mf4")
@@ -79,6 +98,10 @@ def _mdf(path: Path, options: ReadOptions) -> Source:
             if data.find(b"CAN_DataFrame") >= 0:
                 return _CAN.open(path, options)
     return _MF4.open(path, options)
+
+
+def _unread(kind: str, begins: bytes, description: str, hint: str) -> Format:
+    return Format(kind, re.compile(begins), (), _Unread(description, hint).open)
 
 
 FORMATS = (
@@ -105,7 +128,19 @@ FORMATS = (
         (".blf", ".trc"),
         _CAN.open,
     ),
-    Format("famos", re.compile(rb"\|CF,"), (), _famos),
+    Format("mat", re.compile(rb"MATLAB \d"), (".mat",), _mat),
+    # Its library gives wrong values for sound files, and no error; see docs/howto/my-log.md.
+    _unread("famos", rb"\|CF,", "an imc FAMOS log", "export it from FAMOS as CSV, MDF 4 or TDMS"),
+    _unread("tdm", rb"(?s)\s*(<\?xml.{,300}?)?<usi:tdm", "a DIAdem TDM log", "save it as TDMS"),
+    _unread("rosbag", rb"#ROSBAG", "a ROS 1 bag", _TO_MCAP),
+    _unread("rosbag2", rb"SQLite format 3", "an SQLite file, as a ROS 2 bag is", _TO_MCAP),
+    _unread("hdf5", rb"\x89HDF", "an HDF5 file", "export the channels as CSV, Parquet or MDF 4"),
+    _unread(
+        "influx",
+        rb"#group,|#datatype,|[^\s,=]+(,[^\s,=]+=[^\s,=]+)* [^\s,=]+=[^\n]* \d{16,19}\n",
+        "an export of InfluxDB",
+        "export it as CSV with a column for each field, as pivot() gives it",
+    ),
 )
 
 

@@ -1,18 +1,24 @@
 """Parquet logs: a column per channel, its unit in the field's metadata."""
 
+import ast
+import re
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from ..core import toml
+from ..core import toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.text import distinct
 from . import time_columns
-from .source import Field, ReadOptions
+from .as_text import open_text
+from .csv.clock import Clock
+from .csv.header_words import speaks_of_time, time_name, time_unit
+from .source import Field, ReadOptions, Source
 from .tables import Columns, Contents, TableSamples, TableSource
 from .time_columns import HEAD
 
@@ -21,13 +27,61 @@ _READ_ERRORS = (pa.ArrowException, OSError, ValueError)  # of damaged files
 _UNIT_KEYS = (b"unit", b"units", b"Unit", b"Units")  # of a field's metadata
 
 
-def open_parquet(path: Path, options: ReadOptions) -> TableSource:
-    """Opens a Parquet log.
+_MOST_ELEMENTS = 64  # of a list, of which each is a channel
+
+
+class _Column(NamedTuple):
+    """A column of the file, or a field of a structure in it, or an element of its lists."""
+
+    root: str  # column of the file
+    name: str  # its own, distinct from others
+    title: str
+    path: str  # place in a list: "[0]"; "" without one
+    unit: str
+    type: Any
+
+
+class _Axis(NamedTuple):
+    """The time of some columns, and the columns that hold it."""
+
+    clock: Clock
+    times: tuple[_Column, ...]
+
+
+def open_parquet(path: Path, options: ReadOptions) -> Source:
+    """Opens a Parquet log; rows of several signals or devices are read as those of a text log.
 
     Raises:
         UserError: where the file is damaged or cut off, or no column is a time.
     """
-    return TableSource(path, "parquet", options, Reader(path, options))
+    try:
+        reader = Reader(path, options)
+    except _TimeError:
+        with suppress(UserError):
+            return open_text("parquet", path, _write_text, options)
+        raise
+    if reader.repeats_times and not options.group_channel:
+        with suppress(UserError):
+            text = open_text("parquet", path, _write_text, options)
+            if text.keys.columns:
+                return text
+    return TableSource(path, "parquet", options, reader)
+
+
+class _TimeError(UserError):
+    """No column is the time of all others."""
+
+
+def _write_text(path: Path, text: Path) -> None:
+    """Writes the columns of a file as a text log."""
+    import pyarrow.csv
+
+    file = _open_file(path)
+    arrays = _flat(file.read())
+    columns, _ = _columns(file.schema_arrow, arrays)
+    names = [f"{c.title}{c.path}" + (f" [{c.unit}]" if c.unit else "") for c in columns]
+    table = pa.Table.from_arrays([arrays[c.name] for c in columns], names)
+    pyarrow.csv.write_csv(table, text)
 
 
 class Reader:
@@ -41,41 +95,67 @@ class Reader:
             raise _damaged(path, _first_line(error)) from None
         schema, meta = self._file.schema_arrow, self._file.metadata
         self._rows = meta.num_rows
-        columns = [i for i, f in enumerate(schema) if _is_scalar(f.type)]
-        self._names = [schema.names[i] for i in columns]
         if len(set(schema.names)) < len(schema.names):
             raise UserError(
                 f"{path}: two columns have the same name", "give each column a name of its own"
             )
         self._check_size(2)
-        units = [_unit(schema.field(i)) for i in columns]
-        heads = self._heads()
-        self._clock, findings = time_columns.find(heads, units, self._rows, options, path)
-        self._device = _device(self._names, options, path)
-        time = self._clock.columns
-        numeric = [
-            k for k, i in enumerate(columns) if k not in time and _is_number(schema.field(i).type)
-        ]
-        self._numbers = [self._names[k] for k in numeric]
-        titles = distinct([name or "(no name)" for name in self._numbers])
+        head = self._head()
+        self._columns, nested = _columns(schema, head)
+        scalar = [c for c in self._columns if not c.path]
+        self._device = _device([c.title for c in scalar], options, path)
+        groups, findings = [scalar], tuple[Finding, ...]()
+        try:
+            first, findings = self._axis(scalar, head, options)
+            axes = [first]
+        except UserError as error:
+            groups = _paired(self._columns)
+            if len(groups) < 2 or options.time_channel:
+                raise _TimeError(error.text, error.hint, error.code) from error
+            axes = [self._axis(group, head, options)[0] for group in groups]
+        self._axes = axes
+        times, _ = time_columns.times([head[c.name] for c in axes[0].times], axes[0].clock)
+        # Rows of several signals or devices, which a column of texts tells apart.
+        self.repeats_times = len(times) > 1.5 * len(set(times.tolist()))
+        time_names = {c.name for axis in axes for c in axis.times}
+        numbers = [c for c in self._columns if c.name not in time_names and _is_number(c.type)]
+        of_group = {c.name: k for k, group in enumerate(groups) for c in group}
+        self._numbers = [(c, of_group.get(c.name, 0)) for c in numbers]
+        if nested:
+            names = {"columns": ", ".join(nested[:6])}
+            findings = (*findings, Finding("nested-columns", "info", "", len(nested), names=names))
         fields = [
-            Field(title, unit=units[k], unit_from="field metadata" if units[k] else "")
-            for title, k in zip(titles, numeric, strict=True)
+            Field(c.title, path=c.path, unit=c.unit, unit_from="field metadata" if c.unit else "")
+            for c in numbers
         ]
-        start = 2**62 if self._clock.absolute else 0  # only whether it has one counts
-        skipped = [n for n in schema.names if n not in {self._names[k] for k in (*time, *numeric)}]
-        kind = schema.field(columns[time[0]]).type
+        clock = axes[0].clock
+        start = 2**62 if clock.absolute else 0  # only whether it has one counts
+        used = {c.root for c in self._columns if c.name in time_names or c in numbers}
+        skipped = [name for name in schema.names if name not in used]
         reasons = {
             "columns": len(schema.names),
             "row groups": meta.num_row_groups,
             "written by": meta.created_by or "",
-            "time column": str(kind),
+            "time column": str(axes[0].times[0].type),
             "not numeric": ", ".join(skipped),
         }
-        reason = self._clock.reason.replace("(units row)", "(field metadata)")
+        reason = clock.reason.replace("(units row)", "(field metadata)")
         self.contents = Contents(
             fields, start, reason, self._rows, reasons, findings=list(findings)
         )
+
+    def _axis(
+        self, columns: Sequence[_Column], head: dict[str, pa.Array], options: ReadOptions
+    ) -> tuple[_Axis, tuple[Finding, ...]]:
+        """The time among these columns, and what there is to say of it.
+
+        Raises:
+            UserError: where none is a time, or several are.
+        """
+        scalar = [c for c in columns if not c.path]
+        heads, unit_texts = {c.title: head[c.name] for c in scalar}, [c.unit for c in scalar]
+        clock, findings = time_columns.find(heads, unit_texts, self._rows, options, self._path)
+        return _Axis(clock, tuple(scalar[i] for i in clock.columns)), findings
 
     def _check_size(self, columns: int) -> None:
         """Refuses a file that says it holds much more than it can.
@@ -91,38 +171,50 @@ class Reader:
                 "write the file again with the program that made it",
             )
 
-    def _heads(self) -> dict[str, pa.Array]:
-        """The first values of each column."""
+    def _head(self) -> dict[str, pa.Array]:
+        """The first values of each column, structures and lists taken apart."""
         try:
-            head = next(self._file.iter_batches(HEAD, columns=self._names), None)
+            head = next(self._file.iter_batches(HEAD), None)
+            table = pa.Table.from_batches([head] if head else [], self._file.schema_arrow)
+            return _flat(table)
         except _READ_ERRORS as error:
             raise _damaged(self._path, _first_line(error)) from None
-        head = head or self._file.schema_arrow.empty_table()
-        return {name: head.column(name) for name in self._names}
 
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""
-        names = [self._numbers[i] for i in wanted]
-        times = [self._names[i] for i in self._clock.columns]
-        self._check_size(len(names) + len(times))
+        columns = [self._numbers[i] for i in wanted]
+        axes = list(dict.fromkeys(k for _, k in columns))
+        times = [c for k in axes for c in self._axes[k].times]
+        self._check_size(len(columns) + len(times))
         device, equals = self._device or ("", "")
-        arrays = self._arrays({*names, *times, *([device] if device else [])})
-        t, ok = time_columns.times([arrays[name] for name in times], self._clock)
-        findings = []
-        if untimed := int(np.count_nonzero(~ok)):
-            findings.append(Finding("time-unreadable", "warning", "", untimed))
+        keys = [c for c in self._columns if device and c.title == device and not c.path]
+        arrays = self._arrays({c.root for c in (*(c for c, _ in columns), *times, *keys)})
+        is_device = np.ones(self._rows, np.bool_)
         if device:
-            cells = arrays[device].cast(pa.string()).to_pylist()
-            ok &= np.array([cell == equals for cell in cells], np.bool_)
-            if not ok.any():
+            cells = arrays[keys[0].name].cast(pa.string()).to_pylist()
+            is_device = np.array([cell == equals for cell in cells], np.bool_)
+            if not is_device.any():
                 text = f"{self._path}: no row has {equals!r} in column {device!r}"
                 raise UserError(text, "state a value of this column in channels.group")
+        stamps, rows, findings = [], {}, []
+        for k in axes:
+            clock, columns_of_time = self._axes[k]
+            t, ok = time_columns.times([arrays[c.name] for c in columns_of_time], clock)
+            used = is_device
+            if len(self._axes) > 1:  # a pair that is shorter than others has empty rows
+                own = [arrays[c.name].is_valid() for c, axis in columns if axis == k]
+                used = is_device & np.any([ok, *map(np.asarray, own)], axis=0)
+            if untimed := int(np.count_nonzero(used & ~ok)):
+                findings.append(Finding("time-unreadable", "warning", "", untimed))
+            rows[k] = used & ok
+            stamps.append(t[rows[k]])
         series = []
-        for name in names:
-            value = arrays[name].cast(pa.float64(), safe=False).fill_null(np.nan)
-            null = np.asarray(arrays[name].is_null())
-            series.append(TableSamples(0, np.asarray(value)[ok], {"value-missing": null[ok]}))
-        return Columns([t[ok]], series, findings)
+        for column, k in columns:
+            array = arrays.get(column.name, pa.nulls(self._rows, pa.float64()))
+            value = array.cast(pa.float64(), safe=False).fill_null(np.nan)
+            masks = {"value-missing": np.asarray(array.is_null())[rows[k]]}
+            series.append(TableSamples(axes.index(k), np.asarray(value)[rows[k]], masks))
+        return Columns(stamps, series, findings)
 
     def _arrays(self, names: Collection[str]) -> dict[str, pa.Array]:
         """Whole columns, each as one array.
@@ -133,9 +225,84 @@ class Reader:
         try:
             table = self._file.read(list(names))
             table.validate(full=True)
+            return _flat(table)
         except _READ_ERRORS as error:
             raise _damaged(self._path, _first_line(error)) from None
-        return {name: table.column(name).combine_chunks() for name in names}
+
+
+def _flat(table: Any) -> dict[str, pa.Array]:
+    """Each column as one array, by name: fields of structures and elements of lists, too.
+
+    A list that is shorter than others of its column has nulls behind its end.
+    """
+    import pyarrow.compute as pc
+
+    while any(pa.types.is_struct(f.type) for f in table.schema):
+        table = table.flatten()
+    arrays = {}
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        array = column.combine_chunks()
+        if not _is_list(array.type):
+            arrays[name] = array
+            continue
+        longest = pc.max(pc.list_value_length(array)).as_py() or 0
+        if 0 < longest <= _MOST_ELEMENTS:
+            padded = pc.list_slice(array, 0, longest, return_fixed_size_list=True)
+            arrays |= {f"{name}[{k}]": pc.list_element(padded, k) for k in range(longest)}
+    return arrays
+
+
+def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_Column], list[str]]:
+    """The columns that hold one value in a row; and the names of those that are not read."""
+    fields, root_of = list(schema), {f.name: f.name for f in schema}
+    while any(pa.types.is_struct(f.type) for f in fields):
+        flat: list[Any] = []
+        for f in fields:
+            parts = f.flatten() if pa.types.is_struct(f.type) else [f]
+            root_of |= {part.name: root_of[f.name] for part in parts}
+            flat += parts
+        fields = flat
+    columns, nested = [], []
+    for f, title in zip(
+        fields, distinct([_pair(f.name)[0] or "(no name)" for f in fields]), strict=True
+    ):
+        unit = _unit(f) or _pair(f.name)[1]
+        if _is_scalar(f.type):
+            columns.append(_Column(root_of[f.name], f.name, title, "", unit, f.type))
+        elif _is_list(f.type) and _is_number(f.type.value_type) and f"{f.name}[0]" in arrays:
+            count = sum(name.rpartition("[")[0] == f.name for name in arrays)
+            columns += [
+                _Column(root_of[f.name], f"{f.name}[{k}]", title, f"[{k}]", unit, f.type.value_type)
+                for k in range(count)
+            ]
+        else:
+            nested.append(f.name)
+    return columns, nested
+
+
+def _paired(columns: Sequence[_Column]) -> list[list[_Column]]:
+    """The columns in groups, where each begins with a time of its own; none where they do not."""
+    groups: list[list[_Column]] = []
+    for c in columns:
+        if not c.path and (time_name(c.title) or speaks_of_time(c.title) or time_unit(c.unit)):
+            groups.append([])
+        if not groups:
+            return []
+        groups[-1].append(c)
+    return groups if all(len(group) > 1 for group in groups) else []
+
+
+def _pair(name: str) -> tuple[str, str]:
+    """The name and the unit of a column that is called by a pair of texts, as pandas writes them.
+
+    >>> _pair("('BC pressure', 'bar')"), _pair("('axle 1', 'speed')")
+    (('BC pressure', 'bar'), ('axle 1 speed', ''))
+    """
+    if not re.fullmatch(r"\(('[^']*'(, )?)+\)", name):
+        return name, ""
+    *parts, last = ast.literal_eval(name)
+    unit = last if parts and (units.unit(last) or units.rare_unit(last) or not last) else ""
+    return " ".join(part for part in (*parts, *([] if unit else [last])) if part), unit
 
 
 def _device(names: Sequence[str], options: ReadOptions, path: Path) -> tuple[str, str] | None:
@@ -187,6 +354,11 @@ def _is_scalar(kind: Any) -> bool:
     types = pa.types
     text = types.is_string(kind) or types.is_large_string(kind) or types.is_dictionary(kind)
     return _is_number(kind) or types.is_temporal(kind) or text
+
+
+def _is_list(kind: Any) -> bool:
+    types = pa.types
+    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
 
 
 def _is_number(kind: Any) -> bool:

@@ -82,7 +82,8 @@ class TableSource:
             hint = "check that the logger recorded anything"
             cause = contents.findings[0] if contents.findings else None
             text = f"{path}: the log holds no numbers over time"
-            text += f": {cause.channel} {cause.message}".removesuffix(".") if cause else ""
+            name = f"{cause.channel!r}: " if cause and cause.channel else ""
+            text += f"; {name}{cause.message}".removesuffix(".") if cause else ""
             raise UserError(text, (cause and cause.hint) or hint)
         self.path, self.format, self._options, self._reader = path, kind, options, reader
         self.absolute, self.time_reason = contents.absolute, contents.time_reason

@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from adhesion_cli.channels.log import needed
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats import time_columns
 from adhesion_cli.formats.open import open_source
@@ -135,8 +136,12 @@ def test_rows_of_several_devices(tmp_path: Path) -> None:
     speed = np.where(device == "A", 70 - t, 20 + t)
     table = {"time [s]": t, "device": device, "speed [km/h]": speed, "p [bar]": speed / 10}
     pq.write_table(pa.table(table), path, row_group_size=150)
-    [finding] = [f for f in open_source(path, ReadOptions()).findings if f.severity == "warning"]
-    assert (finding.code, finding.channel) == ("devices-interleaved", "device")
+    source = open_source(path, ReadOptions())  # as in a text log, each device has its series
+    assert [(f.channel, f.group) for f in source.fields] == [
+        (name, group) for group in "AB" for name in ("speed [km/h]", "p [bar]")
+    ]
+    assert source.format == "parquet"
+    assert np.allclose(source.columns(source.fields)[2].value, speed[1::2])
     source = open_source(path, ReadOptions(group_channel="device", group_equals="B"))
     column, _ = source.columns(source.fields)
     assert np.array_equal(column.value, speed[1::2])
@@ -154,3 +159,79 @@ def test_a_name_that_is_no_text_is_an_error(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"speed", b"sp\xff\xfed"))
     with pytest.raises(UserError, match="the name of a column is not UTF-8"):
         open_source(path, ReadOptions())
+
+
+P, V = np.linspace(0, 3, N), np.linspace(72, 60, N)
+
+
+def columns(path: Path, table: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+    """The columns of a written table by title, and the source."""
+    pq.write_table(pa.table(table), path, row_group_size=150)
+    source = open_source(path, ReadOptions())
+    found = source.columns(source.fields)
+    return {f.channel + f.path: c for f, c in zip(source.fields, found, strict=True)}, source
+
+
+def test_structures_and_lists(tmp_path: Path) -> None:
+    inner = [{"bogie": {"p_bar": p, "axles_kmh": [v, v - 1.0]}} for p, v in zip(P, V, strict=True)]
+    inner[7]["bogie"]["axles_kmh"] = [V[7]]  # one is missing
+    inner[8]["bogie"] = None
+    table = {"time_s": SECONDS, "car": inner, "tags": [[("a", "b")]] * N, "long": [[1.0] * 100] * N}
+    found, source = columns(tmp_path / "a.parquet", table)
+    assert list(found) == ["car.bogie.p_bar", "car.bogie.axles_kmh[0]", "car.bogie.axles_kmh[1]"]
+    assert np.allclose(found["car.bogie.axles_kmh[1]"].value[:7], V[:7] - 1.0)
+    assert np.flatnonzero(~found["car.bogie.axles_kmh[1]"].valid).tolist() == [7, 8]
+    assert np.flatnonzero(~found["car.bogie.p_bar"].valid).tolist() == [8]
+    [finding] = [f for f in source.findings if f.code == "nested-columns"]
+    assert finding.names["columns"] == "tags, long"
+    meant, _ = needed(source, ())
+    assert [(m.meaning, m.axle, m.unit) for m in meant] == [
+        ("pressure", None, "bar"), ("wheel_speed", 1, "kmh"), ("wheel_speed", 2, "kmh")
+    ]  # fmt: skip
+
+
+def test_nested_columns_alone_are_the_reason(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="Nested columns are not read: axles"):
+        columns(tmp_path / "a.parquet", {"time_s": SECONDS, "axles": [[{"v": 1.0}]] * N})
+
+
+@pytest.mark.parametrize("unit", ["bar", "", "10 kPa"])
+def test_names_that_are_pairs_of_texts(tmp_path: Path, unit: str) -> None:
+    names = ("t", "s"), ("BC pressure", unit), ("axle 1", "speed")
+    table = dict(zip(map(str, names), (SECONDS, P, V), strict=True))
+    found, source = columns(tmp_path / "a.parquet", table)
+    assert list(found) == ["BC pressure", "axle 1 speed"]
+    assert [f.unit for f in source.fields] == [unit, ""]
+
+
+@pytest.mark.parametrize("key", ["signal", "name", "channel"])
+@pytest.mark.parametrize("with_unit", [False, True])
+def test_long_tables(tmp_path: Path, key: str, with_unit: bool) -> None:
+    names = ("BC pressure", "wheel speed") if with_unit else ("p [bar]", "v [km/h]")
+    table = {
+        "time_s": np.repeat(SECONDS, 2),
+        key: list(names) * N,
+        "value": np.column_stack([P, V]).ravel(),
+    }
+    if with_unit:
+        table["unit"] = ["bar", "km/h"] * N
+    found, source = columns(tmp_path / "a.parquet", table)
+    assert list(found) == list(names)
+    assert np.allclose(found[names[1]].value, V)
+    if with_unit:
+        assert [f.unit for f in source.fields] == ["bar", "km/h"]
+
+
+@pytest.mark.parametrize("names", [("t_p", "t_v"), ("time 1", "time 2"), ("Time [s]", "Zeit [ms]")])
+def test_pairs_of_time_and_channel(tmp_path: Path, names: tuple[str, str]) -> None:
+    slow = np.full(N, np.nan)
+    slow[: N // 5] = SECONDS[::5]
+    scale = 1e3 if "ms" in names[1] else 1.0
+    p = pa.array(np.where(np.isnan(slow), 0.0, P), mask=np.isnan(slow))
+    table = {names[0]: pa.array(slow, mask=np.isnan(slow)), "p [bar]": p}
+    table |= {names[1]: scale * (SECONDS + 0.5), "v [km/h]": V, "w [km/h]": V}
+    found, source = columns(tmp_path / "a.parquet", table)
+    assert np.allclose(found["p [bar]"].t, SECONDS[::5] * 1e9)
+    assert np.allclose(found["v [km/h]"].t, (SECONDS + 0.5) * 1e9)
+    assert found["v [km/h]"].t is found["w [km/h]"].t
+    assert not [f for f in source.findings if f.severity != "info"]

@@ -4,9 +4,11 @@ Blocks are UTF-8 with line feeds, also where the file is UTF-16 or GBK, is compr
 carriage returns. So the parser sees one form, and lines can be counted.
 """
 
+import bz2
 import codecs
 import gzip
 import io
+import lzma
 import re
 import zlib
 from collections.abc import Iterator
@@ -22,6 +24,12 @@ from .dialect import HEAD_BYTES, Dialect, plain, split
 
 _BLOCK = 1 << 20  # it stays in a processor's cache; smaller ones make threads wait for each other
 MAX_LINE = 16 << 20
+# What packed files begin with, and who unpacks them.
+_UNPACKERS: dict[bytes, Any] = {
+    b"\x1f\x8b": lambda file: gzip.GzipFile(fileobj=file),
+    b"\xfd7zXZ\0": lzma.LZMAFile,
+    b"BZh": bz2.BZ2File,
+}
 _TAIL = 1 << 14  # bytes that hold the last rows
 
 
@@ -111,13 +119,13 @@ class Lines:
     dialect: Dialect
     max_inflated: int
     is_unfinished: bool = False  # the last line has no line end
-    damage: str = ""  # of gzip; the rows before it are read
+    damage: str = ""  # of a packed file; the rows before it are read
 
     def blocks(self) -> Iterator[LineBlock]:
         """The rows in blocks, in order.
 
         Raises:
-            UserError: where a line has no end, or gzip inflates too far.
+            UserError: where a line has no end, or the file inflates too far.
         """
         splitter = Splitter(self.path, self.dialect, self.dialect.first_line - 1)
         yield from filter(None, map(splitter.add, self._bytes()))
@@ -126,7 +134,7 @@ class Lines:
             yield block
 
     def _bytes(self) -> Iterator[bytes]:
-        compressed, total = is_gzip(self.path), 0
+        compressed, total = _unpacker(self.path), 0
         with open_file(self.path) as file:
             file.read(self.dialect.bom)
             while chunk := file.read(_BLOCK):
@@ -142,10 +150,10 @@ class Lines:
 
 
 class _Unpacked(io.RawIOBase):
-    """What a gzip file holds before its end, or before its damage."""
+    """What a packed file holds before its end, or before its damage."""
 
-    def __init__(self, packed: BinaryIO) -> None:
-        self._file = gzip.GzipFile(fileobj=packed)
+    def __init__(self, packed: BinaryIO, unpacker: Any) -> None:
+        self._file = unpacker(packed)
         self.damage = ""
 
     def readable(self) -> bool:
@@ -154,7 +162,7 @@ class _Unpacked(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         try:
             data = b"" if self.damage else self._file.read1(len(buffer))
-        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        except (EOFError, OSError, lzma.LZMAError, zlib.error) as error:
             self.damage, data = str(error), b""
         buffer[: len(data)] = data
         return len(data)
@@ -165,10 +173,11 @@ def damage_of(file: io.BufferedReader) -> str:
     return getattr(file.raw, "damage", "")
 
 
-def is_gzip(path: Path) -> bool:
-    """Whether the file is gzip by its first bytes."""
+def _unpacker(path: Path) -> Any:
+    """What unpacks the file, by its first bytes; None where it is not packed."""
     with path.open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
+        head = file.read(6)
+    return next((x for begin, x in _UNPACKERS.items() if head.startswith(begin)), None)
 
 
 @contextmanager
@@ -184,7 +193,8 @@ def open_file(path: Path) -> Iterator[io.BufferedReader]:
             hint = "check the path"
             raise UserError(f"{path}: {'no such file' if missing else 'is not a file'}", hint)
         with path.open("rb") as raw:
-            yield io.BufferedReader(_Unpacked(raw), _BLOCK) if is_gzip(path) else raw
+            unpack = _unpacker(path)
+            yield io.BufferedReader(_Unpacked(raw, unpack), _BLOCK) if unpack else raw
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}", "check the path") from None
 
@@ -199,11 +209,11 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
         head = file.read(HEAD_BYTES + 1)
         damage = damage_of(file)
     if damage and not head.strip():
-        raise UserError(f"{path}: gzip data are damaged: {damage}", "fetch the file again")
+        raise UserError(f"{path}: packed data are damaged: {damage}", "fetch the file again")
     if not head.strip():
         raise UserError(f"{path}: is empty", "give a log with a header and data rows")
     complete = len(head) <= HEAD_BYTES
-    size = float(path.stat().st_size) * (4 if is_gzip(path) else 1)  # usual for numbers
+    size = float(path.stat().st_size) * (4 if _unpacker(path) else 1)  # usual for numbers
     return head[:HEAD_BYTES], complete, len(head) if complete else size
 
 
@@ -211,7 +221,7 @@ def read_tail(path: Path, dialect: Dialect) -> list[list[str]]:
     """Cells of the last rows; of a gzip file after reading all of it."""
     tail = b""
     with open_file(path) as file:
-        if not is_gzip(path):
+        if not _unpacker(path):
             size = path.stat().st_size - dialect.bom
             file.seek(dialect.bom + max(0, size - _TAIL) // 4 * 4)  # whole characters of UTF-16
         while chunk := file.read(_BLOCK):

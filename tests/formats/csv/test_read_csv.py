@@ -855,7 +855,7 @@ def test_damaged_gzip_is_read_up_to_the_damage(log, rows, damage):
 
 
 def test_gzip_without_a_whole_byte_is_refused(log):
-    with pytest.raises(UserError, match="gzip data are damaged"):
+    with pytest.raises(UserError, match="packed data are damaged"):
         read(log, gzip.compress(PLAIN.encode())[:8])
 
 

@@ -1,0 +1,80 @@
+"""MATLAB files of version 5, by scipy: variables of one length become columns of a text log.
+
+A structure gives its fields, a matrix its columns. Files of version 7.3 are HDF5 and are not read.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.errors import UserError
+from .as_text import TextSource, open_text
+from .csv.header_words import time_name
+from .isolated import Library
+from .source import ReadOptions
+
+_LIBRARY = Library("mat", "MATLAB", (), "")
+_MOST_COLUMNS = 64  # of a matrix
+
+
+def open_mat(path: Path, options: ReadOptions) -> TextSource:
+    """Opens a MATLAB file as a log.
+
+    Raises:
+        UserError: where it cannot be read, or holds no numbers over time.
+    """
+    return open_text("mat", path, lambda path, text: _LIBRARY.call(path, write_text, text), options)
+
+
+def write_text(path: Path, text: Path) -> None:
+    """Writes the variables as columns; those of the time's length, else of the usual one.
+
+    Raises:
+        UserError: where there are none.
+    """
+    from scipy.io import loadmat
+
+    with path.open("rb") as file:
+        version = file.read(10)
+    if version == b"MATLAB 7.3":
+        raise UserError(
+            f"{path}: a MATLAB file of version 7.3 (HDF5), which is not read",
+            "save it in MATLAB with the option -v7",
+        )
+    variables = loadmat(path, simplify_cells=True)
+    columns = {
+        k: x for name, x in variables.items() if name[:2] != "__" for k, x in _columns(name, x)
+    }
+    lengths = Counter(len(x) for x in columns.values() if len(x) > 1)
+    times = [len(x) for name, x in columns.items() if time_name(name.split(".")[-1])]
+    length = next((n for n in times if n > 1), lengths.most_common(1)[0][0] if lengths else 0)
+    names = [name for name, x in columns.items() if len(x) == length]
+    if not length or len(names) < 2:
+        found = ", ".join(f"{name} ({len(x)})" for name, x in list(columns.items())[:12]) or "none"
+        raise UserError(
+            f"{path}: no two variables of numbers have one length (variables: {found})",
+            "save the time and the channels as vectors of one length",
+        )
+    table = np.column_stack([columns[name] for name in names])
+    quoted = ",".join('"' + name.replace('"', "'") + '"' for name in names)
+    np.savetxt(text, table, "%.17g", ",", header=quoted, comments="", encoding="utf-8")
+
+
+def _columns(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """The columns of numbers that a variable holds, by name."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _columns(f"{name}.{key}".lstrip("."), inner)
+        return
+    array = np.atleast_1d(value)
+    if array.dtype.kind not in "biuf" or array.ndim > 2:
+        return
+    if array.ndim == 1:
+        yield name, array.astype(np.float64)
+    elif min(array.shape) <= _MOST_COLUMNS:
+        matrix = array if array.shape[0] > array.shape[1] else array.T
+        for k in range(matrix.shape[1]):
+            yield f"{name}_{k + 1}", matrix[:, k].astype(np.float64)
