@@ -95,7 +95,8 @@ def _on_one_clock(
     train = axles[0].train
     if train is None:
         return axles, []
-    delay, offset = clock.compare_clocks(g, axles[0].record.train_speed_interval)
+    interval_s = axles[0].record.train_speed_interval
+    delay, offset = clock.compare_clocks(g, interval_s, _resolution(train))
     values = {}
     if offset is not None:
         values = {"offset_mps": offset.value, "offset_u95_mps": Z95 * offset.tolerance}
@@ -115,6 +116,12 @@ def _on_one_clock(
         _shifted(a, delay) if a.train and _same_samples(a.train, train) else a for a in axles
     ]
     return shifted_axles, findings
+
+
+def _resolution(channel: Channel) -> float:
+    """The least step between two values of a channel [m/s]; of one without steps, it is tiny."""
+    levels = np.unique(np.round(channel.data.value, 6))
+    return float(np.diff(levels).min(initial=math.inf))
 
 
 def _clock_findings(

@@ -100,12 +100,13 @@ class _LikeliestClock(NamedTuple):
     clear: bool  # no other is nearly as likely
 
 
-def compare_clocks(g: Grid, interval: float) -> ClockOffset:
+def compare_clocks(g: Grid, interval: float, resolution: float = 0.0) -> ClockOffset:
     """Delay of the train speed, negative where it is early, and its offset.
 
     Args:
         g: all axles on one time axis, with the train speed.
         interval: of the train speed's own samples [s].
+        resolution: of its values [m/s]; an offset within it is none, as of whole miles per hour.
     """
     train = g.train
     if train is None or np.isfinite(train).sum() < 2 * FEWEST:
@@ -129,10 +130,11 @@ def compare_clocks(g: Grid, interval: float) -> ClockOffset:
     clear_delay = delay.value if delay and delay.clear else None
     if offset is None or abs(offset.value.value) < _CERTAIN * offset.value.tolerance:
         return ClockOffset(clear_delay)
+    sure_offset = offset.value if abs(offset.value.value) > resolution else None
     if delay is None or _CLEAR_RATIO * offset.loss < delay.loss:
-        return ClockOffset(None, offset.value if offset.clear else None)
+        return ClockOffset(None, sure_offset if offset.clear else None)
     both_fit = clear_delay and _CLEAR_RATIO * delay.loss > offset.loss
-    return ClockOffset(clear_delay, offset.value if both_fit else None)
+    return ClockOffset(clear_delay, sure_offset if both_fit else None)
 
 
 def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -> _ClockSamples:

@@ -2,9 +2,16 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers import simulated
 from helpers.diagnosed import clean, found
+
+from adhesion_cli.analysis.prepare import prepare
+from adhesion_cli.channels.log import read
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.formats.open import open_source
+from adhesion_cli.formats.source import ReadOptions
 
 
 @pytest.mark.parametrize("seconds", [-2.0, -1.0, 1.0, 1.8])
@@ -29,6 +36,22 @@ def test_a_train_speeds_offset_is_no_other_clock(name: str, plus: float, tmp_pat
     assert (offset.code, offset.severity) == ("train-speed-offset", "warning")
     measured, doubt = offset.values["offset_mps"], offset.values["offset_u95_mps"]
     assert measured == pytest.approx(plus, abs=doubt)
+
+
+@pytest.mark.parametrize("seed", [5, 12])
+def test_whole_miles_per_hour_once_a_second_are_no_offset(seed: int, tmp_path: Path) -> None:
+    rng, t, path = np.random.default_rng(seed), np.arange(0.0, 40.0, 0.1), tmp_path / "log.csv"
+    p = 3.0 * np.clip(np.minimum((t - 3.0) / 1.5, (24.0 - t) / 1.5), 0.0, 1.0)
+    v = 25.0 - np.cumsum(rng.uniform(0.25, 0.4) * p) * 0.1
+    miles = np.round(v / 0.44704)[np.arange(len(t)) // 10 * 10]
+    rows = (
+        f"{a:.1f},{b:.2f},{3.6 * c + rng.normal(0.0, 0.03):.2f},{d:.0f}\n"
+        for a, b, c, d in zip(t, p, v, miles, strict=True)
+    )
+    head = "time [s],BC pressure [bar],wheel speed [km/h],train speed [mph]\n"
+    path.write_text(head + "".join(rows))
+    log = read(open_source(path, ReadOptions()), (), Vehicle())
+    assert not [f for f in prepare(log, Vehicle()).findings if f.code == "train-speed-offset"]
 
 
 @pytest.mark.parametrize("way", ["late", "offset"])

@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import wild_logs
+from helpers.pasted import pasted
 from helpers.wild_logs import KINDS, ROWS, P, T
 
+from adhesion_cli.analysis import settings
+from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.time_axis import clean
 from adhesion_cli.core.units import in_name, unit
 from adhesion_cli.formats.csv.reader import open_csv
@@ -37,3 +40,59 @@ def test_each_kind_of_log_gives_the_same_samples(tmp_path: Path, kind: str) -> N
         assert len(axis.data.t) == ROWS, log.text[:300]
         assert np.abs((axis.data.t - axis.data.t[0]) / 1e9 - T).max() <= log.apart_s
         assert np.abs(axis.data.value * known.factor / 1e5 - P).max() <= log.pressure_bar
+
+
+HINTED = {  # logs that are refused, with a hint to paste; what it makes of them
+    "steps of 1": ("time", 1.0, 20_000),
+    "steps of 1000": ("time", 1000.0, 60_000),
+    "beyond 2060": ("t [s]", 10.0, 3_000),
+    "a column without a name for it": ("run", 20.0, 3_000),
+}
+
+
+@pytest.mark.parametrize("name", HINTED)
+def test_a_hint_about_the_time_gives_a_usual_rate_when_it_is_pasted(
+    tmp_path: Path, name: str
+) -> None:
+    header, step, rows = HINTED[name]
+    begin = 1_795_266_307_000 if name == "beyond 2060" else 0
+    path = tmp_path / "log.csv"
+    lines = (f"{int(begin + k * step)},{k % 7}\n" for k in range(rows))
+    path.write_text(f"{header},p [bar]\n" + "".join(lines))
+    with pytest.raises(UserError) as error:
+        open_csv(path, ReadOptions())
+    stated = settings.load(assignments=pasted(error.value.hint), folder=False).read
+    source = open_csv(path, stated)
+    (column,) = source.columns(source.fields)
+    assert 0.5 <= 1e9 / np.median(np.diff(column.t)) <= 20_000.0
+
+
+@pytest.mark.parametrize("cell", ["PT", "24-11", "now"])
+def test_no_hint_states_a_column_that_cannot_be_read(tmp_path: Path, cell: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time,p [bar]\n" + "".join(f"{cell},{k % 3}\n" for k in range(99)))
+    with pytest.raises(UserError) as error:
+        open_csv(path, ReadOptions())
+    assert not pasted(error.value.hint)
+
+
+def test_a_column_that_may_be_grouped_or_not_is_left_out_and_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{k / 10:.1f};1.{100 + k};5,5\n".replace(".", ",", 1) for k in range(99))
+    path.write_text("t [s];p [mbar];v [km/h]\n" + rows)
+    source = open_csv(path, ReadOptions())
+    pressure, speed = source.columns(source.fields)
+    assert not pressure.valid.any()
+    assert speed.valid.all()
+    (finding,) = source.findings
+    assert (finding.code, finding.channel) == ("csv-no-numbers", "p [mbar]")
+
+
+def test_a_list_of_channels_above_the_table_is_no_other_table(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    above = "No;Name;Unit;Gain\n1;pressure;bar;1.0\n2;speed;km/h;1.0\n3;spare;V;1.0\n\n"
+    path.write_text(above + "t [s];p [bar];v [km/h]\n0.0;1;2\n0.1;2;3\n0.2;3;4\n")
+    source = open_csv(path, ReadOptions())
+    assert [f.channel for f in source.fields] == ["p [bar]", "v [km/h]"]
+    source.columns(source.fields)
+    assert source.lines == {"preamble": 4, "blank": 1, "header": 1, "used": 3}
