@@ -526,7 +526,7 @@ def test_a_log_with_coordinates_has_a_map(small: Path, tmp_path: Path) -> None:
     assert np.ptp(ends[:, 1]) == pytest.approx(100.0, rel=0.1)
     assert static(path, "/map/slides", "strips")
     names = [value for key, value in blueprint(path).items() if "display_name" in key]
-    assert "Map" in str(names)
+    assert "On the line" in str(names)
     assert not batches(small, "/map/way", static=True)
 
 

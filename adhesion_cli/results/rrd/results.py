@@ -41,7 +41,7 @@ from ..result_rows import score_rows
 from ..text_tables import TitledTable
 from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_vehicle
-from . import line_map, overview, parts, rows
+from . import line_chart, line_map, overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
 from .glyphs import drawable, drawable_names
 
@@ -111,6 +111,8 @@ class _Page:
         self.spans = [self._spans(a) for a in result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in result.axles}
         self.route = find_route(result.log)
+        bars = line_chart.find_bars(result, self.route, self.slides)
+        self.bars = bars if len(bars.position) else None
         self.run = overview.ComparedRun(name, result, self.times, self.slides)
         drawn = [(a, sum(map(len, s))) for a, s in zip(result.axles, self.spans, strict=True)]
         self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn) > OVERVIEW_FROM
@@ -142,6 +144,8 @@ class _Page:
         if len(self.result.axles) > 1:
             overview.send(rec, self.root, self.times, self.result)
         slides = [x for of_axle in self.slides.values() for x in of_axle]
+        if self.bars is not None:
+            line_chart.send_chart(rec, f"{self.root}/line", self.bars)
         line_map.send_map(rec, f"{self.root}/map", self.times, self.route, slides)
         self._send_lists(rec)
         parts.send_text(rec, f"{self.root}/summary", self._summary_text())
@@ -374,12 +378,21 @@ class _Page:
         if self.large:
             name = "Brake applications" if self.thinned else "Full data"
             tabs.append(rrb.Tabs(*(self._axle_tab(a, "") for a in axles), name=name))
-        if self.route.lines():
-            tabs.append(rrb.Tabs(line_map.map_view(f"{self.root}/map"), name="Map"))
+        if places := self._places():
+            tabs.append(rrb.Vertical(*places, row_shares=[1, 2][: len(places)], name="On the line"))
         for entity, name in (("summary", "Summary"), ("about", "How this was made, settings")):
             tabs.append(rrb.TextDocumentView(origin=f"{self.root}/{entity}", name=name))
         tab = int(bool(self.notes) and len(axles) > 1)  # the slip of an axle, where asked for
         return rrb.Tabs(*tabs, name=self.title, active_tab=tab)
+
+    def _places(self) -> list[rrb.View]:
+        """µ over the position, and the way as a map, where the log has places."""
+        views = []
+        if self.bars is not None:
+            views.append(line_chart.chart_view(f"{self.root}/line", self.route))
+        if self.route.lines():
+            views.append(line_map.map_view(f"{self.root}/map"))
+        return views
 
     def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
         N = axle.record.axle
