@@ -30,7 +30,7 @@ _UNIT_KEYS = (b"unit", b"units", b"Unit", b"Units")  # of a field's metadata
 _MOST_ELEMENTS = 64  # of a list, of which each is a channel
 
 
-class _Column(NamedTuple):
+class _ParquetColumn(NamedTuple):
     """A column of the file, or a field of a structure in it, or an element of its lists."""
 
     root: str  # column of the file
@@ -41,11 +41,11 @@ class _Column(NamedTuple):
     type: Any
 
 
-class _Axis(NamedTuple):
+class _ParquetTime(NamedTuple):
     """The time of some columns, and the columns that hold it."""
 
     clock: Clock
-    times: tuple[_Column, ...]
+    times: tuple[_ParquetColumn, ...]
 
 
 def open_parquet(path: Path, options: ReadOptions) -> Source:
@@ -145,8 +145,8 @@ class Reader:
         )
 
     def _axis(
-        self, columns: Sequence[_Column], head: dict[str, pa.Array], options: ReadOptions
-    ) -> tuple[_Axis, tuple[Finding, ...]]:
+        self, columns: Sequence[_ParquetColumn], head: dict[str, pa.Array], options: ReadOptions
+    ) -> tuple[_ParquetTime, tuple[Finding, ...]]:
         """The time among these columns, and what there is to say of it.
 
         Raises:
@@ -155,7 +155,7 @@ class Reader:
         scalar = [c for c in columns if not c.path]
         heads, unit_texts = {c.title: head[c.name] for c in scalar}, [c.unit for c in scalar]
         clock, findings = time_columns.find(heads, unit_texts, self._rows, options, self._path)
-        return _Axis(clock, tuple(scalar[i] for i in clock.columns)), findings
+        return _ParquetTime(clock, tuple(scalar[i] for i in clock.columns)), findings
 
     def _check_size(self, columns: int) -> None:
         """Refuses a file that says it holds much more than it can.
@@ -252,7 +252,7 @@ def _flat(table: Any) -> dict[str, pa.Array]:
     return arrays
 
 
-def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_Column], list[str]]:
+def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetColumn], list[str]]:
     """The columns that hold one value in a row; and the names of those that are not read."""
     fields, root_of = list(schema), {f.name: f.name for f in schema}
     while any(pa.types.is_struct(f.type) for f in fields):
@@ -268,11 +268,13 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_Column], l
     ):
         unit = _unit(f) or _pair(f.name)[1]
         if _is_scalar(f.type):
-            columns.append(_Column(root_of[f.name], f.name, title, "", unit, f.type))
+            columns.append(_ParquetColumn(root_of[f.name], f.name, title, "", unit, f.type))
         elif _is_list(f.type) and _is_number(f.type.value_type) and f"{f.name}[0]" in arrays:
             count = sum(name.rpartition("[")[0] == f.name for name in arrays)
             columns += [
-                _Column(root_of[f.name], f"{f.name}[{k}]", title, f"[{k}]", unit, f.type.value_type)
+                _ParquetColumn(
+                    root_of[f.name], f"{f.name}[{k}]", title, f"[{k}]", unit, f.type.value_type
+                )
                 for k in range(count)
             ]
         else:
@@ -280,9 +282,9 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_Column], l
     return columns, nested
 
 
-def _paired(columns: Sequence[_Column]) -> list[list[_Column]]:
+def _paired(columns: Sequence[_ParquetColumn]) -> list[list[_ParquetColumn]]:
     """The columns in groups, where each begins with a time of its own; none where they do not."""
-    groups: list[list[_Column]] = []
+    groups: list[list[_ParquetColumn]] = []
     for c in columns:
         if not c.path and (time_name(c.title) or speaks_of_time(c.title) or time_unit(c.unit)):
             groups.append([])
