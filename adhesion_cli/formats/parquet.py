@@ -271,10 +271,9 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetCol
             columns.append(_ParquetColumn(root_of[f.name], f.name, title, "", unit, f.type))
         elif _is_list(f.type) and _is_number(f.type.value_type) and f"{f.name}[0]" in arrays:
             count = sum(name.rpartition("[")[0] == f.name for name in arrays)
+            root, kind = root_of[f.name], f.type.value_type
             columns += [
-                _ParquetColumn(
-                    root_of[f.name], f"{f.name}[{k}]", title, f"[{k}]", unit, f.type.value_type
-                )
+                _ParquetColumn(root, f"{f.name}[{k}]", title, f"[{k}]", unit, kind)
                 for k in range(count)
             ]
         else:

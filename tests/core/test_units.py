@@ -45,6 +45,8 @@ from adhesion_cli.core.errors import UserError
         ("BCP [bar x10]", "BCP", ""),
         ("BCP [bar/100]", "BCP", ""),
         ("BCP [10 bar]", "BCP", ""),
+        ("BCP [bar] x0.01", "BCP", ""),
+        ("BCP (kPa)/10", "BCP", ""),
     ],
 )
 def test_finds_the_unit_in_a_name(name: str, base: str, unit: str) -> None:
@@ -100,6 +102,12 @@ def test_refuses_a_unit_of_another_dimension_and_names_the_right_ones() -> None:
 def test_a_number_that_may_mean_anything_is_no_factor(text: str) -> None:
     assert units.unit(text) is None
     assert units.unknown_in(f"BCP [{text}]") == text
+
+
+def test_a_number_behind_the_unit_is_named() -> None:
+    assert units.unknown_in("BCP [bar] x10") == "bar x10"
+    assert units.contradicting("x10 kPa", ["BCP x10 [kPa]"], "pressure") == ""
+    assert units.contradicting("0.01 bar", ["BCP [bar]"], "pressure") == "bar"
 
 
 @pytest.mark.parametrize("text", ["mPa", "[mPa]", "mPa abs"])

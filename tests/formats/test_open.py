@@ -6,8 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from helpers.pasted import pasted
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
 
+from adhesion_cli.analysis.settings import load
+from adhesion_cli.channels.log import needed
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
@@ -51,3 +58,62 @@ def test_packed_text_logs(tmp_path: Path, pack: Callable[[bytes], bytes]) -> Non
     source = open_source(path, ReadOptions(max_unpacked=1000))
     with pytest.raises(UserError, match="inflates to more than"):
         source.columns(source.fields)
+
+
+T, P, V = np.arange(200) / 50, np.linspace(0.0, 3.0, 200), np.linspace(72.0, 60.0, 200)
+
+
+def tdms(path: Path) -> None:
+    """The time channel and the increment differ."""
+    waves = [("BC pressure", P, "bar"), ("wheel speed", V, "km/h")]
+    with TdmsWriter(path) as file:
+        file.write_segment([ChannelObject("g", "Time", T, {"unit_string": "s"}), *(
+            ChannelObject("g", name, value, {"unit_string": unit, "wf_increment": 0.05})
+            for name, value, unit in waves
+        )])  # fmt: skip
+
+
+def table(*names: str) -> Callable[[Path], None]:
+    """A log with these names of time, pressure and speed."""
+
+    def write(path: Path) -> None:
+        if path.suffix == ".parquet":
+            pq.write_table(pa.table(dict(zip(names, (T, P, V), strict=True))), path)
+        elif path.suffix == ".mat":
+            savemat(path, dict(zip(names, (T, P, V), strict=True)))
+        else:
+            rows = zip(T, P, V, strict=True)
+            text = "".join(f"{t:.2f};{p:.3f};{v:.3f}\n" for t, p, v in rows)
+            path.write_text(";".join(names) + "\n" + text, "utf-8")
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "says"),
+    [
+        ("a.tdms", tdms, "wf_increment = 0.05 s"),
+        ("a.parquet", table("x", "BC pressure [bar]", "v [km/h]"), "no column is a time"),
+        ("b.parquet", table("time_s", "BC pressure", "v [km/h]"), "its unit is not stated"),
+        ("a.mat", table("time_s", "bc_pressure", "v_kmh"), "its unit is not stated"),
+        ("a.csv", table("time [s]", "BC pressure [bar x10]", "v [km/h]"), "unit 'bar x10'"),
+        ("b.csv", table("time [s]", "BC pressure [bar] x10", "v [km/h]"), "unit 'bar x10'"),
+        ("c.csv", table("time [s]", "BC pressure (0-10 bar)", "v [km/h]"), "unit '0-10 bar'"),
+        ("d.csv", table("time [s]", "BC pressure 10bar", "v [km/h]"), "unit '10bar'"),
+    ],
+)
+def test_the_remedy_of_each_hint_works(
+    tmp_path: Path, name: str, write: Callable[[Path], None], says: str
+) -> None:
+    path = tmp_path / name
+    write(path)
+
+    def read(assignments: list[str]) -> list[str]:
+        settings = load(assignments=assignments, folder=False)
+        meant, _ = needed(open_source(path, settings.read), settings.mappings)
+        return [str(m.meaning) for m in meant]
+
+    with pytest.raises(UserError, match=says) as error:
+        read([])
+    stated = [x.replace("NAME", "x") for x in pasted(error.value.hint)]
+    assert read(stated) == ["pressure", "wheel_speed"]

@@ -32,8 +32,15 @@ def _has_factor_unread(text: str) -> bool:
     return any(c.isdigit() for c in text) and any(map(unit, parts))
 
 
+# Of "[bar] x10" it is not known whether the values are to be multiplied, or are already.
+_FACTOR_BEHIND_BRACKET = re.compile(rf"\s*(?:{TIMES}|/)\s*{NUMBER}\s*$")
+
+
 def unknown_in(name: str) -> str:
     """What a name has in its last brackets, if it is no known unit and no index, "" for nothing."""
+    behind = re.split(r"[\])）】}>]", name)[-1]
+    if behind and behind != name and _FACTOR_BEHIND_BRACKET.match(behind):
+        return f"{_BRACKETS.findall(name)[-1]}{behind}"
     at_end = _RANGE_AT_END.search(name.strip())
     inside = [at_end["text"]] if at_end else []
     inside += [text.strip() for text in _BRACKETS.findall(name)]
@@ -62,6 +69,8 @@ def _in_brackets(name: str) -> tuple[str, str] | None:
     for match in sorted(brackets, key=lambda m: any(c.isdigit() for c in m[1])):
         if unit(match[1]):
             base = (name[: match.start()] + name[match.end() :]).strip(" _-,/")
+            if _FACTOR_BEHIND_BRACKET.match(name[match.end() :]):
+                return name[: match.start()].strip(" _-,/"), ""
             factor = _FACTOR_BEFORE_BRACKET.search(name[: match.start()].rstrip())
             if factor and unit(scaled_text := f"{factor['factor']} {match[1].strip()}"):
                 return base[: factor.start()].strip(" _-,/"), scaled_text
@@ -120,13 +129,14 @@ def contradicting(text: str, names: Sequence[str], meaning: Meaning) -> str:
     """
     stated = unit_for(text, meaning)
     for name in names:
-        said: str
-        for said in (in_name(name)[1], *_BRACKETS.findall(name)):
+        own, said = in_name(name)[1], ""
+        brackets = [text for text in _BRACKETS.findall(name) if not own.endswith(text)]
+        for said in (own, *brackets):
             candidate = unit_for(said, meaning)
             if (
                 stated
                 and candidate
                 and (candidate[1:3] != stated[1:3] or (candidate.offset and not stated.offset))
             ):
-                return said
+                return str(said)
     return ""
