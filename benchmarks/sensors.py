@@ -296,7 +296,7 @@ def sensed(
     t = t + rng.uniform(-jitter, jitter, len(t))
     teeth, tick = int(rng.integers(80, 111)), rng.choice([0.2e-6, 1e-6, 5e-6, 10e-6])
     gate = rng.choice([0.0, 0.0, 0.005, 0.02])
-    shaking = 10.0 ** rng.uniform(-3.0, -1.7)  # at 20 m/s, rms [m/s]
+    shaking = 10.0 ** rng.uniform(-2.7, -1.3)  # at 20 m/s, rms [m/s]
     f, d = rng.uniform(5.0, 15.0), rng.uniform(0.03, 0.15)
     runs_out = rng.uniform(0.0, 2e-3)
     wheel = np.empty((AXLES, len(t)))
