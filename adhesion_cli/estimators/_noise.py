@@ -5,6 +5,10 @@ smooth signal hardly changes it. Its rounding step is the least change after equ
 reading or of its inverse: a timer from pulse to pulse counts whole ticks. A wheel that starts after
 it stood shows no step: zero is repeated without rounding. A counter loses no pulse. So sums over
 four of its readings vary no more than one does. Those of white noise vary four times as much.
+
+Vibration, run-out and the teeth of a pole wheel are no white noise: neighbouring readings have
+nearly the same error. Means over slices of 0.05 s show it, because they vary more than those of
+white noise. So a slow filter takes the noise for white noise whose means vary as much.
 """
 
 import math
@@ -14,6 +18,7 @@ from ._mixture import squared
 
 _SMALLEST_MEMORY = 50.0  # readings that the memory holds, if its time is shorter
 _BLOCK = 4.0  # readings of a sum
+_SLICE_TIME = 0.05  # half a period of vibration of 10 Hz [s]
 _STANDSTILL_TIME = 1.0  # a wheel without speed for longer stands: that shows no noise [s]
 _READING_TIME = 0.01  # a rounded reading counts once in this time [s]
 _COUNTER_READINGS = 20.0  # readings that show a counter
@@ -22,6 +27,20 @@ _SILENT = 1e-2  # variance over the guess, as long as all readings were the same
 _OUTLIER = 10.0  # a square counts at most so many times the variance
 _LOWEST = 1e-9  # product of readings below which their inverse shows nothing
 _FLOOR = 1e-12  # least variance over the guess
+
+
+class Slices(NamedTuple):
+    """Means of the readings over slices of time."""
+
+    variance: float  # of one reading of white noise whose means vary as much
+    n: float  # means that the variance is of
+    size: float  # readings of a slice
+    total: float  # of z in this slice
+    readings: float  # in it
+    time: float  # its duration [s]
+    last: float  # mean of the slice before
+    first: float  # and of the one before that
+    means: float  # their number without interruption
 
 
 class Noise(NamedTuple):
@@ -43,6 +62,7 @@ class Noise(NamedTuple):
     before: float  # total of the last block
     first: float  # and of the one before it
     blocks: float  # variance of such a total
+    slices: Slices
 
 
 def initial_noise(sigma: float, y: float) -> Noise:
@@ -65,6 +85,7 @@ def initial_noise(sigma: float, y: float) -> Noise:
         0.0,
         0.0,
         _BLOCK * _BLOCK * v,
+        Slices(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     )
 
 
@@ -87,6 +108,7 @@ def pause(x: Noise, y: float, constant_time: float) -> Noise:
         0.0,
         0.0,
         x.blocks,
+        Slices(x.slices.variance, x.slices.n, x.slices.size, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     )
 
 
@@ -96,6 +118,17 @@ def safe_variance(x: Noise) -> float:
         return max(x.variance, x.guess)
     repeats = x.same > 0.0 and x.step == math.inf
     return max(x.variance, _SILENT * x.guess) if repeats else x.variance
+
+
+def slow_variance(x: Noise) -> float:
+    """Variance of white noise as strong as this one for a filter that is slower than a slice.
+
+    Rounding is not in it: a step bounds its errors, and they vary by up to a quarter of its square.
+    """
+    white = safe_variance(x)
+    if x.slices.n < _VARIANCE_READINGS or x.slices.size < 2.0:
+        return white
+    return max(white, x.slices.variance - x.slices.size * squared(rounding(x)) / 4.0)
 
 
 def rounding(x: Noise) -> float:
@@ -127,7 +160,7 @@ def is_counter(x: Noise) -> bool:
     return x.readings >= _COUNTER_READINGS and x.blocks < 2.0 * x.variance
 
 
-def learn(x: Noise, y: float, h: float, u: float, memory: float) -> Noise:
+def learn(x: Noise, y: float, h: float, u: float, memory: float, known: float) -> Noise:
     """The noise after one more reading.
 
     Args:
@@ -136,6 +169,7 @@ def learn(x: Noise, y: float, h: float, u: float, memory: float) -> Noise:
         h: interval since the last one [s].
         u: known change since then.
         memory: time over which the variance is a mean [s].
+        known: probability that u is all of the change but noise; weight of a slice.
     """
     step, tick, change, constant_time = x.step, x.tick, abs(y - x.y), x.same + h
     if y != x.y:
@@ -164,8 +198,25 @@ def learn(x: Noise, y: float, h: float, u: float, memory: float) -> Noise:
         x.before,
         x.first,
         x.blocks,
+        _with_slice(x.slices, z, h, known, memory, _OUTLIER * safe_variance(x)),
     )
     return _average(noise, x, memory) if x.h > 0.0 else noise
+
+
+def _with_slice(
+    x: Slices, z: float, h: float, weight: float, memory: float, largest_square: float
+) -> Slices:
+    """With one more reading in the slice, and one more mean if its time is over."""
+    total, readings, time = x.total + z, x.readings + 1.0, x.time + h
+    if time < _SLICE_TIME:
+        return Slices(x.variance, x.n, x.size, total, readings, time, x.last, x.first, x.means)
+    mean, variance, n = total / readings, x.variance, x.n
+    if x.means >= 2.0:
+        square = squared(x.last - 0.5 * (x.first + mean)) / 1.5 * readings
+        n = min(n + weight, _SMALLEST_MEMORY + memory / time)
+        limit = max(_OUTLIER * variance, largest_square)
+        variance += weight * (min(square, limit) - variance) / n
+    return Slices(variance, n, readings, 0.0, 0.0, 0.0, mean, x.last, x.means + 1.0)
 
 
 def _average(x: Noise, previous: Noise, memory: float) -> Noise:
@@ -201,4 +252,5 @@ def _average(x: Noise, previous: Noise, memory: float) -> Noise:
         last_total,
         earlier_total,
         blocks,
+        x.slices,
     )

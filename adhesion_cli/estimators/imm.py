@@ -10,7 +10,7 @@ and differ in what moves F:
 The regimes change at random. At every sample their states are mixed, each filter takes the reading,
 and its likelihood weighs it. F̂ is the mean of the mixture and sigma its standard deviation. K comes
 from two such filters, of a pressure that is held or moves. The noise of both sensors is learned
-from their readings. So nothing depends on the rate of the log.
+from their readings, white and coloured. So nothing depends on the rate of the log.
 
 Train. While the wheel rolls, it shows the speed V and the deceleration of the train. While it
 slides, V falls with the last deceleration D. A slide ends where ω reaches V/R. Then the force is
@@ -65,13 +65,14 @@ from ._noise import (
     pause,
     rounding,
     safe_variance,
+    slow_variance,
 )
 
 # Rates of change between regimes [1/s].
 ROLLING_TO_CHANGING = 0.005
 ROLLING_TO_SLIDING, TO_SLIDING_AGAIN = 0.015, 0.9  # while braked; and added just after a slide
 SLIDING_TO_ROLLING, SLIDING_TO_CHANGING = 0.02, 0.3
-CHANGING_TO_ROLLING, CHANGING_TO_SLIDING = 0.05, 1.2
+CHANGING_TO_ROLLING, CHANGING_TO_SLIDING = 0.05, 2.0
 STICKING_RATE = 5.0  # added for a wheel that is as fast as the train
 HELD_TO_MOVING, MOVING_TO_HELD = 0.3, 0.1
 
@@ -86,11 +87,12 @@ TRAIN_SIGMA = 0.12  # 1 sigma of the deceleration of the train, if the wheel doe
 CREEPAGE_SIGMA = 0.01  # 1 sigma of V/R over ω, for a wheel that rolled
 STIFFNESS = 22.0  # k, mean of the published 8 to 60
 STIFFNESS_SIGMA = 0.5  # 1 sigma of 1/k over its mean
+LEAST_ROLLING = 0.1  # so that noise taken for a slide is learned, too
 SPEED_NOISE = 0.02  # first guess of the speed's [rad/s]
 FORCE_NOISE = 1e-5  # and of the clamping force's, over m g/φ
 LARGEST_NOISE = 1e-3  # no pressure sensor has more: on a slow log the brake itself bends
 FIRST_RATE_SIGMA = 0.1  # 1 sigma of a first rate of K, over m g/φ [1/s]
-INPUT_SIGMA = 0.15  #
+INPUT_SIGMA = 0.15  # 1 sigma of what a change of K does not explain, over it
 NO_INFORMATION = 1e30  # variance of a reading that says nothing [rad²/s²]
 JUMP = 5.0  # standard deviations from which K has stepped
 FIRST_ROLLING_SIGMA = 0.05  # 1 sigma of the first F over F, if the wheel rolls
@@ -119,6 +121,9 @@ class Params(NamedTuple):
     moving: Annotated[
         float, Quantity("1/√s³", "walk of the rate of φK over m g while K moves", 0.0, 100.0)
     ] = 0.15
+    lag: Annotated[
+        float, Quantity("s", "1 sigma of the delay of K behind its pressure, in sigma", 0.0, 10.0)
+    ] = 0.03
     memory: Annotated[float, Quantity("s", "time over which the noise is a mean", 0.0, 1e4)] = 10.0
 
 
@@ -217,7 +222,8 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     variance = rolling.p * (rolling.rr + squared(rolling.r - F))
     variance += sliding.p * (sliding.rr + squared(sliding.r - F))
     variance += changing.p * (changing.rr + squared(changing.r - F))
-    sigma = math.sqrt(variance + squared(w.rolling * w.phi) * q.clamping.variance)
+    K_variance = q.clamping.variance + squared(p.lag * q.creep.rate)
+    sigma = math.sqrt(variance + squared(w.rolling * w.phi) * K_variance)
     slippery = max(sliding.p, s.slippery * SLIPPERY_TIME / (SLIPPERY_TIME + h))
     return State(
         rolling, sliding, changing, q.noise, q.clamping, q.creep, q.train, slippery, sigma, F
@@ -251,9 +257,14 @@ def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> 
     weight, K_before = w.mass * G, s.clamping.K
     clamping = _update_clamping(p, s.clamping, h, K, weight / w.phi)
     mean, dK = 0.5 * (K_before + clamping.K), clamping.K - K_before
-    noise = learn(s.noise, y, h, -h * rolling_deceleration(w) * mean, p.memory)
+    rolls = max(s.rolling.p, LEAST_ROLLING)
+    noise = learn(s.noise, y, h, -h * rolling_deceleration(w) * mean, p.memory, rolls)
     counts = is_counter(noise)
-    r = safe_variance(noise) if counts or is_informative(noise) else NO_INFORMATION
+    white = safe_variance(noise)
+    # The force of a rolling wheel is slower than a slice of the noise, that of a slide is not.
+    r = white + s.rolling.p * (slow_variance(noise) - white)
+    if not counts and not is_informative(noise):
+        r = NO_INFORMATION
     reading = Reading(y, r, 0.0 if counts else rounding(noise), 1.0 if counts else 0.0)
     creep = _delay_by_creep(w, s, h, clamping.K)
     force_share = w.rolling * w.phi
@@ -398,7 +409,7 @@ def _update_clamping(p: Params, s: Clamping, h: float, K: float, scale: float) -
     """K one sample on: held and moving, mixed as the regimes of the wheel."""
     if K <= 0.0:
         return _initial_clamping(pause(s.noise, K, 0.0), K, scale)
-    noise = learn(s.noise, K, h, 0.0, p.memory) if s.noise.y > 0.0 else pause(s.noise, K, 0.0)
+    noise = learn(s.noise, K, h, 0.0, p.memory, 1.0) if s.noise.y > 0.0 else pause(s.noise, K, 0.0)
     largest_sigma = LARGEST_NOISE * scale
     reading = Reading(
         K,

@@ -35,7 +35,7 @@ def learned(readings):
     """What is known of the noise of these readings, one every `H`."""
     noise = _noise.initial_noise(0.02, readings[0])
     for y in readings[1:]:
-        noise = _noise.learn(noise, y, H, -2.7 * H, P.memory)
+        noise = _noise.learn(noise, y, H, -2.7 * H, P.memory, 1.0)
     return noise
 
 
@@ -51,6 +51,34 @@ def test_learns_the_variance_of_white_noise(sigma):
     assert math.sqrt(noise.variance) == pytest.approx(sigma, rel=0.1)
     assert _noise.rounding(noise) == 0.0
     assert not _noise.is_counter(noise)
+
+
+def test_noise_that_neighbours_have_in_common_counts_more():
+    """The means of white noise vary as little as its variance says; those of vibration do not."""
+    rng, t = np.random.default_rng(3), H * np.arange(3000)
+    white = learned((ramp() + rng.normal(0.0, 0.02, 3000)).tolist())
+    assert _noise.slow_variance(white) < 1.3 * 0.02**2
+    vibration = 0.02 * np.sin(2.0 * np.pi * 10.0 * t)
+    shaking = learned((ramp() + vibration + rng.normal(0.0, 1e-3, 3000)).tolist())
+    assert _noise.slow_variance(shaking) > 3.0 * shaking.variance
+    assert _noise.slow_variance(learned((np.round(ramp() / 0.32) * 0.32).tolist())) < 0.32**2
+
+
+def test_vibration_at_500_hz_is_no_slide():
+    t = np.arange(0.0, 12.0, 0.002)
+    K, y, F = rolling_brake(t)
+    read = (
+        y
+        + 0.03 * np.sin(2.0 * np.pi * 9.0 * t)
+        + np.random.default_rng(4).normal(0.0, 1e-3, len(t))
+    )
+    force, sigma, _ = compiled.batch(
+        IMM, P, W, np.round(t * 1e9).astype(np.int64), K, read, np.array([0])
+    )
+    braked = t > 6.0
+    error = (force - F)[braked]
+    assert np.sqrt(np.mean(error**2)) < 0.01 * F[-1]
+    assert np.mean(np.abs(error) < Z95 * sigma[braked]) > 0.9
 
 
 def test_learns_the_step_of_a_display():
