@@ -343,6 +343,97 @@ def parts(rng: random.Random) -> Iterator[WildLog]:
         yield WildLog("log.csv", table([[*names, *NAMES]], [*columns, *values]))
 
 
+# -------------------------------------------------------------------------------------- heads
+
+
+def _lvm(columns: str, separator: str, delta: str = "0.020000") -> bytes:
+    """An LVM file with one header; X for all channels, for each, or for none."""
+    name = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}[separator]
+    rows = ["LabVIEW Measurement", "Writer_Version|2", "Reader_Version|2", f"Separator|{name}"]
+    rows += ["Decimal_Separator|.", "Multi_Headings|No", f"X_Columns|{columns}"]
+    rows += ["Time_Pref|Relative", "Date|2026/11/24", "Time|10:15:00.000000"]
+    rows += ["***End_of_Header***|", "|", "Channels|2||"]
+    gap = "||" if columns == "Multi" else "|"
+    for label, value in (
+        ("Samples", str(ROWS)),
+        ("Date", "2026/11/24"),
+        ("Time", "10:15:00.000000"),
+        ("X_Dimension", "Time"),
+        ("X0", "0.0000000E+0"),
+        ("Delta_X", delta),
+    ):
+        rows += [f"{label}|{value}{gap}{value}|"]
+    rows += [f"Y_Unit_Label|bar{gap}km/h|", "***End_of_Header***|||"]
+    names = [
+        "X_Value",
+        "BC pressure",
+        *["X_Value"] * (columns == "Multi"),
+        "wheel speed",
+        "Comment",
+    ]
+    rows += ["|".join(names)]
+    for t, p, v in zip(T, P, V, strict=True):
+        x = "" if columns == "No" else f"{t:.6f}"
+        rows += [f"{x}|{p:.6f}|{x}|{v:.6f}" if columns == "Multi" else f"{x}|{p:.6f}|{v:.6f}"]
+    return "\n".join(rows).replace("|", separator).encode() + b"\n"
+
+
+def lvm(rng: random.Random) -> Iterator[WildLog]:
+    """LVM files with one header."""
+    for columns in ("One", "Multi", "No", "One", "Multi", "No"):
+        yield WildLog("log.lvm", _lvm(columns, rng.choice("\t,;")))
+
+
+def heads(rng: random.Random) -> Iterator[WildLog]:
+    """Units rows in several places, names with line ends, and labels above the table."""
+    cells = [[f"{x:.{n}f}" for x in y] for y, n in ((T, 3), (P, 2), (V, 2))]
+    names, units = ["Time", "BC pressure", "wheel speed"], ["s", "bar", "km/h"]
+    lines = [[f'"{a}\n[{b}]"' for a, b in zip(names, units, strict=True)]]
+    objects = ["-", "brake", "axle"]
+    delimiter = rng.choice(",;\t")
+    for rows in (
+        [names, units],
+        [units, names],
+        [names, units, objects],
+        [[f"Logger {rng.randrange(99)}"], [], names, [f"[{u}]" for u in units]],
+        lines,
+    ):
+        yield WildLog("log.csv", table(rows, cells, delimiter))
+    wide = [f"{a:>12}  {b:>14}  {c:>14}" for a, b, c in [names, units, *zip(*cells, strict=True)]]
+    yield WildLog("log.txt", ("\n".join(wide) + "\n").encode())
+    labelled = [["Name", *names], ["Unit", *units]]
+    yield WildLog("log.csv", table(labelled, [["Data"] * ROWS, *cells], delimiter))
+    scope = [["Model", "DL850"], ["TraceName", *names[1:]], ["VUnit", *units[1:]]]
+    scope += [["HResolution", "2.0E-02"], ["HUnit", "s"], ["Date", "2026/11/24"]]
+    scope += [["Time", "10:15:00.000000"], [""]]
+    yield WildLog("log.csv", table(scope, [[""] * ROWS, *cells[1:], [""] * ROWS]))
+    vbo = [
+        "File created",
+        "[header]",
+        "time",
+        "[column names]",
+        "time BC_pressure_bar v_kmh",
+        "[data]",
+    ]
+    rows = [f"{a} {b} {c}" for a, b, c in zip(*cells, strict=True)]
+    yield WildLog("log.vbo", ("\n".join([*vbo, *rows]) + "\n").encode())
+
+
+def lists(rng: random.Random) -> Iterator[WildLog]:
+    """Numbered lists of channels above the table."""
+    cells = [[f"{x:.{n}f}" for x in y] for y, n in ((T, 3), (P, 2), (V, 2))]
+    for k in range(5):
+        first, delimiter = rng.choice([0, 1]), rng.choice(",;\t")
+        entries = [["pressure", "bar"], ["speed", "km/h"], ["spare", "V"]]
+        numbers = [[f"{rng.uniform(0.0, 9.0):.2f}" for _ in range(1 + k % 3)] for _ in entries]
+        rows = [
+            [str(first + n), *entry, *gains]
+            for n, (entry, gains) in enumerate(zip(entries, numbers, strict=True))
+        ]
+        above = [["Report", "brake test"], ["No", "Name", "Unit", "Gain"], *rows, []]
+        yield WildLog("log.csv", table([*above, ["Time [s]", *NAMES]], cells, delimiter))
+
+
 KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K1-lvm": segments,
     "K1-blocks": blocks,
@@ -358,6 +449,9 @@ KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K10-minutes": minutes,
     "K11": counts,
     "K12": parts,
+    "K13-lvm": lvm,
+    "K13-heads": heads,
+    "K14-lists": lists,
     "K16-mark": marks,
     "K16-unit": unit_cells,
 }

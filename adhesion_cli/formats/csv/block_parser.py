@@ -90,9 +90,8 @@ class Parser:
             raise UserError(text, hint)
         arrays = {int(name[1:]): outcome[name].combine_chunks() for name in outcome.column_names}
         clock, decimal = self.table.clock, self.table.dialect.decimal
-        for i, suffix in self.table.dialect.suffixes.items():
+        for i, pattern in self.table.dialect.removals.items():
             if i in arrays and pa.types.is_string(arrays[i].type):
-                pattern = rf"\s*{re.escape(suffix)}\s*$"
                 arrays[i] = pc.replace_substring_regex(arrays[i], pattern, "")
         times, timed = np.zeros(len(lines), np.int64), np.ones(len(lines), np.bool_)
         if clock.columns:
@@ -156,7 +155,8 @@ class Parser:
         """The wanted columns as an Arrow table, or why they cannot be read."""
         wanted = (*self.table.clock.columns, *self.indices, *self.keys)
         while True:
-            types = {i: self.table.types.get(i, pa.string()) for i in wanted}
+            texts = dict.fromkeys(self.table.dialect.removals, pa.string())
+            types = {i: (self.table.types | texts).get(i, pa.string()) for i in wanted}
             schema = pa.schema([(f"c{i}", kind) for i, kind in types.items()])
             if not data:
                 return schema.empty_table()

@@ -91,10 +91,10 @@ class Clock:
             ticks = ticks - int(count.at_1970) * 10**count.scale
             ok = ok & (np.abs(ticks) < 2**62 // per_tick)
             return np.where(ok, ticks, 0) * per_tick, ok
-        value, _ = cells.floats(array, self.decimal)
+        value, state = cells.floats(array, self.decimal)
         with np.errstate(over="ignore"):
             # a serial day is exact to about a microsecond; rounding there keeps steps even
             step = 1_000 if count.at_1970 else 1
             value = np.rint((value - count.at_1970) * (count.ns / step)) * step
-        ok = np.abs(value) < 2.0**62
+        ok = (np.abs(value) < 2.0**62) & (state == cells.NUMBER)
         return np.where(ok, value, 0.0).astype(np.int64), ok

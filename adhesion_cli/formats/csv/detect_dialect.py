@@ -11,6 +11,7 @@ from .dialect import (
     COMMENT,
     Dialect,
     fit,
+    is_clock_in_groups,
     is_comment,
     is_null,
     is_number,
@@ -93,11 +94,12 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         reasons["preamble"] = f"{count} lines (before the header)"
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
-    suffixes = _suffixes(data, used_width)
-    for i, suffix in suffixes.items():
+    removals = dict[int, str]()
+    for i in range(used_width):
+        suffix, removals[i] = _needless([c for row in data if not is_null(c := row[i])])
         units[i] = units[i] or suffix
-        for row in data:
-            row[i] = row[i].removesuffix(suffix).rstrip()
+        for row in data if removals[i] else ():
+            row[i] = re.sub(removals[i], "", row[i])
     return Dialect(
         encoding,
         bom,
@@ -113,7 +115,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         metadata(above),
         data,
         reasons,
-        suffixes,
+        {i: pattern for i, pattern in removals.items() if pattern},
         labels,
         tuple(cells[0] for _, cells in above[_first_segment(preamble) :]) if preamble else (),
     )
@@ -128,15 +130,16 @@ def _cells(text: str, delimiter: str, width: int) -> list[str]:
     return cells
 
 
-def _suffixes(rows: list[list[str]], width: int) -> dict[int, str]:
-    """The units that stand behind the numbers in at least half of the cells, by column."""
-    suffixes = {}
-    for i in range(width):
-        cells = [row[i] for row in rows if not is_null(row[i])]
-        suffix, count = Counter(map(unit_behind, cells)).most_common(1)[0] if cells else ("", 0)
-        if suffix and count >= len(cells) / 2:
-            suffixes[i] = suffix
-    return suffixes
+def _needless(cells: list[str]) -> tuple[str, str]:
+    """The unit behind the numbers of a column, and the pattern of what these do not need.
+
+    It is the unit, where at least half of the cells have it; or marks between groups of digits of a
+    clock, which cannot wait until all cells of the column are known.
+    """
+    suffix, count = Counter(map(unit_behind, cells)).most_common(1)[0] if cells else ("", 0)
+    if suffix and count >= len(cells) / 2:
+        return suffix, rf"\s*{re.escape(suffix)}\s*$"
+    return "", "[., ']" if is_clock_in_groups(cells) else ""
 
 
 def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], list[Line]]:

@@ -4,6 +4,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from ...core.units import in_name, unit
 from .header_words import is_units_row, label, normal, time_name, time_unit
@@ -37,9 +38,9 @@ class Dialect:
     first_line: int  # line of the first data row, from 1
     leading_lines: dict[str, int]  # lines before it, by class
     metadata: dict[str, str]  # key: value lines of the preamble
-    rows: list[list[str]]  # data rows of the head, each as wide as `names`, without `suffixes`
+    rows: list[list[str]]  # data rows of the head, each as wide as `names`, without `removals`
     reasons: dict[str, str]
-    suffixes: dict[int, str] = field(default_factory=dict)  # units behind the numbers of a column
+    removals: dict[int, str] = field(default_factory=dict)  # pattern of what numbers do not need
     labels: dict[str, list[str]] = field(default_factory=dict)  # rows above the table, see `label`
     segments: tuple[str, ...] = ()  # first cells of a header that comes again, as in LVM files
 
@@ -105,6 +106,7 @@ _GROUPED = r"[+-]?[0-9]{1,3}(?:[., '][0-9]{3})+(?:[.,][0-9]*)?"
 _NUMBER = re.compile("|".join((number_grammar(".").pattern, number_grammar(",").pattern, _GROUPED)))
 _WITH_UNIT = re.compile(r"([+-]?[0-9.,][0-9.,' ]*?)\s*([^\W\d_]\S*|[%‰°]\S*)")
 _GAP = re.compile("(?<=[0-9])[\u00a0\u202f\u2007\u2009\u2019](?=[0-9]{3}(?![0-9]))")
+_DASH = re.compile('(?<![^;,|\\s"])\u2013(?=[0-9])')  # in place of a minus
 _PLAIN = str.maketrans("\u2212\u00a0\u202f\u2007\u2009\uff1a", "-    :", "\ufeff")
 
 
@@ -114,7 +116,26 @@ def plain(text: str) -> str:
     >>> plain("\u22125\u202f987,0")
     "-5'987,0"
     """
-    return _GAP.sub("'", text).translate(_PLAIN)
+    return _DASH.sub("-", _GAP.sub("'", text)).translate(_PLAIN)
+
+
+def is_clock_in_groups(cells: Sequence[str]) -> bool:
+    """Whether cells count up, and marks separate groups of their digits.
+
+    >>> is_clock_in_groups(["980", "1,000", "1,020"]), is_clock_in_groups(["0.9", "1.000", "1.1"])
+    (True, False)
+    """
+    groups = re.compile(r"[0-9]{1,3}(?:([., '])[0-9]{3})*")
+    matches = [m for c in cells if (m := groups.fullmatch(c))]
+    marks = {str(m[1]) for m in matches if m[1]}
+    if len(matches) < max(3, len(cells)) or len(marks) != 1:
+        return False
+    values = [int(re.sub("[., ']", "", c)) for c in cells]
+    mark = marks.pop()
+    read_as_decimals = [float(c.replace(mark, ".")) for c in cells if c.count(mark) < 2]
+    is_rising = all(b > a for a, b in pairwise(values))
+    falls = len(read_as_decimals) < len(cells) or any(b < a for a, b in pairwise(read_as_decimals))
+    return is_rising and falls
 
 
 def is_number(cell: str) -> bool:

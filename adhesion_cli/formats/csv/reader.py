@@ -116,7 +116,7 @@ class CsvSource:
                 if series.signal and len(numeric) > 1:
                     channel += f" {name}"
                 unit = self._dialect.units[i]
-                source = "cells" if i in self._dialect.suffixes else "units row"
+                source = "cells" if i in self._dialect.removals else "units row"
                 if series.unit:
                     unit, source = series.unit, "units column"
                 unit_from = source if unit else ""

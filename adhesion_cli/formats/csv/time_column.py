@@ -307,7 +307,8 @@ class _ClockSearch:
         columns = range(len(self.dialect.names)) if i is None else [i]
         for k in columns:
             numbers = values or (self.dialect.numbers(k) if _rises(self.dialect, k) else [])
-            if numbers and (units := _usual_units(numbers)):
+            units = self._usual_units(numbers) or self._usual_units(numbers, 0.0)
+            if units:
                 others = f" (or {', '.join(units[1:])})" * (len(units) > 1)
                 return f"{_stated_time(self.dialect.names[k], units[0])}{others}"
         return "export the log with a column of times, in seconds or as 2026-11-21 13:05:07.250"
@@ -366,12 +367,7 @@ class _ClockSearch:
             UserError: where there are several, or none.
         """
         step = _step(values)
-        span = (values[-1] - values[0]) / max(len(values) - 1, 1) * max(self.rows - 1, 1)
-        possible = []
-        for u in ("s", "ms", "us", "ns"):
-            span_s = span * NS_PER_UNIT[u] / _S
-            if u in _usual_units(values) and _SPAN_S[0] <= span_s <= _SPAN_S[1]:
-                possible.append(u)
+        possible = [u for u in self._usual_units(values) if NS_PER_UNIT[u] <= _S]
         # fractions of milliseconds would be a rate above 1 kHz
         if _STEP_S[0] <= step < 1 and any(v != int(v) for v in values):
             possible = ["s"]
@@ -380,7 +376,24 @@ class _ClockSearch:
             text = f"the unit of time column {self.dialect.names[i]!r} is not stated and not clear "
             text += f"from its values (step {step:g}, from {cells[0]} to {cells[-1]})"
             raise self._refusal(i, text, values)
-        return possible[0], f"step {step:g}, about {span:g} long"
+        return possible[0], f"step {step:g}, about {self._length(values):g} long"
+
+    def _length(self, values: Sequence[float]) -> float:
+        """The length of the log by the first of its times."""
+        return (values[-1] - values[0]) / max(len(values) - 1, 1) * max(self.rows - 1, 1)
+
+    def _usual_units(self, values: Sequence[float], shortest_s: float = _SPAN_S[0]) -> list[str]:
+        """Units in which these times are those of a brake log, none beyond 2060."""
+        if not values:
+            return []
+        step, length = _step(values), self._length(values)
+        return [
+            u
+            for u in ("ms", "s", "us", "ns", "min", "h", "d")
+            if _STEP_S[0] <= step * NS_PER_UNIT[u] / _S <= _STEP_S[1]
+            and shortest_s <= length * NS_PER_UNIT[u] / _S <= _SPAN_S[1]
+            and COUNTS[u].seconds(values[-1]) <= _EPOCH_S[1]
+        ]
 
     def _of_stamps(self, i: int, choice: str) -> Clock | None:
         """The clock of stamps, with the column of the other half of date and time; None for none.
@@ -464,17 +477,6 @@ class _ClockSearch:
             if is_likely and forms_of(cells, forms):
                 return k
         return None
-
-
-def _usual_units(values: Sequence[float]) -> list[str]:
-    """Units in which these times have the sampling period of a brake log, none beyond 2060."""
-    step, last = _step(values), values[-1]
-    return [
-        u
-        for u in ("ms", "s", "us", "ns", "min", "h", "d")
-        if _STEP_S[0] <= step * NS_PER_UNIT[u] / _S <= _STEP_S[1]
-        and COUNTS[u].seconds(last) <= _EPOCH_S[1]
-    ]
 
 
 def _arrow_type(cells: Sequence[str]) -> Any:
