@@ -204,6 +204,7 @@ def _limit_rows(verdicts: Sequence[LimitVerdict]) -> list[dict[str, str]]:
             "limit": f"{x.kind} {x.limit:g}",
             "mean": _pair(x.value, x.u95),
             "verdict": x.verdict,
+            **({"limit of": x.source} if x.source else {}),
         }
         for x in verdicts
     ]

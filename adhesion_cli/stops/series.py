@@ -103,11 +103,12 @@ class GroupDifference(NamedTuple):
 
 
 class GroupLimit(NamedTuple):
-    """A limit that the user states."""
+    """A limit that the user states, or names the rule of."""
 
     quantity: str
     highest: float | None
     lowest: float | None
+    source: str = ""  # the published rule that states it; "": the user
 
 
 class LimitVerdict(NamedTuple):
@@ -120,6 +121,7 @@ class LimitVerdict(NamedTuple):
     value: Annotated[float, Quantity("", "mean of the group")]
     u95: Annotated[float, Quantity("", "its expanded uncertainty")]
     verdict: Annotated[Verdict, Quantity("", "by the interval, guard band U")]
+    source: Annotated[str, Quantity("", "rule that states the limit; empty: the plan")] = ""
 
 
 class WspAxle(NamedTuple):
@@ -295,12 +297,13 @@ def judge(groups: Iterable[Group], limits: Sequence[GroupLimit]) -> list[LimitVe
 
 def _verdicts(group: str, limit: GroupLimit, x: Statistic) -> Iterator[LimitVerdict]:
     """The highest and the lowest value of a limit, those that are stated."""
-    if limit.highest is not None:
-        verdict = _decide(x.mean - limit.highest, x.u95)
-        yield LimitVerdict(group, limit.quantity, limit.highest, "max", x.mean, x.u95, verdict)
-    if limit.lowest is not None:
-        verdict = _decide(limit.lowest - x.mean, x.u95)
-        yield LimitVerdict(group, limit.quantity, limit.lowest, "min", x.mean, x.u95, verdict)
+    mean, u95, source = x.mean, x.u95, limit.source
+    if (top := limit.highest) is not None:
+        verdict = _decide(mean - top, u95)
+        yield LimitVerdict(group, limit.quantity, top, "max", mean, u95, verdict, source)
+    if (least := limit.lowest) is not None:
+        verdict = _decide(least - mean, u95)
+        yield LimitVerdict(group, limit.quantity, least, "min", mean, u95, verdict, source)
 
 
 def _decide(excess: float, u95: float) -> Verdict:

@@ -16,6 +16,16 @@ _GROUP_KEYS = {
     "label": str,
 }  # fmt: skip
 _RAILS = ("dry", "wet")
+_TSI = "Regulation (EU) No 1302/2014"
+_STANDARDS = {  # published limits by name; the second for units from 250 km/h on
+    name: (
+        GroupLimit("response_time_s", longest_response, None, _TSI),
+        GroupLimit("delay_s", 2.0, None, _TSI),
+        GroupLimit("jerk", 4.0, None, _TSI),
+        GroupLimit("mean_deceleration", 2.5, None, _TSI),
+    )
+    for name, longest_response in (("TSI LOC&PAS", 5.0), ("TSI LOC&PAS 250", 3.0))
+}
 _HINT = 'a plan is TOML: [group.NAME] logs = ["FILE.csv"]; `adhesion stops --help` shows more'
 
 
@@ -97,7 +107,9 @@ def read_plan(path: Path) -> Plan:
         raise UserError(text, "in litres, for example reservoir_volume = 150", code=2)
     if unused := wsp.keys() - {*_RAILS, "reservoir_volume"}:
         raise unknown("key of [wsp]", min(unused), [*_RAILS, "reservoir_volume"])
-    limits = tuple(_limit(path, k, x) for k, x in _table(path, tables, "limits").items())
+    limits = tuple(
+        x for pair in _table(path, tables, "limits").items() for x in _limits(path, *pair)
+    )
     protocol = {k: str(v) for k, v in _table(path, tables, "protocol").items()}
     return Plan(groups, tuple(pairs), limits, dry, wet, float(volume), protocol, path.parent)
 
@@ -153,6 +165,15 @@ def _known(path: Path, names: Sequence[str], name: Any) -> str:
     if name not in names:
         raise unknown(f"group in {path}", str(name), list(names))
     return str(name)
+
+
+def _limits(path: Path, key: str, entry: Any) -> tuple[GroupLimit, ...]:
+    """The limits of a published rule, or the one of a quantity."""
+    if key != "standard":
+        return (_limit(path, key, entry),)
+    if entry not in _STANDARDS:
+        raise unknown(f"standard in [limits] of {path}", str(entry), list(_STANDARDS))
+    return _STANDARDS[entry]
 
 
 def _limit(path: Path, quantity: str, entry: Any) -> GroupLimit:

@@ -65,6 +65,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
         ("[group.a]\nlogs = ['a']\n[compare]\npairs = [['a']]", "no list of pairs"),
         ("[group.a]\nlogs = ['a']\n[limits]\nlength = {max = 3}", "length"),
         ("[group.a]\nlogs = ['a']\n[limits]\njerk = 3", "jerk = 3 is no limit"),
+        ("[group.a]\nlogs = ['a']\n[limits]\nstandard = 'TSI'", "standard in"),
         ("[group.a]\nlogs = ['a']\n[limits]\njerk = {most = 3}", "is no limit"),
         ("[group.a]\nlogs = ['a']\n[wsp]\ndry = 'a'", "needs dry and wet"),
     ],
@@ -82,3 +83,18 @@ def test_a_group_without_a_log_is_an_error(tmp_path: Path) -> None:
     plan = Plan((PlannedGroup("a", ("none_*.csv",)),), folder=tmp_path)
     with pytest.raises(UserError, match="no log matches none_"):
         planned_logs(plan)
+
+
+@pytest.mark.parametrize(("name", "response"), [("TSI LOC&PAS", 5.0), ("TSI LOC&PAS 250", 3.0)])
+def test_the_limits_of_a_published_rule_are_known_by_its_name(
+    tmp_path: Path, name: str, response: float
+) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(f'[group.a]\nlogs = ["a"]\n[limits]\nstandard = "{name}"\njerk = {{max = 3}}')
+    *published, own = read_plan(path).limits
+    assert {(x.quantity, x.highest, x.lowest) for x in published} == {
+        ("response_time_s", response, None), ("delay_s", 2.0, None), ("jerk", 4.0, None),
+        ("mean_deceleration", 2.5, None),
+    }  # fmt: skip
+    assert {x.source for x in published} == {"Regulation (EU) No 1302/2014"}
+    assert own == GroupLimit("jerk", 3, None)
