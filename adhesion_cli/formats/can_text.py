@@ -17,12 +17,14 @@ _CANDUMP = re.compile(
     r"\s*\((?P<t>[^)]+)\)\s+(?P<bus>\S+)\s+(?:[RT]X\s+\S+\s+\S+\s+)?(?P<id>[0-9A-Fa-f]{3,8})"
     r"(?:#(?P<log>\S*)|\s+\[\s*(?P<size>\d+)\]\s*(?P<data>.*))"
 )
+_WITHOUT_TIME = re.compile(rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s")
 _BUSMASTER = b"***BUSMASTER"
 _CANHACKER = re.compile(rb"\s*Time\s+ID\s+DLC\s+Data")
 # What a file begins with that holds frames; the last one is an ASC log without its head.
 BEGINS = re.compile(
     rb"\s*;\$FILEVERSION|.{0,400}?^base\s+(?:hex|dec)\b|\*\*\*BUSMASTER|\s*Time\s+ID\s+DLC\s+Data"
     rb"|\s*\([^)]{3,40}\)\s+\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\s*\d+\])"
+    rb"|\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s+[0-9A-Fa-f]{2}\s"
     rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s",
     re.MULTILINE | re.DOTALL,
 )
@@ -67,17 +69,25 @@ class TextLog:
             return self._canhacker
         if _CANDUMP.match(head.decode("latin-1")):
             return self._candump
+        if _WITHOUT_TIME.match(head):
+            raise UserError(
+                f"{self._path}: frames of candump without time stamps",
+                "log them with `candump -l`, or show the time with `candump -t a`",
+            )
         return self._trc if b";$FILEVERSION" in head or suffix == ".trc" else self._asc
 
     def __iter__(self) -> Iterator[Frame]:
-        number, line = 0, ""
+        number, line, before, frames, falls = 0, "", 0.0, 0, 0
         # Comments may be in any encoding; what frames are made of is ASCII.
         with self._path.open(encoding="latin-1", newline=None) as file:
             for number, line in enumerate(file, 1):
                 if not line.endswith("\n") and not _END_OF_BLOCK.match(line):
                     break  # a digit of its last byte may be missing
                 if frame := self._frame(number, line.strip()):
+                    frames, falls, before = frames + 1, falls + (frame.t < before), frame.t
                     yield frame
+        if falls > max(0.1 * frames, 1):  # differences rise and fall
+            raise _relative(self._path)
         if line and not line.endswith("\n") and not _END_OF_BLOCK.match(line):
             self._skip(number, line)
         elif self._begin and not self._is_closed:

@@ -57,11 +57,11 @@ def open_parquet(path: Path, options: ReadOptions) -> Source:
     try:
         reader = Reader(path, options)
     except _TimeError:
-        with suppress(UserError):
+        with suppress(UserError, pa.ArrowException):
             return open_text("parquet", path, _write_text, options)
         raise
     if reader.repeats_times and not options.group_channel:
-        with suppress(UserError):
+        with suppress(UserError, pa.ArrowException):
             text = open_text("parquet", path, _write_text, options)
             if text.keys.columns:
                 return text
@@ -80,8 +80,9 @@ def _write_text(path: Path, text: Path) -> None:
     arrays = _flat(file.read())
     columns, _ = _columns(file.schema_arrow, arrays)
     names = [f"{c.title}{c.path}" + (f" [{c.unit}]" if c.unit else "") for c in columns]
-    table = pa.Table.from_arrays([arrays[c.name] for c in columns], names)
-    pyarrow.csv.write_csv(table, text)
+    cells = [arrays[c.name] for c in columns]
+    cells = [x.dictionary_decode() if pa.types.is_dictionary(x.type) else x for x in cells]
+    pyarrow.csv.write_csv(pa.Table.from_arrays(cells, names), text)
 
 
 class Reader:

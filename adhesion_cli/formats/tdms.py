@@ -34,6 +34,9 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of 
 # others are for people; wf_samples counts the samples of one writing.
 _SAYING = re.compile(r"wf_(increment|start|xunit)|NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
 _SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
+_MAY_SCALE = re.compile(
+    r"(?i)^(?!NI_)(?:.*[^a-z])?(scal(e|ing)|slope|gain|factor|sensitivity)(?![a-z])"
+)
 _X_CHANNEL = ("xchannel", "xrelation")  # properties that name the channel with a channel's time
 _DEFAULT_INCREMENT = 1.0  # [s]; writers state it where nobody set one
 
@@ -371,7 +374,11 @@ def _x_unit(properties: Mapping[str, Any]) -> str:
 
 def _axis_problem(states: Sequence[tuple[int, Mapping[str, Any]]]) -> str:
     """Why the x axis of a channel is no time, "" where it may be one."""
+    increments: dict[tuple[int, float], float] = {}  # by the start that they belong to
     for _, properties in states:
+        wave = _wave(properties)
+        if wave and increments.setdefault(wave[:2], wave.increment) != wave.increment:
+            return "wf_increment changes inside the file, and the start does not"
         text = _x_unit(properties)
         unit = units.unit(text)
         if text and _wave(properties) and not (unit and unit.dimension == "time"):
@@ -397,6 +404,9 @@ def _scaling_problem(
         known = get_scaling(channel.properties, group.properties, file.properties) is not None
     except Exception as error:  # whatever the library raises
         return f"scaling {', '.join(types)} lacks {error}"
+    own = [name for name in channel.properties if _MAY_SCALE.search(name)]
+    if own and not types and channel.dtype.kind in "iu":
+        return f"property {own[0]!r} may scale its raw numbers"
     if known or not (types or (has_raw_data and channel.dtype.kind in "iu")):
         return ""
     return f"scaling {', '.join(types) or 'of its raw numbers'} is not known"

@@ -372,6 +372,20 @@ def test_a_line_without_a_frame_in_candump_is_counted(tmp_path: Path) -> None:
     assert findings["can-error-frames"].count == 1
 
 
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (" ({delta:010.6f})  can0  123   [5]  20 1C 10 68 00", "relative to the frame before"),
+        ("  can0  123   [5]  20 1C 10 68 00", "without time stamps"),
+    ],
+)
+def test_candump_without_times(tmp_path: Path, line: str, says: str) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("".join(line.format(delta=0.02 + k % 3 / 1e4) + "\n" for k in range(60)))
+    with pytest.raises(UserError, match=says):
+        columns(path, stated(tmp_path))
+
+
 MARKERS = [b"", b"x", b"ab", b"abc", b"text with LOBJ inside", b"\xfc" * 101]
 
 

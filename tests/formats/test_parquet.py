@@ -210,7 +210,7 @@ def test_long_tables(tmp_path: Path, key: str, with_unit: bool) -> None:
     names = ("BC pressure", "wheel speed") if with_unit else ("p [bar]", "v [km/h]")
     table = {
         "time_s": np.repeat(SECONDS, 2),
-        key: list(names) * N,
+        key: pa.array(list(names) * N).dictionary_encode(),
         "value": np.column_stack([P, V]).ravel(),
     }
     if with_unit:

@@ -276,6 +276,8 @@ RAW = np.arange(N, dtype=np.int16)
         (LINEAR | {"NI_Scale[0]_Scale_Type": "Callback"}, "Callback"),
         ({"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Linear"}, "Linear lacks"),
         ({"NI_Scaling_Status": "unscaled"}, "of its raw numbers is not known"),
+        ({"Gain": 0.01}, "property 'Gain' may scale"),
+        ({"scale_factor": 0.01}, "property 'scale_factor' may scale"),
     ],
 )
 def test_raw_numbers_of_an_unknown_scaling_are_no_pressure(
@@ -302,4 +304,10 @@ def test_a_known_scaling_is_applied(tmp_path: Path, scaling: dict[str, Any], fac
 def test_a_scaling_that_changes_is_refused(tmp_path: Path, changed: dict[str, Any]) -> None:
     path = pieces(tmp_path / "a.tdms", ({}, BAR | WAVE), ({}, BAR | WAVE | changed))
     with pytest.raises(UserError, match="its scaling or unit changes"):
+        columns(path)
+
+
+def test_an_increment_that_changes_is_refused(tmp_path: Path) -> None:
+    path = pieces(tmp_path / "a.tdms", ({}, BAR | WAVE), ({}, BAR | WAVE | {"wf_increment": 0.04}))
+    with pytest.raises(UserError, match="wf_increment changes inside the file"):
         columns(path)
