@@ -332,7 +332,8 @@ def _without_rounding(report: _Report, value: Floats) -> Times:
     t, value = report.t[own], value[own]
     steps = np.diff(t)
     inside = steps == 0
-    if not inside.any() or (steps < 0).any() or len(t) <= 4 * _NEAR:
+    few = len(t) <= 4 * _NEAR or np.count_nonzero(~inside) < _LEAST_STAMPS
+    if few or not inside.any() or (steps < 0).any():
         return report.t
     changes = value[1:] != value[:-1]
     if np.count_nonzero(changes) * np.mean(inside) > 1.0 and not changes[inside].any():
@@ -341,7 +342,7 @@ def _without_rounding(report: _Report, value: Floats) -> Times:
     around = (t[2 * _NEAR :] - t[: -2 * _NEAR]) / (2.0 * _NEAR)
     period = float(np.median(around))
     shared = np.flatnonzero(inside[_NEAR:-_NEAR])
-    if not len(shared) or np.mean(around[shared]) < (1.0 - 0.25 / _NEAR) * period:
+    if not len(shared) or not np.mean(around[shared]) > (1.0 - 0.25 / _NEAR) * period > 0.0:
         return report.t
     per_stamp = round(tick / period)
     if per_stamp > _LEAST_SHARED or _alternates(value, max(per_stamp, 2)):

@@ -131,6 +131,12 @@ def test_rows_of_a_jittering_cycle_that_are_written_twice_are_no_rounding() -> N
     assert codes(axis) == {"time-duplicate": 10}
 
 
+@pytest.mark.parametrize("stamps", [np.zeros(100), np.repeat([0.0, 10.0, 20.0], 40)])
+def test_stamps_that_hardly_move_show_no_cycle(stamps) -> None:
+    axis = time_axis.clean("x", column(stamps.tolist(), np.arange(len(stamps)).tolist()), 0)
+    assert "time-coarse-spread" not in codes(axis)
+
+
 def test_two_senders_are_no_rounding() -> None:
     rng = np.random.default_rng(4)
     stamps = np.round(10.0 * np.arange(2000) / 2.0 + rng.uniform(-4.0, 4.0, 2000))
