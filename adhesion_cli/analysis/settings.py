@@ -37,6 +37,7 @@ from ..core.model import (
 from ..core.physics import CHAIN
 from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
+from ..rail.highest import PEAK_TIME
 from ..rail.slope import Bands, Params, check_bands
 from ..stops.settings import StopSettings
 from ..train.mean_axle import vehicle_of_axles
@@ -107,6 +108,9 @@ class AnalysisSettings:
     max_gap: Annotated[
         float, Quantity("s", "longer intervals are gaps; 0: five times the usual one", maximum=1e6)
     ] = 0.0
+    peak_time: Annotated[
+        float, Quantity("s", "the highest force and µ are means over this time", 0.001, 10.0)
+    ] = PEAK_TIME
     vehicle: Annotated[
         str,
         Quantity("", "log: as stated, with what the log shows of its brake; stated: as it is"),

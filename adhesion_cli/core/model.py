@@ -596,6 +596,8 @@ class Reference:
     averaged: float = 0.0  # probability that the speed is the mean over its interval
     mass: Floats | None = None  # covariance of the force with ln m, by the tolerances [N]
     nis: Nis | None = None  # of the forward filter, None where the method has none
+    impulse: Floats | None = None  # 1 sigma of I ω/R at one time, by the speed's noise [N s]
+    clamping: Floats | None = None  # the part of `sigma` that the noise of K has [N]
 
     @property
     def half_width(self) -> Floats:

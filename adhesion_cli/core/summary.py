@@ -30,7 +30,7 @@ class MeanAndHighest(NamedTuple):
 
     mean: Annotated[float, Quantity("", "mean over the brake application")]
     mean_u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
-    max: Annotated[float, Quantity("", "highest value")]
+    max: Annotated[float, Quantity("", "highest mean over `analysis.peak_time`")]
     max_u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
 
 

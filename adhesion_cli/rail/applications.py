@@ -3,7 +3,6 @@
 Uncertainties are those of JCGM 100 (GUM), see `reference.budget`.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 
@@ -11,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import physics, threads
-from ..core.model import Z95, AxleRecord, AxleResult, Floats, Times, Vehicle
-from ..core.signals import coverage_factor
+from ..core.model import AxleRecord, AxleResult, Floats, Times, Vehicle
 from ..core.summary import (
     BrakeApplication,
     Contribution,
@@ -25,6 +23,7 @@ from ..reference import budget
 from ..reference.brake_work import brake_work, motor_share
 from . import fit, rail_under_slides, sliding
 from .events import Slide
+from .highest import PEAK_TIME, highest_mean
 from .locks import Lock, LockLimits, locks_of_axle
 
 
@@ -34,6 +33,7 @@ def find_applications(
     start_ns: int = 0,
     route: Route = NOWHERE,
     limits: LockLimits | None = None,
+    peak_time: float = PEAK_TIME,
 ) -> tuple[BrakeApplication, ...]:
     """The brake applications of an axle, in the order of time.
 
@@ -43,6 +43,7 @@ def find_applications(
         start_ns: the log's start, from which times count [ns].
         route: where the train was.
         limits: from when on a standing wheel is locked.
+        peak_time: the highest force is a mean over this time [s].
     """
     slides, merged = sliding.slides(axle), rail_under_slides.braked_pieces(axle)
     context = rail_under_slides.AxleContext(axle, vehicle)
@@ -56,7 +57,7 @@ def find_applications(
     return tuple(
         threads.run_each(
             lambda parts: _application(
-                context, parts, slides, locks, by_slide, contributions, start_ns, route
+                context, parts, slides, locks, by_slide, contributions, start_ns, route, peak_time
             ),
             merged,
         )
@@ -72,6 +73,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     contributions: Mapping[str, Floats],
     log_start: int,
     route: Route,
+    peak_time: float,
 ) -> BrakeApplication:
     axle, vehicle = context.axle, context.vehicle
     record, samples = axle.record, slice(pieces[0].start, pieces[-1].stop)
@@ -80,7 +82,11 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         speed = np.where(np.isfinite(record.train_speed[samples]), record.train_speed[samples], rim)
     finite = speed[np.isfinite(speed)]
     from_speed, to_speed = (float(finite[i]) if len(finite) else None for i in (0, -1))
-    force, rows, coverage = _measured(axle, vehicle, pieces, contributions) or (None, None, None)
+    force, rows, coverage = _measured(axle, vehicle, pieces, contributions, peak_time) or (
+        None,
+        None,
+        None,
+    )
     weight = vehicle.axle_mass.value * physics.G
     slides = [x for x in all_slides if samples.start <= x.samples.start < samples.stop]
     place = route.at(int(record.t[samples.start]))
@@ -154,7 +160,11 @@ def summarise_slide(
 
 
 def _measured(
-    axle: AxleResult, vehicle: Vehicle, pieces: Sequence[slice], contributions: Mapping[str, Floats]
+    axle: AxleResult,
+    vehicle: Vehicle,
+    pieces: Sequence[slice],
+    contributions: Mapping[str, Floats],
+    peak_time: float,
 ) -> tuple[MeanAndHighest, tuple[Contribution, ...], Coverage] | None:
     """The force of an application [N] and its budget; None where the reference has no value.
 
@@ -163,8 +173,7 @@ def _measured(
         vehicle: with its tolerances.
         pieces: of the application in which the wheel turns.
         contributions: what each parameter adds, from `budget.contributions_by_parameter`.
-
-    The highest force is that with the highest lower limit of its noise: no outlier of the noise.
+        peak_time: the highest force is a mean over this time [s].
     """
     ref, finite_pieces = axle.reference, []
     for piece in pieces:
@@ -173,14 +182,12 @@ def _measured(
             finite_pieces.append(indices)
     if not finite_pieces:
         return None
-    all_indices = np.concatenate(finite_pieces)
-    top = int(all_indices[np.argmax(ref.force[all_indices] - Z95 * ref.sigma[all_indices])])
     mean = partial(_mean, axle.record.t, pieces=finite_pieces)
-    rows, coverage = budget.mean_budget(axle, vehicle, contributions, mean, len(all_indices))
-    noise, u = float(ref.sigma[top]), math.hypot(ref.sigma[top], ref.tolerance[top])
-    k = coverage_factor(budget.freedom(noise, u, len(all_indices)))
-    u95, highest = coverage.k * coverage.u_n, float(ref.force[top])
-    return MeanAndHighest(mean(ref.force), u95, highest, k * u), rows, coverage
+    samples = sum(map(len, finite_pieces))
+    rows, coverage = budget.mean_budget(axle, vehicle, contributions, mean, samples)
+    highest, u95 = highest_mean(axle.record.t, ref, finite_pieces, peak_time)
+    mean_u95 = coverage.k * coverage.u_n
+    return MeanAndHighest(mean(ref.force), mean_u95, highest, u95), rows, coverage
 
 
 def _mean(t: Times, x: Floats, pieces: Sequence[NDArray[np.int64]]) -> float:

@@ -51,6 +51,8 @@ class RunEstimate(NamedTuple):
     sigma: Floats  # 1 sigma of φK + ω̇/a from noise alone [N]
     averaged: float = 0.0  # probability that a speed is the mean since the last one
     squares: Floats | None = None  # normalised innovations squared, where the filter has a sample
+    speed_sigma: Floats | None = None  # 1 sigma of a speed as measured, without rounding [rad/s]
+    clamping_sigma: Floats | None = None  # 1 sigma of φK from noise alone [N]
 
 
 class ReferenceMethod(NamedTuple):
@@ -84,10 +86,13 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     ripples = [run_out.find_run_out(seconds_of(r), r.wheel_speed) for r in runs]
     delay = record.pressure_late.value
     force, sigma, tolerance, mass = (np.full(len(record), np.nan) for _ in range(4))
+    impulse, clamping = np.full((2, len(record)), np.inf)
     estimates = METHODS[method].estimate(runs, [ripple for ripple, _ in ripples], w)
     for s, estimate in zip(slices, estimates, strict=True):
         force[s] = w.phi * estimate.clamping_force + estimate.acceleration / w.a  # (1)
         sigma[s] = estimate.sigma
+        if estimate.speed_sigma is not None and estimate.clamping_sigma is not None:
+            impulse[s], clamping[s] = estimate.speed_sigma / w.a, estimate.clamping_sigma
         tolerance[s], mass[s] = _tolerance(record.extract(s), vehicle, estimate)
         if delay:
             t = (record.t[s] - record.t[s.start]) * 1e-9
@@ -104,7 +109,19 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     nis = innovations.mean(np.concatenate(squares)) if squares else None
     source, saturated = METHODS[method].source, record.saturated
     return Reference(
-        method, source, force, sigma, tolerance, saturated, largest, pulses, averaged, mass, nis
+        method,
+        source,
+        force,
+        sigma,
+        tolerance,
+        saturated,
+        largest,
+        pulses,
+        averaged,
+        mass,
+        nis,
+        impulse,
+        clamping,
     )
 
 
@@ -257,9 +274,20 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         _between_samples(*pair, w) if rolls else _noise(*pair, w)
         for pair in zip(clamping, rates, strict=True)
     ]
+    level = math.inf if counts else judged[1].measurement  # a count is a mean, not a level
     return [
-        RunEstimate(K, rate, sigma, averaged, z2)
-        for (K, sigma), (rate, _), z2 in zip(forces, rates, squares, strict=True)
+        RunEstimate(
+            K,
+            rate,
+            sigma,
+            averaged,
+            z2,
+            np.sqrt(level + run.own_variance),
+            w.phi * np.hypot(c.sigma, c.missed),
+        )
+        for (K, sigma), (rate, _), z2, run, c in zip(
+            forces, rates, squares, wheel, clamping, strict=True
+        )
     ]
 
 

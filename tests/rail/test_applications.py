@@ -71,7 +71,7 @@ def test_every_application_is_one_row_and_noise_does_not_make_the_highest_force(
     force[middle], sigma[middle] = 3.0 * force[middle], 2.0 * force[middle]
     noisy = replace(
         axle,
-        reference=replace(ref, force=force, sigma=sigma),
+        reference=replace(ref, force=force, sigma=sigma, impulse=None),
         applications=(slice(samples.start, middle), slice(middle, samples.stop)),
     )
     first, second = find_applications(noisy, result.vehicle)

@@ -1,0 +1,94 @@
+"""The highest adhesion force of a brake application: a mean over a stated time, with its band.
+
+The value is the mean force of the window with the highest lower limit, so no outlier of the noise.
+Its band holds the true highest mean. That may lie in another window: a peak of 0.1 s at the end of
+a slide is flattened by the smoother, which says so by a large sigma there. So the highest mean has
+the distribution of the largest of all windows, each normal about its estimate:
+
+    P(highest ≤ x) = Π Φ((x − F_k) / σ_k)
+
+over windows one after the other, and the band reaches from the value to the quantiles of 2.5 and
+97.5 %, the wider of the two on both sides. Errors of windows are taken as independent, which makes
+the band wider.
+
+σ_k is the smoother's sigma of the force, or that of the mean by its two ends,
+ω̇ = (ω_2 − ω_1) / T, where that is less: a slide's peak is short, but the speed before and after it
+is well known.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.model import Z95, Floats, Reference, Times
+
+PEAK_TIME = 0.1  # the highest force is a mean over this time [s]
+_ROOT_2 = math.sqrt(2.0)
+_FAR = 6.0  # sigma beyond which a window is surely lower
+_erfc = cast(Callable[[Floats], Floats], np.vectorize(math.erfc, otypes=[float]))
+
+
+def highest_mean(
+    t: Times, reference: Reference, pieces: Sequence[NDArray[np.int64]], peak_time: float
+) -> tuple[float, float]:
+    """The highest mean force over `peak_time`, and half the width of its 95 % band [N].
+
+    Args:
+        t: of the reference (n,) [ns].
+        reference: the force.
+        pieces: the samples to search, each in the order of time and without NaN.
+        peak_time: [s]. Where samples are further apart than half of it, each is taken as it is.
+    """
+    windows = [_windows(t[i], reference.rows(i), peak_time) for i in pieces]
+    mean, sigma, tolerance = (np.concatenate(column) for column in zip(*windows, strict=True))
+    sigma = np.maximum(sigma, 1e-9 * max(float(np.abs(mean).max()), 1.0))
+    top = int(np.argmax(mean - Z95 * sigma))
+    highest, by_tolerance = float(mean[top]), Z95 * float(tolerance[top])
+    near = mean + _FAR * sigma > mean[top] - _FAR / 2.0 * sigma[top]
+    low, high = (_quantile(mean[near], sigma[near], share) for share in (0.025, 0.975))
+    return highest, math.hypot(max(high - highest, highest - low), by_tolerance)
+
+
+def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, Floats, Floats]:
+    """Mean force, its sigma by noise and by tolerances, of the highest window of each `peak_time`.
+
+    Args:
+        t: (n,) [ns].
+        r: the force at these times.
+        peak_time: [s].
+    """
+    seconds = (t - t[0]) * 1e-9
+    mean, sigma, interval = r.force, r.sigma, float(np.median(np.diff(seconds)))
+    if interval <= 0.501 * peak_time:
+        mean, sigma = (_moving_mean(seconds, x, peak_time) for x in (r.force, r.sigma))
+        if interval <= peak_time / 4.0 and r.impulse is not None and r.clamping is not None:
+            by_ends = np.hypot(_ROOT_2 * r.impulse / peak_time, r.clamping)
+            sigma = np.minimum(sigma, by_ends)
+    block = np.floor(seconds / peak_time).astype(int)
+    order = np.lexsort((mean + sigma, block))
+    best = order[np.append(np.flatnonzero(np.diff(block[order])), len(order) - 1)]
+    return mean[best], sigma[best], r.tolerance[best]
+
+
+def _moving_mean(t: Floats, x: Floats, width: float) -> Floats:
+    """Mean of x over `width` about each time, by the trapezoidal rule; less at the ends; (n,)."""
+    area = np.concatenate([[0.0], np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2.0)])
+    first, last = np.maximum(t - width / 2.0, t[0]), np.minimum(t + width / 2.0, t[-1])
+    mean: Floats = (np.interp(last, t, area) - np.interp(first, t, area)) / (last - first)
+    return mean
+
+
+def _quantile(mean: Floats, sigma: Floats, share: float) -> float:
+    """What the largest of independent normal values is below, with this probability."""
+    low, high = float(np.max(mean - 4.0 * sigma)), float(np.max(mean + _FAR * sigma))
+    while high - low > 1e-9 * abs(high) + 1e-12:
+        middle = (low + high) / 2.0
+        above = 0.5 * _erfc((middle - mean) / (_ROOT_2 * sigma))
+        if float(np.sum(np.log1p(-np.minimum(above, 1.0 - 1e-16)))) < math.log(share):
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2.0

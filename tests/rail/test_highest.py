@@ -1,0 +1,72 @@
+"""The highest mean force of a brake application, and its band."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from adhesion_cli.core.model import Floats, Reference
+from adhesion_cli.rail.highest import highest_mean
+
+RATE = 100.0  # [Hz]
+
+
+def reference(force: Floats, sigma: Floats, tolerance: float = 0.0) -> Reference:
+    return Reference("made", "", force, sigma, np.full(len(force), tolerance))
+
+
+def highest(r: Reference, peak_time: float = 0.1) -> tuple[float, float]:
+    n = np.arange(len(r.force))
+    return highest_mean((n * 1e9 / RATE).astype(np.int64), r, [n], peak_time)
+
+
+@pytest.mark.parametrize(("peak_time", "mean"), [(0.1, 2000.0), (0.2, 2000.0), (0.4, 1500.0)])
+def test_the_highest_force_is_a_mean_over_the_stated_time(peak_time, mean) -> None:
+    force = np.full(1000, 1000.0)
+    force[500:521] = 2000.0  # 0.2 s
+    value, half = highest(reference(force, np.full(1000, 1e-3)), peak_time)
+    assert value == pytest.approx(mean, rel=0.03)
+    assert half < 0.1
+
+
+def test_the_band_holds_the_highest_of_many_means_that_are_uncertain() -> None:
+    """The true means lie about the estimates, each on its own: the highest is far above them."""
+    value, half = highest(reference(np.full(300, 5000.0), np.full(300, 100.0)))
+    true = 5000.0 + 100.0 * np.random.default_rng(3).standard_normal((1000, 30))
+    inside = np.abs(value - true.max(axis=1)) < half
+    assert 0.95 < np.mean(inside) < 0.99
+    assert half > 1.5 * 196.0
+
+
+def test_a_peak_that_is_hardly_known_widens_the_band_only() -> None:
+    force, sigma = np.full(1000, 5000.0), np.full(1000, 50.0)
+    calm, narrow = highest(reference(force, sigma))
+    force[500:520], sigma[500:520] = 5400.0, 2000.0
+    value, half = highest(reference(force, sigma))
+    assert value == pytest.approx(calm)
+    assert half > 10.0 * narrow
+    assert value + half > 9000.0
+
+
+def test_a_speed_that_is_known_before_and_after_a_peak_narrows_the_band() -> None:
+    force, sigma = np.full(1000, 5000.0), np.full(1000, 50.0)
+    force[500:530], sigma[500:530] = 9000.0, 2000.0
+    flat = reference(force, sigma)
+    known = replace(flat, impulse=np.full(1000, 10.0), clamping=np.full(1000, 20.0))
+    value, half = highest(known)
+    assert value == pytest.approx(9000.0)
+    assert half < 400.0 < highest(flat)[1]
+
+
+def test_samples_that_are_far_apart_are_taken_as_they_are() -> None:
+    force = np.array([1000.0, 1000.0, 3000.0, 1000.0, 1000.0])
+    t = np.arange(5) * 100_000_000
+    r = replace(reference(force, np.full(5, 1.0)), impulse=np.zeros(5), clamping=np.zeros(5))
+    value, half = highest_mean(t, r, [np.arange(5)], 0.1)
+    assert value == 3000.0
+    assert half == pytest.approx(1.96, rel=0.01)
+
+
+def test_tolerances_count_in_full() -> None:
+    value, half = highest(reference(np.full(100, 5000.0), np.full(100, 1e-3), 100.0))
+    assert (value, half) == (pytest.approx(5000.0), pytest.approx(196.0, rel=1e-3))
