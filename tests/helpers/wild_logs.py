@@ -87,7 +87,7 @@ def _ms(stamp: datetime) -> str:
 
 
 def segments(rng: random.Random) -> Iterator[WildLog]:
-    """LVM files with a header for each segment; X goes on."""
+    """LVM files with a header for each segment; X goes on, or begins anew in the last two."""
     for k in range(5):
         length, separator = rng.randrange(60, 300), ["\t", ",", "\t", "\t", ";"][k]
         name = ["Tab", "Comma", "Tab", "Tab", "Semicolon"][k]
@@ -111,8 +111,9 @@ def segments(rng: random.Random) -> Iterator[WildLog]:
             rows += ["Delta_X|0.020000|0.020000|", "***End_of_Header***|||"]
             rows += ["|".join(["X_Value", *(NAMES if in_names else names), *["Comment"] * comment])]
             part = slice(begin, begin + length)
+            since = begin / RATE if k > 2 else 0.0
             rows += [
-                f"{t:.6f}|{p:.6f}|{v:.6f}"
+                f"{t - since:.6f}|{p:.6f}|{v:.6f}"
                 for t, p, v in zip(T[part], P[part], V[part], strict=True)
             ]
         yield WildLog("log.lvm", "\n".join(rows).replace("|", separator).encode() + b"\n")

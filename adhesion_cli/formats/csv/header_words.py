@@ -82,7 +82,7 @@ def time_part(header: str) -> str | None:
 
 def label(cell: str) -> str | None:
     """What a row above a table holds by its first cell: "names", "units", "interval" and so on."""
-    return _LABELS.get(normal(cell).strip(":[]"))
+    return _LABELS.get(normal(re.sub(r"(?<=\w)\s*[\[(].*", "", cell)).strip(":[]"))
 
 
 def speaks_of_time(header: str) -> bool:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
+import pyarrow as pa
 
 from ...core import toml
 from ...core.errors import UserError
@@ -17,6 +18,7 @@ from ...core.units import in_name
 from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions
 from .block_parser import CsvTable
+from .cells import stamps
 from .clock import Clock
 from .detect_dialect import detect_dialect
 from .dialect import Dialect, is_number
@@ -24,8 +26,8 @@ from .header_words import time_name
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
-from .rows import MOST_WORDS, read_rows
-from .stamps import is_stamp
+from .rows import MOST_WORDS, CsvRows, read_rows
+from .stamps import CLOCKS, is_stamp
 from .time_column import find_clock
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
@@ -160,7 +162,7 @@ class CsvSource:
         indices = {self.places[f][1] for f in wanted}
         numeric, texts = sorted(indices - self._words.keys()), sorted(indices & self._words.keys())
         read = read_rows(self.table, numeric, self.keys.columns, list(self.keys.series), texts)
-        t, codes = self._of_digits(read.times), read.codes
+        t, codes = self._of_digits(self._of_segments(read)), read.codes
         self.lines = Counter({kind: n for kind, n in read.losses.lines.items() if n})
         self.rows = self.lines["used"] + self.lines["other group"]
         self._refuse_time(t)
@@ -190,6 +192,21 @@ class CsvSource:
             valid = np.isfinite(value) if words or i in lossy else np.ones(len(value), np.bool_)
             read_columns.append(Column(times.get(k, t), value, valid, words))
         return read_columns
+
+    def _of_segments(self, read: CsvRows) -> Times:
+        """The times; where X of an LVM file begins anew in each segment, after the segment's."""
+        t, first_clock = read.times, self._dialect.labels.get("clock", ["", ""])[1]
+        begins = [row for row, _ in read.segments if 0 < row < len(t)]
+        if not begins or (t[begins] >= t[np.array(begins) - 1]).any():
+            return t
+        clocks = pa.array([first_clock, *(clock for _, clock in read.segments)])
+        starts, ok = stamps(clocks, CLOCKS["colons"])
+        after_first = (starts[1:] - starts[0]) % (86_400 * 10**9)
+        if not ok.all() or (np.diff(after_first) <= 0).any():
+            return t
+        rows = np.array([row for row, _ in read.segments])
+        shifts = np.append(0, after_first)[np.searchsorted(rows, np.arange(len(t)), side="right")]
+        return np.asarray(t + shifts)
 
     def _of_digits(self, t: Times) -> Times:
         """The times; those of a clock in digits that is read as a number are a time of day."""

@@ -15,6 +15,7 @@ from ...core.model import Bools, Floats, Times
 from .block_parser import CsvTable, ParsedBlock, Parser
 from .cells import is_missing
 from .dialect import is_comment, is_null, split
+from .header_words import label
 from .lines import Lines
 from .losses import SKIPPED, Losses
 
@@ -37,6 +38,7 @@ class CsvRows:
     words: dict[int, list[str]]  # of columns of words, whose values are numbers of them
     losses: Losses
     lines: Lines  # with what is wrong at the end of the file
+    segments: list[tuple[int, str]]  # of an LVM file: first row of each, and its time of day
 
 
 def read_rows(
@@ -68,6 +70,7 @@ def read_rows(
     row_count = sample_count = 0
     words: dict[int, list[str]] = {i: [] for i in texts}
     reread = (*keys, *texts)
+    segments: list[tuple[int, str]] = []
     for parsed in threads.run_ahead(Parser(table, indices, reread).parse, lines.blocks()):
         if not parsed.timed.all():
             classify_untimed(table, parsed)
@@ -75,6 +78,11 @@ def read_rows(
         timed = parsed.timed.copy()
         codes = groups.codes(parsed, timed)
         losses.add(parsed, timed, row_count)
+        for line in parsed.dropped.get("header", ()) if table.dialect.segments else ():
+            cells = split(parsed.text(line), table.dialect.delimiter)
+            if label(cells[0]) == "clock":
+                row = row_count + int(np.searchsorted(parsed.lines[timed], line))
+                segments.append((row, cells[1]))
         stop = row_count + int(timed.sum())
         numbers = {i: _numbers_of(parsed.arrays[i], timed, words[i]) for i in texts}
         for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values, **numbers}.items():
@@ -93,7 +101,7 @@ def read_rows(
     for i in indices:
         losses.settle(i, by_column[i])
     t, codes = by_column.pop(_T), by_column.pop(_SERIES)
-    return CsvRows(t, codes, by_column, groups.met, words, losses, lines)
+    return CsvRows(t, codes, by_column, groups.met, words, losses, lines, segments)
 
 
 def count_times(table: CsvTable, parsed: ParsedBlock, count: int) -> int:

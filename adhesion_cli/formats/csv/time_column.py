@@ -180,9 +180,11 @@ class _ClockSearch:
     def counted(self) -> Clock | None:
         """The clock of rows without a time, whose interval or rate stands above the table."""
         labels = self.dialect.labels
-        unit = NS_PER_UNIT[time_unit((labels.get("interval_unit") or ["", "s"])[1]) or "s"]
         for kind in ("interval", "rate"):
             cells = [c for c in labels.get(kind, [])[1:] if c]
+            texts = [*labels.get("interval_unit", []), *cells, *labels.get(kind, [])[:1]]
+            said = (time_unit(units.in_name(x)[1] or x) for x in texts)
+            unit = NS_PER_UNIT[next(filter(None, said), "s")]
             if cells and is_number(cells[0]) and float(cells[0].replace(",", ".")) > 0.0:
                 value = float(cells[0].replace(",", "."))
                 step = round(value * unit if kind == "interval" else _S / value)
