@@ -41,7 +41,7 @@ class ReadOptions:
     """
 
     time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
-    # "s", "ms", "us", "ns", "iso", "excel"; None: decided, in a finding
+    # a key of `formats.csv.clock.COUNTS`, or of dates "iso", "ymd"; None: decided, in a finding
     time_unit: str | None = None
     time_source: TimeSource | None = None  # MCAP; None: decided, in a finding
     group_channel: str | None = None  # CSV column that separates devices or axles
