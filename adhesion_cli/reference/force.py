@@ -25,6 +25,7 @@ from .noise_fit import (
     NO_BRAKING,
     SLACK,
     ValueAndSigma,
+    common_noise,
     fit_regimes,
     largest_bend,
     median_step,
@@ -245,6 +246,10 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         ]
         rounding, slack, white = step**2 / 6.0 / counts**2, _COUNTER_SLACK, fitted_to
     else:
+        wheel = [
+            run._replace(own_variance=run.own_variance + common_noise(run, r.wheel_speed_steps))
+            for r, run in zip(runs, wheel, strict=True)
+        ]
         informative = fitted_to = [informative_samples(run) for run in wheel]
         rounding = float(np.mean([np.mean(r.wheel_speed_steps**2) for r in runs])) / 12.0
         slack, white = SLACK, wheel

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from ..core.model import AxleRecord, Floats
+from ..core.signals import white_noise
 from . import smoother
 
 _FITTED_SAMPLES = 20_000  # samples that the noise levels are fitted to
@@ -21,6 +22,11 @@ SWITCHING_RATES = np.array(
 )  # regimes [1/s]
 START_PROBABILITIES = np.array([0.9, 0.05, 0.05])
 _DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)  # 1 sigma of the prior of noise, coupling, each roughness
+_SLICE = 0.05  # half a period of vibration of 10 Hz [s]
+_FEWEST_SLICES = 40  # that show how much their means vary
+_MEDIAN_SQUARE = 0.4549  # median of the square of a standard normal value
+_JERK = 8.0  # more than the median of any motion [rad/s³]
+_CLEARLY = 8.0  # times white noise; below that its fit still finds the force
 ValueAndSigma = tuple[Floats, Floats]  # a column and its 1 sigma, shape (n,)
 
 
@@ -123,6 +129,33 @@ def line_error(t: Floats, knots: Floats, x: Floats) -> Floats:
     fraction = (t - knots[right - 1]) / (knots[right] - knots[right - 1])
     error: Floats = largest_bend(x)[right] * fraction * (1.0 - fraction)
     return error
+
+
+def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
+    """Variance to add to that of white noise, where neighbouring readings have common errors.
+
+    Vibration and run-out move the means of slices of time much more than white noise does. A fit
+    of white noise then takes them for force. For a smoother slower than a slice, they are white
+    noise whose means vary as much. It is 0 where the means do not clearly vary more.
+
+    Args:
+        run: the readings.
+        steps: quantisation step of each; a step bounds its errors, which are not counted.
+    """
+    gained = np.diff(run.t) * (run.u[1:] + run.u[:-1]) / 2.0
+    z = run.y - np.concatenate([[0.0], np.cumsum(gained)])
+    starts = np.flatnonzero(np.diff(np.floor(run.t / _SLICE), prepend=-1.0))
+    readings = np.diff(starts, append=len(z))
+    size = float(np.median(readings))
+    if len(starts) < _FEWEST_SLICES or size < 2.0:
+        return 0.0
+    bend = np.median(np.abs(np.diff(np.add.reduceat(z, starts) / readings, 2)))
+    if bend < _JERK * _SLICE**2:
+        return 0.0
+    variance = bend**2 / _MEDIAN_SQUARE / 1.5  # of a mean
+    slow = size * float(variance - np.mean(steps**2) / 4.0)
+    white = white_noise([(run.t, z)])
+    return slow - white if slow > _CLEARLY * white else 0.0
 
 
 def seconds_of(run: AxleRecord) -> Floats:

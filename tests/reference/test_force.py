@@ -19,6 +19,7 @@ from helpers.reference_runs import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from adhesion_cli.channels.to_si import period_tick
 from adhesion_cli.core import physics, signals
@@ -31,6 +32,7 @@ from adhesion_cli.core.model import (
     Vehicle,
     quantities,
 )
+from adhesion_cli.records import brake_applications
 from adhesion_cli.reference import force, pulses, smoother
 
 
@@ -107,6 +109,24 @@ def test_a_wheel_that_rolls_shows_the_pressure_between_its_samples(name: str) ->
     assert error < 0.4 * best_butterworth(record, used)
     assert rms(F.sigma[used]) < 2.0 * error
     assert share_inside(F, record.truth, used) >= 0.9
+
+
+def test_vibration_is_not_taken_for_force() -> None:
+    """Its neighbouring readings have nearly the same error, which no white noise has."""
+    record, _ = logged("service-brake", rate=200.0)
+    t = (record.t - record.t[0]) * 1e-9
+    rng = np.random.default_rng(6)
+    pole = 0.995 * np.exp(2j * np.pi * 9.0 * 0.005)
+    shaking = signal.lfilter(
+        [1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.normal(size=len(t))
+    )
+    shaking *= 0.1 / np.std(shaking) * (record.wheel_speed > 1.0)
+    F = force.compute(replace(record, wheel_speed=record.wheel_speed + shaking), VEHICLE)
+    assert record.truth is not None
+    braked = np.r_[brake_applications.find_applications(record)]
+    braked = braked[record.wheel_speed[braked] > 5.0]
+    error = (F.force - record.truth)[braked]
+    assert math.sqrt(np.mean(error**2)) < 0.02 * np.mean(record.truth[braked])
 
 
 def test_a_long_level_beside_dither_counts_once() -> None:
