@@ -16,6 +16,7 @@ from ..core.summary import PositionSource
 from ..core.text import iso
 from ..core.time_axis import gap_limit
 
+_ALONG: tuple[Literal["position", "distance"], ...] = ("position", "distance")
 _EARTH = 6_371_008.8  # mean radius [m]
 _FASTEST = 120.0  # no train is faster [m/s]
 _SPEED_MARGIN = 1.5  # a place may move so much faster than the speed says
@@ -139,8 +140,7 @@ def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -
         speed: of the train [m/s], where it is known: no place moves faster.
     """
     coordinates = _coordinates(columns, speed)
-    sources: tuple[Literal["position", "distance"], ...] = ("position", "distance")
-    for source in sources:
+    for source in _ALONG:
         t, value = _in_order(columns.get(source))
         if len(t) > 1:
             value = value - value[0] if source == "distance" else value
@@ -163,21 +163,27 @@ def check_route(log: Log, vehicle: Vehicle) -> list[Finding]:
     speed = _speed(log, vehicle)
     has_train = any(c.meaning == "train_speed" and len(c.data.t) > 1 for c in log.channels)
     share = _CONTRADICTION if has_train else _CONTRADICTION_TO_WHEELS
-    route, findings = make_route(_columns(log), speed), list[Finding]()
-    for meaning, trace in _logged(route):
+    columns, findings = _columns(log), list[Finding]()
+    route = make_route(columns, speed)
+    for meaning, trace in _logged(columns, speed):
         title = _channels(log)[meaning].title
-        findings += _jumps(trace, title, log.start_ns())
+        if meaning in (route.position_from, "latitude"):  # a counter beside it may begin anew
+            findings += _jumps(trace, title, log.start_ns())
         if speed:
             findings += _contradiction(trace.thinned(_WAY_INTERVAL), title, speed, share)
     return findings
 
 
-def _logged(route: Route) -> Iterator[tuple[Meaning, Trace]]:
-    """What the log has of a route, by meaning."""
-    if route.position_from in ("position", "distance"):
-        yield route.position_from, route.positions
-    if route.coordinates:
-        yield "latitude", route.coordinates
+def _logged(
+    columns: Mapping[Meaning, Column], speed: Column | None
+) -> Iterator[tuple[Meaning, Trace]]:
+    """Every trace of the places that a log has, by meaning."""
+    for meaning in _ALONG:
+        t, value = _in_order(columns.get(meaning))
+        if len(t) > 1:
+            yield meaning, _trace(t, value, speed)
+    if coordinates := _coordinates(columns, speed):
+        yield "latitude", coordinates
 
 
 def _jumps(trace: Trace, title: str, start_ns: int) -> list[Finding]:

@@ -20,6 +20,7 @@ _RATIO_SPEED = 3.0  # the ratio of train and rim is measured above [m/s]
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
 UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
 UNKNOWN_DELAY = 0.1  # 1 sigma of a train speed's delay that the log does not show [s]
+_DELAY_SHARE = 0.5  # and at least this share of its interval: slow receivers are late
 
 
 class TimeSeries(NamedTuple):
@@ -132,7 +133,10 @@ def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
         c.axle or i: _series(c, start_ns)
         for i, c in enumerate(_channels(log, "pressure") or _channels(log, "clamping_force"), 1)
     }
-    delay_sigma = UNKNOWN_DELAY if source == "train" and brakes else 0.0
+    delay_sigma = 0.0
+    if source == "train" and brakes and len(speed.t) > 1:
+        interval = float(np.median(np.diff(speed.t)))
+        delay_sigma = max(UNKNOWN_DELAY, _DELAY_SHARE * interval)
     signals = StopSignals(speed, source, UNKNOWN_SCALE, delay_sigma, {}, brakes, _commands(log))
     signals = signals._replace(by_pressure=bool(_channels(log, "pressure")))
     return _with_states(signals, log)

@@ -120,6 +120,13 @@ def test_a_distance_that_the_speed_contradicts_is_named(factor: float, contradic
         assert values["by_speed_m"] == pytest.approx(SPEED * 99.0)
 
 
+def test_a_distance_beside_the_kilometres_is_checked_and_may_begin_anew() -> None:
+    begun_anew = np.where(T < 50.0, METRES, METRES - METRES[len(T) // 2]) - METRES[0]
+    assert findings(log(position=METRES, distance=begun_anew)) == {}
+    codes = findings(log(position=METRES, distance=1.2 * (METRES - METRES[0])))
+    assert codes["distance-contradicts-speed"].channel == "distance"
+
+
 def test_wheels_that_slide_contradict_no_distance() -> None:
     """Both wheels are slow for a while, and no train speed shows it."""
     rim = np.where((T > 40.0) & (T < 60.0), 0.3 * SPEED, SPEED)

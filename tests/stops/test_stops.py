@@ -10,13 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from adhesion_cli.core.model import Floats, Parameter
+from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
 from adhesion_cli.core.physics import G
 from adhesion_cli.core.summary import StopSummary
 from adhesion_cli.stops.find import find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
 from adhesion_cli.stops.settings import StopSettings
-from adhesion_cli.stops.signals import StopSignals, TimeSeries, of_records
+from adhesion_cli.stops.signals import (
+    UNKNOWN_DELAY,
+    StopSignals,
+    TimeSeries,
+    of_log,
+    of_records,
+)
 from adhesion_cli.stops.speed import local_polynomial
 
 FLAT = ToLevel(Parameter(0.0, 0.0), 1.0)
@@ -262,3 +268,18 @@ def test_a_command_that_is_not_logged_has_an_uncertain_dead_time() -> None:
     assert stated.distance_m is not None
     assert stated.distance_m.value == pytest.approx(distance, abs=1.0)
     assert stated.distance_m.u95 < 0.5 * stop.distance_m.u95
+
+
+@pytest.mark.parametrize(("interval", "sigma"), [(0.02, UNKNOWN_DELAY), (1.0, 0.5)])
+def test_a_slow_train_speed_without_wheels_may_be_late(interval: float, sigma: float) -> None:
+    t = np.arange(0.0, 40.0, interval)
+    v = np.clip(20.0 - (t - 10.0), 0.0, 20.0)
+
+    def channel(meaning: Meaning, value: Floats) -> Channel:
+        data = Column(np.round(1e9 * t).astype(np.int64), value, np.ones(len(t), np.bool_))
+        return Channel(meaning, "", meaning, None, "", "", data)
+
+    channels = (channel("train_speed", v), channel("pressure", np.where(t > 10.0, 3e5, 0.0)))
+    found = of_log(Log("a.csv", "csv", "", False, len(t), channels, ()), Vehicle())
+    assert found is not None
+    assert found.delay_sigma == pytest.approx(sigma)
