@@ -69,6 +69,7 @@ class _Columns(NamedTuple):
 
 
 _Axis = _Waves | _Columns
+_States = list[tuple[int, dict[str, Any]]]  # properties, and the sample from which on they hold
 
 
 class Reader:
@@ -117,17 +118,7 @@ class Reader:
         Raises:
             UserError: where one has no time.
         """
-        channels, waves, by_name = {}, {}, {}
-        for channel in group.channels():
-            states = self._states(channel)
-            if not len(channel):
-                continue
-            if problem := _scaling_problem(self._file, group, channel, states):
-                self._leave_out(channel, problem, "warning")
-            elif _is_number(channel) and (problem := _axis_problem(states)):
-                self._leave_out(channel, problem, "info")
-            else:
-                channels[channel.name] = channel, states
+        channels, waves, by_name = self._readable(group), {}, {}
         for name, (channel, states) in channels.items():
             if not _is_number(channel):
                 self._texts += [name] * (not _is_time(channel))
@@ -143,25 +134,47 @@ class Reader:
         rest = [c for c in usable if c.name not in {*by_name, *waves}]
         rest = [c for c in rest if _is_number(c) or _is_time(c)]
         if rest and axis is None:
-            axis = self._by_columns(group.name, rest)
-        for channel in usable:
-            own_axis = by_name.get(channel.name) or waves.get(channel.name) or axis
-            is_time = axis is not None and channel.name in axis.names
-            if _is_number(channel) and own_axis and not is_time:
-                self._channels.append((channel, own_axis))
+            try:
+                axis = self._by_columns(group.name, rest)
+            except UserError:
+                if not by_name and not waves:
+                    raise
+                for channel in rest:
+                    self._leave_out(channel, "it has no time", "info")
+        if axis:
+            times |= set(axis.names)
+        for c in usable:
+            own_axis = by_name.get(c.name) or waves.get(c.name) or axis
+            if own_axis and _is_number(c) and c.name not in times:
+                self._channels.append((c, own_axis))
+
+    def _readable(self, group: Any) -> dict[str, tuple[Any, _States]]:
+        """The channels of a group whose numbers are known, by name, with what is said of them."""
+        channels = {}
+        for channel in group.channels():
+            states = self._states(channel)
+            if not len(channel):
+                continue
+            if problem := _scaling_problem(self._file, group, channel, states):
+                self._leave_out(channel, problem, "warning")
+            elif _is_number(channel) and (problem := _axis_problem(states)):
+                self._leave_out(channel, problem, "info")
+            else:
+                channels[channel.name] = channel, states
+        return channels
 
     def _leave_out(self, channel: Any, reason: str, severity: Severity) -> None:
         names = {"reason": reason}
         self._findings.append(Finding("channel-not-read", severity, channel.name, 1, names=names))
 
-    def _states(self, channel: Any) -> list[tuple[int, dict[str, Any]]]:
+    def _states(self, channel: Any) -> _States:
         """What properties say of a channel, and from which of its samples on.
 
         Those of the group and the file hold where the channel has none of its own.
         """
         paths = "/", channel.path.rsplit("/", 1)[0], channel.path
         by_path: dict[str, dict[str, Any]] = {path: {} for path in paths}
-        states: list[tuple[int, dict[str, Any]]] = [(0, {})]
+        states: _States = [(0, {})]
         for rows, changed in self._changes:
             for path in (path for path in paths if path in changed):
                 by_path[path] = by_path[path] | changed[path]
@@ -330,7 +343,7 @@ def _reason(clock: Clock) -> str:
     return clock.reason.replace("(units row)", "(channel's unit)")
 
 
-def _waves(states: Sequence[tuple[int, Mapping[str, Any]]]) -> _Waves | None:
+def _waves(states: _States) -> _Waves | None:
     """The time that properties state, None where they state none.
 
     A piece that begins where the one before ends, to half a sample, is no piece of its own.
@@ -372,7 +385,7 @@ def _x_unit(properties: Mapping[str, Any]) -> str:
     return str(properties.get("wf_xunit_string", "")).strip()
 
 
-def _axis_problem(states: Sequence[tuple[int, Mapping[str, Any]]]) -> str:
+def _axis_problem(states: _States) -> str:
     """Why the x axis of a channel is no time, "" where it may be one."""
     increments: dict[tuple[int, float], float] = {}  # by the start that they belong to
     for _, properties in states:
@@ -386,9 +399,7 @@ def _axis_problem(states: Sequence[tuple[int, Mapping[str, Any]]]) -> str:
     return ""
 
 
-def _scaling_problem(
-    file: Any, group: Any, channel: Any, states: Sequence[tuple[int, Mapping[str, Any]]]
-) -> str:
+def _scaling_problem(file: Any, group: Any, channel: Any, states: _States) -> str:
     """Why the numbers of a channel cannot be known, "" where nothing is wrong."""
     from nptdms.scaling import get_scaling
 

@@ -42,6 +42,10 @@ from adhesion_cli.core.errors import UserError
         ("pressurekPa", "pressure", "kPa"),
         ("BCP 10bar", "BCP", ""),  # a range, or a factor: its digits are no axle
         ("BCP (0-10 bar)", "BCP", ""),
+        ("BC pressure 10 kPa", "BC pressure", ""),
+        ("BC pressure 1/10 bar", "BC pressure", "1/10 bar"),
+        ("speed axle 10 km/h", "speed axle 10", "km/h"),
+        ("speed 12 km/h", "speed 12", "km/h"),
         ("BCP [bar x10]", "BCP", ""),
         ("BCP [bar/100]", "BCP", ""),
         ("BCP [10 bar]", "BCP", ""),
@@ -106,6 +110,7 @@ def test_a_number_that_may_mean_anything_is_no_factor(text: str) -> None:
 
 def test_a_number_behind_the_unit_is_named() -> None:
     assert units.unknown_in("BCP [bar] x10") == "bar x10"
+    assert units.unknown_in("BCP 10 kPa") == "10 kPa"
     assert units.contradicting("x10 kPa", ["BCP x10 [kPa]"], "pressure") == ""
     assert units.contradicting("0.01 bar", ["BCP [bar]"], "pressure") == "bar"
 

@@ -311,3 +311,10 @@ def test_an_increment_that_changes_is_refused(tmp_path: Path) -> None:
     path = pieces(tmp_path / "a.tdms", ({}, BAR | WAVE), ({}, BAR | WAVE | {"wf_increment": 0.04}))
     with pytest.raises(UserError, match="wf_increment changes inside the file"):
         columns(path)
+
+
+def test_a_channel_without_time_beside_others_is_left_out(tmp_path: Path) -> None:
+    channels = ("g", "p", P, BAR | WAVE), ("g", "x", V, {}), ("g", "y", P[::-1], {})
+    found, findings, _ = columns(written(tmp_path / "a.tdms", *channels))
+    assert set(found) == {"p"}
+    assert findings["channel-not-read"].severity == "info"

@@ -19,10 +19,12 @@ _OTHER_QUANTITIES = re.compile(
 # The same at the end of a name, where a sign or a decimal says that the number is no axle's;
 # and a number that may be a range, as in "sensor 10bar".
 _FACTOR_AT_END = re.compile(
-    rf"(?i)(?:\sin\s+|\s*[/,]\s*|[\s_](?={TIMES}|\d+[.,]\d))"
-    rf"(?P<text>{TIMES}?\s*{NUMBER}[\s_]*[^\W\d_]\S*)$"
+    rf"(?i)(?:\sin\s+|\s*[/,]\s*|[\s_](?={TIMES}|\d+[.,]\d|1\s*/\s*\d))"
+    rf"(?P<text>{TIMES}?\s*(?:1\s*/\s*)?{NUMBER}[\s_]*[^\W\d_]\S*)$"
 )
-_RANGE_AT_END = re.compile(r"[\s_](?P<text>\d{2,}[^\W\d_]\S*)$")
+_RANGE_AT_END = re.compile(
+    r"(?i)(?<!axle)(?<!achse)(?<!wheel)[\s_](?P<text>(?:\d{2,}|10+\s+)[^\W\d_]\S*)$"
+)
 _FACTOR_BEFORE_BRACKET = re.compile(rf"[\s_](?P<factor>{TIMES}\s*{NUMBER})$")
 
 
@@ -42,8 +44,9 @@ def unknown_in(name: str) -> str:
     if behind and behind != name and _FACTOR_BEHIND_BRACKET.match(behind):
         return f"{_BRACKETS.findall(name)[-1]}{behind}"
     at_end = _RANGE_AT_END.search(name.strip())
-    inside = [at_end["text"]] if at_end else []
-    inside += [text.strip() for text in _BRACKETS.findall(name)]
+    if at_end and _has_factor_unread(at_end["text"]):
+        return at_end["text"]
+    inside = [text.strip() for text in _BRACKETS.findall(name)]
     return inside[-1] if inside and not (unit(inside[-1]) or inside[-1].isdecimal()) else ""
 
 
