@@ -25,6 +25,7 @@ from .header import (
     DELIMITERS,
     FirstRows,
     Header,
+    Row,
     column_names,
     find_header,
     lines_before,
@@ -81,25 +82,16 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     _refuse_grouped(data, names, decimal, options, path)
     leading_lines = lines_before(table, header)
     reasons["header"] = _why_header(table, header, options)
-    units: list[str] = []
-    if header.units is not None:
-        n, units = rows[header.units]
-        reasons["units row"] = f"line {n} (every cell is a unit)"
-    elif "units" in labels and any(map(unit, labels["units"][1:])):
-        units = ["", *labels["units"][1:]]
-        reasons["units row"] = f"{labels['units'][0]!r} above the table"
+    units, why = _units_row(rows, header, labels)
+    if why:
+        reasons["units row"] = why
     if comment := next((m[1] for _, text in lines if (m := COMMENT.match(text))), ""):
         reasons["comments"] = f"lines starting with {comment!r} (seen in the head)"
     if count := leading_lines.get("preamble"):
         reasons["preamble"] = f"{count} lines (before the header)"
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
-    removals = dict[int, str]()
-    for i in range(used_width):
-        suffix, removals[i] = _needless([c for row in data if not is_null(c := row[i])])
-        units[i] = units[i] or suffix
-        for row in data if removals[i] else ():
-            row[i] = re.sub(removals[i], "", row[i])
+    removals = _clean(data, units)
     return Dialect(
         encoding,
         bom,
@@ -115,7 +107,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         metadata(above),
         data,
         reasons,
-        {i: pattern for i, pattern in removals.items() if pattern},
+        removals,
         labels,
         tuple(cells[0] for _, cells in above[_first_segment(preamble) :]) if preamble else (),
     )
@@ -128,6 +120,34 @@ def _cells(text: str, delimiter: str, width: int) -> list[str]:
         aligned = re.split(r"[ \t]{2,}|\t", text.strip())
         return aligned if len(aligned) == width else cells
     return cells
+
+
+def _units_row(
+    rows: list[Row], header: Header, labels: dict[str, list[str]]
+) -> tuple[list[str], str]:
+    """The cells of the units row, none where there is none, and which row it is."""
+    if header.units is not None:
+        n, units = rows[header.units]
+        return units, f"line {n} (every cell is a unit)"
+    if "units" in labels and any(map(unit, labels["units"][1:])):
+        return ["", *labels["units"][1:]], f"{labels['units'][0]!r} above the table"
+    return [], ""
+
+
+def _clean(rows: list[list[str]], units: list[str]) -> dict[int, str]:
+    """Takes what numbers do not need out of the cells; returns its pattern by column.
+
+    A unit behind the numbers of a column without one is its unit. Both lists are changed in place.
+    """
+    removals = {}
+    for i in range(len(units)):
+        suffix, pattern = _needless([c for row in rows if not is_null(c := row[i])])
+        units[i] = units[i] or suffix
+        if pattern:
+            removals[i] = pattern
+            for row in rows:
+                row[i] = re.sub(pattern, "", row[i])
+    return removals
 
 
 def _needless(cells: list[str]) -> tuple[str, str]:
