@@ -156,8 +156,15 @@ def new_step(x: Noise, previous: Noise) -> float:
 
 
 def is_counter(x: Noise) -> bool:
-    """Whether the readings are those of a pulse counter."""
-    return x.readings >= _COUNTER_READINGS and x.blocks < 2.0 * x.variance
+    """Whether the readings are those of a pulse counter.
+
+    The error of a slice's total is that of one reading: periods of single teeth may look alike over
+    four readings, but not over many.
+    """
+    if x.readings < _COUNTER_READINGS or x.blocks >= 2.0 * x.variance:
+        return False
+    some = x.slices.n >= _VARIANCE_READINGS
+    return not some or x.slices.size * x.slices.variance < 4.0 * x.variance
 
 
 def learn(x: Noise, y: float, h: float, u: float, memory: float, known: float) -> Noise:

@@ -103,6 +103,20 @@ def test_recognises_a_counter():
     assert _noise.rounding(noise) == pytest.approx(PULSE / H)
 
 
+@pytest.mark.parametrize(("teeth", "speed"), [(80, 55.0), (100, 42.0)])
+def test_periods_of_single_teeth_are_no_counter(teeth, speed):
+    """A tooth that is wide makes the next one narrow, as a count does; fast logs see few pairs."""
+    t, pitch = 0.002 * np.arange(3000), 2.0 * math.pi / teeth
+    edge = pitch * 0.003 * np.random.default_rng(8).standard_normal(teeth)
+    last = np.floor(speed * t / pitch).astype(int)
+    width = pitch + edge[last % teeth] - edge[(last - 1) % teeth]
+    noise = _noise.initial_noise(0.02, speed)
+    for y in (speed * pitch / width).tolist():
+        noise = _noise.learn(noise, y, 0.002, 0.0, P.memory, 1.0)
+    assert noise.blocks < 2.0 * noise.variance
+    assert not _noise.is_counter(noise)
+
+
 def test_a_first_step_of_the_reading_is_no_slide():
     """A timer with coarse ticks: all readings were the same so far."""
     t = np.arange(0.0, 12.0, H)
