@@ -267,6 +267,12 @@ def without_motors(K: Floats, motor_clamping: Floats | None) -> Floats:
     return np.where(friction > rounding, friction, 0.0)
 
 
+def _columns_at(x: Any, rows: slice | NDArray[np.int64]) -> dict[str, Any]:
+    """The columns of a dataclass at some rows, by name."""
+    columns = ((f.name, getattr(x, f.name)) for f in fields(x))
+    return {name: column[rows] for name, column in columns if isinstance(column, np.ndarray)}
+
+
 @dataclass(frozen=True, slots=True)
 class AxleRecord:
     """One axle on one time axis, the wheel speed's; columns of shape (n,), SI.
@@ -324,11 +330,7 @@ class AxleRecord:
 
     def extract(self, s: slice) -> "AxleRecord":
         """An uninterrupted part as a separate record."""
-        changed: dict[str, Any] = {"segments": (slice(0, s.stop - s.start),)}
-        for name in (f.name for f in fields(self)):
-            if isinstance(column := getattr(self, name), np.ndarray):
-                changed[name] = column[s]
-        return replace(self, **changed)
+        return replace(self, segments=(slice(0, s.stop - s.start),), **_columns_at(self, s))
 
 
 class Wheelset(NamedTuple):
@@ -617,11 +619,7 @@ class Reference:
 
     def rows(self, selection: slice | NDArray[np.int64]) -> "Reference":
         """Some rows of it."""
-        changed: dict[str, Any] = {}
-        for name in (f.name for f in fields(self)):
-            if isinstance(column := getattr(self, name), np.ndarray):
-                changed[name] = column[selection]
-        return replace(self, **changed)
+        return replace(self, **_columns_at(self, selection))
 
 
 @dataclass(frozen=True, slots=True)

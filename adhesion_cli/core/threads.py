@@ -22,13 +22,7 @@ def run_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
         function: must not change what another call uses.
         items: what it is done for.
     """
-    count = min(max_threads, len(items))
-    if count < 2:
-        return [function(x) for x in items]
-    from concurrent.futures import ThreadPoolExecutor  # slow to import
-
-    with ThreadPoolExecutor(count) as pool:
-        return list(pool.map(function, items))  # on an error it starts no other
+    return list(run_ahead(function, items)) if len(items) > 1 else [function(x) for x in items]
 
 
 def run_ahead(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:

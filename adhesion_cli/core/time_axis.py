@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .finding import Finding, Span
+from .finding import Finding, Span, merge_spans
 from .model import Bools, Channel, Column, Floats, Times
 
 _HOUR, _HOURLESS = 3600 * 10**9, "clock without hours"
@@ -22,7 +22,6 @@ WRAPS_NS = {
     "24-hour clock": 24 * 3600 * 10**9,
     _HOURLESS: _HOUR,
 }
-_MOST_SPANS = 20  # of one finding
 _LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
 _FULL_SHARE = 0.9  # share of the samples that then hold a value
 _LEAST_STAMPS = 5  # of a log in which that shows
@@ -150,32 +149,15 @@ class _Report:
             spans = spans_of(np.minimum(start, stop), np.maximum(start, stop), self.start_ns)
             values = {key: x for key, x in data.items() if not isinstance(x, str)}
             names = {key: x for key, x in data.items() if isinstance(x, str)}
-            finding = Finding(
-                code,
-                "warning",
-                channel=self.channel,
-                count=count,
-                spans=spans,
-                values=values,
-                names=names,
+            self.findings.append(
+                Finding(code, "warning", self.channel, count, spans, values, names)
             )
-            self.findings.append(finding)
 
 
 def spans_of(start: Times, stop: Times, start_ns: int) -> tuple[Span, ...]:
     """Stretches [ns] as seconds after the log's start, the nearest joined until few are left."""
-    order = np.argsort(start, kind="stable")
-    start, stop = start[order], np.maximum.accumulate(stop[order])
-    pauses = start[1:] - stop[:-1]
-    cuts = np.flatnonzero(pauses > 0)
-    if len(cuts) >= _MOST_SPANS:
-        widest = np.argsort(pauses[cuts], kind="stable")[1 - _MOST_SPANS :]
-        cuts = np.sort(cuts[widest])
-    first_index, last_index = np.r_[0, cuts + 1], np.r_[cuts, len(start) - 1]
-    return tuple(
-        ((a - start_ns) / 1e9, (b - start_ns) / 1e9)
-        for a, b in zip(start[first_index].tolist(), stop[last_index].tolist(), strict=True)
-    )
+    merged = merge_spans([*zip(start.tolist(), stop.tolist(), strict=True)])
+    return tuple(((a - start_ns) / 1e9, (b - start_ns) / 1e9) for a, b in merged)
 
 
 def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:

@@ -83,10 +83,7 @@ def creep_force(sliding: float, speed: float, rail: Condition, patch: Patch) -> 
         F [N], odd in `sliding`, and ∂F/∂sliding [N s/m] at constant speed (with lateral creep, at
         constant Kalker coefficient).
     """
-    reference = max(speed, CREEP_FROM)
-    s_x, s, stiffness = _creepage(sliding / reference, patch)
-    law = _law(s, stiffness, reference, rail)
-    return _force((s_x, s, stiffness), reference, rail, patch, law)
+    return creep_slopes(sliding, speed, rail, patch)[:2]
 
 
 def creep_slopes(
@@ -98,61 +95,33 @@ def creep_slopes(
         F [N], ∂F/∂sliding [N s/m], kA ∂F/∂kA, kS ∂F/∂kS, ∂F/∂A [N], B ∂F/∂B [N].
     """
     reference = max(speed, CREEP_FROM)
-    s_x, s, stiffness = creepage = _creepage(sliding / reference, patch)
-    law = _law(s, stiffness, reference, rail)
-    falling, f, _, x, y, g = law
-    force, slope = _force(creepage, reference, rail, patch, law)
-    longitudinal = 2.0 * patch.load / math.pi * s_x / s
+    s_x = sliding / reference
+    s, stiffness = max(abs(s_x), 1e-12), patch.stiffness_x
+    if patch.creep_y != 0.0:
+        s = math.hypot(s_x, patch.creep_y)
+        stiffness = math.hypot(patch.stiffness_x * s_x, patch.stiffness_y * patch.creep_y) / s
+    falling = rail.f0 * (1.0 - rail.A) * math.exp(-rail.B * s * reference)
+    f = falling + rail.f0 * rail.A  # f0 [(1 − A) e^(−B Δv) + A]
+    e = stiffness * s / f  # (3)
+    x, y = rail.k_a * e, rail.k_s * e
+    g = x / (1.0 + x * x) + math.atan(y)  # (3)
+    df = -rail.B * reference * falling
+    dg = rail.k_a * (1.0 - x * x) / (1.0 + x * x) ** 2 + rail.k_s / (1.0 + y * y)
+    scale, direction = 2.0 * patch.load / math.pi, s_x / s
+    per_creep = scale * f * g / s  # total force over total creepage
+    slope = scale * (df * g + dg * (stiffness - e * df))
+    longitudinal = scale * s_x / s
     by_x, by_y = x * (1.0 - x * x) / (1.0 + x * x) ** 2, y / (1.0 + y * y)
     by_f = longitudinal * (g - by_x - by_y)  # e goes with 1/f
     by_a = rail.f0 - falling / (1.0 - rail.A) if rail.A < 1.0 else 0.0
     return (
-        force,
-        slope,
+        per_creep * s_x,
+        (per_creep + direction * direction * (slope - per_creep)) / reference,
         longitudinal * f * by_x,
         longitudinal * f * by_y,
         by_f * by_a,
         -by_f * rail.B * s * reference * falling,
     )
-
-
-def _creepage(s_x: float, patch: Patch) -> tuple[float, float, float]:
-    """Longitudinal and total creepage, and stiffness along it."""
-    s, stiffness = max(abs(s_x), 1e-12), patch.stiffness_x
-    if patch.creep_y != 0.0:
-        s = math.hypot(s_x, patch.creep_y)
-        stiffness = math.hypot(patch.stiffness_x * s_x, patch.stiffness_y * patch.creep_y) / s
-    return s_x, s, stiffness
-
-
-def _law(
-    s: float, stiffness: float, reference: float, rail: Condition
-) -> tuple[float, float, float, float, float, float]:
-    """(3) at a total creepage: the falling part of friction, friction, ε, kA ε, kS ε, their sum."""
-    falling = rail.f0 * (1.0 - rail.A) * math.exp(-rail.B * s * reference)
-    f = falling + rail.f0 * rail.A  # f0 [(1 − A) e^(−B Δv) + A]
-    e = stiffness * s / f  # (3)
-    x, y = rail.k_a * e, rail.k_s * e
-    return falling, f, e, x, y, x / (1.0 + x * x) + math.atan(y)  # (3)
-
-
-def _force(
-    creepage: tuple[float, float, float],
-    reference: float,
-    rail: Condition,
-    patch: Patch,
-    law: tuple[float, float, float, float, float, float],
-) -> tuple[float, float]:
-    """Force and slope, from what `_creepage` and `_law` give."""
-    s_x, s, stiffness = creepage
-    falling, f, e, x, y, g = law
-    df = -rail.B * reference * falling
-    dg = rail.k_a * (1.0 - x * x) / (1.0 + x * x) ** 2 + rail.k_s / (1.0 + y * y)
-    scale = 2.0 * patch.load / math.pi
-    per_creep = scale * f * g / s  # total force over total creepage
-    slope = scale * (df * g + dg * (stiffness - e * df))
-    direction = s_x / s
-    return per_creep * s_x, (per_creep + direction * direction * (slope - per_creep)) / reference
 
 
 @cache
