@@ -14,8 +14,8 @@ from .options import Ended, Shared, check_settings, option, shared
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
     from ..core.finding import Finding
+    from ..live.axle import Sink
     from ..live.feed import Feed
-    from ..live.run import Sink
 
 _OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict", "view")
 _TEXTS = {  # of shared options that mean something else here

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -61,6 +61,20 @@ class LiveSample(NamedTuple):
     estimates: Mapping[str, LiveEstimate]  # by name, empty without speed or pressure
     status: Status
     regime: str = ""  # rolling or sliding by the slip; without slip as `imm` says, or changing
+
+
+class Sink:
+    """What takes samples."""
+
+    def take(self, samples: Sequence[LiveSample]) -> None:
+        """The samples of one row, in the order of the axles."""
+        raise NotImplementedError
+
+    def idle(self) -> None:
+        """Called after each row, and while none comes."""
+
+    def close(self) -> None:
+        """Ends it; nothing that it has is lost."""
 
 
 class Measuring(NamedTuple):

@@ -4,7 +4,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from heapq import merge
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from ..core.finding import Finding
 from ..core.model import Column
@@ -44,7 +44,7 @@ def _rows(columns: dict[int, Column]) -> Iterator[FeedRow]:
         yield FeedRow(stamp, known)
 
 
-class Feed(Protocol):
+class Feed:
     """A sender of samples.
 
     Attributes:
@@ -59,7 +59,7 @@ class Feed(Protocol):
         Raises:
             UserError: where they cannot be understood, or nothing ever came.
         """
-        ...
+        raise NotImplementedError
 
     def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[FeedRow | None]:
         """The rows from the first on, as they arrive; None where none came for `TICK`.
@@ -72,15 +72,14 @@ class Feed(Protocol):
         Raises:
             UserError: where the sender cannot be read on.
         """
-        ...
+        raise NotImplementedError
 
     def findings(self) -> list[Finding]:
         """What was lost or repaired since the last call."""
-        ...
+        return []
 
     def close(self) -> None:
-        """Ends the connection."""
-        ...
+        """Ends the connection, if there is one."""
 
 
 class Pump(Generic[T]):

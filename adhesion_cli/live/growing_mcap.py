@@ -9,10 +9,10 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..formats.mcap.arriving import ArrivingMcap
 from ..formats.source import Field, ReadOptions, Source
-from .feed import PAUSE, TICK, AddSource, FeedRow, rows_of
+from .feed import PAUSE, TICK, AddSource, Feed, FeedRow, rows_of
 
 
-class GrowingMcap:
+class GrowingMcap(Feed):
     """The messages of an MCAP, as they are appended; ends with the data section.
 
     Args:
@@ -50,6 +50,3 @@ class GrowingMcap:
         """See `Feed`."""
         found, self._arriving.lost = self._arriving.lost, []
         return found
-
-    def close(self) -> None:
-        """See `Feed`."""

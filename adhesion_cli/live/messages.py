@@ -14,7 +14,7 @@ from ..core.finding import Finding
 from ..core.model import Column
 from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
 from ..formats.source import Field, ReadOptions
-from .feed import PAUSE, AddSource, FeedRow, Pump
+from .feed import PAUSE, AddSource, Feed, FeedRow, Pump
 
 MOST_BYTES = 1 << 20  # of one message
 _DEEPEST, _MOST_VALUES = 8, 1000
@@ -52,7 +52,7 @@ class Fields:
         raise NotImplementedError
 
 
-class Messages:
+class Messages(Feed):
     """Messages of a sender, each an object in JSON with names and numbers.
 
     A name of time gives the stamp: a number, or a date in ISO 8601. Without one the time of arrival
@@ -137,9 +137,6 @@ class Messages:
             found.append(Finding("time-of-arrival", "info"))
             self._stamped = True
         return found
-
-    def close(self) -> None:
-        """See `Feed`."""
 
     def _sample(self, message: Any) -> Values | None:
         """Time and values of a message; None where it has none, which is counted."""

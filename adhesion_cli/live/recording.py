@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -18,7 +18,7 @@ from ..results import atomic_files
 from ..results.mcap import GrowingResult
 from ..results.rrd.live import LiveRecording
 from ..results.samples import Samples
-from .axle import LiveEstimate, LiveSample
+from .axle import LiveEstimate, LiveSample, Sink
 
 _WAITING_SAMPLES = 20_000  # samples that wait for a file before the sender has to
 _PATIENCE = 5.0  # for a viewer, at the end [s]
@@ -44,12 +44,10 @@ def new_files(paths: Sequence[Path], force: bool, inputs: Sequence[Path]) -> Ite
     with _locked(paths[0]):
         atomic_files.check_closed(paths)
         for path in paths:
-            try:
+            with _written(path):
                 if force:
                     path.unlink(missing_ok=True)
                 path.open("xb").close()
-            except OSError as error:
-                raise _unwritten(path, error) from error
         yield
 
 
@@ -61,14 +59,12 @@ def _locked(path: Path) -> Iterator[None]:
         UserError: another run has it.
     """
     lock = FileLock(path.with_name(f".{path.name}.lock"), blocking=False)
-    try:
-        with suppress(NotImplementedError):  # a file system without locks
+    with _written(path), suppress(NotImplementedError):  # a file system without locks
+        try:
             lock.acquire()
-    except Timeout as error:
-        text = f"{printable(str(path))}: another run of `live` is writing this file"
-        raise UserError(text, "end that run, or name another folder with -o") from error
-    except OSError as error:
-        raise _unwritten(path, error) from error
+        except Timeout as error:
+            text = f"{printable(str(path))}: another run of `live` is writing this file"
+            raise UserError(text, "end that run, or name another folder with -o") from error
     try:
         yield
     finally:
@@ -77,19 +73,7 @@ def _locked(path: Path) -> Iterator[None]:
             Path(lock.lock_file).unlink()
 
 
-class Target(Protocol):
-    """What takes samples as columns."""
-
-    def add(self, samples: Mapping[int, Samples]) -> None:
-        """New samples by axle, of those that have any."""
-        ...
-
-    def finish(self) -> None:
-        """Ends it."""
-        ...
-
-
-class Batches:
+class Batches(Sink):
     """Samples as columns, every so often, in a thread of its own: writing holds up no sample.
 
     Args:
@@ -103,7 +87,7 @@ class Batches:
 
     def __init__(
         self,
-        target: Target,
+        target: "Mcap | LiveView",
         algos: Sequence[str],
         axles: Sequence[int],
         interval: float,
@@ -125,16 +109,14 @@ class Batches:
             while len(self._waiting) > _WAITING_SAMPLES and not self._error:  # a slow disk
                 if self._report:
                     self._waiting.clear()
-                    self._drop(self._report)
+                    if not self._drops:
+                        text = "the viewer is slower than the samples: it gets only some of them"
+                        self._report(text)
+                    self._drops = True
                 else:
                     self._change.wait()
             self._check()
             self._waiting += samples
-
-    def _drop(self, report: Callable[[str], None]) -> None:
-        if not self._drops:
-            self._drops = True
-            report("the viewer is slower than the samples: it gets only some of them")
 
     def idle(self) -> None:
         """See `Sink`."""
@@ -203,35 +185,33 @@ class Mcap:
         self._path, self._report = path, report
         settings_tree = tree(settings, [est for est, _ in algos.values()], axles)
         nothing = {axle: columns([], sorted(algos)) for axle in axles}
-        try:
+        with _written(path):
             self._file = path.open("wb")
             self._result = GrowingResult(self._file, log, settings_tree, settings.vehicle, nothing)
-        except OSError as error:
-            raise _unwritten(self._path, error) from error
 
     def add(self, samples: Mapping[int, Samples]) -> None:
-        """See `Target`."""
-        try:
+        """New samples by axle, of those that have any."""
+        with _written(self._path):
             self._result.add(samples)
-        except OSError as error:
-            raise _unwritten(self._path, error) from error
         if dropped := self._result.lost:
             self._result.lost = 0
             self._report([Finding("not-recorded", "warning", count=dropped)])
 
     def finish(self) -> None:
-        """See `Target`."""
-        try:
-            with self._file:
-                self._result.finish()
-        except OSError as error:
-            raise _unwritten(self._path, error) from error
+        """Ends the file."""
+        with _written(self._path), self._file:
+            self._result.finish()
 
 
-def _unwritten(path: Path, error: OSError) -> UserError:
-    text = f"{printable(str(path))}: cannot be written: {error.strerror}"
-    hint = "what is in the file so far can be read; free space, or name another folder with -o"
-    return UserError(text, hint)
+@contextmanager
+def _written(path: Path) -> Iterator[None]:
+    """An error of the system about a file, as the user sees it."""
+    try:
+        yield
+    except OSError as error:
+        text = f"{printable(str(path))}: cannot be written: {error.strerror}"
+        hint = "what is in the file so far can be read; free space, or name another folder with -o"
+        raise UserError(text, hint) from error
 
 
 class LiveView:
@@ -247,11 +227,11 @@ class LiveView:
         self._tell = report
 
     def add(self, samples: Mapping[int, Samples]) -> None:
-        """See `Target`."""
+        """As of `Mcap`."""
         self._try(lambda recording: recording.add(samples))
 
     def finish(self) -> None:
-        """See `Target`."""
+        """As of `Mcap`."""
         self._try(lambda recording: recording.finish())
 
     def _try(self, action: Any) -> None:

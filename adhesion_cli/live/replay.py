@@ -7,10 +7,10 @@ from pathlib import Path
 from ..core.finding import Finding
 from ..formats.open import open_source
 from ..formats.source import Field, ReadOptions, Source
-from .feed import TICK, AddSource, FeedRow, rows_of
+from .feed import TICK, AddSource, Feed, FeedRow, rows_of
 
 
-class Replay:
+class Replay(Feed):
     """The rows of a log in the order of time, or in the log's own where one clock has them all.
 
     Args:
@@ -44,6 +44,3 @@ class Replay:
         """See `Feed`."""
         pending, self._source.findings = self._source.findings, []
         return [f for f in pending if f.severity != "info"]
-
-    def close(self) -> None:
-        """See `Feed`."""

@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 from ..analysis.settings import Settings
 from ..core.errors import UserError
@@ -11,27 +11,11 @@ from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..diagnostics.diagnosis import sensor_thresholds
 from ..formats.source import Source
-from .axle import LiveAxle, LiveSample, Measuring
+from .axle import LiveAxle, LiveSample, Measuring, Sink
 from .feed import FARTHEST, Feed, FeedRow
 from .wheels import LiveWheels, Places
 
 _SPANS = 20  # of a finding that grows
-
-
-class Sink(Protocol):
-    """What takes samples."""
-
-    def take(self, samples: Sequence[LiveSample]) -> None:
-        """The samples of one row, in the order of the axles."""
-        ...
-
-    def idle(self) -> None:
-        """Called after each row, and while none comes."""
-        ...
-
-    def close(self) -> None:
-        """Ends it; nothing that it has is lost."""
-        ...
 
 
 class Tally:

@@ -9,7 +9,7 @@ from ..core.errors import UserError, installed_by
 from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..results import descriptors
-from .axle import LiveSample
+from .axle import LiveSample, Sink
 from .gate import Gate
 
 _INSTALL = installed_by("live")
@@ -18,7 +18,7 @@ _HOST = "127.0.0.1"  # nobody else is let in
 _INNER = "127.{}.{}.{}" if sys.platform != "darwin" else _HOST
 
 
-class LiveServer:
+class LiveServer(Sink):
     """A server on this computer, whose port refuses pages of other web sites.
 
     On macOS, the SDK's own server behind it has the same address, on a port that changes.
@@ -103,9 +103,6 @@ class LiveServer:
         encoded: Any = descriptors.message(message)(**values)
         encoded.timestamp.FromNanoseconds(max(t, 0))
         channel.log(encoded.SerializeToString(), log_time=max(t, 0))
-
-    def idle(self) -> None:
-        """See `Sink`."""
 
     def close(self) -> None:
         """See `Sink`."""

@@ -16,7 +16,7 @@ from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..core.text import drop_output
 from ..reference.budget import coefficient_u95
-from .axle import LiveEstimate, LiveSample
+from .axle import LiveEstimate, LiveSample, Sink
 
 _STATE_INTERVAL = 0.2  # between two states of the line [s]
 _USUAL = 80  # columns of a terminal that does not say
@@ -27,7 +27,7 @@ _PATIENCE = 1.0  # longest wait for that reader [s]
 Say = Callable[[str], None]
 
 
-class JsonLines:
+class JsonLines(Sink):
     """An object per sample, axle and estimator, each on a line of its own.
 
     Args:
@@ -90,9 +90,6 @@ class JsonLines:
         }
         return f'{{"t": {_seconds(s.t)}, {json.dumps(said)[1:]}'
 
-    def idle(self) -> None:
-        """See `Sink`."""
-
     def close(self) -> None:
         """See `Sink`."""
         deadline = time.monotonic() + _PATIENCE
@@ -106,7 +103,7 @@ class JsonLines:
             self._report(f"--json: {self._dropped} lines were dropped: nobody read them")
 
 
-class Counts:
+class Counts(Sink):
     """How many samples came of each axle, and how many of them have a force."""
 
     def __init__(self) -> None:
@@ -117,12 +114,6 @@ class Counts:
         for s in samples:
             self._all[s.axle] += 1
             self._with_estimate[s.axle] += bool(s.estimates)
-
-    def idle(self) -> None:
-        """See `Sink`."""
-
-    def close(self) -> None:
-        """See `Sink`."""
 
     def lines(self) -> list[str]:
         """A line per axle."""
@@ -136,7 +127,7 @@ class Counts:
         return lines
 
 
-class Waiting:
+class Waiting(Sink):
     """Says once that no sample comes, and once that they come again.
 
     Args:
@@ -169,7 +160,7 @@ class Waiting:
         self._timer.cancel()
 
 
-class StatusLine:
+class StatusLine(Sink):
     """The newest sample of each axle on one line of the terminal, as wide as that is.
 
     Args:

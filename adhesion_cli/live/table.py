@@ -12,13 +12,13 @@ from ..formats.csv.arriving import ArrivingCsv
 from ..formats.csv.reader import CsvSource, open_csv
 from ..formats.source import Field, ReadOptions, Source
 from .bytes_arriving import MOST_HEAD, Pieces
-from .feed import PAUSE, AddSource, FeedRow
+from .feed import PAUSE, AddSource, Feed, FeedRow
 
 _HEAD_LINES = 20  # lines that show how a table is written
 _FEWEST = 4  # lines that must do where no more come for `PAUSE`
 
 
-class LiveTable:
+class LiveTable(Feed):
     """Rows of a table of text.
 
     Args:
@@ -91,6 +91,3 @@ class LiveTable:
             pending += self._rows.lost
             self._rows.lost = []
         return pending
-
-    def close(self) -> None:
-        """See `Feed`."""
