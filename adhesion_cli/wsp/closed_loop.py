@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import physics
 from ..core.errors import UserError
@@ -47,28 +46,6 @@ _HALVINGS = 27  # of the step between them
 # --- the loop: plain Python that compiles ---------------------------------------------------------
 
 
-class _Trace(NamedTuple):
-    """Columns of `Stop`, a row per tick."""
-
-    train_speed: Floats  # shape (ticks,), as the next four
-    distance: Floats
-    demand: Floats
-    measured_train_speed: Floats
-    train_speed_doubt: Floats
-    rim_speed: Floats  # shape (ticks, axles), as the others
-    pressure: Floats
-    measured_wheel_speed: Floats
-    measured_pressure: Floats
-    measured_clamping_force: Floats
-    measured_slip: Floats
-    judged_slip: Floats
-    estimate: Floats
-    slope: Floats
-    confidence: Floats
-    valve: NDArray[np.int8]
-    region: NDArray[np.int8]
-
-
 class Logged(NamedTuple):
     """What a log shows of its axles from the start of a stop on, shape (n, axles)."""
 
@@ -97,7 +74,7 @@ class _World(NamedTuple):
     v_past: Floats  # [m/s], not yet measured: step k in row k modulo the rows
     w_past: Floats  # [rad/s], shape (rows, axles)
     p_past: Floats  # [Pa]
-    trace: _Trace
+    trace: Stop  # to be filled, with a row for each tick that there may be
 
 
 def _drive(world: _World, train: MovingTrain, j: int) -> MovingTrain:
@@ -251,18 +228,10 @@ def run(
     march = compiled.function(_march, chosen.stand_ins())
     stop_index = march(world, train, chosen.constants, bands(settings))
     _check_stopped(name, stop_index, len(world.trace.demand), h)
-    trace = _Trace._make(column[:stop_index].copy() for column in world.trace)
-    v, rim, seconds = trace.train_speed, trace.rim_speed, np.arange(stop_index) * h
-    on_rail = _on_rail(world.plant, world.track, seconds, v, trace.distance, rim)
-    stop = Stop(
-        controller,
-        algo,
-        seed,
-        np.round(seconds * 1e9).astype(np.int64),
-        **trace._asdict(),
-        **on_rail,
-        air=_litres(float(world.wheels.air.sum()), antiskid),
-    )
+    rows = (x[:stop_index].copy() if isinstance(x, np.ndarray) else x for x in world.trace)
+    air = _litres(float(world.wheels.air.sum()), antiskid)
+    stop = _on_rail(Stop._make(rows), world.plant, world.track)
+    stop = stop._replace(controller=controller, algo=algo, seed=seed, air=air)
     if not _stopping_distance(stop, scenario) > 0.0:
         raise UserError(f"{name}: the train stands at once", "a faster train")
     return stop
@@ -293,20 +262,28 @@ def follow(scenario: Scenario, track: RailConditions, logged: Logged) -> Stop:
     n = march(plant, track, scenario.train.speed, logged.slip, forces, h, *columns)
     _check_stopped(scenario.name, n, ticks, h)
     v, x, rim, force = (column[:n] for column in columns)
-    seconds: Floats = np.arange(n) * h
-    unknown, no_valve = np.full((n, axles), np.nan), np.zeros((n, axles), np.int8)
-    trace = _Trace._make([unknown[:, 0]] * 5 + [unknown] * 10 + [no_valve] * 2)._replace(
-        train_speed=v,
-        distance=x,
-        rim_speed=rim,
-        demand=np.interp(seconds, demand.t[:-1], demand.p[:-1]),
-        pressure=logged.pressure[np.minimum(np.arange(n), len(logged.pressure) - 1)],
+    pressure = logged.pressure[np.minimum(np.arange(n), len(logged.pressure) - 1)]
+    rises = np.maximum(np.diff(pressure, axis=0), 0.0)
+    stop = _on_rail(
+        _empty(n, axles, h)._replace(train_speed=v, distance=x, rim_speed=rim), plant, track
     )
-    rises = np.maximum(np.diff(trace.pressure, axis=0), 0.0)
-    on_rail = _on_rail(plant, track, seconds, v, x, rim) | {"force": force}
-    t = np.round(seconds * 1e9).astype(np.int64)
-    air = _litres(float(np.sum(rises)), scenario.antiskid)
-    return Stop(LOGGED, "", 0, t, **trace._asdict(), **on_rail, air=air)
+    return stop._replace(
+        controller=LOGGED,
+        demand=np.interp(np.arange(n) * h, demand.t[:-1], demand.p[:-1]),
+        pressure=pressure,
+        force=force,
+        air=_litres(float(np.sum(rises)), scenario.antiskid),
+    )
+
+
+def _empty(ticks: int, axles: int, h: float) -> Stop:
+    """A stop whose values are not known."""
+    of_train = "train_speed", "distance", "demand", "measured_train_speed", "train_speed_doubt"
+    shapes = {name: ticks if name in of_train else (ticks, axles) for name in Stop._fields[4:-1]}
+    columns: Any = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+    columns |= {name: np.zeros((ticks, axles), np.int8) for name in ("valve", "region")}
+    t = np.round(np.arange(ticks) * h * 1e9).astype(np.int64)
+    return Stop("", "", 0, t, **columns, air=0.0)
 
 
 def _follow(  # noqa: PLR0913 (compiled)
@@ -341,19 +318,18 @@ def _follow(  # noqa: PLR0913 (compiled)
     return len(v)
 
 
-def _on_rail(
-    plant: Plant, track: RailConditions, t: Floats, v: Floats, x: Floats, rim: Floats
-) -> dict[str, Any]:
-    """Force, slip, and those of the peak of the rail: fields of `Stop`."""
+def _on_rail(stop: Stop, plant: Plant, track: RailConditions) -> Stop:
+    """The stop with forces, slips, and those of the peak of the rail."""
     from ..core import compiled
 
+    v, rim = stop.train_speed, stop.rim_speed
     force, peak, best = np.empty((3, *rim.shape))
-    course = plant, track, t, v, x
+    course = plant, track, stop.t * np.float64(1e-9), v, stop.distance
     compiled.function(_peaks)(*course, best)
     for rims, column in ((rim, force), (best, peak)):
         compiled.function(plants.forces)(*course, rims, column)
     slip = physics.slip(v[:, None], rim, 1.0, JUDGED_FROM)
-    return {"force": force, "peak": peak, "peak_slip": 1.0 - best / v[:, None], "slip": slip}
+    return stop._replace(force=force, peak=peak, peak_slip=1.0 - best / v[:, None], slip=slip)
 
 
 def _litres(rise: float, antiskid: Antiskid) -> float:
@@ -392,8 +368,7 @@ def _world(s: Scenario, track: RailConditions, seed: int) -> tuple[_World, Movin
         math.sqrt(antiskid.wheel_noise) * random.standard_normal(shape),
         math.sqrt(antiskid.pressure_noise) * random.standard_normal(shape),
     )
-    columns = [np.empty(size) for size in (ticks,) * 5 + (shape,) * 10]
-    trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
+    trace = _empty(ticks, axles, stride * dt)
     train, wheels = plants.rolling(s.train.speed, axles)
     history = np.empty(delay + 1), np.empty((delay + 1, axles)), np.empty((delay + 1, axles))
     steps, measured = (dt, stride, delay, dead), antiskid.train_speed == "measured"

@@ -1,6 +1,5 @@
 """The result of a stop in closed loop: data only."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +10,7 @@ from ..core.physics import JUDGED_FROM, LOCKED, ROLLS, SLIDE, SLIDES
 from ..rail.locks import LockLimits, find_locks
 
 
-@dataclass(frozen=True, slots=True)
-class Stop:
+class Stop(NamedTuple):
     """One stop under one controller: a row per tick, shape (n,) or (n, axles), SI."""
 
     controller: str
