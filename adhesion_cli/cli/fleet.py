@@ -119,22 +119,16 @@ def _job(shared: Shared, recordings: Path | None) -> "Job":
 @contextmanager
 def _workers(count: int | None, scheduler: str | None) -> "Iterator[Workers]":
     """Who does the work; whatever happens, they end with the run."""
+    from ..core import threads
     from ..fleet.cluster import Cluster
     from ..fleet.processes import Processes
 
-    pool: Cluster | Processes
-    pool = Cluster(scheduler) if scheduler else Processes(count or _processors())
+    pool: Workers
+    pool = Cluster(scheduler) if scheduler else Processes(count or threads.max_threads)
     try:
         yield pool
     finally:
         pool.close()
-
-
-def _processors() -> int:
-    """How many this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _status_text(state: "FleetProgress", folder: Path, seconds: float) -> str:
@@ -158,8 +152,9 @@ def _show_failed(state: "FleetProgress", quiet: bool) -> None:
     """The first failed logs on stderr, each with error and hint."""
     from . import terminal
 
-    for log, error, hint in state.failed[:_LISTED_LOGS]:
-        terminal.message(f"not analysed: {log}\n  error: {error}\n  hint: {hint}", quiet)
+    for x in state.failed[:_LISTED_LOGS]:
+        text = f"not analysed: {x.path}\n  error: {x.error}\n  hint: {x.hint}"
+        terminal.message(text, quiet)
     if remaining := len(state.failed) - _LISTED_LOGS:
         text = f"and {remaining} more: the rows of `logs` whose status is error"
         terminal.message(text, quiet or remaining < 0)

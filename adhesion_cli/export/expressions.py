@@ -8,10 +8,23 @@ import ast
 import math
 from collections import Counter
 from types import FunctionType
-from typing import Any, NamedTuple, NoReturn, Protocol
+from typing import Any, NamedTuple, NoReturn
 
 from ..core.errors import UserError
-from .c_types import BOOL, INT, Kind, Scalar, Struct, Types, c_name, file_of
+from .c_types import (
+    BOOL,
+    INT,
+    Kind,
+    Number,
+    Scalar,
+    Struct,
+    Types,
+    c_name,
+    comment_at,
+    file_of,
+    stem,
+    tree_of,
+)
 
 Cost = Counter[str]
 
@@ -20,6 +33,21 @@ LIBRARY = frozenset(
     "fabs sqrt exp expm1 log log1p pow copysign sin cos tan tanh erf erfc floor ceil fmod atan "
     "atan2".split()
 )
+INLINE = "ADHESION_INLINE"  # the macro of a function that compilers put into its callers
+_HELPERS = {
+    "min": "{real} {name}({real} a, {real} b)\n{{\n    return (b < a) ? b : a;\n}}",
+    "max": "{real} {name}({real} a, {real} b)\n{{\n    return (b > a) ? b : a;\n}}",
+    "min_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b < a) ? b : a;\n}}",
+    "max_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b > a) ? b : a;\n}}",
+    "finite": "bool {name}({real} x)\n{{\n    return fabs{f}(x) <= {largest};\n}}",
+    "nan": "bool {name}({real} x)\n{{\n    return x != x; /* only NaN is not itself */\n}}",
+    "count": (
+        "int32_t {name}({real} n, int32_t most)\n{{\n    int32_t count = 0; /* also for NaN */\n"
+        "    if (n >= ({real})most) {{\n        count = most;\n    }} else if (n >= {one}) {{\n"
+        "        count = (int32_t)n;\n    }} else {{\n        /* none */\n    }}\n"
+        "    return count;\n}}"
+    ),
+}
 _OPERATORS: dict[type, tuple[str, str]] = {
     ast.Add: ("+", "add, subtract"),
     ast.Sub: ("-", "add, subtract"),
@@ -59,28 +87,55 @@ class Function(NamedTuple):
     cost: Cost
 
 
-class Program(Protocol):
-    """What expressions need of the whole."""
+class Program:
+    """What expressions need of the whole: constants, structs and functions, in their order.
 
-    types: Types
+    Args:
+        prefix: first part of public names, as `adhesion_td`.
+        number: its floating-point type.
+    """
+
+    def __init__(self, prefix: str, number: Number) -> None:
+        self.number = number
+        self.types = Types(prefix, "real")
+        self.constants: dict[str, tuple[str, str]] = {}  # value and comment by name
+        self.functions: list[str] = []
+        self.read: set[tuple[str, str]] = set()  # struct and field
+        self._helpers: set[str] = set()
 
     def function(self, f: FunctionType, kinds: tuple[Kind, ...]) -> Function:
         """The function with arguments of these types."""
+        raise NotImplementedError
 
     def constant(self, f: FunctionType, name: str, value: float) -> str:
-        """The name in C of a number at module level."""
+        """The macro of a number at module level."""
+        macro = f"{stem(f)}_{name.strip('_')}".upper()
+        text = f"(int32_t){value}" if isinstance(value, int) else self.literal(value)
+        self.constants[macro] = (text, _comment(f, name))
+        return macro
 
     def literal(self, x: float) -> str:
-        """A number."""
+        """A number in the export's type."""
+        return self.number.literal(x)
 
     def library(self, name: str) -> str:
-        """A function of the C library."""
+        """A function of the C library in the export's type."""
+        return name + self.number.suffix
 
     def helper(self, name: str) -> str:
-        """A function of the export's own."""
+        """A function of the export's own, as `min` and `max` with Python's answer to NaN."""
+        c_name = f"plain_{name}"
+        if name not in self._helpers:
+            self._helpers.add(name)
+            names = {"real": self.types.real.c, "name": c_name, "f": self.number.suffix}
+            numbers = {"one": self.literal(1.0), "largest": self.number.largest}
+            text = _HELPERS[name].format(**names, **numbers)
+            self.functions.insert(0, f"{INLINE} {text}\n")
+        return c_name
 
     def reads(self, struct: Struct, field: str) -> None:
         """Notes that a field is read."""
+        self.read.add((struct.c, field))
 
 
 class Expressions:
@@ -312,3 +367,12 @@ class Expressions:
 
     def _is_math(self, node: ast.Attribute) -> bool:
         return isinstance(node.value, ast.Name) and self.f.__globals__.get(node.value.id) is math
+
+
+def _comment(f: FunctionType, name: str) -> str:
+    """The comment beside a number at module level, where its file says one."""
+    for node in tree_of(file_of(f))[0].body:
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if any(isinstance(t, ast.Name) and t.id == name for t in targets):
+            return comment_at(file_of(f), node.end_lineno or 0)
+    return ""

@@ -15,9 +15,9 @@ from ..core.physics import wheelset_of
 from ..wsp.controller import Observed
 from .ascii_text import ascii_text
 from .c_types import INT, Kind, Number, Scalar, Struct, c_name, declaration
-from .expressions import Cost
+from .expressions import INLINE, Cost
 from .templates import render
-from .translate import INLINE, Translation, folded
+from .translate import Translation, folded
 
 # The fields of `Wheelset` that are vehicle parameters; the others follow from them.
 WHEELSET_INPUTS = {

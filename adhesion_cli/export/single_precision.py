@@ -54,9 +54,10 @@ class Single:
 
 
 def values(nested: Any) -> Any:
-    """A NamedTuple with float32 in place of float."""
+    """A tuple, or a NamedTuple, with float32 in place of float."""
     if isinstance(nested, tuple):
-        return type(nested)(*map(values, nested))
+        singles = map(values, nested)
+        return nested._make(singles) if hasattr(nested, "_make") else tuple(singles)
     return _single(nested)
 
 

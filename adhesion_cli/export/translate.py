@@ -16,50 +16,22 @@ from .c_types import (
     Kind,
     Number,
     Struct,
-    Types,
     c_name,
     comment_at,
     definition,
     file_of,
     stem,
-    tree_of,
 )
-from .expressions import Cost, Expr, Expressions, Function
-
-INLINE = "ADHESION_INLINE"  # the macro of a function that compilers put into its callers
-_HELPERS = {
-    "min": "{real} {name}({real} a, {real} b)\n{{\n    return (b < a) ? b : a;\n}}",
-    "max": "{real} {name}({real} a, {real} b)\n{{\n    return (b > a) ? b : a;\n}}",
-    "min_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b < a) ? b : a;\n}}",
-    "max_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b > a) ? b : a;\n}}",
-    "finite": "bool {name}({real} x)\n{{\n    return fabs{f}(x) <= {largest};\n}}",
-    "nan": "bool {name}({real} x)\n{{\n    return x != x; /* only NaN is not itself */\n}}",
-    "count": (
-        "int32_t {name}({real} n, int32_t most)\n{{\n    int32_t count = 0; /* also for NaN */\n"
-        "    if (n >= ({real})most) {{\n        count = most;\n    }} else if (n >= {one}) {{\n"
-        "        count = (int32_t)n;\n    }} else {{\n        /* none */\n    }}\n"
-        "    return count;\n}}"
-    ),
-}
+from .expressions import INLINE, Cost, Expr, Expressions, Function, Program
 
 
-class Translation:
-    """The C of one method: constants, structs and functions, in the order of declaration.
-
-    Args:
-        prefix: first part of public names, as `adhesion_td`.
-        number: its floating-point type.
-    """
+class Translation(Program):
+    """The C of one method: constants, structs and functions, in the order of declaration."""
 
     def __init__(self, prefix: str, number: Number) -> None:
-        self.number = number
-        self.types = Types(prefix, "real")
-        self.constants: dict[str, tuple[str, str]] = {}  # value and comment by name
-        self.functions: list[str] = []
-        self.read: set[tuple[str, str]] = set()  # struct and field
+        super().__init__(prefix, number)
         self._translated: dict[tuple[FunctionType, tuple[Kind, ...]], Function] = {}
         self._under_way: list[FunctionType] = []
-        self._helpers: set[str] = set()
 
     def function(self, f: FunctionType, kinds: tuple[Kind, ...]) -> Function:
         """The function with arguments of these types; translated at the first request.
@@ -80,36 +52,6 @@ class Translation:
             self.functions.append(text)
             self._translated[f, kinds] = entry
         return self._translated[f, kinds]
-
-    def constant(self, f: FunctionType, name: str, value: float) -> str:
-        """The macro of a number at module level."""
-        macro = f"{stem(f)}_{name.strip('_')}".upper()
-        text = f"(int32_t){value}" if isinstance(value, int) else self.literal(value)
-        self.constants[macro] = (text, _comment(f, name))
-        return macro
-
-    def literal(self, x: float) -> str:
-        """A number in the export's type."""
-        return self.number.literal(x)
-
-    def library(self, name: str) -> str:
-        """A function of the C library in the export's type."""
-        return name + self.number.suffix
-
-    def helper(self, name: str) -> str:
-        """A function of the export's own, as `min` and `max` with Python's answer to NaN."""
-        c_name = f"plain_{name}"
-        if name not in self._helpers:
-            self._helpers.add(name)
-            names = {"real": self.types.real.c, "name": c_name, "f": self.number.suffix}
-            numbers = {"one": self.literal(1.0), "largest": self.number.largest}
-            text = _HELPERS[name].format(**names, **numbers)
-            self.functions.insert(0, f"{INLINE} {text}\n")
-        return c_name
-
-    def reads(self, struct: Struct, field: str) -> None:
-        """Notes that a field is read."""
-        self.read.add((struct.c, field))
 
 
 class _Body:
@@ -364,12 +306,3 @@ def _origin(f: FunctionType) -> list[str]:
     place = file_of(f).rpartition("adhesion_cli/")[2]
     comment = f"/* {f.__name__} of {place}: {ascii_text(text[0])} */"
     return textwrap.wrap(comment, 100, subsequent_indent="   ")
-
-
-def _comment(f: FunctionType, name: str) -> str:
-    """The comment beside a number at module level, where its file says one."""
-    for node in tree_of(file_of(f))[0].body:
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        if any(isinstance(t, ast.Name) and t.id == name for t in targets):
-            return comment_at(file_of(f), node.end_lineno or 0)
-    return ""

@@ -82,10 +82,10 @@ def of_estimator(est: Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vecto
     def run(init: Any, step: Any, rounding: Any) -> Answers:
         p_, w_ = rounding(p), rounding(w)
         return _run(
-            [rounding(row) for row in map(_Row._make, rows)],
+            [rounding(row) for row in rows],
             answers,
-            lambda row: init(p_, w_, row.K, row.y),
-            lambda s, row: step(p_, w_, s, row.h, row.K, row.y),
+            lambda row: init(p_, w_, *row[1:]),
+            lambda s, row: step(p_, w_, s, *row),
         )
 
     return _vectors(rows, est, run)
@@ -121,10 +121,10 @@ def of_controller(
     def run(init: Any, step: Any, rounding: Any) -> Answers:
         p_ = rounding(p)
         return _run(
-            [(rounding(_Interval(h)).h, rounding(o)) for h, o in first_axle],
+            [rounding(row) for row in first_axle],
             ["judged", "valve"],
             lambda row: init(p_, row[1]),
-            lambda s, row: step(p_, s, row[0], row[1]),
+            lambda s, row: step(p_, s, *row),
         )
 
     return _vectors(rows, law, run)
@@ -143,16 +143,6 @@ def _as_floats(o: Observed) -> Observed:
     """Python's floats in place of NumPy's."""
     floats = Observed._make(map(float, o))
     return floats._replace(at_least=int(o.at_least))
-
-
-class _Row(NamedTuple):
-    h: float
-    K: float
-    y: float
-
-
-class _Interval(NamedTuple):
-    h: float
 
 
 def _vectors(rows: Any, method: Method, run: Callable[..., Any]) -> Vectors:

@@ -4,49 +4,24 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
 
 from ..core.children import STEP
-from ..core.errors import UserError, as_user_error
+from ..core.errors import UserError
+from ..core.summary import FailedLog
 from ..core.text import utf8
 from ..results.tables import LogRow
 from . import dataset, work
+from .cluster import Cluster
 from .dataset import Dataset, DoneLog, KeptTables
 from .locations import LogLocation
+from .processes import Processes
 from .work import Item, Job, Outcome
 
-_DEAD = {
-    "error": "the process that analysed the log died",
-    "hint": "often memory is short: analyse this log alone with `adhesion analyze`",
-}
-
-
-class Workers(Protocol):
-    """Who does the work: see `processes.Processes`."""
-
-    tries: int
-
-    @property
-    def died(self) -> type[Exception]:
-        """What the future of a log raises whose process died."""
-
-    @property
-    def capacity(self) -> int:
-        """Logs that are in work at once."""
-
-    def map_jobs(self, do: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
-        """`do` of each, in order."""
-
-    def submit(self, do: Callable[..., Any], *arguments: Any) -> "Future[Any]":
-        """Calls a function in some process."""
-
-
-class Failed(NamedTuple):
-    """A log without a result."""
-
-    name: str
-    error: str
-    hint: str
+_DEAD = UserError(
+    "the process that analysed the log died",
+    "often memory is short: analyse this log alone with `adhesion analyze`",
+)
+Workers = Processes | Cluster
 
 
 @dataclass(slots=True)
@@ -67,7 +42,7 @@ class FleetProgress:
     completed: int = 0
     skipped: int = 0
     lossy: int = 0
-    failed: list[Failed] = field(default_factory=list)
+    failed: list[FailedLog] = field(default_factory=list)
 
 
 def run(
@@ -125,11 +100,11 @@ def _identified(
 ) -> dict[str, list[LogLocation]]:
     """The logs by the hash of their content; one that cannot be read has failed."""
     named: dict[str, list[LogLocation]] = {}
-    for log, (digest, error) in zip(logs, workers.map_jobs(work.identified, logs), strict=True):
+    for log, digest in zip(logs, workers.map_jobs(work.identified, logs), strict=True):
         state.read += 1
         key = dataset.unread(log.name)
-        if error:
-            row = work.row(work.failed(Item(log, ""), error), job, None)
+        if isinstance(digest, FailedLog):
+            row = work.row(digest, job)
             finished.write([KeptTables(key, (log.name,), row, {})])
             _count(state, [log], row)
         else:
@@ -160,7 +135,7 @@ def _names(same_logs: Iterable[LogLocation], rows: Iterable[DoneLog]) -> tuple[s
 
 def _count(state: FleetProgress, same_logs: Sequence[LogLocation], row: LogRow) -> None:
     if row.status == "error":
-        state.failed += [Failed(log.name, row.error or "", row.hint or "") for log in same_logs]
+        state.failed += [FailedLog(log.name, row.error or "", row.hint or "") for log in same_logs]
     else:
         state.completed += len(same_logs)
         state.lossy += len(same_logs) * row.lossy
@@ -197,10 +172,8 @@ def _worked(
                 text = "the Dask scheduler is gone"
                 raise UserError(text, "run again: what is done stays") from error
             except Exception as error:  # an internal error must not end the run
-                user_error = as_user_error(error)
-                said = {"error": user_error.text, "hint": user_error.hint}
-                batch.append((item, _failed(item, job, said)))
+                batch.append((item, _failed(item, job, error)))
 
 
-def _failed(item: Item, job: Job, error_document: dict[str, str]) -> Outcome:
-    return Outcome(work.row(work.failed(item, error_document), job, None), {})
+def _failed(item: Item, job: Job, error: Exception) -> Outcome:
+    return Outcome(work.row(work.failed(item, error), job), {})

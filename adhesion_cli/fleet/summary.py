@@ -2,11 +2,11 @@
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -30,6 +30,7 @@ _OF_APPLICATION = (
     "max_slip slide_energy_j time position_km position_from settings version"
 ).split()
 _FILE = "__filename"
+Key = TypeVar("Key", str, int, tuple[int, tuple[str, int]])
 _OF_STOP = (
     "nominal_speed_kmh valid distance_m_value mean_deceleration_value response_time_s_value"
 ).split()
@@ -334,12 +335,12 @@ def _by_speed(table: Any) -> list[SpeedBand]:
     return bands
 
 
-def _grouped(table: Any, names: Sequence[str]) -> list[tuple[str, Json]]:
-    """Each name with the spread of its rows, in the order of the names."""
-    groups, group = np.unique(np.array(names, dtype=np.str_), return_inverse=True)
-    order = np.argsort(group, kind="stable")
-    rows = np.split(order, np.cumsum(np.bincount(group, minlength=len(groups)))[:-1])
-    return [(str(name), _spread(table, x)) for name, x in zip(groups, rows, strict=False)]
+def _grouped(table: Any, keys: Iterable[Key]) -> list[tuple[Key, Json]]:
+    """Each key with the spread of its rows, in the order of the keys."""
+    rows: dict[Key, list[int]] = {}
+    for i, key in enumerate(keys):
+        rows.setdefault(key, []).append(i)
+    return [(key, _spread(table, np.array(rows[key]))) for key in sorted(rows)]
 
 
 def _on_line(table: Any) -> Any:
@@ -350,24 +351,22 @@ def _on_line(table: Any) -> Any:
 
 def _by_km(table: Any) -> list[Kilometre]:
     placed = _on_line(table)
-    km = [f"{x:.0f}" for x in np.floor(_column(placed, "position_km"))]
-    kilometres = [Kilometre(km=int(x), **spread) for x, spread in _grouped(placed, km)]
-    return sorted(kilometres, key=lambda x: x.km)
+    return [Kilometre(km=km, **spread) for km, spread in _grouped(placed, _kilometres(placed))]
+
+
+def _kilometres(placed: Any) -> list[int]:
+    kilometres: list[int] = np.floor(_column(placed, "position_km")).astype(int).tolist()
+    return kilometres
 
 
 def _by_km_and_hour(table: Any) -> list[KilometreAndHour]:
     placed = _on_line(table)
-    km = np.floor(_column(placed, "position_km")).tolist()
-    keys = [
-        f"{x:.0f} {time[:10]} {time[11:13]}" if time else f"{x:.0f} unknown -"
-        for x, time in zip(km, placed["time"].to_pylist(), strict=True)
+    times = [(x[:10], int(x[11:13])) if x else ("unknown", -1) for x in placed["time"].to_pylist()]
+    keys = zip(_kilometres(placed), times, strict=True)
+    return [
+        KilometreAndHour(km=km, day=day, hour=None if hour < 0 else hour, **spread)
+        for (km, (day, hour)), spread in _grouped(placed, keys)
     ]
-    bins = []
-    for key, spread in _grouped(placed, keys):
-        place, day, hour = key.split()
-        hour_number = None if hour == "-" else int(hour)
-        bins.append(KilometreAndHour(km=int(place), day=day, hour=hour_number, **spread))
-    return sorted(bins, key=lambda x: (x.km, x.day, x.hour or 0))
 
 
 def _worst(table: Any) -> list[SlidApplication]:
@@ -401,10 +400,8 @@ def _codes(table: Any) -> list[CodeCount]:
 
 def _in_doubt(table: Any) -> int:
     """How many logs have a warning on the data, and no error."""
-    by_severity: dict[str, set[str]] = {"warning": set(), "error": set()}
-    for _, severity, log in _lossy_findings(table):
-        by_severity[severity].add(log)
-    return len(by_severity["warning"] - by_severity["error"])
+    kinds = {(severity, log) for _, severity, log in _lossy_findings(table)}
+    return sum(severity == "warning" and ("error", log) not in kinds for severity, log in kinds)
 
 
 def _to_check(table: Any) -> list[DoubtfulLog]:

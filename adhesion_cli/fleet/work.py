@@ -81,15 +81,15 @@ class Outcome(NamedTuple):
     files: dict[str, bytes]
 
 
-def identified(log: LogLocation) -> tuple[str, dict[str, str]]:
-    """The hash of a log's content; where it cannot be read, error and hint."""
+def identified(log: LogLocation) -> str | FailedLog:
+    """The hash of a log's content; why it cannot be read, where it cannot."""
     try:
         with local(log.place) as path:
             check_kind(path)
             with path.open("rb") as file:
-                return hashlib.file_digest(file, "sha256").hexdigest(), {}
+                return hashlib.file_digest(file, "sha256").hexdigest()
     except Exception as error:  # every kind of URL has its own errors
-        return "", _error_document(error, log.place, log.name)
+        return failed(Item(log, ""), error)
 
 
 def analysed(item: Item, job: Job) -> Outcome:
@@ -104,16 +104,18 @@ def analysed(item: Item, job: Job) -> Outcome:
                 place = str(path)  # the copy of a URL
                 summary, files = _tables(path, item, job)
         except Exception as error:
-            summary, files = failed(item, _error_document(error, place, item.log.name)), {}
+            summary, files = failed(item, error, place), {}
         return Outcome(row(summary, job, time.perf_counter() - begin), files)
 
 
-def failed(item: Item, error: dict[str, str]) -> FailedLog:
-    """A log that has no result, only error and hint."""
-    return FailedLog(item.log.name, error["error"], error["hint"], item.sha256 or None)
+def failed(item: Item, error: Exception, place: str = "") -> FailedLog:
+    """A log that has no result: error and hint by its name, also where `place` is its file."""
+    said, name = as_user_error(error), item.log.name
+    text, hint = (x.replace(place or item.log.place, name) for x in (said.text, said.hint))
+    return FailedLog(name, text, hint, item.sha256 or None)
 
 
-def row(summary: ResultSummary | FailedLog, job: Job, seconds: float | None) -> LogRow:
+def row(summary: ResultSummary | FailedLog, job: Job, seconds: float | None = None) -> LogRow:
     """The row of a log in the table of logs."""
     row = tables.log_row(summary)
     return replace(row, seconds=seconds, version=job.version, settings=job.settings)
@@ -183,9 +185,3 @@ def _record(result: Result, summary: ResultSummary, files: list[Path]) -> None:
     files[0].parent.mkdir(parents=True, exist_ok=True)
     with atomic_files.sets([files], True, sweeps=False) as (places,):
         write_results(places, [result], [summary])
-
-
-def _error_document(error: Exception, place: str, name: str) -> dict[str, str]:
-    """Error and hint by the log's name, wherever its file is."""
-    said = as_user_error(error)
-    return {"error": said.text.replace(place, name), "hint": said.hint.replace(place, name)}
