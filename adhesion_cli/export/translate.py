@@ -10,18 +10,7 @@ import textwrap
 from types import FunctionType
 
 from .ascii_text import ascii_text
-from .c_types import (
-    BOOL,
-    INT,
-    Kind,
-    Number,
-    Struct,
-    c_name,
-    comment_at,
-    definition,
-    file_of,
-    stem,
-)
+from .c_types import BOOL, INT, Kind, Number, Struct, c_name, comment_at, definition, file_of, stem
 from .expressions import INLINE, Cost, Expr, Expressions, Function, Program
 
 

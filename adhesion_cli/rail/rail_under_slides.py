@@ -10,14 +10,7 @@ import numpy as np
 
 from ..core import physics, threads
 from ..core.finding import Finding
-from ..core.model import (
-    AxleRecord,
-    AxleResult,
-    Bools,
-    Floats,
-    Parameter,
-    Vehicle,
-)
+from ..core.model import AxleRecord, AxleResult, Bools, Floats, Parameter, Vehicle
 from . import fit
 from .events import Slide
 from .sliding import find_creep, slides

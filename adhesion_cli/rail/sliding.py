@@ -3,11 +3,7 @@
 import numpy as np
 
 from ..core import signals
-from ..core.model import (
-    AxleRecord,
-    AxleResult,
-    Floats,
-)
+from ..core.model import AxleRecord, AxleResult, Floats
 from . import events
 from .events import END_SLIP, Slide
 from .speed_errors import CLEAR_SIGMAS, has_slow_receiver, speed_error

@@ -15,13 +15,7 @@ import numpy as np
 
 from ..core import compiled, physics
 from ..core.finding import Finding
-from ..core.model import (
-    AxleResult,
-    Floats,
-    Regions,
-    Times,
-    Vehicle,
-)
+from ..core.model import AxleResult, Floats, Regions, Times, Vehicle
 from . import events
 from .sliding import find_slides, slides
 from .slope import Bands, Params, State, init, region, step

@@ -5,10 +5,7 @@ import math
 import numpy as np
 
 from ..core import physics
-from ..core.model import (
-    AxleRecord,
-    Floats,
-)
+from ..core.model import AxleRecord, Floats
 from .events import END_SLIP
 
 COASTING_RATE = 0.3  # largest deceleration of a coasting train [m/s²]

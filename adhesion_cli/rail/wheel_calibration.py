@@ -8,14 +8,7 @@ import numpy as np
 
 from ..core import compiled, physics, signals
 from ..core.finding import Finding, merge_spans
-from ..core.model import (
-    Z95,
-    AxleRecord,
-    Bools,
-    Floats,
-    Parameter,
-    Vehicle,
-)
+from ..core.model import Z95, AxleRecord, Bools, Floats, Parameter, Vehicle
 from ..core.physics import reference_speed
 from ..train.mean_axle import mean_axle
 from .speed_errors import COASTING_RATE, DELAY_SIGMA, delay_error

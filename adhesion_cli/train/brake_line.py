@@ -204,11 +204,7 @@ def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine
 
 
 def _differing_stops(
-    grid: Grid,
-    acting: _Acting,
-    by_brake: Floats,
-    stops: Sequence[tuple[int, int]],
-    line: BrakeLine,
+    grid: Grid, acting: _Acting, by_brake: Floats, stops: Sequence[tuple[int, int]], line: BrakeLine
 ) -> Iterator[DifferingStop]:
     """The stops that no gradient and no scatter of the friction brings to the line.
 

@@ -21,14 +21,7 @@ from .longitudinal import (
     tolerance,
 )
 from .pieces import build_design, sum_by_piece, without_slope
-from .solve import (
-    Likeliest,
-    Posterior,
-    independent_samples,
-    residual,
-    search,
-    unbent_loss,
-)
+from .solve import Likeliest, Posterior, independent_samples, residual, search, unbent_loss
 
 _NO_DRAG = Parameter(0.0, 1e-9)  # by the gradient and γ of long pieces, in a diagnosis [1/m]
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))

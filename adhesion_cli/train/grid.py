@@ -7,15 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import (
-    Z95,
-    AxleRecord,
-    Bools,
-    Floats,
-    Times,
-    Vehicle,
-    without_motors,
-)
+from ..core.model import Z95, AxleRecord, Bools, Floats, Times, Vehicle, without_motors
 from ..core.physics import GRADIENT, RELEASED_SHARE, G, table_share, wheelset
 from ..core.signals import true_runs
 from ..records.axle_channels import AxleChannels

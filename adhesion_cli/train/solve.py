@@ -122,9 +122,7 @@ class _Problem(NamedTuple):
 
 
 def _problem(
-    designs: Sequence[Design],
-    sample_counts: Sequence[Floats],
-    prior: Mapping[int, Parameter],
+    designs: Sequence[Design], sample_counts: Sequence[Floats], prior: Mapping[int, Parameter]
 ) -> _Problem:
     total = SHARED + sum(len(d.size) for d in designs)
     mean, information = np.zeros(total), np.zeros((total, total))
