@@ -27,7 +27,7 @@ a segment is not scored (`brake_applications.find_start_ups`).
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, NamedTuple
 
 from . import methods, toml
@@ -83,16 +83,10 @@ def registry() -> dict[str, Estimator]:
     """
     return {
         name: Estimator(
-            m.name,
-            m.title,
-            m.source,
-            m.Params,
-            m.State,
-            m.init,
-            m.step,
-            module.ABOUT.claims,
-            getattr(module, "longest_step", _any_step),
-            getattr(module, "nis", None),
+            **{f.name: getattr(m, f.name) for f in fields(m)},
+            claims=module.ABOUT.claims,
+            longest_step=getattr(module, "longest_step", _any_step),
+            nis=getattr(module, "nis", None),
         )
         for name, (m, module) in methods.scan(KIND).items()
     }

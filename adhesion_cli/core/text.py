@@ -93,9 +93,8 @@ def by_uncertainty(value: float, u: float, max_decimals: int = 15) -> tuple[str,
     if not 0.0 < u < math.inf:
         return f"{value:.4g}", f"{u:g}"
     place = min(1 - int(f"{u:.1e}".partition("e")[2]), max_decimals)
-    value_text, u_text = (
-        f"{round(x, place) + 0.0:.{max(place, 0)}f}" for x in (value, u)
-    )  # no "-0"
+    # + 0.0: no "-0"
+    value_text, u_text = (f"{round(x, place) + 0.0:.{max(place, 0)}f}" for x in (value, u))
     return value_text, u_text
 
 

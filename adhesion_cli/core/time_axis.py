@@ -187,9 +187,8 @@ def _report_order(
     report: _Report, t: Times, restarts: tuple[int, ...], is_late: Bools, ahead: Bools
 ) -> None:
     """Reports where the clock was set back, and samples out of order."""
-    before_jump = (
-        np.array(restarts[1:], dtype=np.int64) - 1
-    )  # the stamp before a jump says where it is
+    # The stamp before a jump says where it is.
+    before_jump = np.array(restarts[1:], dtype=np.int64) - 1
     largest_s = float((t[before_jump] - t[before_jump + 1]).max(initial=0)) / 1e9
     report.stretches(
         "time-backward", t[before_jump], t[before_jump], len(before_jump), most_s=largest_s
@@ -225,9 +224,8 @@ def _repeated(report: _Report, t: Times, value: Floats, usable: Bools) -> tuple[
     groups = np.cumsum(~repeats) - 1
     clash[usable_index] = np.isin(groups, groups[differs])
     sizes = np.bincount(groups)
-    doubled = not differs.any() and bool(
-        (np.diff(value[usable_index]) != 0.0).any()
-    )  # rows written twice
+    # rows written twice
+    doubled = not differs.any() and bool((np.diff(value[usable_index]) != 0.0).any())
     if np.mean(sizes > 1) > 0.5 and len(sizes) > 1 and not doubled:
         interval_s = float(np.median(np.diff(t[usable_index][~repeats]))) / 1e9
         samples = float(np.median(sizes))
@@ -461,13 +459,9 @@ def _samples(instants: Instants, channel: Channel) -> tuple[Times, Floats]:
         channel_pieces = [
             p for p in channel_pieces if t[p][0] <= instants.t[-1] and t[p][-1] >= instants.t[0]
         ]
-    chosen = (
-        channel_pieces[instants.k]
-        if len(channel_pieces) == instants.n
-        else channel_pieces[0]
-        if len(channel_pieces) == 1
-        else slice(0, 0)
-    )
+    if len(channel_pieces) not in (1, instants.n):
+        return channel.data.t[:0], channel.data.value[:0]
+    chosen = channel_pieces[instants.k if len(channel_pieces) == instants.n else 0]
     return channel.data.t[chosen], channel.data.value[chosen]
 
 

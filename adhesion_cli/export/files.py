@@ -81,9 +81,9 @@ def export(
     if not double and test_vectors.missing_count:
         text = f"{algo}: no finite answer in single precision at {test_vectors.missing_count}"
         raise UserError(f"{text} samples of {vectors.LOG}", "leave out --float")
-    facts = pages.Facts(interface, code, test_vectors, wheelset_values, vehicle)
+    readme = pages.readme(interface, code, test_vectors, wheelset_values, vehicle)
     program, makefile = check_program.program(interface, test_vectors), pages.makefile(interface)
-    texts = (code.header, code.source, program, makefile, pages.readme(facts))
+    texts = (code.header, code.source, program, makefile, readme)
     answer = -1 if interface.estimator else 0
     error = max(test_vectors.single_errors(answer))
     return Exported(dict(zip(names(algo), texts, strict=True)), len(test_vectors.rows), error)

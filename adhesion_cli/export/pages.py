@@ -1,8 +1,7 @@
 """Makefile and README of an export."""
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 from ..core.methods import parameters
 from ..core.model import Vehicle, quantities
@@ -30,29 +29,36 @@ DEVIATIONS = {
 }
 
 
-class Facts(NamedTuple):
-    """What the README states about an export."""
-
-    interface: Interface
-    code: Code
-    vectors: Vectors
-    wheelset: dict[str, float]  # the vehicle's values by the names of `WHEELSET_INPUTS`
-    vehicle: Vehicle  # K follows from its brake
-
-
 def makefile(interface: Interface) -> str:
     """The Makefile."""
     return render("Makefile.jinja", interface=interface, deviations=DEVIATIONS)
 
 
-def readme(facts: Facts) -> str:
-    """The README: use, units and ranges, operations, accuracy, deviations."""
-    interface, code, vectors = facts.interface, facts.code, facts.vectors
+def readme(
+    interface: Interface,
+    code: Code,
+    vectors: Vectors,
+    values: Mapping[str, float],
+    vehicle: Vehicle,
+) -> str:
+    """The README: use, units and ranges, operations, accuracy, deviations.
+
+    Args:
+        interface: of the method.
+        code: its C.
+        vectors: of the test program.
+        values: the vehicle's, by the names of `WHEELSET_INPUTS`.
+        vehicle: K follows from its brake.
+    """
     annotations, numbers = quantities(Vehicle), [kind.c for _, kind in flat(interface.state())]
-    wheelset = {x: (facts.wheelset[x], annotations[name]) for x, name in WHEELSET_INPUTS.items()}
+    wheelset = {x: (values[x], annotations[name]) for x, name in WHEELSET_INPUTS.items()}
     return render(
         "README.md.jinja",
-        **facts._asdict() | {"wheelset": wheelset},
+        interface=interface,
+        code=code,
+        vectors=vectors,
+        wheelset=wheelset,
+        vehicle=vehicle,
         log=LOG,
         libraries=LIBRARIES,
         ulps=ULPS,
@@ -61,7 +67,7 @@ def readme(facts: Facts) -> str:
         parameters=parameters(interface.method),
         inputs={"h": interface.interval, **interface.inputs},
         unread=set() if interface.estimator else set(interface.inputs) - code.read,
-        line=force_line(facts.vehicle),
+        line=force_line(vehicle),
         reals=numbers.count("real"),
         integers=len(numbers) - numbers.count("real"),
         operations=sorted({name for cost in code.costs.values() for name in cost}),

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from ..core.annotated import Json
+from ..core.document import finite
 from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..core.text import drop_output
@@ -80,12 +81,12 @@ class JsonLines(Sink):
         mu = float(coefficient(e.force, self._vehicle, s.axle))  # type: ignore[arg-type]
         said: Json = {
             "axle": s.axle,
-            "force_n": _or_null(e.force),
-            "coefficient": _or_null(mu),
-            "u95_n": _or_null(e.u95),
+            "force_n": finite(e.force),
+            "coefficient": finite(mu),
+            "u95_n": finite(e.u95),
             "algo": algo,
             "status": s.status,
-            "slip": _or_null(s.slip),
+            "slip": finite(s.slip),
             "regime": s.regime or None,
         }
         return f'{{"t": {_seconds(s.t)}, {json.dumps(said)[1:]}'
@@ -253,10 +254,6 @@ def _seconds(t: int) -> str:
     """A time stamp [ns] in seconds, exactly: a float has no nanoseconds of a date."""
     seconds, nanoseconds = divmod(abs(t), 1_000_000_000)
     return f"{'-' * (t < 0)}{seconds}.{f'{nanoseconds:09d}'.rstrip('0') or '0'}"
-
-
-def _or_null(x: float) -> float | None:
-    return x if math.isfinite(x) else None
 
 
 def _print(text: bytes) -> None:

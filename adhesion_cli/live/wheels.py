@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from ..channels import to_si
@@ -19,6 +19,9 @@ from .feed import PAUSE, FeedRow
 _COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 16, 24, 32))  # where counters start anew
 _LARGEST = 1e15  # in SI: no sensor gives as much, and estimators need not compute with it
 _LARGEST_TURN = 0.25  # of such a range in one interval: more is a reset
+
+
+Conversion = Callable[[int, float], tuple[int, float] | None]  # to time [ns] and value in SI
 
 
 class Places(NamedTuple):
@@ -65,7 +68,7 @@ class LiveWheels:
     ) -> None:
         self._mappings, self._vehicle, self._axle_numbers = mappings, vehicle, tuple(axles)
         self._places: dict[Key, int] = {}
-        self._scales: list[_Scale | _Total] = []
+        self._conversions: list[Conversion] = []
         self._by_key: dict[Key, Meant] = {}
         self._lacking: tuple[list[Finding], float] = [], math.inf  # of axles that may get it yet
         self.fields: list[Field] = []
@@ -169,28 +172,23 @@ class LiveWheels:
             size = m.wrap or (2.0 * math.pi / unit.factor if unit.dimension == "angle" else 0.0)
             self._places[key] = len(self.fields)
             self.fields.append(m.field)
-            self._scales.append(_Total(factor, size) if total else _Scale(factor, offset))
+            convert = _Total(factor, size).convert if total else _scale(factor, offset)
+            self._conversions.append(convert)
         return self._places[key]
 
     def si(self, row: FeedRow) -> dict[int, tuple[int, float]]:
         """Time [ns] and value in SI of each place that has one."""
         values = {}
         for place, x in row.values.items():
-            reading = self._scales[place].convert(row.t, x) if math.isfinite(x) else None
+            reading = self._conversions[place](row.t, x) if math.isfinite(x) else None
             if reading and abs(reading[1]) < _LARGEST:
                 values[place] = reading
         return values
 
 
-class _Scale:
-    """A value that is proportional to what it measures."""
-
-    def __init__(self, factor: float, offset: float) -> None:
-        self._factor, self._offset = factor, offset
-
-    def convert(self, t: int, x: float) -> tuple[int, float] | None:
-        """Time and value."""
-        return t, self._factor * x + self._offset
+def _scale(factor: float, offset: float) -> Conversion:
+    """Of a value that is proportional to what it measures."""
+    return lambda t, x: (t, factor * x + offset)
 
 
 class _Total:

@@ -92,9 +92,8 @@ class RailFit(NamedTuple):
     draws: tuple[Condition, ...]  # other rails that are likely: the uncertainty of the fit
     scales: tuple[float, ...]  # true over computed μ, per draw; with one seed the same on all axles
     constants: dict[str, Interval]  # the constants whose interval is narrow enough, by name
-    peak_slip_limit: (
-        float | None
-    )  # upper limit (97.5 %) of the peak's slip; None: no point is beyond it
+    # upper limit (97.5 %) of the peak's slip; None: no point is beyond it
+    peak_slip_limit: float | None
     peak_slip: Interval | None  # None where the points do not show it, as the next two
     peak_mu: Interval | None
     utilisation: Interval | None
@@ -514,7 +513,6 @@ class _LocalSearch:
         from scipy.optimize import leastsq
 
         _, _, prior_sigma, weight = self._search
-
         n = len(self.noise)
 
         def all_residuals(x: Floats) -> Floats:
@@ -576,10 +574,8 @@ def _draw_curves(
     bend_zeros = np.zeros(len(straight_search.setup.shape.bumps) + _BY_SPEED)
     searches = [straight_search]
     for weight in _BEND_SIGMAS:
-        prior_mean, prior_sigma = (
-            np.append(straight_search.prior_mean, bend_zeros),
-            np.append(straight_search.prior_sigma, bend_zeros + weight),
-        )
+        prior_mean = np.append(straight_search.prior_mean, bend_zeros)
+        prior_sigma = np.append(straight_search.prior_sigma, bend_zeros + weight)
         searches.append(straight_search._replace(prior_mean=prior_mean, prior_sigma=prior_sigma))
     start = np.append(best, bend_zeros)
     sigma = max(sigma * searches[-1].run(sigma, start).rms, straight_search.setup.noise)

@@ -102,21 +102,12 @@ def _filter(s: _AccelerationSamples, moments: Floats) -> None:
             Pvv += s.h * s.h * Pbb - 2.0 * s.h * Pvb + s.walk[j]
             Pvb -= s.h * Pbb
             Pbb += s.drift[j]
-        moments[j, 0], moments[j, 1], moments[j, 2], moments[j, 3], moments[j, 4] = (
-            v,
-            b,
-            Pvv,
-            Pvb,
-            Pbb,
-        )
+        moments[j, :5] = v, b, Pvv, Pvb, Pbb
         if not s.standstill[j]:
             train_stands = False
         elif j == 0 or not s.standstill[j - 1]:  # both v = 0 and b = a must be likely
-            bias_change, S, T = (
-                s.level[j] - b,
-                Pvv + _WHEEL_SIGMA**2,
-                Pbb + _PITCH**2 + s.walk[j] / s.h,
-            )
+            bias_change, S = s.level[j] - b, Pvv + _WHEEL_SIGMA**2
+            T = Pbb + _PITCH**2 + s.walk[j] / s.h
             distance = v * v * T + 2.0 * v * bias_change * Pvb + bias_change * bias_change * S
             train_stands = distance < _GATE * (S * T - Pvb * Pvb)
         for i in range(k + 1):
@@ -133,20 +124,14 @@ def _filter(s: _AccelerationSamples, moments: Floats) -> None:
             Pbb -= Gb * Pvb
             Pvb -= Gv * Pvb
             Pvv -= Gv * Pvv
-        moments[j, 5], moments[j, 6], moments[j, 7], moments[j, 8], moments[j, 9] = (
-            v,
-            b,
-            Pvv,
-            Pvb,
-            Pbb,
-        )
+        moments[j, 5:] = v, b, Pvv, Pvb, Pbb
 
 
 def _smooth(s: _AccelerationSamples, moments: Floats, smoothed: Floats) -> None:
     """Rauch, Tung and Striebel's pass back; fills `smoothed` (n, 3): v, b, P_vv."""
     n, h = len(moments), s.h
     v, b, Svv, Svb, Sbb = moments[n - 1, 5:]
-    smoothed[n - 1, 0], smoothed[n - 1, 1], smoothed[n - 1, 2] = v, b, Svv
+    smoothed[n - 1] = v, b, Svv
     for j in range(n - 2, -1, -1):
         fv, fb, Fvv, Fvb, Fbb = moments[j, 5:]
         pv, pb, Pvv, Pvb, Pbb = moments[j + 1, :5]
@@ -160,7 +145,7 @@ def _smooth(s: _AccelerationSamples, moments: Floats, smoothed: Floats) -> None:
         Svv = Fvv + Gvv * Gvv * Dvv + 2.0 * Gvv * Gvb * Dvb + Gvb * Gvb * Dbb
         Svb = Fvb + Gvv * Gbv * Dvv + (Gvv * Gbb + Gvb * Gbv) * Dvb + Gvb * Gbb * Dbb
         Sbb = Fbb + Gbv * Gbv * Dvv + 2.0 * Gbv * Gbb * Dvb + Gbb * Gbb * Dbb
-        smoothed[j, 0], smoothed[j, 1], smoothed[j, 2] = v, b, Svv
+        smoothed[j] = v, b, Svv
 
 
 def integrate(g: Grid, a: Channel) -> Integrated | str:

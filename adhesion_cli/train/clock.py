@@ -43,16 +43,12 @@ _SHARE = 0.5  # and for this share of the braking
 # of the time that the best axle rolls: an axle that rolls less does not count
 _ROLLING_SHARE = 0.85
 _NOISE_TIME = 1.5  # a receiver's noise is as slow as this, or as three of its samples [s]
-_DELAY_SIGMAS = (
-    0.015,
-    0.2,
-)  # 1 sigma of τ by creep that does not go with the force; with more, unknown [s]
+# 1 sigma of τ by creep that does not go with the force; with more, unknown [s]
+_DELAY_SIGMAS = 0.015, 0.2
 _OFFSET_SIGMAS = 0.05, 0.3  # the same two of o: by what a slow wheel's sensor leaves out [m/s]
 _CERTAIN = 3.0  # sigma from zero is an offset
-_SEPARATION, _LOSS_RATIO = (
-    0.5,
-    1.1,
-)  # nearest other τ or o [s, m/s], and its loss over the best one's
+# nearest other τ or o [s, m/s], and its loss over the best one's
+_SEPARATION, _LOSS_RATIO = 0.5, 1.1
 _CLEAR_RATIO = 1.5  # the same of τ and o
 _MOST_SAMPLES = 4000  # samples of the fit
 

@@ -16,8 +16,8 @@ from .longitudinal import (
     OFFSET,
     SCALE,
     SHARED,
+    line_prior,
     spring_share,
-    stated_prior,
     tolerance,
 )
 from .pieces import build_design, sum_by_piece, without_slope
@@ -102,7 +102,7 @@ def explain(
 def _explain(d: Design, vehicle: Vehicle) -> Explanation:
     """What explains this speed, of wheels that creep or of the train, which only has to agree."""
     clearly = CLEAR_GAIN if d.creeps else CLEAR_GAIN / 2.0
-    prior = stated_prior(d, vehicle) | {DRAG: _NO_DRAG}
+    prior = line_prior(vehicle, d.top, d.mean, d.interval) | {DRAG: _NO_DRAG}
     offset = Parameter(0.0, max(_OFFSET_SIGMA, spring_share(d.top, vehicle).value))
     any_delay = {DELAY: Parameter(0.0, math.inf)}
     any_line = {SCALE: Parameter(0.0, math.inf), OFFSET: offset}

@@ -39,7 +39,6 @@ import math
 
 from ..core.model import Parameter, Vehicle
 from ..core.physics import force_line, piston_area
-from .explanation import Design
 
 UNITS = {
     "scale": "ln",
@@ -70,20 +69,17 @@ def tolerance(v: Vehicle) -> float:
     return math.hypot(*shares, 2.0 * v.cylinder_diameter.tolerance / v.cylinder_diameter.value)
 
 
-def stated_prior(design: Design, vehicle: Vehicle) -> dict[int, Parameter]:
-    """The prior of every shared parameter by what is stated of the vehicle.
-
-    Args:
-        design: of one log, for its highest K and its intervals.
-        vehicle: with tolerances.
-    """
-    return line_prior(vehicle, design.top, design.mean, design.interval)
-
-
 def line_prior(
     vehicle: Vehicle, top: float, speed: float, interval: float = 0.0
 ) -> dict[int, Parameter]:
-    """The same from the highest K [N], the mean speed [m/s] and the longest interval [s]."""
+    """The prior of every shared parameter by what is stated of the vehicle.
+
+    Args:
+        vehicle: with tolerances.
+        top: the highest K [N].
+        speed: the mean speed [m/s].
+        interval: the longest one between samples [s].
+    """
     fade, mean_share = vehicle.friction_fade, friction_share(vehicle, speed)
     spring = spring_share(top, vehicle).tolerance
     return {

@@ -1,7 +1,7 @@
 """The likeliest parameters of the longitudinal model, by least squares with a prior."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -116,9 +116,9 @@ class _Problem(NamedTuple):
     mean: Floats  # of shared parameters, then of gradients
     information: Floats  # inverse of its covariance
 
-    def gradients(self, x: Floats) -> list[Floats]:
-        """The gradients of each design."""
-        return gradients(self.designs, x)
+    def parts(self, x: Floats) -> Iterator[tuple[Design, Floats, Floats]]:
+        """Each design, its independent samples and its gradients."""
+        return zip(self.designs, self.sample_counts, gradients(self.designs, x), strict=True)
 
 
 def _problem(
@@ -140,7 +140,7 @@ def _cost(p: _Problem, x: Floats) -> float:
     """−2 log of the posterior, every piece's own variance taken as is likeliest."""
     deviation = x - p.mean
     cost = float(deviation @ p.information @ deviation)
-    for d, sample_count, slopes in zip(p.designs, p.sample_counts, p.gradients(x), strict=True):
+    for d, sample_count, slopes in p.parts(x):
         squares = sum_by_piece(d, residual(d, x, slopes) ** 2) / d.size + d.floor**2
         cost += float(sample_count @ np.log(squares))
     return cost
@@ -150,7 +150,7 @@ def _normal(p: _Problem, x: Floats) -> tuple[Floats, Floats]:
     """Normal equations at a point: matrix and right side."""
     A, b = p.information.copy(), p.information @ (x - p.mean)
     start = SHARED
-    for d, sample_count, slopes in zip(p.designs, p.sample_counts, p.gradients(x), strict=True):
+    for d, sample_count, slopes in p.parts(x):
         remainder, J = residual(d, x, slopes), _columns(d, x)
         weights = sample_count / (sum_by_piece(d, remainder**2) + d.size * d.floor**2)
         JW = J * repeat_by_piece(d, weights)
@@ -266,8 +266,7 @@ def independent_samples(d: Design, residuals: Floats) -> Floats:
     """Independent samples of each piece (p,), by how neighbours correlate in what is left (m,)."""
     pair = np.append(residuals[1:] * residuals[:-1], 0.0)
     pair[d.piece_start[1:] - 1] = 0.0
-    correlation = sum_by_piece(d, pair) / (
-        sum_by_piece(d, residuals**2) + d.size * FLOOR**2
-    )  # rounding is alike
+    # Rounding is alike.
+    correlation = sum_by_piece(d, pair) / (sum_by_piece(d, residuals**2) + d.size * FLOOR**2)
     correlation = np.clip(correlation, 0.0, 0.99)
     return d.size * (1.0 - correlation) / (1.0 + correlation)

@@ -169,11 +169,15 @@ def rolling(v: float, axles: int) -> tuple[MovingTrain, WheelStates]:
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def rail_at(track: RailConditions, axle: int, z: float, j: int, rail: Floats) -> int:
-    """Fills `rail` with the condition at place or time `z`; returns the knot before it.
+def rail_under(  # noqa: PLR0913 (compiled)
+    plant: Plant, track: RailConditions, axle: int, t: float, x: float, j: int, rail: Floats
+) -> int:
+    """Fills `rail` with the condition under an axle; returns the knot before it.
 
-    `axle` counts from 0, `j` is that knot or an earlier one.
+    `axle` counts from 0. The train's first axle is at `x` at time `t`. `j` is that knot or an
+    earlier one.
     """
+    z = t if track.timed else x - plant.positions[axle]
     while track.knots[j + 1] <= z:
         j += 1
     fraction = max(0.0, (z - track.knots[j]) / (track.knots[j + 1] - track.knots[j]))
@@ -184,16 +188,8 @@ def rail_at(track: RailConditions, axle: int, z: float, j: int, rail: Floats) ->
     return j
 
 
-def rail_under(  # noqa: PLR0913 (compiled)
-    plant: Plant, track: RailConditions, axle: int, t: float, x: float, j: int, rail: Floats
-) -> int:
-    """`rail_at` under an axle of a train whose first axle is at `x` at time `t`."""
-    z = t if track.timed else x - plant.positions[axle]
-    return rail_at(track, axle, z, j, rail)
-
-
 def adhesion(sliding: float, speed: float, rail: Floats, patch: Patch) -> tuple[float, float]:
-    """`creep_force` under the condition that `rail_at` left in `rail`."""
+    """`creep_force` under the condition that `rail_under` left in `rail`."""
     law = Condition(rail[0], rail[1], rail[2], rail[3], rail[4])
     return creep_force(sliding, speed, law, patch)
 
