@@ -167,11 +167,15 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
     released = erode(g.clamping <= release_force, settling_steps)
     standstill = erode(np.all(g.rim < _STANDSTILL_SPEED, axis=0), settling_steps)
     gain: Floats = np.interp(t, sample_t, area)
-    sign = _sign(g, gain, released, standstill)
+    rate, braked = g.slope(gain), erode(np.all(g.clamping > 0.0, axis=0), g.half_width)
+    sign = _sign(rate, braked & ~standstill, released.all(axis=0) | standstill)
     if not sign:
         return "it does not show the brake slow the train"
-    gain *= sign
-    s = _samples(g, gain, a, released, standstill)
+    gain, rate = sign * gain, sign * rate
+    mean: Floats = np.interp(t, t[np.isfinite(rate)], rate[np.isfinite(rate)])
+    steady = ~(np.abs(g.slope(g.rim) - mean) >= _CATCH_UP_RATE)  # at both ends, nobody knows
+    rolling = released & erode(steady, g.half_width) & (g.rim > CRAWL)
+    s = _samples(g, gain, mean, a, rolling, standstill)
     anchored = np.isfinite(s.rim).any(axis=0) | s.standstill
     if not anchored.any():
         return "no wheel surely rolls: the brake is on all the time, and the train does not stand"
@@ -192,38 +196,39 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
     )
 
 
-def _sign(g: Grid, gain: Floats, released: Bools, standstill: Bools) -> int:
-    """Of the axis, by ∫ a dt: a brake slows the train; 0 where what is read does not show that."""
-    mean = g.slope(gain)
-    finite = np.isfinite(mean)
-    braked = erode(np.all(g.clamping > 0.0, axis=0), g.half_width) & ~standstill & finite
-    unbraked = (released.all(axis=0) | standstill) & finite
+def _sign(rate: Floats, braked: Bools, unbraked: Bools) -> int:
+    """Of the axis: a brake slows the train; 0 where what is read does not show that.
+
+    Args:
+        rate: of ∫ a dt over about a second, (n,) [m/s²].
+        braked: where all wheels are braked, (n,).
+        unbraked: where none is, (n,).
+    """
+    braked, unbraked = braked & np.isfinite(rate), unbraked & np.isfinite(rate)
     if min(braked.sum(), unbraked.sum()) < 2:
         return 0
-    change = float(np.mean(mean[braked]) - np.mean(mean[unbraked]))
-    return (
-        -int(math.copysign(1, change)) if _BRAKING_RANGE[0] < abs(change) < _BRAKING_RANGE[1] else 0
-    )
+    change = float(np.mean(rate[braked]) - np.mean(rate[unbraked]))
+    shows_brake = _BRAKING_RANGE[0] < abs(change) < _BRAKING_RANGE[1]
+    return -int(math.copysign(1, change)) if shows_brake else 0
 
 
 def _samples(
-    g: Grid, gain: Floats, a: Channel, released: Bools, standstill: Bools
+    g: Grid, gain: Floats, mean: Floats, a: Channel, rolling: Bools, standstill: Bools
 ) -> _AccelerationSamples:
     """What the filter takes.
 
     Args:
         g: all axles.
         gain: ∫ ±a dt on it [m/s].
+        mean: ±a over about a second (n,) [m/s²].
         a: the acceleration.
-        released: which wheels are not braked, nor just before (k, n).
-        standstill: where all of them do, for a while (n,).
+        rolling: which wheels roll surely (k, n).
+        standstill: where all of them stand, for a while (n,).
     """
     h, n = g.step, len(gain)
     t: Floats = h * np.arange(n, dtype=np.float64)
     sample_t: Floats = np.multiply(a.data.t - g.start_ns, 1e-9)
     step_gain = np.diff(gain, prepend=gain[0])
-    mean = g.slope(gain)
-    mean = np.interp(t, t[np.isfinite(mean)], mean[np.isfinite(mean)])
     noise = white_noise([(sample_t, a.data.value)]) + a.step**2 / 12.0
     walk = np.full(n, noise * float(np.median(np.diff(sample_t))) * h)
     next_sample = np.searchsorted(sample_t, t).clip(1, len(sample_t) - 1)
@@ -235,13 +240,11 @@ def _samples(
     walk[in_gap] += h * _GAP_SIGMA**2
     drift: Floats = _DRIFT**2 * h + (_PITCH * np.diff(mean, prepend=mean[0])) ** 2
 
-    steady = ~(np.abs(g.slope(g.rim) - mean) >= _CATCH_UP_RATE)  # at both ends, nobody knows
-    rolling_wheels = released & erode(steady, g.half_width) & (g.rim > CRAWL)
-    rim = np.where(rolling_wheels, g.rim, np.nan)
+    rim = np.where(rolling, g.rim, np.nan)
     median_rim = finite_median(rim)
     ratio = [
-        np.median(x[rolling] / median_rim[rolling]) if rolling.any() else 1.0
-        for x, rolling in zip(rim, rolling_wheels, strict=True)
+        np.median(x[rolls] / median_rim[rolls]) if rolls.any() else 1.0
+        for x, rolls in zip(rim, rolling, strict=True)
     ]
     level = np.zeros(n)
     for start, stop in true_runs(standstill):

@@ -85,7 +85,7 @@ def find_brake_line(
     rho = rotating.value
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
     clamping = grid.friction_clamping
-    x = np.array([grid.mean(row) for row in (grid.pressure if by_pressure else clamping)])
+    x = np.array([grid.smooth(row) for row in (grid.pressure if by_pressure else clamping)])
     friction = np.nan_to_num(
         np.broadcast_to(grid.friction if by_pressure else 1.0, x.shape), nan=1.0
     )

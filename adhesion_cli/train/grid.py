@@ -68,7 +68,7 @@ class Grid:
     @cached_property
     def driven(self) -> Bools:
         """Where the train gains speed without brake, and a second around: a motor drives it."""
-        K = self.mean(largest(self.clamping))
+        K = self.smooth(largest(self.clamping))
         gains = self._slowing_of_all < -_DRIVEN_RATE
         driven = (RELEASED_SHARE * np.nanmax(K, initial=0.0) > K) & gains
         return ~erode(~driven, 2 * self.half_width)
@@ -130,17 +130,17 @@ class Grid:
         """Deceleration without that by the known gradient, shape (..., n) [m/s²]."""
         return -self.slope(v + self.climb)
 
-    def mean(self, x: Floats) -> Floats:
-        """Mean over the same stretch, shape (..., n)."""
+    def smooth(self, x: Floats) -> Floats:
+        """Mean of x over about a second, shape (..., n)."""
         j = self.half_width
         finite = np.isfinite(x)
         halves = np.stack([np.where(finite, x, 0.0), ~finite])
         total = np.cumsum((halves[..., 1:] + halves[..., :-1]) / 2.0, axis=-1)
         total = np.concatenate([np.zeros((*total.shape[:-1], 1)), total], axis=-1)
-        smooth = np.full(x.shape, np.nan)
+        means = np.full(x.shape, np.nan)
         sums, lacking = total[..., 2 * j :] - total[..., : -2 * j]
-        smooth[..., j:-j] = np.where(lacking > 0.0, np.nan, sums / (2.0 * j))
-        return smooth
+        means[..., j:-j] = np.where(lacking > 0.0, np.nan, sums / (2.0 * j))
+        return means
 
 
 class Grids(NamedTuple):
@@ -199,6 +199,7 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
                 known = brake if r.saturated is None else np.where(r.saturated, np.nan, brake)
                 row[i] = _means(r, known, start_ns, t)
     motors, sigma = _motor_rows(axles, start_ns, t)
+    train, train_error = _train(axles, start_ns, t)
     by_friction = without_motors(clamping, motors)
     friction: Floats | float = 1.0
     tables = [a.friction_table or vehicle.friction_table for a in axles]
@@ -206,19 +207,8 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
         rows = zip(rim, by_friction, tables, strict=True)
         friction = np.array([table_share(v, K, x) * np.ones(len(t)) for v, K, x in rows])
     clamping = friction * by_friction + (0.0 if motors is None else motors)
-    train, train_error = _train(axles, start_ns, t)
-    return Grid(
-        start_ns,
-        step,
-        rim,
-        clamping,
-        pressure,
-        train,
-        train_error,
-        friction,
-        motors=motors,
-        motor_sigma=sigma,
-    )
+    speeds = train, train_error, friction
+    return Grid(start_ns, step, rim, clamping, pressure, *speeds, motors=motors, motor_sigma=sigma)
 
 
 def _motor_rows(

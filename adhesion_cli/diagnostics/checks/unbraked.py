@@ -38,7 +38,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     g, brake = s.grid, s.axles[0].brake
     top = float(np.nanmax(g.pressure, initial=0.0))
     unbraked = (g.braking > p.least) & (g.braking < p.most) & g.rolling.any(axis=0)
-    unbraked &= g.mean(largest(g.clamping)) * s.by_rolling < 0.1 * p.least
+    unbraked &= g.smooth(largest(g.clamping)) * s.by_rolling < 0.1 * p.least
     lasting = long_runs(unbraked, p.lasts, g)
     if not lasting.any():
         return

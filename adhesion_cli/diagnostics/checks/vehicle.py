@@ -56,7 +56,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
 
 def _no_vehicle(p: Params, s: Scene) -> Iterator[Finding]:
     """A factor that only another unit explains, such as that of time."""
-    K = s.grid.mean(np.mean(s.grid.clamping, axis=0))
+    K = s.grid.smooth(np.mean(s.grid.clamping, axis=0))
     braked = np.isfinite(s.grid.braking) & (0.5 * np.nanmax(K, initial=0.0) < K)
     if braked.sum() >= FEWEST:
         factor = float(np.median(s.grid.braking[braked]) / (s.by_rolling * np.median(K[braked])))
