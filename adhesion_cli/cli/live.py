@@ -169,12 +169,14 @@ class _Run:
 
     def go(self) -> int:
         """Follows the sender to its end, or to Ctrl-C; returns the exit code."""
-        from ..live.run import follow, wheels_of
+        from ..live.run import follow
+        from ..live.wheels import LiveWheels
 
         try:
             with ExitStack() as stack:
                 stack.callback(self._waiting.close)
-                wheels = wheels_of(self._feed, self._settings, self._shared.axle)
+                stated, axles = self._settings, self._shared.axle
+                wheels = LiveWheels(self._feed.head(), stated.mappings, stated.vehicle, axles)
                 self._tally.add(self._defaults(any(p.is_pressure for p in wheels.axles)))
                 sinks: list[Sink] = [self._counts, self._waiting]
                 axles = [p.axle for p in wheels.axles]

@@ -10,11 +10,11 @@ from functools import cache
 from pathlib import Path
 
 
-def _silent(text: str) -> None:
+def silent(text: str) -> None:
     """Reports nothing."""
 
 
-report: Callable[[str], None] = _silent  # reports that nothing can be kept; a program sets it
+report: Callable[[str], None] = silent  # reports that nothing can be kept; a program sets it
 
 _WRITABLE_BY_OTHERS = 0o022
 

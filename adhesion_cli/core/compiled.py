@@ -39,16 +39,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .cache_folder import cache_folder
+from .cache_folder import cache_folder, silent
 from .estimator import Estimator, check_step
 from .model import Floats, Times, Wheelset
 
-
-def _silent(text: str) -> None:
-    """Reports nothing."""
-
-
-report: Callable[[str], None] = _silent  # reports what takes seconds; a program sets it
+report: Callable[[str], None] = silent  # reports what takes seconds; a program sets it
 
 _KEPT_FOLDERS = 64  # cache folders that stay, those used last: one per loop, of a few versions
 

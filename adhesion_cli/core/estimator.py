@@ -85,7 +85,7 @@ def registry() -> dict[str, Estimator]:
         name: Estimator(
             **{f.name: getattr(m, f.name) for f in fields(m)},
             claims=module.ABOUT.claims,
-            longest_step=getattr(module, "longest_step", _any_step),
+            longest_step=getattr(module, "longest_step", lambda _: math.inf),
             nis=getattr(module, "nis", None),
         )
         for name, (m, module) in methods.scan(KIND).items()
@@ -119,7 +119,3 @@ def check_step(est: Estimator, p: Any, h: float) -> None:
             f"the longest stable one is {longest:.4g} s",
             f"state {toml.option(f'{est.name}.euler = 0')}, which is stable at every interval",
         )
-
-
-def _any_step(p: Any) -> float:
-    return math.inf

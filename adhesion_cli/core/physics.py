@@ -115,12 +115,16 @@ def piston_area(vehicle: Vehicle) -> float:
     return math.pi * vehicle.cylinder_diameter.value**2 / 4.0
 
 
+def chain_ratio(vehicle: Vehicle) -> float:
+    """K over the force of the piston [-]."""
+    ratio: float = math.prod(getattr(vehicle, name).value for name in CHAIN)
+    return ratio
+
+
 def force_line(vehicle: Vehicle) -> ForceLine:
-    """The constants of (15): with the chain, K over the force of the piston."""
-    v = vehicle
-    ratio = math.prod(getattr(v, name).value for name in CHAIN)
-    per_pascal = ratio * piston_area(v)
-    return ForceLine(per_pascal, ratio * v.spring_force.value)
+    """The constants of (15)."""
+    ratio = chain_ratio(vehicle)
+    return ForceLine(ratio * piston_area(vehicle), ratio * vehicle.spring_force.value)
 
 
 def clamping(line: ForceLine, p: Any) -> Any:

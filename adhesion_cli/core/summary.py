@@ -16,7 +16,6 @@ from .model import (
     IdentifiedVehicle,
     LogBrake,
     Nis,
-    Parameter,
     Quantity,
     Score,
     VehicleSource,
@@ -513,11 +512,6 @@ def summarise_finding(f: Finding) -> FindingSummary:
     )  # fmt: skip
 
 
-def _at_95(x: Parameter) -> tuple[float, float]:
-    """A value with its expanded uncertainty (95 %)."""
-    return x.value, Z95 * x.tolerance
-
-
 def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
     """A vehicle with the force of its brake, at 95 %."""
     used, stated = x.force_per_bar, x.stated_force_per_bar
@@ -532,5 +526,10 @@ def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
         x.logs,
         x.factor,
         x.other_brake,
-        tuple(CarSummary(c.name, c.axles, *_at_95(c.force), c.deceleration.value) for c in x.cars),
+        tuple(
+            CarSummary(
+                c.name, c.axles, c.force.value, Z95 * c.force.tolerance, c.deceleration.value
+            )
+            for c in x.cars
+        ),
     )

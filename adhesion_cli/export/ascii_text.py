@@ -21,10 +21,7 @@ def ascii_text(text: str) -> str:
     >>> ascii_text("q h [rad²/s²], φK ≥ 0")
     'q h [rad^2/s^2], phiK >= 0'
     """
-    letters = [x for x in unicodedata.normalize("NFD", text) if x in _NAMES or not _accent(x)]
+    normal = unicodedata.normalize("NFD", text)  # accents are characters of their own there
+    letters = [x for x in normal if x in _NAMES or unicodedata.category(x) != "Mn"]
     ascii_letters = "".join(x if x.isascii() else _NAMES.get(x, "?") for x in letters)
     return ascii_letters.replace("*/", "* /").replace("/*", "/ *")
-
-
-def _accent(x: str) -> bool:
-    return unicodedata.category(x) == "Mn"

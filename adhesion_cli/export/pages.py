@@ -1,7 +1,7 @@
 """Makefile and README of an export."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from ..core.methods import parameters
 from ..core.model import Vehicle, quantities
@@ -77,10 +77,6 @@ def readme(
         single_errors={x: vectors.single_errors(i) for i, x in enumerate(interface.answers())},
         counts_readings=any(path.endswith(".readings") for path, _ in flat(interface.now)),
         range_of=range_of,
-        rms=_rms,
+        rms=lambda errors: math.hypot(*errors) / math.sqrt(len(errors)),
         zip=zip,
     )
-
-
-def _rms(errors: Sequence[float]) -> float:
-    return math.sqrt(sum(e * e for e in errors) / len(errors))

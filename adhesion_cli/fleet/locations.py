@@ -42,7 +42,9 @@ def find(named: Sequence[str]) -> list[LogLocation]:
     """
     locations: dict[str, LogLocation] = {}
     for name in named:
-        matches = _of_url(name) if _is_url(name) else [_of_file(path) for path in _files(name)]
+        paths = [] if _is_url(name) else _files(name)
+        files = [LogLocation(str(path), os.path.abspath(path)) for path in paths]
+        matches = _of_url(name) if _is_url(name) else files
         if not matches:
             suffixes = ", ".join(SUFFIXES)
             raise UserError(f"{printable(name)}: no logs there", f"logs end with {suffixes}")
@@ -71,10 +73,6 @@ def local(place: str) -> Iterator[Path]:
 
 def _is_url(name: str) -> bool:
     return "://" in name
-
-
-def _of_file(path: Path) -> LogLocation:
-    return LogLocation(str(path), os.path.abspath(path))
 
 
 def _files(name: str) -> list[Path]:

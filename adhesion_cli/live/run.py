@@ -69,15 +69,6 @@ class Tally:
         return list(self._kinds.values())
 
 
-def wheels_of(feed: Feed, settings: Settings, axles: Sequence[int]) -> LiveWheels:
-    """What a sender measures, by its header or its first messages; waits for them.
-
-    Raises:
-        UserError: where they cannot be understood.
-    """
-    return LiveWheels(feed.head(), settings.mappings, settings.vehicle, axles)
-
-
 def follow(
     feed: Feed,
     wheels: LiveWheels,

@@ -38,7 +38,8 @@ vehicles have up to 7e-5 1/m, by 0.6 kg/m³ times 10 m² over 80 t.
 import math
 
 from ..core.model import Parameter, Vehicle
-from ..core.physics import force_line, piston_area
+from ..core.physics import chain_ratio
+from .mean_axle import brake_sigma
 
 UNITS = {
     "scale": "ln",
@@ -64,9 +65,7 @@ FLOOR = 0.005  # 1 sigma by which the model misses a rolling wheel's speed [m/s]
 
 def tolerance(v: Vehicle) -> float:
     """1 sigma of the deceleration by the pressure, as a share of it, from what is stated."""
-    chain = (v.friction, v.axle_mass, v.discs, v.efficiency, v.lever_ratio, v.radius_ratio)
-    shares = [x.tolerance / x.value for x in chain]
-    return math.hypot(*shares, 2.0 * v.cylinder_diameter.tolerance / v.cylinder_diameter.value)
+    return math.hypot(brake_sigma(v), v.axle_mass.tolerance / v.axle_mass.value)
 
 
 def line_prior(
@@ -100,6 +99,5 @@ def friction_share(vehicle: Vehicle, speed: float) -> float:
 
 def spring_share(top: float, vehicle: Vehicle) -> Parameter:
     """What the return spring takes, of the highest K [N], as stated."""
-    line, force = force_line(vehicle), vehicle.spring_force
-    ratio = line.per_pascal / piston_area(vehicle)
-    return Parameter(line.at_zero / top, ratio * force.tolerance / top)
+    ratio, force = chain_ratio(vehicle), vehicle.spring_force
+    return Parameter(ratio * force.value / top, ratio * force.tolerance / top)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..core.model import CarAxle, FrictionTable, Load, Parameter, Vehicle
-from ..core.physics import CHAIN, force_line, friction_share, piston_area
+from ..core.physics import CHAIN, chain_ratio, force_line, friction_share, piston_area
 
 _Changes = dict[str, Any]  # values of a vehicle by their names
 _BRAKE = ("friction", *CHAIN, "cylinder_diameter")  # factors of the force per pressure
@@ -81,7 +81,7 @@ def _mean(by_number: dict[int, Vehicle]) -> Vehicle:
         )
         changed[name] = Parameter(value, value * tolerance)
     # The springs take φ ratio F of an axle's force, in the mean as well.
-    ratios = [v.friction.value * _ratio(v) for v in vehicles]
+    ratios = [v.friction.value * chain_ratio(v) for v in vehicles]
     ratio = ratios[0] * changed["discs"].value / first_vehicle.discs.value
     # Rotating masses add up at the rim: I is on the radius of the axle that is taken first.
     R = first_vehicle.wheel_radius[0].value
@@ -134,7 +134,7 @@ def _move_axle(axle_vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle)
     """One axle, moved as its mean axle was, by its share of the tolerances."""
     axle_vehicle = _at_speed(axle_vehicle, identified.friction_speed.value)
     changed: _Changes = {}
-    of_brake = _ratio_of(_brake_sigma(axle_vehicle), _brake_sigma(stated_mean))
+    of_brake = _ratio_of(brake_sigma(axle_vehicle), brake_sigma(stated_mean))
     for name in (*_BRAKE, "axle_mass", "wheelset_inertia"):
         x, stated_value, identified_value = (
             getattr(v, name) for v in (axle_vehicle, stated_mean, identified)
@@ -227,12 +227,7 @@ def _ratio_of(a: float, b: float) -> float:
     return a / b if b else 1.0
 
 
-def _brake_sigma(v: Vehicle) -> float:
-    """1 sigma of ln of the force per pressure."""
+def brake_sigma(v: Vehicle) -> float:
+    """1 sigma of ln of the brake force per pressure, by the tolerances."""
     shares = [_share(getattr(v, name)) for name in ("friction", *CHAIN)]
     return math.hypot(*shares, 2.0 * _share(v.cylinder_diameter))
-
-
-def _ratio(v: Vehicle) -> float:
-    """K over the force of the piston."""
-    return force_line(v).per_pascal / piston_area(v)

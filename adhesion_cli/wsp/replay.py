@@ -63,7 +63,6 @@ _STEADY_CHANGE = 0.03  # and its largest change, as a share
 _FILLED_FORCE = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _HINT_LEAD = 5.0  # of a stop that a hint names [s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
-_MISSING = "replay-axles-missing"
 _SPEED_SCALE = 0.005  # 1 sigma of the scale of the train speed, and so of the deceleration
 _CLOSE = 0.02  # of a distance: a smaller difference is one of the curve's shape
 _LOGGED_INTERVAL = 0.01  # between samples of the logged stop [s]
@@ -140,8 +139,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         vehicle=replace(_equal_axle(result), wheel_radius=radii, friction_table=None),
     ).with_train_speed(train_speed)
     rails = [x and x.rail for x in axle_rails]
-    missing = _missing_axles(result, braking)
-    impulse = None if missing and missing[0].code == _MISSING else _impulse(result, braking)
+    impulse, train_findings = _impulse(result, braking)
     comes_to_rest = bool(braking.speed[-1] < STANDING)
     return Case(
         (begin - result.log.start_ns()) / 1e9,
@@ -153,7 +151,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         _logged(result, braking, slides),
         _distance(braking, stop) if comes_to_rest else None,
         bool(demand_known.all()),
-        [*findings, *demand_findings, *missing],
+        [*findings, *demand_findings, *train_findings],
     )
 
 
@@ -242,16 +240,29 @@ def _normal_errors(n: int, sigma: float) -> list[float]:
     return [normal.inv_cdf((k + 0.5) / n) for k in order.tolist()]
 
 
-def _impulse(result: Result, braking: _Braking) -> Floats | None:
+def _impulse(result: Result, braking: _Braking) -> tuple[Floats | None, list[Finding]]:
     """What the axles' forces took from the train's speed so far, shape (n,) [m/s].
 
-    None where no train speed is measured: an estimated one is made of the axles.
+    None where axles of the log are left out, or where no train speed is measured: an estimated one
+    is made of the axles. Findings say that other axles or forces slowed the train, too.
     """
+    numbers = {a.record.axle for a in result.axles}
+    speeds = [c for c in result.log.channels if c.meaning == "wheel_speed" and len(c.data.t)]
+    if missing := sorted({c.axle for c in speeds if c.axle} - numbers):
+        names = {"axles": ", ".join(map(str, missing))}
+        return None, [Finding("replay-axles-missing", "warning", names=names)]
     if any(a.record.train_speed_made for a in result.axles):
-        return None
+        return None, []
     F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
-    mass = len(result.axles) * _equal_axle(result).axle_mass.value
-    return _KNOT_INTERVAL * np.cumsum(F) / mass
+    vehicle = _equal_axle(result)
+    impulse = _KNOT_INTERVAL * np.cumsum(F) / (len(result.axles) * vehicle.axle_mass.value)
+    by_axles, lost = float(impulse[-1]), float(braking.speed[0] - braking.speed[-1])
+    if by_axles > 0.0 and abs(lost / by_axles - 1.0) < STATED_SIGMAS * tolerance(vehicle):
+        return impulse, []
+    span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()
+    values = {"lost_mps": lost, "explained_mps": by_axles}
+    spans = ((span[0], span[1]),)
+    return impulse, [Finding("replay-axles-differ", "warning", spans=spans, values=values)]
 
 
 def _with_resistance(
@@ -459,27 +470,6 @@ def _last_full_brake(demand: Floats) -> int:
         if demand[i] > demand[top] + _NOISE * largest:
             top = i
     return top
-
-
-def _missing_axles(result: Result, braking: _Braking) -> list[Finding]:
-    """Findings where other axles or forces slowed the train, too."""
-    result_axles = {a.record.axle for a in result.axles}
-    speeds = [c for c in result.log.channels if c.meaning == "wheel_speed" and len(c.data.t)]
-    if missing := sorted({c.axle for c in speeds if c.axle} - result_axles):
-        names = {"axles": ", ".join(map(str, missing))}
-        return [Finding(_MISSING, "warning", names=names)]
-    if any(a.record.train_speed_made for a in result.axles):
-        return []
-    F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
-    mass = len(result_axles) * _equal_axle(result).axle_mass.value
-    by_axles = float(np.sum(F)) * _KNOT_INTERVAL / mass
-    speed_lost = float(braking.speed[0] - braking.speed[-1])
-    largest_share = STATED_SIGMAS * tolerance(_equal_axle(result))
-    if by_axles > 0.0 and abs(speed_lost / by_axles - 1.0) < largest_share:
-        return []
-    span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()
-    values = {"lost_mps": speed_lost, "explained_mps": by_axles}
-    return [Finding("replay-axles-differ", "warning", spans=((span[0], span[1]),), values=values)]
 
 
 def _column(grid: Times, t: Times, values: Floats | None) -> Floats:

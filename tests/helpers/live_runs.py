@@ -16,7 +16,8 @@ from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.live.axle import LiveAxle, LiveSample, Measuring
 from adhesion_cli.live.feed import Feed
-from adhesion_cli.live.run import Tally, follow, wheels_of
+from adhesion_cli.live.run import Tally, follow
+from adhesion_cli.live.wheels import LiveWheels
 from helpers.forked import Forked
 
 LOGS = bundled.folder("sample_logs")
@@ -46,7 +47,14 @@ def followed(
     """Every sample of a sender by axle, and the findings."""
     kept, tally = Kept(), Tally(lambda _: None)
     own = {e.name: (e, settings.params(e)) for e in choose_estimators(algos)}
-    follow(feed, wheels_of(feed, settings, ()), settings, own, [kept], tally)
+    follow(
+        feed,
+        LiveWheels(feed.head(), settings.mappings, settings.vehicle, ()),
+        settings,
+        own,
+        [kept],
+        tally,
+    )
     feed.close()
     return kept.of, tally.findings
 

@@ -12,7 +12,8 @@ from adhesion_cli.analysis.settings import load
 from adhesion_cli.live.axle import LiveSample
 from adhesion_cli.live.feed import Feed
 from adhesion_cli.live.open import open_feed
-from adhesion_cli.live.run import Tally, follow, wheels_of
+from adhesion_cli.live.run import Tally, follow
+from adhesion_cli.live.wheels import LiveWheels
 
 
 class Frames(Kept):
@@ -52,7 +53,7 @@ def test_frames_of_a_bus_are_decoded_by_the_dbc(tmp_path: Path) -> None:
         sender.send(can.Message(arbitration_id=257, is_extended_id=False, data=b"\0"))
         kept, tally = Frames(feed), Tally(lambda _: None)
         algos = {e.name: (e, settings.params(e)) for e in choose_estimators(["imm"])}
-        wheels = wheels_of(feed, settings, ())
+        wheels = LiveWheels(feed.head(), settings.mappings, settings.vehicle, ())
         follow(feed, wheels, settings, algos, [kept], tally)
     assert len(kept.of[1]) == 250
     assert kept.of[1][100].speed == pytest.approx(70.0 / 3.6 / settings.vehicle.radius(1).value)

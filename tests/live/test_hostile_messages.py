@@ -24,9 +24,10 @@ from adhesion_cli.live.feed import Feed
 from adhesion_cli.live.growing_mcap import GrowingMcap
 from adhesion_cli.live.messages import Messages, in_datagrams, lines
 from adhesion_cli.live.recording import Batches, LiveView, Mcap
-from adhesion_cli.live.run import Tally, follow, wheels_of
+from adhesion_cli.live.run import Tally, follow
 from adhesion_cli.live.shown import Counts, StatusLine
 from adhesion_cli.live.table import LiveTable
+from adhesion_cli.live.wheels import LiveWheels
 from adhesion_cli.results.rrd.live import LiveRecording
 
 HUGE = "9" * 400
@@ -80,7 +81,7 @@ def followed(feed: Feed, settings: Settings, folder: Path) -> tuple[Kept, Tally]
     """What every sink has of a sender, in the end; the file holds all."""
     kept, tally, vehicle = Kept(), Tally(lambda _: None), settings.vehicle
     algos = {e.name: (e, settings.params(e)) for e in choose_estimators(())}
-    wheels = wheels_of(feed, settings, ())
+    wheels = LiveWheels(feed.head(), settings.mappings, settings.vehicle, ())
     axles, errors = [p.axle for p in wheels.axles], list[str]()
     target = folder / "x.live.mcap"
     record = Mcap(target, "x", settings, algos, axles, tally.add)
