@@ -25,17 +25,11 @@ BANDS = (0.0, 40.0, 80.0, 120.0, 160.0, 200.0)  # edges of the speed bands [km/h
 _SHARES = (5.0, 50.0, 95.0)  # percentiles
 _SUSPECT = "-unit-suspect"  # end of the codes of units that are probably wrong
 _LISTED = 10  # slides and logs that are listed
-_OF_APPLICATION = (
-    "log sha256 axle start_s from_mps to_mps coefficient_mean slides slide_s slide_distance_m "
-    "max_slip slide_energy_j time position_km position_from settings version"
-).split()
 _FILE = "__filename"
 Key = TypeVar("Key", str, int, tuple[int, tuple[str, int]])
 _OF_STOP = (
     "nominal_speed_kmh valid distance_m_value mean_deceleration_value response_time_s_value"
 ).split()
-_OF_FINDING = ("log", "sha256", "code", "severity", "message", "settings", "version")
-_OF_LOG = ("log sha256 status error hint start version settings tables_sha256").split()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,6 +115,9 @@ class SlidApplication:
     position_from: str | None
 
 
+_OF_SLID = tuple(f.name for f in fields(SlidApplication))
+
+
 class CodeCount(NamedTuple):
     """How many logs have a finding."""
 
@@ -180,7 +177,6 @@ class _LogRow(NamedTuple):
     """A row of the table of logs."""
 
     log: str
-    sha256: str | None
     status: str
     error: str | None
     hint: str | None
@@ -205,7 +201,7 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         text = f"{printable(str(folder))}: holds no results of a fleet"
         raise UserError(text, "name the folder that `adhesion fleet -o` wrote")
     try:
-        rows, damaged = read_logs(files["logs"], _OF_LOG)
+        rows, damaged = read_logs(files["logs"], _LogRow._fields[:-1])
         logs, lost = _whole([_LogRow(*row.values()) for row in rows])
         lost += map(str, damaged)
         named = {path.name for path in files["logs"]}
@@ -213,8 +209,9 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         logs = _newest(logs)
         analysed = [row for row in logs if row.status != "error"]
         names = sorted({Path(row.file).name for row in analysed})
-        applications = _read(folder / "applications", names, (*_OF_APPLICATION, _FILE))
-        findings = _read(folder / "findings", names, _OF_FINDING)
+        columns = (*_OF_SLID, "time", "settings", _FILE)
+        applications = _read(folder / "applications", names, columns)
+        findings = _read(folder / "findings", names, DoubtfulLog._fields)
         stops = _read(folder / "stops", names, _OF_STOP)
     except (OSError, pa.ArrowException) as error:
         text = f"{printable(str(folder))}: cannot be read as results of a fleet ({error})"
@@ -374,8 +371,7 @@ def _worst(table: Any) -> list[SlidApplication]:
     length = _column(table, "slide_distance_m") * _column(table, "max_slip")
     slid = np.flatnonzero(np.isfinite(length) & (length > 0.0))
     longest = slid[np.argsort(-length[slid], kind="stable")][:_LISTED]
-    names = [f.name for f in fields(SlidApplication)]
-    return [SlidApplication(**row) for row in table.take(longest).select(names).to_pylist()]
+    return [SlidApplication(**row) for row in table.take(longest).select(_OF_SLID).to_pylist()]
 
 
 def _lossy_findings(table: Any) -> Iterator[tuple[str, str, str]]:
