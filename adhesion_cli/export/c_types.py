@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
-from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 from ..core.errors import UserError
 from ..core.model import Quantity, quantities
@@ -80,20 +80,21 @@ class Types:
         self._prefix = prefix
         self._structs: dict[Any, Struct] = {}
 
-    def kind(self, hint: Any) -> Kind:
+    def kind(self, hint: Any, public: bool = False) -> Kind:
         """The C type of a Python annotation.
+
+        Args:
+            hint: the annotation.
+            public: as of `named`.
 
         Raises:
             UserError: for a type without a counterpart.
         """
-        scalar = {float: self.real, int: INT, bool: BOOL}.get(hint)
-        if scalar:
-            return scalar
         if hasattr(hint, "_fields"):
-            return self.named(hint)
-        if get_origin(hint) is tuple:
-            return self.pair(tuple(self.kind(x) for x in get_args(hint)))
-        raise UserError(f"{hint}: no type that C has", "use float, int, bool or a NamedTuple")
+            return self.named(hint, public=public)
+        if hint not in (float, int, bool):
+            raise UserError(f"{hint}: no type that C has", "use float, int, bool or a NamedTuple")
+        return {float: self.real, int: INT, bool: BOOL}[hint]
 
     def named(self, source: Any, name: str = "", public: bool = False) -> Struct:
         """The struct of a NamedTuple; the structs inside come before it.
@@ -106,7 +107,7 @@ class Types:
         if source in self._structs and (self._structs[source].public or not public):
             return self._structs[source]
         hints, notes = get_type_hints(source), _notes(source)
-        fields = tuple((c_name(x), self._inner(hints[x], public)) for x in source._fields)
+        fields = tuple((c_name(x), self.kind(hints[x], public)) for x in source._fields)
         name = name or source.__name__.lower()
         other_names = [s.c for s in self.structs if s != self._structs.get(source)]
         if f"{self._prefix}_{name}" in other_names:
@@ -122,9 +123,6 @@ class Types:
         suffix = "_".join(k.c.removeprefix(f"{self._prefix}_") for k in kinds)
         name, notes = f"{self._prefix}_{suffix}_pair", ("",) * len(kinds)
         return self._add(kinds, Struct(name, fields, "Two results.", notes, False))
-
-    def _inner(self, hint: Any, public: bool) -> Kind:
-        return self.named(hint, public=public) if hasattr(hint, "_fields") else self.kind(hint)
 
     def _add(self, key: Any, struct: Struct) -> Struct:
         if key in self._structs:

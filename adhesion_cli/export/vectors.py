@@ -36,11 +36,6 @@ class Vectors(NamedTuple):
     expected: list[tuple[float, ...]]  # what the method answers
     singles: list[Answers]  # the same in single precision, with each of the libraries
 
-    @property
-    def longest(self) -> float:
-        """The longest interval [s]."""
-        return max(row[0] for row in self.rows)
-
     def largest(self, answer: int) -> float:
         """Largest absolute value of an answer."""
         return max(abs(row[answer]) for row in self.expected)
