@@ -736,7 +736,7 @@ def test_a_wheel_that_stands_in_the_last_metres_has_no_large_slip() -> None:
     stop = closed_loop.run(short(), "none")
     fast = stop.train_speed > WORKING
     slip = np.where(fast[:, None], 0.03, 1.0)
-    assert closed_loop.verdict(replace(stop, slip=slip), short(), 100.0).max_slip == 0.03
+    assert closed_loop.verdict(stop._replace(slip=slip), short(), 100.0).max_slip == 0.03
 
 
 def test_a_brake_that_is_released_is_no_stop() -> None:
