@@ -11,13 +11,7 @@ from numpy.typing import NDArray
 
 from ..core import physics, threads
 from ..core.model import AxleRecord, AxleResult, Floats, Times, Vehicle
-from ..core.summary import (
-    BrakeApplication,
-    Contribution,
-    Coverage,
-    MeanAndHighest,
-    SlideSummary,
-)
+from ..core.summary import BrakeApplication, Contribution, Coverage, MeanAndHighest, SlideSummary
 from ..records.route import NOWHERE, Route
 from ..reference import budget
 from ..reference.brake_work import brake_work, motor_share
