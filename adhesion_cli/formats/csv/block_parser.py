@@ -143,12 +143,13 @@ class Parser:
             return "comment"
         dialect = self.table.dialect
         firsts = (*dialect.segments, *(row[0] for row in dialect.header_cells if row[0]))
-        cells = split(text, dialect.delimiter) if text.startswith(firsts) else [""]
-        if dialect.repeats_header(cells):
-            return "header"
-        if cells[0] in dialect.segments:
-            hint = "split the log there, and read each part by itself"
-            raise UserError(f"{self.table.path}: {text[:60]!r} begins a header of others", hint)
+        if text.startswith(firsts):
+            cells = split(text, dialect.delimiter)
+            if dialect.repeats_header(cells):
+                return "header"
+            if cells[0] in dialect.segments:
+                hint = "split the log there, and read each part by itself"
+                raise UserError(f"{self.table.path}: {text[:60]!r} begins a header of others", hint)
         return "too few cells" if is_narrow else "too many cells"
 
     def _typed(self, data: bytes) -> Any:
