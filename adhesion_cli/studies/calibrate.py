@@ -542,10 +542,15 @@ def panels(braked: Sequence[ApplicationDeceleration]) -> list[Panel]:
 
 
 def _log_names(braked: Sequence[ApplicationDeceleration]) -> list[str]:
-    """The end of each log's name at its first brake application; at most `_NAMES` of them."""
+    """The end of each log's name at its first brake application; at most `_NAMES` of them.
+
+    Logs of one name are named with their folders.
+    """
     first_of_log = [i for i, a in enumerate(braked) if i == 0 or a.log != braked[i - 1].log]
+    paths = [Path(braked[i].log).with_suffix("") for i in first_of_log]
+    alike = len({path.name for path in paths}) < len(paths)
     names = [""] * len(braked)
-    for i in first_of_log[:: -(-len(first_of_log) // _NAMES)]:
-        stem = Path(braked[i].log).stem
-        names[i] = stem if len(stem) <= _LETTERS else f"…{stem[1 - _LETTERS :]}"
+    for k in range(0, len(paths), -(-len(paths) // _NAMES)):
+        name = "/".join(paths[k].parts[-1 - alike :])
+        names[first_of_log[k]] = name if len(name) <= _LETTERS else f"…{name[1 - _LETTERS :]}"
     return names

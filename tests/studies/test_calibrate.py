@@ -187,12 +187,12 @@ def test_logs_of_one_name_are_named_with_their_folders(
     assert calibrate.panels(two)[1].x_names == ["day1/stop", "", "day2/stop"]
 
 
-def test_long_names_of_logs_are_shown_from_where_they_differ(
+def test_of_long_names_of_logs_the_end_is_shown(
     calibrated: calibrate.CalibrationRun,
 ) -> None:
     one = calibrated.applications[0]
     logs = [one._replace(log=f"2026-03-17_series_A_brake_run_0{i}.csv") for i in (1, 2)]
-    assert calibrate.panels(logs)[1].x_names == ["…01", "…02"]
+    assert calibrate.panels(logs)[1].x_names == ["…es_A_brake_run_01", "…es_A_brake_run_02"]
 
 
 def test_logs_that_contradict_each_other_are_refused(logs: list[Path], tmp_path: Path) -> None:
