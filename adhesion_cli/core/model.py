@@ -413,6 +413,10 @@ class Vehicle:
     friction_speed: Annotated[
         Parameter, Quantity("m/s", "speed at which φ is `friction`", 0.0, 200.0)
     ] = Parameter(0.0, 0.0)
+    friction_lag: Annotated[
+        Parameter,
+        Quantity("s", "by which pads may lag the pressure; behind valves usually 0.04", 0.0, 0.5),
+    ] = Parameter(0.0, 0.0)
     correlation: tuple[tuple[str, str, float], ...] = ()  # of the errors of two parameters
     friction_table: FrictionTable | None = None  # `friction` is φ in its middle, and scales it
     load: Load | None = None  # shows the axle mass where the log has a load pressure

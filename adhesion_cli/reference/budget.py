@@ -22,7 +22,7 @@ from ..core.model import (
 from ..core.physics import wheelset, with_fade
 from ..core.signals import coverage_factor
 from ..core.summary import Contribution, Coverage
-from .force import ZERO, contributions
+from .force import ZERO, before_lag, contributions
 
 NOISE = "noise"  # name of the row for noise and smoothing
 MOTORS = "ed_force"  # name of the row for the force of the motors
@@ -56,7 +56,9 @@ def contributions_by_parameter(
     record = with_fade(record, vehicle)
     K, speed = record.clamping_force_smooth, record.wheel_speed * w.radius
     friction = record.friction_clamping_smooth
-    rows = contributions(record, vehicle, friction, w.a * (reference.force - w.phi * K), speed)
+    earlier = before_lag(record, vehicle, friction)
+    dw = w.a * (reference.force - w.phi * K)
+    rows = contributions(record, vehicle, friction, dw, speed, earlier)
     if record.motor_sigma is not None:
         rows[MOTORS] = record.motor_sigma
     return rows

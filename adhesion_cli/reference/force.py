@@ -134,7 +134,8 @@ def _tolerance(run: AxleRecord, vehicle: Vehicle, estimate: RunEstimate) -> tupl
     if run.motor_clamping_smooth is not None and run.motor_sigma is not None:
         K, sigma = without_motors(K, run.motor_clamping_smooth), run.motor_sigma
         K = np.where(run.friction_clamping_smooth > 0.0, K, 0.0)
-    variance, mass = by_tolerances(run, vehicle, K, estimate.acceleration, speed)
+    earlier = before_lag(run, vehicle, K)
+    variance, mass = by_tolerances(run, vehicle, K, estimate.acceleration, speed, earlier)
     variance = variance + sigma**2
     return np.sqrt(np.maximum(variance, 0.0)), np.zeros(len(run)) + mass
 
@@ -163,20 +164,44 @@ class AxleMeasurement(Protocol):
         ...
 
 
+def before_lag(record: AxleRecord, vehicle: Vehicle, K: Floats) -> Floats:
+    """K as the pads have it that lag by `vehicle.friction_lag` (n,) [N].
+
+    The chamber of a cylinder follows the sensor, and the friction of a caliper holds the pads back
+    as the pressure turns. No published value is known. 10 to 60 ms are usual behind a valve.
+    """
+    lag = vehicle.friction_lag.value + vehicle.friction_lag.tolerance
+    t = (record.t - record.t[0]) * 1e-9
+    earlier = K.copy()
+    for s in record.segments:
+        earlier[s] = np.interp(t[s] - lag, t[s], K[s])
+    return earlier
+
+
 def by_tolerances(
-    record: AxleMeasurement, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
+    record: AxleMeasurement,
+    vehicle: Vehicle,
+    K: Floats,
+    dw: Floats,
+    speed: Floats,
+    earlier: Floats | None = None,
 ) -> tuple[Any, Any]:
     """Variance of the force [N²] by the vehicle's tolerances, and its covariance with ln m [N].
 
     Arguments as of `contributions`: arrays, or numbers for one sample.
     """
-    by_name = contributions(record, vehicle, K, dw, speed)
+    by_name = contributions(record, vehicle, K, dw, speed, earlier)
     mass = {"axle_mass": vehicle.axle_mass.tolerance / vehicle.axle_mass.value}
     return vehicle.covariance(by_name, by_name), vehicle.covariance(by_name, mass)
 
 
 def contributions(
-    record: AxleMeasurement, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
+    record: AxleMeasurement,
+    vehicle: Vehicle,
+    K: Floats,
+    dw: Floats,
+    speed: Floats,
+    earlier: Floats | None = None,
 ) -> dict[str, Floats]:
     """By how much each tolerance moves F = φK + I ω̇/R, first order [N]; (n,) each.
 
@@ -189,6 +214,7 @@ def contributions(
         K: clamping force of the friction brake, with the friction's change over speed (n,) [N].
         dw: ω̇ (n,) [rad/s²].
         speed: ωR (n,) [m/s].
+        earlier: K before the lag of the pads, from `before_lag`; None where K is steady.
     """
     R, inertia, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction
     fade, speed_difference = vehicle.friction_fade, speed - vehicle.friction_speed.value
@@ -206,6 +232,8 @@ def contributions(
         / R.value**2
         * R.tolerance,
     }
+    if record.pressure is not None and earlier is not None:
+        terms["friction_lag"] = phi.value * (earlier - K)
     if record.pressure is not None:
         chain = {name: getattr(vehicle, name) for name in CHAIN}
         ratio = math.prod(x.value for x in chain.values())  # K over the piston's force    (15)

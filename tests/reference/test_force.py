@@ -723,3 +723,20 @@ def test_a_brake_that_bends_at_1_hz_is_no_noise() -> None:
     )  # fmt: skip
     error = force.compute(record, VEHICLE).force - (w.phi * K + dw / w.a)[sampled]
     assert rms(error) < 4.0
+
+
+def test_a_lag_of_the_pads_widens_the_band_while_the_pressure_moves() -> None:
+    record, _ = logged("service-brake", 100.0)
+    plain = force.compute(record, exact())
+    lagging = force.compute(record, exact(friction_lag=0.05))
+    np.testing.assert_array_equal(plain.force, lagging.force)
+    K = record.clamping_force_smooth
+    phi = physics.wheelset(VEHICLE, 1).phi
+    moved = phi * np.abs(K[5:] - K[:-5])
+    known = np.isfinite(plain.force[5:])
+    np.testing.assert_allclose(
+        lagging.tolerance[5:][known], moved[known], atol=0.02 * phi * K.max()
+    )
+    assert np.nanmax(lagging.tolerance) > 0.03 * np.nanmax(plain.force)
+    steady = np.flatnonzero(K / K.max() > 0.999)[20]
+    assert lagging.tolerance[steady] < 0.002 * plain.force[steady]
