@@ -265,13 +265,8 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     counts, step = counts_together(max(runs, key=len)), runs[0].wheel_speed_step
     triples = zip(runs, ripples, clamping, strict=True)
     wheel = [_rolling_run(r, x, c.K, w) for r, x, c in triples]
-    if counts:  # errors of successive counts are correlated; those of every second one are not
-        informative = [
-            pulse_means(r, x, run, counts) for r, x, run in zip(runs, ripples, wheel, strict=True)
-        ]
-        fitted_to = [
-            smoother.UnbrokenRun(*(column[::2].copy() for column in run)) for run in informative
-        ]
+    if counts:
+        informative, fitted_to = _pulse_means(runs, ripples, wheel, counts)
         rounding, slack, white = step**2 / 6.0 / counts**2, _COUNTER_SLACK, fitted_to
     else:
         wheel = [
@@ -322,6 +317,20 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             forces, rates, squares, wheel, clamping, strict=True
         )
     ]
+
+
+def _pulse_means(
+    runs: list[AxleRecord],
+    ripples: list[Floats],
+    wheel: list[smoother.UnbrokenRun],
+    counts: int,
+) -> tuple[list[smoother.UnbrokenRun], list[smoother.UnbrokenRun]]:
+    """Means over `counts` readings of a pulse counter, all and every second one.
+
+    The errors of successive means are correlated, those of every second one are not.
+    """
+    means = [pulse_means(r, x, run, counts) for r, x, run in zip(runs, ripples, wheel, strict=True)]
+    return means, [smoother.UnbrokenRun(*(c[::2].copy() for c in run)) for run in means]
 
 
 def _noise(c: SmoothedClamping, rate: ValueAndSigma, w: Wheelset) -> ValueAndSigma:

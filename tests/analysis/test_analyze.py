@@ -38,13 +38,19 @@ def test_pulses_too_few_to_show_slides_are_said(
     assert told == ["warning"] * few
 
 
-def noisy(path: Path, filtered: bool) -> Path:
-    """The bundled service brake with more noise of its wheel speed, before a filter of 0.2 s."""
+def noisy(path: Path, noise: str) -> Path:
+    """The bundled service brake with more noise of its wheel speed.
+
+    It is white, before a filter of 0.2 s, or thirty times stronger from the middle of the log on.
+    """
     header, *rows = (SAMPLES / "service-brake.csv").read_text().splitlines()
     cells = [row.split(",") for row in rows]
     y = np.array([float(row[2]) for row in cells])
-    y += np.random.default_rng(1).normal(0.0, 0.3, len(y)) * (y > 1.0)
-    for i in range(1, len(y) * filtered):
+    sigma = np.full(len(y), 0.3)
+    if noise == "growing":
+        sigma[: len(y) // 2] = 0.01
+    y += np.random.default_rng(1).normal(0.0, sigma) * (y > 1.0)
+    for i in range(1, len(y) * (noise == "filtered")):
         y[i] = y[i - 1] + (1.0 - math.exp(-0.01 / 0.2)) * (y[i] - y[i - 1])
     for row, value in zip(cells, y, strict=True):
         row[2] = f"{value:.4f}"
@@ -52,27 +58,36 @@ def noisy(path: Path, filtered: bool) -> Path:
     return path
 
 
-@pytest.mark.parametrize("filtered", [False, True])
-def test_a_speed_that_was_filtered_contradicts_the_noise_model(
-    tmp_path: Path, filtered: bool
-) -> None:
-    result = analysed(noisy(tmp_path / "a.csv", filtered), algos=["imm", "td"])
-    told = [f for f in result.findings if f.code == "noise-model"]
-    assert [(f.severity, f.channel) for f in told] == [("warning", "axle 1")] * filtered
+@pytest.mark.parametrize("noise", ["white", "filtered", "growing"])
+def test_noise_that_a_filter_cannot_learn_contradicts_its_model(tmp_path: Path, noise: str) -> None:
+    result = analysed(noisy(tmp_path / "a.csv", noise), algos=["imm", "td"])
+    findings = [f for f in result.findings if f.code == "noise-model"]
+    grows = noise == "growing"
+    assert [(f.severity, f.channel) for f in findings] == [("warning", "axle 1")] * grows
     (axle,) = summarise(result, {}).axles
     nis = {s.algo: s.nis for s in axle.estimators}
     assert nis["td"] is None
     assert axle.reference.nis is not None
     assert (imm := nis["imm"]) is not None
     assert imm.low < 1.0 < imm.high
-    if filtered:
-        assert told[0].values["nis"] == imm.mean > 1.1
+    if grows:
+        assert findings[0].values["nis"] == imm.mean > 1.1
         loose = analyze(
             tmp_path / "a.csv",
-            settings.load(None, ["diagnostics.noise_model.nis=2"]),
+            settings.load(None, ["diagnostics.noise_model.nis=10"]),
             algos=["imm"],
         )
         assert not any(f.code == "noise-model" for f in loose.findings)
+
+
+@pytest.mark.parametrize("noise", ["white", "filtered"])
+def test_noise_that_imm_learns_is_in_its_band(tmp_path: Path, noise: str) -> None:
+    result = analysed(noisy(tmp_path / "a.csv", noise), algos=["imm"])
+    (axle,), (truth,) = result.axles, [c for c in result.log.channels if c.meaning == "truth"]
+    braked = axle.applications[0]
+    force = np.interp(axle.record.t[braked], truth.data.t, truth.data.value)
+    error = np.abs(axle.estimates["imm"][braked] - force)
+    assert np.mean(error < 1.96 * axle.sigmas["imm"][braked]) > 0.9
 
 
 @pytest.mark.parametrize("pressure_every", [1, 20])
