@@ -150,11 +150,11 @@ def _is_long_table(t: Times, codes: NDArray[np.int64], groups: int) -> bool:
     steps = np.diff(t[order])[np.diff(codes[order]) == 0]
     if not len(steps):
         return False
-    overall = np.diff(t)
-    backward_steps = (steps <= 0).sum()
-    if (overall <= 0).any():
-        return bool(backward_steps <= 0.5 * (overall <= 0).sum())
-    return bool((np.diff(codes) != 0).mean() >= 0.3)
+    interleaves = (np.diff(codes) != 0).mean() >= 0.3
+    if interleaves and not (steps < 0).any():  # rounded stamps may be equal
+        return True
+    repeats = (np.diff(t) <= 0).sum()
+    return bool(repeats and (steps <= 0).sum() <= 0.5 * repeats)
 
 
 def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:

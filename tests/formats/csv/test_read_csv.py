@@ -657,6 +657,13 @@ def test_long_layout_one_device_after_the_other(log):
     assert columns["p", "2"].value.tolist() == [20, 21, 22]
 
 
+def test_long_layout_with_rounded_stamps(log):
+    samples = ((k, axle) for k in range(200) for axle in (1, 2))
+    rows = [f"{k // 5 / 100},{axle},{10 * axle + k / 1000}\n" for k, axle in samples]
+    _, columns = read(log, "time [s],axle,p\n" + "".join(rows))
+    assert [len(columns["p", axle].t) for axle in ("1", "2")] == [200, 200]
+
+
 TWO_KEYS = "time [s],car,axle,p\n" + "".join(
     f"{k / 10 + late * (2 * car + axle):.4g},{car},{axle},{100 * car + 10 * axle + k}\n"
     for late in (0, 0.01)
