@@ -93,7 +93,7 @@ def test_a_rotating_mass_is_an_inertia() -> None:
         ({"disc_brake": {**DISC, "caliper": 2}}, "unknown key of", "did you mean 'caliper_ratio'"),
         ({"disc_brake": {**DISC, "caliper_ratio": -2}}, "caliper_ratio = -2 is out of", "0.05 to"),
         ({"disc_brake": {**DISC, "piston_area": 0.03}}, "piston_diameter and pist", "keep one"),
-        ({"disc_brake": {**DISC, "discs": "two"}}, "is no number", "write a number"),
+        ({"disc_brake": {**DISC, "discs": "two"}}, "is not a number", "write a plain number"),
         ({"disc_brake": 2}, "is a table", "write [vehicle.disc_brake]"),
         ({"disc_brake": DISC, "wheel_diameter": None}, "needs the diameter", "wheel_diameter"),
         ({"rotating_mass": 0.1, "wheelset_inertia": 100}, "the same inertia twice", "leave out"),
@@ -102,7 +102,7 @@ def test_a_rotating_mass_is_an_inertia() -> None:
         ({"rotating_mass": 0.1, "wheel_diameter": 0.0}, "wheel_radius = 0 is out", "0.1 to 1"),
         (
             {"disc_brake": {**DISC, "discs": {"value": 2, "tolerance": -1}}},
-            "is negative",
+            "tolerance = -1 is out of range",
             "1 sigma",
         ),
     ],

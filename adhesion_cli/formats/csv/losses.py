@@ -93,6 +93,8 @@ class Losses:
             value: its values, shape (n,); changed in place.
         """
         losses = {k: self.cells.pop((i, k), None) for k in (OTHER_MARK, IN_GROUPS, DIGITS)}
+        if not any(losses.values()):
+            return
         rows = {k: np.concatenate(loss.places) for k, loss in losses.items() if loss}
         marked = np.concatenate([*rows.values(), np.empty(0, np.int64)]).astype(np.int64)
         others = np.delete(value, marked)
