@@ -400,8 +400,10 @@ def from_digits(t: Times) -> Times | None:
     array([3598, 3599, 3600, 3601])
     """
     hundred = 100 * 10**9
-    second, minute, hour = t % hundred, t // hundred % 100, t // hundred // 100
-    if not len(t) or t.min() < 0 or second.max() >= 60 * 10**9 or minute.max() >= 60:
+    if not len(t) or t.min() < 0 or (second := t % hundred).max() >= 60 * 10**9:
+        return None
+    minute, hour = t // hundred % 100, t // hundred // 100
+    if minute.max() >= 60:
         return None
     clock = hour * _HOUR + minute * 60 * 10**9 + second
     turns = np.flatnonzero(np.diff(t // hundred) > 0)

@@ -116,7 +116,9 @@ def axle_numbers(
         error = _missing(path, titles, "brake-cylinder pressure", "pressure", "bar")
     if error:
         if meanings & {"wheel_speed", "train_speed"}:
-            error.hint += ". `adhesion stops` gives distance and deceleration without it"
+            error.hint = (
+                f"`adhesion stops` gives distance and deceleration without it. {error.hint}"
+            )
         raise error
     of_axles: tuple[Meaning, ...] = ("wheel_speed", "pressure", "clamping_force")
     numbers = sorted({a for meaning, a in keys if a and meaning in of_axles}) or [1]

@@ -147,16 +147,33 @@ def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
 
 
 def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
-    """A sentence for each stop that is none, or whose level distance depends on the formula."""
+    """What must be known of a stop: that it is none, its slides, a distance by another formula."""
     sentences = []
     for i, s in enumerate(stops, 1):
         if not s.stop.valid:
             sentences.append(f"Stop {i} is not valid: {s.stop.reason}.")
+        if events := _describe_slides(s.stop):
+            sentences.append(f"Stop {i}: {events}.")
         level, energy = s.measured("corrected_distance_m"), s.measured("energy_distance_m")
         if level and energy and abs(level.value - energy.value) > level.u95:
             text = with_u95(energy, 1.0, 1)
             sentences.append(f"Stop {i}: {text} m on level track without its response time.")
     return sentences
+
+
+def _describe_slides(stop: StopSummary) -> str:
+    """Slides and sanding of a stop; "" without them."""
+    events = []
+    if stop.slides:
+        text = f"{stop.slides} slide{'s' * (stop.slides > 1)}"
+        slips = {a.axle: a.max_slip for a in stop.axles if a.max_slip is not None}
+        if slips:
+            axle = max(slips, key=lambda axle: slips[axle])
+            text += f", largest slip {100.0 * slips[axle]:.0f} % (axle {axle})"
+        events.append(text)
+    if stop.sanding_s:
+        events.append(f"sand for {stop.sanding_s:.1f} s")
+    return "; ".join(events)
 
 
 def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
@@ -175,7 +192,7 @@ def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
                 "mean": _pair(factor * x.mean, factor * x.u95),
                 "sd": number(x.sd and factor * x.sd, 3),
                 "common": number(factor * x.common_u95, 3),
-                "scatter [%]": number(100.0 * x.scatter, 1),
+                "scatter [%]": number(100.0 * x.scatter if x.n > 1 else None, 1),
                 "drift": drift,
                 "outliers": ", ".join(map(str, x.outliers)) or "-",
             }

@@ -142,11 +142,12 @@ def find_brake_line(
 
 
 def _without_gone_sensors(grid: Grid, x: Floats, friction: Floats) -> tuple[Grid, Floats, Floats]:
-    """Without axles, or the train speed, of which half of the log or more has no value."""
-    lasts = np.isfinite(grid.rim).mean(axis=-1) > _LEAST_KNOWN
-    lasts &= np.isfinite(x).mean(axis=-1) > _LEAST_KNOWN
+    """Without axles, or the train speed, of which half of what is recorded or more has no value."""
+    recorded = np.isfinite(grid.rim).any(axis=0)  # a pause of the recorder is no loss of a sensor
+    lasts = np.isfinite(grid.rim[:, recorded]).mean(axis=-1) > _LEAST_KNOWN
+    lasts &= np.isfinite(x[:, recorded]).mean(axis=-1) > _LEAST_KNOWN
     train = grid.train
-    if train is not None and not np.isfinite(train).mean() > _LEAST_KNOWN:
+    if train is not None and not np.isfinite(train[recorded]).mean() > _LEAST_KNOWN:
         train = None
     if lasts.all() and train is grid.train:
         return grid, x, friction

@@ -45,6 +45,16 @@ def test_the_force_at_the_mean_brake_is_the_trains(seed: int, tmp_path: Path) ->
     assert not found.differing
 
 
+def test_a_pause_longer_than_all_that_is_recorded_changes_nothing(tmp_path: Path) -> None:
+    path, paused = log(tmp_path / "log.csv", TRAIN, 1, 4), tmp_path / "paused.csv"
+    header, *rows = path.read_text().splitlines()
+    times = [float(row.split(",")[0]) for row in rows]
+    later = [f"{t + 600.0:.3f},{row.split(',', 1)[1]}" for t, row in zip(times, rows, strict=True)]
+    paused.write_text("\n".join([header, *rows, *later]) + "\n")
+    assert (twice := line_of(paused))
+    assert abs(error(twice, TRAIN)) < 2.0 * twice.sigma < 0.3
+
+
 def test_no_brake_has_no_line(tmp_path: Path) -> None:
     assert line_of(log(tmp_path / "log.csv", TRAIN, applications=0)) is None
 
