@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.model import Column, Meaning
+from ..core.text import NO_VALUE
 from .rules import VOCABULARY
 
 _OFF, _ON, _CLOSED, _OPEN = (
@@ -22,27 +23,31 @@ def says_state(words: tuple[str, ...]) -> bool:
 def as_levels(column: Column, meaning: Meaning | None) -> tuple[Column, tuple[str, ...]]:
     """A column of words as 0 and 1, or as 0, 1, 2 and so on; and the word of each level.
 
-    Words for "off" are 0. Where all others are words for "on", these are 1. Else each of them is
-    a level, by the number in it, then in the order of the log. A hold valve acts where it is
-    closed, every other one where it is open.
+    Words for "off" are 0. Words as "unknown" are no value. Where all others are words for "on",
+    these are 1. Else each of them is a level, by the number in it, then in the order of the log. A
+    hold valve acts where it is closed, every other one where it is open.
     """
     if not column.words:
         return column, ()
     zero = _OFF | (_OPEN if meaning == "hold_valve" else _CLOSED)
     one = _ON | (_CLOSED if meaning == "hold_valve" else _OPEN)
     folded = [word.casefold() for word in column.words]
-    others = [word for word in dict.fromkeys(folded) if word not in zero]
+    known = zero | one
+    missing = {word for word in folded if word not in known and NO_VALUE.search(word)}
+    others = [word for word in dict.fromkeys(folded) if word not in zero | missing]
     if all(word in one for word in others):
-        level_of = {word: int(word in one) for word in folded}
+        level_of = {word: float(word in one) for word in folded}
     else:
-        level_of = dict.fromkeys(folded, 0)
+        level_of = dict.fromkeys(folded, 0.0)
         level_of |= {word: k for k, word in enumerate(sorted(others, key=_number_in), 1)}
-    numbers = np.array([level_of[word] for word in folded], np.float64)
+    level_of |= dict.fromkeys(missing, np.nan)
+    numbers = np.array([level_of[word] for word in folded])
     value = np.full(len(column.t), np.nan)
     value[column.valid] = numbers[column.value[column.valid].astype(np.int64)]
-    names = dict(zip(numbers[::-1].astype(int).tolist(), column.words[::-1], strict=True))
-    levels = tuple(names.get(k, "") for k in range(max(names) + 1))
-    return replace(column, value=value, words=()), levels
+    pairs = list(zip(numbers.tolist(), column.words, strict=True))
+    names = {int(k): word for k, word in reversed(pairs) if k == k}
+    levels = tuple(names.get(k, "") for k in range(max(names, default=-1) + 1))
+    return replace(column, value=value, valid=np.isfinite(value), words=()), levels
 
 
 def _number_in(word: str) -> float:

@@ -4,7 +4,6 @@ Frames are in BLF, in text (`can_text`), or in an MF4 of a bus, which python-can
 reads the DBC. The signals are decoded here, a message at a time.
 """
 
-import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -18,16 +17,13 @@ from numpy.typing import NDArray
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
+from ..core.text import NO_VALUE
 from .can_blf import blf_frames
 from .can_frames import Frame, Problems
 from .can_text import TextLog
 from .source import Field, ReadOptions
 from .tables import YEAR_1990, Columns, Contents, NamedColumn, TableSamples, fields
 
-_NO_VALUE = re.compile(  # texts of a value table that say that there is no value
-    r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
-    r"|undef\w*|reserved|unknown|no[ _]?(signal|value)|init\w*|ung(ü|ue)ltig|fehler\w*)\b"
-)
 _FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no value
 _LISTED_NAMES = 6  # names of one finding
 _DATABASES = {".sym": "sym", ".kcd": "kcd", ".arxml": "arxml", ".cdd": "cdd"}
@@ -448,7 +444,7 @@ def _decoded(bits: NDArray[np.uint8], message: Any, signal: Any) -> tuple[Floats
         value *= scale
     if offset:
         value += offset
-    no_value = [k for k, text in (signal.choices or {}).items() if _NO_VALUE.search(str(text))]
+    no_value = [k for k, text in (signal.choices or {}).items() if NO_VALUE.search(str(text))]
     is_none = np.isin(raw, no_value) if no_value else np.zeros(len(raw), np.bool_)
     if message.protocol == "j1939" and not signal.is_float and signal.length in _J1939_LENGTHS:
         is_none |= raw >= 0xFE << (signal.length - 8)  # an error, or not available

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..core.model import AxleRecord, Floats
+from ..core.physics import CRAWL
 from ..core.signals import median_of_five, moving, true_runs, white_noise
 
 _BRAKING_FORCE = 200.0  # clamping force that is braking [N]
@@ -65,8 +66,13 @@ def _application_slices(
 
 
 def _lets_start(record: AxleRecord, K: Floats, span: slice) -> bool:
-    """Whether K only falls, from where the wheel began to turn, and the wheel gets faster."""
+    """Whether K only falls, from where the wheel began to turn, and the wheel gets faster.
+
+    Beside a train that moves, the wheel was locked, and the brake goes on.
+    """
     stood = span.start > 0 and span.start not in {s.start for s in record.segments}
+    if record.train_speed is not None and record.train_speed[span.start] > CRAWL:
+        return False
     y = record.wheel_speed[span]
     return stood and bool(K[span].max() <= 1.1 * K[span.start] and y[-1] > y[0])
 

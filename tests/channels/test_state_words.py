@@ -44,6 +44,7 @@ def state(log: Log, meaning: str) -> Channel:
             [0, 2, 1, 3, 2],
             ("released", "Step1", "Step2", "FULL"),
         ),
+        ("emergency", "emergency", "off invalid on", [0, 1], ("off", "on")),
         ("emergency", "emergency", "inactive inactive inactive", [0, 0, 0], ("inactive",)),
     ],
 )

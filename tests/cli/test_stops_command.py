@@ -88,7 +88,7 @@ def test_the_screen_has_stops_statistics_and_verdicts(run: Run, plan: Path) -> N
 
 def test_a_stop_with_slides_has_a_sentence(run: Run) -> None:
     assert "Stop 1: 9 slides, largest slip 14 % (axle 1)." in run("stops", str(STOPPED)).stdout
-    assert "Stop 1" not in run("stops", str(SAMPLES / "service-brake.csv")).stdout
+    assert "slide" not in run("stops", str(SAMPLES / "service-brake.csv")).stdout
 
 
 def test_analyze_has_the_same_stops(run: Run) -> None:

@@ -1,5 +1,7 @@
 """Where a brake is on."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from adhesion_cli.core.model import AxleRecord, Floats
@@ -33,3 +35,12 @@ def test_a_brake_that_slows_a_train_from_its_start_on_is_applied() -> None:
     (only,) = find_applications(record(speed, K))
     assert only.start <= 60
     assert only.stop > 290
+
+
+def test_a_wheel_that_turns_again_beside_a_train_that_moves_was_locked() -> None:
+    t = np.arange(300) / 10.0
+    train = np.interp(t, [0.0, 5.0, 25.0, 30.0], [20.0, 20.0, 0.0, 0.0])
+    speed = np.where((t > 8.0) & (t < 12.0), 0.0, train / 0.45)
+    K = np.where((t > 5.0) & (t < 26.0), 2e4, 0.0)
+    locked = replace(record(speed, K), train_speed=train)
+    assert sum(x.stop - x.start for x in find_applications(locked)) > 150
