@@ -12,12 +12,10 @@ from ..core.errors import UserError, installed_by
 from ..core.text import printable
 from ..formats.open import FORMATS
 
-_TEXT = (".csv", ".tsv", ".txt", ".asc")
-SUFFIXES = (
-    *_TEXT,
-    *(f"{x}.gz" for x in _TEXT),
-    *(x for log_format in FORMATS for x in log_format.suffixes),
-)
+_TEXT = (".csv", ".tsv", ".txt", ".asc", ".log", ".lvm")
+_COMPRESSED = (".gz", ".xz", ".bz2")
+_PLAIN = (*_TEXT, *(x for log_format in FORMATS for x in log_format.suffixes))
+SUFFIXES = (*_PLAIN, *(x + z for x in _TEXT for z in _COMPRESSED))
 _RESULTS = (".adhesion.mcap", ".compare.mcap", ".slip.mcap")
 _DATASET = {"applications", "estimators", "findings", "logs"}  # folders of a fleet's results
 EXTRA = installed_by("fleet")
@@ -46,8 +44,8 @@ def find(named: Sequence[str]) -> list[LogLocation]:
         files = [LogLocation(str(path), os.path.abspath(path)) for path in paths]
         matches = _of_url(name) if _is_url(name) else files
         if not matches:
-            suffixes = ", ".join(SUFFIXES)
-            raise UserError(f"{printable(name)}: no logs there", f"logs end with {suffixes}")
+            hint = f"logs end with {', '.join(_PLAIN)}; text also with {', '.join(_COMPRESSED)}"
+            raise UserError(f"{printable(name)}: no logs there", hint)
         for location in matches:
             locations.setdefault(location.place, location)
     return list(locations.values())
