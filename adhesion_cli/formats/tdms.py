@@ -330,9 +330,13 @@ def _open_file(path: Path) -> tuple[Any, _Changes]:
                 changes.append((rows, saying))
             return segment, properties
 
+    original = tdms.TdmsReader
     tdms.TdmsReader = Noting  # this process reads one file at a time
-    # As a file without a name: the library would trust an index file beside the log.
-    return tdms.TdmsFile.open(path.open("rb"), raw_timestamps=True), changes
+    try:
+        # As a file without a name: the library would trust an index file beside the log.
+        return tdms.TdmsFile.open(path.open("rb"), raw_timestamps=True), changes
+    finally:
+        tdms.TdmsReader = original
 
 
 def _is_saying(key: str) -> bool:

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from helpers import brakes
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
+from nptdms import tdms as library
 
 from adhesion_cli.channels.log import needed
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.formats import tdms
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
@@ -318,3 +320,9 @@ def test_a_channel_without_time_beside_others_is_left_out(tmp_path: Path) -> Non
     found, findings, _ = columns(written(tmp_path / "a.tdms", *channels))
     assert set(found) == {"p"}
     assert findings["channel-not-read"].severity == "info"
+
+
+def test_a_process_opens_any_number_of_files(tmp_path: Path) -> None:
+    reader = library.TdmsReader
+    tdms.Reader(written(tmp_path / "a.tdms", ("g", "p", P, BAR | WAVE)), ReadOptions())
+    assert library.TdmsReader is reader
