@@ -182,18 +182,20 @@ class TextLog:
             self._trc_head(line)
             return None
         tokens = line.split(maxsplit=len(self._columns) - 1 if self._columns else -1)
-        kinds = set(tokens[:6])
-        if kinds & _TRC_ERRORS:
-            return Frame(float(tokens[1]) / 1e3, 0, 0, kind="error")
-        if kinds & _STATES:
-            return None
-        kind = ""
+        cells = dict(zip(self._columns, tokens, strict=False))
+        place = {"1.1": 3, "1.3": 4}.get(self._version, 2)  # of the identifier
         if self._columns:
-            cells = dict(zip(self._columns, tokens, strict=False))
-            kind, identifier, bus, t = cells["T"], cells["I"], cells.get("B", "1"), cells["O"]
+            kind, t = cells["T"], cells["O"]
+        else:  # version 1.0 has no kind
+            kind, t = tokens[place - 1] if place > 2 else "", tokens[1]
+        if kind in _TRC_ERRORS:
+            return Frame(float(t) / 1e3, 0, 0, kind="error")
+        if kind in _STATES:
+            return None
+        if self._columns:
+            identifier, bus = cells["I"], cells.get("B", "1")
             size, data = cells.get("l") or cells["L"], cells.get("D", "").split()
         else:
-            place, t = {"1.1": 3, "1.3": 4}.get(self._version, 2), tokens[1]
             bus, gap = (tokens[2], 2) if self._version == "1.3" else ("1", 1)
             identifier, size, data = tokens[place], tokens[place + gap], tokens[place + gap + 1 :]
         if identifier == "FFFFFFFF":  # what the bus does

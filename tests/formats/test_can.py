@@ -205,6 +205,21 @@ def test_error_lines_of_a_trc_log(tmp_path: Path) -> None:
     assert findings["can-lines-skipped"].count == 1
 
 
+@pytest.mark.parametrize("name", ["1_0.trc", "1_1.trc", "1_3.trc", "2_1.trc"])
+def test_bytes_that_read_like_a_state_are_data(tmp_path: Path, name: str) -> None:
+    """`EC` is a state of TRC 2, and `Warng` one of TRC 1, at their place only."""
+    head, row = ROWS[name]
+    lines = [row.format(n=n, ms=100.0 * n, data=f"{n:02X} EC EC 68 00") for n in range(230, 240)]
+    if name in ("1_1.trc", "1_3.trc"):
+        state = row.replace("Rx", "Warng").replace("0123", "FFFFFFFF")
+        lines.insert(4, state.format(n=1, ms=23_350.0, data="00 00 00 00 08 BUSHEAVY"))
+    path = tmp_path / name
+    path.write_text(head + "\n".join(lines) + "\n", "latin-1")
+    found, findings, _ = columns(path, stated(tmp_path))
+    assert len(found["speed"].t) == 10
+    assert not findings
+
+
 def test_a_last_line_that_is_cut_off_in_a_trc_log_is_skipped(tmp_path: Path) -> None:
     """Up to its line end, of one byte or two: a frame without it may lack a digit."""
     path = written(tmp_path / "a.trc", [frame(k / 10, bytes(5)) for k in range(20)])
