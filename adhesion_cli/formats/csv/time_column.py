@@ -18,7 +18,7 @@ from ...core.finding import Finding
 from ..source import ReadOptions
 from .clock import COUNTS, Clock
 from .dates import READABLE, decided, forms_of, read, with_counted_fraction
-from .dialect import Dialect, is_null, is_number
+from .dialect import Dialect, is_null, number_grammar, unit_behind
 from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
 from .stamps import CLOCKS, DATES, STAMPS
@@ -180,14 +180,20 @@ class _ClockSearch:
     def counted(self) -> Clock | None:
         """The clock of rows without a time, whose interval or rate stands above the table."""
         labels = self.dialect.labels
-        for kind in ("interval", "rate"):
+        for kind, dimension in (("interval", "time"), ("rate", "pulse rate")):
             cells = [c for c in labels.get(kind, [])[1:] if c]
-            texts = [*labels.get("interval_unit", []), *cells, *labels.get(kind, [])[:1]]
-            said = (time_unit(units.in_name(x)[1] or x) for x in texts)
-            unit = NS_PER_UNIT[next(filter(None, said), "s")]
-            if cells and is_number(cells[0]) and float(cells[0].replace(",", ".")) > 0.0:
-                value = float(cells[0].replace(",", "."))
-                step = round(value * unit if kind == "interval" else _S / value)
+            if not cells:
+                continue
+            suffix = unit_behind(cells[0])
+            number = cells[0].removesuffix(suffix).strip().replace(",", ".")
+            texts = [suffix, *labels.get("interval_unit", []), *cells[1:], labels[kind][0]]
+            candidates = (units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts)
+            stated = [unit for unit in candidates if unit]
+            if any(unit.dimension != dimension for unit in stated):
+                continue
+            factor = stated[0].factor if stated else 1.0
+            if number_grammar(".").fullmatch(number) and (value := float(number) * factor) > 0.0:
+                step = round(_S * (value if kind == "interval" else 1.0 / value))
                 reason = f"rows are counted; {step / _S:g} s apart by {labels[kind][0]!r}"
                 return Clock((), "", "", self.dialect.decimal, False, reason, None, step=step)
         return None

@@ -643,6 +643,16 @@ def test_duplicate_names_are_made_distinct(log):
 LONG = "time [s],axle,p\n0,1,10\n0,2,20\n0.1,1,11\n0.1,2,21\n0.2,1,12\n0.2,2,22\n"
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["Sample rate,100 Hz", "Sample rate [kHz],0.1", "Sampling rate,100", "Sampling rate,0.1,kHz",
+     "Sample interval,0.01 s", "Sample interval [ms],10"],
+)  # fmt: skip
+def test_rows_without_a_time_are_counted(log, line):
+    _, columns = read(log, f"{line}\np [bar],v [km/h]\n1.5,20.1\n2.5,19.2\n3.5,18.3\n")
+    assert next(iter(columns.values())).t.tolist() == [0, S // 100, S // 50]
+
+
 def test_long_layout_is_found_by_its_name(log):
     source, columns = read(log, LONG)
     assert columns["p", "1"].value.tolist() == [10, 11, 12]
