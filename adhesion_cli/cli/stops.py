@@ -122,4 +122,7 @@ def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
 
     if not test.series.stops:
         return "No stop."
-    return "\n\n".join(x.text() for x in series_tables(test.series, braked_weight, budget))
+    texts = [x.text() for x in series_tables(test.series, braked_weight, budget)]
+    if not any(s.stop.valid for s in test.series.stops):
+        texts.append("No valid stop.")
+    return "\n\n".join(texts)

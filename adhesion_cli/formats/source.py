@@ -53,7 +53,7 @@ class ReadOptions:
     sheet: str | None = None  # of a workbook; None: decided
     dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding
-    max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
+    max_unpacked: int = 1 << 32  # bytes of one compressed text log; it is read in blocks
     max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to; all: and 1000 x the file
     max_record: int = 1 << 27  # bytes one MCAP record may declare
 

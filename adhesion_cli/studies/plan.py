@@ -171,7 +171,7 @@ def _limits(path: Path, key: str, entry: Any) -> tuple[GroupLimit, ...]:
     """The limits of a published rule, or the one of a quantity."""
     if key != "standard":
         return (_limit(path, key, entry),)
-    if entry not in _STANDARDS:
+    if not isinstance(entry, str) or entry not in _STANDARDS:
         raise unknown(f"standard in [limits] of {path}", str(entry), list(_STANDARDS))
     return _STANDARDS[entry]
 

@@ -66,6 +66,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
         ("[group.a]\nlogs = ['a']\n[limits]\nlength = {max = 3}", "length"),
         ("[group.a]\nlogs = ['a']\n[limits]\njerk = 3", "jerk = 3 is no limit"),
         ("[group.a]\nlogs = ['a']\n[limits]\nstandard = 'TSI'", "standard in"),
+        ("[group.a]\nlogs = ['a']\n[limits]\nstandard = ['TSI']", "standard in"),
         ("[group.a]\nlogs = ['a']\n[limits]\njerk = {most = 3}", "is no limit"),
         ("[group.a]\nlogs = ['a']\n[wsp]\ndry = 'a'", "needs dry and wet"),
     ],

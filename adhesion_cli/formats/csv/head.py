@@ -19,7 +19,7 @@ _MAGIC = (
     (b"\x28\xb5\x2f\xfd", "zstd-compressed"),
     (b"version https://git-lfs", "a Git LFS pointer (git lfs pull fetches its file)"),
 )
-FORMATS = "CSV, MCAP, Parquet, Excel, MDF 4, TDMS, CAN (BLF, ASC, TRC)"
+FORMATS = "CSV, MCAP, Parquet, Excel, MATLAB, MDF 4, TDMS, CAN (BLF, ASC, TRC, candump, BUSMASTER)"
 READABLE = f"give a log in one of the formats: {FORMATS}"
 Line = tuple[int, str]  # number, from 1, and text
 

@@ -182,7 +182,7 @@ def _unpacker(path: Path) -> Any:
 
 @contextmanager
 def open_file(path: Path) -> Iterator[io.BufferedReader]:
-    """The file, unpacked where it is gzip, up to its end or its damage.
+    """The file, unpacked where it is compressed, up to its end or its damage.
 
     Raises:
         UserError: where it cannot be read; also while it is read.
@@ -218,7 +218,7 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
 
 
 def read_tail(path: Path, dialect: Dialect) -> list[list[str]]:
-    """Cells of the last rows; of a gzip file after reading all of it."""
+    """Cells of the last rows; of a compressed file after reading all of it."""
     tail = b""
     with open_file(path) as file:
         if not _unpacker(path):

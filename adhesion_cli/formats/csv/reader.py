@@ -36,7 +36,7 @@ _MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
 
 
 def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
-    """Opens a delimited text log, plain or gzip.
+    """Opens a delimited text log, plain or compressed.
 
     Args:
         path: the log.

@@ -244,7 +244,7 @@ class Figures:
             fig = self._figure("States", state_plots.lanes_height(lanes), time)
             _legend(fig, state_plots.draw_lanes(fig, lanes))
             places.append(self._place(fig, f"{place}-states"))
-        for state in (s for s in states if s not in lanes):
+        for state in (s for s in states if s.meaning not in state_plots.TITLES):
             fig = self._figure("Reservoir [bar]", 110, time)
             bar = state.value * 1e-5
             chosen = decimate.rows(state.t, [bar], [], _CURVE)
