@@ -189,17 +189,25 @@ class Reader:
         """The time channel that holds instead of increments; these are taken out of `waves`.
 
         It does where it is stated, or where an increment is the default and the channel has
-        another step.
+        another step. A duration, and a time that no rule reads, leave the increments as they are.
 
         Raises:
             UserError: where both say a time and differ.
         """
         stated = self._options.time_channel
         is_stated = stated in {c.name for c in channels}
-        names = [c for c in channels if c.name == stated or _is_time(c) or _names_time(c)]
-        if not waves or not names or (stated and not is_stated):
+        if not waves or (stated and not is_stated):
             return None
-        axis = self._by_columns(group, channels if is_stated else names)
+        by_default = any(w.pieces[-1].increment == _DEFAULT_INCREMENT for w in waves.values())
+        names = [c for c in channels if _may_be_time(c, by_default)]
+        if not names and not is_stated:
+            return None
+        try:
+            axis = self._by_columns(group, channels if is_stated else names)
+        except UserError:
+            if is_stated or by_default:
+                raise
+            return None
         steps = np.diff(self._by_clock(axis)[0]) / 1e9
         step = float(np.median(steps)) if len(steps) else 0.0
         for name, wave in list(waves.items()):
@@ -441,10 +449,23 @@ def _is_time(channel: Any) -> bool:
     return channel.dtype is not None and channel.dtype.kind in "VM"
 
 
-def _names_time(channel: Any) -> bool:
-    """Whether a channel is a time by its name and its unit."""
-    is_time = time_name(channel.name) is not None or time_unit(_unit(channel)) is not None
-    return is_time and _is_number(channel)
+def _may_be_time(channel: Any, by_default: bool) -> bool:
+    """Whether a channel is a time instead of increments; `by_default` where one is the default.
+
+    A stated increment stands against all but stamps, and names of a time, with values that rise. A
+    default gives way to stamps or such a name alone, and to rising values in a unit of time.
+    """
+    is_named = _is_time(channel) or (_is_number(channel) and time_name(channel.name) is not None)
+    if is_named and by_default:
+        return True
+    has_unit = by_default and _is_number(channel) and time_unit(_unit(channel)) is not None
+    return (is_named or has_unit) and _rises(channel)
+
+
+def _rises(channel: Any) -> bool:
+    array = _array(channel[:])
+    values = np.asarray(array.cast(pa.int64()) if pa.types.is_timestamp(array.type) else array)
+    return len(values) > 1 and bool(np.all(np.diff(values[np.isfinite(values)]) > 0))
 
 
 def _array(values: Any) -> Any:

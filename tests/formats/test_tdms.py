@@ -264,6 +264,46 @@ def test_a_time_channel_holds_where_the_increment_is_a_default(tmp_path: Path) -
     assert np.array_equal(found["p"].t, np.arange(N) * 20_000_000)
 
 
+@pytest.mark.parametrize("increment", [0.02, 1.0])
+@pytest.mark.parametrize(
+    ("name", "value", "unit"),
+    [
+        ("valve on time", np.arange(N) % 7 * 10.0, "ms"),
+        ("sanding duration", np.minimum(np.arange(N) * 0.01, 2.0), "s"),
+    ],
+)
+def test_a_duration_is_no_rival_of_the_increments(
+    tmp_path: Path, name: str, value: Any, unit: str, increment: float
+) -> None:
+    wave = WAVE | {"wf_increment": increment}
+    duration = ("g", name, value, {"unit_string": unit} | wave)
+    found, findings, _ = columns(written(tmp_path / "a.tdms", ("g", "p", P, BAR | wave), duration))
+    assert set(found) == {"p", name}
+    assert np.allclose(np.diff(found["p"].t), increment * 1e9)
+    assert not findings
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("time since brake", np.arange(N) / 25),
+        ("Laufzeit", np.full(N, 3.0)),
+        ("trigger", np.array([START])),
+    ],
+)
+def test_a_stated_increment_stands_against_what_is_no_rising_time(
+    tmp_path: Path, name: str, value: Any
+) -> None:
+    path = written(tmp_path / "a.tdms", ("g", "p", P, BAR | WAVE), ("g", name, value, SECONDS))
+    assert np.allclose(np.diff(columns(path)[0]["p"].t), 20_000_000)
+
+
+def test_a_default_increment_gives_way_to_rising_seconds(tmp_path: Path) -> None:
+    default, rising = {"wf_increment": 1.0}, ("g", "t_1", np.arange(N) / 50, SECONDS)
+    path = written(tmp_path / "a.tdms", ("g", "p", P, BAR | default), rising)
+    assert np.allclose(np.diff(columns(path)[0]["p"].t), 20_000_000)
+
+
 LINEAR = {
     "NI_Number_Of_Scales": 1, "NI_Scaling_Status": "unscaled", "NI_Scale[0]_Scale_Type": "Linear",
     "NI_Scale[0]_Linear_Slope": 0.5, "NI_Scale[0]_Linear_Y_Intercept": 1.0,
