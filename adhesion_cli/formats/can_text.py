@@ -34,6 +34,7 @@ _ASC_DATE = re.compile(r"(\w{3})\w*\s+(\d+)\s+(\d+):(\d+):(\d+)(\.\d+)?\s*([aApP
 _MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec".split()
 _MONTHS += "jan feb mär apr mai jun jul aug sep okt nov dez".split()
 _EVENTS = re.compile(r"(?i)Statistic|J1939|Overload|Status|Chip")  # lines of an ASC log: no frames
+_DIRECTIONS = {"Rx", "Tx", "TxRq"}
 _STATES = {"ST", "EC", "EV", "Warng", "Event"}  # lines of a TRC log that are no frames
 _TRC_ERRORS = {"ER", "Error"}
 _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]")  # of bytes that were lost
@@ -122,13 +123,14 @@ class TextLog:
         rest = tokens[3 if is_fd else 2 :]
         if "errorframe" in (token.lower() for token in rest[:2]):
             return Frame(t, bus, 0, kind="error")
-        if _EVENTS.match(rest[0]):
-            return None
+        has_direction = len(rest) > 1 and rest[1] in _DIRECTIONS
+        if not has_direction and _EVENTS.match(rest[0]):
+            return None  # a message of such a name has a direction
         if is_fd:  # direction, identifier, perhaps a name, BRS, ESI, DLC, length
             has_name = not rest[2].isdecimal()
             text, size, data = rest[1], int(rest[5 + has_name]), rest[6 + has_name :]
             is_remote = size == 0
-        elif rest[1] in ("Rx", "Tx", "TxRq"):  # identifier, direction, d or r, DLC
+        elif has_direction:  # identifier, direction, d or r, DLC
             text, data, is_remote = rest[0], rest[4:], rest[2].lower() == "r"
             size = 0 if is_remote else min(int(rest[3], self._base), 8)
         else:

@@ -164,6 +164,21 @@ def test_lines_that_cannot_be_read_cost_only_themselves(tmp_path: Path) -> None:
     assert findings["can-lines-skipped"].values["line"] == 7
 
 
+@pytest.mark.parametrize("name", ["StatusBCU1", "ChipTemp", "Overload_1", "Statistics", "J1939_1"])
+def test_messages_with_names_like_events(tmp_path: Path, name: str) -> None:
+    lines = [f" {k / 10:.6f} 1  {name}  Rx   d 5 20 1C 10 68 00" for k in range(20)]
+    lines[5:5] = [
+        " 0.450000 1 Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%",
+        " 0.460000 1 OverloadFrame",
+        " 0.470000 1 J1939TP FEE3p 6 0 0 - Rx d 8 20 1C 10 68 00 00 00 00",
+    ]
+    path = tmp_path / "a.asc"
+    path.write_text(HEAD + "\n".join(lines) + "\n", "utf-8")
+    found, findings, _ = columns(path, stated(tmp_path, Message(0x123, name, 5, [SPEED])))
+    assert len(found["speed"].t) == 20
+    assert not findings
+
+
 def test_what_is_refused(tmp_path: Path) -> None:
     dbc = stated(tmp_path)
     asc = tmp_path / "a.asc"
