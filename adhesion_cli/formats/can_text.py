@@ -288,8 +288,8 @@ class TextLog:
         if "DEC" in words:
             self._base = 10
         if words[:3] == ["START", "DATE", "AND"]:
-            begin = datetime.strptime(" ".join(words[-2:])[:19], "%d:%m:%Y %H:%M:%S")
-            self.start = begin.replace(tzinfo=UTC).timestamp()
+            day, month, year, h, m, s = map(int, re.findall(r"\d+", line)[:6])
+            self.start = datetime(year, month, day, h, m, s, tzinfo=UTC).timestamp()
             self._first = self.start % _DAY
         elif "ABSOLUTE" in words:
             self._first = 0.0

@@ -387,6 +387,19 @@ def test_text_logs_of_every_form(tmp_path: Path, name: str) -> None:
     assert not findings
 
 
+def test_a_start_of_busmaster_with_numbers_of_one_digit(tmp_path: Path) -> None:
+    lines = [f"7:04:0{k}:2500 Rx 1 0x123 s 5 20 1C 10 68 00" for k in range(8)]
+    path = tmp_path / "a.log"
+    head = ROWS["busmaster.log"][0].replace("21:11:2026 13:05:07:250", "6:6:2026 7:4:0:250")
+    path.write_text(head + "\n".join(lines) + "\n", "utf-8")
+    found, findings, source = columns(path, stated(tmp_path))
+    assert source.absolute
+    assert datetime.fromtimestamp(found["speed"].t[0] / 1e9, UTC) == datetime(
+        2026, 6, 6, 7, 4, 0, 250_000, UTC
+    )
+    assert not findings
+
+
 DATED = ("screen.txt", "direction.txt", "dated.txt")
 
 
