@@ -78,8 +78,7 @@ class Reader:
                 continue
             self._names[g] = self._name(g)
             if problem := self._add(g, group):
-                names = {"groups": self._names[g], "reason": problem}
-                findings.append(Finding("group-not-read", "info", "", 1, (), {}, names))
+                findings.append(self._not_read(g, problem))
         if not self._places and any(_has_frames(group) for group in self._mdf.groups):
             raise UserError(
                 f"{path}: the log holds CAN frames; which signals they are, a DBC file says",
@@ -87,7 +86,10 @@ class Reader:
             )
         if any(time.is_absolute for time in self._masters.values()) and not self._start:
             zone, self._start = "UTC", YEAR_1990  # no other time can be compared with these
-            self._places = [p for p in self._places if self._masters[p.group].is_absolute]
+            for g in [g for g, time in self._masters.items() if not time.is_absolute]:
+                findings.append(self._not_read(g, "their time has no start, that of others has"))
+                del self._row_counts[g]
+            self._places = [p for p in self._places if p.group in self._row_counts]
         rows = sum(self._row_counts.values())
         reason = "time channel of each group, in the unit that it states"
         reason += f", after the start of the log ({zone})" if self._start else "; no start stated"
@@ -118,6 +120,10 @@ class Reader:
         group = self._mdf.groups[g]
         name = group.channel_group.acq_name if self._is_version_4 else ""
         return name or f"group {g + 1}"
+
+    def _not_read(self, g: int, reason: str) -> Finding:
+        names = {"groups": self._names[g], "reason": reason}
+        return Finding("group-not-read", "info", names=names)
 
     def _add(self, g: int, group: Any) -> str:
         """Adds the channels of a group; "", or why it cannot be read."""

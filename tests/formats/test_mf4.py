@@ -141,6 +141,20 @@ def test_groups_without_time_and_names_twice(tmp_path: Path) -> None:
     assert {c.rate_hz for c in log.channels} == {10.0, 50.0}
 
 
+def test_groups_without_a_start_beside_stamps_since_1970(tmp_path: Path) -> None:
+    path = tmp_path / "a.mf4"
+    with MDF(version="4.10") as file:
+        for name, t in (("wheels", T), ("brake", T[::2] + START_NS / 1e9)):
+            file.append([Signal(t, t, name=name)], acq_name=name, common_timebase=True)
+        file.header.abs_time = 0
+        file.save(path, overwrite=True)
+    found, findings = columns(path)
+    assert list(found) == ["brake"]
+    assert findings["group-not-read"].names["groups"] == "wheels"
+    assert "no start" in findings["group-not-read"].message
+    assert open_source(path, ReadOptions()).rows == 100
+
+
 def test_a_time_that_is_no_number_costs_its_row(tmp_path: Path) -> None:
     t = T.copy()
     t[100:103] = np.nan, np.inf, 1e300
