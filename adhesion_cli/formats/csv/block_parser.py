@@ -106,6 +106,7 @@ class Parser:
     def _sieved(self, block: LineBlock) -> tuple[bytes, Rows, dict[str, Rows]]:
         """The block without lines of another width, the lines that are left, and the others.
 
+        A comment behind the cells of a row is cut off, where the header names a column of them.
         A line in which a quote does not close has too few cells, and so has what follows it.
         """
         data, delimiter, width = block.data, self.table.dialect.delimiter, self.table.dialect.width
@@ -117,6 +118,12 @@ class Parser:
         else:
             marks = np.flatnonzero(text == ord(delimiter))
             cells = np.searchsorted(marks, line_ends) - np.searchsorted(marks, starts) + 1
+        remaining = np.ones(len(text), bool)
+        if self.table.dialect.has_remarks:
+            for k in np.flatnonzero(cells == width + 1).tolist():
+                behind = data.rindex(delimiter.encode(), starts[k], line_ends[k])
+                remaining[behind : line_ends[k]] = False
+                cells[k] = width
         irregular = np.flatnonzero((cells != width) | (line_ends == starts))
         kinds: dict[str, list[int]] = {}
         for k in irregular.tolist():
@@ -124,9 +131,9 @@ class Parser:
             kinds.setdefault(kind, []).append(k)
         regular = np.ones(len(line_ends), bool)
         regular[irregular] = False
-        remaining = text[np.repeat(regular, line_ends + 1 - starts)].tobytes()
+        remaining &= np.repeat(regular, line_ends + 1 - starts)
         dropped = {kind: np.array(numbers) for kind, numbers in kinds.items()}
-        return remaining, np.flatnonzero(regular), dropped
+        return text[remaining].tobytes(), np.flatnonzero(regular), dropped
 
     def _kind(self, line: bytes, is_narrow: bool) -> str:
         """Class of a line that has another width than the table.

@@ -23,6 +23,7 @@ from .dialect import (
 from .head import Line, encoding_of, first_lines, line_too_long, refuse_other_formats
 from .header import (
     DELIMITERS,
+    REMARKS,
     FirstRows,
     Header,
     Row,
@@ -109,6 +110,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         reasons,
         removals,
         labels,
+        any(len(h) > width and h[width].casefold() in REMARKS for h in header.names),
         tuple(cells[0] for _, cells in above[_first_segment(preamble) :]) if preamble else (),
     )
 

@@ -42,6 +42,7 @@ class Dialect:
     reasons: dict[str, str]
     removals: dict[int, str] = field(default_factory=dict)  # pattern of what numbers do not need
     labels: dict[str, list[str]] = field(default_factory=dict)  # rows above the table, see `label`
+    has_remarks: bool = False  # a row may have a comment behind its cells
     segments: tuple[str, ...] = ()  # first cells of a header that comes again, as in LVM files
 
     def number(self) -> re.Pattern[str]:

@@ -23,7 +23,7 @@ from .header_words import is_units_row, time_name
 from .stamps import is_stamp
 
 DELIMITERS = (";", "\t", ",", "|", " ")
-_REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")
+REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")
 _DATA_SHARE = 0.1  # of a column's cells in the head hold data
 Row = tuple[int, list[str]]  # number of its line, and cells
 
@@ -230,7 +230,7 @@ def refuse_width(table: FirstRows, header: Header, width: int) -> None:
         neighbours = table.rows[max(0, header.top - 2) : header.top]
         named = [row for row in neighbours if any(map(time_name, row[1]))]
     for n, cells in named:
-        extra = [c for c in cells[width:] if c and c.casefold() not in _REMARKS]
+        extra = [c for c in cells[width:] if c and c.casefold() not in REMARKS]
         if len(cells) < width or extra:
             raise UserError(
                 f"{table.path}: the header (line {n}) names {len(cells)} columns, the rows have "
