@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import UserError
+from ..core.finding import Finding
 from .as_text import TextSource, open_text
 from .csv.header_words import time_name
 from .isolated import Library
@@ -26,11 +27,25 @@ def open_mat(path: Path, options: ReadOptions) -> TextSource:
     Raises:
         UserError: where it cannot be read, or holds no numbers over time.
     """
-    return open_text("mat", path, lambda path, text: _LIBRARY.call(path, write_text, text), options)
+    others: list[str] = []
+    source = open_text(
+        "mat",
+        path,
+        lambda path, text: others.extend(_LIBRARY.call(path, write_text, text)),
+        options,
+    )
+    if others:
+        reason = "they are no vectors of the length that the time has"
+        names = {"groups": ", ".join(others[:6]), "reason": reason}
+        source.findings.append(Finding("group-not-read", "info", "", len(others), names=names))
+    return source
 
 
-def write_text(path: Path, text: Path) -> None:
+def write_text(path: Path, text: Path) -> list[str]:
     """Writes the variables as columns; those of the time's length, else of the usual one.
+
+    Returns:
+        The other variables of more than one number, each with its size.
 
     Raises:
         UserError: where there are none.
@@ -45,9 +60,10 @@ def write_text(path: Path, text: Path) -> None:
             "save it in MATLAB with the option -v7",
         )
     variables = loadmat(path, simplify_cells=True)
-    columns = {
+    arrays = {
         k: x for name, x in variables.items() if name[:2] != "__" for k, x in _columns(name, x)
     }
+    columns = {name: x for name, x in arrays.items() if x.ndim == 1}
     lengths = Counter(len(x) for x in columns.values() if len(x) > 1)
     times = [len(x) for name, x in columns.items() if time_name(name.split(".")[-1])]
     length = next((n for n in times if n > 1), lengths.most_common(1)[0][0] if lengths else 0)
@@ -61,20 +77,24 @@ def write_text(path: Path, text: Path) -> None:
     table = np.column_stack([columns[name] for name in names])
     quoted = ",".join('"' + name.replace('"', "'") + '"' for name in names)
     np.savetxt(text, table, "%.17g", ",", header=quoted, comments="", encoding="utf-8")
+    others = [(name, x.shape) for name, x in arrays.items() if name not in names and x.size > 1]
+    return [f"{name} ({' x '.join(map(str, shape))})" for name, shape in others]
 
 
 def _columns(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """The columns of numbers that a variable holds, by name."""
+    """The columns of numbers that a variable holds, by name; a large array is given as it is."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _columns(f"{name}.{key}".lstrip("."), inner)
         return
     array = np.atleast_1d(value)
-    if array.dtype.kind not in "biuf" or array.ndim > 2:
+    if array.dtype.kind not in "biuf":
         return
     if array.ndim == 1:
         yield name, array.astype(np.float64)
-    elif min(array.shape) <= _MOST_COLUMNS:
+    elif array.ndim > 2 or min(array.shape) > _MOST_COLUMNS:
+        yield name, array
+    else:
         matrix = array if array.shape[0] > array.shape[1] else array.T
         for k in range(matrix.shape[1]):
             yield f"{name}_{k + 1}", matrix[:, k].astype(np.float64)

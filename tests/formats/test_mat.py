@@ -46,6 +46,17 @@ def test_variables_of_one_length(
     assert np.allclose(found[names[0]].value, P, atol=1e-6)
 
 
+def test_variables_that_are_not_read_are_reported(tmp_path: Path) -> None:
+    path, slow = tmp_path / "a.mat", {"time_p": T[::4], "p_bar": P[::4]}
+    large = {"map": np.ones((N, 100)), "cube": np.ones((2, 3, 4))}
+    savemat(path, {"time": T, "v_kmh": V, "fs": 50.0, **slow, **large})
+    source = open_source(path, ReadOptions())
+    assert [f.channel for f in source.fields] == ["v_kmh"]
+    [finding] = [f for f in source.findings if f.code == "group-not-read"]
+    names = "time_p (50), p_bar (50), map (200 x 100), cube (2 x 3 x 4)"
+    assert (finding.count, finding.names["groups"]) == (4, names)
+
+
 def test_what_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     with pytest.raises(UserError, match=r"no two variables .* \(variables: p \(200\)") as error:
