@@ -2,7 +2,8 @@
 
 import ast
 import re
-from collections.abc import Collection, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.text import distinct
 from . import time_columns
-from .as_text import open_text
+from .as_text import TextSource, open_text
 from .csv.clock import Clock
 from .csv.header_words import speaks_of_time, time_name, time_unit
 from .source import Field, ReadOptions, Source
@@ -57,14 +58,13 @@ def open_parquet(path: Path, options: ReadOptions) -> Source:
     try:
         reader = Reader(path, options)
     except _TimeError:
-        with suppress(UserError, pa.ArrowException):
-            return open_text("parquet", path, _write_text, options)
+        if text := _as_text(path, options):
+            return text
         raise
     if reader.repeats_times and not options.group_channel:
-        with suppress(UserError, pa.ArrowException):
-            text = open_text("parquet", path, _write_text, options)
-            if text.keys.columns:
-                return text
+        text = _as_text(path, options)
+        if text and text.keys.columns:
+            return text
     return TableSource(path, "parquet", options, reader)
 
 
@@ -72,13 +72,24 @@ class _TimeError(UserError):
     """No column is the time of all others."""
 
 
-def _write_text(path: Path, text: Path) -> None:
-    """Writes the columns of a file as a text log."""
+def _as_text(path: Path, options: ReadOptions) -> TextSource | None:
+    """The log opened as a text log, None where its text is none.
+
+    Raises:
+        UserError: where the file is damaged.
+    """
+    table = _read_table(path, _open_file(path))
+    with suppress(UserError, pa.ArrowException):
+        return open_text("parquet", path, lambda _, text: _write_text(table, text), options)
+    return None
+
+
+def _write_text(table: Any, text: Path) -> None:
+    """Writes the columns of a table as a text log."""
     import pyarrow.csv
 
-    file = _open_file(path)
-    arrays = _flat(file.read())
-    columns, _ = _columns(file.schema_arrow, arrays)
+    arrays, _ = _flat(table)
+    columns, _ = _columns(table.schema, arrays)
     names = [f"{c.title}{c.path}" + (f" [{c.unit}]" if c.unit else "") for c in columns]
     cells = [arrays[c.name] for c in columns]
     cells = [x.dictionary_decode() if pa.types.is_dictionary(x.type) else x for x in cells]
@@ -103,6 +114,7 @@ class Reader:
         self._check_size(2)
         head = self._head()
         self._columns, nested = _columns(schema, head)
+        self._elements = Counter(c.name.removesuffix(c.path) for c in self._columns if c.path)
         scalar = [c for c in self._columns if not c.path]
         self._device = _device([c.title for c in scalar], options, path)
         groups, findings = [scalar], tuple[Finding, ...]()
@@ -177,7 +189,7 @@ class Reader:
         try:
             head = next(self._file.iter_batches(HEAD), None)
             table = pa.Table.from_batches([head] if head else [], self._file.schema_arrow)
-            return _flat(table)
+            return _flat(table)[0]
         except _READ_ERRORS as error:
             raise _damaged(self._path, _first_line(error)) from None
 
@@ -189,7 +201,8 @@ class Reader:
         self._check_size(len(columns) + len(times))
         device, equals = self._device or ("", "")
         keys = [c for c in self._columns if device and c.title == device and not c.path]
-        arrays = self._arrays({c.root for c in (*(c for c, _ in columns), *times, *keys)})
+        roots = {c.root for c in (*(c for c, _ in columns), *times, *keys)}
+        arrays, longer = _flat(_read_table(self._path, self._file, roots), self._elements)
         is_device = np.ones(self._rows, np.bool_)
         if device:
             cells = arrays[keys[0].name].cast(pa.string()).to_pylist()
@@ -197,7 +210,10 @@ class Reader:
             if not is_device.any():
                 text = f"{self._path}: no row has {equals!r} in column {device!r}"
                 raise UserError(text, "state a value of this column in channels.group")
-        stamps, rows, findings = [], {}, []
+        stamps, rows, findings = [], {}, list[Finding]()
+        if longer:
+            names = {"columns": ", ".join(f"{x} from [{self._elements[x]}] on" for x in longer)}
+            findings.append(Finding("nested-columns", "info", "", len(longer), names=names))
         for k in axes:
             clock, columns_of_time = self._axes[k]
             t, ok = time_columns.times([arrays[c.name] for c in columns_of_time], clock)
@@ -217,40 +233,55 @@ class Reader:
             series.append(TableSamples(axes.index(k), np.asarray(value)[rows[k]], masks))
         return Columns(stamps, series, findings)
 
-    def _arrays(self, names: Collection[str]) -> dict[str, pa.Array]:
-        """Whole columns, each as one array.
 
-        Raises:
-            UserError: where one is damaged.
-        """
-        try:
-            table = self._file.read(list(names))
-            table.validate(full=True)
-            return _flat(table)
-        except _READ_ERRORS as error:
-            raise _damaged(self._path, _first_line(error)) from None
+def _read_table(path: Path, file: Any, names: Collection[str] | None = None) -> Any:
+    """Whole columns of a file, all of them where none are named.
+
+    Raises:
+        UserError: where one is damaged.
+    """
+    try:
+        table = file.read(None if names is None else list(names))
+        table.validate(full=True)
+    except _READ_ERRORS as error:
+        raise _damaged(path, _first_line(error)) from None
+    return table
 
 
-def _flat(table: Any) -> dict[str, pa.Array]:
+def _flat(
+    table: Any, elements: Mapping[str, int] | None = None
+) -> tuple[dict[str, pa.Array], list[str]]:
     """Each column as one array, by name: fields of structures and elements of lists, too.
 
     A list that is shorter than others of its column has nulls behind its end.
+
+    Args:
+        table: the columns.
+        elements: how many are taken of each column of lists; None for all, if not too many.
+
+    Returns:
+        The arrays; and the columns of lists that have more elements than are taken.
     """
     import pyarrow.compute as pc
 
     while any(pa.types.is_struct(f.type) for f in table.schema):
         table = table.flatten()
-    arrays = {}
+    arrays, longer = {}, []
     for name, column in zip(table.column_names, table.columns, strict=True):
         array = column.combine_chunks()
         if not _is_list(array.type):
             arrays[name] = array
             continue
         longest = pc.max(pc.list_value_length(array)).as_py() or 0
-        if 0 < longest <= _MOST_ELEMENTS:
-            padded = pc.list_slice(array, 0, longest, return_fixed_size_list=True)
-            arrays |= {f"{name}[{k}]": pc.list_element(padded, k) for k in range(longest)}
-    return arrays
+        count = longest if longest <= _MOST_ELEMENTS else 0
+        if elements is not None:
+            count = elements.get(name, 0)
+        if count:
+            padded = pc.list_slice(array, 0, count, return_fixed_size_list=True)
+            arrays |= {f"{name}[{k}]": pc.list_element(padded, k) for k in range(count)}
+        if 0 < count < longest:
+            longer.append(name)
+    return arrays, longer
 
 
 def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetColumn], list[str]]:

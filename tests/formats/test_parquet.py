@@ -190,6 +190,31 @@ def test_structures_and_lists(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("length", [3, 100])
+def test_lists_that_become_longer_are_reported(tmp_path: Path, length: int) -> None:
+    rows = time_columns.HEAD
+    lists = [[1.0, 2.0]] * rows + [[1.0] * length] * rows
+    table = {"time_s": np.arange(2 * rows) / 100, "v": lists}
+    found, source = columns(tmp_path / "a.parquet", table)
+    assert list(found) == ["v[0]", "v[1]"]
+    assert found["v[1]"].valid.all()
+    [finding] = source.findings
+    assert (finding.code, finding.names["columns"]) == ("nested-columns", "v from [2] on")
+
+
+@pytest.mark.parametrize("times", [{}, {"time": np.arange(4000) // 2 / 100}])
+def test_damage_behind_the_head_names_the_file(tmp_path: Path, times: dict[str, Any]) -> None:
+    path = tmp_path / "a.parquet"
+    table = pa.table(times | {"v": np.arange(4000) % 7 / 10})
+    pq.write_table(table, path, row_group_size=2000, use_dictionary=False)
+    place = pq.ParquetFile(path).metadata.row_group(1).column(len(times))
+    raw = bytearray(path.read_bytes())
+    raw[place.data_page_offset : place.data_page_offset + 20] = b"\xff" * 20
+    path.write_bytes(raw)
+    with pytest.raises(UserError, match=r"a\.parquet: damaged Parquet file"):
+        open_source(path, ReadOptions())
+
+
 def test_nested_columns_alone_are_the_reason(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="Nested columns are not read: axles"):
         columns(tmp_path / "a.parquet", {"time_s": SECONDS, "axles": [[{"v": 1.0}]] * N})
