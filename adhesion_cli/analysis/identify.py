@@ -141,9 +141,11 @@ def of_all_axles(
     moved = move_axles(vehicle, mean, identified.vehicle)
     if not vehicle.axles:
         return replace(identified, vehicle=moved)
-    used = identified.force_per_bar and force_per_bar(moved.of_axle(first))
-    stated = identified.stated_force_per_bar and force_per_bar(vehicle.of_axle(first))
-    return replace(identified, vehicle=moved, force_per_bar=used, stated_force_per_bar=stated)
+    used_force = identified.force_per_bar and force_per_bar(moved.of_axle(first))
+    stated_force = identified.stated_force_per_bar and force_per_bar(vehicle.of_axle(first))
+    return replace(
+        identified, vehicle=moved, force_per_bar=used_force, stated_force_per_bar=stated_force
+    )
 
 
 def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:

@@ -76,7 +76,9 @@ def _summarise_axle(slip: SlipOfLog, log: str, s: Summary) -> SlipSummary:
     start_ns = slip.result.log.start_ns()
     rails = {x.start: place.rail for place in s.places for x in place.slides}
     rail, delay = s.rail, s.delay
-    peak, mu, used = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
+    peak, mu, utilisation = (
+        (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
+    )
     constants = rail.constants.items() if rail else ()
     return SlipSummary(
         log=log,
@@ -91,8 +93,8 @@ def _summarise_axle(slip: SlipOfLog, log: str, s: Summary) -> SlipSummary:
         train_speed_late_s=delay and delay.value,
         train_speed_late_sigma_s=delay and delay.tolerance,
         regions=s.regions,
-        utilisation=used and used.value,
-        utilisation_ci=_limits(used),
+        utilisation=utilisation and utilisation.value,
+        utilisation_ci=_limits(utilisation),
         slides=tuple(
             summarise_slide(x, start_ns, slip.route, rails.get(x.start)) for x in s.slides
         ),

@@ -125,8 +125,8 @@ def _ed_share(stop: StopSummary, result: Result) -> Measured | None:
         t = axle.record.t
         pieces = []
         for s in axle.record.segments:
-            first, last = s.start + np.searchsorted(t[s], bounds)
-            pieces += [slice(int(first), int(last))] if last - first > 1 else []
+            first_row, last_row = s.start + np.searchsorted(t[s], bounds)
+            pieces += [slice(int(first_row), int(last_row))] if last_row - first_row > 1 else []
         works.append(brake_work(axle.record, result.vehicle, pieces))
     return motor_share(works, result.vehicle)
 
@@ -178,8 +178,8 @@ def _slides_of_axle(
         if stop.start_s <= t[x.samples.start] <= stop.end_s
     ]
     longest = max(inside, key=lambda x: x.duration, default=None)
-    first = min((start for start, _ in spans), default=math.nan)
-    begin = (t >= first) & (t <= first + _BEGIN) & np.isfinite(axle.reference.force)
+    first_start = min((start for start, _ in spans), default=math.nan)
+    begin = (t >= first_start) & (t <= first_start + _BEGIN) & np.isfinite(axle.reference.force)
     mean = float(np.mean(axle.reference.force[begin])) if begin.any() else None
     weight = vehicle.axle_mass.value * G
     return row._replace(

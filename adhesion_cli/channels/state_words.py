@@ -29,17 +29,17 @@ def as_levels(column: Column, meaning: Meaning | None) -> tuple[Column, tuple[st
     """
     if not column.words:
         return column, ()
-    zero = _OFF | (_OPEN if meaning == "hold_valve" else _CLOSED)
-    one = _ON | (_CLOSED if meaning == "hold_valve" else _OPEN)
+    off_words = _OFF | (_OPEN if meaning == "hold_valve" else _CLOSED)
+    on_words = _ON | (_CLOSED if meaning == "hold_valve" else _OPEN)
     folded = [word.casefold() for word in column.words]
-    known = zero | one
-    missing = {word for word in folded if word not in known and NO_VALUE.search(word)}
-    others = [word for word in dict.fromkeys(folded) if word not in zero | missing]
-    if all(word in one for word in others):
-        level_of = {word: float(word in one) for word in folded}
+    known_words = off_words | on_words
+    missing = {word for word in folded if word not in known_words and NO_VALUE.search(word)}
+    level_words = [word for word in dict.fromkeys(folded) if word not in off_words | missing]
+    if all(word in on_words for word in level_words):
+        level_of = {word: float(word in on_words) for word in folded}
     else:
         level_of = dict.fromkeys(folded, 0.0)
-        level_of |= {word: k for k, word in enumerate(sorted(others, key=_number_in), 1)}
+        level_of |= {word: k for k, word in enumerate(sorted(level_words, key=_number_in), 1)}
     level_of |= dict.fromkeys(missing, np.nan)
     numbers = np.array([level_of[word] for word in folded])
     value = np.full(len(column.t), np.nan)

@@ -306,14 +306,14 @@ def _without_rounding(report: _Report, value: Floats) -> Times:
     Samples share a stamp by rounding where no more samples came around it than elsewhere: rows that
     are written twice come on top. Each time is the mean of the stamps around it, the cycle apart.
     """
-    own = np.isfinite(value)
-    if np.count_nonzero(own) >= _FULL_SHARE * len(own):
-        own[:] = True
-    t, value = report.t[own], value[own]
+    is_finite = np.isfinite(value)
+    if np.count_nonzero(is_finite) >= _FULL_SHARE * len(is_finite):
+        is_finite[:] = True
+    t, value = report.t[is_finite], value[is_finite]
     steps = np.diff(t)
     inside = steps == 0
-    few = len(t) <= 4 * _NEAR or np.count_nonzero(~inside) < _LEAST_STAMPS
-    if few or not inside.any() or (steps < 0).any():
+    too_short_to_tell = len(t) <= 4 * _NEAR or np.count_nonzero(~inside) < _LEAST_STAMPS
+    if too_short_to_tell or not inside.any() or (steps < 0).any():
         return report.t
     changes = value[1:] != value[:-1]
     if np.count_nonzero(changes) * np.mean(inside) > 1.0 and not changes[inside].any():
@@ -330,8 +330,10 @@ def _without_rounding(report: _Report, value: Floats) -> Times:
     even_t = report.t.copy()
     width = _width(t - period * np.arange(len(t)), period)
     cuts = [0, *(np.flatnonzero(steps > limit) + 1), len(t)]
-    even_t[own] = np.concatenate([_mean_times(t[a:b], period, width) for a, b in pairwise(cuts)])
-    if (np.diff(even_t[own]) <= 0).any():
+    even_t[is_finite] = np.concatenate(
+        [_mean_times(t[a:b], period, width) for a, b in pairwise(cuts)]
+    )
+    if (np.diff(even_t[is_finite]) <= 0).any():
         return report.t
     _report_spread(report, t, tick, period)
     return even_t
@@ -356,8 +358,8 @@ def _mean_times(t: Times, period: float, width: int) -> Times:
     total = np.concatenate([[0.0], np.cumsum(t - t[0] - period * n)])
     reach = np.minimum(np.minimum(n, n[::-1]), width)  # as many on either side: no drift goes in
     reach = np.maximum(reach, min(_NEAR, len(t)))
-    first, last = np.maximum(n - reach, 0), np.minimum(n + reach + 1, len(t))
-    mean = (total[last] - total[first]) / (last - first)
+    first_row, last_row = np.maximum(n - reach, 0), np.minimum(n + reach + 1, len(t))
+    mean = (total[last_row] - total[first_row]) / (last_row - first_row)
     times: Times = t[0] + np.rint(period * n + mean).astype(np.int64)
     return times
 

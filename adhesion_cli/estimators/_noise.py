@@ -163,8 +163,8 @@ def is_counter(x: Noise) -> bool:
     """
     if x.readings < _COUNTER_READINGS or x.blocks >= 2.0 * x.variance:
         return False
-    some = x.slices.n >= _VARIANCE_READINGS
-    return not some or x.slices.size * x.slices.variance < 4.0 * x.variance
+    has_slices = x.slices.n >= _VARIANCE_READINGS
+    return not has_slices or x.slices.size * x.slices.variance < 4.0 * x.variance
 
 
 def learn(x: Noise, y: float, h: float, u: float, memory: float, known: float) -> Noise:

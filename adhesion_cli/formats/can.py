@@ -64,8 +64,8 @@ class _Database:
 
     def message(self, identifier: int, extended: bool) -> Any:
         """The message of an identifier, None for none; of J1939 that of its parameter group."""
-        own = self._by_id.get((identifier, extended))
-        return own or (self._by_group.get(_parameter_group(identifier)) if extended else None)
+        own_key = self._by_id.get((identifier, extended))
+        return own_key or (self._by_group.get(_parameter_group(identifier)) if extended else None)
 
     def identifier(self, frame: Frame) -> tuple[int, bool]:
         """The identifier of a frame; of one that the log names, that of the message."""
@@ -445,10 +445,10 @@ def _decoded(bits: NDArray[np.uint8], message: Any, signal: Any) -> tuple[Floats
     if offset:
         value += offset
     no_value = [k for k, text in (signal.choices or {}).items() if NO_VALUE.search(str(text))]
-    is_none = np.isin(raw, no_value) if no_value else np.zeros(len(raw), np.bool_)
+    is_no_value = np.isin(raw, no_value) if no_value else np.zeros(len(raw), np.bool_)
     if message.protocol == "j1939" and not signal.is_float and signal.length in _J1939_LENGTHS:
-        is_none |= raw >= 0xFE << (signal.length - 8)  # an error, or not available
-    return value, is_none
+        is_no_value |= raw >= 0xFE << (signal.length - 8)  # an error, or not available
+    return value, is_no_value
 
 
 def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools | None:

@@ -78,14 +78,14 @@ class TextLog:
         return self._trc if b";$FILEVERSION" in head or suffix == ".trc" else self._asc
 
     def __iter__(self) -> Iterator[Frame]:
-        number, line, before, frames, falls = 0, "", 0.0, 0, 0
+        number, line, last_time, frames, falls = 0, "", 0.0, 0, 0
         # Comments may be in any encoding; what frames are made of is ASCII.
         with self._path.open(encoding="latin-1", newline=None) as file:
             for number, line in enumerate(file, 1):
                 if not line.endswith("\n") and not _END_OF_BLOCK.match(line):
                     break  # a digit of its last byte may be missing
                 if frame := self._frame(number, line.strip()):
-                    frames, falls, before = frames + 1, falls + (frame.t < before), frame.t
+                    frames, falls, last_time = frames + 1, falls + (frame.t < last_time), frame.t
                     yield frame
         if falls > max(0.1 * frames, 1):  # differences rise and fall
             raise _relative(self._path)
@@ -120,19 +120,23 @@ class TextLog:
             return None
         t, is_fd = _number(tokens[0]), tokens[1] == "CANFD"
         bus = int(tokens[2 if is_fd else 1]) - 1
-        rest = tokens[3 if is_fd else 2 :]
-        if "errorframe" in (token.lower() for token in rest[:2]):
+        data_tokens = tokens[3 if is_fd else 2 :]
+        if "errorframe" in (token.lower() for token in data_tokens[:2]):
             return Frame(t, bus, 0, kind="error")
-        has_direction = len(rest) > 1 and rest[1] in _DIRECTIONS
-        if not has_direction and _EVENTS.match(rest[0]):
+        has_direction = len(data_tokens) > 1 and data_tokens[1] in _DIRECTIONS
+        if not has_direction and _EVENTS.match(data_tokens[0]):
             return None  # a message of such a name has a direction
         if is_fd:  # direction, identifier, perhaps a name, BRS, ESI, DLC, length
-            has_name = not rest[2].isdecimal()
-            text, size, data = rest[1], int(rest[5 + has_name]), rest[6 + has_name :]
+            has_name = not data_tokens[2].isdecimal()
+            text, size, data = (
+                data_tokens[1],
+                int(data_tokens[5 + has_name]),
+                data_tokens[6 + has_name :],
+            )
             is_remote = size == 0
         elif has_direction:  # identifier, direction, d or r, DLC
-            text, data, is_remote = rest[0], rest[4:], rest[2].lower() == "r"
-            size = 0 if is_remote else min(int(rest[3], self._base), 8)
+            text, data, is_remote = data_tokens[0], data_tokens[4:], data_tokens[2].lower() == "r"
+            size = 0 if is_remote else min(int(data_tokens[3], self._base), 8)
         else:
             raise ValueError
         octets, kind = self._bytes(data, size), "remote" if is_remote else "data"
@@ -282,16 +286,16 @@ class TextLog:
         Raises:
             UserError: for times that count from the frame before.
         """
-        words = line.strip("*").split()
-        if "RELATIVE" in words:
+        tokens_of_line = line.strip("*").split()
+        if "RELATIVE" in tokens_of_line:
             raise _relative(self._path)
-        if "DEC" in words:
+        if "DEC" in tokens_of_line:
             self._base = 10
-        if words[:3] == ["START", "DATE", "AND"]:
+        if tokens_of_line[:3] == ["START", "DATE", "AND"]:
             day, month, year, h, m, s = map(int, re.findall(r"\d+", line)[:6])
             self.start = datetime(year, month, day, h, m, s, tzinfo=UTC).timestamp()
             self._first = self.start % _DAY
-        elif "ABSOLUTE" in words:
+        elif "ABSOLUTE" in tokens_of_line:
             self._first = 0.0
 
     def _canhacker(self, line: str) -> Frame | None:

@@ -27,17 +27,19 @@ def open_mat(path: Path, options: ReadOptions) -> TextSource:
     Raises:
         UserError: where it cannot be read, or holds no numbers over time.
     """
-    others: list[str] = []
+    other_variables: list[str] = []
     source = open_text(
         "mat",
         path,
-        lambda path, text: others.extend(_LIBRARY.call(path, write_text, text)),
+        lambda path, text: other_variables.extend(_LIBRARY.call(path, write_text, text)),
         options,
     )
-    if others:
+    if other_variables:
         reason = "they are no vectors of the length that the time has"
-        names = {"groups": ", ".join(others[:6]), "reason": reason}
-        source.findings.append(Finding("group-not-read", "info", "", len(others), names=names))
+        names = {"groups": ", ".join(other_variables[:6]), "reason": reason}
+        source.findings.append(
+            Finding("group-not-read", "info", "", len(other_variables), names=names)
+        )
     return source
 
 
@@ -69,16 +71,20 @@ def write_text(path: Path, text: Path) -> list[str]:
     length = next((n for n in times if n > 1), lengths.most_common(1)[0][0] if lengths else 0)
     names = [name for name, x in columns.items() if len(x) == length]
     if not length or len(names) < 2:
-        found = ", ".join(f"{name} ({len(x)})" for name, x in list(columns.items())[:12]) or "none"
+        listed_names = (
+            ", ".join(f"{name} ({len(x)})" for name, x in list(columns.items())[:12]) or "none"
+        )
         raise UserError(
-            f"{path}: no two variables of numbers have one length (variables: {found})",
+            f"{path}: no two variables of numbers have one length (variables: {listed_names})",
             "save the time and the channels as vectors of one length",
         )
     table = np.column_stack([columns[name] for name in names])
     quoted = ",".join('"' + name.replace('"', "'") + '"' for name in names)
     np.savetxt(text, table, "%.17g", ",", header=quoted, comments="", encoding="utf-8")
-    others = [(name, x.shape) for name, x in arrays.items() if name not in names and x.size > 1]
-    return [f"{name} ({' x '.join(map(str, shape))})" for name, shape in others]
+    other_variables = [
+        (name, x.shape) for name, x in arrays.items() if name not in names and x.size > 1
+    ]
+    return [f"{name} ({' x '.join(map(str, shape))})" for name, shape in other_variables]
 
 
 def _columns(name: str, value: Any) -> Iterator[tuple[str, Any]]:

@@ -158,13 +158,15 @@ class Reader:
         unit = units.unit((self._mdf.get_channel_unit(group=g, index=i) or "s").strip())
         if unit is None or unit.dimension != "time":
             return None
-        first = float(self._mdf.get_master(g, record_offset=0, record_count=1)[0])
-        epochs = (scale for scale in (unit.factor, 1e-3, 1e-6, 1e-9) if _is_date(first * scale))
+        first_stamp = float(self._mdf.get_master(g, record_offset=0, record_count=1)[0])
+        epochs = (
+            scale for scale in (unit.factor, 1e-3, 1e-6, 1e-9) if _is_date(first_stamp * scale)
+        )
         scale = next(epochs, unit.factor)
-        channel, turn = self._mdf.groups[g].channels[i], 0.0
+        channel, counter_span = self._mdf.groups[g].channels[i], 0.0
         if channel.data_type in _UNSIGNED[self._is_version_4] and channel.bit_count in (32, 64):
-            turn = 2.0**channel.bit_count * scale * getattr(channel.conversion, "a", 1.0)
-        return _Master(i, scale, _is_date(first * scale), turn)
+            counter_span = 2.0**channel.bit_count * scale * getattr(channel.conversion, "a", 1.0)
+        return _Master(i, scale, _is_date(first_stamp * scale), counter_span)
 
     def _times(self, g: int, timestamps: Floats) -> tuple[Times, Bools]:
         """The times of a group [ns] of its time channel's values, and which of them hold."""

@@ -119,8 +119,8 @@ class Reader:
         self._device = _device([c.title for c in scalar], options, path)
         groups, findings = [scalar], tuple[Finding, ...]()
         try:
-            first, findings = self._axis(scalar, head, options)
-            axes = [first]
+            first_axis, findings = self._axis(scalar, head, options)
+            axes = [first_axis]
         except UserError as error:
             groups = _paired(self._columns)
             if len(groups) < 2 or options.time_channel:
@@ -143,8 +143,8 @@ class Reader:
         ]
         clock = axes[0].clock
         start = 2**62 if clock.absolute else 0  # only whether it has one counts
-        used = {c.root for c in self._columns if c.name in time_names or c in numbers}
-        skipped = [name for name in schema.names if name not in used]
+        used_roots = {c.root for c in self._columns if c.name in time_names or c in numbers}
+        skipped = [name for name in schema.names if name not in used_roots]
         reasons = {
             "columns": len(schema.names),
             "row groups": meta.num_row_groups,
@@ -217,13 +217,13 @@ class Reader:
         for k in axes:
             clock, columns_of_time = self._axes[k]
             t, ok = time_columns.times([arrays[c.name] for c in columns_of_time], clock)
-            used = is_device
+            is_used_row = is_device
             if len(self._axes) > 1:  # a pair that is shorter than others has empty rows
-                own = [arrays[c.name].is_valid() for c, axis in columns if axis == k]
-                used = is_device & np.any([ok, *map(np.asarray, own)], axis=0)
-            if untimed := int(np.count_nonzero(used & ~ok)):
+                own_valid = [arrays[c.name].is_valid() for c, axis in columns if axis == k]
+                is_used_row = is_device & np.any([ok, *map(np.asarray, own_valid)], axis=0)
+            if untimed := int(np.count_nonzero(is_used_row & ~ok)):
                 findings.append(Finding("time-unreadable", "warning", "", untimed))
-            rows[k] = used & ok
+            rows[k] = is_used_row & ok
             stamps.append(t[rows[k]])
         series = []
         for column, k in columns:
@@ -290,9 +290,9 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetCol
     while any(pa.types.is_struct(f.type) for f in fields):
         flat: list[Any] = []
         for f in fields:
-            parts = f.flatten() if pa.types.is_struct(f.type) else [f]
-            root_of |= {part.name: root_of[f.name] for part in parts}
-            flat += parts
+            pieces = f.flatten() if pa.types.is_struct(f.type) else [f]
+            root_of |= {piece.name: root_of[f.name] for piece in pieces}
+            flat += pieces
         fields = flat
     columns, nested = [], []
     for f, title in zip(
@@ -333,9 +333,13 @@ def _pair(name: str) -> tuple[str, str]:
     """
     if not re.fullmatch(r"\(('[^']*'(, )?)+\)", name):
         return name, ""
-    *parts, last = ast.literal_eval(name)
-    unit = last if parts and (units.unit(last) or units.rare_unit(last) or not last) else ""
-    return " ".join(part for part in (*parts, *([] if unit else [last])) if part), unit
+    *pieces, last_name = ast.literal_eval(name)
+    unit = (
+        last_name
+        if pieces and (units.unit(last_name) or units.rare_unit(last_name) or not last_name)
+        else ""
+    )
+    return " ".join(piece for piece in (*pieces, *([] if unit else [last_name])) if piece), unit
 
 
 def _device(names: Sequence[str], options: ReadOptions, path: Path) -> tuple[str, str] | None:

@@ -1,7 +1,7 @@
 """TDMS logs of LabVIEW and DIAdem, by npTDMS; runs in a process of its own."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -69,7 +69,8 @@ class _Columns(NamedTuple):
 
 
 _Axis = _Waves | _Columns
-_States = list[tuple[int, dict[str, Any]]]  # properties, and the sample from which on they hold
+_Properties = dict[str, Any]  # of a channel, a group or the file, by name
+_States = list[tuple[int, _Properties]]  # properties, and the sample from which on they hold
 
 
 class Reader:
@@ -131,15 +132,15 @@ class Reader:
         times = {name for axis in by_name.values() for name in axis.names}
         usable = [c for c, _ in channels.values() if c.name not in times]
         axis = self._time_channel(group.name, usable, waves)
-        rest = [c for c in usable if c.name not in {*by_name, *waves}]
-        rest = [c for c in rest if _is_number(c) or _is_time(c)]
-        if rest and axis is None:
+        other_channels = [c for c in usable if c.name not in {*by_name, *waves}]
+        other_channels = [c for c in other_channels if _is_number(c) or _is_time(c)]
+        if other_channels and axis is None:
             try:
-                axis = self._by_columns(group.name, rest)
+                axis = self._by_columns(group.name, other_channels)
             except UserError:
                 if not by_name and not waves:
                     raise
-                for channel in rest:
+                for channel in other_channels:
                     self._leave_out(channel, "it has no time", "info")
         if axis:
             times |= set(axis.names)
@@ -173,7 +174,7 @@ class Reader:
         Those of the group and the file hold where the channel has none of its own.
         """
         paths = "/", channel.path.rsplit("/", 1)[0], channel.path
-        by_path: dict[str, dict[str, Any]] = {path: {} for path in paths}
+        by_path: dict[str, _Properties] = {path: {} for path in paths}
         states: _States = [(0, {})]
         for rows, changed in self._changes:
             for path in (path for path in paths if path in changed):
@@ -194,27 +195,27 @@ class Reader:
         Raises:
             UserError: where both say a time and differ.
         """
-        stated = self._options.time_channel
-        is_stated = stated in {c.name for c in channels}
-        if not waves or (stated and not is_stated):
+        stated_channel = self._options.time_channel
+        has_stated_name = stated_channel in {c.name for c in channels}
+        if not waves or (stated_channel and not has_stated_name):
             return None
         by_default = any(w.pieces[-1].increment == _DEFAULT_INCREMENT for w in waves.values())
         names = [c for c in channels if _may_be_time(c, by_default)]
-        if not names and not is_stated:
+        if not names and not has_stated_name:
             return None
         try:
-            axis = self._by_columns(group, channels if is_stated else names)
+            axis = self._by_columns(group, channels if has_stated_name else names)
         except UserError:
-            if is_stated or by_default:
+            if has_stated_name or by_default:
                 raise
             return None
         steps = np.diff(self._by_clock(axis)[0]) / 1e9
         step = float(np.median(steps)) if len(steps) else 0.0
         for name, wave in list(waves.items()):
             increment = wave.pieces[-1].increment
-            if not is_stated and abs(step - increment) < 0.01 * increment:
+            if not has_stated_name and abs(step - increment) < 0.01 * increment:
                 continue
-            if not is_stated and increment != _DEFAULT_INCREMENT:
+            if not has_stated_name and increment != _DEFAULT_INCREMENT:
                 hint = f"channels.time.channel = {toml.value(axis.names[0])}"
                 raise UserError(
                     f"{self._path}: channel {name!r} states wf_increment = {increment:g} s, "
@@ -253,10 +254,14 @@ class Reader:
     def _damage(self) -> str:
         """What is wrong at the end of the file, which the library passes over; "" for nothing."""
         segments = self._file._reader._segments
-        end = segments[-1].next_segment_pos if segments else 0
+        end_row = segments[-1].next_segment_pos if segments else 0
         if self._file.file_status.incomplete_final_segment:
             return "the last segment is not complete"
-        return f"byte {end}: no segment begins there" if end < self._path.stat().st_size else ""
+        return (
+            f"byte {end_row}: no segment begins there"
+            if end_row < self._path.stat().st_size
+            else ""
+        )
 
     def _count_rows(self) -> int:
         """Samples of the longest channel of each group and time, in all."""
@@ -305,14 +310,16 @@ class Reader:
         """Times [ns] of a channel of n samples, and which of them hold."""
         if isinstance(axis, _Columns):
             return self._by_clock(axis)
-        parts = []
-        for wave, end in zip(axis.pieces, [*(w.row for w in axis.pieces[1:]), n], strict=True):
-            rows = np.arange(wave.row, max(min(end, n), wave.row), dtype=np.float64)
-            parts.append(nanoseconds(wave.time(rows), wave.start))
-        return np.concatenate([t for t, _ in parts]), np.concatenate([ok for _, ok in parts])
+        times_by_wave = []
+        for wave, end_row in zip(axis.pieces, [*(w.row for w in axis.pieces[1:]), n], strict=True):
+            rows = np.arange(wave.row, max(min(end_row, n), wave.row), dtype=np.float64)
+            times_by_wave.append(nanoseconds(wave.time(rows), wave.start))
+        return np.concatenate([t for t, _ in times_by_wave]), np.concatenate(
+            [ok for _, ok in times_by_wave]
+        )
 
 
-_Changes = list[tuple[dict[str, int], dict[str, dict[str, Any]]]]
+_Changes = list[tuple[dict[str, int], dict[str, _Properties]]]
 
 
 def _open_file(path: Path) -> tuple[Any, _Changes]:
@@ -369,15 +376,17 @@ def _waves(states: _States) -> _Waves | None:
         if pieces and pieces[-1][:3] == wave[:3]:
             continue
         if pieces and pieces[-1].increment == wave.increment:
-            before = pieces[-1]
-            late = (wave.start - before.start) / 1e9 + wave.offset - before.time(row)
-            if abs(late) < wave.increment / 2.0:
+            previous_piece = pieces[-1]
+            time_shift = (
+                (wave.start - previous_piece.start) / 1e9 + wave.offset - previous_piece.time(row)
+            )
+            if abs(time_shift) < wave.increment / 2.0:
                 continue
         pieces.append(wave)
     return _Waves(tuple(pieces)) if pieces else None
 
 
-def _wave(properties: Mapping[str, Any]) -> _Wave | None:
+def _wave(properties: _Properties) -> _Wave | None:
     """The time that these properties state, None where they state none."""
     increment = properties.get("wf_increment", 0.0)
     if not isinstance(increment, float | int) or not 0.0 < increment < 1e6:
@@ -393,7 +402,7 @@ def _wave(properties: Mapping[str, Any]) -> _Wave | None:
     return _Wave(ns if ns >= YEAR_1990 else 0, scale * start_offset, scale * float(increment))
 
 
-def _x_unit(properties: Mapping[str, Any]) -> str:
+def _x_unit(properties: _Properties) -> str:
     return str(properties.get("wf_xunit_string", "")).strip()
 
 
@@ -416,21 +425,23 @@ def _scaling_problem(file: Any, group: Any, channel: Any, states: _States) -> st
     from nptdms.scaling import get_scaling
 
     scalings = [{k: x for k, x in state.items() if _SCALING.match(k)} for _, state in states]
-    if any(later != scalings[0] for later in scalings[1:] if scalings[0]):
+    if any(other_scaling != scalings[0] for other_scaling in scalings[1:] if scalings[0]):
         return "its scaling or unit changes inside the file"
-    last = scalings[-1]
-    if last.get("NI_Scaling_Status", "unscaled") == "scaled":
+    last_scaling = scalings[-1]
+    if last_scaling.get("NI_Scaling_Status", "unscaled") == "scaled":
         return ""
-    types = [str(x) for k, x in last.items() if k.endswith("_Scale_Type")]
-    has_raw_data = channel.data_type is None or "NI_Scaling_Status" in last
+    types = [str(x) for k, x in last_scaling.items() if k.endswith("_Scale_Type")]
+    has_raw_data = channel.data_type is None or "NI_Scaling_Status" in last_scaling
     try:
-        known = get_scaling(channel.properties, group.properties, file.properties) is not None
+        is_known_scaling = (
+            get_scaling(channel.properties, group.properties, file.properties) is not None
+        )
     except Exception as error:  # whatever the library raises
         return f"scaling {', '.join(types)} lacks {error}"
-    own = [name for name in channel.properties if _MAY_SCALE.search(name)]
-    if own and not types and channel.dtype.kind in "iu":
-        return f"property {own[0]!r} may scale its raw numbers"
-    if known or not (types or (has_raw_data and channel.dtype.kind in "iu")):
+    scaling_names = [name for name in channel.properties if _MAY_SCALE.search(name)]
+    if scaling_names and not types and channel.dtype.kind in "iu":
+        return f"property {scaling_names[0]!r} may scale its raw numbers"
+    if is_known_scaling or not (types or (has_raw_data and channel.dtype.kind in "iu")):
         return ""
     return f"scaling {', '.join(types) or 'of its raw numbers'} is not known"
 

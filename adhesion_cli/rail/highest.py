@@ -47,9 +47,11 @@ def highest_mean(
     sigma = np.maximum(sigma, 1e-9 * max(float(np.abs(mean).max()), 1.0))
     top = int(np.argmax(mean - Z95 * sigma))
     highest, by_tolerance = float(mean[top]), Z95 * float(tolerance[top])
-    near = mean + _FAR * sigma > mean[top] - _FAR / 2.0 * sigma[top]
-    low, high = (_quantile(mean[near], sigma[near], share) for share in (0.025, 0.975))
-    return highest, math.hypot(max(high - highest, highest - low), by_tolerance)
+    candidates = mean + _FAR * sigma > mean[top] - _FAR / 2.0 * sigma[top]
+    lower, upper = (
+        _quantile(mean[candidates], sigma[candidates], share) for share in (0.025, 0.975)
+    )
+    return highest, math.hypot(max(upper - highest, highest - lower), by_tolerance)
 
 
 def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, Floats, Floats]:
@@ -65,8 +67,8 @@ def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, Floats, 
     if interval <= 0.501 * peak_time:
         mean, sigma = (_moving_mean(seconds, x, peak_time) for x in (r.force, r.sigma))
         if interval <= peak_time / 4.0 and r.impulse is not None and r.clamping is not None:
-            by_ends = np.hypot(_ROOT_2 * r.impulse / peak_time, r.clamping)
-            sigma = np.minimum(sigma, by_ends)
+            sigma_by_ends = np.hypot(_ROOT_2 * r.impulse / peak_time, r.clamping)
+            sigma = np.minimum(sigma, sigma_by_ends)
     block = np.floor(seconds / peak_time).astype(int)
     order = np.lexsort((mean + sigma, block))
     best = order[np.append(np.flatnonzero(np.diff(block[order])), len(order) - 1)]
@@ -76,19 +78,21 @@ def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, Floats, 
 def _moving_mean(t: Floats, x: Floats, width: float) -> Floats:
     """Mean of x over `width` about each time, by the trapezoidal rule; less at the ends; (n,)."""
     area = np.concatenate([[0.0], np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2.0)])
-    first, last = np.maximum(t - width / 2.0, t[0]), np.minimum(t + width / 2.0, t[-1])
-    mean: Floats = (np.interp(last, t, area) - np.interp(first, t, area)) / (last - first)
+    begins, ends_of_windows = np.maximum(t - width / 2.0, t[0]), np.minimum(t + width / 2.0, t[-1])
+    mean: Floats = (np.interp(ends_of_windows, t, area) - np.interp(begins, t, area)) / (
+        ends_of_windows - begins
+    )
     return mean
 
 
 def _quantile(mean: Floats, sigma: Floats, share: float) -> float:
     """What the largest of independent normal values is below, with this probability."""
-    low, high = float(np.max(mean - 4.0 * sigma)), float(np.max(mean + _FAR * sigma))
-    while high - low > 1e-9 * abs(high) + 1e-12:
-        middle = (low + high) / 2.0
-        above = 0.5 * _erfc((middle - mean) / (_ROOT_2 * sigma))
-        if float(np.sum(np.log1p(-np.minimum(above, 1.0 - 1e-16)))) < math.log(share):
-            low = middle
+    lower, upper = float(np.max(mean - 4.0 * sigma)), float(np.max(mean + _FAR * sigma))
+    while upper - lower > 1e-9 * abs(upper) + 1e-12:
+        middle = (lower + upper) / 2.0
+        exceedance = 0.5 * _erfc((middle - mean) / (_ROOT_2 * sigma))
+        if float(np.sum(np.log1p(-np.minimum(exceedance, 1.0 - 1e-16)))) < math.log(share):
+            lower = middle
         else:
-            high = middle
-    return (low + high) / 2.0
+            upper = middle
+    return (lower + upper) / 2.0

@@ -28,11 +28,11 @@ def brake_work(record: AxleRecord, vehicle: Vehicle, pieces: Iterable[slice]) ->
         vehicle: with its tolerances.
         pieces: of the record, over none of which a gap lies.
     """
-    own = vehicle.of_axle(record.axle)
-    phi, rim = own.friction.value, record.wheel_speed * vehicle.radius(record.axle).value
+    axle_vehicle = vehicle.of_axle(record.axle)
+    phi, rim = axle_vehicle.friction.value, record.wheel_speed * vehicle.radius(record.axle).value
     friction = record.friction_clamping_smooth
-    friction = friction * physics.friction_share(rim, friction, own)
-    terms = contributions(record, own, friction, np.zeros(len(rim)), rim)
+    friction = friction * physics.friction_share(rim, friction, axle_vehicle)
+    terms = contributions(record, axle_vehicle, friction, np.zeros(len(rim)), rim)
     spans = list(pieces)
 
     def work(force: Floats) -> float:

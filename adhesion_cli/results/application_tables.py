@@ -77,8 +77,8 @@ def application_tables(
     count = sum(len(axle.applications) for _, axles in logs for axle in axles)
     if not count:
         return [TitledTable(_TITLE, [], note="No brake application.")]
-    is_short = is_single and (count <= MANY_ROWS or len(logs[0][1]) == 1)
-    tables = _by_application(logs) if all_rows or is_short else _by_stop(logs)
+    fits_screen = is_single and (count <= MANY_ROWS or len(logs[0][1]) == 1)
+    tables = _by_application(logs) if all_rows or fits_screen else _by_stop(logs)
     for name, axles in logs:
         if len(axles) > MANY_AXLES:
             rows = non_empty([_named(name) | group_row(x) for x in group_axles(axles, cars)])
@@ -92,14 +92,14 @@ _Logs = Sequence[tuple[str, Sequence[AxleSummary]]]  # name, empty for one log, 
 def _by_stop(logs: _Logs) -> list[TitledTable]:
     """A row per stop of each log; of many the worst ones, these first."""
     stops = [(name, stop) for name, axles in logs for stop in find_stops(axles)]
-    shown, lead = stops, ""
+    shown_stops, lead = stops, ""
     has_slides = any(a.slides for _, stop in stops for a in stop.applications)
     if len(stops) > _SHOWN_STOPS or not logs[0][0]:
-        shown = sorted(stops, key=lambda pair: slide_severity(pair[1].worst), reverse=True)
-        shown = shown[:_SHOWN_STOPS]
+        shown_stops = sorted(stops, key=lambda pair: slide_severity(pair[1].worst), reverse=True)
+        shown_stops = shown_stops[:_SHOWN_STOPS]
         order = "most slip first" if has_slides else "highest µ first"
-        lead = f"{len(shown)} of {len(stops)} stops, {order}:"
-    rows = non_empty([_named(name) | stop_row(stop) for name, stop in shown])
+        lead = f"{len(shown_stops)} of {len(stops)} stops, {order}:"
+    rows = non_empty([_named(name) | stop_row(stop) for name, stop in shown_stops])
     note = f"{_OF_STOPS} --rows shows every brake application of every axle."
     tables = [TitledTable(_TITLE, rows, note=note, lead=lead)]
     if has_slides:

@@ -301,9 +301,9 @@ def _verdicts(group: str, limit: GroupLimit, x: Statistic) -> Iterator[LimitVerd
     if (top := limit.highest) is not None:
         verdict = _decide(mean - top, u95)
         yield LimitVerdict(group, limit.quantity, top, "max", mean, u95, verdict, source)
-    if (least := limit.lowest) is not None:
-        verdict = _decide(least - mean, u95)
-        yield LimitVerdict(group, limit.quantity, least, "min", mean, u95, verdict, source)
+    if (least_value := limit.lowest) is not None:
+        verdict = _decide(least_value - mean, u95)
+        yield LimitVerdict(group, limit.quantity, least_value, "min", mean, u95, verdict, source)
 
 
 def _decide(excess: float, u95: float) -> Verdict:

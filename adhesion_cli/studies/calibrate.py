@@ -548,9 +548,9 @@ def _log_names(braked: Sequence[ApplicationDeceleration]) -> list[str]:
     """
     first_of_log = [i for i, a in enumerate(braked) if i == 0 or a.log != braked[i - 1].log]
     paths = [Path(braked[i].log).with_suffix("") for i in first_of_log]
-    alike = len({path.name for path in paths}) < len(paths)
+    has_equal_names = len({path.name for path in paths}) < len(paths)
     names = [""] * len(braked)
     for k in range(0, len(paths), -(-len(paths) // _NAMES)):
-        name = "/".join(paths[k].parts[-1 - alike :])
+        name = "/".join(paths[k].parts[-1 - has_equal_names :])
         names[first_of_log[k]] = name if len(name) <= _LETTERS else f"…{name[1 - _LETTERS :]}"
     return names

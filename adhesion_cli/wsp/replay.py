@@ -256,11 +256,11 @@ def _impulse(result: Result, braking: _Braking) -> tuple[Floats | None, list[Fin
     F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
     vehicle = _equal_axle(result)
     impulse = _KNOT_INTERVAL * np.cumsum(F) / (len(result.axles) * vehicle.axle_mass.value)
-    by_axles, lost = float(impulse[-1]), float(braking.speed[0] - braking.speed[-1])
-    if by_axles > 0.0 and abs(lost / by_axles - 1.0) < STATED_SIGMAS * tolerance(vehicle):
+    by_axles, speed_loss = float(impulse[-1]), float(braking.speed[0] - braking.speed[-1])
+    if by_axles > 0.0 and abs(speed_loss / by_axles - 1.0) < STATED_SIGMAS * tolerance(vehicle):
         return impulse, []
     span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()
-    values = {"lost_mps": lost, "explained_mps": by_axles}
+    values = {"lost_mps": speed_loss, "explained_mps": by_axles}
     spans = ((span[0], span[1]),)
     return impulse, [Finding("replay-axles-differ", "warning", spans=spans, values=values)]
 
@@ -283,13 +283,13 @@ def _with_resistance(
     """
     if impulse is None:
         return track
-    lost = braking.speed[0] - braking.speed - scale * impulse
+    speed_loss = braking.speed[0] - braking.speed - scale * impulse
     seconds = (braking.t - braking.t[0]) * 1e-9
     squares = _KNOT_INTERVAL * np.cumsum(braking.speed**2)
     both = np.column_stack([seconds, squares])
-    resistance, drag = np.linalg.lstsq(both, lost, rcond=None)[0].tolist()
+    resistance, drag = np.linalg.lstsq(both, speed_loss, rcond=None)[0].tolist()
     if drag < 0.0:  # of noise: no drag pushes
-        resistance, drag = float(np.sum(lost * seconds) / np.sum(seconds**2)), 0.0
+        resistance, drag = float(np.sum(speed_loss * seconds) / np.sum(seconds**2)), 0.0
     mean = float(braking.speed[0] - braking.speed[-1]) / max(float(seconds[-1]), _KNOT_INTERVAL)
     return track._replace(resistance=resistance + error * mean, drag=drag)
 

@@ -30,8 +30,8 @@ _FACTOR_BEFORE_BRACKET = re.compile(rf"[\s_](?P<factor>{TIMES}\s*{NUMBER})$")
 
 def _has_factor_unread(text: str) -> bool:
     """Whether a text is a unit with a number of which it is not known what it does: "bar x10"."""
-    parts = re.split(rf"[-\d.,\s/…]+|{TIMES}", text)
-    return any(c.isdigit() for c in text) and any(map(unit, parts))
+    pieces = re.split(rf"[-\d.,\s/…]+|{TIMES}", text)
+    return any(c.isdigit() for c in text) and any(map(unit, pieces))
 
 
 # Of "[bar] x10" it is not known whether the values are to be multiplied, or are already.
@@ -40,12 +40,12 @@ _FACTOR_BEHIND_BRACKET = re.compile(rf"\s*(?:{TIMES}|/)\s*{NUMBER}\s*$")
 
 def unknown_in(name: str) -> str:
     """What a name has in its last brackets, if it is no known unit and no index, "" for nothing."""
-    behind = re.split(r"[\])）】}>]", name)[-1]
-    if behind and behind != name and _FACTOR_BEHIND_BRACKET.match(behind):
-        return f"{_BRACKETS.findall(name)[-1]}{behind}"
-    at_end = _RANGE_AT_END.search(name.strip())
-    if at_end and _has_factor_unread(at_end["text"]):
-        return at_end["text"]
+    suffix = re.split(r"[\])）】}>]", name)[-1]
+    if suffix and suffix != name and _FACTOR_BEHIND_BRACKET.match(suffix):
+        return f"{_BRACKETS.findall(name)[-1]}{suffix}"
+    match = _RANGE_AT_END.search(name.strip())
+    if match and _has_factor_unread(match["text"]):
+        return match["text"]
     inside = [text.strip() for text in _BRACKETS.findall(name)]
     return inside[-1] if inside and not (unit(inside[-1]) or inside[-1].isdecimal()) else ""
 
@@ -86,10 +86,10 @@ def _in_brackets(name: str) -> tuple[str, str] | None:
 
 def _with_number(name: str) -> tuple[str, str] | None:
     """The base of a name and the unit with a number at its end, "" where that may be a range."""
-    if (at_end := _FACTOR_AT_END.search(name)) and unit(at_end["text"]):
-        return name[: at_end.start()].strip(" _-,/"), at_end["text"].strip()
-    if (at_end := _RANGE_AT_END.search(name)) and _has_factor_unread(at_end["text"]):
-        return name[: at_end.start()].strip(" _-,/"), ""
+    if (match := _FACTOR_AT_END.search(name)) and unit(match["text"]):
+        return name[: match.start()].strip(" _-,/"), match["text"].strip()
+    if (match := _RANGE_AT_END.search(name)) and _has_factor_unread(match["text"]):
+        return name[: match.start()].strip(" _-,/"), ""
     return None
 
 
@@ -130,16 +130,19 @@ def contradicting(text: str, names: Sequence[str], meaning: Meaning) -> str:
 
     Only `text` need say that a pressure counts from vacuum.
     """
-    stated = unit_for(text, meaning)
+    stated_unit = unit_for(text, meaning)
     for name in names:
-        own, said = in_name(name)[1], ""
-        brackets = [text for text in _BRACKETS.findall(name) if not own.endswith(text)]
-        for said in (own, *brackets):
+        own_unit, said = in_name(name)[1], ""
+        brackets = [text for text in _BRACKETS.findall(name) if not own_unit.endswith(text)]
+        for said in (own_unit, *brackets):
             candidate = unit_for(said, meaning)
             if (
-                stated
+                stated_unit
                 and candidate
-                and (candidate[1:3] != stated[1:3] or (candidate.offset and not stated.offset))
+                and (
+                    candidate[1:3] != stated_unit[1:3]
+                    or (candidate.offset and not stated_unit.offset)
+                )
             ):
                 return str(said)
     return ""

@@ -188,8 +188,8 @@ def alternative_units(
     channel: Channel, vehicle: Vehicle, fits: Callable[[float], bool]
 ) -> list[str]:
     """Usual units a channel may be in instead, given by how much larger its values may be."""
-    stated = UNITS.get(channel.unit.strip().lower())
-    if stated is None or channel.meaning is None:
+    stated_unit = UNITS.get(channel.unit.strip().lower())
+    if stated_unit is None or channel.meaning is None:
         return []
     R = vehicle.radius(channel.axle or 1).value
     names = []
@@ -197,7 +197,7 @@ def alternative_units(
         unit = UNITS[name.lower()]
         rim_factor = {"speed": 1.0, "angular speed": R}
         ratio = unit.factor * rim_factor.get(unit.dimension, 1.0)
-        ratio /= stated.factor * rim_factor.get(stated.dimension, 1.0)
+        ratio /= stated_unit.factor * rim_factor.get(stated_unit.dimension, 1.0)
         if abs(math.log(ratio)) > 0.1 and fits(ratio):
             names.append(name)
     return names

@@ -121,8 +121,8 @@ class Parser:
         remaining = np.ones(len(text), bool)
         if self.table.dialect.has_remarks:
             for k in np.flatnonzero(cells == width + 1).tolist():
-                behind = data.rindex(delimiter.encode(), starts[k], line_ends[k])
-                remaining[behind : line_ends[k]] = False
+                comment_start = data.rindex(delimiter.encode(), starts[k], line_ends[k])
+                remaining[comment_start : line_ends[k]] = False
                 cells[k] = width
         irregular = np.flatnonzero((cells != width) | (line_ends == starts))
         kinds: dict[str, list[int]] = {}

@@ -29,8 +29,8 @@ def forms_of(cells: Sequence[str], forms: Mapping[str, str], order: str | None =
     sample = cells[:: len(cells) // _SAMPLE + 1]
     count = {}
     for name, pattern in forms.items():
-        is_stated = order not in ("ymd", "dmy", "mdy") or name.endswith(order)
-        hits = sum(bool(re.fullmatch(pattern, c)) for c in sample) if is_stated else 0
+        is_stated_order = order not in ("ymd", "dmy", "mdy") or name.endswith(order)
+        hits = sum(bool(re.fullmatch(pattern, c)) for c in sample) if is_stated_order else 0
         if hits and hits >= READABLE * len(sample):
             count[name] = int(stamps(pa.array(cells), pattern)[1].sum())
     largest = max(count.values(), default=0)
@@ -53,8 +53,8 @@ def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str] |
         names = list(forms)
         american = re.search(r"(?i)[ap]\.?\s?m", cells[0])
         form = next((x for x in names if x.endswith("mdy") and american), names[0])
-        first = "month" if form.endswith("mdy") else "day"
-        return form, f"the log has one date, read with the {first} first"
+        first_field = "month" if form.endswith("mdy") else "day"
+        return form, f"the log has one date, read with the {first_field} first"
     plausible = [name for name, n in length.items() if n <= _LONGEST_LOG]
     if len(plausible) == 1:
         return plausible[0], "the only order in which the dates are near"

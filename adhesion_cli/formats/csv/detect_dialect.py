@@ -66,13 +66,15 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     if directive and options.delimiter is None:
         reasons["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
     rows = [(number, _cells(text, delimiter, width)) for number, text in body]
-    above = [(number, split(text, delimiter)) for number, text in preamble]
+    rows_above = [(number, split(text, delimiter)) for number, text in preamble]
     of_width = [cells for _, cells in rows if len(cells) == width]
     decimal, reasons["decimal"] = _decimal(of_width, width, options, path)
     table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
-    above += rows[: header.top]
-    labels = {kind: cells for _, cells in above if len(cells) > 1 and (kind := label(cells[0]))}
+    rows_above += rows[: header.top]
+    labels = {
+        kind: cells for _, cells in rows_above if len(cells) > 1 and (kind := label(cells[0]))
+    }
     if not header.names and "names" in labels:
         header.names = [["", *labels["names"][1:]]]
     data = table.of_width(header.start)
@@ -83,9 +85,9 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     _refuse_grouped(data, names, decimal, options, path)
     leading_lines = lines_before(table, header)
     reasons["header"] = _why_header(table, header, options)
-    units, why = _units_row(rows, header, labels)
-    if why:
-        reasons["units row"] = why
+    units, units_reason = _units_row(rows, header, labels)
+    if units_reason:
+        reasons["units row"] = units_reason
     if comment := next((m[1] for _, text in lines if (m := COMMENT.match(text))), ""):
         reasons["comments"] = f"lines starting with {comment!r} (seen in the head)"
     if count := leading_lines.get("preamble"):
@@ -105,13 +107,13 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         bool(header.names),
         rows[header.start][0],
         leading_lines,
-        metadata(above),
+        metadata(rows_above),
         data,
         reasons,
         removals,
         labels,
         any(len(h) > width and h[width].casefold() in REMARKS for h in header.names),
-        tuple(cells[0] for _, cells in above[_first_segment(preamble) :]) if preamble else (),
+        tuple(cells[0] for _, cells in rows_above[_first_segment(preamble) :]) if preamble else (),
     )
 
 

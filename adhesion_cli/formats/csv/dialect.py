@@ -55,10 +55,12 @@ class Dialect:
 
     def mark(self, index: int) -> str:
         """The decimal mark of a column: that of the log, unless its cells have only the other."""
-        cells, other = self.column(index), "." if self.decimal == "," else ","
-        marked = any(other in c for c in cells) and not any(self.decimal in c for c in cells)
+        cells, other_mark = self.column(index), "." if self.decimal == "," else ","
+        marked = any(other_mark in c for c in cells) and not any(self.decimal in c for c in cells)
         return (
-            other if marked and all(map(number_grammar(other).fullmatch, cells)) else self.decimal
+            other_mark
+            if marked and all(map(number_grammar(other_mark).fullmatch, cells))
+            else self.decimal
         )
 
     def numbers(self, index: int) -> list[float]:

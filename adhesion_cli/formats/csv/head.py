@@ -121,9 +121,9 @@ def _with_line_ends(lines: list[Line]) -> list[Line]:
     for k, (number, text) in enumerate(lines):
         if re.match(r'\s*"?[+-]?[0-9]', text):
             return [*joined, *lines[k:]]
-        before = joined[-1][1] if joined else ""
-        if _OPEN_QUOTE.search(before) and before.count("\n") < _MOST_LINE_ENDS:
-            joined[-1] = joined[-1][0], f"{before}\n{text}"
+        previous_text = joined[-1][1] if joined else ""
+        if _OPEN_QUOTE.search(previous_text) and previous_text.count("\n") < _MOST_LINE_ENDS:
+            joined[-1] = joined[-1][0], f"{previous_text}\n{text}"
         else:
             joined.append((number, text))
     return joined

@@ -97,14 +97,14 @@ class Losses:
             return
         rows = {k: np.concatenate(loss.places) for k, loss in losses.items() if loss}
         marked = np.concatenate([*rows.values(), np.empty(0, np.int64)]).astype(np.int64)
-        others = np.delete(value, marked)
-        others = others[np.isfinite(others)]
-        has_own_mark = bool((others % 1.0 != 0.0).any())
+        plain_values = np.delete(value, marked)
+        plain_values = plain_values[np.isfinite(plain_values)]
+        has_own_mark = bool((plain_values % 1.0 != 0.0).any())
         is_sound = len(rows.get(DIGITS, ())) <= max(_FEW_UNREAD, _MOST_UNREAD * len(value))
         if OTHER_MARK in rows:
             is_sound &= not has_own_mark
         elif IN_GROUPS in rows:
-            is_sound &= bool(len(others)) and bool((np.abs(others) < 1_000.0).all())
+            is_sound &= bool(len(plain_values)) and bool((np.abs(plain_values) < 1_000.0).all())
             value[rows[IN_GROUPS]] = np.rint(value[rows[IN_GROUPS]] * 1_000.0)
         if (unread := losses[DIGITS]) and is_sound:
             self.cells[i, NO_NUMBER] = _joined(self.cells.get((i, NO_NUMBER)), unread)
@@ -141,8 +141,10 @@ def _joined(loss: _Loss | None, other: _Loss) -> _Loss:
     """Two losses of a column as one; the first cell of both is its example."""
     if loss is None:
         return other
-    first = min(loss, other, key=lambda x: x.line)
-    return _Loss(first.line, first.text, loss.count + other.count, [*loss.places, *other.places])
+    first_loss = min(loss, other, key=lambda x: x.line)
+    return _Loss(
+        first_loss.line, first_loss.text, loss.count + other.count, [*loss.places, *other.places]
+    )
 
 
 def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Span, ...]:

@@ -201,11 +201,11 @@ class CsvSource:
             return t
         clocks = pa.array([first_clock, *(clock for _, clock in read.segments)])
         starts, ok = stamps(clocks, CLOCKS["colons"])
-        after_first = (starts[1:] - starts[0]) % (86_400 * 10**9)
-        if not ok.all() or (np.diff(after_first) <= 0).any():
+        offsets = (starts[1:] - starts[0]) % (86_400 * 10**9)
+        if not ok.all() or (np.diff(offsets) <= 0).any():
             return t
         rows = np.array([row for row, _ in read.segments])
-        shifts = np.append(0, after_first)[np.searchsorted(rows, np.arange(len(t)), side="right")]
+        shifts = np.append(0, offsets)[np.searchsorted(rows, np.arange(len(t)), side="right")]
         return np.asarray(t + shifts)
 
     def _of_digits(self, t: Times) -> Times:

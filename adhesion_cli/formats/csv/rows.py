@@ -111,8 +111,8 @@ def count_times(table: CsvTable, parsed: ParsedBlock, count: int) -> int:
     """
     if not table.clock.step:
         return 0
-    lost = [lines for kind, lines in parsed.dropped.items() if kind in SKIPPED]
-    samples = np.unique(np.concatenate([parsed.lines, *lost]))
+    skipped_lines = [lines for kind, lines in parsed.dropped.items() if kind in SKIPPED]
+    samples = np.unique(np.concatenate([parsed.lines, *skipped_lines]))
     rows = count + np.searchsorted(samples, parsed.lines)
     parsed.times = table.clock.start + rows * table.clock.step
     return count + len(samples)
@@ -123,11 +123,11 @@ def _numbers_of(array: Any, timed: Bools, words: list[str]) -> Floats:
 
     Words that are new are appended, in the order in which they occur.
     """
-    used = pc.if_else(pa.array(timed), pc.utf8_trim_whitespace(array), None)
-    encoded = used.dictionary_encode()
+    used_cells = pc.if_else(pa.array(timed), pc.utf8_trim_whitespace(array), None)
+    encoded = used_cells.dictionary_encode()
     met = encoded.dictionary.to_pylist()
-    new = [word for word in met if word not in words]
-    words += new[: MOST_WORDS - len(words)]
+    new_words = [word for word in met if word not in words]
+    words += new_words[: MOST_WORDS - len(words)]
     number_of = {word: float(k) for k, word in enumerate(words)}
     numbers: Floats = np.array([*(number_of.get(word, np.nan) for word in met), np.nan])
     indices: NDArray[np.int64] = np.asarray(pc.fill_null(encoded.indices, len(met)))

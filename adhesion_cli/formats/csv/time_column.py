@@ -188,10 +188,10 @@ class _ClockSearch:
             number = cells[0].removesuffix(suffix).strip().replace(",", ".")
             texts = [suffix, *labels.get("interval_unit", []), *cells[1:], labels[kind][0]]
             candidates = (units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts)
-            stated = [unit for unit in candidates if unit]
-            if any(unit.dimension != dimension for unit in stated):
+            stated_units = [unit for unit in candidates if unit]
+            if any(unit.dimension != dimension for unit in stated_units):
                 continue
-            factor = stated[0].factor if stated else 1.0
+            factor = stated_units[0].factor if stated_units else 1.0
             if number_grammar(".").fullmatch(number) and (value := float(number) * factor) > 0.0:
                 step = round(_S * (value if kind == "interval" else 1.0 / value))
                 reason = f"rows are counted; {step / _S:g} s apart by {labels[kind][0]!r}"
@@ -213,25 +213,27 @@ class _ClockSearch:
         """The clock of columns from year to second, or of seconds and a fraction of them."""
         dialect, columns = self.dialect, dict[str, int]()
         for i, name in enumerate(dialect.names):
-            if part := time_part(name):
-                columns.setdefault(part, i)
-        fraction = [part for part in "lNu" if part in columns][:1]
-        whole = next((p for p in ("ymdHMS", "HMS", "S" * len(fraction)) if {*p} <= {*columns}), "")
-        parts = [*whole, *fraction]
-        used = tuple(columns[part] for part in parts)
-        patterns = [rf"(?P<{p}>[0-9]{{1,{_DIGITS.get(p, 2)}}})(?:[.,]0*)?" for p in parts]
+            if field := time_part(name):
+                columns.setdefault(field, i)
+        fraction = [field for field in "lNu" if field in columns][:1]
+        whole_fields = next(
+            (p for p in ("ymdHMS", "HMS", "S" * len(fraction)) if {*p} <= {*columns}), ""
+        )
+        fields = [*whole_fields, *fraction]
+        used_columns = tuple(columns[field] for field in fields)
+        patterns = [rf"(?P<{p}>[0-9]{{1,{_DIGITS.get(p, 2)}}})(?:[.,]0*)?" for p in fields]
         if not fraction:
             patterns[-1:] = [r"(?P<S>[0-9]{1,2})(?:[.,](?P<f>[0-9]+))?"]
         pattern = " ".join(patterns)
-        cells = self._joined(used) if whole else []
+        cells = self._joined(used_columns) if whole_fields else []
         if not forms_of(cells, {"": pattern}) or (np.diff(read(cells, pattern)) < 0).any():
             return None
         if not fraction and not re.search("[.,]", cells[-1]) and len(set(cells)) < len(cells):
             return None
-        names = " + ".join(repr(dialect.names[i]) for i in used)
-        absolute = "y" in parts or read(cells[:1], pattern)[0] >= _EPOCH_S[0] * _S
+        names = " + ".join(repr(dialect.names[i]) for i in used_columns)
+        absolute = "y" in fields or read(cells[:1], pattern)[0] >= _EPOCH_S[0] * _S
         reason = f"parts of the time in {names}"
-        return Clock(used, "", pattern, dialect.decimal, absolute, reason, pa.string())
+        return Clock(used_columns, "", pattern, dialect.decimal, absolute, reason, pa.string())
 
     def _joined(self, columns: Sequence[int]) -> list[str]:
         """The cells of several columns, joined by blanks, of rows that have all of them."""
@@ -317,8 +319,8 @@ class _ClockSearch:
             numbers = values or (self.dialect.numbers(k) if _rises(self.dialect, k) else [])
             units = self._usual_units(numbers) or self._usual_units(numbers, 0.0)
             if units:
-                others = f" (or {', '.join(units[1:])})" * (len(units) > 1)
-                return f"{_stated_time(self.dialect.names[k], units[0])}{others}"
+                other_units = f" (or {', '.join(units[1:])})" * (len(units) > 1)
+                return f"{_stated_time(self.dialect.names[k], units[0])}{other_units}"
         return "export the log with a column of times, in seconds or as 2026-11-21 13:05:07.250"
 
     def unreadable(self, i: int) -> UserError:
@@ -441,13 +443,15 @@ class _ClockSearch:
 
         It is one where the stamps have no fraction.
         """
-        parts = {time_part(name): i for i, name in enumerate(self.dialect.names)}
-        part = next((p for p in "lNu" if p in parts and parts[p] not in columns), None)
-        if part is None or any(re.search(r"[0-9][.,][0-9]+\D*$", c) for c in self._joined(columns)):
+        fields = {time_part(name): i for i, name in enumerate(self.dialect.names)}
+        field = next((p for p in "lNu" if p in fields and fields[p] not in columns), None)
+        if field is None or any(
+            re.search(r"[0-9][.,][0-9]+\D*$", c) for c in self._joined(columns)
+        ):
             return columns, pattern
-        longer = (*columns, parts[part])
+        longer = (*columns, fields[field])
         unnamed = re.sub(r"\?P<[flu]>", "?:", pattern)
-        with_part = rf"{unnamed} (?P<{part}>[0-9]{{1,{_DIGITS[part]}}})"
+        with_part = rf"{unnamed} (?P<{field}>[0-9]{{1,{_DIGITS[field]}}})"
         return (
             (longer, with_part)
             if forms_of(self._joined(longer), {"": with_part})

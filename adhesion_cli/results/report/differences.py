@@ -66,8 +66,8 @@ def friction_groups(runs: Sequence[ReportRun]) -> list[FrictionGroup]:
 
 def friction_findings(runs: Sequence[ReportRun]) -> list[Finding]:
     """That runs have different brakes, so that one vehicle is wrong for some of them."""
-    stated = any(run.summary.vehicle.source == "stated" for run in runs)
-    files = ["my-train.toml"] * stated
+    has_stated_vehicle = any(run.summary.vehicle.source == "stated" for run in runs)
+    files = ["my-train.toml"] * has_stated_vehicle
     return find_friction_differs(_grouped(runs), friction_groups(runs), files)
 
 

@@ -208,9 +208,9 @@ def _states(
                 fields[cast(Meaning, match[2]), axle] = field
     states = []
     for (meaning, axle), c in zip(fields, source.columns([*fields.values()]), strict=True):
-        t, used = (c.t - start) * np.float64(1e-9), np.isfinite(c.value)
-        words = levels.get((meaning, axle), ())
-        states.append(LoggedState(meaning, axle, t[used], c.value[used], words))
+        t, is_used_row = (c.t - start) * np.float64(1e-9), np.isfinite(c.value)
+        level_words = levels.get((meaning, axle), ())
+        states.append(LoggedState(meaning, axle, t[is_used_row], c.value[is_used_row], level_words))
     return states
 
 

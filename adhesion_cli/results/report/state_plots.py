@@ -48,13 +48,13 @@ def draw_lanes(fig: figure, states: Sequence[LoggedState]) -> dict[str, list[Any
         )
         edges, colour = ("begin", "stop", "bottom", "top"), palette.nth(i)
         style = {"fill_color": colour, "line_color": colour}
-        drawn = fig.quad(*edges, source=source, **style)
+        renderer = fig.quad(*edges, source=source, **style)
         name = title = TITLES[state.meaning]
         if len(state.levels) > len(("off", "on")):
             name = f"{title}: {', '.join(state.levels[1:])}"
         tips = [(title, "@state"), ("from", "@begin{0.00} s"), ("to", "@stop{0.00} s")]
-        fig.add_tools(HoverTool(renderers=[drawn], tooltips=tips))
-        items[name] = [drawn]
+        fig.add_tools(HoverTool(renderers=[renderer], tooltips=tips))
+        items[name] = [renderer]
     fig.y_range = Range1d(-0.1, len(states))
     fig.yaxis.ticker = []
     fig.ygrid.grid_line_color = None
@@ -77,8 +77,8 @@ def stretches(state: LoggedState) -> tuple[Floats, Floats, Floats]:
     lowest, highest = (f.reduceat(value, edges) for f in (np.minimum, np.maximum))
     values = np.where(highest >= -lowest, highest, lowest)
     stops = np.append(t[edges[1:]], t[-1])
-    shown = values != 0.0
-    return t[edges][shown], stops[shown], values[shown]
+    is_acting = values != 0.0
+    return t[edges][is_acting], stops[is_acting], values[is_acting]
 
 
 def _word(state: LoggedState, value: float) -> str:

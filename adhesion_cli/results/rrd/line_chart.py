@@ -44,8 +44,8 @@ def find_bars(result: Result, route: Route, slides: Mapping[int, Sequence[Slide]
             positions.append(route.positions.at(record.t[s]))
             coefficients.append(physics.coefficient(force[s], result.vehicle, record.axle))
     position, mu = np.concatenate(positions), np.concatenate(coefficients)
-    known = np.isfinite(position) & np.isfinite(mu)
-    position, mu, slides_at = position[known], mu[known], np.concatenate(slid)
+    has_place = np.isfinite(position) & np.isfinite(mu)
+    position, mu, slides_at = position[has_place], mu[has_place], np.concatenate(slid)
     way = _bar_way(float(np.ptp(position)) if len(position) else 0.0)
     bins, place = np.unique(np.floor(position / way), return_inverse=True)
     counts = np.bincount(place, minlength=len(bins))
@@ -62,15 +62,15 @@ def send_chart(rec: rr.RecordingStream, path: str, bars: LineBars) -> None:
         path: of the chart.
         bars: from `find_bars`.
     """
-    for name, shown, colour in (
+    for name, is_in_series, colour in (
         ("rolls", ~bars.slid, palette.SKY),
         ("slides", bars.slid, palette.VERMILLION),
     ):
-        if shown.any():
+        if is_in_series.any():
             chart = rr.BarChart(
-                bars.coefficient[shown],
-                abscissa=bars.position[shown] / 1e3,
-                widths=np.full(int(shown.sum()), bars.way / 1e3, np.float32),
+                bars.coefficient[is_in_series],
+                abscissa=bars.position[is_in_series] / 1e3,
+                widths=np.full(int(is_in_series.sum()), bars.way / 1e3, np.float32),
                 color=palette.rgba(colour),
             )
             rec.log(f"{path}/{name}", chart, static=True)
@@ -89,6 +89,6 @@ def chart_view(origin: str, route: Route) -> rrb.View:
 
 def _bar_way(length: float) -> float:
     """A round way of a bar, so that a chart of this length has few enough [m]."""
-    least = max(length / _BARS, _SHORTEST)
-    power = 10.0 ** math.floor(math.log10(least))
-    return next(x * power for x in _ROUND if x * power >= least * (1.0 - 1e-9))
+    least_width = max(length / _BARS, _SHORTEST)
+    power = 10.0 ** math.floor(math.log10(least_width))
+    return next(x * power for x in _ROUND if x * power >= least_width * (1.0 - 1e-9))
