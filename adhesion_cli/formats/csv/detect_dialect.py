@@ -72,9 +72,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
     rows_above += rows[: header.top]
-    labels = {
-        kind: cells for _, cells in rows_above if len(cells) > 1 and (kind := label(cells[0]))
-    }
+    labels = {kind: x for _, x in rows_above if len(x) > 1 and (kind := label(x[0]))}
     if not header.names and "names" in labels:
         header.names = [["", *labels["names"][1:]]]
     data = table.of_width(header.start)
