@@ -31,6 +31,15 @@ def states(t, K, y, unit=1.0):
     return found
 
 
+def accuracy(t, K, y, F, start):
+    """Rmse against F [N] from `start` [s] on, and the share of samples whose band holds F."""
+    ns = np.round(t * 1e9).astype(np.int64)
+    force, sigma, _ = compiled.batch(IMM, P, W, ns, K, y, np.array([0]))
+    braked = t > start
+    error = (force - F)[braked]
+    return np.sqrt(np.mean(error**2)), np.mean(np.abs(error) < Z95 * sigma[braked])
+
+
 def learned(readings):
     """What is known of the noise of these readings, one every `H`."""
     noise = _noise.initial_noise(0.02, readings[0])
@@ -72,13 +81,9 @@ def test_vibration_at_500_hz_is_no_slide():
         + 0.03 * np.sin(2.0 * np.pi * 9.0 * t)
         + np.random.default_rng(4).normal(0.0, 1e-3, len(t))
     )
-    force, sigma, _ = compiled.batch(
-        IMM, P, W, np.round(t * 1e9).astype(np.int64), K, read, np.array([0])
-    )
-    braked = t > 6.0
-    error = (force - F)[braked]
-    assert np.sqrt(np.mean(error**2)) < 0.01 * F[-1]
-    assert np.mean(np.abs(error) < Z95 * sigma[braked]) > 0.9
+    rmse, inside = accuracy(t, K, read, F, 6.0)
+    assert rmse < 0.01 * F[-1]
+    assert inside > 0.9
 
 
 def test_learns_the_step_of_a_display():
@@ -133,13 +138,9 @@ def test_rounding_at_10_khz_is_no_certainty():
     t = np.arange(0.0, 6.0, 1e-4)
     K, y, F = rolling_brake(t)
     read = np.round(y / 0.3) * 0.3
-    force, sigma, _ = compiled.batch(
-        IMM, P, W, np.round(t * 1e9).astype(np.int64), K, read, np.array([0])
-    )
-    braked = t > 3.0
-    error = (force - F)[braked]
-    assert np.sqrt(np.mean(error**2)) < 0.08 * F[-1]
-    assert np.mean(np.abs(error) < Z95 * sigma[braked]) > 0.9
+    rmse, inside = accuracy(t, K, read, F, 3.0)
+    assert rmse < 0.08 * F[-1]
+    assert inside > 0.9
 
 
 def test_a_wheel_that_stands_shows_no_noise():

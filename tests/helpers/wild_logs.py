@@ -187,8 +187,8 @@ def marks(rng: random.Random) -> Iterator[WildLog]:
 def unit_cells(rng: random.Random) -> Iterator[WildLog]:
     """Numbers with their unit behind them."""
     for gap in (" ", "", " ", " ", ""):
-        time = [f"{x:.3f}{gap}s" if rng.random() < 1 else "" for x in T]
-        time = time if gap or rng.random() < 0.5 else [f"{x:.3f}" for x in T]
+        behind = f"{gap}s" if gap or rng.random() < 0.5 else ""
+        time = [f"{x:.3f}{behind}" for x in T]
         values = [[f"{x:.2f}{gap}{u}" for x in y] for y, u in ((P, "bar"), (V, "km/h"))]
         yield WildLog("log.csv", table([["Time", "BC pressure", "wheel speed"]], [time, *values]))
 

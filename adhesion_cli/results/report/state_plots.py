@@ -50,7 +50,7 @@ def draw_lanes(fig: figure, states: Sequence[LoggedState]) -> dict[str, list[Any
         style = {"fill_color": colour, "line_color": colour}
         renderer = fig.quad(*edges, source=source, **style)
         name = title = TITLES[state.meaning]
-        if len(state.levels) > len(("off", "on")):
+        if len(state.levels[1:]) > 1:  # more than off and on
             name = f"{title}: {', '.join(state.levels[1:])}"
         tips = [(title, "@state"), ("from", "@begin{0.00} s"), ("to", "@stop{0.00} s")]
         fig.add_tools(HoverTool(renderers=[renderer], tooltips=tips))
