@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.model import AxleResult, Floats, Log, Parameter, Result, Track, Vehicle
+from ..core.model import AxleResult, Floats, Log, Parameter, Result, Vehicle
 from ..core.physics import G, wheelset
 from ..core.summary import AxleStop, BrakeApplication, Measured, StopSummary
 from ..rail.locks import locks_of_axle
+from ..records.faults import Window
 from ..records.route import find_route
 from ..reference.brake_work import brake_work, motor_share
 from ..stops.find import find_brakings
@@ -17,6 +18,7 @@ from ..stops.measure import ToLevel, measure_stop
 from ..stops.settings import StopSettings
 from ..stops.signals import StopSignals, TimeSeries, of_log, of_records
 from ..train.track import Gradient, find_gradient
+from .settings import Settings
 
 _BEGIN = 0.1  # over which the initial adhesion is a mean [s]
 _UNKNOWN_GRADIENT = Parameter(0.0, 3.0)  # of a line of which nothing is stated [‰]
@@ -42,22 +44,28 @@ def stops_of_result(
     return tuple(replace(stop, ed_share=_ed_share(stop, result)) for stop in stops_with_slides)
 
 
-def stops_of_log(
-    log: Log, vehicle: Vehicle, settings: StopSettings, track: Track
-) -> tuple[StopSummary, ...]:
+def stops_of_log(log: Log, settings: Settings, window: Window) -> tuple[StopSummary, ...]:
     """The stops of a log without wheel speeds, or without brakes.
 
     Args:
         log: with its channels' meanings.
-        vehicle: for the rotating mass.
-        settings: how stops are measured.
-        track: the line, as stated.
+        settings: the vehicle for the rotating mass, the line, and how stops are measured.
+        window: seconds after the log's start, from and to.
     """
-    signals = of_log(log, vehicle)
+    signals = of_log(log, settings.vehicle)
     if signals is None:
         return ()
-    gradient = find_gradient(log, track)
-    return tuple(_placed(_measured(signals, vehicle, settings, gradient, log.start_ns()), log))
+    start, stop = window
+    speed = signals.speed.cut(
+        -math.inf if start is None else start, math.inf if stop is None else stop
+    )
+    if not len(speed.t):
+        return ()
+    gradient = find_gradient(log, settings.track)
+    stops = _measured(
+        signals._replace(speed=speed), settings.vehicle, settings.stops, gradient, log.start_ns()
+    )
+    return tuple(_placed(stops, log))
 
 
 def _placed(stops: Iterable[StopSummary], log: Log) -> Iterator[StopSummary]:

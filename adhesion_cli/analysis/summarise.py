@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import AxleResult, Channel, Floats, Result
+from ..core.model import AxleResult, Channel, Floats, IdentifiedVehicle, Log, Result
 from ..core.summary import (
     AxleSummary,
     BrakeApplication,
@@ -19,8 +21,11 @@ from ..core.summary import (
 )
 from ..core.text import iso
 from ..rail.highest import PEAK_TIME
+from ..records.faults import Window
 from ..records.route import find_route
 from ..stops.settings import StopSettings
+from .request import open_log, read_log
+from .settings import Settings
 
 
 def summarise(
@@ -38,28 +43,72 @@ def summarise(
     from .stops_of_log import stops_of_result  # slow to import, and only results need it
 
     braked = brake_applications(result) if braked is None else braked
-    log = result.log
-    used_channels = [c for c in log.channels if c.meaning]
-    start_ns = log.start_ns()
-    stop_ns = max((int(c.data.t.max()) for c in used_channels if len(c.data.t)), default=start_ns)
     return ResultSummary(
-        LogSummary(
-            log.path,
-            log.format,
-            log.sha256,
-            iso(start_ns) if log.absolute else None,
-            (stop_ns - start_ns) / 1e9,
-            log.rows_read,
-            _rows_used(result),
-        ),
+        _summarise_log(result.log, _rows_used(result)),
         outputs,
         summarise_vehicle(result.identified),
         tuple(_summarise_axle(a, braked[a.record.axle]) for a in result.axles),
-        tuple(map(summarise_channel, used_channels)),
+        _used_channels(result.log),
         tuple(map(summarise_finding, result.findings)),
         result.brake,
         stops_of_result(result, braked.values()),
     )
+
+
+def summarise_stops(
+    path: Path, settings: Settings, window: Window, refusal: UserError
+) -> tuple[Log, ResultSummary]:
+    """A log that has no axle to analyse, and the summary of its stops.
+
+    Args:
+        path: the log.
+        settings: what is stated.
+        window: seconds after the log's start, from and to.
+        refusal: why no axle can be analysed; the log's findings name it.
+
+    Raises:
+        UserError: the refusal, where the log has no stop.
+    """
+    from .stops_of_log import stops_of_log
+
+    settings, source = open_log(path, settings)
+    log = read_log(source, settings)
+    stops = stops_of_log(log, settings, window)
+    if not stops:
+        raise refusal
+    reason = refusal.text.removeprefix(f"{log.path}: ").partition(" (")[0]
+    remark = Finding("stops-alone", "info", names={"reason": reason})
+    log = replace(log, findings=(*log.findings, remark))
+    vehicle = IdentifiedVehicle(settings.vehicle, "default", None, known=False)
+    summary = ResultSummary(
+        _summarise_log(log, 0),
+        {},
+        summarise_vehicle(vehicle),
+        (),
+        _used_channels(log),
+        tuple(map(summarise_finding, log.findings)),
+        stops=stops,
+    )
+    return log, summary
+
+
+def _summarise_log(log: Log, rows_used: int) -> LogSummary:
+    used = [c.data.t for c in log.channels if c.meaning and len(c.data.t)]
+    start_ns = log.start_ns()
+    stop_ns = max((int(t.max()) for t in used), default=start_ns)
+    return LogSummary(
+        log.path,
+        log.format,
+        log.sha256,
+        iso(start_ns) if log.absolute else None,
+        (stop_ns - start_ns) / 1e9,
+        log.rows_read,
+        rows_used,
+    )
+
+
+def _used_channels(log: Log) -> tuple[ChannelSummary, ...]:
+    return tuple(summarise_channel(c) for c in log.channels if c.meaning)
 
 
 def _summarise_axle(axle: AxleResult, braked: Sequence[BrakeApplication]) -> AxleSummary:

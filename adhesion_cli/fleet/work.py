@@ -14,11 +14,11 @@ import pyarrow as pa
 from ..analysis import settings
 from ..analysis.analyze import analyze
 from ..analysis.outputs import stem, write_results
-from ..analysis.summarise import summarise
+from ..analysis.summarise import summarise, summarise_stops
 from ..core import bundled, threads
 from ..core.annotated import Json
 from ..core.errors import UserError, as_user_error
-from ..core.model import Result
+from ..core.model import Log, Result
 from ..core.summary import FailedLog, ResultSummary
 from ..core.text import printable
 from ..formats.open import check_kind
@@ -155,13 +155,20 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, 
     Raises:
         UserError: it cannot be analysed, or has changed since it was identified.
     """
-    result = analyze(path, load_settings(job), job.algos, job.axles, job.window, train_speed=True)
-    if result.log.sha256 != item.sha256:
-        hint = "run again when the logger has closed it"
-        raise UserError(f"{path}: the file changed during the run", hint)
-    result = replace(result, log=replace(result.log, path=item.log.name))
-    summary = summarise(result, {})
-    _record(result, summary, recordings(item, job))
+    stated, name = load_settings(job), item.log.name
+    try:
+        result = analyze(path, stated, job.algos, job.axles, job.window, train_speed=True)
+    except UserError as refusal:
+        if job.axles:
+            raise
+        log, summary = summarise_stops(path, stated, job.window, refusal)
+        summary = replace(summary, log=summary.log._replace(path=name))
+        _check_unchanged(log, item)
+    else:
+        _check_unchanged(result.log, item)
+        result = replace(result, log=replace(result.log, path=name))
+        summary = summarise(result, {})
+        _record(result, summary, recordings(item, job))
     by_name = {
         "applications": tables.applications([summary]),
         "stops": tables.stops([summary]),
@@ -169,6 +176,13 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, 
         "findings": tables.findings([summary]),
     }
     return summary, {name: tables.packed(_of_run(rows, job)) for name, rows in by_name.items()}
+
+
+def _check_unchanged(log: Log, item: Item) -> None:
+    """Raises UserError where a log has changed since it was identified."""
+    if log.sha256 != item.sha256:
+        hint = "run again when the logger has closed it"
+        raise UserError(f"{log.path}: the file changed during the run", hint)
 
 
 def _of_run(table: Any, job: Job) -> Any:

@@ -9,15 +9,13 @@ from .. import __version__
 from ..analysis.analyze import analyze
 from ..analysis.identify import identify_together
 from ..analysis.prepare import Window
-from ..analysis.request import open_log, read_log
 from ..analysis.settings import Settings
-from ..analysis.stops_of_log import stops_of_log
-from ..analysis.summarise import summarise
+from ..analysis.summarise import summarise, summarise_stops
 from ..core.annotated import Json, as_json
 from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import IdentifiedVehicle, Log, LogBrake
+from ..core.model import IdentifiedVehicle, LogBrake
 from ..core.summary import FailedLog, summarise_finding
 from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from ..results.geojson import MapOfLog, map_of_log
@@ -147,13 +145,9 @@ def _map(
     axles, window = request
     try:
         result = analyze(path, settings, [_ALGO], axles, window, identified=identified)
-    except UserError as refused:
-        of_log, source = open_log(path, settings)
-        log: Log = read_log(source, of_log)
-        stops = stops_of_log(log, of_log.vehicle, of_log.stops, of_log.track)
-        if not stops:
-            raise refused from None
-        return map_of_log(log, stops, ()), log.findings, None
+    except UserError as refusal:
+        log, summary = summarise_stops(path, settings, window, refusal)
+        return map_of_log(log, summary.stops, ()), log.findings, None
     summary = summarise(result, {})
     return map_of_log(result.log, summary.stops, summary.axles), result.findings, result.brake
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from hashlib import sha256 as hash_of
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,10 @@ from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import FailedLog
 from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
-from adhesion_cli.fleet.locations import find
+from adhesion_cli.fleet.locations import LogLocation, find
 from adhesion_cli.fleet.processes import Processes
 from adhesion_cli.fleet.run import FleetProgress, run
-from adhesion_cli.fleet.work import Job
+from adhesion_cli.fleet.work import Item, Job, analysed
 from adhesion_cli.results import tables
 
 
@@ -101,6 +103,36 @@ def test_the_tables_hold_what_analyze_gives(logs: Path, first: tuple[Path, Fleet
         mine = [row for row in of(first[0], name) if row["log"] == str(log)]
         assert expected.num_rows
         assert [{k: row[k] for k in expected.schema.names} for row in mine] == expected.to_pylist()
+
+
+@pytest.mark.parametrize("pressure", [True, False])
+def test_a_log_without_wheel_speeds_has_its_stops(tmp_path: Path, pressure: bool) -> None:
+    log, header = tmp_path / "train.csv", "time [s],train speed [km/h]"
+    rows = [f"{t / 20},{min(max(90 - 3.6 * (t / 20 - 10), 0), 90)}" for t in range(900)]
+    if pressure:
+        header += ",brake cylinder pressure [bar]"
+        rows = [f"{row},{3 * min(max(t / 20 - 9.5, 0), 1)}" for t, row in enumerate(rows)]
+    log.write_text("\n".join([header, *rows, ""]))
+    job = JOB._replace(window=(2.0, 44.0))
+    outcome = analysed(
+        Item(LogLocation("train.csv", str(log)), hash_of(log.read_bytes()).hexdigest()), job
+    )
+    assert (outcome.row.status, outcome.row.error) == ("ok", None)
+    by_name = {
+        name: parquet.read_table(BytesIO(x)).to_pylist() for name, x in outcome.files.items()
+    }
+    (stop,) = by_name["stops"]
+    assert (stop["log"], stop["valid"]) == ("train.csv", True)
+    assert stop["distance_m_value"] == pytest.approx(324.0 if pressure else 313.0, rel=0.01)
+    assert not by_name["applications"]
+    assert not by_name["estimators"]
+    (remark,) = (x for x in by_name["findings"] if x["code"] == "stops-alone")
+    assert "no channel is a wheel speed" in remark["message"]
+    assert str(tmp_path) not in remark["message"]
+    refused = analysed(Item(LogLocation("train.csv", str(log)), ""), job._replace(axles=(7,)))
+    assert refused.row.status == "error"
+    outside = job._replace(window=(0.0, 5.0))
+    assert analysed(Item(LogLocation("train.csv", str(log)), ""), outside).row.status == "error"
 
 
 def test_a_second_run_tries_only_what_failed(
