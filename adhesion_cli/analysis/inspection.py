@@ -84,12 +84,20 @@ def inspect_log(path: Path | Signals, settings: Settings) -> LogInspection:
         start=iso(start_ns) if log.absolute and log.channels else None,
         duration_s=(stop_ns - start_ns) / 1e9,
         time=source.time_reason,
-        stated={k: v for k, v in source.reasons.items() if k != "time"},
+        stated=_stated(source, log),
         channels=tuple(map(_inspect_channel, log.channels)),
         findings=tuple(map(summarise_finding, findings)),
     )
     code = 3 if any(f.lossy for f in findings) else 0
     return LogInspection(summary, code, findings, log, vehicle)
+
+
+def _stated(source: Source, log: Log) -> dict[str, object]:
+    """What the log states beside its channels, and as what its columns of words are used."""
+    stated = {k: v for k, v in source.reasons.items() if k != "time"}
+    uses = {c.name: f"used as {c.meaning}" for c in log.channels if c.levels}
+    columns = (f"{f.channel} ({uses.get(f.channel, 'not used')})" for f in source.texts)
+    return stated | ({"words": ", ".join(columns)} if source.texts else {})
 
 
 def _inspect_channel(c: Channel) -> InspectedChannel:

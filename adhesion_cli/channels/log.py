@@ -1,7 +1,7 @@
 """A log file as channels with meaning, in SI, on clean time axes."""
 
 import hashlib
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from ..core.model import (
     Vehicle,
 )
 from ..formats.memory import MemorySource
-from ..formats.source import Source
+from ..formats.source import TAKEN_AS_UTC, Source
 from .meaning import Mapping, Meant, name, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
@@ -139,7 +139,16 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
         for c in log.channels
         if not c.data.valid.any()
     ]
-    return replace(log, channels=with_samples, findings=(*log.findings, *empty))
+    findings = (*log.findings, *empty, *_not_copied(source))
+    return replace(log, channels=with_samples, findings=findings)
+
+
+def _not_copied(source: Source) -> Iterator[Finding]:
+    """What a copy of a log does not hold, or holds only as a guess."""
+    if source.absolute and TAKEN_AS_UTC in source.time_reason:
+        yield Finding("zone-not-stated", "info")
+    if lines := source.reasons.get("preamble"):
+        yield Finding("preamble-not-copied", "info", names={"lines": str(lines)})
 
 
 def needed(

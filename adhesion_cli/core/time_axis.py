@@ -401,18 +401,21 @@ def from_digits(t: Times) -> Times | None:
     >>> from_digits(np.array([5_958, 5_959, 10_000, 10_001]) * 10**9) // 10**9
     array([3598, 3599, 3600, 3601])
     """
-    hundred = 100 * 10**9
-    if not len(t) or t.min() < 0 or (second := t % hundred).max() >= 60 * 10**9:
+    minutes, ns = np.divmod(t, 100 * 10**9)
+    if not len(t) or t.min() < 0 or ns.max() >= 60 * 10**9 or (minutes % 100).max() >= 60:
         return None
-    minute, hour = t // hundred % 100, t // hundred // 100
-    if minute.max() >= 60:
-        return None
-    clock = hour * _HOUR + minute * 60 * 10**9 + second
-    turns = np.flatnonzero(np.diff(t // hundred) > 0)
+    clock = seconds_of_digits(t)
+    turns = np.flatnonzero(np.diff(minutes) > 0)
     steps = np.diff(clock)
     limit = gap_limit(steps[steps > 0])
     is_proven = len(turns) and np.mean((steps[turns] <= limit) & (np.diff(t)[turns] > limit)) > 0.5
     return clock if is_proven else None
+
+
+def seconds_of_digits(t: Times) -> Times:
+    """The time of day [ns] whose digits, HHMMSS, are read as seconds [ns]."""
+    minutes, ns = np.divmod(t, 100 * 10**9)
+    return np.asarray(minutes // 100 * _HOUR + minutes % 100 * (60 * 10**9) + ns)
 
 
 def _restarts(t: Times, newest: Times) -> tuple[int, ...]:

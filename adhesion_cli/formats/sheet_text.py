@@ -95,11 +95,15 @@ def write_text(path: Path, target: Path, sheet_name: str | None, decimal: str | 
         hidden_sheets += [name] * (not is_visible)
     else:
         sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
-        hint = f"state the sheet, as {option('NAME')}; sheets: {sheets}"
+        hint = f"state the sheet, as {option(book.names[0])}; sheets: {sheets}"
         raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
     place = f"{path}: sheet {name!r}"
     if not columns:
-        raise UserError(f"{place} is empty", f"state another sheet, as {option('NAME')}")
+        others = [x for x in book.names if x != name]
+        hint = "give a workbook with a log"
+        if others:
+            hint = f"state another sheet, as {option(others[0])}"
+        raise UserError(f"{place} is empty", hint)
     if any(c.text[_HEAD:].null_count == len(c.text[_HEAD:]) for c in columns):
         _refuse_valueless(path, name, place)
     while len(columns) > 2 and len(columns[-1].text) - columns[-1].text.null_count < 2:

@@ -9,6 +9,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Column
 
+TAKEN_AS_UTC = "taken as UTC"  # in the reason for a clock of unknown zone
 TimeSource = Literal["log", "publish", "header"]  # the clocks of an MCAP message
 
 

@@ -35,3 +35,12 @@ def test_an_mcap_without_messages_is_one(tmp_path: Path) -> None:
     summary = inspect(path, settings.load()).summary
     assert (summary.format, summary.status) == ("mcap", "error")
     assert inspect(tmp_path / "none.mcap", settings.load()).summary.format is None
+
+
+def test_columns_of_words_are_named_with_their_use(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 100},{k % 7},{'on' if k > 90 else 'off'},ok\n" for k in range(300))
+    path = tmp_path / "log.csv"
+    path.write_text("t [s],bc pressure [bar],WSP active,state\n" + rows)
+    stated = inspect(path, settings.load()).summary.stated
+    assert stated["words"] == "WSP active (used as wsp_active), state (not used)"
+    assert "not numeric" not in stated

@@ -237,3 +237,13 @@ def test_the_hint_on_a_missing_unit_can_be_given_as_it_stands(
     for settings in (load(assignments=stated), load(Path("c.toml"))):
         log = read(open_source(path, ReadOptions()), settings.mappings, Vehicle())
         assert [c.axle for c in log.channels if c.meaning == "pressure"] == [1, 2]
+
+
+def test_a_copy_says_what_it_lacks_and_what_it_assumes(tmp_path: Path) -> None:
+    rows = "".join(f"24.11.2026 10:15:0{k},2\n" for k in range(9))
+    (tmp_path / "a.csv").write_text(f"Train;A7\nRoute;north\ntime,p [bar]\n{rows}")
+    copied = unchanged(open_source(tmp_path / "a.csv", ReadOptions()), ())
+    assert {f.code for f in copied.findings} == {"zone-not-stated", "preamble-not-copied"}
+    zoned = rows.replace(",", "+01:00,")
+    (tmp_path / "a.csv").write_text(f"time,p [bar]\n{zoned}")
+    assert not unchanged(open_source(tmp_path / "a.csv", ReadOptions()), ()).findings

@@ -7,6 +7,8 @@ import pyarrow as pa
 
 from ...core.errors import UserError
 from ...core.finding import Finding
+from ...core.model import Bools, Times
+from ...core.time_axis import from_digits, seconds_of_digits
 from ..source import Field
 from .block_parser import ParsedBlock, Parser
 from .cells import NO_NUMBER, OTHER_MARK
@@ -15,6 +17,7 @@ from .losses import Losses
 from .reader import CsvSource
 from .rows import Groups, classify_untimed, count_times
 
+_RECENT = 100  # rows that show the usual interval
 _NEW_FILE = "let the logger begin a new file where its columns change; start `live` on that file"
 
 Row = tuple[int, dict[int, float]]  # time [ns]; values by place in what was wanted
@@ -38,6 +41,8 @@ class ArrivingCsv:
         self._first_time: int | None = None  # time of the first row [ns]
         self._newest_time = 0  # and of the newest
         self._sample_count = 0  # rows, where they are counted
+        self._recent = np.empty(0, np.int64)  # newest times as numbers, while these may be digits
+        self._offset: int | None = None  # of a clock in digits, once it is proven [ns]
         self.lost: list[Finding] = []  # what was left out; whoever reads it may empty it
         self.restart(self._table.dialect.first_line - 1)
 
@@ -62,11 +67,25 @@ class ArrivingCsv:
         except UserError as error:  # nobody can split a log that still grows
             raise UserError(error.text, _NEW_FILE) from None
 
+    def _of_digits(self, t: Times, timed: Bools) -> Times:
+        """The times; those of a clock in digits go on from before its first full minute."""
+        clock = self._table.clock
+        if self._offset is None and clock.unit and not clock.absolute:
+            numbers = np.append(self._recent, t[timed])
+            if (of_day := from_digits(numbers)) is not None:
+                self._offset = int(numbers[0] - of_day[0])
+                name, example = self._table.dialect.names[clock.columns[0]], str(numbers[-1] / 1e9)
+                names = {"example": example}
+                self.lost.append(Finding("time-digits", "info", name, names=names))
+            self._recent = numbers[-_RECENT:]
+        return t if self._offset is None else seconds_of_digits(t) + self._offset
+
     def _parsed(self, block: LineBlock) -> Iterator[Row]:
         parsed = self._parser.parse(block)
         if not parsed.timed.all():
             self._classify_untimed(parsed)
         self._sample_count = count_times(self._table, parsed, self._sample_count)
+        parsed.times = self._of_digits(parsed.times, parsed.timed)
         timed = parsed.timed.copy()
         codes = Groups(self._keys, self._series).codes(parsed, timed)
         row_times = parsed.times[timed]

@@ -92,7 +92,7 @@ class Parser:
         clock, decimal = self.table.clock, self.table.dialect.decimal
         for i, pattern in self.table.dialect.removals.items():
             if i in arrays and pa.types.is_string(arrays[i].type):
-                arrays[i] = pc.replace_substring_regex(arrays[i], pattern, "")
+                arrays[i] = pc.replace_substring_regex(arrays[i], pattern, r"\1")
         times, timed = np.zeros(len(lines), np.int64), np.ones(len(lines), np.bool_)
         if clock.columns:
             times, timed = clock.nanoseconds([arrays[i] for i in clock.columns])

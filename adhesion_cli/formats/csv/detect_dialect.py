@@ -11,7 +11,7 @@ from .dialect import (
     COMMENT,
     Dialect,
     fit,
-    is_clock_in_groups,
+    group_mark,
     is_comment,
     is_null,
     is_number,
@@ -80,7 +80,6 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     refuse_table_above(table, header.top)
     refuse_width(table, header, used_width)
     names = column_names(header.names, used_width)
-    _refuse_grouped(data, names, decimal, options, path)
     leading_lines = lines_before(table, header)
     reasons["header"] = _why_header(table, header, options)
     units, units_reason = _units_row(rows, header, labels)
@@ -93,6 +92,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
     removals = _clean(data, units)
+    _refuse_grouped(data, names, decimal, options, path)
     return Dialect(
         encoding,
         bom,
@@ -148,7 +148,7 @@ def _clean(rows: list[list[str]], units: list[str]) -> dict[int, str]:
         if pattern:
             removals[i] = pattern
             for row in rows:
-                row[i] = re.sub(pattern, "", row[i])
+                row[i] = re.sub(pattern, r"\1", row[i])
     return removals
 
 
@@ -160,8 +160,9 @@ def _needless(cells: list[str]) -> tuple[str, str]:
     """
     suffix, count = Counter(map(unit_behind, cells)).most_common(1)[0] if cells else ("", 0)
     if suffix and count >= len(cells) / 2:
-        return suffix, rf"\s*{re.escape(suffix)}\s*$"
-    return "", "[., ']" if is_clock_in_groups(cells) else ""
+        return suffix, rf"()\s*{re.escape(suffix)}\s*$"
+    mark = group_mark(cells)
+    return "", rf"{re.escape(mark)}([0-9]{{3}})\b" if mark else ""
 
 
 def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], list[Line]]:
@@ -260,8 +261,10 @@ def _decimal(
     commas = 0  # columns with decimal commas, less those with decimal points
     example = ""
     for i in range(width):
-        cells = [row[i] for row in rows]
-        comma, dot = ([c for c in cells if m in c and is_number(c)] for m in ",.")
+        cells = [c for row in rows if is_number(c := row[i])]
+        if group_mark(cells):
+            continue
+        comma, dot = ([c for c in cells if m in c] for m in ",.")
         if comma or dot:
             commas += 1 if len(comma) > len(dot) else -1
         example = example or (comma[0] if comma else "")

@@ -40,7 +40,8 @@ class Dialect:
     metadata: dict[str, str]  # key: value lines of the preamble
     rows: list[list[str]]  # data rows of the head, each as wide as `names`, without `removals`
     reasons: dict[str, str]
-    removals: dict[int, str] = field(default_factory=dict)  # pattern of what numbers do not need
+    # what numbers do not need, by column: a pattern, of which group 1 stays
+    removals: dict[int, str] = field(default_factory=dict)
     labels: dict[str, list[str]] = field(default_factory=dict)  # rows above the table, see `label`
     has_remarks: bool = False  # a row may have a comment behind its cells
     segments: tuple[str, ...] = ()  # first cells of a header that comes again, as in LVM files
@@ -122,23 +123,25 @@ def plain(text: str) -> str:
     return _DASH.sub("-", _GAP.sub("'", text)).translate(_PLAIN)
 
 
-def is_clock_in_groups(cells: Sequence[str]) -> bool:
-    """Whether cells count up, and marks separate groups of their digits.
+def group_mark(cells: Sequence[str]) -> str:
+    """The mark between groups of digits in cells that count up, "" where there is none.
 
-    >>> is_clock_in_groups(["980", "1,000", "1,020"]), is_clock_in_groups(["0.9", "1.000", "1.1"])
-    (True, False)
+    >>> group_mark(["980", "1,000.5", "1,020"]), group_mark(["0.9", "1.000", "1.1"])
+    (',', '')
     """
-    groups = re.compile(r"[0-9]{1,3}(?:([., '])[0-9]{3})*")
+    groups = re.compile(r"[0-9]{1,3}(?:([., '])[0-9]{3})*(?:([.,])[0-9]*)?")
     matches = [m for c in cells if (m := groups.fullmatch(c))]
-    marks = {str(m[1]) for m in matches if m[1]}
-    if len(matches) < max(3, len(cells)) or len(marks) != 1:
-        return False
-    values = [int(re.sub("[., ']", "", c)) for c in cells]
-    mark = marks.pop()
-    read_as_decimals = [float(c.replace(mark, ".")) for c in cells if c.count(mark) < 2]
+    marks, decimal_marks = ({m[k] for m in matches if m[k]} for k in (1, 2))
+    if len(matches) < max(3, len(cells)) or len(marks) != 1 or marks & decimal_marks:
+        return ""
+    mark = str(marks.pop())
+    values = [float(c.replace(mark, "").replace(",", ".")) for c in cells]
     is_rising = all(b > a for a, b in pairwise(values))
-    falls = len(read_as_decimals) < len(cells) or any(b < a for a, b in pairwise(read_as_decimals))
-    return is_rising and falls
+    has_two_marks = bool(decimal_marks) or any(c.count(mark) > 1 for c in cells)
+    as_decimals = [float(c.replace(mark, ".")) for c in cells if not has_two_marks]
+    if is_rising and (has_two_marks or any(b < a for a, b in pairwise(as_decimals))):
+        return mark
+    return ""
 
 
 def is_number(cell: str) -> bool:

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...core.finding import Finding, Severity, Span, merge_spans
+from ...core.finding import Finding, Severity, Span
 from ...core.model import Bools, Floats, Times
+from ...core.time_axis import spans_of
 from .block_parser import ParsedBlock, Rows
 from .cells import DIGITS, IN_GROUPS, IS_INFINITE, NO_NUMBER, NO_VALUE, OTHER_MARK
 from .dialect import Dialect, split
 
-_LISTED_SPANS = 20  # spans of one finding
+_MOST_SPANS = 20  # of one finding
 _FEW_UNREAD, _MOST_UNREAD = 2, 0.01  # cells, or share of a column, beside which others are used
 _EXAMPLE_CHARACTERS = 40  # characters of a cell or row in a message
 
@@ -154,12 +155,12 @@ def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Sp
     first_place, last_place = places[np.append(0, cuts + 1)], places[np.append(cuts, -1)]
     begins = t[np.maximum(first_place - between_rows, 0)]
     stops = t[np.minimum(last_place, len(t) - 1)]
-    if len(begins) > _LISTED_SPANS:  # those with the least time between them are joined
-        order = np.argsort(begins[1:] - stops[:-1], kind="stable")  # equal ones: the last stay
-        cuts = np.sort(order[1 - _LISTED_SPANS :])
+    apart = begins[1:] - stops[:-1]
+    if len(apart) >= _MOST_SPANS:  # what is regular is one stretch, whose ends are said
+        cuts = np.flatnonzero(apart > np.sort(apart)[-_MOST_SPANS])
         begins, stops = begins[np.append(0, cuts + 1)], stops[np.append(cuts, -1)]
-    bounds = np.sort([begins, stops], axis=0) - start  # a clock may have gone back
-    return merge_spans([(a / 1e9, b / 1e9) for a, b in bounds.T.tolist()], _LISTED_SPANS)
+    bounds = np.sort([begins, stops], axis=0)  # a clock may have gone back
+    return spans_of(bounds[0], bounds[1], start)
 
 
 def quoted(text: str) -> str:

@@ -28,7 +28,7 @@ from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
 from .rows import MOST_WORDS, CsvRows, read_rows
 from .stamps import CLOCKS, is_stamp
-from .time_column import find_clock
+from .time_column import another_time, find_clock
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*([^\d\s.,].*)?")  # perhaps with a unit behind them
@@ -85,8 +85,9 @@ class CsvSource:
         self.places |= zip(self.texts, ((0, i) for i in self._words), strict=True)
         self.reasons: dict[str, object] = dict(dialect.reasons)
         self.reasons["time"] = clock.reason
-        if text := [i for i in data_columns if i not in numeric]:
-            self.reasons["not numeric"] = ", ".join(names[i] for i in text)
+        text = [i for i in data_columns if i not in numeric]
+        if not_numeric := [names[i] for i in text if i not in self._words]:
+            self.reasons["not numeric"] = ", ".join(not_numeric)
         for i in text:
             self._report_text(i)
         if self.keys.columns:
@@ -231,9 +232,8 @@ class CsvSource:
         falls = np.count_nonzero(t[1:] < t[:-1])
         if not falls and t[0] == t[-1]:
             subject = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
-            time = toml.option('channels.time = {channel = "NAME", unit = "s"}')
             text = f"the clock stands still: {subject} {cells[0]!r} in column {name!r}"
-            hint = f"log anew, or state another column, as {time}"
+            hint = another_time(self._dialect, self._clock, self.rows, self.path)
             raise UserError(f"{self.path}: {text}", hint)
         if falls > 0.9 * (len(t) - 1) > 1:
             text = f"time column {name!r} runs backwards (from {cells[0]} to {cells[-1]})"

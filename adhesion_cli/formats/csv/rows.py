@@ -9,15 +9,16 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from ...core import threads, toml
+from ...core import threads
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from .block_parser import CsvTable, ParsedBlock, Parser
-from .cells import is_missing
+from .cells import NO_NUMBER, NUMBER, is_missing
 from .dialect import is_comment, is_null, split
 from .header_words import label
 from .lines import Lines
 from .losses import SKIPPED, Losses
+from .time_column import another_time
 
 Key = tuple[str, ...]  # cells of the key columns
 
@@ -77,6 +78,7 @@ def read_rows(
         sample_count = count_times(table, parsed, sample_count)
         timed = parsed.timed.copy()
         codes = groups.codes(parsed, timed)
+        numbers = {i: _numbers_of(parsed, i, timed, words[i]) for i in texts}
         losses.add(parsed, timed, row_count)
         for line in parsed.dropped.get("header", ()) if table.dialect.segments else ():
             cells = split(parsed.text(line), table.dialect.delimiter)
@@ -84,7 +86,6 @@ def read_rows(
                 row = row_count + int(np.searchsorted(parsed.lines[timed], line))
                 segments.append((row, cells[1]))
         stop = row_count + int(timed.sum())
-        numbers = {i: _numbers_of(parsed.arrays[i], timed, words[i]) for i in texts}
         for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values, **numbers}.items():
             if i not in by_column:
                 by_column[i] = np.empty(max(table.expected, stop), array.dtype)
@@ -93,7 +94,7 @@ def read_rows(
             by_column[i][row_count:stop] = array if timed.all() else array[timed]
         row_count = stop
     if not row_count:
-        hint = "state the time, as " + toml.option('channels.time = {channel = "NAME", unit = "s"}')
+        hint = another_time(table.dialect, table.clock, table.expected, table.path)
         raise UserError(f"{table.path}: no row has a time stamp that can be read", hint)
     losses.lines["used"] = row_count
     for column in by_column.values():
@@ -118,12 +119,13 @@ def count_times(table: CsvTable, parsed: ParsedBlock, count: int) -> int:
     return count + len(samples)
 
 
-def _numbers_of(array: Any, timed: Bools, words: list[str]) -> Floats:
+def _numbers_of(parsed: ParsedBlock, i: int, timed: Bools, words: list[str]) -> Floats:
     """The number of each cell's word, shape (n,); NaN without a word, and where it is not used.
 
-    Words that are new are appended, in the order in which they occur.
+    Words that are new are appended, in the order in which they occur. Cells with a word beyond
+    `MOST_WORDS` hold no number.
     """
-    used_cells = pc.if_else(pa.array(timed), pc.utf8_trim_whitespace(array), None)
+    used_cells = pc.if_else(pa.array(timed), pc.utf8_trim_whitespace(parsed.arrays[i]), None)
     encoded = used_cells.dictionary_encode()
     met = encoded.dictionary.to_pylist()
     new_words = [word for word in met if word not in words]
@@ -131,6 +133,9 @@ def _numbers_of(array: Any, timed: Bools, words: list[str]) -> Floats:
     number_of = {word: float(k) for k, word in enumerate(words)}
     numbers: Floats = np.array([*(number_of.get(word, np.nan) for word in met), np.nan])
     indices: NDArray[np.int64] = np.asarray(pc.fill_null(encoded.indices, len(met)))
+    if not number_of.keys() >= set(met):
+        is_unknown = np.isnan(numbers[indices]) & (indices < len(met))
+        parsed.states[i] = np.where(is_unknown, NO_NUMBER, NUMBER).astype(np.int8)
     return numbers[indices]
 
 

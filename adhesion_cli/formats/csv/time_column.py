@@ -15,7 +15,7 @@ import pyarrow as pa
 from ...core import toml, units
 from ...core.errors import UserError
 from ...core.finding import Finding
-from ..source import ReadOptions
+from ..source import TAKEN_AS_UTC, ReadOptions
 from .clock import COUNTS, Clock
 from .dates import READABLE, decided, forms_of, read, with_counted_fraction
 from .dialect import Dialect, is_null, number_grammar, unit_behind
@@ -80,6 +80,18 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         raise UserError(text, search.proposal())
     search.refuse_another(clock)
     return search.begun(clock)
+
+
+def another_time(dialect: Dialect, clock: Clock, rows: float, path: Path) -> str:
+    """What to do where the columns of a clock hold no times: another column, if one may be it.
+
+    Args:
+        dialect: with the first rows.
+        clock: whose columns do not serve.
+        rows: rows of the whole file, estimated.
+        path: of the file.
+    """
+    return _ClockSearch(dialect, None, rows, path).proposal(without=clock.columns)
 
 
 def column_index(dialect: Dialect, name: str, path: Path) -> int:
@@ -205,7 +217,7 @@ class _ClockSearch:
         if clock.absolute or len(forms) != 1 or not (clock.step or self.dialect.segments):
             return clock
         start = int(read([f"{date} {time}"], STAMPS[forms[0]])[0])
-        reason = f"{clock.reason}; start {date} {time} above the table, taken as UTC"
+        reason = f"{clock.reason}; start {date} {time} above the table, {TAKEN_AS_UTC}"
         kind = pa.decimal128(38, COUNTS[clock.unit].scale) if clock.unit else clock.type
         return replace(clock, start=start, absolute=True, reason=reason, type=kind)
 
@@ -261,10 +273,8 @@ class _ClockSearch:
             else:
                 continue
             if differs:
-                text = (
-                    f"{self.path}: {dialect.names[i]!r} and {name!r} are both times, and differ: "
-                )
-                text += "the log does not state which columns belong to which"
+                text = f"{self.path}: {dialect.names[i]!r} and {name!r} are both times, and "
+                text += "differ: a table whose columns have times of their own is not read"
                 hint = "export all channels on one time axis; or, if all columns that are needed "
                 hint += f"belong to one, {_stated_time(f'column {i + 1}', '')}"
                 raise UserError(text, hint)
@@ -307,15 +317,21 @@ class _ClockSearch:
     def _refusal(self, i: int, text: str, values: Sequence[float]) -> UserError:
         return UserError(f"{self.path}: {text}", self.proposal(i, values))
 
-    def proposal(self, i: int | None = None, values: Sequence[float] = ()) -> str:
+    def proposal(
+        self,
+        i: int | None = None,
+        values: Sequence[float] = (),
+        without: Sequence[int] = (),
+    ) -> str:
         """What to do about a time in doubt: a column and a unit with a usual rate, if there is one.
 
         Args:
             i: the column; None for the first that rises.
             values: its first numbers.
+            without: columns that are not it.
         """
         columns = range(len(self.dialect.names)) if i is None else [i]
-        for k in columns:
+        for k in (k for k in columns if k not in without):
             numbers = values or (self.dialect.numbers(k) if _rises(self.dialect, k) else [])
             units = self._usual_units(numbers) or self._usual_units(numbers, 0.0)
             if units:
@@ -431,7 +447,9 @@ class _ClockSearch:
         if forms is STAMPS:
             if pattern == forms[form] and len(columns) == 1:
                 kind = _arrow_type(cells)
-            zone = "" if kind.equals(pa.timestamp("ns", "UTC")) else "; UTC where no zone is stated"
+            matches = (re.fullmatch(pattern, c) for c in self._joined(columns))
+            is_zoned = all(m.groupdict().get("z") for m in matches if m)
+            zone = "" if is_zoned else f"; {TAKEN_AS_UTC} where no zone is stated"
             date = form.split()[1].replace("yymd", "ymd")
             reason = f"{choice}; date and time in {names} ({date}{order}{zone})"
         columns, pattern = self._with_fraction(columns, pattern)

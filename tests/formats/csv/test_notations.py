@@ -88,6 +88,15 @@ def test_a_column_that_may_be_grouped_or_not_is_left_out_and_named(tmp_path: Pat
     assert (finding.code, finding.channel) == ("csv-no-numbers", "p [mbar]")
 
 
+def test_marks_between_groups_of_a_clock_leave_its_decimals(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    times = [f"{20 * k:,}" for k in range(500)] + [f"{20 * k + 0.5:,.1f}" for k in range(500, 999)]
+    path.write_text("t [ms];p [bar]\n" + "".join(f"{t};{k % 7}\n" for k, t in enumerate(times)))
+    (column,) = (source := open_csv(path, ReadOptions())).columns(source.fields)
+    assert column.t[499:501].tolist() == [9_980_000_000, 10_000_500_000]
+    assert len(column.t) == 999
+
+
 def test_a_list_of_channels_above_the_table_is_no_other_table(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     above = "No;Name;Unit;Gain\n1;pressure;bar;1.0\n2;speed;km/h;1.0\n3;spare;V;1.0\n\n"
