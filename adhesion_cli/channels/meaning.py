@@ -91,6 +91,7 @@ def understood(
     Raises:
         UserError: for a mapping to a channel or field the log does not have.
     """
+    fields = _each_once(fields)
     by_hand: dict[Field, list[Mapping]] = {}
     for mapping in mappings:
         for field, m in _find(fields, mapping) if mapping.channel else []:
@@ -103,7 +104,7 @@ def understood(
         if stated := by_hand.get(field):
             meant += [_as_stated(field, m) for m in stated]
             continue
-        if field.words and not (guess(field).meaning in _IN_WORDS and says_state(field.words)):
+        if field.words and not _is_state(field):
             continue
         ungrouped = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = guess(ungrouped)
@@ -128,6 +129,23 @@ def understood(
     findings += _refuse_repeated(meant, guesses)
     _apply_statements(meant, set(guesses), mappings)
     return meant, findings
+
+
+def _each_once(fields: Sequence[Field]) -> Sequence[Field]:
+    """The fields; of numbers that have words the words where they are a state, else the numbers."""
+    with_words = {replace(f, words=()): f for f in fields if f.words}
+    twice = with_words.keys() & set(fields)
+
+    def is_read(field: Field) -> bool:
+        number = replace(field, words=()) if field.words else field
+        return number not in twice or bool(field.words) == _is_state(with_words[number])
+
+    return list(filter(is_read, fields))
+
+
+def _is_state(field: Field) -> bool:
+    """Whether the words of a field are those of a state."""
+    return guess(field).meaning in _IN_WORDS and says_state(field.words)
 
 
 def _apply_statements(

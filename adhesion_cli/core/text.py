@@ -16,7 +16,7 @@ _BARE_WORD = re.compile(r"[\w%+=:./-]+")
 _EVERY_SHELL = re.compile(r"[^\"'$`!\\\x00-\x1f]+")
 NO_VALUE = re.compile(  # words in place of a number or a state that say that there is none
     r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
-    r"|undef\w*|reserved|unknown|no[ _]?(signal|value)|init\w*|ung(ü|ue)ltig|fehler\w*)\b"
+    r"|undef\w*|unspec\w*|reserved|unknown|no[ _]?(signal|value)|init\w*|ung(ü|ue)ltig|fehler\w*)\b"
 )
 _KIND_OF_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # a letter alone is a drive
 

@@ -7,7 +7,7 @@ reads the DBC. The signals are decoded here, a message at a time.
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from ..core.text import NO_VALUE
 from .can_blf import blf_frames
 from .can_frames import Frame, Problems
 from .can_text import TextLog
-from .source import Field, ReadOptions
+from .source import Field, ReadOptions, distinct_words
 from .tables import YEAR_1990, Columns, Contents, NamedColumn, TableSamples, fields
 
 _FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no value
@@ -29,6 +29,8 @@ _LISTED_NAMES = 6  # names of one finding
 _DATABASES = {".sym": "sym", ".kcd": "kcd", ".arxml": "arxml", ".cdd": "cdd"}
 
 
+# Parameter groups of J1939 by which a message of more than 8 bytes comes in several frames.
+_ANNOUNCES, _PIECE = 0xEC00, 0xEB00
 _J1939_LENGTHS = 8, 16, 32  # of numbers that say by their highest byte that they are no value
 
 
@@ -52,6 +54,7 @@ class _Database:
 
     def __init__(self, names: Sequence[str]) -> None:
         self._by_id = _messages(names)
+        self._announced: dict[int, str] = {}  # message that a control unit sends in pieces
         self._by_name = {m.name: key for key, m in self._by_id.items()}
         self._by_group = {
             _parameter_group(number): m
@@ -66,6 +69,14 @@ class _Database:
         """The message of an identifier, None for none; of J1939 that of its parameter group."""
         own_key = self._by_id.get((identifier, extended))
         return own_key or (self._by_group.get(_parameter_group(identifier)) if extended else None)
+
+    def transported(self, key: _Key, data: bytes) -> str:
+        """The message of which a J1939 frame announces or holds a piece, "" for none."""
+        group, source = _parameter_group(key.identifier), key.identifier & 0xFF
+        if group == _ANNOUNCES and key.extended:
+            message = self._by_group.get(int.from_bytes(data[5:8], "little"))
+            self._announced[source] = message.name if message else ""
+        return self._announced.get(source, "") if group in (_ANNOUNCES, _PIECE) else ""
 
     def identifier(self, frame: Frame) -> tuple[int, bool]:
         """The identifier of a frame; of one that the log names, that of the message."""
@@ -119,6 +130,7 @@ class Reader:
         database = _Database(options.dbc)
         self._frames: dict[_Key, _Frames] = {}
         self._unknown: Counter[str] = Counter()
+        self._pieces: Counter[str] = Counter()  # frames, by the message that is in several of them
         problems = Problems()
         self._start = 0
         self._read(database, problems)
@@ -131,6 +143,7 @@ class Reader:
             for message in [database.message(key.identifier, key.extended)]
             for signal in message.signals
         ]
+        self._with_words = [x for x in self._signals if distinct_words(_words(x.signal))]
         rows = sum(len(self._frames[key].t) for key in keys)
         reasons = {
             "dbc": ", ".join(Path(name).name for name in options.dbc),
@@ -152,14 +165,21 @@ class Reader:
             if times:
                 finding = Finding(code, "warning", count=len(times))
                 events.append((finding, _ticks(np.array(times), self._start)))
+        numbers = self._fields()
+        by_signal = dict(zip(self._signals, numbers, strict=True))
+        texts = [
+            replace(by_signal[signal], words=distinct_words(_words(signal.signal)))
+            for signal in self._with_words
+        ]
         self.contents = Contents(
-            self._fields(),
+            numbers,
             self._start,
             time_reason,
             rows,
             reasons,
             findings=findings,
             events=events,
+            texts=texts,
         )
 
     def _read(self, database: _Database, problems: Problems) -> None:
@@ -175,7 +195,10 @@ class Reader:
             if frame_group is None:
                 definition = database.message(key.identifier, key.extended)
                 if definition is None:
-                    self._unknown[frame.name or f"0x{key.identifier:X}"] += 1
+                    if message := database.transported(key, frame.data):
+                        self._pieces[message] += 1
+                    else:
+                        self._unknown[frame.name or f"0x{key.identifier:X}"] += 1
                     continue
                 frame_group = self._frames[key] = _Frames(definition.length)
             frame_group.add(frame.t, frame.data)
@@ -184,6 +207,12 @@ class Reader:
 
     def _nothing(self, database: _Database, problems: Problems) -> UserError:
         """Why no frame is used."""
+        if self._pieces:
+            return UserError(
+                f"{self._path}: messages come in several frames, which are not joined: "
+                + ", ".join(self._pieces),
+                "export the signals of these messages with a tool that joins J1939 frames",
+            )
         if self._unknown:
             ids = ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
             return UserError(
@@ -207,6 +236,11 @@ class Reader:
             count = len(problems.lines)
             names = {"example": problems.example}
             yield Finding("can-lines-skipped", "warning", "", count, (), values, names)
+        if self._pieces:
+            counts = [f"{name} ({count} frames)" for name, count in self._pieces.most_common()]
+            names = {"messages": ", ".join(counts)}
+            count = self._pieces.total()
+            yield Finding("can-frames-not-joined", "warning", "", count, names=names)
         if self._unknown:
             ids = ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
             count = sum(self._unknown.values())
@@ -231,7 +265,9 @@ class Reader:
         places: dict[Any, int] = {}
         bits: dict[_Key, NDArray[np.uint8]] = {}
         series = []
-        for key, message, signal in (self._signals[k] for k in wanted):
+        all_signals = [*self._signals, *self._with_words]
+        for k in wanted:
+            key, message, signal = all_signals[k]
             frames = self._frames[key]
             if key not in bits:
                 bits[key] = frames.bits()
@@ -246,7 +282,13 @@ class Reader:
             value, no_value = _decoded(bits[key][rows], message, signal)
             too_short = 8 * sizes.astype(np.int64) <= max(_positions(signal))
             masks = {"value-missing": too_short, "value-is-text": no_value & ~too_short}
-            series.append(TableSamples(places[place], value, masks))
+            words: tuple[str, ...] = ()
+            if k >= len(self._signals):
+                words = _words(signal)
+                number_of = dict(zip(signal.choices, range(len(words)), strict=True))
+                raw = _raw(bits[key][rows], signal).tolist()
+                value = np.array([number_of.get(number, np.nan) for number in raw])
+            series.append(TableSamples(places[place], value, masks, words))
         return Columns(axes, series, [])
 
 
@@ -449,6 +491,11 @@ def _decoded(bits: NDArray[np.uint8], message: Any, signal: Any) -> tuple[Floats
     if message.protocol == "j1939" and not signal.is_float and signal.length in _J1939_LENGTHS:
         is_no_value |= raw >= 0xFE << (signal.length - 8)  # an error, or not available
     return value, is_no_value
+
+
+def _words(signal: Any) -> tuple[str, ...]:
+    """The words of a signal for some of its raw numbers, in their order in the DBC."""
+    return tuple(str(word).strip() for word in (signal.choices or {}).values())
 
 
 def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools | None:

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import units
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
-from .source import Field, ReadOptions
+from .source import Field, ReadOptions, distinct_words
 from .tables import (
     YEAR_1990,
     Columns,
@@ -20,7 +21,9 @@ from .tables import (
     TableSamples,
     fields,
     nanoseconds,
+    state_fields,
 )
+from .words import numbered
 
 _EPOCH, _ZERO = datetime(1970, 1, 1), timedelta(0)
 _EPOCH_S = 631_152_000.0, 4e9  # seconds of a date from 1990 on: such a time counts from 1970
@@ -30,6 +33,8 @@ _TIME = 1  # type of a master channel: time, and no angle, distance or index
 _NUMBERS = {True: tuple(range(6)), False: (0, 1, 2, 3, *range(9, 17))}
 _PLAIN_CONVERSIONS = {True: tuple(range(7)), False: (0, 1, 2, 6, 7, 8, 9, 10, 65535)}
 _TEXTS = {True: (7, 8), False: (11, 12)}
+_STRINGS = {True: (6, 7, 8, 9), False: (7,)}  # data types that are texts
+_HEAD = 1_000  # records that show which words a channel has
 _UNSIGNED = {True: (0, 1), False: (0, 9, 13)}
 _FRAMES = "CAN_DataFrame"  # channel of a group that holds the frames of a bus
 
@@ -73,6 +78,7 @@ class Reader:
         findings: list[Finding] = []
         self._masters: dict[int, _Master] = {}
         self._texts: list[str] = []
+        self._words: dict[_ChannelPlace, tuple[str, ...]] = {}  # of channels of words
         for g, group in enumerate(self._mdf.groups):
             if not group.channel_group.cycles_nr:
                 continue
@@ -90,6 +96,7 @@ class Reader:
                 findings.append(self._not_read(g, "their time has no start, that of others has"))
                 del self._row_counts[g]
             self._places = [p for p in self._places if p.group in self._row_counts]
+            self._words = {p: x for p, x in self._words.items() if p.group in self._row_counts}
         rows = sum(self._row_counts.values())
         reason = "time channel of each group, in the unit that it states"
         reason += f", after the start of the log ({zone})" if self._start else "; no start stated"
@@ -98,8 +105,11 @@ class Reader:
             "groups": len(self._row_counts),
             "not numeric": ", ".join(dict.fromkeys(self._texts)),
         }
+        numbers = self._fields()
+        named = {place: self._named(place) for place in self._words}
+        texts = state_fields(named, self._words, dict(zip(self._places, numbers, strict=True)))
         self.contents = Contents(
-            self._fields(), self._start, reason, rows, reasons, findings=findings
+            numbers, self._start, reason, rows, reasons, findings=findings, texts=texts
         )
 
     def _begin(self) -> tuple[int, str]:
@@ -143,7 +153,22 @@ class Reader:
                 self._places.append(_ChannelPlace(g, i))
             elif i != master:
                 self._texts.append(channel.name)
+            if i != master and (words := self._words_of(_ChannelPlace(g, i))):
+                self._words[_ChannelPlace(g, i)] = words
         return ""
+
+    def _words_of(self, place: _ChannelPlace) -> tuple[str, ...]:
+        """The first words of a channel of texts, or of numbers some of which stand for a text."""
+        channel = self._mdf.groups[place.group].channels[place.channel]
+        kind = channel.conversion and channel.conversion.conversion_type
+        if (
+            kind not in _TEXTS[self._is_version_4]
+            and channel.data_type not in _STRINGS[self._is_version_4]
+        ):
+            return ()
+        signal = self._mdf.get(*(None, *place), raw=True, record_count=_HEAD)
+        texts = _physical(signal, _TEXTS[self._is_version_4])[1]
+        return distinct_words(text for text in texts if text) if texts is not None else ()
 
     def _is_time(self, group: Any, master: int | None) -> bool:
         if master is None:
@@ -200,16 +225,20 @@ class Reader:
 
     def _fields(self) -> list[Field]:
         """A field for each channel of numbers."""
-        named = []
-        for g, i in self._places:
-            name = self._mdf.groups[g].channels[i].name or f"channel {i + 1}"
-            unit = (self._mdf.get_channel_unit(group=g, index=i) or "").strip()
-            named.append(NamedColumn(self._names[g], name, unit, f"{g + 1} {self._names[g]}"))
-        return fields(named, "channel's unit")
+        return fields(list(map(self._named, self._places)), "channel's unit")
+
+    def _named(self, place: _ChannelPlace) -> NamedColumn:
+        """What the file says of a channel."""
+        g, i = place
+        name = self._mdf.groups[g].channels[i].name or f"channel {i + 1}"
+        unit = (self._mdf.get_channel_unit(group=g, index=i) or "").strip()
+        return NamedColumn(self._names[g], name, unit, f"{g + 1} {self._names[g]}")
 
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""
-        places = [self._places[k] for k in wanted]
+        all_places = [(p, False) for p in self._places] + [(p, True) for p in self._words]
+        as_words = [all_places[k] for k in wanted]
+        places = [place for place, _ in as_words]
         axes, series, findings = [], {}, []
         for a, g in enumerate(dict.fromkeys(place.group for place in places)):
             group_places = list(dict.fromkeys(place for place in places if place.group == g))
@@ -235,14 +264,20 @@ class Reader:
                         f"{len(signal.samples)} samples at {rows} times",
                         "copy the log again from its source",
                     )
-                value, text = _physical(signal, _TEXTS[self._is_version_4])
+                value, texts = _physical(signal, _TEXTS[self._is_version_4])
                 masks = {}
                 if signal.invalidation_bits is not None:
                     masks["value-marked-invalid"] = np.asarray(signal.invalidation_bits, bool)[ok]
-                if text is not None:
-                    masks["value-is-text"] = text[ok]
-                series[place] = TableSamples(a, value[ok], masks)
-        return Columns(axes, [series[place] for place in places], findings)
+                if texts is not None:
+                    words = list[str]()
+                    numbers = numbered(texts, words)[ok]
+                    series[place, True] = TableSamples(a, numbers, masks, tuple(words))
+                    masks = {
+                        **masks,
+                        "value-is-text": np.array([x is not None for x in texts], bool)[ok],
+                    }
+                series[place, False] = TableSamples(a, value[ok], masks)
+        return Columns(axes, [series[pair] for pair in as_words], findings)
 
 
 def _has_frames(group: Any) -> bool:
@@ -253,22 +288,34 @@ def _is_date(seconds: float) -> bool:
     return _EPOCH_S[0] < seconds < _EPOCH_S[1]
 
 
-def _physical(signal: Any, texts: Sequence[int]) -> tuple[Floats, Bools | None]:
-    """The numbers of a channel, and which of its samples stand for a text; None for none.
+def _physical(signal: Any, conversions: Sequence[int]) -> tuple[Floats, NDArray[Any] | None]:
+    """The numbers of a channel, and the texts that stand for some of them, None for no text.
 
     A conversion that gives a text for some values converts each value that occurs once.
 
     Args:
         signal: its raw values and their conversion.
-        texts: types of such conversions.
+        conversions: types that give texts.
+
+    Returns:
+        Numbers, NaN where a text stands; and texts, None where a number stands; or None where
+        the channel has no texts. Shape (n,).
     """
     raw, conversion = signal.samples, signal.conversion
-    if conversion is None:
-        return np.asarray(raw, np.float64), None
-    if conversion.conversion_type not in texts:
-        return np.asarray(conversion.convert(raw), np.float64), None
+    has_texts = conversion is not None and conversion.conversion_type in conversions
+    if raw.dtype.kind not in "SUO" and not has_texts:
+        value = raw if conversion is None else conversion.convert(raw)
+        return np.asarray(value, np.float64), None
     values, inverse = np.unique(raw, return_inverse=True)
-    converted = conversion.convert(values, as_object=True)
-    text = np.array([isinstance(x, str | bytes) for x in converted], bool)
-    numbers = np.array([np.nan if isinstance(x, str | bytes) else float(x) for x in converted])
-    return numbers[inverse], text[inverse]
+    if has_texts:
+        values = conversion.convert(values, as_object=True)
+    texts = np.array([_text(x) for x in values] + [None], object)[inverse]
+    numbers = np.array([np.nan if isinstance(x, str | bytes) else float(x) for x in values])
+    return numbers[inverse], texts
+
+
+def _text(value: Any) -> str | None:
+    """A value that is a text, None for a number."""
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace").rstrip("\0")
+    return value if isinstance(value, str) else None

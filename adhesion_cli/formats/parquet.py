@@ -19,9 +19,10 @@ from . import time_columns
 from .as_text import TextSource, open_text
 from .csv.clock import Clock
 from .csv.header_words import speaks_of_time, time_name, time_unit
-from .source import Field, ReadOptions, Source
+from .source import Field, ReadOptions, Source, distinct_words
 from .tables import Columns, Contents, TableSamples, TableSource
 from .time_columns import HEAD
+from .words import numbered
 
 _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
 _READ_ERRORS = (pa.ArrowException, OSError, ValueError)  # of damaged files
@@ -92,7 +93,6 @@ def _write_text(table: Any, text: Path) -> None:
     columns, _ = _columns(table.schema, arrays)
     names = [f"{c.title}{c.path}" + (f" [{c.unit}]" if c.unit else "") for c in columns]
     cells = [arrays[c.name] for c in columns]
-    cells = [x.dictionary_decode() if pa.types.is_dictionary(x.type) else x for x in cells]
     pyarrow.csv.write_csv(pa.Table.from_arrays(cells, names), text)
 
 
@@ -133,7 +133,14 @@ class Reader:
         time_names = {c.name for axis in axes for c in axis.times}
         numbers = [c for c in self._columns if c.name not in time_names and _is_number(c.type)]
         of_group = {c.name: k for k, group in enumerate(groups) for c in group}
-        self._numbers = [(c, of_group.get(c.name, 0)) for c in numbers]
+        others = [c for c in scalar if c.name not in time_names and c not in numbers]
+        words = {
+            c: distinct_words(head[c.name].drop_null().to_pylist())
+            for c in others
+            if _is_text(c.type)
+        }
+        texts = [c for c in words if words[c] and c.title not in (self._device or ())[:1]]
+        self._series = [(c, of_group.get(c.name, 0)) for c in (*numbers, *texts)]
         if nested:
             names = {"columns": ", ".join(nested[:6])}
             findings = (*findings, Finding("nested-columns", "info", "", len(nested), names=names))
@@ -154,7 +161,13 @@ class Reader:
         }
         reason = clock.reason.replace("(units row)", "(field metadata)")
         self.contents = Contents(
-            fields, start, reason, self._rows, reasons, findings=list(findings)
+            fields,
+            start,
+            reason,
+            self._rows,
+            reasons,
+            findings=list(findings),
+            texts=[Field(c.title, words=words[c]) for c in texts],
         )
 
     def _axis(
@@ -167,7 +180,15 @@ class Reader:
         """
         scalar = [c for c in columns if not c.path]
         heads, unit_texts = {c.title: head[c.name] for c in scalar}, [c.unit for c in scalar]
-        clock, findings = time_columns.find(heads, unit_texts, self._rows, options, self._path)
+        by_title = {c.title: c for c in scalar}
+
+        def read(title: str) -> Any:
+            column = by_title[title]
+            return _flat(_read_table(self._path, self._file, [column.root]))[0][column.name]
+
+        clock, findings = time_columns.find(
+            heads, unit_texts, self._rows, options, self._path, read
+        )
         return _ParquetTime(clock, tuple(scalar[i] for i in clock.columns)), findings
 
     def _check_size(self, columns: int) -> None:
@@ -195,7 +216,7 @@ class Reader:
 
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""
-        columns = [self._numbers[i] for i in wanted]
+        columns = [self._series[i] for i in wanted]
         axes = list(dict.fromkeys(k for _, k in columns))
         times = [c for k in axes for c in self._axes[k].times]
         self._check_size(len(columns) + len(times))
@@ -228,9 +249,13 @@ class Reader:
         series = []
         for column, k in columns:
             array = arrays.get(column.name, pa.nulls(self._rows, pa.float64()))
-            value = array.cast(pa.float64(), safe=False).fill_null(np.nan)
+            words = list[str]()
+            if _is_text(column.type):
+                value = numbered(array, words)
+            else:
+                value = np.asarray(array.cast(pa.float64(), safe=False).fill_null(np.nan))
             masks = {"value-missing": np.asarray(array.is_null())[rows[k]]}
-            series.append(TableSamples(axes.index(k), np.asarray(value)[rows[k]], masks))
+            series.append(TableSamples(axes.index(k), value[rows[k]], masks, tuple(words)))
         return Columns(stamps, series, findings)
 
 
@@ -269,6 +294,8 @@ def _flat(
     arrays, longer = {}, []
     for name, column in zip(table.column_names, table.columns, strict=True):
         array = column.combine_chunks()
+        if pa.types.is_dictionary(array.type):
+            array = array.dictionary_decode()
         if not _is_list(array.type):
             arrays[name] = array
             continue
@@ -299,8 +326,9 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetCol
         fields, distinct([_pair(f.name)[0] or "(no name)" for f in fields]), strict=True
     ):
         unit = _unit(f) or _pair(f.name)[1]
-        if _is_scalar(f.type):
-            columns.append(_ParquetColumn(root_of[f.name], f.name, title, "", unit, f.type))
+        kind = arrays[f.name].type if f.name in arrays else f.type  # not that of a dictionary
+        if _is_scalar(kind):
+            columns.append(_ParquetColumn(root_of[f.name], f.name, title, "", unit, kind))
         elif _is_list(f.type) and _is_number(f.type.value_type) and f"{f.name}[0]" in arrays:
             count = sum(name.rpartition("[")[0] == f.name for name in arrays)
             root, kind = root_of[f.name], f.type.value_type
@@ -388,9 +416,12 @@ def _first_line(error: Exception) -> str:
 
 
 def _is_scalar(kind: Any) -> bool:
+    return _is_number(kind) or pa.types.is_temporal(kind) or _is_text(kind)
+
+
+def _is_text(kind: Any) -> bool:
     types = pa.types
-    text = types.is_string(kind) or types.is_large_string(kind) or types.is_dictionary(kind)
-    return _is_number(kind) or types.is_temporal(kind) or text
+    return bool(types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind))
 
 
 def _is_list(kind: Any) -> bool:

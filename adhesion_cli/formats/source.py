@@ -10,6 +10,7 @@ from ..core.finding import Finding
 from ..core.model import Column
 
 TAKEN_AS_UTC = "taken as UTC"  # in the reason for a clock of unknown zone
+MOST_WORDS = 16  # of a column: one with more is no state
 TimeSource = Literal["log", "publish", "header"]  # the clocks of an MCAP message
 
 
@@ -62,6 +63,12 @@ class ReadOptions:
     def max_part(self) -> int:
         """Bytes of one MCAP schema, channel or JSON message, which take many times that read."""
         return max(self.max_record // 32, 1 << 16)
+
+
+def distinct_words(texts: Iterable[str]) -> tuple[str, ...]:
+    """The words among the first texts of a column; none where they are too many for a state."""
+    words = tuple(dict.fromkeys(text.strip() for text in texts))
+    return words if len(words) <= MOST_WORDS else ()
 
 
 def report(

@@ -7,7 +7,7 @@ columns and findings of them, the same way for every format.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -32,13 +32,14 @@ MASKS: Mapping[str, Severity] = {  # what a mask over samples says
 class Contents:
     """What opening a log tells."""
 
-    fields: list[Field]
+    fields: list[Field]  # of numbers
     start_ns: int  # of the log since 1970; 0 where it states none
     time_reason: str
     rows: int
     reasons: dict[str, object] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
+    texts: list[Field] = field(default_factory=list)  # of words, which are numbered on
     events: list[tuple[Finding, Times]] = field(default_factory=list)  # findings, and when [ns]
 
     @property
@@ -53,6 +54,7 @@ class TableSamples(NamedTuple):
     axis: int
     value: Floats
     masks: Mapping[str, Bools] = {}  # by a key of `MASKS`: samples that hold no number, and why
+    words: tuple[str, ...] = ()  # that the values are numbers of, NaN for none
 
 
 class Columns(NamedTuple):
@@ -69,7 +71,10 @@ class Reader(Protocol):
     contents: Contents
 
     def read(self, wanted: Sequence[int]) -> Columns:
-        """The fields of these numbers. Times [ns] are absolute where the log has a start."""
+        """The fields of these numbers, those of words behind the others.
+
+        Times [ns] are absolute where the log has a start.
+        """
         ...
 
 
@@ -89,10 +94,10 @@ class TableSource:
         self.absolute, self.time_reason = contents.absolute, contents.time_reason
         self.rows, self.reasons, self.metadata = contents.rows, contents.reasons, contents.metadata
         self.fields: Sequence[Field] = contents.fields
-        self.texts: Sequence[Field] = ()
+        self.texts: Sequence[Field] = contents.texts
         self.account: dict[str, str] = {}
         self.findings: list[Finding] = []
-        self._places = {f: i for i, f in enumerate(contents.fields)}
+        self._places = {f: i for i, f in enumerate([*contents.fields, *contents.texts])}
         self._report(contents.findings)
 
     def _report(self, findings: Iterable[Finding]) -> None:
@@ -112,12 +117,12 @@ class TableSource:
         self._report(findings)
         self._report(replace(f, spans=time_axis.spans_of(t, t, start)) for f, t in events)
         columns = []
-        for f, (axis, value, masks) in zip(wanted, series, strict=True):
-            t, valid = axes[axis], np.ones(len(value), np.bool_)
+        for f, (axis, value, masks, words) in zip(wanted, series, strict=True):
+            t, valid = axes[axis], np.isfinite(value) if f.words else np.ones(len(value), np.bool_)
             for code, mask in masks.items():
                 valid &= ~mask
                 self._report(_of_mask(code, f, t, mask, start))
-            columns.append(Column(t, np.where(valid, np.float64(value), np.nan), valid))
+            columns.append(Column(t, np.where(valid, np.float64(value), np.nan), valid, words))
         return columns
 
 
@@ -180,6 +185,23 @@ def fields(named: Sequence[NamedColumn], unit_from: str) -> list[Field]:
         )
         for x, group, title in zip(named, labels, titles, strict=True)
     ]
+
+
+def state_fields(
+    named: Mapping[Any, NamedColumn],
+    words: Mapping[Any, Sequence[str]],
+    numbers: Mapping[Any, Field],
+) -> list[Field]:
+    """A field for each channel of words.
+
+    Args:
+        named: what the file says of each channel, by its place.
+        words: those in its head, by place.
+        numbers: fields of channels of numbers, by place; words may stand for numbers.
+    """
+    others = {place: x for place, x in named.items() if place in words and place not in numbers}
+    by_place = {**numbers, **dict(zip(others, fields([*others.values()], ""), strict=True))}
+    return [replace(by_place[place], words=tuple(x)) for place, x in words.items()]
 
 
 def _grouped(names: Sequence[tuple[str, str]]) -> list[str]:

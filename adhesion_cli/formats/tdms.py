@@ -236,7 +236,17 @@ class Reader:
         }
         units = [_unit(c) for c in channels if c.name in heads]
         rows = max(map(len, channels))
-        clock, _ = time_columns.find(heads, units, rows, self._options, self._path)
+        clock, findings = time_columns.find(
+            heads,
+            units,
+            rows,
+            self._options,
+            self._path,
+            lambda name: _array(self._file[group][name][:]),
+        )
+        self._findings += (
+            f for f in findings if f.code == "time-digits" and f not in self._findings
+        )
         return _Columns(group, clock, tuple(list(heads)[i] for i in clock.columns))
 
     def _start(self, axis: _Axis) -> int:

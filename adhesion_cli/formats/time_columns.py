@@ -1,6 +1,6 @@
 """Which column of a typed table is the time, by the rules of text logs, and its times."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import pyarrow as pa
 
 from ..core.finding import Finding
 from ..core.model import Bools, Times
+from ..core.time_axis import from_digits
 from .csv.clock import COUNTS, Clock
 from .csv.dialect import Dialect, fit
 from .csv.long_table import interleaved
@@ -20,7 +21,12 @@ HEAD = 1_000  # rows that show which column is the time
 
 
 def find(
-    heads: dict[str, Any], units: Sequence[str], rows: int, options: ReadOptions, path: Path
+    heads: dict[str, Any],
+    units: Sequence[str],
+    rows: int,
+    options: ReadOptions,
+    path: Path,
+    read: Callable[[str], Any],
 ) -> tuple[Clock, tuple[Finding, ...]]:
     """Decides which column is the time, and why; with findings on that, and on mixed devices.
 
@@ -30,6 +36,7 @@ def find(
         rows: of the whole table.
         options: what the user stated.
         path: of the file.
+        read: gives a whole column by its name.
 
     Raises:
         UserError: where no column is a time, or its unit is open.
@@ -59,6 +66,11 @@ def find(
         {},
     )
     clock = find_clock(dialect, options, rows, path)
+    if clock.columns and _counts(clock):
+        name = names[clock.columns[0]]
+        t, ok = _times([read(name)], clock)
+        if from_digits(t[ok]) is not None:
+            clock = clock.in_digits(name, cells[clock.columns[0]][0])
     mixed = None if options.group_channel else interleaved(dialect, clock.columns)
     return clock, (*clock.findings, *([mixed] if mixed else []))
 
@@ -67,8 +79,6 @@ def _cells(array: Any) -> list[str]:
     """The first values of a column as a text log would have them; "" where there is none."""
     if pa.types.is_duration(array.type):
         array = array.cast(pa.duration("ns"), safe=False).cast(pa.int64())
-    elif pa.types.is_dictionary(array.type):
-        array = array.dictionary_decode()
     elif pa.types.is_date(array.type):
         array = array.cast(pa.timestamp("ms"), safe=False)
     elif pa.types.is_boolean(array.type):
@@ -82,6 +92,20 @@ def _cells(array: Any) -> list[str]:
 
 def times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
     """Times [ns] of the clock's columns, and which of them hold; shape (n,)."""
+    t, ok = _times(arrays, clock)
+    if _counts(clock) and (time_of_day := from_digits(t[ok])) is not None:
+        t = np.zeros_like(t)
+        t[ok] = time_of_day
+    return t, ok
+
+
+def _counts(clock: Clock) -> bool:
+    """Whether the times are numbers after an unknown start: digits, HHMMSS, may be such."""
+    return bool(clock.unit) and not clock.absolute
+
+
+def _times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
+    """Times as the numbers say, and which of them hold."""
     array = arrays[0]
     ok = np.asarray(array.is_valid())
     kind = array.type

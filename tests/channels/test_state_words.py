@@ -9,7 +9,7 @@ from adhesion_cli.channels.log import survey, unchanged
 from adhesion_cli.channels.meaning import Mapping
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Channel, Log, Vehicle
-from adhesion_cli.formats.csv import rows
+from adhesion_cli.formats import source
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
@@ -69,7 +69,7 @@ def test_other_columns_of_text_are_no_channels(tmp_path: Path) -> None:
 
 
 def test_a_column_with_too_many_words_is_no_channel(tmp_path: Path) -> None:
-    words = ["off", *(f"remark {k}" for k in range(rows.MOST_WORDS))]
+    words = ["off", *(f"remark {k}" for k in range(source.MOST_WORDS))]
     assert len(logged(tmp_path / "x.csv", "Sanding", words).channels) == 1
 
 

@@ -260,3 +260,13 @@ def test_pairs_of_time_and_channel(tmp_path: Path, names: tuple[str, str]) -> No
     assert np.allclose(found["v [km/h]"].t, (SECONDS + 0.5) * 1e9)
     assert found["v [km/h]"].t is found["w [km/h]"].t
     assert not [f for f in source.findings if f.severity != "info"]
+
+
+def test_digits_of_a_clock_are_a_time_of_day(tmp_path: Path) -> None:
+    seconds = 3_590 + SECONDS * 5
+    digits = seconds // 60 % 60 * 100 + seconds % 60 + seconds // 3600 * 10_000
+    source = log(tmp_path / "a.parquet", pa.array(digits))
+    speed, _ = source.columns(source.fields)
+    np.testing.assert_allclose(speed.t / 1e9, seconds, atol=1e-6)
+    assert [f.code for f in source.findings] == ["time-digits"]
+    assert "HHMMSS" in source.time_reason

@@ -366,3 +366,13 @@ def test_a_process_opens_any_number_of_files(tmp_path: Path) -> None:
     reader = library.TdmsReader
     tdms.Reader(written(tmp_path / "a.tdms", ("g", "p", P, BAR | WAVE)), ReadOptions())
     assert library.TdmsReader is reader
+
+
+def test_digits_of_a_clock_are_a_time_of_day(tmp_path: Path) -> None:
+    seconds = 50 + np.arange(N) / 10
+    digits = seconds // 60 * 100 + seconds % 60
+    path = written(tmp_path / "a.tdms", ("g", "time", digits, SECONDS), ("g", "v", V, KMH))
+    found, findings, source = columns(path)
+    np.testing.assert_allclose(found["v"].t / 1e9, seconds, atol=1e-6)
+    assert set(findings) == {"time-digits"}
+    assert "HHMMSS" in source.time_reason

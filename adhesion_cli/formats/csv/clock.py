@@ -5,7 +5,7 @@ without a zone count as UTC, times of day from midnight.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,6 +67,13 @@ class Clock:
     findings: tuple[Finding, ...] = ()
     start: int = 0  # what is added to every time [ns]
     step: int = 0  # between two rows, where they are counted [ns]
+
+    def in_digits(self, name: str, example: str) -> "Clock":
+        """The clock of a column whose digits, HHMMSS, are read as a number of seconds."""
+        reason = f"column {name!r}; time of day in digits, HHMMSS"
+        others = (f for f in self.findings if f.code != "time-unit-guessed")
+        digits = Finding("time-digits", "info", name, names={"example": example})
+        return replace(self, reason=reason, findings=(*others, digits))
 
     def nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
         """Times [ns] of the rows of one block, and which of them hold; shape (n,).

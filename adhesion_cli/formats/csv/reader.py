@@ -16,7 +16,7 @@ from ...core.model import Column, Times
 from ...core.time_axis import earliest, from_digits
 from ...core.units import in_name
 from ...core.units import unit as known_unit
-from ..source import Field, ReadOptions
+from ..source import Field, ReadOptions, distinct_words
 from .block_parser import CsvTable
 from .cells import stamps
 from .clock import Clock
@@ -26,7 +26,7 @@ from .header_words import time_name
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
-from .rows import MOST_WORDS, CsvRows, read_rows
+from .rows import CsvRows, read_rows
 from .stamps import CLOCKS, is_stamp
 from .time_column import another_time, find_clock
 
@@ -137,8 +137,7 @@ class CsvSource:
         """The words of a column that may be a state, in a table of one series; else none."""
         if i in numeric or len(self._series) > 1 or not self._dialect.headed:
             return ()
-        words = tuple(dict.fromkeys(self._dialect.column(i)))
-        return words if len(words) <= MOST_WORDS else ()
+        return distinct_words(self._dialect.column(i))
 
     def _report_text(self, i: int) -> None:
         """Reports a column that should hold numbers by its unit, or by the digits in its cells."""
@@ -212,16 +211,15 @@ class CsvSource:
     def _of_digits(self, t: Times) -> Times:
         """The times; those of a clock in digits that is read as a number are a time of day."""
         is_number = bool(self._clock.unit) and not self.absolute
-        clock = from_digits(t) if is_number else None
-        if clock is None:
+        times = from_digits(t) if is_number else None
+        if times is None:
             return t
         i = self._clock.columns[0]
-        name, example = self._dialect.names[i], self._dialect.column(i)[0]
-        self.time_reason = f"column {name!r}; time of day in digits, HHMMSS"
-        self.reasons["time"] = self.time_reason
-        self.findings = [f for f in self.findings if f.code != "time-unit-guessed"]
-        self._report(Finding("time-digits", "info", name, names={"example": example}))
-        return clock
+        clock = self._clock.in_digits(self._dialect.names[i], self._dialect.column(i)[0])
+        self.time_reason = self.reasons["time"] = clock.reason
+        earlier = {*self._clock.findings, *clock.findings}
+        self.findings = [*clock.findings, *(f for f in self.findings if f not in earlier)]
+        return times
 
     def _refuse_time(self, t: Times) -> None:
         """Refuses times that never change, or nearly always fall."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...core import threads
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
+from ..words import numbered
 from .block_parser import CsvTable, ParsedBlock, Parser
 from .cells import NO_NUMBER, NUMBER, is_missing
 from .dialect import is_comment, is_null, split
@@ -22,7 +23,6 @@ from .time_column import another_time
 
 Key = tuple[str, ...]  # cells of the key columns
 
-MOST_WORDS = 16  # of a column: one with more is no state
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
 _MAX_UNREAD = 1_000  # rows of a block without a readable time that may be a header
 _T, _SERIES = -1, -2  # what a pass gives besides its columns
@@ -122,21 +122,14 @@ def count_times(table: CsvTable, parsed: ParsedBlock, count: int) -> int:
 def _numbers_of(parsed: ParsedBlock, i: int, timed: Bools, words: list[str]) -> Floats:
     """The number of each cell's word, shape (n,); NaN without a word, and where it is not used.
 
-    Words that are new are appended, in the order in which they occur. Cells with a word beyond
-    `MOST_WORDS` hold no number.
+    Cells with a word beyond those that a state may have hold no number.
     """
-    used_cells = pc.if_else(pa.array(timed), pc.utf8_trim_whitespace(parsed.arrays[i]), None)
-    encoded = used_cells.dictionary_encode()
-    met = encoded.dictionary.to_pylist()
-    new_words = [word for word in met if word not in words]
-    words += new_words[: MOST_WORDS - len(words)]
-    number_of = {word: float(k) for k, word in enumerate(words)}
-    numbers: Floats = np.array([*(number_of.get(word, np.nan) for word in met), np.nan])
-    indices: NDArray[np.int64] = np.asarray(pc.fill_null(encoded.indices, len(met)))
-    if not number_of.keys() >= set(met):
-        is_unknown = np.isnan(numbers[indices]) & (indices < len(met))
+    used_cells = pc.if_else(pa.array(timed), parsed.arrays[i], None)
+    numbers = numbered(used_cells, words)
+    is_unknown = np.isnan(numbers) & np.asarray(used_cells.is_valid())
+    if is_unknown.any():
         parsed.states[i] = np.where(is_unknown, NO_NUMBER, NUMBER).astype(np.int8)
-    return numbers[indices]
+    return numbers
 
 
 def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:

@@ -105,6 +105,7 @@ class ArrivingMcap:
         preamble = MAGIC + self._header + written(*self._defined)
         content = preamble + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC
         source = McapSource(self._path, replace(self._options, strict=False), content)
+        source.texts = []  # what arrives are numbers
         self._defined = [*source.walk.schemas.values(), *source.walk.channels.values()]
         return source
 

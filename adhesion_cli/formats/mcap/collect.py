@@ -11,6 +11,7 @@ from ...core.time_axis import spans_of
 from ..source import TimeSource
 from .blocks import Offsets, Records
 from .columns import MessageFault, Wanted
+from .fields import Leaf
 from .series import Series
 
 # From one run of rising times to another in the order of time, per fall of the time in the file.
@@ -43,23 +44,23 @@ class Collector:
     Args:
         series: the topic.
         source: the clock.
-        paths: the numbers of it that are wanted.
+        leaves: the numbers and words of it that are wanted.
         log_start: the log's start [ns], for the findings.
     """
 
     def __init__(
-        self, series: Series, source: TimeSource, paths: list[str], log_start: int
+        self, series: Series, source: TimeSource, leaves: list[Leaf], log_start: int
     ) -> None:
-        self.series, self._source, self.paths = series, source, paths
+        self.series, self._source, self.leaves = series, source, leaves
         self._log_start = log_start
         self.rows = 0  # messages so far
         self._faults: dict[tuple[str, str, str], _Faulty] = {}  # by code, field and reason
         s = series
-        self._wanted = Wanted.select(s.tree, [s.fields[p] for p in paths], s.stamp)
+        self._wanted = Wanted.select(s.tree, leaves, s.stamp)
         places = list(self._wanted.numbers)
         self._stamp_at = [places.index(steps) for steps in s.stamp.places] if s.stamp else []
         self._t: Times = np.empty(s.rows, np.int64)
-        self._values: Floats = np.empty((len(paths), s.rows))
+        self._values: Floats = np.empty((len(leaves), s.rows))
         self._backward_finding: Finding | None = None
 
     def take(self, records: Records, offset: int) -> None:
@@ -73,7 +74,7 @@ class Collector:
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
             data, begin, stop = records.data, records.data_start, records.stop
             values, faults = decoder.columns(data, begin, stop, self._wanted)
-        self._values[:, rows] = values[: len(self.paths)]
+        self._values[:, rows] = values[: len(self.leaves)]
         self._t[rows] = records.publish_time if self._source == "publish" else log
         if self._source == "header" and (stamp := self.series.stamp):
             own_stamps, has_stamp = stamp.times(values[self._stamp_at])
@@ -105,7 +106,7 @@ class Collector:
         return [MessageFault("mcap-no-stamp", np.flatnonzero(lacking))] if lacking.any() else []
 
     def columns(self) -> list[Column]:
-        """One column per path, all with the same time array.
+        """One column per leaf, all with the same time array.
 
         Messages may stand in any order in the file: their log or publish time orders them. The
         stamps inside them are not sorted, and neither are the times of a clock that was set back.
@@ -126,7 +127,15 @@ class Collector:
                 )
                 for array in (t, *self._values):
                     array[:] = array[order]  # in place, to save memory
-        return [Column(t, v, np.isfinite(v)) for v in self._values]
+        return [self._column(*pair) for pair in zip(self.leaves, self._values, strict=True)]
+
+    def _column(self, leaf: Leaf, value: Floats) -> Column:
+        """One column; the numbers of an enum count its names."""
+        words = tuple(self._wanted.words.get(leaf.steps, leaf.words))
+        if leaf.numbers:
+            is_number = value[:, None] == np.array(leaf.numbers)
+            value = np.where(is_number.any(axis=1), is_number.argmax(axis=1), np.nan)
+        return Column(self._t, value, np.isfinite(value), words)
 
     def findings(self) -> Iterator[Finding]:
         """What was found on the way; to be asked after `columns`."""

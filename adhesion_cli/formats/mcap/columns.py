@@ -1,7 +1,7 @@
 """Columns of many messages: which numbers are wanted, and what in later messages differs."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from operator import itemgetter
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...core.model import Bools, Floats
+from ..source import MOST_WORDS
 from .blocks import Offsets
 from .fields import MAX_NUMBERS, Leaf, Steps, Tree, UndecodableError, empty, node_at, path
 from .stamps import Stamp
@@ -43,6 +44,7 @@ class Wanted:
     numbers: Sequence[Steps]  # the numbers asked for, then those of the stamp
     lengths: dict[Steps, int]  # of the arrays that hold wanted numbers, or are empty at first
     said: dict[Steps, FirstText]
+    words: dict[Steps, list[str]]  # of texts that are asked for, whose numbers count these
     shape: Tree  # what the first messages hold, all taken together
     iso: Steps | None = None  # the one of `numbers` that is a time as text
     layouts: list[Any] = field(default_factory=list)  # what a decoder learns of its messages
@@ -63,7 +65,8 @@ class Wanted:
                 if place:
                     said.setdefault(place, FirstText(text, [])).places.append(i)
         iso = stamp.places[0] if stamp and stamp.text else None
-        return cls(tuple(places), lengths, said, tree, iso)
+        words = {leaf.steps: list[str]() for leaf in wanted if leaf.words and not leaf.numbers}
+        return cls(tuple(places), lengths, said, words, tree, iso)
 
 
 class Batch:
@@ -185,6 +188,12 @@ class Spread:
                     self.walk(children, rows[count > k], child, place)
 
     def _numbers(self, nodes: Sequence[Any], rows: Offsets, column: int, steps: Steps) -> None:
+        if (words := self._wanted.words.get(steps)) is not None:
+            texts = [node.strip() if isinstance(node, str) else "" for node in nodes]
+            new_words = [text for text in dict.fromkeys(texts) if text and text not in words]
+            words += new_words[: MOST_WORDS - len(words)]
+            number_of = {word: float(k) for k, word in enumerate(words)}
+            nodes = [number_of.get(text, np.nan) for text in texts]
         self._batch.values[column, rows] = nodes
 
 
@@ -212,6 +221,10 @@ class Decoder(ABC):
     @abstractmethod
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit the schema states for a number, and where; "" for none."""
+
+    def names(self, steps: Steps) -> Mapping[int, str]:
+        """The names that the schema gives the numbers at a place; none where it gives none."""
+        return {}
 
     def columns(
         self, data: bytes, start: Offsets, stop: Offsets, wanted: Wanted

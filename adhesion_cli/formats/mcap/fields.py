@@ -41,6 +41,8 @@ class Leaf:
     unit_from: str = ""
     label_at: Steps = ()  # the string that is the label; () without one
     unit_at: Steps = ()  # the string that is the unit; () where no string of the message is
+    words: tuple[str, ...] = ()  # of a text, those in the first messages; of an enum, its names
+    numbers: tuple[int, ...] = ()  # of an enum, those of its names
 
     @property
     def path(self) -> str:
@@ -110,8 +112,8 @@ def states_unit(key: str) -> bool:
 
 def number_leaves(
     tree: Tree, schema_unit: Units, metadata: dict[str, str]
-) -> tuple[list[Leaf], list[str]]:
-    """Every number of a message, in its order.
+) -> tuple[list[Leaf], list[Steps], list[str]]:
+    """Every number of a message, in its order, and every text.
 
     A unit comes from the first of these places that states one:
 
@@ -126,17 +128,19 @@ def number_leaves(
         metadata: the channel's metadata.
 
     Returns:
-        The numbers, and the places that are not offered: too long, too deep or opaque.
+        The numbers, the places of texts, and the places that are not offered: too long, too deep
+        or opaque.
     """
     search = _LeafSearch(tree, schema_unit, metadata)
     search.walk(tree, (), (), ())
-    return search.leaves, search.omitted
+    return search.leaves, search.texts, search.omitted
 
 
 class _LeafSearch:
     def __init__(self, tree: Tree, schema_unit: Units, metadata: dict[str, str]) -> None:
         self._tree, self._schema_unit, self._metadata = tree, schema_unit, metadata
         self.leaves: list[Leaf] = []
+        self.texts: list[Steps] = []
         self.omitted: list[str] = []
 
     def walk(self, node: Tree, steps: Steps, label_at: Steps, names_at: Steps) -> None:
@@ -150,6 +154,8 @@ class _LeafSearch:
         """
         if is_number(node):
             self._number(steps, label_at)
+        elif isinstance(node, str):
+            self.texts += [steps] * (len(self.texts) < MAX_NUMBERS)
         elif isinstance(node, Opaque):
             self.omitted.append(f"{path(steps)} ({node.kind})")
         elif not isinstance(node, (dict, list)) or stamp_keys(node):

@@ -73,7 +73,7 @@ class _JsonSpread(Spread):
     def _numbers(self, nodes: Sequence[Tree], rows: Offsets, column: int, steps: Steps) -> None:
         if steps == self._wanted.iso:
             nodes = list(map(microseconds, nodes))
-        elif not set(map(type, nodes)) <= _NUMBERS:
+        elif steps not in self._wanted.words and not set(map(type, nodes)) <= _NUMBERS:
             is_number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
             not_numeric = ~is_number & np.array([node is not None for node in nodes], np.bool_)
             self._fault("mcap-type-change", rows[not_numeric], path(steps))

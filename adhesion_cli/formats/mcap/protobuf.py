@@ -1,6 +1,6 @@
 """Protobuf messages: the protobuf library parses them one by one."""
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from itertools import compress
 from operator import attrgetter
@@ -96,11 +96,7 @@ class ProtobufDecoder(Decoder):
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit a custom field option named `unit` states."""
-        kind, option = self._type, None
-        for step in steps:
-            if isinstance(step, str):
-                option = kind.fields_by_name[step] if kind else None
-                kind = option.message_type if option else None
+        option = self._field(steps)
         if option is None or self._options is None:
             return "", ""
         for extension, value in self._options.FromString(
@@ -109,6 +105,27 @@ class ProtobufDecoder(Decoder):
             if extension.name in ("unit", "units") and isinstance(value, str):
                 return value, f"field option {extension.full_name}"
         return "", ""
+
+    def names(self, steps: Steps) -> Mapping[int, str]:
+        """See Decoder; without what all names of an enum begin with, as style guides ask for."""
+        field = self._field(steps)
+        if field is None or field.enum_type is None:
+            return {}
+        values = field.enum_type.values
+        pieces = [value.name.split("_") for value in values]
+        while len({words[0] for words in pieces}) == 1 and all(len(words) > 1 for words in pieces):
+            pieces = [words[1:] for words in pieces]
+        numbers = (value.number for value in values)
+        return dict(zip(numbers, map(" ".join, pieces), strict=True))
+
+    def _field(self, steps: Steps) -> Any:
+        """The descriptor of a field, None where there is none."""
+        kind, field = self._type, None
+        for step in steps:
+            if isinstance(step, str):
+                field = kind.fields_by_name[step] if kind else None
+                kind = field.message_type if field else None
+        return field
 
 
 def _pool(data: bytes) -> DescriptorPool:

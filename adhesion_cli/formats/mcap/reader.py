@@ -1,6 +1,7 @@
 """MCAP logs as a Source: which numbers their messages hold, by which clock, and columns of them."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from ...core.finding import Finding, Severity
 from ...core.model import Column
 from ..source import Field, ReadOptions, TimeSource, report
 from .collect import Collector
+from .fields import Leaf
 from .series import YEAR_1990, Discovery, Series, grouped
 from .walk import Walk
 
@@ -53,11 +55,13 @@ class McapSource:
         self._report(self._of_walk())
         self._series = grouped(walk)
         self._report(Discovery(options).report(self._series))
-        self.texts: Sequence[Field] = ()
         self.fields: Sequence[Field] = [
-            Field(s.topic, p, leaf.label, s.group, leaf.unit, leaf.unit_from, s.name, s.encoding)
+            _field(s, p, leaf) for s in self._series for p, leaf in s.fields.items()
+        ]
+        self.texts: Sequence[Field] = [
+            replace(_field(s, p, leaf), words=leaf.words)
             for s in self._series
-            for p, leaf in s.fields.items()
+            for p, leaf in s.texts.items()
         ]
         self.reasons: dict[str, object] = {
             "profile": walk.profile,
@@ -129,16 +133,17 @@ class McapSource:
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see Source."""
         by_topic = {(s.topic, s.group): s for s in self._series}
-        paths: dict[tuple[str, str], dict[str, None]] = {}  # in order, each once
+        leaves: dict[tuple[str, str], dict[Leaf, None]] = {}  # in order, each once
         for f in wanted:
             s = by_topic.get((f.channel, f.group))
-            if s is None or f.path not in s.fields:
+            leaf = (s.texts if f.words else s.fields).get(f.path) if s else None
+            if leaf is None:
                 raise UserError(
                     f"{self.path}: no field {f.path!r} in {f.channel!r}",
                     "`adhesion inspect` lists the fields of a log",
                 )
-            paths.setdefault((f.channel, f.group), {})[f.path] = None
-        series = [by_topic[key] for key in paths]
+            leaves.setdefault((f.channel, f.group), {})[leaf] = None
+        series = [by_topic[key] for key in leaves]
         if series:
             self._take_clock(series)
         for s in series:
@@ -148,18 +153,19 @@ class McapSource:
                     "state another clock, as --set channels.time.source=log (or publish)",
                 )
         collectors = [
-            Collector(by_topic[key], self.clock, list(leaves), self.walk.times[0])
-            for key, leaves in paths.items()
+            Collector(by_topic[key], self.clock, list(chosen), self.walk.times[0])
+            for key, chosen in leaves.items()
         ]
         self._collect(collectors)
-        by_field: dict[tuple[str, str, str], Column] = {}
+        by_field: dict[tuple[str, str, str, bool], Column] = {}
         for collector in collectors:
             if collector.rows != collector.series.rows:
                 raise self.walk.changed()
-            for p, column in zip(collector.paths, collector.columns(), strict=True):
-                by_field[collector.series.topic, collector.series.group, p] = column
+            topic, group = collector.series.topic, collector.series.group
+            for leaf, column in zip(collector.leaves, collector.columns(), strict=True):
+                by_field[topic, group, leaf.path, bool(leaf.words)] = column
             self._report(collector.findings())
-        return [by_field[f.channel, f.group, f.path] for f in wanted]
+        return [by_field[f.channel, f.group, f.path, bool(f.words)] for f in wanted]
 
     def _collect(self, collectors: Sequence[Collector]) -> None:
         """Hands each the messages of its channels; the cost of a block does not grow with them."""
@@ -178,6 +184,12 @@ class McapSource:
             for k in np.flatnonzero(counts).tolist():
                 rows_of_collector = rows[run_ends[k] - counts[k] : run_ends[k]]
                 collectors[k].take(records.select(rows_of_collector), block.offset)
+
+
+def _field(s: Series, place: str, leaf: Leaf) -> Field:
+    """A number or a text of a topic."""
+    unit = leaf.unit, leaf.unit_from
+    return Field(s.topic, place, leaf.label, s.group, *unit, s.name, s.encoding)
 
 
 def _without_stamps(series: Sequence[Series]) -> str:

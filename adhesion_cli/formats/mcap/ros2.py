@@ -133,7 +133,7 @@ class Ros2Decoder(Decoder):
                 continue
             Spread(batch).walk([message.tree], pending[:1], wanted.shape)
             pending = pending[1:]
-            decisive_count = len(message.lengths) + len(wanted.said)
+            decisive_count = len(message.lengths) + len(wanted.said) + len(wanted.words)
             if decisive_count <= _MOST_DECISIVE and len(wanted.layouts) < _MOST_LAYOUTS:
                 wanted.layouts.append(layout := _layout(message, batch, row))
                 pending = layout.take(batch, data, start, stop, pending)
@@ -241,6 +241,7 @@ class _Layout:
     numbers: dict[int, tuple[str, int]]  # numpy's type and offset, by column
     lengths: set[Steps]  # the arrays that have another length than at first
     texts: set[Steps]  # the strings that are other units or names than at first
+    words: dict[int, float]  # the number of the word that a string is, by column
 
     def take(
         self, batch: Batch, data: bytes, start: Offsets, stop: Offsets, pending: Offsets
@@ -256,6 +257,8 @@ class _Layout:
             is_bool = kind[1:] == "?"  # one of 2 is true
             values = load(data, start[rows] + offset, "u1" if is_bool else kind)
             batch.values[column, rows] = values != 0 if is_bool else values
+        for column, number in self.words.items():
+            batch.values[column, rows] = number
         for steps in self.lengths:
             batch.lengths[steps][rows] = True
         for steps in self.texts:
@@ -267,7 +270,8 @@ def _layout(message: _Message, batch: Batch, row: int) -> _Layout:
     """How a message is laid out that a batch has taken as one of its rows."""
     wanted = batch.wanted
     places = [(1, 1), *((offset, 4) for offset in message.lengths)]  # the first: byte order
-    places += [place for steps, place in message.texts.items() if steps in wanted.said]
+    texts = wanted.said.keys() | wanted.words.keys()
+    places += [place for steps, place in message.texts.items() if steps in texts]
     decisive = {a: message.raw[a : a + size] for a, size in places if size}
     numbers: dict[int, tuple[str, int]] = {}
     for column, steps in enumerate(wanted.numbers):
@@ -277,8 +281,10 @@ def _layout(message: _Message, batch: Batch, row: int) -> _Layout:
             kind = message.order + code
             numbers[column] = kind, begin + k * struct.calcsize(kind)
     lengths = {steps for steps, differs in batch.lengths.items() if differs[row]}
-    texts = {steps for steps, differs in batch.texts.items() if differs[row]}
-    return _Layout(message.size, decisive, numbers, lengths, texts)
+    differing_texts = {steps for steps, differs in batch.texts.items() if differs[row]}
+    columns = [wanted.numbers.index(steps) for steps in wanted.words]
+    words = {column: float(batch.values[column, row]) for column in columns}
+    return _Layout(message.size, decisive, numbers, lengths, differing_texts, words)
 
 
 def _short_name(name: str) -> str:

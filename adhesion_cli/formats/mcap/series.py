@@ -9,7 +9,7 @@ from typing import Any
 from mcap.records import Schema
 
 from ...core.finding import Finding, Severity
-from ..source import ReadOptions
+from ..source import MOST_WORDS, ReadOptions, distinct_words
 from .columns import Decoder
 from .fields import (
     MAX_NUMBERS,
@@ -19,6 +19,7 @@ from .fields import (
     empty,
     node_at,
     number_leaves,
+    path,
     quoted_numbers,
     states_unit,
     typical,
@@ -46,7 +47,8 @@ class Series:
     head_time: int = 0  # log time of the first
     decoder: Decoder | None = None
     tree: Tree = None  # what the first messages hold
-    fields: dict[str, Leaf] = field(default_factory=dict)  # by path
+    fields: dict[str, Leaf] = field(default_factory=dict)  # of numbers, by path
+    texts: dict[str, Leaf] = field(default_factory=dict)  # of words, by path
     stamp: Stamp | None = None
     stamp_time: int = 0  # of the first message, 0 where it has none
     stamps_repeat: bool = False  # among the first messages, as those of a date or of whole seconds
@@ -130,7 +132,7 @@ class Discovery:
         if s.lacks_schema:
             yield s.finding("mcap-schema-missing", "warning", schema=str(s.schema_id))
         s.tree = typical(trees)
-        yield from _offer(s, s.decoder)
+        yield from _offer(s, s.decoder, trees)
         _find_stamp(s, trees)
 
     def _decoder(self, s: Series) -> Decoder | None:
@@ -176,12 +178,18 @@ def _trees(s: Series, decoder: Decoder) -> list[Tree]:
     return trees
 
 
-def _offer(s: Series, decoder: Decoder) -> Iterator[Finding]:
-    """Offers the numbers of the first messages."""
-    numbers, skipped = number_leaves(s.tree, decoder.unit, s.metadata)
+def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
+    """Offers the numbers of the first messages, and their words."""
+    numbers, texts, skipped = number_leaves(s.tree, decoder.unit, s.metadata)
     for leaf in numbers:
         if s.fields.setdefault(leaf.path, leaf) is not leaf:
             skipped.append(f"a second {leaf.path}")
+        if (names := decoder.names(leaf.steps)) and len(names) <= MOST_WORDS:
+            s.texts[leaf.path] = replace(leaf, words=(*names.values(),), numbers=(*names,))
+    for steps in texts:
+        met = (node_at(tree, steps) for tree in trees)
+        if words := distinct_words(text for text in met if isinstance(text, str) and text):
+            s.texts.setdefault(path(steps), Leaf(steps, words=words))
     if s.encoding == "json":  # a schema that says text means text
         skipped += islice(quoted_numbers(s.tree), MAX_NUMBERS)
     head_count = len(s.heads)
