@@ -137,7 +137,8 @@ def check(folder: Path, log: Log, decoded: dict[int, list[tuple[int, Any]]]) -> 
         if messages := decoded[number]:
             at_first = numbers_in(messages[0][1])
             later = seen.get(topic, set()) - at_first  # in messages that are absent at first
-            assert at_first <= seen.get(topic, set()) and all("[" in p for p in later), topic
+            assert at_first <= seen.get(topic, set()), topic
+            assert all("[" in p for p in later), topic
     told = {f.code for f in source.findings}
     assert told <= {
         "mcap-damaged", "mcap-unchecked", "mcap-unordered", "mcap-not-offered",
