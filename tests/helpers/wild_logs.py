@@ -254,6 +254,23 @@ def named_months(rng: random.Random) -> Iterator[WildLog]:
     )
 
 
+def local(rng: random.Random) -> Iterator[WildLog]:
+    """Dates as programs in several languages write them."""
+    yield from _written(
+        rng,
+        lambda x: x.strftime("%d de ") + _month("julio agosto", x) + x.strftime(" de %Y %X.") + _ms(x),
+        lambda x: x.strftime("%d ") + _month("juil. août", x) + x.strftime(" %Y à %X,") + _ms(x),
+        lambda x: x.strftime("%d ") + _month("lip sie", x) + x.strftime(" %Y %X,") + _ms(x),
+        lambda x: x.strftime("Di %d.%m.%Y %X,") + _ms(x) + " Uhr",
+        lambda x: x.strftime("%Y-%m-%dT%X.") + _ms(x) + "+02:00[Europe/Berlin]",
+        lambda x: f"{x.hour}:{x.minute}:{x.second}:{x.microsecond // 1000}",
+    )
+
+
+def _month(names: str, stamp: datetime) -> str:
+    return names.split()[stamp.month % 2]
+
+
 def iso(rng: random.Random) -> Iterator[WildLog]:
     """Dates of ISO 8601 that are not the usual one."""
     yield from _written(
@@ -319,6 +336,8 @@ def counts(rng: random.Random) -> Iterator[WildLog]:
         ("t", [str((x + 62_135_596_800_000) * 10_000) for x in unix.tolist()], 1e-4),
         ("Time [s]", [f"{(x + 2_082_844_800_000) / 1000:.3f}" for x in unix.tolist()], 1e-3),
         ("t", [f"{x / day + 2_440_587.5:.10f}" for x in unix.tolist()], 1e-3),
+        ("t [10 ms]", [str(2 * k) for k in range(ROWS)], 1e-4),
+        ("Zeit (1/1000 s)", [str(20 * k) for k in range(ROWS)], 1e-4),
     ):
         yield WildLog("log.csv", timed(name, times), apart)
 
@@ -433,6 +452,19 @@ def lists(rng: random.Random) -> Iterator[WildLog]:
         ]
         above = [["Report", "brake test"], ["No", "Name", "Unit", "Gain"], *rows, []]
         yield WildLog("log.csv", table([*above, ["Time [s]", *NAMES]], cells, delimiter))
+    factors = [["Calibrated", "2026-03-12"], ["No", "Gain", "Offset"], ["1", "2.5", "-1.0"]]
+    yield WildLog("log.csv", table([*factors, ["2", "1.0", "0.0"], ["t [s]", *NAMES]], cells))
+
+
+def remarks(rng: random.Random) -> Iterator[WildLog]:
+    """Lines of words among the rows and behind them, and units rows that come again."""
+    cells = [[f"{x:.{n}f}" for x in y] for y, n in ((T, 3), (P, 2), (V, 2))]
+    rows = [list(row) for row in zip(*cells, strict=True)]
+    names, units = ["Zeit [s]", "BC pressure", "wheel speed"], ["", "[bar]", "[km/h]"]
+    for remark in ("Ende der Messung", "*** Log started 24.11.2026 10:15:00 ***"):
+        cut = rng.randrange(700, 1_400)
+        text = table([names, units, *rows[:cut], [remark], names, units], [[], [], []], ";")
+        yield WildLog("log.csv", text + table([*rows[cut:], [remark]], [[], [], []], ";"))
 
 
 KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
@@ -444,6 +476,7 @@ KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K9-ms": bare_milliseconds,
     "K10-half": day_halves,
     "K10-month": named_months,
+    "K10-local": local,
     "K10-iso": iso,
     "K10-dots": dotted,
     "K10-elapsed": elapsed,
@@ -453,6 +486,7 @@ KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K13-lvm": lvm,
     "K13-heads": heads,
     "K14-lists": lists,
+    "K14-remarks": remarks,
     "K16-mark": marks,
     "K16-unit": unit_cells,
 }

@@ -24,6 +24,7 @@ from .dialect import NULLS, Dialect, is_comment, split
 from .lines import LineBlock
 
 _EXAMPLE_BYTES = 100_000  # bytes of a row that are looked at
+_TEXT = re.compile(r'(?=.*[^\W\d_]{3})[^"\d\s][^"]{0,200}')  # a line as "End of measurement"
 Rows = NDArray[np.int64]
 
 
@@ -157,6 +158,9 @@ class Parser:
             if cells[0] in dialect.segments:
                 hint = "split the log there, and read each part by itself"
                 raise UserError(f"{self.table.path}: {text[:60]!r} begins a header of others", hint)
+        is_text = dialect.delimiter not in text and _TEXT.fullmatch(text)
+        if is_text and dialect.rows[0][0][:1].isdecimal():
+            return "comment"
         return "too few cells" if is_narrow else "too many cells"
 
     def _typed(self, data: bytes) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from ...core import units
 from ...core.finding import Finding
 from ...core.model import Bools, Times
 from . import cells
@@ -43,6 +44,16 @@ class Count(NamedTuple):
         return (number - self.at_1970) * self.ns / _S
 
 
+
+def count_of(unit: str) -> Count:
+    """What numbers of this unit count: a key of `COUNTS`, or a unit of time with a factor."""
+    if unit in COUNTS:
+        return COUNTS[unit]
+    scaled = units.unit(unit)
+    assert scaled
+    return Count(round(scaled.factor * _S))
+
+
 COUNTS = {unit: Count(ns) for unit, ns in NS_PER_UNIT.items()} | {
     "excel": Count(_DAY, 25_569, "Excel serial days"),
     "datenum": Count(_DAY, 719_529, "days since the year 0"),
@@ -58,7 +69,7 @@ class Clock:
     """How to get int64 ns from one or more columns of the table."""
 
     columns: tuple[int, ...]  # none where rows are counted
-    unit: str  # of a number: key of `COUNTS`; "" for stamps
+    unit: str  # of a number, see `count_of`; "" for stamps
     pattern: str  # of a stamp, the cells of its columns joined by blanks; "" for numbers
     decimal: str
     absolute: bool  # counts from 1970
@@ -91,7 +102,7 @@ class Clock:
         if self.pattern:
             text = [pc.utf8_trim_whitespace(a) for a in arrays]
             return cells.stamps(pc.binary_join_element_wise(*text, " "), self.pattern)
-        count = COUNTS[self.unit]
+        count = count_of(self.unit)
         if self.absolute and count.ns < _DAY:
             ticks, ok = cells.decimals(array, count.scale, self.decimal)
             per_tick = count.ns // 10**count.scale

@@ -72,6 +72,7 @@ def with_counted_fraction(cells: Sequence[str], pattern: str) -> str:
 
     Such a fraction counts milliseconds or microseconds. Only so the times do not fall.
     """
+    pattern = pattern.replace("(?P<l>[0-9]{3})", _COUNTS[0])  # as 10:15:7:20
     unnamed = pattern.replace("(?P<l>", "(?:")
     for counting in (pattern, *(unnamed.replace(_FRACTION, count) for count in _COUNTS)):
         t = read(cells, counting)

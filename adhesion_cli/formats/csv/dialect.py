@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from ...core.units import in_name, unit
-from .header_words import is_units_row, label, normal, time_name, time_unit
+from .header_words import is_units_row, label, normal, time_name
 
 HEAD_BYTES = 1 << 20
 
@@ -156,7 +156,7 @@ def unit_behind(cell: str) -> str:
     ('km/h', 's', '')
     """
     match = _WITH_UNIT.fullmatch(cell)
-    is_measured = match and (unit(match[2]) or time_unit(match[2])) and _NUMBER.fullmatch(match[1])
+    is_measured = match and unit(match[2]) and _NUMBER.fullmatch(match[1])
     return match[2] if match and is_measured else ""
 
 

@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, groupby
 from pathlib import Path
 
 from ...core import toml
@@ -107,9 +107,13 @@ def _first_data(table: FirstRows) -> int | None:
             return False
         return len(texts) < 0.5 * len(said)
 
+    def names_time(cells: list[str]) -> bool:
+        return any(map(time_name, cells)) and not any(map(typed, cells))
+
     flags = [resembles_data(cells) for _, cells in table.rows]
-    windows = (flags[i : i + 6] for i in range(len(flags)))
-    return next((i for i, f in enumerate(windows) if f[0] and sum(f) >= 0.3 * len(f)), None)
+    header = next((i for i, (_, cells) in enumerate(table.rows) if names_time(cells)), 0)
+    windows = ((i, flags[i : i + 6]) for i in range(header, len(flags)))
+    return next((i for i, f in windows if f[0] and sum(f) >= 0.3 * len(f)), None)
 
 
 def _text_above(table: FirstRows, start: int) -> Header:
@@ -182,41 +186,34 @@ def _commented_header(table: FirstRows, first_line: int) -> list[list[str]]:
 def refuse_table_above(table: FirstRows, top: int) -> None:
     """Refuses rows of another table above the header: two or more, of one width.
 
-    Each begins with a number or a stamp, as do half of its cells, whatever delimits them. Rows with
-    texts whose first cells count from 0 or 1 are a list, as of channels.
+    Each begins with a number or a stamp, as do half of its cells, whatever delimits them. Rows that
+    count from 0 or 1 are a list, as of channels, if they have texts or are as few as the columns.
 
     Raises:
         UserError: names the first.
     """
 
-    def form(text: str) -> tuple[str, int, str, bool] | None:
+    def form(text: str) -> tuple[str, int, bool] | None:
         for delimiter in DELIMITERS:
             cells = [c for c in split(text, delimiter) if not is_null(c)]
             typed = [is_number(c) or is_stamp(c) for c in cells]
             if sum(typed) >= max(2, len(typed) / 2) and typed[0]:
-                width = len(split(text, delimiter))
-                return delimiter, width, cells[0], all(typed)
+                return delimiter, len(split(text, delimiter)), all(typed)
         return None
 
     line_numbers = {n for n, _ in table.rows[:top]}
     lines = [line for line in table.lines if line[0] in line_numbers]
-    is_list, earlier = False, None
-    for k, (_, text) in enumerate(lines):
-        row = form(text)
-        if row and earlier and row[:2] == earlier[:2]:
-            is_list = not (row[3] or earlier[3]) and is_list and _counts_on(earlier[2], row[2])
-            if not is_list:
-                message = f"{table.path}: line {lines[k - 1][0]} and the next ones are rows of "
-                message += f"another table than those below line {table.rows[top][0]}"
-                raise UserError(message, "split the log there, and read each part by itself")
-        else:
-            is_list = row is not None and row[2] in ("0", "1")
-        earlier = row
-
-
-def _counts_on(cell: str, next_cell: str) -> bool:
-    """Whether the second cell is the number after that of the first."""
-    return cell.isdecimal() and next_cell.isdecimal() and int(next_cell) == int(cell) + 1
+    for row_form, group in groupby(lines, lambda line: form(line[1])):
+        rows = list(group)
+        if row_form is None or len(rows) < 2:
+            continue
+        delimiter, _, has_no_text = row_form
+        firsts = [split(text, delimiter)[0] for _, text in rows]
+        is_list = any(firsts == [str(n + k) for k in range(len(rows))] for n in (0, 1))
+        if not is_list or (has_no_text and len(rows) > table.width):
+            text = f"{table.path}: line {rows[0][0]} and the next ones are rows of "
+            text += f"another table than those below line {table.rows[top][0]}"
+            raise UserError(text, "split the log there, and read each part by itself")
 
 
 def refuse_width(table: FirstRows, header: Header, width: int) -> None:

@@ -6,6 +6,8 @@ import unicodedata
 from functools import lru_cache
 from pathlib import Path
 
+from ...core import units
+
 NS_PER_UNIT = {
     "ns": 1,
     "us": 1_000,
@@ -17,11 +19,6 @@ NS_PER_UNIT = {
 }
 
 _VOCABULARY = tomllib.loads(Path(__file__).with_name("header_words.toml").read_text("utf-8"))
-_UNIT = {
-    word: unit
-    for unit, unit_words in _VOCABULARY["time_units"].items()
-    for word in unit_words.split()
-}
 _PARTS = {word: part for part, words in _VOCABULARY["parts"].items() for word in words.split()}
 _LABELS = {word: kind for kind, words in _VOCABULARY["labels"].items() for word in words.split()}
 _TIME: list[str] = _VOCABULARY["time"].split()
@@ -37,8 +34,13 @@ def normal(text: str) -> str:
 
 
 def time_unit(text: str) -> str | None:
-    """Unit a units cell states ("[ms]", "(s)", "秒"), as a key of `NS_PER_UNIT`."""
-    return _UNIT.get(normal(text).strip("[](){}<>"))
+    """Unit of time that a text states: a key of `NS_PER_UNIT`, or one with a factor.
+
+    >>> time_unit("(Sec.)"), time_unit("[10 ms]"), time_unit("bar")
+    ('s', '10 ms', None)
+    """
+    unit = units.unit(text.strip(" .[](){}<>"))
+    return unit.name if unit and unit.dimension == "time" else None
 
 
 @lru_cache(1 << 12)  # a live sender repeats its names in each message
@@ -58,8 +60,9 @@ def time_name(header: str) -> tuple[int, str | None] | None:
         r"^(.*?[a-z])(Ns|Us|Ms|S|Sec)$",
     ):
         if (split := re.match(pattern, text)) and (named_unit := time_unit(split[2])):
-            text, unit = split[1], named_unit
-            break
+            if named_unit in NS_PER_UNIT or pattern.endswith("]$"):
+                text, unit = split[1], named_unit
+                break
     else:  # "Time [hh:mm:ss.fff]", "Timestamp (UTC)"
         text = re.sub(r"\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-zA-Z]{1,4}[-/:.]\S+)[\])]$", "", text)
     name = normal(text)
@@ -68,7 +71,8 @@ def time_name(header: str) -> tuple[int, str | None] | None:
         name = base_name or name
     if name not in _TIME:
         return None
-    return _TIME.index(name), unit or _UNIT.get(name if name not in ("t", "h", "s") else "")
+    own_unit = "s" if name == "xvalue" else time_unit(name if name not in ("t", "h", "s") else "")
+    return _TIME.index(name), unit or own_unit
 
 
 def time_part(header: str) -> str | None:

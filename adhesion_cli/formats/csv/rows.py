@@ -148,10 +148,10 @@ def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:
         line = int(parsed.lines[row])
         text = parsed.text(line)
         kind = "time missing" if missing[row] else "time unreadable"
-        unread += not missing[row]
+        unread += 1
         if is_comment(text):
             kind = "comment"
-        elif not missing[row] and unread <= _MAX_UNREAD:
+        elif unread <= _MAX_UNREAD:
             cells = split(text, dialect.delimiter)
             if dialect.repeats_header(cells):
                 kind = "header"

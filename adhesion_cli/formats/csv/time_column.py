@@ -16,14 +16,15 @@ from ...core import toml, units
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import TAKEN_AS_UTC, ReadOptions
-from .clock import COUNTS, Clock
+from .clock import COUNTS, Clock, count_of
 from .dates import READABLE, decided, forms_of, read, with_counted_fraction
 from .dialect import Dialect, is_null, number_grammar, unit_behind
 from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
 from .stamps import CLOCKS, DATES, STAMPS
 
-TIME_UNITS = (*COUNTS, "iso", "ymd", "dmy", "mdy")  # numbers, and columns of dates by their order
+_DATES = ("iso", "ymd", "dmy", "mdy")  # stated units of columns of dates
+TIME_UNITS = (*COUNTS, *_DATES)
 
 _S = 1_000_000_000
 _EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
@@ -218,7 +219,7 @@ class _ClockSearch:
             return clock
         start = int(read([f"{date} {time}"], STAMPS[forms[0]])[0])
         reason = f"{clock.reason}; start {date} {time} above the table, {TAKEN_AS_UTC}"
-        kind = pa.decimal128(38, COUNTS[clock.unit].scale) if clock.unit else clock.type
+        kind = pa.decimal128(38, count_of(clock.unit).scale) if clock.unit else clock.type
         return replace(clock, start=start, absolute=True, reason=reason, type=kind)
 
     def of_parts(self) -> Clock | None:
@@ -296,11 +297,11 @@ class _ClockSearch:
                 return Clock((i,), "", pattern, ".", False, reason, pa.string())
         if not values or (not said and 0.3 * len(values) < falls < 0.9 * (len(values) - 1)):
             return None  # a T that is a temperature
-        if said and said[0] not in COUNTS:
+        if said and said[0] in _DATES:
             return None
         unit_source = self._shown_unit(i, values, said) or said
         unit, source = unit_source or self._plausible_unit(i, values)
-        count = COUNTS[unit]
+        count = count_of(unit)
         absolute = bool(count.at_1970) or count.seconds(values[0]) >= _EPOCH_S[0]
         epoch = "Unix epoch, " if absolute else ""
         reason = f"{choice}; {count.name or epoch + unit} ({source})"
@@ -374,7 +375,7 @@ class _ClockSearch:
         cells = self.dialect.column(i)
         fine_cells = sum(len(re.split("[.,]", c)[-1]) >= 6 for c in cells if re.search("[.,]", c))
         for unit, count in COUNTS.items():
-            if said and (said[1] == "stated" or count.ns != COUNTS[said[0]].ns):
+            if said and (said[1] == "stated" or count.ns != count_of(said[0]).ns):
                 continue
             is_day = count.ns == NS_PER_UNIT["d"]
             is_possible = count.at_1970 if is_day else count.ns <= _S
