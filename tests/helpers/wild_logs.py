@@ -258,17 +258,13 @@ def local(rng: random.Random) -> Iterator[WildLog]:
     """Dates as programs in several languages write them."""
     yield from _written(
         rng,
-        lambda x: x.strftime("%d de ") + _month("julio agosto", x) + x.strftime(" de %Y %X.") + _ms(x),
-        lambda x: x.strftime("%d ") + _month("juil. août", x) + x.strftime(" %Y à %X,") + _ms(x),
-        lambda x: x.strftime("%d ") + _month("lip sie", x) + x.strftime(" %Y %X,") + _ms(x),
-        lambda x: x.strftime("Di %d.%m.%Y %X,") + _ms(x) + " Uhr",
-        lambda x: x.strftime("%Y-%m-%dT%X.") + _ms(x) + "+02:00[Europe/Berlin]",
+        lambda x: x.strftime("%d de noviembre de %Y %H:%M:%S.") + _ms(x),
+        lambda x: x.strftime("%d juil. %Y à %H:%M:%S,") + _ms(x),
+        lambda x: x.strftime("%d lip %Y %H:%M:%S,") + _ms(x),
+        lambda x: x.strftime("Di %d.%m.%Y %H:%M:%S,") + _ms(x) + " Uhr",
+        lambda x: x.strftime("%Y-%m-%dT%H:%M:%S.") + _ms(x) + "+02:00[Europe/Berlin]",
         lambda x: f"{x.hour}:{x.minute}:{x.second}:{x.microsecond // 1000}",
     )
-
-
-def _month(names: str, stamp: datetime) -> str:
-    return names.split()[stamp.month % 2]
 
 
 def iso(rng: random.Random) -> Iterator[WildLog]:

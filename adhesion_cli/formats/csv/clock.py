@@ -44,7 +44,6 @@ class Count(NamedTuple):
         return (number - self.at_1970) * self.ns / _S
 
 
-
 def count_of(unit: str) -> Count:
     """What numbers of this unit count: a key of `COUNTS`, or a unit of time with a factor."""
     if unit in COUNTS:

@@ -59,10 +59,12 @@ def time_name(header: str) -> tuple[int, str | None] | None:
         r"^(.*?)[ _\-.](\w+)$",
         r"^(.*?[a-z])(Ns|Us|Ms|S|Sec)$",
     ):
-        if (split := re.match(pattern, text)) and (named_unit := time_unit(split[2])):
-            if named_unit in NS_PER_UNIT or pattern.endswith("]$"):
-                text, unit = split[1], named_unit
-                break
+        split = re.match(pattern, text)
+        named_unit = time_unit(split[2]) if split else None
+        # a factor stands in brackets: "time_10s" is a mean
+        if split and named_unit and (named_unit in NS_PER_UNIT or pattern.endswith("]$")):
+            text, unit = split[1], named_unit
+            break
     else:  # "Time [hh:mm:ss.fff]", "Timestamp (UTC)"
         text = re.sub(r"\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-zA-Z]{1,4}[-/:.]\S+)[\])]$", "", text)
     name = normal(text)

@@ -143,15 +143,13 @@ def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:
     for i in table.clock.columns:
         missing |= is_missing(parsed.arrays[i])
     kinds: dict[str, list[int]] = {}
-    unread = 0
-    for row in np.flatnonzero(~parsed.timed).tolist():
+    for k, row in enumerate(np.flatnonzero(~parsed.timed).tolist()):
         line = int(parsed.lines[row])
         text = parsed.text(line)
         kind = "time missing" if missing[row] else "time unreadable"
-        unread += 1
         if is_comment(text):
             kind = "comment"
-        elif unread <= _MAX_UNREAD:
+        elif k < _MAX_UNREAD:
             cells = split(text, dialect.delimiter)
             if dialect.repeats_header(cells):
                 kind = "header"
