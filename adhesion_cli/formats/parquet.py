@@ -18,6 +18,7 @@ from ..core.text import distinct
 from . import time_columns
 from .as_text import TextSource, open_text
 from .csv.clock import Clock
+from .csv.dialect import is_number
 from .csv.header_words import speaks_of_time, time_name, time_unit
 from .source import Field, ReadOptions, Source, distinct_words
 from .tables import Columns, Contents, TableSamples, TableSource
@@ -62,6 +63,8 @@ def open_parquet(path: Path, options: ReadOptions) -> Source:
         if text := _as_text(path, options):
             return text
         raise
+    if reader.has_numbers_as_texts and (text := _as_text(path, options)):
+        return text
     if reader.repeats_times and not options.group_channel:
         text = _as_text(path, options)
         if text and text.keys.columns:
@@ -133,12 +136,17 @@ class Reader:
         time_names = {c.name for axis in axes for c in axis.times}
         numbers = [c for c in self._columns if c.name not in time_names and _is_number(c.type)]
         of_group = {c.name: k for k, group in enumerate(groups) for c in group}
-        others = [c for c in scalar if c.name not in time_names and c not in numbers]
-        words = {
-            c: distinct_words(head[c.name].drop_null().to_pylist())
-            for c in others
-            if _is_text(c.type)
+        cells = {
+            c: head[c.name].drop_null().to_pylist()
+            for c in scalar
+            if c.name not in time_names and _is_text(c.type)
         }
+        self.has_numbers_as_texts = any(
+            cells[c] and all(map(is_number, cells[c]))
+            for c in cells
+            if units.unit(c.unit or units.in_name(c.title)[1])
+        )
+        words = {c: distinct_words(cells[c]) for c in cells}
         texts = [c for c in words if words[c] and c.title not in (self._device or ())[:1]]
         self._series = [(c, of_group.get(c.name, 0)) for c in (*numbers, *texts)]
         if nested:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core import time_axis
 from ..core.errors import UserError
-from ..core.finding import Finding, Severity
+from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Bools, Column, Floats, Times
 from ..core.text import distinct
 from .source import Field, ReadOptions, report
@@ -85,7 +85,8 @@ class TableSource:
         contents = reader.contents
         if not contents.fields or not contents.rows:
             hint = "check that the logger recorded anything"
-            cause = contents.findings[0] if contents.findings else None
+            in_file = (f for f in contents.findings if catalogue()[f.code].section == "file")
+            cause = next(in_file, None)
             text = f"{path}: the log holds no numbers over time"
             name = f"{cause.channel!r}: " if cause and cause.channel else ""
             text += f"; {name}{cause.message}".removesuffix(".") if cause else ""

@@ -14,7 +14,7 @@ from ..core.finding import Finding, Severity
 from ..core.model import Bools, Times
 from . import time_columns
 from .csv.clock import Clock
-from .csv.header_words import time_name, time_unit
+from .csv.header_words import label, time_name, time_unit
 from .source import Field, ReadOptions
 from .tables import (
     YEAR_1990,
@@ -365,7 +365,8 @@ def _open_file(path: Path) -> tuple[Any, _Changes]:
 
 
 def _is_saying(key: str) -> bool:
-    return key in _X_CHANNEL or _SAYING.match(key) is not None
+    is_rate = label(key) in ("interval", "rate")
+    return is_rate or key in _X_CHANNEL or _SAYING.match(key) is not None
 
 
 def _reason(clock: Clock) -> str:
@@ -398,18 +399,37 @@ def _waves(states: _States) -> _Waves | None:
 
 def _wave(properties: _Properties) -> _Wave | None:
     """The time that these properties state, None where they state none."""
-    increment = properties.get("wf_increment", 0.0)
-    if not isinstance(increment, float | int) or not 0.0 < increment < 1e6:
-        return None
     unit = units.unit(_x_unit(properties))
     scale = unit.factor if unit else 1.0
-    offset = properties.get("wf_start_offset", 0.0)
+    increment = scale * _number(properties.get("wf_increment")) or _interval(properties)
+    if not 0.0 < increment < 1e6:
+        return None
+    offset = _number(properties.get("wf_start_offset"))
     start = properties.get("wf_start_time")
     ns = 0
     if start is not None and hasattr(start, "second_fractions"):
         ns = int(_stamps(np.array([start.seconds]), np.array([start.second_fractions]))[0])
-    start_offset = float(offset) if isinstance(offset, float | int) and abs(offset) < 1e9 else 0.0
-    return _Wave(ns if ns >= YEAR_1990 else 0, scale * start_offset, scale * float(increment))
+    start_offset = offset if abs(offset) < 1e9 else 0.0
+    return _Wave(ns if ns >= YEAR_1990 else 0, scale * start_offset, increment)
+
+
+def _interval(properties: _Properties) -> float:
+    """The time between two samples [s] that a property of any name states; 0 for none."""
+    for name, value in properties.items():
+        kind, unit = label(name), units.unit(units.in_name(name)[1])
+        dimension = {"interval": "time", "rate": "pulse rate"}.get(kind or "")
+        number = _number(value) * (unit.factor if unit else 1.0)
+        if dimension and number > 0.0 and (unit is None or unit.dimension == dimension):
+            return number if kind == "interval" else 1.0 / number
+    return 0.0
+
+
+def _number(value: Any) -> float:
+    """The number that a property holds, also as a text; 0 for none."""
+    try:
+        return float(str(value).replace(",", "."))
+    except ValueError:
+        return 0.0
 
 
 def _x_unit(properties: _Properties) -> str:

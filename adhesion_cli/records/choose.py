@@ -29,6 +29,8 @@ _NOT_READ = {
     "dbc-not-used",
     "group-not-read",
     "mcap-encoding",
+    "mcap-not-offered",
+    "mcap-topic-unreadable",
     "nested-columns",
 }
 

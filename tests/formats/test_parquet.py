@@ -270,3 +270,17 @@ def test_digits_of_a_clock_are_a_time_of_day(tmp_path: Path) -> None:
     np.testing.assert_allclose(speed.t / 1e9, seconds, atol=1e-6)
     assert [f.code for f in source.findings] == ["time-digits"]
     assert "HHMMSS" in source.time_reason
+
+
+def test_numbers_as_texts_are_read_as_in_a_text_log(tmp_path: Path) -> None:
+    texts = {"bc [bar]": [f"{0.25 * k:.2f}".replace(".", ",") for k in range(N)]}
+    found, source = columns(tmp_path / "a.parquet", {"t [s]": SECONDS, **texts})
+    assert source.format == "parquet"
+    np.testing.assert_array_equal(found["bc [bar]"].value, 0.25 * np.arange(N))
+
+
+def test_the_reason_for_a_log_without_numbers_is_no_note_on_its_time(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"time": SECONDS, "remark": ["a"] * N}), tmp_path / "a.parquet")
+    with pytest.raises(UserError) as error:
+        open_source(tmp_path / "a.parquet", ReadOptions())
+    assert error.value.text.endswith("the log holds no numbers over time")

@@ -376,3 +376,12 @@ def test_digits_of_a_clock_are_a_time_of_day(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["v"].t / 1e9, seconds, atol=1e-6)
     assert set(findings) == {"time-digits"}
     assert "HHMMSS" in source.time_reason
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [{"wf_increment": "0,02"}, {"SampleRate": 50.0}, {"Sampling rate [kHz]": "0.05"}],
+)
+def test_the_increment_as_a_text_or_a_rate(tmp_path: Path, stated: dict[str, Any]) -> None:
+    found, _, _ = columns(written(tmp_path / "a.tdms", ("g", "v", V, KMH | stated)))
+    assert np.array_equal(found["v"].t, np.arange(N) * 20_000_000)
