@@ -55,7 +55,7 @@ SHARED = len(UNITS)
 CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
 _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
 RESISTANCE_OF_TRAINS = Parameter(0.015, 0.015)  # r [m/s²]
-_DRAG = Parameter(3e-5, 2e-5)  # [1/m]
+DRAG_OF_TRAINS = Parameter(3e-5, 2e-5)  # C [1/m]
 _EXACT = 1e-4  # 1 sigma of ln s of a vehicle without tolerances
 DELAY_SIGMA = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
 _ZERO_SIGMA = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
@@ -88,7 +88,7 @@ def line_prior(
         STIFFNESS: CREEP,
         FADE: Parameter(fade.value / mean_share, fade.tolerance or _FADE.tolerance),
         RESISTANCE: RESISTANCE_OF_TRAINS,
-        DRAG: _DRAG,
+        DRAG: DRAG_OF_TRAINS,
     }
 
 

@@ -22,6 +22,7 @@ from ..rail.slope import region
 from . import plant as plants
 from .controller import registry
 from .plant import (
+    STANDSTILL,
     Demand,
     MovingTrain,
     Plant,
@@ -313,7 +314,7 @@ def _follow(  # noqa: PLR0913 (compiled)
         slowing = total / plant.mass + track.resistance + track.drag * speed * speed
         place += h * (speed - 0.5 * h * slowing)
         speed -= h * slowing
-        if not speed > 0.0:
+        if not speed > STANDSTILL:
             return j + 1
     return len(v)
 

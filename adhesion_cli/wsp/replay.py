@@ -17,11 +17,12 @@ speed, or with axles left out, it is zero. The WSP controller is that of `scenar
 The log's own WSP is replayed, too: every wheel slides as in the log, with the force that the fitted
 rail has at that slip. Where this stop is not as long as the log's, the replay is not that stop.
 
-Uncertainty. A draw has a rail under each axle and one true pad friction. How friction falls in deep
-slides is the same choice under all axles. The intervals do not contain the errors of the
+Uncertainty. A draw has a rail under each axle and one true pad friction, which the deceleration of
+the train makes likely. How friction falls in deep slides is the same choice under all axles. The intervals do not contain the errors of the
 assumptions above.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -43,11 +44,12 @@ from ..rail.events import Slide
 from ..rail.fit import RailFit
 from ..train import mean_axle
 from ..train.explain import STATED_SIGMAS
-from ..train.longitudinal import tolerance
+from ..train.grid import GRADIENT_SIGMA
+from ..train.longitudinal import DRAG_OF_TRAINS, RESISTANCE_OF_TRAINS, tolerance
 from . import closed_loop, replay_rail
 from .closed_loop import Logged
 from .plant import RailConditions
-from .replay_rail import RailUnderAxle
+from .replay_rail import RailUnderAxle, SlidCourse
 from .scenario import INF, Antiskid, Command, Scenario, ScenarioBrake, ScenarioTrain
 from .stop import Stop, Verdict
 from .sweep import Compared, Values, compared, intervals, on_all_cores
@@ -64,7 +66,9 @@ _FILLED_FORCE = 1.0  # clamping force for which a cylinder is filled up to its s
 _HINT_LEAD = 5.0  # of a stop that a hint names [s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
 _SPEED_SCALE = 0.005  # 1 sigma of the scale of the train speed, and so of the deceleration
+_LEVEL_STRIDE = 10  # samples of a slide's level between two knots of the rail
 _CLOSE = 0.02  # of a distance: a smaller difference is one of the curve's shape
+_LOCKS = 0.5  # least slip of a wheel that locks: the log does not show its force
 _LOGGED_INTERVAL = 0.01  # between samples of the logged stop [s]
 
 
@@ -90,6 +94,15 @@ class Answer(NamedTuple):
     stop: Stop
     values: Values
     compared: Compared  # over the draws, each the same rail and brake for every controller
+
+
+class _AxlePlaces(NamedTuple):
+    """Where the fitted rail lies under an axle, after the start of the brake."""
+
+    spans: list[tuple[float, float]]  # from and to [m]
+    vehicle: Vehicle
+    course: SlidCourse | None = None  # that shows the level of the rail
+    level_places: Floats = np.empty(0)  # of these levels, shape (k,) [m]
 
 
 class _Braking(NamedTuple):
@@ -122,10 +135,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     begin, stop = braking.t[[0, -1]].tolist()
     axle_rails, findings = _rails_under(result, slides, begin, stop)
     firsts = [x.spans[0][0] if x else 0 for x in axle_rails]
-    places = [
-        [(_distance(braking, a), _distance(braking, b)) for a, b in (x.spans if x else ())]
-        for x in axle_rails
-    ]
+    places = [_places(braking, x, result.vehicle) for x in axle_rails]
     demand, demand_known, demand_findings = _demand(braking, firsts, result.log.start_ns())
     radii = tuple(result.vehicle.radius(a.record.axle) for a in result.axles)
     scenario = Scenario(
@@ -153,6 +163,17 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         bool(demand_known.all()),
         [*findings, *demand_findings, *train_findings],
     )
+
+
+def _places(braking: _Braking, x: RailUnderAxle | None, vehicle: Vehicle) -> _AxlePlaces:
+    """Where the rail of an axle lies."""
+    if x is None:
+        return _AxlePlaces([], vehicle)
+    spans = [(_distance(braking, a), _distance(braking, b)) for a, b in x.spans]
+    if x.course is None:
+        return _AxlePlaces(spans, vehicle)
+    level_places = [_distance(braking, t) for t in x.course.t[::_LEVEL_STRIDE].tolist()]
+    return _AxlePlaces(spans, vehicle, x.course, np.array(level_places))
 
 
 def _rails_under(
@@ -205,7 +226,7 @@ def _draws(
     scenario: Scenario,
     braking: _Braking,
     rails: Sequence[RailFit | None],
-    places: Sequence[Sequence[tuple[float, float]]],
+    places: Sequence[_AxlePlaces],
     demand: tuple[Floats, Bools],
     impulse: Floats | None,
 ) -> list[tuple[Scenario, RailConditions]]:
@@ -218,12 +239,13 @@ def _draws(
     phi = vehicle.friction
     dry_force = condition("dry").f0 * physics.G * vehicle.axle_mass.value
     dry_force = max(dry_force / phi.value, float(demand_force.max()))
-    sampled_rails = _draw_rails(rails, vehicle, random)
-    scales = next(rail.scales for rail in rails if rail)[:_DRAWS]
+    computed_scales = next(rail.scales for rail in rails if rail)[:_DRAWS]
+    scales = _balanced(computed_scales, braking, impulse)
+    sampled_rails = _draw_rails(rails, scales, vehicle, random)
     errors = _normal_errors(len(scales), _SPEED_SCALE)
     for k, scale in enumerate(scales):
         truly = replace(vehicle, friction=phi._replace(value=phi.value * scale))
-        track = _track(places, [axle[k] if axle else None for axle in sampled_rails])
+        track = _track(places, [axle[k] if axle else None for axle in sampled_rails], scale)
         track = _with_resistance(track, braking, impulse, scale, errors[k])
         exponent = max(random.uniform(-1.0, 1.0), 0.0)
         excess = (dry_force / np.maximum(demand_force, _FILLED_FORCE)) ** exponent
@@ -231,6 +253,36 @@ def _draws(
         brake = ScenarioBrake(_commands(braking, drawn_demand))
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
     return draws
+
+
+def _balanced(
+    scales: Sequence[float], braking: _Braking, impulse: Floats | None
+) -> Sequence[float]:
+    """Scales of the forces that the deceleration of the train makes likely, too.
+
+    Forces whose scale is not known may not slow the train more than it slows, or leave more of its
+    deceleration than resistance and gradient explain.
+
+    Args:
+        scales: true over computed force, of each draw.
+        braking: the stop of the log.
+        impulse: from `_impulse`.
+    """
+    sigma = float(np.std(np.log(scales)))
+    if impulse is None or not impulse[-1] > 0.0 or not sigma > 0.0:
+        return scales
+    seconds = _KNOT_INTERVAL * len(braking.t)
+    squares = _KNOT_INTERVAL * float(np.sum(braking.speed**2))
+    resistance = seconds * RESISTANCE_OF_TRAINS.value + squares * DRAG_OF_TRAINS.value
+    resistance_sigma = math.hypot(
+        seconds * math.hypot(RESISTANCE_OF_TRAINS.tolerance, GRADIENT_SIGMA),
+        squares * DRAG_OF_TRAINS.tolerance,
+    )
+    by_axles, speed_loss = float(impulse[-1]), float(braking.speed[0] - braking.speed[-1])
+    weight = sigma**2 / (sigma**2 + (resistance_sigma / by_axles) ** 2)
+    mean = 1.0 + weight * ((speed_loss - resistance) / by_axles - 1.0)
+    narrower = math.sqrt(1.0 - weight)
+    return [mean * scale**narrower for scale in scales]
 
 
 def _normal_errors(n: int, sigma: float) -> list[float]:
@@ -313,6 +365,7 @@ def _logged(result: Result, braking: _Braking, slides: Sequence[Sequence[Slide]]
         force = _column(t, record.t, axle.reference.force)
         for x in axle_slides:
             force[(t >= x.start) & (t <= x.start + x.duration * 1e9)] = np.nan
+        force[slip > _LOCKS] = np.nan  # also at walking pace, where no slide is found
         pressure = physics.cylinder_pressure(
             line, _column(t, record.t, record.clamping_force_smooth)
         )
@@ -375,12 +428,21 @@ def distance_findings(case: Case, answers: Mapping[str, Answer]) -> list[Finding
 
 
 def _draw_rails(
-    rails: Sequence[RailFit | None], vehicle: Vehicle, random: np.random.Generator
+    rails: Sequence[RailFit | None],
+    scales: Sequence[float],
+    vehicle: Vehicle,
+    random: np.random.Generator,
 ) -> list[list[Condition] | None]:
     """Draws of every axle's rail; draw k has similar adhesion of locked wheels under all axles.
 
     The slides do not show how far friction falls. Independent draws of it under each axle would
     average out, and the stop would seem too certain.
+
+    Args:
+        rails: under each axle; None: dry.
+        scales: true over computed μ, of each draw.
+        vehicle: for the curves.
+        random: for the order of the draws.
     """
     order: NDArray[np.int64] | None = None
     conditions: list[list[Condition] | None] = []
@@ -388,9 +450,9 @@ def _draw_rails(
         if rail is None:
             conditions.append(None)
             continue
-        scales = rail.scales[:_DRAWS]
         draws = [
-            replay_rail.scaled_by(x, 1.0 / c) for x, c in zip(rail.draws, scales, strict=False)
+            replay_rail.scaled_by(x, 1.0 / c)
+            for x, c in zip(rail.draws[:_DRAWS], rail.scales, strict=False)
         ]
         draws.sort(key=lambda x: float(fit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
         order = random.permutation(len(draws)) if order is None else order
@@ -539,21 +601,36 @@ def _commands(braking: _Braking, demand: Floats) -> tuple[Command, ...]:
 
 
 def _track(
-    places: Sequence[Sequence[tuple[float, float]]], rails: Sequence[Condition | None]
+    places: Sequence[_AxlePlaces], rails: Sequence[Condition | None], scale: float = 1.0
 ) -> RailConditions:
-    """Each axle's rail at its places, from and to [m], in order; dry elsewhere."""
-    limits = {x for axle in places for place in axle for x in place if x < INF}
-    knots = np.unique([0.0, *limits, *(x + _BLEND for x in limits)])
+    """Each axle's rail at its places, in their order; dry elsewhere.
+
+    Args:
+        places: of each axle.
+        rails: under each axle; None: dry.
+        scale: true over computed μ, of these rails.
+    """
+    limits = {x for axle in places for place in axle.spans for x in place if x < INF}
+    of_levels = (axle.level_places for axle in places)
+    knots = np.unique(np.concatenate([[0.0, *limits, *(x + _BLEND for x in limits)], *of_levels]))
     dry = np.array(condition("dry"))
     values = []
     for axle, rail in zip(places, rails, strict=True):
         weight = np.zeros(len(knots))
-        for x_start, x_stop in axle:
+        for x_start, x_stop in axle.spans:
             weight += np.clip((knots - x_start) / _BLEND, 0.0, 1.0)
             weight -= np.clip((knots - x_stop) / _BLEND, 0.0, 1.0)
-        conditions = np.array(rail or dry)
-        # kA and kS: at most those of (3) without reduction
-        conditions[:2] = np.minimum(conditions[:2], 1.0)
+        conditions = np.tile(_without_excess(rail) if rail else dry, (len(knots), 1))
+        if rail and axle.course:
+            level = scale * replay_rail.levels(axle.course, _without_excess(rail), axle.vehicle)
+            level = level[::_LEVEL_STRIDE]
+            conditions[:, :3] *= np.interp(knots, axle.level_places, level)[:, None]
+            conditions[:, :2] = np.minimum(conditions[:, :2], 1.0)
         rail_values = dry + weight[:, None] * (conditions - dry)
         values.append([*rail_values, rail_values[-1]])
     return RailConditions(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)
+
+
+def _without_excess(rail: Condition) -> Condition:
+    """The rail with kA and kS of at most those of (3) without reduction."""
+    return rail._replace(k_a=min(rail.k_a, 1.0), k_s=min(rail.k_s, 1.0))

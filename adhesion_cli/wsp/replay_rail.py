@@ -7,6 +7,10 @@ uses the points before that.
 The fitted rail begins where the axle first creeps. It ends where the axle transmits more than the
 largest μ of the fitted rail, and begins again with the next slide. Elsewhere the rail counts as
 dry.
+
+In a long slide the axle shows the rail at each place: its μ is that of the rail at its slip. The
+fitted curve has the mean level there. `levels` scales it over the way, so that the rail gives the
+μ that the axle used.
 """
 
 from collections.abc import Sequence
@@ -17,16 +21,27 @@ import numpy as np
 from ..core import physics
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import AxleResult, Bools, Vehicle
+from ..core.model import AxleResult, Bools, Floats, Times, Vehicle
 from ..core.physics import JUDGED_FROM
 from ..core.signals import true_runs
 from ..rail import fit, rail_under_slides, sliding
-from ..rail.creep_law import Condition
+from ..rail.creep_law import Condition, Contact, creep_force
 from ..rail.events import Slide
 
 _BETTER = 1.3  # least μ after the largest slip, over that before, if the rail is a better one
 _LASTS = 0.5  # least time in which an axle transmits more than the fitted rail [s]
+_LONG_SLIDE = 8.0  # least duration of a slide that shows the level of its rail over the way [s]
+_LEVEL_TIME, _LEVEL_STEP = 4.0, 0.1  # over which a level is a mean, and between its samples [s]
 _SPEEDS, _SLIPS, _DRAWS = 6, 40, 40  # at which the largest μ is computed, and of how many draws
+
+
+class SlidCourse(NamedTuple):
+    """What an axle does in its long slides, in the order of time; shape (n,) each."""
+
+    t: Times  # [ns]
+    speed: Floats  # of the train [m/s]
+    slip: Floats
+    mu: Floats
 
 
 class RailUnderAxle(NamedTuple):
@@ -34,6 +49,7 @@ class RailUnderAxle(NamedTuple):
 
     rail: fit.RailFit
     spans: list[tuple[int, int | None]]  # where it lies [ns]; None: up to the end of the stop
+    course: SlidCourse | None = None  # of the slides that show its level; None without such
 
 
 def rail_under_axle(
@@ -58,11 +74,42 @@ def rail_under_axle(
         if findings[0].code not in ("slides-too-short", "rail-changes"):
             raise UserError(findings[0].message, findings[0].hint or "")
         rail, better, findings = _shortcomings(context, slides)
-    exceeds = _above_curve(axle, vehicle, rail)
+    exceeds, course = _above_curve(axle, vehicle, rail), None
     if better is not None:
         t = axle.record.t
         exceeds |= (t >= better) & (t < t[slides[-1].samples.stop - 1])
-    return RailUnderAxle(rail, _spans(axle, exceeds, begin, stop)), findings
+    elif long_slides := [x for x in slides if x.duration >= _LONG_SLIDE]:
+        course = _course(axle, vehicle, long_slides)
+        for x in long_slides:  # the rail that it slides on has not ended
+            exceeds[x.samples] = False
+    return RailUnderAxle(rail, _spans(axle, exceeds, begin, stop), course), findings
+
+
+def _course(axle: AxleResult, vehicle: Vehicle, slides: Sequence[Slide]) -> SlidCourse | None:
+    """Means of speed, slip and μ in slides; None where the force is not known."""
+    record, v = axle.record, axle.record.train_speed
+    assert v is not None
+    assert axle.slip is not None
+    mu = physics.coefficient(axle.reference.force, vehicle, record.axle)
+    rows = np.concatenate([np.arange(x.samples.start, x.samples.stop) for x in slides])
+    rows = rows[np.isfinite(mu[rows] + axle.slip[rows]) & (v[rows] >= JUDGED_FROM)]
+    if not len(rows):
+        return None
+    step = (record.t[rows] - record.t[0]) // round(_LEVEL_STEP * 1e9)
+    first_of_step = np.unique(step, return_index=True)[1]
+    counts = np.diff(first_of_step, append=len(rows))
+    means = (np.add.reduceat(x[rows], first_of_step) / counts for x in (v, axle.slip, mu))
+    return SlidCourse(record.t[rows[first_of_step]], *means)
+
+
+def levels(course: SlidCourse, rail: Condition, vehicle: Vehicle) -> Floats:
+    """μ used over that of the rail at the same slip and speed, each a mean in time; shape (n,)."""
+    patch = Contact().patch(vehicle.axle_mass.value * physics.G)
+    places = zip(course.slip.tolist(), course.speed.tolist(), strict=True)
+    mu = [creep_force(s * v, v, rail, patch)[0] / patch.load for s, v in places]
+    t = (course.t - course.t[0]) * 1e-9
+    level: Floats = _mean_over_time(t, course.mu) / _mean_over_time(t, np.array(mu))
+    return level
 
 
 def _shortcomings(
@@ -85,7 +132,12 @@ def _shortcomings(
         text = f"its slides show {seconds:.1f} s of slip above the noise of the speeds"
         hint = "Log train and wheel speed at a higher rate or with less noise."
         raise UserError(f"{text}; {fit.SHORTEST_FIT:g} s are needed", hint)
-    rail = fit.fit(points, context.vehicle, radius.tolerance / radius.value, mu_error)
+    radius_error = radius.tolerance / radius.value
+    rail = fit.fit(points, context.vehicle, radius_error, mu_error)
+    if rail is None and max(x.duration for x in slides) >= _LONG_SLIDE:  # its level may change
+        mean_mu = _mean_over_time(points.t, points.mu)
+        at_mean_level = points.mu * float(np.mean(points.mu)) / mean_mu
+        rail = fit.fit(points._replace(mu=at_mean_level), context.vehicle, radius_error, mu_error)
     if rail is None:
         text = "its slides lie on different rails: no single adhesion curve fits them"
         raise UserError(text, "Log a stop on one kind of rail.")
@@ -94,6 +146,15 @@ def _shortcomings(
     values = {"slip_s": seconds, "needed_s": fit.SHORTEST}
     name = f"axle {record.axle}"
     return rail, better, [Finding("replay-slides-short", "warning", channel=name, values=values)]
+
+
+def _mean_over_time(t: Floats, x: Floats) -> Floats:
+    """The mean over `_LEVEL_TIME` around each time, shape (n,)."""
+    first = np.searchsorted(t, t - 0.5 * _LEVEL_TIME)
+    stop = np.searchsorted(t, t + 0.5 * _LEVEL_TIME, side="right")
+    total = np.append(0.0, np.cumsum(x))
+    mean: Floats = (total[stop] - total[first]) / (stop - first)
+    return mean
 
 
 def _gets_better(p: fit.Points) -> int:

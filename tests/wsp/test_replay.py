@@ -14,7 +14,7 @@ from helpers.simulated import recordings, simulation, write
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import AxleResult, Parameter, Result
+from adhesion_cli.core.model import AxleResult, Parameter, Result, Vehicle
 from adhesion_cli.rail import creep_law, fit, sliding
 from adhesion_cli.wsp import closed_loop, replay, replay_rail, scenario, simulate
 from adhesion_cli.wsp.scenario import Command, Rail, Section, Wsp
@@ -153,7 +153,7 @@ def test_what_slows_the_train_beside_its_axles_acts_in_the_replay(log: Path) -> 
     impulse = 30.0 - speed - 0.02 * seconds - 6e-5 * np.cumsum(0.1 * speed**2)
     t = np.round(seconds * 1e9).astype(np.int64)
     braking = replay._Braking(t, speed, np.zeros((1, 400)))
-    track = replay._track([[]], [None])
+    track = replay._track([replay._AxlePlaces([], Vehicle())], [None])
     slowed = replay._with_resistance(track, braking, impulse, 1.0)
     assert (slowed.resistance, slowed.drag) == pytest.approx((0.02, 6e-5), rel=1e-6)
     pushed = replay._with_resistance(track, braking, impulse + 0.05 * seconds, 1.0)
@@ -185,9 +185,42 @@ def test_the_logged_wsp_on_the_fitted_rail_stops_where_it_did(log: Path) -> None
     assert findings(450.0) == ["replay-train-differs"]
 
 
+def test_a_rail_whose_level_changes_under_a_long_slide_is_replayed(tmp_path: Path) -> None:
+    """All wheels slide all the way, on a rail that gives a third more, and then a third less."""
+    s, knots = scenario.load("slippery-stop"), ((0.0, 1.0), (150.0, 1.35), (330.0, 0.8))
+    rail = replace(s.rail, section=tuple(Section(x, "low", scale) for x, scale in knots))
+    true = simulate.run(replace(s, rail=rail, wsp=Wsp(), duration=75.0))
+    log = write(tmp_path / "log.csv", simulate.log(true))
+    case = replay.case(analyze.analyze(log, settings.load(), ["kalman"], train_speed=True))
+    assert case.logged_m is not None
+    assert "replay-rail-ends" not in {f.code for f in case.findings}
+    for who, track in [(case.scenario, case.track), *case.draws]:
+        stop = closed_loop.follow(who, track, case.logged)
+        assert stop.distance[-1] == pytest.approx(case.logged_m, rel=0.03)
+    f0 = case.track.values[0, :, 2]
+    level = [float(np.interp(x, case.track.knots, f0)) for x in (80.0, 250.0, 420.0)]
+    assert level[1] / level[0] == pytest.approx(1.35, rel=0.1)
+    assert level[2] / level[0] == pytest.approx(0.8, rel=0.1)
+
+
+def test_the_balance_of_the_train_narrows_forces_of_unknown_scale() -> None:
+    seconds = 0.1 * np.arange(400)
+    t = np.round(seconds * 1e9).astype(np.int64)
+    braking = replay._Braking(t, 30.0 - 0.6 * seconds, np.zeros((1, 400)))
+    wide = np.exp(0.3 * np.random.default_rng(0).standard_normal(200))
+    impulse = 0.55 * seconds  # resistance takes the rest
+    scales = replay._balanced(wide, braking, impulse)
+    assert float(np.median(scales)) == pytest.approx(1.0, abs=0.05)
+    assert float(np.std(scales)) < 0.5 * float(np.std(wide))
+    weaker = replay._balanced(wide, braking, 0.8 * impulse)  # these forces are too small
+    assert float(np.median(weaker)) > 1.1 * float(np.median(scales))
+    assert replay._balanced(wide, braking, None) is wide
+
+
 def test_a_draw_steeper_than_dry_rail_is_one_that_can_be_run() -> None:
     steep = creep_law.Condition(k_a=8.0, k_s=5.0, f0=0.04, A=0.5, B=0.2)
-    track = replay._track([[(10.0, scenario.INF)]], [steep])
+    place = replay._AxlePlaces([(10.0, scenario.INF)], Vehicle())
+    track = replay._track([place], [steep])
     assert track.values[0, -1] == pytest.approx([1.0, 1.0, steep.f0, steep.A, steep.B])
 
 
