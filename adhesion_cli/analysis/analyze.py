@@ -82,7 +82,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     axle_findings = [f for of_axle in findings_by_axle for f in of_axle]
 
     findings += check_route(log, vehicle)
-    findings += state_diameters(axle_findings, results, vehicle)
+    findings += state_diameters(axle_findings, results, vehicle, log)
     if not identified.known:
         results = tuple(without_force(axle) for axle in results)
         findings = without_force_findings(findings)

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core.finding import Finding, merge_spans
-from ..core.model import AxleResult, IdentifiedVehicle, Result, Vehicle, quantities
+from ..core.model import AxleResult, IdentifiedVehicle, Log, Result, Vehicle, quantities
+from ..core.units import UNITS
 from ..diagnostics.checks.vehicle import remedy_names
 from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from .prepare import AlignedLog, Prepared, diagnose_log
@@ -132,22 +133,33 @@ def _short_list(named: Mapping[str, str]) -> str:
 
 
 def state_diameters(
-    findings: Sequence[Finding], axles: Sequence[AxleResult], vehicle: Vehicle
+    findings: Sequence[Finding], axles: Sequence[AxleResult], vehicle: Vehicle, log: Log
 ) -> list[Finding]:
-    """The findings; those of calibrated wheels with the diameters of all axles, as one setting."""
-    calibrated = {
-        f.channel: f"{f.values['diameter_m']:.4f}" for f in findings if f.code == _CALIBRATED
-    }
+    """The findings; those of calibrated wheels with the diameters of all axles, as one setting.
+
+    Wheel speeds in km/h show only how the wheels differ, whatever diameters are stated. One wheel
+    then keeps its diameter: the first that rolls as stated, else the first one.
+    """
+    ratios = {f.channel: 1.0 + f.values["share"] for f in findings if f.code == _CALIBRATED}
+    if not ratios:
+        return list(findings)
     last_axle = max(a.record.axle for a in axles)
     radii = replace(vehicle, axles=()).radius  # of axles before the first of the log, too
-    stated_diameters = [f"{2.0 * radii(k).value:.6g}" for k in range(1, last_axle + 1)]
-    diameters = [
-        calibrated.get(f"axle {k}", diameter) for k, diameter in enumerate(stated_diameters, 1)
+    stated = {f"axle {k}": 2.0 * radii(k).value for k in range(1, last_axle + 1)}
+    names, kept = {"kept": ""}, ""
+    channels = (log.find("wheel_speed", a.record.axle) for a in axles)
+    units = (UNITS.get(c.measured_in.lower()) for c in channels if c)
+    if any(unit and unit.dimension == "speed" for unit in units):
+        axle_names = [f"axle {a.record.axle}" for a in axles]
+        kept = next((x for x in axle_names if x not in ratios), axle_names[0])
+        names["kept"] = f" Speeds in km/h show only ratios of diameters: {kept} keeps its own."
+    base = {name: stated[kept] / ratios.get(kept, 1.0) for name in ratios} if kept else stated
+    texts = [
+        f"{base[name] * ratios[name]:.4f}" if name in ratios else f"{diameter:.6g}"
+        for name, diameter in stated.items()
     ]
-    setting = f"[{','.join(diameters)}]" if last_axle > 1 else diameters[0]
-    return [
-        replace(f, names={"diameters": setting}) if f.code == _CALIBRATED else f for f in findings
-    ]
+    names["diameters"] = f"[{','.join(texts)}]" if last_axle > 1 else texts[0]
+    return [replace(f, names=names) if f.code == _CALIBRATED else f for f in findings]
 
 
 def with_friction_findings(

@@ -69,7 +69,7 @@ def calibrate_radius(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, l
         return stated_radius, []
     if abs(ratio - 1.0) <= 2.0 * sigma:
         return Parameter(radius, min(radius * sigma, stated_radius.tolerance)), []
-    values = {"share": ratio - 1.0, "share_u95": Z95 * sigma, "diameter_m": 2.0 * radius * ratio}
+    values = {"share": ratio - 1.0, "share_u95": Z95 * sigma}
     rolling = Parameter(radius * ratio, radius * sigma)
     return rolling, [Finding("wheel-calibrated", "info", channel=name, values=values)]
 

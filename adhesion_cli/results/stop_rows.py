@@ -17,7 +17,7 @@ from ..stops.series import (
     WspSummary,
     braked_weight_percentage,
 )
-from .text_tables import ED, TitledTable, number, when_and_where
+from .text_tables import DASH, ED, TitledTable, columns_of, number, when_and_where
 
 NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
@@ -50,7 +50,8 @@ _COMMAND = {
     "in the uncertainty; `--set stops.dead_time=0.2` states it",
     "deceleration": "the begin of the deceleration",
 }
-_SPEED = {"train": "the train speed", "axles": "the axles: no train speed is logged"}
+_SPEED = {"train": "the train speed", "axles": "the axles, as no train speed is logged"}
+_BOTH_SPEEDS = "the train speed; where none is logged, the axles"
 
 
 OF_ED = "ED: share of the electrodynamic brake in the brake work; the air brake has the rest."
@@ -102,7 +103,8 @@ def with_u95(x: Measured | None, factor: float, digits: int) -> str:
 def describe_sources(stops: Sequence[StopSummary]) -> str:
     """What showed command and speed of the stops."""
     commands = " or ".join(_COMMAND[x] for x in dict.fromkeys(s.command_from for s in stops))
-    speeds = " or ".join(_SPEED[x] for x in dict.fromkeys(s.speed_from for s in stops))
+    sources = {s.speed_from for s in stops}
+    speeds = _BOTH_SPEEDS if len(sources) > 1 else "".join(_SPEED[x] for x in sources)
     nominal = " or ".join(f"{v:g}" for v in dict.fromkeys(s.nominal_speed_kmh for s in stops))
     ed = f" {OF_ED}" if any(s.ed_share for s in stops) else ""
     return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h.{ed}"
@@ -120,9 +122,10 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
     note = "\n".join(
         [f"{NOTE} {OF_PRESSURE}", describe_sources([s.stop for s in stops]), *_remarks(stops)]
     )
+    of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
     tables = [
         TitledTable("Stops", _series_rows(stops), 2, note),
-        TitledTable("Statistics", _group_rows(x.groups), 2, _OF_GROUPS),
+        TitledTable("Statistics", _group_rows(x.groups), 2, of_groups),
         TitledTable("Differences", _difference_rows(x.differences), 3),
         TitledTable("Limits", _limit_rows(x.limits), 3, _OF_LIMITS),
         *(TitledTable(_WSP, _wsp_rows(w), 1, _describe_wsp(w)) for w in x.wsp),
@@ -138,12 +141,13 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
 def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     """The stops of a series, numbered, each with its log and group."""
     has_logs = len({s.log for s in stops}) > 1
-    return [
+    rows = [
         {"stop": str(i)}
         | ({"log": Path(s.log).name} if has_logs else {})
         | {"group": s.group, **stop_row(s.stop)}
         for i, s in enumerate(stops, 1)
     ]
+    return [{name: row.get(name, DASH) for name in columns_of(rows)} for row in rows]
 
 
 def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
@@ -177,9 +181,12 @@ def _describe_slides(stop: StopSummary) -> str:
 
 
 def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
-    """The statistics of each group and quantity."""
+    """The statistics of each group and quantity; a group of one stop has none."""
     rows = []
     for group in groups:
+        if group.n == 1:
+            rows.append({"group": group.name, "quantity": "one stop", "n": "1"})
+            continue
         for quantity, x in group.statistics.items():
             name, factor = _named(quantity)
             drift = "-"
@@ -197,7 +204,7 @@ def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
                 "outliers": ", ".join(map(str, x.outliers)) or "-",
             }
             rows.append(row)
-    return rows
+    return [{name: row.get(name, DASH) for name in columns_of(rows)} for row in rows]
 
 
 def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:

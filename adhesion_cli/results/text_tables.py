@@ -74,15 +74,31 @@ def table(
 def records(
     rows: Sequence[Mapping[str, str]], width: int | None = None, text_columns: int = 1
 ) -> str:
-    """A `table` of rows that have the same keys, which are its header."""
-    header = list(dict.fromkeys(key for row in rows for key in row))
+    """A `table` of rows, whose keys are its header."""
+    header = columns_of(rows)
     cells = [[row.get(key, DASH) for key in header] for row in rows]
     return table(header, cells, text_columns, width)
 
 
+def columns_of(rows: Sequence[Mapping[str, str]]) -> list[str]:
+    """The columns of all rows; one that the first rows lack stands where the others have it.
+
+    >>> columns_of([{"at": "1", "v": "2"}, {"at": "3", "clock": "4", "v": "5"}])
+    ['at', 'clock', 'v']
+    """
+    columns: list[str] = []
+    for row in rows:
+        place = 0
+        for name in row:
+            if name not in columns:
+                columns.insert(place, name)
+            place = columns.index(name) + 1
+    return columns
+
+
 def non_empty(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
     """The rows without the columns that hold no value."""
-    heads = dict.fromkeys(head for row in rows for head in row if row[head] != DASH)
+    heads = [x for x in columns_of(rows) if any(row.get(x, DASH) != DASH for row in rows)]
     return [{head: row.get(head, DASH) for head in heads} for row in rows]
 
 

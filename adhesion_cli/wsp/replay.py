@@ -18,8 +18,8 @@ The log's own WSP is replayed, too: every wheel slides as in the log, with the f
 rail has at that slip. Where this stop is not as long as the log's, the replay is not that stop.
 
 Uncertainty. A draw has a rail under each axle and one true pad friction, which the deceleration of
-the train makes likely. How friction falls in deep slides is the same choice under all axles. The intervals do not contain the errors of the
-assumptions above.
+the train makes likely. How friction falls in deep slides is the same choice under all axles. The
+intervals do not contain the errors of the assumptions above.
 """
 
 import math

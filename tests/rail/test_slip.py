@@ -306,8 +306,26 @@ def test_diameters_of_calibrated_wheels_are_stated_as_the_hint_says(tmp_path: Pa
     (setting,) = pasted(hint)
     every = json.loads(setting.partition("=")[2])
     assert every[:2] == [0.84, 0.84]
-    assert every[2:] == [pytest.approx(f.values["diameter_m"], abs=1e-4) for f in told]
+    assert every[2:] == [pytest.approx(0.84 * (1.0 + f.values["share"]), abs=1e-4) for f in told]
     assert not found(setting)
+
+
+def test_speeds_in_kmh_show_ratios_and_one_wheel_keeps_its_diameter(tmp_path: Path) -> None:
+    log = write(tmp_path / "x.csv", recordings("four-axles"))
+
+    def hints(*stated: str) -> set[str]:
+        load = settings.load(None, stated, folder=False)
+        findings = analyze.analyze(log, load, ["td"], axles=[3, 4]).findings
+        told = [f for f in findings if f.code == "wheel-calibrated"]
+        assert len(told) == 2
+        assert not any(" m" in f.message or "stated" in f.message for f in told)
+        return {f.hint or "" for f in told}
+
+    (hint,) = hints()
+    assert "axle 3 keeps its own" in hint
+    (setting,) = pasted(hint)
+    assert json.loads(setting.partition("=")[2])[:3] == [0.84, 0.84, 0.84]
+    assert hints(setting) == {hint}  # what is pasted does not move
 
 
 def test_a_wheel_is_no_other_than_stated_by_few_readings_of_the_train() -> None:

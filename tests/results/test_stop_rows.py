@@ -1,0 +1,56 @@
+"""Stops of a series as rows of text."""
+
+from dataclasses import replace
+
+import pytest
+
+from adhesion_cli.core.summary import Measured, StopSummary
+from adhesion_cli.results.stop_rows import describe_sources, series_tables
+from adhesion_cli.stops.series import SeriesStop, StopSeries, group_stops
+
+STOP = StopSummary(
+    start_s=1.0, end_s=30.0, command_from="channel", speed_from="train", nominal_speed_kmh=80.0,
+    valid=True, initial_speed_mps=Measured(20.0, 0.1), distance_m=Measured(250.0, 3.0),
+    duration_s=None, delay_s=None, response_time_s=None, mean_deceleration=Measured(0.8, 0.01),
+    equivalent_deceleration=None, jerk=None, corrected_distance_m=None,
+)  # fmt: skip
+PLACED = replace(STOP, time="2026-03-01T08:00:00Z", position_m=1234.0, position_from="position")
+
+
+def tables(*stops: StopSummary) -> dict[str, list[dict[str, str]]]:
+    of_series = tuple(
+        SeriesStop(f"{i}.csv", f"{s.nominal_speed_kmh:g} km/h", None, s)
+        for i, s in enumerate(stops)
+    )
+    series = StopSeries(of_series, tuple(group_stops(of_series)), (), (), ())
+    return {x.title: [dict(row) for row in x.rows] for x in series_tables(series, False, False)}
+
+
+def test_clock_and_place_stand_at_the_begin_where_the_first_log_has_none() -> None:
+    rows = tables(STOP, PLACED)["Stops"]
+    assert [*rows[0]][:7] == ["stop", "log", "group", "at [s]", "clock", "km", "v0 [km/h]"]
+    assert (rows[0]["km"], rows[1]["km"]) == ("-", "1.234")
+    assert [*rows[0]] == [*rows[1]]
+
+
+def test_a_group_of_one_stop_has_no_statistics() -> None:
+    (alone,) = tables(STOP)["Statistics"]
+    assert alone == {"group": "80 km/h", "quantity": "one stop", "n": "1"}
+    slow = replace(STOP, nominal_speed_kmh=50.0)
+    rows = tables(STOP, slow, STOP)["Statistics"]
+    assert {row["n"] for row in rows if row["group"] == "80 km/h"} == {"2"}
+    (row,) = (row for row in rows if row["group"] == "50 km/h")
+    assert {row[x] for x in ("mean", "sd", "common", "scatter [%]")} == {"-"}
+
+
+@pytest.mark.parametrize(
+    ("sources", "text"),
+    [
+        (["train"], "Speed: the train speed."),
+        (["axles"], "Speed: the axles, as no train speed is logged."),
+        (["axles", "train"], "Speed: the train speed; where none is logged, the axles."),
+    ],
+)
+def test_the_source_of_the_speed_is_one_sentence(sources: list[str], text: str) -> None:
+    stops = [replace(STOP, speed_from=x) for x in sources]
+    assert text in describe_sources(stops)
