@@ -40,6 +40,8 @@ COMMANDS = [
     ["analyze", SLIDES, "-o", "Versuch 制动", "--json"],
     ["compare", LOG, "--json"],
     ["slip", SLIDES, "--axle", "1", "--json"],
+    ["stops", LOG, SLIDES, "-o", "brake test", "--report", "--json"],
+    ["vehicle", "coach"],
     ["report", RESULT, "-o", "brake.html", "--json"],
     ["simulate", "leaf-film", "-o", "leaf-film.mcap", "--json"],
     ["convert", "leaf-film.mcap", "leaf-film.csv", "--json"],
