@@ -1,16 +1,16 @@
 """Collects the columns of one series, block by block."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from bisect import bisect
+from dataclasses import replace
 
 import numpy as np
 
-from ...core.finding import Finding, Severity, Span, merge_spans
-from ...core.model import Bools, Column, Floats, Times
+from ...core.finding import Finding, Severity, Span
+from ...core.model import Column, Floats, Times
 from ...core.time_axis import spans_of
 from ..source import TimeSource
 from .blocks import Offsets, Records
-from .columns import MessageFault, Wanted
+from .columns import Decoded, Fault
 from .fields import Leaf
 from .series import Series
 
@@ -18,7 +18,6 @@ from .series import Series
 # Late messages and exchanged chunks give about two. A clock that was set back gives more: it lays
 # two stretches of the log over each other, and sorting would mix them.
 _MOST_TURNS = 16
-_MOST_REPORTED = 500  # kinds of faults of one channel that are reported one by one
 _SEVERITY: dict[str, Severity] = {
     "mcap-bad-message": "error",
     "mcap-type-change": "error",
@@ -27,15 +26,6 @@ _SEVERITY: dict[str, Severity] = {
     "mcap-late-field": "warning",
     "mcap-no-stamp": "error",
 }
-
-
-@dataclass(slots=True)
-class _Faulty:
-    """Messages of one series that share a fault."""
-
-    offset: int  # offset in the file of the block where the first stands
-    count: int = 0
-    spans: tuple[Span, ...] = ()
 
 
 class Collector:
@@ -54,14 +44,10 @@ class Collector:
         self.series, self._source, self.leaves = series, source, leaves
         self._log_start = log_start
         self.rows = 0  # messages so far
-        self._faults: dict[tuple[str, str, str], _Faulty] = {}  # by code, field and reason
-        s = series
-        self._wanted = Wanted.select(s.tree, leaves, s.stamp)
-        places = list(self._wanted.numbers)
-        self._stamp_at = [places.index(steps) for steps in s.stamp.places] if s.stamp else []
-        self._t: Times = np.empty(s.rows, np.int64)
-        self._values: Floats = np.empty((len(leaves), s.rows))
-        self._backward_finding: Finding | None = None
+        self._blocks: list[tuple[int, int]] = []  # first message and offset of each block
+        self._decoded = Decoded(series.tree, leaves, series.stamp, series.rows)
+        self._log = np.empty(series.rows, np.int64)
+        self._publish = np.empty(series.rows if source == "publish" else 0, np.int64)
 
     def take(self, records: Records, offset: int) -> None:
         """Adds its messages of the block at an offset of the file."""
@@ -69,81 +55,79 @@ class Collector:
         self.rows = rows.stop
         if rows.stop > self.series.rows:
             return  # the caller reports too many rows
-        decoder, log = self.series.decoder, records.log_time
+        self._blocks.append((rows.start, offset))
+        self._log[rows] = records.log_time
+        if self._source == "publish":
+            self._publish[rows] = records.publish_time
+        decoder = self.series.decoder
         assert decoder is not None
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
             data, begin, stop = records.data, records.data_start, records.stop
-            values, faults = decoder.columns(data, begin, stop, self._wanted)
-        self._values[:, rows] = values[: len(self.leaves)]
-        self._t[rows] = records.publish_time if self._source == "publish" else log
-        if self._source == "header" and (stamp := self.series.stamp):
-            own_stamps, has_stamp = stamp.times(values[self._stamp_at])
-            self._t[rows] = np.where(has_stamp, own_stamps, log)
-            faults += self._without_stamp(has_stamp, rows, faults)
-        for fault in faults:
-            key = fault.code, fault.field, fault.reason
-            if len(self._faults) >= _MOST_REPORTED and key not in self._faults:
-                key = fault.code, fault.field and "further fields", fault.reason and "other reasons"
-            faulty = self._faults.setdefault(key, _Faulty(offset))
-            faulty.count += len(fault.rows)
-            faulty.spans = merge_spans([*faulty.spans, *self._spans(fault.rows, log[fault.rows])])
+            decoder.fill(self._decoded, rows.start, data, begin, stop)
 
-    def _spans(self, rows: Offsets, t: Times) -> tuple[Span, ...]:
-        """Time spans of messages, one of each run of them."""
-        cuts = np.flatnonzero(np.diff(rows) > 1)
-        begins, stops = t[np.append(0, cuts + 1)], t[np.append(cuts, -1)]
-        return spans_of(np.minimum(begins, stops), np.maximum(begins, stops), self._log_start)
-
-    def _without_stamp(
-        self, has_stamp: Bools, rows: slice, faults: list[MessageFault]
-    ) -> list[MessageFault]:
-        """Takes out messages without a stamp; says which, but for those that do not decode."""
-        self._values[:, rows][:, ~has_stamp] = np.nan
-        lacking = ~has_stamp
-        for fault in faults:
-            if fault.code == "mcap-bad-message":
-                lacking[fault.rows] = False
-        return [MessageFault("mcap-no-stamp", np.flatnonzero(lacking))] if lacking.any() else []
-
-    def columns(self) -> list[Column]:
-        """One column per leaf, all with the same time array.
+    def finish(self) -> tuple[list[Column], list[Finding]]:
+        """One column per leaf, all with the same time array; and what was wrong.
 
         Messages may stand in any order in the file: their log or publish time orders them. The
         stamps inside them are not sorted, and neither are the times of a clock that was set back.
         """
-        t = self._t
-        if self._source != "header" and (t[1:] < t[:-1]).any():
-            order = np.argsort(t, kind="stable")
-            run = np.append(0, np.cumsum(np.diff(t) < 0, dtype=np.int32))
-            if np.count_nonzero(np.diff(run[order])) <= _MOST_TURNS * run[-1]:
-                newest = np.maximum.accumulate(t)
-                out_of_order = np.flatnonzero(t < newest)
-                values = {"most_s": float((newest - t).max()) / 1e9}
-                finding = self.series.finding(
-                    "mcap-unordered", "warning", len(out_of_order), values, clock=self._source
-                )
-                self._backward_finding = replace(
-                    finding, spans=self._spans(out_of_order, t[out_of_order])
-                )
-                for array in (t, *self._values):
-                    array[:] = array[order]  # in place, to save memory
-        return [self._column(*pair) for pair in zip(self.leaves, self._values, strict=True)]
+        decoded, stamp = self._decoded, self.series.stamp
+        decodes = decoded.finish()
+        t = self._publish if self._source == "publish" else self._log
+        values = decoded.values[: len(self.leaves)]
+        if self._source == "header" and stamp:
+            places = [decoded.numbers.index(steps) for steps in stamp.places]
+            own_stamps, has_stamp = stamp.times(decoded.values[places])
+            t = np.where(has_stamp, own_stamps, t)
+            values[:, ~has_stamp] = np.nan
+            decoded.note(Fault("mcap-no-stamp"), np.flatnonzero(decodes & ~has_stamp))
+        findings = []
+        for fault, faulty in sorted(decoded.faults.items()):
+            rows = np.array(faulty)
+            if fault.code != "mcap-bad-message":
+                rows = rows[decodes[rows]]
+            findings += [self._finding(fault, rows)] if len(rows) else []
+        if self._source != "header" and (finding := self._sort(t, values)):
+            findings.insert(0, finding)
+        columns = [self._column(*pair, t) for pair in zip(self.leaves, values, strict=True)]
+        return columns, findings
 
-    def _column(self, leaf: Leaf, value: Floats) -> Column:
+    def _sort(self, t: Times, values: Floats) -> Finding | None:
+        """Sorts the messages by their times, in place; None where they are in order."""
+        if not (t[1:] < t[:-1]).any():
+            return None
+        order = np.argsort(t, kind="stable")
+        run = np.append(0, np.cumsum(np.diff(t) < 0, dtype=np.int32))
+        if np.count_nonzero(np.diff(run[order])) > _MOST_TURNS * run[-1]:
+            return None
+        newest = np.maximum.accumulate(t)
+        late = np.flatnonzero(t < newest)
+        numbers, names = {"most_s": float((newest - t).max()) / 1e9}, {"clock": self._source}
+        finding = self.series.finding("mcap-unordered", "warning", len(late), numbers, **names)
+        finding = replace(finding, spans=self._spans(late, t))
+        for array in (t, *values):
+            array[:] = array[order]  # in place, to save memory
+        return finding
+
+    def _finding(self, fault: Fault, rows: Offsets) -> Finding:
+        """The finding on messages with a fault."""
+        first = bisect([row for row, _ in self._blocks], rows[0]) - 1
+        names = {k: v for k, v in (("field", fault.field), ("reason", fault.reason)) if v}
+        numbers = {"byte": self._blocks[first][1]}
+        severity = _SEVERITY[fault.code]
+        finding = self.series.finding(fault.code, severity, len(rows), numbers, **names)
+        return replace(finding, spans=self._spans(np.unique(rows), self._log))
+
+    def _spans(self, rows: Offsets, t: Times) -> tuple[Span, ...]:
+        """Time spans of messages, one of each run of them."""
+        cuts = np.flatnonzero(np.diff(rows) > 1)
+        begins, stops = t[rows[np.append(0, cuts + 1)]], t[rows[np.append(cuts, -1)]]
+        return spans_of(np.minimum(begins, stops), np.maximum(begins, stops), self._log_start)
+
+    def _column(self, leaf: Leaf, value: Floats, t: Times) -> Column:
         """One column; the numbers of an enum count its names."""
-        words = tuple(self._wanted.words.get(leaf.steps, leaf.words))
+        words = tuple(self._decoded.words.get(leaf.steps, leaf.words))
         if leaf.numbers:
             is_number = value[:, None] == np.array(leaf.numbers)
             value = np.where(is_number.any(axis=1), is_number.argmax(axis=1), np.nan)
-        return Column(self._t, value, np.isfinite(value), words)
-
-    def findings(self) -> Iterator[Finding]:
-        """What was found on the way; to be asked after `columns`."""
-        if self._backward_finding:
-            yield self._backward_finding
-        for (code, place, reason), faulty in sorted(self._faults.items()):
-            names = {k: v for k, v in (("field", place), ("reason", reason)) if v}
-            finding = self.series.finding(
-                code, _SEVERITY[code], faulty.count, {"byte": faulty.offset}, **names
-            )
-            yield replace(finding, spans=faulty.spans)
+        return Column(t, value, np.isfinite(value), words)

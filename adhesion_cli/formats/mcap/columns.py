@@ -1,11 +1,11 @@
 """Columns of many messages: which numbers are wanted, and what in later messages differs."""
 
 from abc import ABC, abstractmethod
+from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,111 +17,110 @@ from .stamps import Stamp
 
 _TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken
 _OVERHEAD = 256  # bytes that each counts more
+_MOST_REPORTED = 500  # kinds of faults of one topic that are reported one by one
 
 
-@dataclass(frozen=True, slots=True)
-class MessageFault:
-    """What decoding had to leave out, and the messages of the batch that it concerns."""
+class Fault(NamedTuple):
+    """What decoding had to leave out of a message."""
 
-    code: str
-    rows: Offsets
+    code: str  # of a finding
     field: str = ""  # its place in the message, where it is about one
-    reason: str = ""  # why the messages do not decode
+    reason: str = ""  # why the message does not decode
 
 
-@dataclass(frozen=True, slots=True)
-class FirstText:
+class FirstText(NamedTuple):
     """A string of the first message that gives wanted numbers their unit or name."""
 
     text: str
-    places: list[int]  # the numbers, by their place in Wanted.numbers
+    places: list[int]  # the numbers, by their place in Decoded.numbers
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Wanted:
-    """The numbers asked for, and what the first messages said that later ones must repeat."""
+class Decoded:
+    """The wanted numbers of a topic, filled message by message, and what differs in a message.
 
-    numbers: Sequence[Steps]  # the numbers asked for, then those of the stamp
-    lengths: dict[Steps, int]  # of the arrays that hold wanted numbers, or are empty at first
-    said: dict[Steps, FirstText]
-    words: dict[Steps, list[str]]  # of texts that are asked for, whose numbers count these
-    shape: Tree  # what the first messages hold, all taken together
-    iso: Steps | None = None  # the one of `numbers` that is a time as text
-    layouts: list[Any] = field(default_factory=list)  # what a decoder learns of its messages
+    Args:
+        tree: what the first messages hold, all taken together.
+        leaves: the numbers and words that are wanted.
+        stamp: where the messages keep their time.
+        rows: messages of the topic.
 
-    @classmethod
-    def select(cls, tree: Tree, wanted: Sequence[Leaf], stamp: Stamp | None) -> "Wanted":
-        """What the typical first message says about numbers and the stamp."""
-        places = [leaf.steps for leaf in wanted]
+    Attributes:
+        shape: the tree.
+        numbers: places of the numbers, those of the stamp behind the others.
+        lengths: of the arrays that hold wanted numbers, or are empty at first.
+        said: units and names that later messages must repeat.
+        words: of texts that are wanted, whose numbers count these.
+        iso: the one of `numbers` that is a time as text.
+        layouts: what a decoder learns of the messages.
+        values: of shape (len(numbers), rows), NaN where a message has no such number.
+        faults: the messages that have each fault.
+    """
+
+    def __init__(self, tree: Tree, leaves: Sequence[Leaf], stamp: Stamp | None, rows: int) -> None:
+        self.shape, self.layouts = tree, list[Any]()
+        places = [leaf.steps for leaf in leaves]
         places += [steps for steps in (stamp.places if stamp else ()) if steps not in places]
-        lengths = dict.fromkeys(islice(empty(tree), MAX_NUMBERS), 0)  # never read
+        self.numbers: Sequence[Steps] = places
+        self.lengths: dict[Steps, int] = dict.fromkeys(islice(empty(tree), MAX_NUMBERS), 0)
         for steps in places:
             for i, step in enumerate(steps):
                 if isinstance(step, int):
-                    lengths[steps[:i]] = len(node_at(tree, steps[:i]))
-        said: dict[Steps, FirstText] = {}
-        for i, leaf in enumerate(wanted):
+                    self.lengths[steps[:i]] = len(node_at(tree, steps[:i]))
+        self.said: dict[Steps, FirstText] = {}
+        for i, leaf in enumerate(leaves):
             for place, text in ((leaf.label_at, leaf.label), (leaf.unit_at, leaf.unit)):
                 if place:
-                    said.setdefault(place, FirstText(text, [])).places.append(i)
-        iso = stamp.places[0] if stamp and stamp.text else None
-        words = {leaf.steps: list[str]() for leaf in wanted if leaf.words and not leaf.numbers}
-        return cls(tuple(places), lengths, said, words, tree, iso)
+                    self.said.setdefault(place, FirstText(text, [])).places.append(i)
+        self.iso = stamp.places[0] if stamp and stamp.text else None
+        self.words = {leaf.steps: list[str]() for leaf in leaves if leaf.words and not leaf.numbers}
+        self.values: Floats = np.full((len(places), rows), np.nan)
+        self.faults: dict[Fault, array[int]] = {}
+        self._unlike: list[tuple[list[int], Offsets]] = []  # numbers, messages that say otherwise
 
-
-class Batch:
-    """The columns of many messages while they are decoded.
-
-    Attributes:
-        values: the wanted numbers, shape (len(wanted.numbers), n).
-        lengths: which messages have another length, by array; shape (n,).
-        texts: which messages have another unit or name, by string; shape (n,).
-        faults: what else is wrong.
-    """
-
-    def __init__(self, wanted: Wanted, count: int) -> None:
-        self.wanted = wanted
-        self.values = np.full((len(wanted.numbers), count), np.nan)
-        self.lengths = {steps: np.zeros(count, np.bool_) for steps in wanted.lengths}
-        self.texts = {steps: np.zeros(count, np.bool_) for steps in wanted.said}
-        self.faults: list[MessageFault] = []
-        self._bad: dict[str, list[int]] = {}  # messages that do not decode, by the reason
+    def note(self, fault: Fault, rows: Offsets) -> None:
+        """Notes a fault of these messages, if there are any."""
+        if len(self.faults) >= _MOST_REPORTED and fault not in self.faults:
+            code, field, reason = fault
+            fault = Fault(code, field and "further fields", reason and "other reasons")
+        if len(rows):
+            self.faults.setdefault(fault, array("q")).frombytes(rows.astype(np.int64).tobytes())
 
     def refuse(self, row: int, reason: str) -> None:
         """Leaves a message out that does not decode."""
-        self._bad.setdefault(reason, []).append(row)
+        self.note(Fault("mcap-bad-message", reason=reason), np.array([row]))
 
-    def finish(self) -> tuple[Floats, list[MessageFault]]:
-        """The values and the faults, see Decoder.columns."""
-        is_sound = np.ones(self.values.shape[1], np.bool_)
-        for reason, bad in self._bad.items():
-            is_sound[bad] = False
-            self.faults.append(MessageFault("mcap-bad-message", np.array(bad), reason=reason))
-        self.values[:, ~is_sound] = np.nan
-        for steps, differs in self.texts.items():
-            rows = self._add("mcap-text-change", differs & is_sound, steps)
-            self.values[np.array(self.wanted.said[steps].places)[:, None], rows] = np.nan
-        for steps, differs in self.lengths.items():
-            self._add("mcap-array-length", differs & is_sound, steps)
-        return self.values, self.faults
+    def note_text(self, place: Steps, rows: Offsets) -> None:
+        """Notes messages that say another unit or name; the numbers that it is of are left out."""
+        self.note(Fault("mcap-text-change", path(place)), rows)
+        self._unlike.append((self.said[place].places, rows))
 
-    def _add(self, code: str, affected: Bools, steps: Steps) -> Offsets:
-        if len(rows := np.flatnonzero(affected)):
-            self.faults.append(MessageFault(code, rows, path(steps)))
-        return rows
+    def note_length(self, place: Steps, rows: Offsets) -> None:
+        """Notes messages in which an array has another length."""
+        self.note(Fault("mcap-array-length", path(place)), rows)
+
+    def finish(self) -> Bools:
+        """Takes out what cannot be used; which messages decode, shape (rows,)."""
+        for numbers, rows in self._unlike:
+            self.values[np.array(numbers)[:, None], rows] = np.nan
+        decodes = np.ones(self.values.shape[1], np.bool_)
+        for fault, bad in self.faults.items():
+            if fault.code == "mcap-bad-message":
+                decodes[np.array(bad)] = False
+        self.values[:, ~decodes] = np.nan
+        return decodes
 
 
 class Spread:
     """Takes parsed messages apart, place by place, all messages at once.
 
     Args:
-        batch: takes their numbers, and what differs from the first messages.
+        decoded: takes their numbers, and what differs from the first messages.
     """
 
-    def __init__(self, batch: Batch) -> None:
-        self._batch, self._wanted = batch, batch.wanted
-        self._columns = {steps: i for i, steps in enumerate(batch.wanted.numbers)}
-        places = (*batch.wanted.numbers, *batch.wanted.said, *batch.wanted.lengths)
+    def __init__(self, decoded: Decoded) -> None:
+        self._decoded = decoded
+        self._columns = {steps: i for i, steps in enumerate(decoded.numbers)}
+        places = (*decoded.numbers, *decoded.said, *decoded.lengths)
         self._places = {steps[:k] for steps in places for k in range(1, len(steps) + 1)}
 
     def walk(self, nodes: Sequence[Any], rows: Offsets, shape: Tree, steps: Steps = ()) -> None:
@@ -141,9 +140,9 @@ class Spread:
                 self._members(nodes, rows, shape, steps)
             else:
                 self._elements(nodes, rows, shape, steps)
-        elif said := self._wanted.said.get(steps):
+        elif said := self._decoded.said.get(steps):
             differs = [node != said.text and node not in ("", None) for node in nodes]
-            self._batch.texts[steps][rows] = differs
+            self._decoded.note_text(steps, rows[differs])
         elif (i := self._columns.get(steps)) is not None:
             self._numbers(nodes, rows, i, steps)
 
@@ -179,8 +178,8 @@ class Spread:
         self, nodes: Sequence[Any], rows: Offsets, shape: list[Tree], steps: Steps
     ) -> None:
         count = np.array(list(map(len, nodes)))
-        if steps in self._batch.lengths:
-            self._batch.lengths[steps][rows] = count != self._wanted.lengths[steps]
+        if steps in self._decoded.lengths:
+            self._decoded.note_length(steps, rows[count != self._decoded.lengths[steps]])
         for k, child in enumerate(shape):
             if self._visits(child, place := (*steps, k)):
                 children = [node[k] for node in nodes if len(node) > k]
@@ -188,13 +187,13 @@ class Spread:
                     self.walk(children, rows[count > k], child, place)
 
     def _numbers(self, nodes: Sequence[Any], rows: Offsets, column: int, steps: Steps) -> None:
-        if (words := self._wanted.words.get(steps)) is not None:
+        if (words := self._decoded.words.get(steps)) is not None:
             texts = [node.strip() if isinstance(node, str) else "" for node in nodes]
             new_words = [text for text in dict.fromkeys(texts) if text and text not in words]
             words += new_words[: MOST_WORDS - len(words)]
             number_of = {word: float(k) for k, word in enumerate(words)}
             nodes = [number_of.get(text, np.nan) for text in texts]
-        self._batch.values[column, rows] = nodes
+        self._decoded.values[column, rows] = nodes
 
 
 class Decoder(ABC):
@@ -226,32 +225,27 @@ class Decoder(ABC):
         """The names that the schema gives the numbers at a place; none where it gives none."""
         return {}
 
-    def columns(
-        self, data: bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[MessageFault]]:
-        """Many messages at once. As many are parsed as may stand in memory together.
+    def fill(
+        self, decoded: Decoded, first_row: int, data: bytes, start: Offsets, stop: Offsets
+    ) -> None:
+        """Decodes many messages at once. As many are parsed as may stand in memory together.
 
         Args:
+            decoded: takes their numbers.
+            first_row: the number of the first message.
             data: bytes that hold the messages.
             start: offsets of the messages' first bytes, shape (n,).
             stop: offsets after their last bytes, shape (n,).
-            wanted: what to take from each.
-
-        Returns:
-            Values of shape (len(wanted.numbers), n), NaN where a message has no such number,
-            and what was left out.
         """
-        batch = Batch(wanted, len(start))
         cuts = np.flatnonzero(np.diff(np.cumsum(stop - start + _OVERHEAD) // _TOGETHER)) + 1
         for begin, end in pairwise([0, *cuts.tolist(), len(start)]):
             messages, rows = list[Any](), list[int]()
             spans = zip(start[begin:end].tolist(), stop[begin:end].tolist(), strict=True)
-            for row, (a, b) in enumerate(spans, begin):
+            for row, (a, b) in enumerate(spans, first_row + begin):
                 try:
                     messages.append(self.parse(data[a:b]))
                     rows.append(row)
                 except UndecodableError as e:
-                    batch.refuse(row, str(e))
+                    decoded.refuse(row, str(e))
             if messages:
-                self.spread(batch).walk(messages, np.array(rows), wanted.shape)
-        return batch.finish()
+                self.spread(decoded).walk(messages, np.array(rows), decoded.shape)

@@ -9,7 +9,7 @@ import numpy as np
 import orjson
 
 from .blocks import Offsets
-from .columns import Decoder, MessageFault, Spread
+from .columns import Decoder, Fault, Spread
 from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, path
 from .stamps import microseconds
 
@@ -37,10 +37,6 @@ def _loads(raw: bytes) -> Tree:
 class _JsonSpread(Spread):
     """Takes JSON messages apart; no schema says what they hold, so each may differ."""
 
-    def _fault(self, code: str, rows: Offsets, place: str) -> None:
-        if len(rows):
-            self._batch.faults.append(MessageFault(code, rows, place or "message"))
-
     def _usable(
         self, nodes: Sequence[Tree], rows: Offsets, shape: Tree, steps: Steps
     ) -> tuple[Sequence[Tree], Offsets]:
@@ -51,7 +47,7 @@ class _JsonSpread(Spread):
             return nodes, rows
         is_kind = np.array([type(node) is kind for node in nodes], np.bool_)
         differs = [not ok and node is not None for ok, node in zip(is_kind, nodes, strict=True)]
-        self._fault("mcap-type-change", rows[differs], path(steps))
+        self._decoded.note(Fault("mcap-type-change", path(steps) or "message"), rows[differs])
         return [node for node in nodes if type(node) is kind], rows[is_kind]
 
     def _visits(self, shape: Tree, steps: Steps) -> bool:
@@ -64,19 +60,19 @@ class _JsonSpread(Spread):
             has_new_keys = [not node.keys() <= shape.keys() for node in nodes]
             suffix = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
             place = path((*steps, min(keys))) + suffix
-            self._fault("mcap-late-field", rows[has_new_keys], place)
+            self._decoded.note(Fault("mcap-late-field", place), rows[has_new_keys])
         for key in (key for key, child in shape.items() if child is None):
             has_number = [isinstance(node.get(key), _NUMERIC_TYPES) for node in nodes]
-            self._fault("mcap-late-field", rows[has_number], path((*steps, key)))
+            self._decoded.note(Fault("mcap-late-field", path((*steps, key))), rows[has_number])
         super()._members(nodes, rows, shape, steps)
 
     def _numbers(self, nodes: Sequence[Tree], rows: Offsets, column: int, steps: Steps) -> None:
-        if steps == self._wanted.iso:
+        if steps == self._decoded.iso:
             nodes = list(map(microseconds, nodes))
-        elif steps not in self._wanted.words and not set(map(type, nodes)) <= _NUMBERS:
+        elif steps not in self._decoded.words and not set(map(type, nodes)) <= _NUMBERS:
             is_number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
             not_numeric = ~is_number & np.array([node is not None for node in nodes], np.bool_)
-            self._fault("mcap-type-change", rows[not_numeric], path(steps))
+            self._decoded.note(Fault("mcap-type-change", path(steps)), rows[not_numeric])
             nodes, rows = [node for node in nodes if type(node) in _NUMBERS], rows[is_number]
         super()._numbers(nodes, rows, column, steps)
 

@@ -39,7 +39,7 @@ class _ProtobufSpread(Spread):
             try:
                 _check_wire(nodes[i], numbers)
             except UndecodableError as e:
-                self._batch.refuse(int(rows[i]), str(e))
+                self._decoded.refuse(int(rows[i]), str(e))
                 is_sound[i] = False
         return list(compress(nodes, is_sound)), rows[is_sound]
 

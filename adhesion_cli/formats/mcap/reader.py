@@ -162,9 +162,10 @@ class McapSource:
             if collector.rows != collector.series.rows:
                 raise self.walk.changed()
             topic, group = collector.series.topic, collector.series.group
-            for leaf, column in zip(collector.leaves, collector.columns(), strict=True):
+            columns, findings = collector.finish()
+            for leaf, column in zip(collector.leaves, columns, strict=True):
                 by_field[topic, group, leaf.path, bool(leaf.words)] = column
-            self._report(collector.findings())
+            self._report(findings)
         return [by_field[f.channel, f.group, f.path, bool(f.words)] for f in wanted]
 
     def _collect(self, collectors: Sequence[Collector]) -> None:

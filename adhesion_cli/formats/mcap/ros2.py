@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.model import Floats
 from .blocks import Offsets, load
-from .columns import Batch, Decoder, MessageFault, Spread, Wanted
-from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
+from .columns import Decoded, Decoder, Spread
+from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError, node_at
 
 _CODES = {  # of struct and numpy
     "bool": "?",
@@ -116,28 +115,26 @@ class Ros2Decoder(Decoder):
                 kind, unit = member.type, member.unit
         return unit, "schema comment" if unit else ""
 
-    def columns(
-        self, data: bytes, start: Offsets, stop: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[MessageFault]]:
+    def fill(
+        self, decoded: Decoded, first_row: int, data: bytes, start: Offsets, stop: Offsets
+    ) -> None:
         """See Decoder. Messages of a layout that is known are taken at once."""
-        batch, pending = Batch(wanted, len(start)), np.arange(len(start))
-        for layout in wanted.layouts:
-            pending = layout.take(batch, data, start, stop, pending)
+        pending = np.arange(len(start))
+        for layout in decoded.layouts:
+            pending = layout.take(decoded, first_row, data, start, stop, pending)
         while len(pending):
-            row = int(pending[0])
-            try:
-                message = self.parse(data[start[row] : stop[row]])
-            except UndecodableError as e:
-                batch.refuse(row, str(e))
-                pending = pending[1:]
-                continue
-            Spread(batch).walk([message.tree], pending[:1], wanted.shape)
+            k, row = int(pending[0]), first_row + int(pending[0])
             pending = pending[1:]
-            decisive_count = len(message.lengths) + len(wanted.said) + len(wanted.words)
-            if decisive_count <= _MOST_DECISIVE and len(wanted.layouts) < _MOST_LAYOUTS:
-                wanted.layouts.append(layout := _layout(message, batch, row))
-                pending = layout.take(batch, data, start, stop, pending)
-        return batch.finish()
+            try:
+                message = self.parse(data[start[k] : stop[k]])
+            except UndecodableError as e:
+                decoded.refuse(row, str(e))
+                continue
+            Spread(decoded).walk([message.tree], np.array([row]), decoded.shape)
+            decisive_count = len(message.lengths) + len(decoded.said) + len(decoded.words)
+            if decisive_count <= _MOST_DECISIVE and len(decoded.layouts) < _MOST_LAYOUTS:
+                decoded.layouts.append(layout := _layout(message, decoded, row))
+                pending = layout.take(decoded, first_row, data, start, stop, pending)
 
 
 class _Message:
@@ -239,12 +236,18 @@ class _Layout:
     size: int  # bytes that the schema explains
     decisive: dict[int, bytes]  # byte order, lengths, strings that must not change; by offset
     numbers: dict[int, tuple[str, int]]  # numpy's type and offset, by column
-    lengths: set[Steps]  # the arrays that have another length than at first
-    texts: set[Steps]  # the strings that are other units or names than at first
     words: dict[int, float]  # the number of the word that a string is, by column
+    lengths: list[Steps]  # the arrays that have another length than at first
+    texts: list[Steps]  # the strings that are other units or names than at first
 
     def take(
-        self, batch: Batch, data: bytes, start: Offsets, stop: Offsets, pending: Offsets
+        self,
+        decoded: Decoded,
+        first_row: int,
+        data: bytes,
+        start: Offsets,
+        stop: Offsets,
+        pending: Offsets,
     ) -> Offsets:
         """Takes the messages of `pending` that are laid out so; returns the others."""
         excess = stop[pending] - start[pending] - self.size
@@ -252,39 +255,47 @@ class _Layout:
         for offset, expected in self.decisive.items():
             actual = load(data, start[pending[fits]] + offset, f"V{len(expected)}")
             fits[fits] = actual == np.void(expected)
-        rows = pending[fits]
+        begin, rows = start[pending[fits]], first_row + pending[fits]
         for column, (kind, offset) in self.numbers.items():
             is_bool = kind[1:] == "?"  # one of 2 is true
-            values = load(data, start[rows] + offset, "u1" if is_bool else kind)
-            batch.values[column, rows] = values != 0 if is_bool else values
+            values = load(data, begin + offset, "u1" if is_bool else kind)
+            decoded.values[column, rows] = values != 0 if is_bool else values
         for column, number in self.words.items():
-            batch.values[column, rows] = number
+            decoded.values[column, rows] = number
         for steps in self.lengths:
-            batch.lengths[steps][rows] = True
+            decoded.note_length(steps, rows)
         for steps in self.texts:
-            batch.texts[steps][rows] = True
+            decoded.note_text(steps, rows)
         return pending[~fits]
 
 
-def _layout(message: _Message, batch: Batch, row: int) -> _Layout:
-    """How a message is laid out that a batch has taken as one of its rows."""
-    wanted = batch.wanted
+def _layout(message: _Message, decoded: Decoded, row: int) -> _Layout:
+    """How a message is laid out whose numbers stand in a row."""
+    texts = decoded.said.keys() | decoded.words.keys()
     places = [(1, 1), *((offset, 4) for offset in message.lengths)]  # the first: byte order
-    texts = wanted.said.keys() | wanted.words.keys()
     places += [place for steps, place in message.texts.items() if steps in texts]
     decisive = {a: message.raw[a : a + size] for a, size in places if size}
     numbers: dict[int, tuple[str, int]] = {}
-    for column, steps in enumerate(wanted.numbers):
+    for column, steps in enumerate(decoded.numbers):
         array, k = (steps[:-1], steps[-1]) if isinstance(steps[-1], int) else (steps, 0)
         code, begin, count = message.numbers.get(array, ("", 0, 0))
         if k < count:
             kind = message.order + code
             numbers[column] = kind, begin + k * struct.calcsize(kind)
-    lengths = {steps for steps, differs in batch.lengths.items() if differs[row]}
-    differing_texts = {steps for steps, differs in batch.texts.items() if differs[row]}
-    columns = [wanted.numbers.index(steps) for steps in wanted.words]
-    words = {column: float(batch.values[column, row]) for column in columns}
-    return _Layout(message.size, decisive, numbers, lengths, differing_texts, words)
+    columns = [decoded.numbers.index(steps) for steps in decoded.words]
+    words = {column: float(decoded.values[column, row]) for column in columns}
+    arrays = {steps: node_at(message.tree, steps) for steps in decoded.lengths}
+    lengths = [
+        steps
+        for steps, array in arrays.items()
+        if isinstance(array, list) and len(array) != decoded.lengths[steps]
+    ]
+    differing = [
+        steps
+        for steps, said in decoded.said.items()
+        if node_at(message.tree, steps) not in ("", None, said.text)
+    ]
+    return _Layout(message.size, decisive, numbers, words, lengths, differing)
 
 
 def _short_name(name: str) -> str:
