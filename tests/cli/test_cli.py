@@ -17,7 +17,6 @@ from adhesion_cli.cli.app import app
 from adhesion_cli.core.model import Log
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.studies import response
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_logs"
@@ -525,9 +524,12 @@ def test_the_summary_of_every_command_is_whole(capsys: pytest.CaptureFixture[str
     assert all(line.endswith(".") and "..." not in line for line in listed), listed
 
 
-def test_the_examples_of_the_help_run_as_they_stand(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+# These take long, and have tests of their own.
+LONG_EXAMPLES = ["antiskid", "estimators", "fleet", "reproduce"]
+
+
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path, whole: bool) -> None:
     examples = {
         c.name: re.findall(r"Example: adhesion (.*)", c.callback.__doc__ or "")
         for c in app.registered_commands
@@ -536,10 +538,8 @@ def test_the_examples_of_the_help_run_as_they_stand(
     assert all(len(found) == 1 for found in examples.values()), examples
     assert max(len(found[0]) for found in examples.values()) <= 60  # on one line: it can be pasted
     (tmp_path / "sample_logs").symlink_to(SAMPLES)
-    monkeypatch.setattr(response, "STEP", 5e-3)  # of `estimators --response`, which takes long
-    # These take long, need no file, and have tests of their own.
-    assert examples.pop("reproduce") == ["reproduce"]
-    assert examples.pop("antiskid") == ["antiskid slippery-stop --set patent.slip_high=0.05"]
+    for name in LONG_EXAMPLES if not whole else ():
+        del examples[name]
     (shown,) = examples.pop("view")
     for (example,) in [examples.pop("simulate"), *examples.values()]:  # makes what the others take
         done = run(*example.split())

@@ -36,8 +36,16 @@ MORE: dict[str, dict[str, float]] = {
 }
 
 
-@pytest.mark.parametrize("case", GOOD)
-@pytest.mark.parametrize("name", sorted(simulate.scenarios()))
+# Each scenario with two or three kinds of sensors, and each kind with two or three scenarios.
+SOME = [
+    (name, case)
+    for i, name in enumerate(sorted(simulate.scenarios()))
+    for j, case in enumerate(GOOD)
+    if (i + j) % 3 == 0
+]
+
+
+@pytest.mark.parametrize(("name", "case"), SOME)
 def test_a_good_log_is_not_accused(name: str, case: str, tmp_path: Path) -> None:
     assert codes(simulated.recordings(name, **GOOD[case]), tmp_path) <= TRUE.get(name, set())
 

@@ -10,6 +10,7 @@ from helpers.diagnosed import (
     clean,
     found,
 )
+from helpers.grids import thinned
 from helpers.pasted import pasted
 
 from adhesion_cli.analysis import settings
@@ -36,9 +37,9 @@ def test_another_vehicle_is_told(tmp_path: Path) -> None:
     assert not found(log, tmp_path, stated)
 
 
-@pytest.mark.parametrize("friction", [0.15, 0.3])
-@pytest.mark.parametrize("gradient", [-25.0, 0.0, 25.0])
-@pytest.mark.parametrize("rate", [1.0, 20.0])
+@pytest.mark.parametrize(
+    ("rate", "gradient", "friction"), thinned(5, [1.0, 20.0], [-25.0, 0.0, 25.0], [0.15, 0.3])
+)
 def test_the_friction_that_would_fit_is_told(
     friction: float, gradient: float, rate: float, tmp_path: Path
 ) -> None:
@@ -86,7 +87,9 @@ def test_all_speeds_in_another_unit_are_told_as_that(name: str, tmp_path: Path) 
     assert "friction" not in told.names["fits"]
 
 
-@pytest.mark.parametrize("times", [3.0, 5.0, 8.0, 10.0, 20.0])
+@pytest.mark.parametrize(
+    "times", [3.0, 20.0, *(pytest.param(x, marks=pytest.mark.slow) for x in (5.0, 8.0, 10.0))]
+)
 def test_time_stamps_too_fast_are_told_by_as_much_with_a_train_speed_too(
     times: float, tmp_path: Path
 ) -> None:

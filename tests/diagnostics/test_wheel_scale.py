@@ -7,7 +7,9 @@ from helpers import simulated
 from helpers.diagnosed import TRUE, clean, found
 
 
-@pytest.mark.parametrize("scale", [0.9, 0.95, 1.05, 1.1])
+@pytest.mark.parametrize(
+    "scale", [0.9, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.95, 1.05, 1.1))]
+)
 def test_a_wheels_diameter_is_measured(scale: float, tmp_path: Path) -> None:
     log = simulated.worn(clean("leaf-film", 1, "as it is"), 1, scale)  # in rpm
     (told,) = [f for f in found(log, tmp_path) if f.code not in TRUE["leaf-film"]]

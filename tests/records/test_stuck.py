@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import simulated
+from helpers.grids import thinned
 from helpers.simulated import Recordings
 
 from adhesion_cli.analysis import analyze, settings
@@ -125,9 +126,9 @@ def speeds_without_axle_2(name: str, train: bool) -> dict[int, Floats | None]:
     return {a.record.axle: a.record.train_speed for a in result.axles}
 
 
-@pytest.mark.parametrize("train", [True, False])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0, 1.4])
-@pytest.mark.parametrize("name", MANY)
+@pytest.mark.parametrize(
+    ("name", "share", "train"), thinned(7, MANY, [0.0, 0.3, 0.7, 1.0, 1.4], [True, False])
+)
 def test_a_speed_that_never_changes_is_dead(
     name: str, share: float, train: bool, tmp_path: Path
 ) -> None:
@@ -143,9 +144,9 @@ def test_a_speed_that_never_changes_is_dead(
         np.testing.assert_array_equal(axle.record.train_speed, sound[axle.record.axle])
 
 
-@pytest.mark.parametrize("train", [True, False])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
-@pytest.mark.parametrize("name", MANY)
+@pytest.mark.parametrize(
+    ("name", "share", "train"), thinned(5, MANY, [0.0, 0.3, 0.6, 1.0], [True, False])
+)
 def test_a_pressure_that_never_changes_is_dead(
     name: str, share: float, train: bool, tmp_path: Path
 ) -> None:
@@ -185,9 +186,7 @@ def test_all_wheel_speeds_that_are_stuck_together_differ_from_the_trains(
         assert 19.9 < stop < 20.1
 
 
-@pytest.mark.parametrize("held", [0.2, 0.5, 2.0])
-@pytest.mark.parametrize("kmh", [0.0, 1.0])
-@pytest.mark.parametrize("name", MANY)
+@pytest.mark.parametrize(("name", "kmh", "held"), thinned(5, MANY, [0.0, 1.0], [0.2, 0.5, 2.0]))
 def test_slow_and_coarse_speeds_in_a_fast_table_are_not_dead(
     name: str, kmh: float, held: float, tmp_path: Path
 ) -> None:
@@ -228,7 +227,7 @@ def losses(log: Recordings) -> dict[str, Recordings]:
     }
 
 
-@pytest.mark.parametrize("rate", [5.0, 20.0])
+@pytest.mark.parametrize("rate", [5.0, pytest.param(20.0, marks=pytest.mark.slow)])
 def test_a_train_speed_that_a_receiver_loses_is_left_out(rate: float, tmp_path: Path) -> None:
     log = simulated.recordings("low-adhesion", rate=rate)
     assert not [f for f in simulated.told(log, tmp_path, DEFAULT) if f.severity == "warning"]
@@ -266,8 +265,7 @@ def test_what_valves_do_is_no_noise_of_a_pressure_that_stands() -> None:
     assert not stuck_pressure.standing(PARAMS, pressure(held, 5.0, 0.01)).stuck.any()
 
 
-@pytest.mark.parametrize("share", [0.5, 0.8])
-@pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
+@pytest.mark.parametrize(("rate", "share"), thinned(5, [1.0, 5.0, 50.0], [0.5, 0.8]))
 def test_wheel_speeds_at_the_end_of_their_range_are_left_out(
     rate: float, share: float, tmp_path: Path
 ) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import simulated
+from helpers.grids import thinned
 from helpers.reference_runs import (
     HARD,
     HARD_SLIDING,
@@ -46,15 +47,14 @@ def averaged(record: AxleRecord, name: str, seed: int = 1) -> AxleRecord:
     return replace(record, wheel_speed=np.concatenate([speed[:1], mean + noise]))
 
 
-@pytest.mark.parametrize("case", ROLLING)
+@pytest.mark.parametrize("case", thinned(4, ROLLING))
 def test_service_brake_is_better_than_the_best_filter(case: str) -> None:
     record, _ = logged("service-brake", **ROLLING[case])
     F = force.compute(record, VEHICLE)
     assert rms(F.force - record.truth) < 0.9 * best_butterworth(record, np.isfinite(F.force))
 
 
-@pytest.mark.parametrize("case", SLIDING)
-@pytest.mark.parametrize("name", ["low-adhesion", "leaf-film"])
+@pytest.mark.parametrize(("name", "case"), thinned(3, ["low-adhesion", "leaf-film"], SLIDING))
 def test_slides_are_as_good_as_the_best_filter(case: str, name: str) -> None:
     record, _ = logged(name, **SLIDING[case])
     F = force.compute(record, VEHICLE)
@@ -62,8 +62,10 @@ def test_slides_are_as_good_as_the_best_filter(case: str, name: str) -> None:
     assert rms((F.force - record.truth)[used]) < 1.1 * best_butterworth(record, used)
 
 
-@pytest.mark.parametrize("kmh", [0.0, 0.1])
-@pytest.mark.parametrize("name", ["service-brake", "low-adhesion", "leaf-film", "four-axles"])
+@pytest.mark.parametrize(
+    ("name", "kmh"),
+    thinned(3, ["service-brake", "low-adhesion", "leaf-film", "four-axles"], [0.0, 0.1]),
+)
 def test_sigma_is_right_while_rolling_and_while_sliding(name: str, kmh: float) -> None:
     """Share of errors within 1.96 sigma near 95 %, in each on its own, and sigma no mere bound."""
     inside, outside = [], []
@@ -398,9 +400,9 @@ def test_the_shortest_segments_give_finite_numbers(n: int) -> None:
     assert (np.isfinite([F.force, F.sigma, F.lower, F.upper]) == (n >= 8)).all()
 
 
-@pytest.mark.parametrize("n", [8, 12, 24])
-@pytest.mark.parametrize("rate", [10.0, 100.0])
-@pytest.mark.parametrize("name", ["service-brake", "low-adhesion"])
+@pytest.mark.parametrize(
+    ("name", "rate", "n"), thinned(5, ["service-brake", "low-adhesion"], [10.0, 100.0], [8, 12, 24])
+)
 def test_a_short_log_knows_its_error(name: str, rate: float, n: int) -> None:
     record, _ = logged(name, rate, pressure_noise=500.0)
     shares = []
@@ -670,8 +672,7 @@ def test_the_reference_has_the_nis_of_its_forward_filter(case: dict[str, float])
     assert force.compute(record, VEHICLE, "butterworth").nis is None
 
 
-@pytest.mark.parametrize("rate", [10.0, 20.0, 50.0])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("seed", "rate"), thinned(5, [1, 2], [10.0, 20.0, 50.0]))
 def test_a_speed_that_is_the_mean_since_the_last_one_is_known_by_its_lateness(
     rate: float, seed: int
 ) -> None:

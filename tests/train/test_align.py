@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import simulated
 from helpers.diagnosed import clean, found
+from helpers.grids import thinned
 
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
@@ -14,8 +15,10 @@ from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
 
-@pytest.mark.parametrize("seconds", [-2.0, -1.0, 1.0, 1.8])
-@pytest.mark.parametrize("name", ["low-adhesion", "four-axles", "leaf-film"])
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    thinned(5, ["low-adhesion", "four-axles", "leaf-film"], [-2.0, -1.0, 1.0, 1.8]),
+)
 def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path: Path) -> None:
     (told,) = found(simulated.late(clean(name, 1, "as it is"), "train_speed", seconds), tmp_path)
     assert (told.code, told.severity) == ("train-speed-delay", "info")
@@ -27,8 +30,10 @@ def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path:
     assert measured == pytest.approx(seconds + own.get(name, 0.0), abs=0.05 + doubt)
 
 
-@pytest.mark.parametrize("plus", [-1.0, -0.4, 0.4, 1.0])
-@pytest.mark.parametrize("name", ["low-adhesion", "four-axles", "service-brake"])
+@pytest.mark.parametrize(
+    ("name", "plus"),
+    thinned(5, ["low-adhesion", "four-axles", "service-brake"], [-1.0, -0.4, 0.4, 1.0]),
+)
 def test_a_train_speeds_offset_is_no_other_clock(name: str, plus: float, tmp_path: Path) -> None:
     log = simulated.recordings(name, rate=20.0, train=True)
     told = found(simulated.scaled(log, "train_speed", 0, 1.0, plus), tmp_path)

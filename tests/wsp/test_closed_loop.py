@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from helpers.commands import in_process
+from helpers.grids import thinned
 from helpers.recordings import batches, column, static
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
@@ -380,7 +381,7 @@ def test_on_dry_rail_a_controller_costs_nothing() -> None:
         assert v.locked_s == v.limited_s == 0.0
 
 
-@pytest.mark.parametrize("speed", [2.0, 3.0, 6.0])
+@pytest.mark.parametrize("speed", [2.0, pytest.param(3.0, marks=pytest.mark.slow), 6.0])
 def test_nor_at_walking_pace_where_noise_is_slip(speed: float) -> None:
     s = replace(case("slippery-stop"), rail=sweep.RAILS["dry"])
     s = replace(s, train=replace(s.train, speed=speed))
@@ -390,9 +391,13 @@ def test_nor_at_walking_pace_where_noise_is_slip(speed: float) -> None:
     assert np.count_nonzero(np.diff(stop.valve, axis=0)) < 100  # of four axles
 
 
-@pytest.mark.parametrize("train_speed", ["measured", "axles"])
 @pytest.mark.parametrize(
-    "wrong", [(0.97,), (0.98,), (0.99,), (1.01,), (1.02,), (1.03,), (1.05, 1.0, 1.0, 1.0)]
+    ("wrong", "train_speed"),
+    thinned(
+        3,
+        [(0.97,), (0.98,), (0.99,), (1.01,), (1.02,), (1.03,), (1.05, 1.0, 1.0, 1.0)],
+        ["measured", "axles"],
+    ),
 )
 def test_nor_with_wheels_of_another_radius(wrong: tuple[float, ...], train_speed: str) -> None:
     s = replace(case("slippery-stop"), rail=sweep.RAILS["dry"])
@@ -890,7 +895,7 @@ def test_events_of_a_stop_are_what_truly_happened(tmp_path: Path) -> None:
     assert f"slip up to {np.nanmax(stop.slip):.0%}" in slide.message
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_receiver_of_1_hz_where_every_wheel_slides_has_no_known_delay(
     tmp_path: Path, seed: int
 ) -> None:
@@ -959,9 +964,19 @@ train = {speed = 9.0}
 """
 
 
+# The loop of each other estimator compiles for 40 s.
+@pytest.mark.parametrize(
+    ("algo", "parameter"),
+    [("kalman", "q"), pytest.param("neso", "beta1", marks=pytest.mark.slow)],
+)
 def test_a_stop_has_the_settings_of_every_command_and_records_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    algo: str,
+    parameter: str,
 ) -> None:
+    own = estimator.registry()[algo].Params()._asdict()[parameter] * 1.25
     monkeypatch.chdir(tmp_path)
     limits = '[[limit]]\nquantity = "{}"\nmost = 0.0\nsource = "a test"\n'
     Path("short.toml").write_text(SLIPPERY + "".join(map(limits.format, ("locked_s", "air_nl"))))
@@ -969,9 +984,9 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
         "[patent]\nslip_low = 0.01\nslip_high = 0.06\n[slope]\nrho = 0.7\n[vehicle]\nphi = 0.2\n"
     )
     Path("given.toml").write_text(
-        "[patent]\nslip_high = 0.05\npatience = 0.2\n[neso]\nbeta1 = 90\n"
+        f"[patent]\nslip_high = 0.05\npatience = 0.2\n[{algo}]\n{parameter} = {own}\n"
     )
-    arguments = ["antiskid", "short.toml", "--json", "-a", "neso", "-c", "given.toml"]
+    arguments = ["antiskid", "short.toml", "--json", "-a", algo, "-c", "given.toml"]
     arguments += ["--set", "patent.slip_high=0.04"]
     assert app(arguments, standalone_mode=False) == 0
     out, err = capsys.readouterr()
@@ -983,20 +998,20 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
         0.7,
         wsp_controller.SLOPE_IN_LOOP["delta"],
     )
-    assert (doc["estimator"], used["neso"]["beta1"]) == ("neso", 90.0)
-    stated = {name: used[name] for name in ("patent", "slope", "neso")}
+    assert (doc["estimator"], used[algo][parameter]) == (algo, own)
+    stated = {name: used[name] for name in ("patent", "slope", algo)}
     best = scenario.load("short.toml")
-    again = closed_loop.run(best, "patent", algo="neso", settings=stated)
+    again = closed_loop.run(best, "patent", algo=algo, settings=stated)
     for law in registry():
         with open(doc["outputs"][f"{law}.mcap"], "rb") as file:
             records = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
         carried = settings.nested(records["adhesion.settings"])
-        assert {name: carried.get(name, {}) for name in ("neso", "slope", law)} == {
-            name: used[name] for name in ("neso", "slope", law)
+        assert {name: carried.get(name, {}) for name in (algo, "slope", law)} == {
+            name: used[name] for name in (algo, "slope", law)
         }
         assert carried["bands"]["slip_high"] == 0.04
         loop = carried["antiskid"]
-        assert (loop["controller"], loop["estimator"]) == (law, "neso")
+        assert (loop["controller"], loop["estimator"]) == (law, algo)
         assert loop["scenario"]["train"]["speed"] == 9.0
         assert loop["scenario"]["brake"]["command"] == [{"at": 1.0, "pressure": 4e5, "ramp": 0.0}]
         assert loop["scenario"]["antiskid"]["period"] == best.antiskid.period
@@ -1010,8 +1025,8 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
     assert {(x["least"], x["most"], x["source"]) for x in doc["limits"]} == {(None, 0.0, "a test")}
     found = doc["controllers"]["patent"]["stopping_distance_m"]
     assert found == closed_loop.verdict(again, best, 1.0).stopping_distance_m
-    read = analyze.analyze(Path(doc["outputs"]["patent.mcap"]), settings.load(), ["neso"])
-    assert (read.settings["slope"]["rho"], read.settings["neso"]["beta1"]) == (0.7, 90.0)
+    read = analyze.analyze(Path(doc["outputs"]["patent.mcap"]), settings.load(), [algo])
+    assert (read.settings["slope"]["rho"], read.settings[algo][parameter]) == (0.7, own)
 
 
 @pytest.mark.parametrize(
