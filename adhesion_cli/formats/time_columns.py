@@ -10,12 +10,11 @@ import pyarrow as pa
 from ..core.finding import Finding
 from ..core.model import Bools, Times
 from ..core.time_axis import from_digits
-from .csv.clock import Clock, count_of
+from .csv.clock import Clock
 from .csv.dialect import Dialect, fit
 from .csv.long_table import interleaved
 from .csv.time_column import find_clock
 from .source import ReadOptions
-from .tables import MOST_NS
 
 HEAD = 1_000  # rows that show which column is the time
 
@@ -113,15 +112,5 @@ def _times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
         target = pa.duration("ns") if pa.types.is_duration(kind) else pa.timestamp("ns")
         in_unit = array.cast(pa.timestamp(kind.unit)) if pa.types.is_timestamp(kind) else array
         return np.asarray(in_unit.cast(target).cast(pa.int64()).fill_null(0)), ok
-    if pa.types.is_integer(kind) and clock.unit:
-        count = count_of(clock.unit)
-        ticks = np.asarray(array.cast(pa.int64()).fill_null(0)) - int(count.at_1970)
-        ok &= np.abs(ticks) < MOST_NS // count.ns
-        return np.where(ok, ticks, 0) * count.ns, ok
-    if pa.types.is_floating(kind) and clock.unit and not count_of(clock.unit).at_1970:
-        value = np.asarray(array.cast(pa.float64()).fill_null(np.nan)) * count_of(clock.unit).ns
-        with np.errstate(invalid="ignore"):
-            ok &= np.abs(value) < MOST_NS
-        return np.rint(np.where(ok, value, 0.0)).astype(np.int64), ok
     t, is_time = clock.nanoseconds([a.cast(pa.string()) for a in arrays])
     return t, ok & is_time

@@ -3,19 +3,18 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import pyarrow as pa
 
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Bools, Times
 from ...core.time_axis import from_digits, seconds_of_digits
 from ..source import Field
-from .block_parser import ParsedBlock, Parser
+from .block_parser import Parser
 from .cells import NO_NUMBER, OTHER_MARK
 from .lines import LineBlock, Splitter
 from .losses import Losses
 from .reader import CsvSource
-from .rows import Groups, classify_untimed, count_times
+from .rows import UsedRows
 
 _RECENT = 100  # rows that show the usual interval
 _NEW_FILE = "let the logger begin a new file where its columns change; start `live` on that file"
@@ -33,14 +32,11 @@ class ArrivingCsv:
 
     def __init__(self, source: CsvSource, wanted: Sequence[Field]) -> None:
         self._table, self._wanted = source.table, [source.places[f] for f in wanted]
-        self._keys, self._series = source.keys.columns, list(source.keys.series)
-        indices = sorted({i for _, i in self._wanted})
-        for i in indices:
-            self._table.types.setdefault(i, pa.float64())
-        self._parser = Parser(self._table, indices, self._keys)
+        keys = source.keys.columns
+        self._rows = UsedRows(self._table, keys, list(source.keys.series))
+        self._parser = Parser(self._table, sorted({i for _, i in self._wanted}), keys)
         self._first_time: int | None = None  # time of the first row [ns]
         self._newest_time = 0  # and of the newest
-        self._sample_count = 0  # rows, where they are counted
         self._recent = np.empty(0, np.int64)  # newest times as numbers, while these may be digits
         self._offset: int | None = None  # of a clock in digits, once it is proven [ns]
         self.lost: list[Finding] = []  # what was left out; whoever reads it may empty it
@@ -61,12 +57,6 @@ class ArrivingCsv:
         if block := self._splitter.add(data):
             yield from self._parsed(block)
 
-    def _classify_untimed(self, parsed: ParsedBlock) -> None:
-        try:
-            classify_untimed(self._table, parsed)
-        except UserError as error:  # nobody can split a log that still grows
-            raise UserError(error.text, _NEW_FILE) from None
-
     def _of_digits(self, t: Times, timed: Bools) -> Times:
         """The times; those of a clock in digits go on from before its first full minute."""
         clock = self._table.clock
@@ -81,13 +71,12 @@ class ArrivingCsv:
         return t if self._offset is None else seconds_of_digits(t) + self._offset
 
     def _parsed(self, block: LineBlock) -> Iterator[Row]:
-        parsed = self._parser.parse(block)
-        if not parsed.timed.all():
-            self._classify_untimed(parsed)
-        self._sample_count = count_times(self._table, parsed, self._sample_count)
+        try:
+            parsed = self._parser.parse(block)
+        except UserError as error:  # nobody can split a log that still grows
+            raise UserError(error.text, _NEW_FILE) from None
+        timed, codes = self._rows.take(parsed)
         parsed.times = self._of_digits(parsed.times, parsed.timed)
-        timed = parsed.timed.copy()
-        codes = Groups(self._keys, self._series).codes(parsed, timed)
         row_times = parsed.times[timed]
         if self._first_time is None:
             self._first_time = self._newest_time = int(row_times[0]) if len(row_times) else 0

@@ -1,11 +1,8 @@
-"""One block of a text log parsed: typed columns, and the rows of another width.
-
-A column whose cells do not all fit its Arrow type is read as text, in all later blocks too.
-"""
+"""One block of a text log parsed: its columns, and the lines that are no rows, by class."""
 
 import csv
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +15,14 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from ..source import ReadOptions
-from .cells import floats
+from .cells import floats, is_missing
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment, split
-from .lines import LineBlock
+from .lines import LineBlock, Rows
 
-_EXAMPLE_BYTES = 100_000  # bytes of a row that are looked at
+_MOST_READ = 10_000  # lines of a block without a row that may be a header
+_NONE: Rows = np.empty(0, np.int64)
 _TEXT = re.compile(r'(?=.*[^\W\d_]{3})[^"\d\s][^"]{0,200}')  # a line as "End of measurement"
-Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +33,6 @@ class CsvTable:
     options: ReadOptions
     dialect: Dialect
     clock: Clock
-    types: dict[int, Any]  # Arrow type by column, set to text where cells do not fit
-    expected: int = 0  # rows, about: columns of this size need no second copy to grow
 
 
 @dataclass(slots=True)
@@ -49,69 +44,109 @@ class ParsedBlock:
     timed: Bools  # which times hold
     values: dict[int, Floats]
     states: dict[int, NDArray[np.int8]]  # of columns with a cell that is no number
-    arrays: dict[int, Any]  # Arrow arrays of the columns that are looked at again
+    texts: dict[int, Any]  # Arrow arrays of columns of text
     lines: Rows  # line of each row, from 0 at the block's start
-    dropped: dict[str, Rows]  # lines left out, by class
-    _line_ends: Rows | None = field(default=None, init=False)
-
-    def text(self, line: int) -> str:
-        """Text of a line of the block."""
-        if self._line_ends is None:
-            self._line_ends = _line_ends(self.block.data)
-        start = int(self._line_ends[line - 1]) + 1 if line else 0
-        stop = min(int(self._line_ends[line]), start + _EXAMPLE_BYTES)
-        return self.block.data[start:stop].decode("utf-8", "replace")
+    dropped: dict[str, Rows]  # lines that are no rows, or rows without a time, by class
 
 
-@dataclass
+@dataclass(frozen=True)
 class Parser:
-    """Parses blocks, several at a time; only the table's `types` change."""
+    """Parses blocks, several at a time."""
 
     table: CsvTable
     indices: list[int]  # columns of numbers
-    keys: tuple[int, ...]  # columns that separate series
+    texts: tuple[int, ...]  # columns of text
 
     def parse(self, block: LineBlock) -> ParsedBlock:
         """The columns of one block.
 
         Raises:
-            UserError: where the parser cannot follow it.
+            UserError: where the parser cannot follow it, or another header stands in it.
         """
-        dropped: dict[str, Rows] = {}
-        lines = np.arange(block.lines)
-        outcome = self._typed(block.data)
-        if isinstance(outcome, str) or outcome.num_rows != block.lines:
-            data, lines, dropped = self._sieved(block)
-            if isinstance(outcome, str) or dropped.keys() != {"blank"}:
-                outcome = self._typed(data)
-        if isinstance(outcome, str) or outcome.num_rows != len(lines):
-            reason = outcome if isinstance(outcome, str) else "its quotes cannot be followed"
-            text = f"{self.table.path}: cannot be read from line {block.first_line} on: {reason}"
+        lines, narrow, wide = np.arange(block.lines), _NONE, _NONE
+        try:
+            cells = self._cells(block.data)
+        except pa.ArrowInvalid:
+            cells = None
+        if cells is None or cells.num_rows != block.lines:
+            data, lines, narrow, wide = self._sieved(block)
+            cells = self._sound_cells(data, len(lines), block.first_line)
+        columns = {int(name[1:]): cells[name].combine_chunks() for name in cells.column_names}
+        clock, decimal = self.table.clock, self.table.dialect.decimal
+        for i in self.table.dialect.removals.keys() & columns.keys():
+            pattern = self.table.dialect.removals[i]
+            columns[i] = pc.replace_substring_regex(columns[i], pattern, r"\1")
+        times, timed = np.zeros(len(lines), np.int64), np.ones(len(lines), np.bool_)
+        missing = np.zeros(len(lines), np.bool_)
+        if clock.columns:
+            times, timed = clock.nanoseconds([columns[i] for i in clock.columns])
+        if not timed.all():
+            missing = np.any([is_missing(columns[i]) for i in clock.columns], axis=0)
+        faults = {
+            "too few cells": narrow,
+            "too many cells": wide,
+            "time missing": lines[~timed & missing],
+            "time unreadable": lines[~timed & ~missing],
+        }
+        numbers = {i: floats(columns[i], decimal) for i in self.indices}
+        return ParsedBlock(
+            block,
+            times,
+            timed,
+            {i: value for i, (value, _) in numbers.items()},
+            {i: state for i, (_, state) in numbers.items() if state.any()},
+            {i: columns[i] for i in self.texts},
+            lines,
+            self._classified(block, faults),
+        )
+
+    def _cells(self, data: bytes) -> Any:
+        """The wanted columns as an Arrow table of text.
+
+        Raises:
+            pa.ArrowInvalid: where a row has more or fewer cells than the table.
+        """
+        dialect, arrow = self.table.dialect, pyarrow.csv
+        wanted = dict.fromkeys((*self.table.clock.columns, *self.indices, *self.texts))
+        schema = pa.schema([(f"c{i}", pa.string()) for i in wanted])
+        if not data:
+            return schema.empty_table()
+        names = [f"c{i}" for i in range(dialect.width)]
+        # blocks run in parallel, so each is read by one thread
+        reads = arrow.ReadOptions(column_names=names, use_threads=False, block_size=len(data) + 1)
+        converts = arrow.ConvertOptions(
+            column_types=schema,
+            include_columns=schema.names,
+            null_values=list(NULLS),
+            strings_can_be_null=True,
+        )
+        parses = arrow.ParseOptions(delimiter=dialect.delimiter)
+        return arrow.read_csv(pa.BufferReader(data), reads, parses, converts)
+
+    def _sound_cells(self, data: bytes, rows: int, first_line: int) -> Any:
+        """The wanted columns of lines that have the right width.
+
+        Raises:
+            UserError: where they cannot be read so.
+        """
+        try:
+            cells, reason = self._cells(data), "its quotes cannot be followed"
+        except pa.ArrowInvalid as error:
+            cells, reason = None, str(error).splitlines()[0]
+        if cells is None or cells.num_rows != rows:
+            text = f"{self.table.path}: cannot be read from line {first_line} on: {reason}"
             hint = "correct the log, or state its dialect, as `--set csv.delimiter=semicolon`"
             raise UserError(text, hint)
-        arrays = {int(name[1:]): outcome[name].combine_chunks() for name in outcome.column_names}
-        clock, decimal = self.table.clock, self.table.dialect.decimal
-        for i, pattern in self.table.dialect.removals.items():
-            if i in arrays and pa.types.is_string(arrays[i].type):
-                arrays[i] = pc.replace_substring_regex(arrays[i], pattern, r"\1")
-        times, timed = np.zeros(len(lines), np.int64), np.ones(len(lines), np.bool_)
-        if clock.columns:
-            times, timed = clock.nanoseconds([arrays[i] for i in clock.columns])
-        checked = {i: floats(arrays[i], decimal) for i in self.indices}
-        reread = self.keys if timed.all() else (*self.keys, *clock.columns)
-        values = {i: value for i, (value, _) in checked.items()}
-        states = {i: state for i, (_, state) in checked.items() if state.any()}
-        reread_arrays = {i: arrays[i] for i in reread}
-        return ParsedBlock(block, times, timed, values, states, reread_arrays, lines, dropped)
+        return cells
 
-    def _sieved(self, block: LineBlock) -> tuple[bytes, Rows, dict[str, Rows]]:
-        """The block without lines of another width, the lines that are left, and the others.
+    def _sieved(self, block: LineBlock) -> tuple[bytes, Rows, Rows, Rows]:
+        """The block without lines of another width; the lines left, the narrow and the wide ones.
 
         A comment behind the cells of a row is cut off, where the header names a column of them.
         A line in which a quote does not close has too few cells, and so has what follows it.
         """
         data, delimiter, width = block.data, self.table.dialect.delimiter, self.table.dialect.width
-        text, line_ends = np.frombuffer(data, np.uint8), _line_ends(data)
+        text, line_ends = np.frombuffer(data, np.uint8), block.ends
         starts = np.append(0, line_ends[:-1] + 1)
         if b'"' in data:
             lines = data.decode("utf-8", "replace").split("\n")[:-1]
@@ -125,79 +160,45 @@ class Parser:
                 comment_start = data.rindex(delimiter.encode(), starts[k], line_ends[k])
                 remaining[comment_start : line_ends[k]] = False
                 cells[k] = width
-        irregular = np.flatnonzero((cells != width) | (line_ends == starts))
-        kinds: dict[str, list[int]] = {}
-        for k in irregular.tolist():
-            kind = self._kind(data[starts[k] : line_ends[k]], cells[k] < width)
-            kinds.setdefault(kind, []).append(k)
-        regular = np.ones(len(line_ends), bool)
-        regular[irregular] = False
-        remaining &= np.repeat(regular, line_ends + 1 - starts)
-        dropped = {kind: np.array(numbers) for kind, numbers in kinds.items()}
-        return text[remaining].tobytes(), np.flatnonzero(regular), dropped
+        cells[line_ends == starts] = 0
+        remaining &= np.repeat(cells == width, line_ends + 1 - starts)
+        regular, narrow, wide = map(np.flatnonzero, (cells == width, cells < width, cells > width))
+        return text[remaining].tobytes(), regular, narrow, wide
 
-    def _kind(self, line: bytes, is_narrow: bool) -> str:
-        """Class of a line that has another width than the table.
+    def _classified(self, block: LineBlock, faults: dict[str, Rows]) -> dict[str, Rows]:
+        """Lines by class, from those that hold no row, by fault: some of them are no data.
 
         Raises:
-            UserError: where it is a header of other columns or units.
+            UserError: where one is a header of other columns or units.
         """
-        if not line.strip():
+        classes: dict[str, list[int]] = {}
+        for fault, lines in faults.items():
+            for k, line in enumerate(lines.tolist()):
+                kind = fault
+                if k < _MOST_READ:
+                    kind = self._kind(block.text(line), fault, block.first_line + line)
+                classes.setdefault(kind, []).append(line)
+        return {kind: np.sort(lines) for kind, lines in classes.items()}
+
+    def _kind(self, text: str, fault: str, line: int) -> str:
+        """Class of a line that holds no row for this fault."""
+        dialect = self.table.dialect
+        if not text.strip():
             return "blank"
-        if line[:1] == b"\0":
+        if text.startswith("\0"):
             return "NUL bytes"
-        text = line[:_EXAMPLE_BYTES].decode("utf-8", "replace")
         if is_comment(text):
             return "comment"
-        dialect = self.table.dialect
-        firsts = (*dialect.segments, *(row[0] for row in dialect.header_cells if row[0]))
-        if text.startswith(firsts):
-            cells = split(text, dialect.delimiter)
-            if dialect.repeats_header(cells):
-                return "header"
-            if cells[0] in dialect.segments:
-                hint = "split the log there, and read each part by itself"
-                raise UserError(f"{self.table.path}: {text[:60]!r} begins a header of others", hint)
-        is_text = dialect.delimiter not in text and _TEXT.fullmatch(text)
-        if is_text and dialect.rows[0][0][:1].isdecimal():
-            return "comment"
-        return "too few cells" if is_narrow else "too many cells"
-
-    def _typed(self, data: bytes) -> Any:
-        """The wanted columns as an Arrow table, or why they cannot be read."""
-        wanted = (*self.table.clock.columns, *self.indices, *self.keys)
-        while True:
-            texts = dict.fromkeys(self.table.dialect.removals, pa.string())
-            types = {i: (self.table.types | texts).get(i, pa.string()) for i in wanted}
-            schema = pa.schema([(f"c{i}", kind) for i, kind in types.items()])
-            if not data:
-                return schema.empty_table()
-            try:
-                return self._read(data, schema)
-            except pa.ArrowInvalid as error:
-                column = re.search(r"In CSV column #(\d+)", str(error))
-                if not column or types[int(column[1])] == pa.string():
-                    return str(error).splitlines()[0]
-                self.table.types[int(column[1])] = pa.string()
-
-    def _read(self, data: bytes, schema: Any) -> Any:
-        dialect, arrow = self.table.dialect, pyarrow.csv
-        names = [f"c{i}" for i in range(dialect.width)]
-        # blocks run in parallel, so each is read by one thread
-        reads = arrow.ReadOptions(column_names=names, use_threads=False, block_size=len(data) + 1)
-        parses = arrow.ParseOptions(delimiter=dialect.delimiter)
-        converts = arrow.ConvertOptions(
-            column_types=schema,
-            include_columns=schema.names,
-            null_values=list(NULLS),
-            strings_can_be_null=True,
-            decimal_point=dialect.decimal,
-        )
-        return arrow.read_csv(pa.BufferReader(data), reads, parses, converts)
-
-
-def _line_ends(data: bytes) -> Rows:
-    return np.flatnonzero(np.frombuffer(data, np.uint8) == 10)
+        cells = split(text, dialect.delimiter)
+        if dialect.repeats_header(cells):
+            return "header"
+        is_row = len(cells) == dialect.width or cells[0] in dialect.segments
+        if is_row and dialect.is_another_header(cells):
+            hint = "split the log there, and read each part by itself"
+            text = f"{self.table.path}: line {line} is a header of other columns or units"
+            raise UserError(text, hint)
+        is_remark = len(cells) == 1 and _TEXT.fullmatch(text)
+        return "comment" if is_remark and dialect.rows[0][0][:1].isdecimal() else fault
 
 
 def _closed_cells(line: str, delimiter: str) -> int:

@@ -24,28 +24,27 @@ _DAY = 86_400 * _S
 _FRACTIONS = {"f": 1, "l": 1_000_000, "u": 1_000, "N": 1}  # groups, and their unit [ns]
 
 
-def floats(array: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
+def floats(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
     """Numbers of one column by the strict grammar.
 
     Args:
-        array: float64 or text.
-        decimal: decimal mark of the text.
+        text: the cells.
+        decimal: their decimal mark.
 
     Returns:
         float64 values, NaN where the cell is no number, and states; both of shape (n,).
     """
-    if pa.types.is_floating(array.type):
-        value = array.to_numpy(zero_copy_only=False)
-        state = (~np.isfinite(value)).view(np.int8)
-        if state.any():
-            state[np.isinf(value)] = IS_INFINITE
-            value = np.where(state, np.nan, value)
-        return value, state
-    text = pc.utf8_trim_whitespace(array)
-    grammar = f"^(?:{number_grammar(decimal).pattern})$"
-    numeric = pc.fill_null(pc.match_substring_regex(text, grammar), False)
+    if pc.any(pc.match_substring(text, " ")).as_py():
+        text = pc.utf8_trim_whitespace(text)
     with_point = pc.replace_substring(text, decimal, ".") if decimal != "." else text
-    value = np.array(pc.cast(pc.if_else(numeric, with_point, None), pa.float64()))
+    try:
+        if decimal != "." and pc.any(pc.match_substring(text, ".")).as_py():
+            raise pa.ArrowInvalid
+        value = np.array(pc.cast(with_point, pa.float64()))
+    except pa.ArrowInvalid:
+        grammar = f"^(?:{number_grammar(decimal).pattern})$"
+        numeric = pc.fill_null(pc.match_substring_regex(text, grammar), False)
+        value = np.array(pc.cast(pc.if_else(numeric, with_point, None), pa.float64()))
     state = np.full(len(value), NUMBER, np.int8)
     non_finite = np.flatnonzero(~np.isfinite(value))
     if len(non_finite):
@@ -53,7 +52,7 @@ def floats(array: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
         infinite = np.isinf(value[non_finite]) | _is_any(INFINITE, odd_cells)
         value[non_finite], kinds = _other_notations(odd_cells, decimal)
         state[non_finite] = np.select(
-            [_says_nothing(odd_cells), infinite], [NO_VALUE, IS_INFINITE], kinds
+            [is_missing(odd_cells), infinite], [NO_VALUE, IS_INFINITE], kinds
         )
         value[np.isin(state, (NO_VALUE, IS_INFINITE))] = np.nan
     return value, state
@@ -83,35 +82,26 @@ def _other_notations(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]
     return value, state
 
 
-def is_missing(array: Any) -> Bools:
-    """Which cells have no value, shape (n,)."""
-    if pa.types.is_string(array.type):
-        return _says_nothing(pc.utf8_trim_whitespace(array))
-    if pa.types.is_floating(array.type):
-        return np.asarray(np.isnan(array.to_numpy(zero_copy_only=False)))
-    return np.asarray(array.is_null())
-
-
-def _says_nothing(text: Any) -> Bools:
-    """Which trimmed cells are null or spell it, shape (n,)."""
-    return np.asarray(pc.is_null(text)) | _is_any(NULLS, text)
+def is_missing(text: Any) -> Bools:
+    """Which cells are null or spell it, shape (n,)."""
+    return np.asarray(pc.is_null(text)) | _is_any(NULLS, pc.utf8_trim_whitespace(text))
 
 
 def _is_any(texts: Sequence[str], text: Any) -> Bools:
     return np.asarray(pc.is_in(text, pa.array(texts, pa.string())))
 
 
-def decimals(array: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
+def decimals(text: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
     """Decimals times 10**scale as int64, exactly, rounded to the nearest; and which hold."""
-    if pa.types.is_string(array.type):
-        text = pc.utf8_trim_whitespace(array)
-        text = pc.replace_substring(text, decimal, ".") if decimal != "." else text
-        is_decimal = pc.match_substring_regex(text, r"^[+-]?[0-9]{1,19}(\.[0-9]+)?$")
-        # digits beyond the 18th decimal say nothing here
-        shortened = pc.replace_substring_regex(text, r"(\.[0-9]{18})[0-9]+", r"\1")
-        array = pc.cast(pc.if_else(is_decimal, shortened, None), pa.decimal128(38, 18))
-        array = pc.round(array, ndigits=scale, round_mode="half_to_even")
-        array = array.cast(pa.decimal128(38, scale))
+    text = pc.utf8_trim_whitespace(text)
+    text = pc.replace_substring(text, decimal, ".") if decimal != "." else text
+    grammar = r"^[+-]?[0-9]{1,19}(\.[0-9]*)?([eE][+-]?[0-9]{1,2})?$"
+    # digits beyond the 18th decimal say nothing here
+    shortened = pc.replace_substring_regex(text, r"(\.[0-9]{18})[0-9]+", r"\1")
+    is_decimal = pc.match_substring_regex(text, grammar)
+    array = pc.cast(pc.if_else(is_decimal, shortened, None), pa.decimal128(38, 18))
+    array = pc.round(array, ndigits=scale, round_mode="half_to_even")
+    array = array.cast(pa.decimal128(38, scale))
     halves = np.frombuffer(array.buffers()[1], np.int64, 2 * len(array), 16 * array.offset)
     low_half, high_half = halves[0::2], halves[1::2]
     ok = np.asarray(array.is_valid()) & (high_half == low_half >> 63)

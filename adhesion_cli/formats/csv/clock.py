@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from ...core import units
@@ -73,7 +72,6 @@ class Clock:
     decimal: str
     absolute: bool  # counts from 1970
     reason: str
-    type: Any  # Arrow type of a column whose cells are all sound
     findings: tuple[Finding, ...] = ()
     start: int = 0  # what is added to every time [ns]
     step: int = 0  # between two rows, where they are counted [ns]
@@ -88,7 +86,7 @@ class Clock:
     def nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
         """Times [ns] of the rows of one block, and which of them hold; shape (n,).
 
-        `arrays` are the clock's columns, of its type or text, null where a cell has no value.
+        `arrays` are the clock's columns as text, null where a cell has no value.
         """
         t, ok = self._nanoseconds(arrays)
         return (np.where(ok, t + self.start, 0), ok) if self.start else (t, ok)
@@ -96,8 +94,6 @@ class Clock:
     def _nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
         """Times without the start."""
         array = arrays[0]
-        if pa.types.is_timestamp(array.type):
-            return np.asarray(array.cast(pa.int64()).fill_null(0)), np.asarray(array.is_valid())
         if self.pattern:
             text = [pc.utf8_trim_whitespace(a) for a in arrays]
             return cells.stamps(pc.binary_join_element_wise(*text, " "), self.pattern)

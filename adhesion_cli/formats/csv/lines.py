@@ -13,17 +13,19 @@ import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.errors import UserError
 from .dialect import HEAD_BYTES, Dialect, plain, split
 
 _BLOCK = 1 << 20  # it stays in a processor's cache; smaller ones make threads wait for each other
 MAX_LINE = 16 << 20
+_SHOWN = 100_000  # bytes of a line that are looked at by itself
 # What packed files begin with, and who unpacks them.
 _UNPACKERS: dict[bytes, Any] = {
     b"\x1f\x8b": lambda file: gzip.GzipFile(fileobj=file),
@@ -33,13 +35,30 @@ _UNPACKERS: dict[bytes, Any] = {
 _TAIL = 1 << 14  # bytes that hold the last rows
 
 
+Rows = NDArray[np.int64]
+
+
 @dataclass(slots=True)
 class LineBlock:
     """Whole lines of the file, each ended by a line feed."""
 
     data: bytes
     first_line: int
-    lines: int
+    ends: Rows = field(init=False)  # place of each line feed
+
+    def __post_init__(self) -> None:
+        self.ends = np.flatnonzero(np.frombuffer(self.data, np.uint8) == 10)
+
+    @property
+    def lines(self) -> int:
+        """How many lines it has."""
+        return len(self.ends)
+
+    def text(self, line: int) -> str:
+        """The begin of a line, by its number in the block from 0."""
+        start = int(self.ends[line - 1]) + 1 if line else 0
+        stop = min(int(self.ends[line]), start + _SHOWN)
+        return self.data[start:stop].decode("utf-8", "replace")
 
 
 class Splitter:
@@ -94,7 +113,7 @@ class Splitter:
             offset = data.find(b"\n", offset) + 1
         first_line, rows = self._line + skipped, lines - skipped
         self._line, self._skip = self._line + lines, self._skip - skipped
-        return LineBlock(self._as_utf8(data[offset:]), first_line, rows) if rows else None
+        return LineBlock(self._as_utf8(data[offset:]), first_line) if rows else None
 
     def _as_utf8(self, rows: bytes) -> bytes:
         """The rows as the parser needs them."""

@@ -9,9 +9,10 @@ import numpy as np
 from ...core.finding import Finding, Severity, Span
 from ...core.model import Bools, Floats, Times
 from ...core.time_axis import spans_of
-from .block_parser import ParsedBlock, Rows
+from .block_parser import ParsedBlock
 from .cells import DIGITS, IN_GROUPS, IS_INFINITE, NO_NUMBER, NO_VALUE, OTHER_MARK
 from .dialect import Dialect, split
+from .lines import Rows
 
 _MOST_SPANS = 20  # of one finding
 _FEW_UNREAD, _MOST_UNREAD = 2, 0.01  # cells, or share of a column, beside which others are used
@@ -67,9 +68,8 @@ class Losses:
         for kind, lines in parsed.dropped.items():
             self.lines[kind] += len(lines)
             if kind in SKIPPED:
-                first_line = int(lines[0])
-                row_loss = _Loss(parsed.block.first_line + first_line, parsed.text(first_line))
-                loss = self.rows.setdefault(kind, row_loss)
+                line, text = parsed.block.first_line + int(lines[0]), parsed.block.text(lines[0])
+                loss = self.rows.setdefault(kind, _Loss(line, text))
                 loss.add(row_count + np.searchsorted(row_lines, lines))
         for i, state in parsed.states.items():
             for k in (*_CELLS, OTHER_MARK, IN_GROUPS, DIGITS):
@@ -78,7 +78,7 @@ class Losses:
                     continue
                 if (i, k) not in self.cells:
                     first_line = int(row_lines[rows[0]])
-                    cells = split(parsed.text(first_line), self._dialect.delimiter)
+                    cells = split(parsed.block.text(first_line), self._dialect.delimiter)
                     cell = cells[i] if i < len(cells) else ""
                     self.cells[i, k] = _Loss(parsed.block.first_line + first_line, cell)
                 self.cells[i, k].add(row_count + rows)

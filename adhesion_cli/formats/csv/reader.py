@@ -56,9 +56,7 @@ class CsvSource:
 
     format = "csv"
 
-    def __init__(
-        self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock, rows: float
-    ) -> None:
+    def __init__(self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock) -> None:
         self.path = path
         self.absolute = clock.absolute
         self.time_reason = clock.reason
@@ -68,8 +66,7 @@ class CsvSource:
         self.account: dict[str, str] = {}
         self.lines: Counter[str] = Counter()
         self._options, self._dialect, self._clock = options, dialect, clock
-        types = dict.fromkeys(clock.columns, clock.type)
-        self.table = CsvTable(path, options, dialect, clock, types, round(1.06 * rows))
+        self.table = CsvTable(path, options, dialect, clock)
         self.keys = find_keys(self.table)
         self._series = list(self.keys.series.values()) or [LongSeries()]
         self.findings += self.keys.findings
@@ -107,7 +104,7 @@ class CsvSource:
         if not dialect.headed and options.time_channel is None:
             raise _headerless(dialect, path)
         rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
-        return cls(path, options, dialect, find_clock(dialect, options, rows, path), rows)
+        return cls(path, options, dialect, find_clock(dialect, options, rows, path))
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
         """Each column of numbers once for each series, with the numbers of series and column."""

@@ -14,8 +14,8 @@ from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from ..words import numbered
 from .block_parser import CsvTable, ParsedBlock, Parser
-from .cells import NO_NUMBER, NUMBER, is_missing
-from .dialect import is_comment, is_null, split
+from .cells import NO_NUMBER, NUMBER
+from .dialect import is_null, split
 from .header_words import label
 from .lines import Lines
 from .losses import SKIPPED, Losses
@@ -24,7 +24,6 @@ from .time_column import another_time
 Key = tuple[str, ...]  # cells of the key columns
 
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
-_MAX_UNREAD = 1_000  # rows of a block without a readable time that may be a header
 _T, _SERIES = -1, -2  # what a pass gives besides its columns
 
 
@@ -62,120 +61,80 @@ def read_rows(
         UserError: where no row has a time, another header stands among the rows, or the file
             cannot be read.
     """
-    for i in indices:
-        table.types.setdefault(i, pa.float64())
     lines = Lines(table.path, table.dialect, table.options.max_unpacked)
-    losses = Losses(table.dialect)
-    groups = Groups(keys, wanted)
-    by_column: dict[int, NDArray[Any]] = {}
-    row_count = sample_count = 0
+    rows = UsedRows(table, keys, wanted)
+    columns: dict[int, NDArray[Any]] = {}
     words: dict[int, list[str]] = {i: [] for i in texts}
-    reread = (*keys, *texts)
     segments: list[tuple[int, str]] = []
-    for parsed in threads.run_ahead(Parser(table, indices, reread).parse, lines.blocks()):
-        if not parsed.timed.all():
-            classify_untimed(table, parsed)
-        sample_count = count_times(table, parsed, sample_count)
-        timed = parsed.timed.copy()
-        codes = groups.codes(parsed, timed)
-        numbers = {i: _numbers_of(parsed, i, timed, words[i]) for i in texts}
-        losses.add(parsed, timed, row_count)
+    for parsed in threads.run_ahead(Parser(table, indices, (*keys, *texts)).parse, lines.blocks()):
+        row_count = rows.count
+        timed, codes = rows.take(parsed)
         for line in parsed.dropped.get("header", ()) if table.dialect.segments else ():
-            cells = split(parsed.text(line), table.dialect.delimiter)
+            cells = split(parsed.block.text(line), table.dialect.delimiter)
             if label(cells[0]) == "clock":
                 row = row_count + int(np.searchsorted(parsed.lines[timed], line))
                 segments.append((row, cells[1]))
-        stop = row_count + int(timed.sum())
+        numbers = {i: _numbers_of(parsed, i, timed, words[i]) for i in texts}
+        rows.losses.add(parsed, timed, row_count)
         for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values, **numbers}.items():
-            if i not in by_column:
-                by_column[i] = np.empty(max(table.expected, stop), array.dtype)
-            if stop > len(by_column[i]):
-                by_column[i].resize(stop + stop // 8, refcheck=False)
-            by_column[i][row_count:stop] = array if timed.all() else array[timed]
-        row_count = stop
-    if not row_count:
-        hint = another_time(table.dialect, table.clock, table.expected, table.path)
+            column = columns.setdefault(i, np.empty(0, array.dtype))
+            if rows.count > len(column):  # in place, where the system can
+                column.resize(rows.count + rows.count // 64, refcheck=False)
+            column[row_count : rows.count] = array if timed.all() else array[timed]
+    if not rows.count:
+        hint = another_time(table.dialect, table.clock, rows.losses.lines.total(), table.path)
         raise UserError(f"{table.path}: no row has a time stamp that can be read", hint)
-    losses.lines["used"] = row_count
-    for column in by_column.values():
-        column.resize(row_count, refcheck=False)
+    rows.losses.lines["used"] = rows.count
+    for column in columns.values():
+        column.resize(rows.count, refcheck=False)
     for i in indices:
-        losses.settle(i, by_column[i])
-    t, codes = by_column.pop(_T), by_column.pop(_SERIES)
-    return CsvRows(t, codes, by_column, groups.met, words, losses, lines, segments)
-
-
-def count_times(table: CsvTable, parsed: ParsedBlock, count: int) -> int:
-    """Sets the times of rows that are counted, after `count` earlier ones; returns the new count.
-
-    A row that is left out was a sample.
-    """
-    if not table.clock.step:
-        return 0
-    skipped_lines = [lines for kind, lines in parsed.dropped.items() if kind in SKIPPED]
-    samples = np.unique(np.concatenate([parsed.lines, *skipped_lines]))
-    rows = count + np.searchsorted(samples, parsed.lines)
-    parsed.times = table.clock.start + rows * table.clock.step
-    return count + len(samples)
+        rows.losses.settle(i, columns[i])
+    t, codes = columns.pop(_T), columns.pop(_SERIES)
+    return CsvRows(t, codes, columns, rows.met, words, rows.losses, lines, segments)
 
 
 def _numbers_of(parsed: ParsedBlock, i: int, timed: Bools, words: list[str]) -> Floats:
-    """The number of each cell's word, shape (n,); NaN without a word, and where it is not used.
-
-    Cells with a word beyond those that a state may have hold no number.
-    """
-    used_cells = pc.if_else(pa.array(timed), parsed.arrays[i], None)
-    numbers = numbered(used_cells, words)
-    is_unknown = np.isnan(numbers) & np.asarray(used_cells.is_valid())
-    if is_unknown.any():
-        parsed.states[i] = np.where(is_unknown, NO_NUMBER, NUMBER).astype(np.int8)
+    """The number of each cell's word, see `numbered`; a word that has none is a loss."""
+    cells = pc.if_else(pa.array(timed), parsed.texts[i], None)
+    numbers = numbered(cells, words)
+    unknown = np.isnan(numbers) & np.asarray(cells.is_valid())
+    parsed.states[i] = np.where(unknown, NO_NUMBER, NUMBER).astype(np.int8)
     return numbers
 
 
-def classify_untimed(table: CsvTable, parsed: ParsedBlock) -> None:
-    """Notes the rows that have no time by class.
+class UsedRows:
+    """Which rows are used, block by block: those with a time, and with a key that is wanted.
 
-    Raises:
-        UserError: where one of them is a header of other columns or units.
+    Args:
+        table: how it is read.
+        keys: columns that separate series.
+        wanted: their cells; None for every series that occurs.
     """
-    dialect = table.dialect
-    missing = np.zeros(len(parsed.timed), bool)
-    for i in table.clock.columns:
-        missing |= is_missing(parsed.arrays[i])
-    kinds: dict[str, list[int]] = {}
-    for k, row in enumerate(np.flatnonzero(~parsed.timed).tolist()):
-        line = int(parsed.lines[row])
-        text = parsed.text(line)
-        kind = "time missing" if missing[row] else "time unreadable"
-        if is_comment(text):
-            kind = "comment"
-        elif k < _MAX_UNREAD:
-            cells = split(text, dialect.delimiter)
-            if dialect.repeats_header(cells):
-                kind = "header"
-            elif dialect.is_another_header(cells):
-                line_text = f"{table.path}: line {parsed.block.first_line + line}"
-                hint = "split the log there, and read each part by itself"
-                raise UserError(f"{line_text} is a header of other columns or units", hint)
-        kinds.setdefault(kind, []).append(line)
-    for kind, numbers in kinds.items():
-        lines = np.append(parsed.dropped.get(kind, np.empty(0, np.int64)), numbers)
-        parsed.dropped[kind] = np.sort(lines)
 
-
-class Groups:
-    """Finds the key of each row, and the rows of no or another series."""
-
-    def __init__(self, keys: tuple[int, ...], wanted: list[Key] | None) -> None:
+    def __init__(self, table: CsvTable, keys: tuple[int, ...], wanted: list[Key] | None) -> None:
         self.met = list(wanted or [])
-        self._keys, self._all = keys, wanted is None
+        self.count = 0
+        self.losses = Losses(table.dialect)
+        self._table, self._keys, self._all = table, keys, wanted is None
+        self._samples = 0  # where rows are counted
 
-    def codes(self, parsed: ParsedBlock, timed: Bools) -> NDArray[Any]:
+    def take(self, parsed: ParsedBlock) -> tuple[Bools, NDArray[Any]]:
+        """Which rows of the next block are used, and the number of each row's key in `met`."""
+        if step := self._table.clock.step:
+            # a row that is left out was a sample
+            skipped = [lines for kind, lines in parsed.dropped.items() if kind in SKIPPED]
+            samples = np.unique(np.concatenate([parsed.lines, *skipped]))
+            rows = self._samples + np.searchsorted(samples, parsed.lines)
+            parsed.times = self._table.clock.start + rows * step
+            self._samples += len(samples)
+        timed = parsed.timed.copy()
+        codes = self._codes(parsed, timed) if self._keys else np.zeros(len(timed), np.int8)
+        self.count += int(timed.sum())
+        return timed, codes
+
+    def _codes(self, parsed: ParsedBlock, timed: Bools) -> NDArray[Any]:
         """Number of each row's key in `met`; takes rows without a wanted one from `timed`."""
-        if not self._keys:
-            return np.zeros(len(timed), np.int8)
-        cells = [pc.fill_null(pc.cast(parsed.arrays[i], pa.string()), "") for i in self._keys]
-        cells = [pc.utf8_trim_whitespace(c) for c in cells]
+        cells = [pc.utf8_trim_whitespace(pc.fill_null(parsed.texts[i], "")) for i in self._keys]
         encoded = pc.binary_join_element_wise(*cells, "\0").dictionary_encode()  # no row has a NUL
         keys = [tuple(text.split("\0")) for text in encoded.dictionary.to_pylist()]
         said = np.array([not any(map(is_null, key)) for key in keys], bool)

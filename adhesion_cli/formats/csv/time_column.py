@@ -7,10 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from ...core import toml, units
 from ...core.errors import UserError
@@ -35,10 +33,6 @@ _MOST_DATES = 8  # of a log
 _SECONDS = r"(?P<n>-)?(?P<S>[0-9]{1,10})[.,](?P<f>[0-9]+)"
 _DIGITS = {"y": 4, "S": 10, "l": 3, "u": 6, "N": 9}  # of a part of the time, else 2
 _ORDERS = {"dmy": "day/month", "mdy": "month/day", "yymd": "year/month/day"}
-_CANONICAL = re.compile(  # stamps that Arrow reads itself
-    r"[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?"
-    r"(Z|[+-][0-9]{2}:[0-9]{2})?"
-)
 
 
 def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) -> Clock:
@@ -208,7 +202,7 @@ class _ClockSearch:
             if number_grammar(".").fullmatch(number) and (value := float(number) * factor) > 0.0:
                 step = round(_S * (value if kind == "interval" else 1.0 / value))
                 reason = f"rows are counted; {step / _S:g} s apart by {labels[kind][0]!r}"
-                return Clock((), "", "", self.dialect.decimal, False, reason, None, step=step)
+                return Clock((), "", "", self.dialect.decimal, False, reason, step=step)
         return None
 
     def begun(self, clock: Clock) -> Clock:
@@ -219,8 +213,7 @@ class _ClockSearch:
             return clock
         start = int(read([f"{date} {time}"], STAMPS[forms[0]])[0])
         reason = f"{clock.reason}; start {date} {time} above the table, {TAKEN_AS_UTC}"
-        kind = pa.decimal128(38, count_of(clock.unit).scale) if clock.unit else clock.type
-        return replace(clock, start=start, absolute=True, reason=reason, type=kind)
+        return replace(clock, start=start, absolute=True, reason=reason)
 
     def of_parts(self) -> Clock | None:
         """The clock of columns from year to second, or of seconds and a fraction of them."""
@@ -246,7 +239,7 @@ class _ClockSearch:
         names = " + ".join(repr(dialect.names[i]) for i in used_columns)
         absolute = "y" in fields or read(cells[:1], pattern)[0] >= _EPOCH_S[0] * _S
         reason = f"parts of the time in {names}"
-        return Clock(used_columns, "", pattern, dialect.decimal, absolute, reason, pa.string())
+        return Clock(used_columns, "", pattern, dialect.decimal, absolute, reason)
 
     def _joined(self, columns: Sequence[int]) -> list[str]:
         """The cells of several columns, joined by blanks, of rows that have all of them."""
@@ -294,7 +287,7 @@ class _ClockSearch:
             pattern = with_counted_fraction(dialect.column(i), _SECONDS)
             if pattern != _SECONDS:
                 reason = f"{choice}; s, with a fraction that has no leading zeros"
-                return Clock((i,), "", pattern, ".", False, reason, pa.string())
+                return Clock((i,), "", pattern, ".", False, reason)
         if not values or (not said and 0.3 * len(values) < falls < 0.9 * (len(values) - 1)):
             return None  # a T that is a temperature
         if said and said[0] in _DATES:
@@ -308,12 +301,10 @@ class _ClockSearch:
         if count.seconds(values[0]) > (2**62 / _S if source == "stated" else _EPOCH_S[1]):
             text = f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
             raise self._refusal(i, f"{text}2060 ({dialect.column(i)[0]})", values)
-        is_exact = absolute and count.ns < NS_PER_UNIT["d"]
-        kind: Any = pa.decimal128(38, count.scale) if is_exact else pa.float64()
         names = {"column": repr(name), "unit": unit, "reason": source}
         note = Finding("time-unit-guessed", "info", name, names=names)
         notes = () if unit_source else (note,)
-        return Clock((i,), unit, "", dialect.mark(i), absolute, reason, kind, notes)
+        return Clock((i,), unit, "", dialect.mark(i), absolute, reason, notes)
 
     def _refusal(self, i: int, text: str, values: Sequence[float]) -> UserError:
         return UserError(f"{self.path}: {text}", self.proposal(i, values))
@@ -444,10 +435,8 @@ class _ClockSearch:
         form, order = self._order(columns, form_names, forms)
         names = " + ".join(repr(dialect.names[k]) for k in columns)
         reason = f"{choice}; time of day in {names}, without a date"
-        pattern, kind = with_counted_fraction(self._joined(columns), forms[form]), pa.string()
+        pattern = with_counted_fraction(self._joined(columns), forms[form])
         if forms is STAMPS:
-            if pattern == forms[form] and len(columns) == 1:
-                kind = _arrow_type(cells)
             matches = (re.fullmatch(pattern, c) for c in self._joined(columns))
             is_zoned = all(m.groupdict().get("z") for m in matches if m)
             zone = "" if is_zoned else f"; {TAKEN_AS_UTC} where no zone is stated"
@@ -455,7 +444,7 @@ class _ClockSearch:
             reason = f"{choice}; date and time in {names} ({date}{order}{zone})"
         columns, pattern = self._with_fraction(columns, pattern)
         is_dated = forms is STAMPS
-        return Clock(columns, "", pattern, dialect.decimal, is_dated, reason, kind)
+        return Clock(columns, "", pattern, dialect.decimal, is_dated, reason)
 
     def _with_fraction(self, columns: tuple[int, ...], pattern: str) -> tuple[tuple[int, ...], str]:
         """The columns and pattern of stamps; with a column of their milliseconds, if there is one.
@@ -508,15 +497,6 @@ class _ClockSearch:
             if is_likely and forms_of(cells, forms):
                 return k
         return None
-
-
-def _arrow_type(cells: Sequence[str]) -> Any:
-    """The type by which Arrow itself reads these stamps; text where it does not."""
-    canonical = [_CANONICAL.fullmatch(c) for c in cells]
-    with_zone = {bool(m and m[1]) for m in canonical}
-    if all(canonical) and len(with_zone) == 1:
-        return pa.timestamp("ns", "UTC" if True in with_zone else None)
-    return pa.string()
 
 
 def _step(values: Sequence[float]) -> float:
