@@ -26,7 +26,7 @@ _SLICE = 0.05  # half a period of vibration of 10 Hz [s]
 _FEWEST_SLICES = 40  # that show how much their means vary
 _MEDIAN_SQUARE = 0.4549  # median of the square of a standard normal value
 _JERK = 8.0  # more than the median of any motion [rad/s³]
-_CLEARLY = 8.0  # times white noise; below that its fit still finds the force
+_CLEARLY = 1.6  # times white noise; below that its fit still finds the force
 ValueAndSigma = tuple[Floats, Floats]  # a column and its 1 sigma, shape (n,)
 
 
@@ -134,9 +134,11 @@ def line_error(t: Floats, knots: Floats, x: Floats) -> Floats:
 def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
     """Variance to add to that of white noise, where neighbouring readings have common errors.
 
-    Vibration and run-out move the means of slices of time much more than white noise does. A fit
-    of white noise then takes them for force. For a smoother slower than a slice, they are white
-    noise whose means vary as much. It is 0 where the means do not clearly vary more.
+    Vibration and run-out move the means of slices of time more than white noise does. A fit of
+    white noise then takes them for force. For a smoother slower than a slice, they are white noise
+    whose means vary as much. A wheel that is not braked shows them best, for it has no force. Where
+    it is always braked, only means count that move more than the force moves them. The variance is
+    0 where the means do not clearly vary more.
 
     Args:
         run: the readings.
@@ -149,12 +151,18 @@ def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
     size = float(np.median(readings))
     if len(starts) < _FEWEST_SLICES or size < 2.0:
         return 0.0
-    bend = np.median(np.abs(np.diff(np.add.reduceat(z, starts) / readings, 2)))
-    if bend < _JERK * _SLICE**2:
+    bends = np.abs(np.diff(np.add.reduceat(z, starts) / readings, 2))
+    rests = np.logical_and.reduceat(run.u == 0.0, starts)
+    rests = rests[2:] & rests[1:-1] & rests[:-2]
+    samples = np.full(len(z), True)
+    if rests.sum() >= _FEWEST_SLICES:
+        bends, samples = bends[rests], run.u == 0.0
+    bend = float(np.median(bends))
+    if samples.all() and bend < _JERK * _SLICE**2:
         return 0.0
-    variance = bend**2 / _MEDIAN_SQUARE / 1.5  # of a mean
-    slow = size * float(variance - np.mean(steps**2) / 4.0)
-    white = white_noise([(run.t, z)])
+    variance = bend**2 / _MEDIAN_SQUARE / 6.0  # of a mean
+    slow = size * (variance - float(np.mean(steps[samples] ** 2)) / 12.0)
+    white = white_noise([(run.t[samples], z[samples])])
     return slow - white if slow > _CLEARLY * white else 0.0
 
 

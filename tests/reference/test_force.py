@@ -113,16 +113,22 @@ def test_a_wheel_that_rolls_shows_the_pressure_between_its_samples(name: str) ->
     assert share_inside(F, record.truth, used) >= 0.9
 
 
-def test_vibration_is_not_taken_for_force() -> None:
+@pytest.mark.parametrize(
+    ("rate", "sigma", "white", "frequency"), [(200.0, 0.1, 0.0, 9.0), (500.0, 0.01, 0.003, 7.0)]
+)
+def test_vibration_is_not_taken_for_force(
+    rate: float, sigma: float, white: float, frequency: float
+) -> None:
     """Its neighbouring readings have nearly the same error, which no white noise has."""
-    record, _ = logged("service-brake", rate=200.0)
+    record, _ = logged("service-brake", rate=rate)
     t = (record.t - record.t[0]) * 1e-9
     rng = np.random.default_rng(6)
-    pole = 0.995 * np.exp(2j * np.pi * 9.0 * 0.005)
+    pole = 0.995 * np.exp(2j * np.pi * frequency / rate)
     shaking = signal.lfilter(
         [1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.normal(size=len(t))
     )
-    shaking *= 0.1 / np.std(shaking) * (record.wheel_speed > 1.0)
+    shaking = shaking * sigma / np.std(shaking) + white * rng.normal(size=len(t))
+    shaking *= record.wheel_speed > 1.0
     F = force.compute(replace(record, wheel_speed=record.wheel_speed + shaking), VEHICLE)
     assert record.truth is not None
     braked = np.r_[brake_applications.find_applications(record)]
