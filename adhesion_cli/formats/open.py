@@ -4,6 +4,7 @@ import mmap
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from ..core.errors import UserError
@@ -35,53 +36,24 @@ class Format:
     open: Callable[[Path, ReadOptions], Source]
 
 
-def _mcap(path: Path, options: ReadOptions) -> Source:
-    from .mcap.reader import open_mcap
+def _opener(module: str, function: str) -> Callable[[Path, ReadOptions], Source]:
+    """A function of a format's module, which is loaded when the first log is opened."""
 
-    return open_mcap(path, options)
+    def open_log(path: Path, options: ReadOptions) -> Source:
+        source: Source = getattr(import_module(f".{module}", __package__), function)(path, options)
+        return source
 
-
-def _csv(path: Path, options: ReadOptions) -> Source:
-    from .csv.reader import open_csv
-
-    return open_csv(path, options)
+    return open_log
 
 
-def _parquet(path: Path, options: ReadOptions) -> Source:
-    from .parquet import open_parquet
-
-    return open_parquet(path, options)
+_csv = _opener("csv.reader", "open_csv")
 
 
 def _xlsx(path: Path, options: ReadOptions) -> Source:
     """Text may have the suffix .xls: some instruments export it so."""
-    if not _WORKBOOK.match(_first_bytes(path)):
-        return _csv(path, options)
-    from .xlsx import open_workbook
-
-    return open_workbook(path, options)
-
-
-def _mat(path: Path, options: ReadOptions) -> Source:
-    from .mat import open_mat
-
-    return open_mat(path, options)
-
-
-@dataclass(frozen=True, slots=True)
-class _Unread:
-    """A known format that is not read: its name for people, and what to do."""
-
-    description: str
-    hint: str
-
-    def open(self, path: Path, _: ReadOptions) -> Source:
-        """Refuses a log.
-
-        Raises:
-            UserError: always.
-        """
-        raise UserError(f"{path}: {self.description}, which cannot be read", self.hint)
+    is_workbook = _WORKBOOK.match(_first_bytes(path))
+    open_log = _opener("xlsx", "open_workbook") if is_workbook else _csv
+    return open_log(path, options)
 
 
 _TO_MCAP = "convert it to MCAP with JSON, protobuf or ROS 2 messages"
@@ -101,12 +73,19 @@ def _mdf(path: Path, options: ReadOptions) -> Source:
 
 
 def _unread(kind: str, begins: bytes, description: str, hint: str) -> Format:
-    return Format(kind, re.compile(begins), (), _Unread(description, hint).open)
+    """A format that is known and not read: its name for people, and what to do."""
+
+    def refuse(path: Path, _: ReadOptions) -> Source:
+        raise UserError(f"{path}: {description}, which cannot be read", hint)
+
+    return Format(kind, re.compile(begins), (), refuse)
 
 
 FORMATS = (
-    Format("mcap", re.compile(rb"\x89MCAP0\r\n"), (".mcap",), _mcap),
-    Format("parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _parquet),
+    Format("mcap", re.compile(rb"\x89MCAP0\r\n"), (".mcap",), _opener("mcap.reader", "open_mcap")),
+    Format(
+        "parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _opener("parquet", "open_parquet")
+    ),
     Format(
         "xlsx",
         _WORKBOOK,
@@ -128,7 +107,7 @@ FORMATS = (
         (".blf", ".trc"),
         _CAN.open,
     ),
-    Format("mat", re.compile(rb"MATLAB \d"), (".mat",), _mat),
+    Format("mat", re.compile(rb"MATLAB \d"), (".mat",), _opener("mat", "open_mat")),
     # Its library gives wrong values for sound files, and no error; see docs/howto/my-log.md.
     _unread("famos", rb"\|CF,", "an imc FAMOS log", "export it from FAMOS as CSV, MDF 4 or TDMS"),
     _unread("tdm", rb"(?s)\s*(<\?xml.{,300}?)?<usi:tdm", "a DIAdem TDM log", "save it as TDMS"),

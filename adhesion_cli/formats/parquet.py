@@ -4,14 +4,13 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from ..core import toml, units
+from ..core import units
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.text import distinct
@@ -57,6 +56,8 @@ def open_parquet(path: Path, options: ReadOptions) -> Source:
     Raises:
         UserError: where the file is damaged or cut off, or no column is a time.
     """
+    if options.group_channel and (text := _as_text(path, options)):
+        return text
     try:
         reader = Reader(path, options)
     except _TimeError:
@@ -65,7 +66,7 @@ def open_parquet(path: Path, options: ReadOptions) -> Source:
         raise
     if reader.has_numbers_as_texts and (text := _as_text(path, options)):
         return text
-    if reader.repeats_times and not options.group_channel:
+    if reader.repeats_times:
         text = _as_text(path, options)
         if text and text.keys.columns:
             return text
@@ -83,9 +84,12 @@ def _as_text(path: Path, options: ReadOptions) -> TextSource | None:
         UserError: where the file is damaged.
     """
     table = _read_table(path, _open_file(path))
-    with suppress(UserError, pa.ArrowException):
+    try:
         return open_text("parquet", path, lambda _, text: _write_text(table, text), options)
-    return None
+    except (UserError, pa.ArrowException):
+        if options.group_channel:
+            raise
+        return None
 
 
 def _write_text(table: Any, text: Path) -> None:
@@ -119,7 +123,6 @@ class Reader:
         self._columns, nested = _columns(schema, head)
         self._elements = Counter(c.name.removesuffix(c.path) for c in self._columns if c.path)
         scalar = [c for c in self._columns if not c.path]
-        self._device = _device([c.title for c in scalar], options, path)
         groups, findings = [scalar], tuple[Finding, ...]()
         try:
             first_axis, findings = self._axis(scalar, head, options)
@@ -147,7 +150,7 @@ class Reader:
             if units.unit(c.unit or units.in_name(c.title)[1])
         )
         words = {c: distinct_words(cells[c]) for c in cells}
-        texts = [c for c in words if words[c] and c.title not in (self._device or ())[:1]]
+        texts = [c for c in words if words[c]]
         self._series = [(c, of_group.get(c.name, 0)) for c in (*numbers, *texts)]
         if nested:
             names = {"columns": ", ".join(nested[:6])}
@@ -228,17 +231,8 @@ class Reader:
         axes = list(dict.fromkeys(k for _, k in columns))
         times = [c for k in axes for c in self._axes[k].times]
         self._check_size(len(columns) + len(times))
-        device, equals = self._device or ("", "")
-        keys = [c for c in self._columns if device and c.title == device and not c.path]
-        roots = {c.root for c in (*(c for c, _ in columns), *times, *keys)}
+        roots = {c.root for c in (*(c for c, _ in columns), *times)}
         arrays, longer = _flat(_read_table(self._path, self._file, roots), self._elements)
-        is_device = np.ones(self._rows, np.bool_)
-        if device:
-            cells = arrays[keys[0].name].cast(pa.string()).to_pylist()
-            is_device = np.array([cell == equals for cell in cells], np.bool_)
-            if not is_device.any():
-                text = f"{self._path}: no row has {equals!r} in column {device!r}"
-                raise UserError(text, "state a value of this column in channels.group")
         stamps, rows, findings = [], {}, list[Finding]()
         if longer:
             names = {"columns": ", ".join(f"{x} from [{self._elements[x]}] on" for x in longer)}
@@ -246,10 +240,10 @@ class Reader:
         for k in axes:
             clock, columns_of_time = self._axes[k]
             t, ok = time_columns.times([arrays[c.name] for c in columns_of_time], clock)
-            is_used_row = is_device
+            is_used_row = np.ones(self._rows, np.bool_)
             if len(self._axes) > 1:  # a pair that is shorter than others has empty rows
                 own_valid = [arrays[c.name].is_valid() for c, axis in columns if axis == k]
-                is_used_row = is_device & np.any([ok, *map(np.asarray, own_valid)], axis=0)
+                is_used_row = np.any([ok, *map(np.asarray, own_valid)], axis=0)
             if untimed := int(np.count_nonzero(is_used_row & ~ok)):
                 findings.append(Finding("time-unreadable", "warning", "", untimed))
             rows[k] = is_used_row & ok
@@ -376,25 +370,6 @@ def _pair(name: str) -> tuple[str, str]:
         else ""
     )
     return " ".join(piece for piece in (*pieces, *([] if unit else [last_name])) if piece), unit
-
-
-def _device(names: Sequence[str], options: ReadOptions, path: Path) -> tuple[str, str] | None:
-    """The column that separates devices, and the one that is read; None where none is stated.
-
-    Raises:
-        UserError: where there is no such column, or no device is stated.
-    """
-    name, equals = options.group_channel, options.group_equals
-    if name is None:
-        return None
-    if name not in names or equals is None:
-        text = "no such column" if name not in names else "state which of its values is read"
-        raise UserError(
-            f"{path}: channels.group names {name!r}: {text}",
-            "of a Parquet log one device is read: "
-            + toml.option('channels.group = {channel = "NAME", equals = "1"}'),
-        )
-    return name, equals
 
 
 def _open_file(path: Path) -> Any:

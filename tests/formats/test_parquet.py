@@ -145,12 +145,12 @@ def test_rows_of_several_devices(tmp_path: Path) -> None:
     source = open_source(path, ReadOptions(group_channel="device", group_equals="B"))
     column, _ = source.columns(source.fields)
     assert np.array_equal(column.value, speed[1::2])
-    assert not source.findings
-    source = open_source(path, ReadOptions(group_channel="device", group_equals="C"))
-    with pytest.raises(UserError, match="'C'"):
-        source.columns(source.fields)
-    with pytest.raises(UserError, match="state which"):
-        open_source(path, ReadOptions(group_channel="device"))
+    assert [f.code for f in source.findings] == ["one-device-read"]
+    with pytest.raises(UserError) as error:
+        open_source(path, ReadOptions(group_channel="device", group_equals="C"))
+    assert error.value.text == f"{path}: no row has 'C' in column 'device'"
+    source = open_source(path, ReadOptions(group_channel="device"))
+    assert {f.group for f in source.fields} == {"A", "B"}
 
 
 def test_a_name_that_is_no_text_is_an_error(tmp_path: Path) -> None:
