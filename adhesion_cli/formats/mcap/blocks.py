@@ -4,8 +4,8 @@ import re
 import zlib
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -42,42 +42,20 @@ class RecordBlock:
         return self.stop - self.offset
 
 
-@dataclass(slots=True)
-class Records:
-    """The records of one block, inflated and checked."""
+class Records(NamedTuple):
+    """The records of one block, inflated and checked; of its n messages arrays of shape (n,)."""
 
     data: bytes
-    start: Offsets  # of the Message records
-    channel: Offsets  # their channel ids
-    definitions: list[int]  # offsets of the Schema and Channel records
-
-    def _field(self, offset: int) -> Offsets:
-        """A number of 8 bytes that every message record has at an offset."""
-        return load(self.data, self.start + offset, "<i8")
+    definitions: list[tuple[int, bytes]]  # kind and content of the Schema and Channel records
+    channel: Offsets  # ids
+    log_time: Times  # [ns]; beyond the year 2262 negative
+    publish_time: Times
+    start: Offsets  # of the messages themselves in the data
+    stop: Offsets
 
     def select(self, selection: Bools | Offsets) -> "Records":
         """Some of the messages, by a mask or by their numbers."""
-        return replace(self, start=self.start[selection], channel=self.channel[selection])
-
-    @property
-    def stop(self) -> Offsets:
-        """Offsets after the message records."""
-        return self.start + HEADER.size + self._field(1)
-
-    @property
-    def data_start(self) -> Offsets:
-        """Offsets of the messages themselves."""
-        return self.start + HEADER.size + BEFORE_DATA
-
-    @property
-    def log_time(self) -> Times:
-        """When messages were logged [ns]; beyond the year 2262 negative."""
-        return self._field(15)
-
-    @property
-    def publish_time(self) -> Times:
-        """When messages were published [ns]; beyond the year 2262 negative."""
-        return self._field(23)
+        return Records(self.data, self.definitions, *(array[selection] for array in self[2:]))
 
 
 class BlockReader:
@@ -148,7 +126,7 @@ class BlockReader:
         """
         unpack, size = HEADER.unpack_from, len(data)
         message, definition = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
-        starts, definitions, unknown = array("q"), list[int](), 0
+        places, definitions, unknown = array("q"), list[tuple[int, bytes]](), 0
         p = 0
         for _ in range((self._allowed - self._spent) // _UNUSUAL + 1):
             if p > size - HEADER.size:
@@ -160,9 +138,9 @@ class BlockReader:
             if opcode == message:
                 if length < BEFORE_DATA:
                     break
-                starts.append(p)
+                places.append(p)
             elif opcode in definition:
-                definitions.append(p)
+                definitions.append((opcode, data[p + HEADER.size : next_record]))
             elif opcode <= Opcode.DATA_END:
                 break
             else:
@@ -170,12 +148,15 @@ class BlockReader:
             p = next_record
         if outside and not p:
             raise DamageError(offset, "no whole message, schema or channel")
-        count = len(starts) + len(definitions) + unknown
+        count = len(places) + len(definitions) + unknown
         damage, room = "more records than a file of this size holds", size // HEADER.size
         self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (room - count))
-        start = np.array(starts, np.int64)
-        channel = load(data, start + HEADER.size, "<u2").astype(np.int64)
-        return Records(data, start, channel, definitions), p
+        begin = np.array(places, np.int64) + HEADER.size
+        channel = load(data, begin, "<u2").astype(np.int64)
+        log_time, publish_time = (load(data, begin + offset, "<i8") for offset in (6, 14))
+        stop = begin + load(data, begin - 8, "<i8")
+        start = begin + BEFORE_DATA
+        return Records(data, definitions, channel, log_time, publish_time, start, stop), p
 
     def _spend(self, offset: int, damage: str, cost: int, extra: int = 0) -> None:
         """Refuses a block that costs more than is left; `extra` is what may come besides."""

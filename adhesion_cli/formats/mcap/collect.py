@@ -62,8 +62,7 @@ class Collector:
         decoder = self.series.decoder
         assert decoder is not None
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
-            data, begin, stop = records.data, records.data_start, records.stop
-            decoder.fill(self._decoded, rows.start, data, begin, stop)
+            decoder.fill(self._decoded, rows.start, records.data, records.start, records.stop)
 
     def finish(self) -> tuple[list[Column], list[Finding]]:
         """One column per leaf, all with the same time array; and what was wrong.

@@ -12,7 +12,7 @@ from ...core.model import Column
 from ..source import Field, ReadOptions, TimeSource, report
 from .collect import Collector
 from .fields import Leaf
-from .series import YEAR_1990, Discovery, Series, grouped
+from .series import YEAR_1990, Series, discover, grouped
 from .walk import Walk
 
 _DAY = 86_400 * 10**9
@@ -54,7 +54,7 @@ class McapSource:
         self.findings: list[Finding] = []
         self._report(self._of_walk())
         self._series = grouped(walk)
-        self._report(Discovery(options).report(self._series))
+        self._report(discover(self._series, options))
         self.fields: Sequence[Field] = [
             _field(s, p, leaf) for s in self._series for p, leaf in s.fields.items()
         ]

@@ -105,60 +105,63 @@ def grouped(walk: Walk) -> list[Series]:
     return list(by_key.values())
 
 
-class Discovery:
-    """Finds the numbers in the first messages of series."""
+_Decoders = dict[tuple[str, int], Decoder]  # by encoding and schema
 
-    def __init__(self, options: ReadOptions) -> None:
-        self._options = options
-        self._decoders: dict[int, Decoder] = {}  # by schema id
 
-    def report(self, series: list[Series]) -> Iterator[Finding]:
-        """Looks into all series that have messages."""
-        for s in (entry for entry in series if entry.rows):
-            yield from self._look(s)
-            s.heads = []
+def discover(series: list[Series], options: ReadOptions) -> Iterator[Finding]:
+    """Finds the numbers in the first messages of all series that have messages."""
+    decoders: _Decoders = {}
+    for s in (entry for entry in series if entry.rows):
+        yield from _look(s, decoders, options)
+        s.heads = []
 
-    def _look(self, s: Series) -> Iterator[Finding]:
-        try:
-            s.decoder = self._decoder(s)
-            if s.decoder is None:
-                kind = s.encoding + (f" with schema {s.schema.encoding}" if s.schema else "")
-                yield s.finding("mcap-encoding", "info", encoding=kind)
-                return
-            trees = _trees(s, s.decoder)
-        except UndecodableError as e:
-            yield s.finding("mcap-topic-unreadable", "error", reason=str(e))
+
+def _look(s: Series, decoders: _Decoders, options: ReadOptions) -> Iterator[Finding]:
+    key = s.encoding, s.schema_id
+    try:
+        s.decoder = decoders.get(key) or _decoder(s, options)
+        if s.decoder is None:
+            kind = s.encoding + (f" with schema {s.schema.encoding}" if s.schema else "")
+            yield s.finding("mcap-encoding", "info", encoding=kind)
             return
-        if s.lacks_schema:
-            yield s.finding("mcap-schema-missing", "warning", schema=str(s.schema_id))
-        s.tree = typical(trees)
-        yield from _offer(s, s.decoder, trees)
-        _find_stamp(s, trees)
+        decoders[key] = s.decoder
+        trees = _trees(s, s.decoder)
+    except UndecodableError as e:
+        yield s.finding("mcap-topic-unreadable", "error", reason=str(e))
+        return
+    if s.lacks_schema:
+        yield s.finding("mcap-schema-missing", "warning", schema=str(s.schema_id))
+    s.tree = typical(trees)
+    yield from _offer(s, s.decoder, trees)
+    _find_stamp(s, trees)
 
-    def _decoder(self, s: Series) -> Decoder | None:
-        schema = s.schema
-        if s.encoding == "json":
-            from .json_messages import JsonDecoder
 
-            text = schema.data if schema and schema.encoding == "jsonschema" else b""
-            return JsonDecoder(text, self._options.max_part)
-        if s.lacks_schema:
-            raise UndecodableError(f"the file does not define its schema {s.schema_id}")
-        if schema is None and s.encoding in _NEED_SCHEMA:
-            raise UndecodableError("it has no schema")
-        kind = s.encoding, schema.encoding if schema else ""
-        if schema is None or kind not in (("protobuf", "protobuf"), ("cdr", "ros2msg")):
-            return None
-        if schema.id not in self._decoders:
-            if s.encoding == "protobuf":
-                from .protobuf import ProtobufDecoder
+def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
+    """The decoder of a series, None for an encoding that is not read.
 
-                self._decoders[schema.id] = ProtobufDecoder(schema.name, schema.data)
-            else:
-                from .ros2 import Ros2Decoder
+    Raises:
+        UndecodableError: where its schema is missing or broken.
+    """
+    schema = s.schema
+    if s.encoding == "json":
+        from .json_messages import JsonDecoder
 
-                self._decoders[schema.id] = Ros2Decoder(schema.name, schema.data)
-        return self._decoders[schema.id]
+        text = schema.data if schema and schema.encoding == "jsonschema" else b""
+        return JsonDecoder(text, options.max_part)
+    if s.lacks_schema:
+        raise UndecodableError(f"the file does not define its schema {s.schema_id}")
+    if schema is None and s.encoding in _NEED_SCHEMA:
+        raise UndecodableError("it has no schema")
+    kind = s.encoding, schema.encoding if schema else ""
+    if schema and kind == ("protobuf", "protobuf"):
+        from .protobuf import ProtobufDecoder
+
+        return ProtobufDecoder(schema.name, schema.data)
+    if schema and kind == ("cdr", "ros2msg"):
+        from .ros2 import Ros2Decoder
+
+        return Ros2Decoder(schema.name, schema.data)
+    return None
 
 
 def _trees(s: Series, decoder: Decoder) -> list[Tree]:

@@ -314,10 +314,7 @@ class Walk:
         Raises:
             DamageError: where a definition or a time is wrong. None of its messages are taken.
         """
-        for place in records.definitions:
-            opcode, length = HEADER.unpack_from(records.data, place)
-            begin = place + HEADER.size
-            raw = records.data[begin : begin + length]
+        for opcode, raw in records.definitions:
             self._definitions.read(opcode, raw, block.offset)
         counts = np.bincount(records.channel)
         met = np.flatnonzero(counts).tolist()
