@@ -29,7 +29,7 @@ from .meaning import Mapping, Meant, name, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
 from .rules import ED_WITHOUT_UNIT
-from .state_words import as_levels
+from .state_words import as_levels, words_key
 from .to_si import channel
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
@@ -361,6 +361,8 @@ def _log(
     for m, clock in zip(chosen, clocks, strict=True):
         column, levels = as_levels(columns.pop(), m.meaning)  # let go one by one
         channel, its_findings = convert(m, column, start)
+        if m.meaning and (words := provenance.get(words_key(m.meaning, m.axle))):
+            levels = tuple(words.split("\n"))
         if levels:
             read_as = ", ".join(f"{word!r} is {k}" for k, word in enumerate(levels) if word)
             channel = replace(channel, levels=levels, reason=f"{channel.reason}; {read_as}")

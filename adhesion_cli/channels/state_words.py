@@ -15,6 +15,11 @@ _OFF, _ON, _CLOSED, _OPEN = (
 )
 
 
+def words_key(meaning: Meaning, axle: int | None) -> str:
+    """Where the provenance of a result has the words of a state, a line for each level."""
+    return f"{meaning}_words" if axle is None else f"{meaning}_{axle}_words"
+
+
 def says_state(words: tuple[str, ...]) -> bool:
     """Whether one of these words of a column is known as that of a state."""
     return any(word.casefold() in _OFF | _ON | _CLOSED | _OPEN for word in words)

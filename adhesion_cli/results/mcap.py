@@ -17,6 +17,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..channels.state_words import words_key
 from ..core import physics, rounding, signals, threads, toml
 from ..core.errors import UserError
 from ..core.model import (
@@ -456,6 +457,10 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
         for meaning in MOTOR_FORCES:
             if force := result.log.find(meaning, axle):
                 entries[f"{meaning}_tolerance"] = f"{force.tolerance:g}"
+    for channel in result.log.channels:
+        if channel.meaning and channel.levels:
+            words = (word.replace("\n", " ") for word in channel.levels)
+            entries[words_key(channel.meaning, channel.axle)] = "\n".join(words)
     if any(a.record.train_speed_made for a in result.axles):
         entries["train_speed"] = NOT_MEASURED
     elif (train := result.shared_train()) and result.inputs_hold(train):

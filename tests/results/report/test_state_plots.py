@@ -1,6 +1,7 @@
 """What valves, wheel slide protection, sanding and commands of a log did, in its report."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from bokeh.plotting import figure
 from helpers.made_results import EPOCH
 from helpers.pages import analysed, written
 
+from adhesion_cli.analysis.request import open_log, read_log
+from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.model import Channel, Column, Meaning, Result
 from adhesion_cli.results.report.plots import Figures
@@ -53,6 +56,19 @@ def test_a_result_carries_states_and_the_reservoir(run: ReportRun) -> None:
     valve = by_place["vent_valve", 2]
     assert valve.t[10] - valve.t[0] == pytest.approx(1.0)
     assert valve.value[[9, 10, 19, 20]].tolist() == [0, 1, 1, 0]
+
+
+def test_a_second_analysis_has_the_words_of_states(tmp_path: Path) -> None:
+    path = written(tmp_path / "one.adhesion.mcap", with_states(analysed()))
+    settings, source = open_log(path, Settings())
+    log = read_log(source, settings)
+    levels = {(c.meaning, c.axle): c.levels for c in log.channels if c.levels}
+    assert levels == {
+        ("vent_valve", 2): ("closed", "open"),
+        ("brake_command", None): ("off", "step 1", "step 2"),
+    }
+    (command,) = (c for c in log.channels if c.meaning == "brake_command")
+    assert "'step 2' is 2" in command.reason
 
 
 def test_states_stand_under_the_speeds_and_valves_with_their_axle(run: ReportRun) -> None:
