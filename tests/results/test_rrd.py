@@ -552,3 +552,30 @@ def test_logged_valves_and_sanding_are_states() -> None:
     assert codes["valve"][[0, 39, 40, 79, 80]].tolist() == [1, 1, 2, 2, 1]
     assert codes["sanding"][[0, 40, 80]].tolist() == [0, 1, 0]
     assert not list(results._logged_states(replace(analysed.log, channels=()), record))
+
+
+def test_commands_and_emergency_are_states_with_their_words() -> None:
+    analysed = result(1, 400)
+    record = analysed.axles[0].record
+    t = record.t[::40]
+    steps = np.arange(len(t)) % 3.0
+
+    def shown(values: Floats, *words: str) -> dict[str, tuple[list[int], list[str]]]:
+        usable = np.ones(len(t), np.bool_)
+        emergency = Channel(
+            "e", "", "emergency", None, "", "", Column(t, 1.0 * (values > 1), usable)
+        )
+        command = Channel(
+            "c", "", "brake_command", None, "", "", Column(t, values, usable), levels=words
+        )
+        log = replace(analysed.log, channels=(emergency, command))
+        lanes = results._logged_states(log, record)
+        return {n: (codes[::40].tolist(), [x for x, _ in states]) for n, codes, states in lanes}
+
+    lanes = shown(steps, "off", "step 1", "step 2")
+    assert lanes["command"][0][:4] == [0, 1, 2, 0]
+    assert lanes["command"][1] == ["off", "step 1", "step 2"]
+    assert lanes["emergency"][0][:4] == [0, 0, 1, 0]
+    assert shown(50.0 * steps)["command"][1] == ["0", "50", "100"]
+    assert shown(np.minimum(steps, 1.0))["command"][1] == ["off", "on"]
+    assert shown(np.linspace(0.0, 100.0, len(t)))["command"][1] == ["off", "on"]

@@ -253,6 +253,12 @@ SWITCHES = _states(("off", "on"), palette.OFF, palette.GREEN)
 VALVES = _states(("apply", "hold", "vent"), palette.BLUE, palette.ORANGE, palette.VERMILLION)
 
 
+def level_states(names_: Sequence[str]) -> States:
+    """States of the levels of a command: the first is that in which it demands nothing."""
+    colours = (palette.OFF, *(palette.nth(i) for i in range(len(names_) - 1)))
+    return _states([drawable(name) for name in names_], *colours)
+
+
 def send_states(
     rec: rr.RecordingStream,
     path: str,

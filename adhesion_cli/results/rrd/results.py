@@ -49,7 +49,14 @@ OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overvi
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ON = 0.5  # a state is 0 or 1
-_SWITCHED: tuple[Meaning, ...] = ("hold_valve", "vent_valve", "wsp_active", "sanding")
+_SWITCHED: tuple[Meaning, ...] = (
+    "emergency",
+    "hold_valve",
+    "vent_valve",
+    "wsp_active",
+    "sanding",
+)
+_MOST_LEVELS = 8  # of a command that are states of their own
 _ROWS = 1 << 16  # rows sent at once
 Note = tuple[str, fit.RailFit | None]
 _NO_NOTE: Note = "`adhesion slip` shows peak, rail and slides.", None
@@ -461,12 +468,20 @@ class _Page:
 def _logged_states(
     log: Log, record: AxleRecord
 ) -> Iterator[tuple[str, NDArray[np.int8], parts.States]]:
-    """Valves of an axle, WSP and sanding, where the log has them: name, codes (n,), states."""
+    """Commands, valves of an axle, WSP and sanding, where the log has them.
+
+    Yields:
+        Name, codes (n,), states.
+    """
     on = {
         meaning: _sampled(channel.data, record.t) > _ON
         for meaning in _SWITCHED
         if (channel := log.find(meaning, record.axle)) is not None
     }
+    if command := log.find("brake_command", record.axle):
+        yield "command", *_levels(_sampled(command.data, record.t), command.levels)
+    if "emergency" in on:
+        yield "emergency", on["emergency"].astype(np.int8), parts.SWITCHES
     codes: dict[Meaning, int] = {"hold_valve": 1, "vent_valve": 2}
     valves = [code * on[name] for name, code in codes.items() if name in on]
     if valves:
@@ -474,6 +489,19 @@ def _logged_states(
     for name, meaning in (("WSP", "wsp_active"), ("sanding", "sanding")):
         if meaning in on:
             yield name, on[meaning].astype(np.int8), parts.SWITCHES
+
+
+def _levels(values: Floats, words: Sequence[str]) -> tuple[NDArray[np.int8], parts.States]:
+    """The codes of a command's values, shape (n,), and its states: one for each of a few values."""
+    distinct_values = np.unique([0.0, *values])
+    if len(distinct_values) > _MOST_LEVELS:
+        return (values > 0.0).astype(np.int8), parts.SWITCHES
+    by_value = {float(k): word for k, word in enumerate(words) if word}
+    names = [by_value.get(x, f"{x:g}") for x in distinct_values.tolist()]
+    if len(names) == len(parts.SWITCHES) and not words:
+        names = [name for name, _ in parts.SWITCHES]
+    codes = np.searchsorted(distinct_values, values).astype(np.int8)
+    return codes, parts.level_states(names)
 
 
 def _sampled(column: Column, t: Times) -> Floats:
