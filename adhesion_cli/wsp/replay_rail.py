@@ -13,7 +13,7 @@ fitted curve has the mean level there. `levels` scales it over the way, so that 
 μ that the axle used.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +31,7 @@ from ..rail.events import Slide
 _BETTER = 1.3  # least μ after the largest slip, over that before, if the rail is a better one
 _LASTS = 0.5  # least time in which an axle transmits more than the fitted rail [s]
 _LONG_SLIDE = 8.0  # least duration of a slide that shows the level of its rail over the way [s]
+_PARTS = 2, 4  # equal parts of the slides, of which one lies on one rail where all do not
 _LEVEL_TIME, _LEVEL_STEP = 4.0, 0.1  # over which a level is a mean, and between its samples [s]
 _SPEEDS, _SLIPS, _DRAWS = 6, 40, 40  # at which the largest μ is computed, and of how many draws
 
@@ -132,12 +133,14 @@ def _shortcomings(
         text = f"its slides show {seconds:.1f} s of slip above the noise of the speeds"
         hint = "Log train and wheel speed at a higher rate or with less noise."
         raise UserError(f"{text}; {fit.SHORTEST_FIT:g} s are needed", hint)
-    radius_error = radius.tolerance / radius.value
-    rail = fit.fit(points, context.vehicle, radius_error, mu_error)
-    if rail is None and max(x.duration for x in slides) >= _LONG_SLIDE:  # its level may change
-        mean_mu = _mean_over_time(points.t, points.mu)
-        at_mean_level = points.mu * float(np.mean(points.mu)) / mean_mu
-        rail = fit.fit(points._replace(mu=at_mean_level), context.vehicle, radius_error, mu_error)
+
+    def fitted(part: fit.Points) -> fit.RailFit | None:
+        return fit.fit(part, context.vehicle, radius.tolerance / radius.value, mu_error)
+
+    rail = fitted(points)
+    if rail is None and max(x.duration for x in slides) >= _LONG_SLIDE:
+        parts = (part for count in _PARTS for part in _parts(points, count))
+        rail = next(filter(None, map(fitted, parts)), None)  # `levels` has the other parts
     if rail is None:
         text = "its slides lie on different rails: no single adhesion curve fits them"
         raise UserError(text, "Log a stop on one kind of rail.")
@@ -146,6 +149,15 @@ def _shortcomings(
     values = {"slip_s": seconds, "needed_s": fit.SHORTEST}
     name = f"axle {record.axle}"
     return rail, better, [Finding("replay-slides-short", "warning", channel=name, values=values)]
+
+
+def _parts(p: fit.Points, count: int) -> Iterator[fit.Points]:
+    """Equal parts in time that show enough slip for a fit."""
+    for k in range(count):
+        bounds = np.searchsorted(p.t, p.t[0] + (p.t[-1] - p.t[0]) * np.array([k, k + 1]) / count)
+        part = fit.Points._make(x[slice(*bounds)] for x in p)
+        if len(part.t) and fit.clear_time(part) >= fit.SHORTEST:
+            yield part
 
 
 def _mean_over_time(t: Floats, x: Floats) -> Floats:
