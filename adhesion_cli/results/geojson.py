@@ -20,6 +20,7 @@ _OF_STOP = (
     "start_s time position_m valid reason nominal_speed_kmh initial_speed_mps distance_m "
     "mean_deceleration equivalent_deceleration coefficient slides max_slip"
 ).split()
+_NAMED = 3  # logs that an error names
 
 
 class MapOfLog(NamedTuple):
@@ -49,23 +50,26 @@ def check_name(path: Path) -> None:
 
 
 def as_text(maps: Iterable[MapOfLog]) -> str:
-    """Maps of logs as one document.
+    """Maps of logs as one document; of several logs, those that have coordinates.
 
     Raises:
-        UserError: names the first log without coordinates.
+        UserError: no log has coordinates.
     """
-    features = [feature for one in maps for feature in _features(one)]
+    every = list(maps)
+    placed = [one for one in every if one.lines]
+    if not placed:
+        names = ", ".join(one.log for one in every[:_NAMED])
+        raise UserError(
+            f"{names}: no latitude and longitude, which a map needs",
+            'state their channels, as [channels] latitude = "NAME" and longitude = "NAME", or '
+            "leave --geojson out",
+        )
+    features = [feature for one in placed for feature in _features(one)]
     document = {"type": "FeatureCollection", "features": features}
     return json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _features(one: MapOfLog) -> list[Json]:
-    if not one.lines:
-        raise UserError(
-            f"{one.log}: no latitude and longitude, which a map needs",
-            'state their channels, as [channels] latitude = "NAME" and longitude = "NAME", or '
-            "leave --geojson out",
-        )
     log = utf8(Path(one.log).name)
     features = [
         _feature("LineString", line[:, ::-1].tolist(), {"kind": "run", "log": log})

@@ -1,5 +1,6 @@
 """Stops of the whole train, and their statistics, as rows of text."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -122,9 +123,10 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
     note = "\n".join(
         [f"{NOTE} {OF_PRESSURE}", describe_sources([s.stop for s in stops]), *_remarks(stops)]
     )
+    rows = _series_rows(stops)
     of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
     tables = [
-        TitledTable("Stops", _series_rows(stops), 2, note),
+        TitledTable("Stops", rows, 1 + [*rows[0]].index("group") if rows else 2, note),
         TitledTable("Statistics", _group_rows(x.groups), 2, of_groups),
         TitledTable("Differences", _difference_rows(x.differences), 3),
         TitledTable("Limits", _limit_rows(x.limits), 3, _OF_LIMITS),
@@ -197,14 +199,20 @@ def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
                 "quantity": name,
                 "n": str(x.n),
                 "mean": _pair(factor * x.mean, factor * x.u95),
-                "sd": number(x.sd and factor * x.sd, 3),
-                "common": number(factor * x.common_u95, 3),
+                "sd": _significant(x.sd and factor * x.sd),
+                "common": _significant(factor * x.common_u95),
                 "scatter [%]": number(100.0 * x.scatter if x.n > 1 else None, 1),
                 "drift": drift,
                 "outliers": ", ".join(map(str, x.outliers)) or "-",
             }
             rows.append(row)
     return [{name: row.get(name, DASH) for name in columns_of(rows)} for row in rows]
+
+
+def _significant(x: float | None) -> str:
+    """A number with three digits, of which at most three are decimals."""
+    digits = 2 - math.floor(math.log10(abs(x))) if x else 3
+    return number(x, min(max(digits, 0), 3))
 
 
 def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:
@@ -238,7 +246,7 @@ def _describe_wsp(x: WspSummary) -> str:
     """The extension of the wet stops, in one sentence."""
     head = f"WSP, group {x.group}: "
     if x.extension is None or x.extension_u95 is None or x.k_wet is None:
-        why = "dry or wet stops are missing, or their nominal speeds differ"
+        why = "dry or wet stops are missing, or their speeds differ"
         return head + f"extension not known: {why}.{_air(x)}"
     extension, u95 = by_uncertainty(100.0 * x.extension, 100.0 * x.extension_u95, 1)
     head += f"extension of the deceleration distance {extension} ± {u95} %, "

@@ -48,6 +48,7 @@ BRAKED_WEIGHT = {
 }  # fmt: skip
 _FEWEST = 3  # stops that show an outlier or a drift
 _LEVEL = 0.05  # of the test for outliers
+_SAME_SPEED = 0.1  # mean speeds of dry and wet stops that differ by less can be compared
 Verdict = Literal["pass", "fail", "undecided"]
 
 
@@ -325,15 +326,14 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
         wet: name of the wet one.
         volume: of the reservoir [l]; 0: not known.
 
-    Where the groups have other nominal speeds, there is no extension.
+    Where the groups stop from other speeds, there is no extension.
     """
     of_dry, of_wet = ([s.stop for s in stops if s.group == n and s.stop.valid] for n in (dry, wet))
     responses = [s.response_time_s.value for s in of_dry if s.response_time_s]
     response = float(np.mean(responses)) if responses else 0.0
     lengths = [_statistic([_braked_length(s, response) for s in x]) for x in (of_dry, of_wet)]
     extension = u95 = k_wet = None
-    speeds = {s.nominal_speed_kmh for s in (*of_dry, *of_wet)}
-    if lengths[0] and lengths[1] and len(speeds) == 1:
+    if lengths[0] and lengths[1] and wet_speeds(stops, dry, wet) is None:
         ratio = lengths[1].mean / lengths[0].mean
         extension, k_wet = ratio - 1.0, 1.0 / ratio
         own_sigma = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in lengths if x]
@@ -347,13 +347,27 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
     return WspSummary(wet, extension, u95, k_wet, rows, air, sanded)
 
 
-def wet_speeds(stops: Sequence[SeriesStop], dry: str, wet: str) -> tuple[list[float], list[float]]:
-    """The nominal speeds of two groups [km/h], of their valid stops."""
-    dry_speeds, wet_speeds = (
-        sorted({s.stop.nominal_speed_kmh for s in stops if s.group == n and s.stop.valid})
-        for n in (dry, wet)
-    )
-    return dry_speeds, wet_speeds
+def wet_speeds(
+    stops: Sequence[SeriesStop], dry: str, wet: str
+) -> tuple[list[float], list[float]] | None:
+    """The speeds of two groups [km/h], of their valid stops; None where they can be compared.
+
+    These are the nominal speeds. Where both groups have the same one, they are the mean speeds, if
+    these differ by more than `_SAME_SPEED`.
+    """
+    of_groups = [[s.stop for s in stops if s.group == n and s.stop.valid] for n in (dry, wet)]
+    of_dry, of_wet = (sorted({s.nominal_speed_kmh for s in x}) for x in of_groups)
+    if not of_dry or not of_wet:
+        return None
+    if of_dry != of_wet or len(of_dry) > 1:
+        return of_dry, of_wet
+    speeds = [[s.initial_speed_mps.value for s in x if s.initial_speed_mps] for x in of_groups]
+    if not all(speeds):
+        return None
+    dry_mean, wet_mean = (3.6 * float(np.mean(x)) for x in speeds)
+    if abs(wet_mean / dry_mean - 1.0) < _SAME_SPEED:
+        return None
+    return [round(dry_mean, 1)], [round(wet_mean, 1)]
 
 
 def braked_weight_percentage(nominal_speed: float, distance: float) -> float | None:

@@ -105,9 +105,8 @@ def run(
     wsp: tuple[WspSummary, ...] = ()
     if plan.dry:
         wsp = (compare_wet(stops, plan.dry, plan.wet, plan.reservoir_volume),)
-        dry, wet = wet_speeds(stops, plan.dry, plan.wet)
-        if dry and wet and (dry != wet or len(dry) > 1):
-            dry_kmh, wet_kmh = (", ".join(f"{v:g}" for v in x) for x in (dry, wet))
+        if speeds := wet_speeds(stops, plan.dry, plan.wet):
+            dry_kmh, wet_kmh = (", ".join(f"{v:g}" for v in x) for x in speeds)
             names = {"dry": plan.dry, "dry_kmh": dry_kmh, "wet": plan.wet, "wet_kmh": wet_kmh}
             findings.append(Finding("wet-speeds-differ", "warning", names=names))
     compared, limits = differences(groups, plan.pairs), judge(groups, plan.limits)

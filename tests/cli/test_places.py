@@ -95,6 +95,15 @@ def test_a_map_needs_coordinates(run: Run, tmp_path: Path) -> None:
     assert "--geojson map.geojson" in refused.stderr
 
 
+def test_of_several_logs_the_map_has_those_with_coordinates(
+    run: Run, log: Path, tmp_path: Path
+) -> None:
+    done = run("stops", str(log), str(SAMPLE), "--geojson", "map.geojson")
+    assert done.returncode in (0, 3), done.stderr
+    features = json.loads((tmp_path / "map.geojson").read_text("utf-8"))["features"]
+    assert {f["properties"]["log"] for f in features} == {log.name}
+
+
 def test_inspect_names_places_that_jump(run: Run, log: Path, tmp_path: Path) -> None:
     head, *rows = log.read_text("utf-8").splitlines()
     later = [row.replace(",7.", ",97.") for row in rows[1000:]]

@@ -76,6 +76,14 @@ def test_a_series_by_its_plan(run: Run, plan: Path) -> None:
     assert "--force" in again.stderr
 
 
+def test_dry_and_wet_stops_from_other_speeds_are_a_finding(run: Run, plan: Path) -> None:
+    plan.write_text(PLAN.replace("nominal_speed = 70", "nominal_speed = 50", 1))
+    document = json.loads(run("stops", "--plan", str(plan), "--json").stdout)
+    (finding,) = (f for f in document["findings"] if f["code"] == "wet-speeds-differ")
+    assert finding["message"].startswith("Group first stops from 50 km/h, group second from 70")
+    assert document["wsp"][0]["extension"] is None
+
+
 def test_the_screen_has_stops_statistics_and_verdicts(run: Run, plan: Path) -> None:
     done = run("stops", "one.csv", "two.csv", "--plan", str(plan), "--lambda", "--budget")
     assert done.returncode == 0, done.stderr
@@ -142,6 +150,8 @@ def test_the_protocol_has_its_tables_figures_and_empty_lines(run: Run, plan: Pat
     assert text.count('class="blank"') == sum(map(len, FIELDS.values())) - 1
     assert set(figures(text)["roots"].values()) == {"stops-speed", "stops-distance", "stops"}
     assert Path(plan.parent, "all.xlsx").exists()
+    assert "<code>--set stops.dead_time=0.2</code>" in text
+    assert '<th class="text">group</th>' in text
     refused = run("stops", "one.csv", "two.csv", "--plan", str(plan), "--report")
     assert refused.returncode == 2
     assert "-o DIR" in refused.stderr

@@ -16,6 +16,7 @@ from adhesion_cli.stops.series import (
     differences,
     group_stops,
     judge,
+    wet_speeds,
 )
 
 
@@ -128,6 +129,16 @@ def test_wet_stops_of_another_nominal_speed_have_no_extension() -> None:
     x = compare_wet([dry, SeriesStop("w", "wet", None, other)], "dry", "wet")
     assert x.extension is None
     assert x.k_wet is None
+
+
+@pytest.mark.parametrize(("v0", "speeds"), [(21.0, None), (24.0, ([72.0], [86.4]))])
+def test_groups_of_one_stated_speed_that_stop_from_others_are_named(
+    v0: float, speeds: tuple[list[float], list[float]] | None
+) -> None:
+    dry = SeriesStop("d", "dry", None, stop(320.0))
+    stops = [dry, SeriesStop("w", "wet", None, stop(420.0, v0=v0))]
+    assert wet_speeds(stops, "dry", "wet") == speeds
+    assert (compare_wet(stops, "dry", "wet").extension is None) == (speeds is not None)
 
 
 def test_air_is_the_fall_of_the_reservoir_and_its_volume() -> None:
