@@ -30,6 +30,7 @@ _NOT_READ = {
     "group-not-read",
     "mcap-encoding",
     "mcap-not-offered",
+    "mcap-text-change",
     "mcap-topic-unreadable",
     "nested-columns",
 }

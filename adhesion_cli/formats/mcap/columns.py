@@ -29,9 +29,9 @@ class Fault(NamedTuple):
 
 
 class FirstText(NamedTuple):
-    """A string of the first message that gives wanted numbers their unit or name."""
+    """What gives wanted numbers their unit or name in the first message: a text, or a number."""
 
-    text: str
+    value: Tree
     places: list[int]  # the numbers, by their place in Decoded.numbers
 
 
@@ -68,9 +68,9 @@ class Decoded:
                     self.lengths[steps[:i]] = len(node_at(tree, steps[:i]))
         self.said: dict[Steps, FirstText] = {}
         for i, leaf in enumerate(leaves):
-            for place, text in ((leaf.label_at, leaf.label), (leaf.unit_at, leaf.unit)):
-                if place:
-                    self.said.setdefault(place, FirstText(text, [])).places.append(i)
+            for place in filter(None, (leaf.label_at, leaf.unit_at)):
+                said = FirstText(node_at(tree, place), [])
+                self.said.setdefault(place, said).places.append(i)
         self.iso = stamp.places[0] if stamp and stamp.text else None
         self.words = {leaf.steps: list[str]() for leaf in leaves if leaf.words and not leaf.numbers}
         self.values: Floats = np.full((len(places), rows), np.nan)
@@ -140,10 +140,11 @@ class Spread:
                 self._members(nodes, rows, shape, steps)
             else:
                 self._elements(nodes, rows, shape, steps)
-        elif said := self._decoded.said.get(steps):
-            differs = [node != said.text and node not in ("", None) for node in nodes]
+            return
+        if said := self._decoded.said.get(steps):
+            differs = [node != said.value and node not in ("", None) for node in nodes]
             self._decoded.note_text(steps, rows[differs])
-        elif (i := self._columns.get(steps)) is not None:
+        if (i := self._columns.get(steps)) is not None:
             self._numbers(nodes, rows, i, steps)
 
     def _usable(

@@ -17,6 +17,9 @@ _LONGEST = 1000  # characters of a place
 _LONGEST_UNIT = 100  # characters of a unit
 _NUMBER = re.compile(r"[+-]?[0-9]+([.,][0-9]*)?([eE][+-]?[0-9]{1,3})?")
 _RARE = 50  # keys that are in fewer than one of so many messages are no names
+_AXLES = "axle axleid axleno axlenumber wheel wheelset achse radsatz".split()
+# Keys of a message whose values may say whose its numbers are.
+_OWNERS = [*_AXLES, *"device deviceid sensor sensorid name signal channel".split()]
 _STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
 
 
@@ -111,7 +114,7 @@ def states_unit(key: str) -> bool:
 
 
 def number_leaves(
-    tree: Tree, schema_unit: Units, metadata: dict[str, str]
+    tree: Tree, schema_unit: Units, metadata: dict[str, str], label_at: Steps = ()
 ) -> tuple[list[Leaf], list[Steps], list[str]]:
     """Every number of a message, in its order, and every text.
 
@@ -126,13 +129,14 @@ def number_leaves(
         tree: the message.
         schema_unit: the unit the schema states for a place.
         metadata: the channel's metadata.
+        label_at: where the message says whose its numbers are, see `owner_of`.
 
     Returns:
         The numbers, the places of texts, and the places that are not offered: too long, too deep
         or opaque.
     """
     search = _LeafSearch(tree, schema_unit, metadata)
-    search.walk(tree, (), (), ())
+    search.walk(tree, (), label_at, ())
     return search.leaves, search.texts, search.omitted
 
 
@@ -163,10 +167,11 @@ class _LeafSearch:
         elif len(steps) >= DEEPEST:
             self.omitted.append(path(steps))
         elif isinstance(node, dict):
-            name = node.get("name")
             is_element = bool(steps) and isinstance(steps[-1], int)
-            if is_element and isinstance(name, str) and len(name) <= _LONGEST:
-                label_at = (*steps, "name")
+            label_keys = (k for k in node if k == "name" or _normal(k) in _AXLES)
+            key = next((k for k in label_keys if _is_label(node[k])), None)
+            if is_element and key:
+                label_at = (*steps, key)
             for key, value in node.items():
                 names = next((k for k in ("name", "names") if _names(node.get(k), value)), None)
                 self.walk(value, (*steps, key), label_at, (*steps, names) if names else ())
@@ -181,7 +186,9 @@ class _LeafSearch:
         if len(path(steps)) > _LONGEST:
             self.omitted.append(f"{path(steps)[:_LONGEST]} (a name too long)")
         elif len(self.leaves) < MAX_NUMBERS:
-            label = node_at(self._tree, label_at) if label_at else ""
+            label = str(node_at(self._tree, label_at)) if label_at else ""
+            if label.isdecimal():
+                label = f"{label_at[-1]} {label}"
             unit, unit_place, unit_at = self._unit(steps)
             self.leaves.append(Leaf(steps, label, unit, unit_place, label_at, unit_at))
         elif (skipped := f"all after {self.leaves[-1].path}") not in self.omitted:
@@ -204,6 +211,26 @@ class _LeafSearch:
             if 0 < len(self._metadata.get(key, "")) <= _LONGEST_UNIT:
                 return self._metadata[key], f"channel metadata {key!r}", ()
         return *self._schema_unit(steps), ()
+
+
+def _normal(key: str) -> str:
+    return key.replace("_", "").casefold()
+
+
+def _is_label(value: Tree) -> bool:
+    """Whether a value is a name or a number that can name something."""
+    return type(value) is int or (isinstance(value, str) and 0 < len(value) <= _LONGEST)
+
+
+def owner_of(trees: Sequence[Tree]) -> Steps:
+    """Where messages say whose their numbers are, if they are of several in turn; else ()."""
+    first = trees[0] if isinstance(trees[0], dict) else {}
+    keys: list[Steps] = [(key,) for key in first if _normal(key) in _OWNERS]
+    for steps in [*keys, ("header", "frame_id")]:
+        owners = [node_at(tree, steps) for tree in trees]
+        if all(map(_is_label, owners)) and 1 < len(set(owners)) <= len(owners) / 2:
+            return steps
+    return ()
 
 
 def _names(element: Tree, array: Tree) -> bool:

@@ -274,6 +274,9 @@ def _layout(message: _Message, decoded: Decoded, row: int) -> _Layout:
     texts = decoded.said.keys() | decoded.words.keys()
     places = [(1, 1), *((offset, 4) for offset in message.lengths)]  # the first: byte order
     places += [place for steps, place in message.texts.items() if steps in texts]
+    for steps in decoded.said.keys() & message.numbers.keys():
+        code, begin, _ = message.numbers[steps]
+        places.append((begin, struct.calcsize(f"{message.order}{code}")))
     decisive = {a: message.raw[a : a + size] for a, size in places if size}
     numbers: dict[int, tuple[str, int]] = {}
     for column, steps in enumerate(decoded.numbers):
@@ -293,7 +296,7 @@ def _layout(message: _Message, decoded: Decoded, row: int) -> _Layout:
     differing = [
         steps
         for steps, said in decoded.said.items()
-        if node_at(message.tree, steps) not in ("", None, said.text)
+        if node_at(message.tree, steps) not in ("", None, said.value)
     ]
     return _Layout(message.size, decisive, numbers, words, lengths, differing)
 

@@ -19,6 +19,7 @@ from .fields import (
     empty,
     node_at,
     number_leaves,
+    owner_of,
     path,
     quoted_numbers,
     states_unit,
@@ -183,7 +184,7 @@ def _trees(s: Series, decoder: Decoder) -> list[Tree]:
 
 def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
     """Offers the numbers of the first messages, and their words."""
-    numbers, texts, skipped = number_leaves(s.tree, decoder.unit, s.metadata)
+    numbers, texts, skipped = number_leaves(s.tree, decoder.unit, s.metadata, owner_of(trees))
     for leaf in numbers:
         if s.fields.setdefault(leaf.path, leaf) is not leaf:
             skipped.append(f"a second {leaf.path}")

@@ -1027,3 +1027,42 @@ def test_a_log_is_read_with_and_without_an_index(tmp_path: Path) -> None:
                 columns = read(opened(tmp_path, log))
                 assert columns["/p value"].value.tolist() == values[::2]
                 assert columns["/v value"].value.tolist() == values[1::2]
+
+
+# ---------------------------------------------------------------------- whose numbers they are
+
+
+@pytest.mark.parametrize("encoding", ["json", "cdr"])
+def test_elements_are_known_by_their_own_axle(tmp_path: Path, encoding: str) -> None:
+    """Not by their place in the list; an axle that changes takes the numbers out."""
+    text = b"Axle[] axles\n===\nMSG: p/Axle\nint32 axle\nfloat64 bc_pressure_bar\n"
+    schema = Schema(1, text, "ros2msg", "p/msg/Axles")
+    log = Log([schema], [Channel(1, "/a", encoding, {}, int(encoding == "cdr"))])
+    for k in range(20):
+        axles = (2, 1) if k != 7 else (1, 2)
+        tree = {"axles": [{"axle": axle, "bc_pressure_bar": 10.0 * axle} for axle in axles]}
+        raw = cdr(schema, tree) if encoding == "cdr" else json.dumps(tree).encode()
+        log.messages.append(message(1, START + k, raw))
+    source = opened(tmp_path, log)
+    meant, _ = understood(source.fields, ())
+    pressures = {m.axle: m.field for m in meant if m.meaning == "pressure"}
+    columns = source.columns([pressures[1], pressures[2]])
+    for axle, column in enumerate(columns, 1):
+        assert set(column.value[column.valid]) == {10.0 * axle}
+        assert np.flatnonzero(~column.valid).tolist() == [7]
+    assert codes(source) == [("mcap-text-change", 1)] * 2
+
+
+@pytest.mark.parametrize("owners", [(1, 2), ("left", "right")])
+def test_messages_of_several_owners_in_one_topic_are_not_mixed(
+    tmp_path: Path, owners: tuple[Any, Any]
+) -> None:
+    rows = [
+        (k * 10**7 + i, {"axle": owner, "bc_pressure_bar": float(i)})
+        for k in range(30)
+        for i, owner in enumerate(owners)
+    ]
+    source = opened(tmp_path, json_log(rows))
+    column = next(c for name, c in read(source).items() if "pressure" in name)
+    assert set(column.value[column.valid]) == {0.0}
+    assert ("mcap-text-change", 30) in codes(source)
