@@ -89,7 +89,7 @@ print(peak() - before - sum(x.nbytes for x in (column.t, column.value, column.va
 """
 
 
-@pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
+@pytest.mark.parametrize("compression", ["zstd", pytest.param("lz4", marks=pytest.mark.slow), ""])
 def test_reading_mcap(tmp_path: Path, compression: str) -> None:
     many(tmp_path / "log.mcap", 1_200_000, compression)  # 46 MiB, inflated
     # 17.3 MiB without compression, and up to 21.6 where heap or file pages lie otherwise

@@ -198,14 +198,14 @@ def test_every_failing_write_does(tmp_path: Path, command: str, error: str) -> N
     failing_writes(tmp_path, command, error, MOST)
 
 
-@pytest.mark.parametrize("command", ["convert", "analyze"])
-def test_a_fault_leaves_nothing_half_written(tmp_path: Path, command: str) -> None:
+@pytest.mark.parametrize(
+    ("command", "fault"), [("convert", "fsync:error=EIO"), ("analyze", "rename:signal=KILL")]
+)
+def test_a_fault_leaves_nothing_half_written(tmp_path: Path, command: str, fault: str) -> None:
     made = prepared(tmp_path, command)
-    counts = calls(tmp_path, command)
-    for fault in ("fsync:error=EIO", "rename:signal=KILL"):
-        count = counts[fault.split(":")[0]]
-        assert count, fault
-        holds(tmp_path, command, made, fault, (count + 1) // 2)
+    count = calls(tmp_path, command)[fault.split(":")[0]]
+    assert count, fault
+    holds(tmp_path, command, made, fault, (count + 1) // 2)
 
 
 @pytest.mark.slow

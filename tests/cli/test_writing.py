@@ -8,7 +8,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,20 @@ SAMPLES = Path(__file__).parents[2] / "sample_logs"
 LONG = ("antiskid", "reproduce")
 ALL = sorted(COMMANDS)
 EACH = [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in ALL]
+QUICK = set(ALL) - set(LONG)
+SOME = {"analyze", "calibrate", "convert"}  # a set, named files, a single file
+
+
+def crossed(variants: Mapping[str, set[str]]) -> list[Any]:
+    """Every command in every variant; quick are those that stand beside it."""
+    return [
+        pytest.param(
+            name, variant, id=f"{name}-{variant}", marks=[pytest.mark.slow] * (name not in quick)
+        )
+        for variant, quick in variants.items()
+        for name in ALL
+    ]
+
 
 Files = dict[str, bytes]
 
@@ -119,13 +133,11 @@ os.fsync = wait
 """
 
 
-@pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["INT", "TERM"]
-)
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize(("name", "sent"), crossed({"SIGINT": QUICK, "SIGTERM": SOME}))
 def test_a_signal_when_all_is_written_and_nothing_named(
-    logs: Path, tmp_path: Path, old: Callable[[str], Files], name: str, number: int, code: int
+    logs: Path, tmp_path: Path, old: Callable[[str], Files], name: str, sent: str
 ) -> None:
+    number = signal.Signals[sent]
     put(tmp_path, old(name))
     begun = logs / "begun"
     begun.unlink(missing_ok=True)
@@ -135,24 +147,17 @@ def test_a_signal_when_all_is_written_and_nothing_named(
         time.sleep(0.01)
     process.send_signal(number)
     ends, out, err = ended(process)
-    assert (ends, err) == (code, "")
+    assert (ends, err) == (128 + number, "")
     document = json.loads(out)
     assert document["schema"] == "adhesion.error/1"
-    assert document["error"] == {130: "interrupted", 143: "terminated"}[code]
+    assert document["error"] == {"SIGINT": "interrupted", "SIGTERM": "terminated"}[sent]
     assert files(tmp_path) == old(name)
 
 
 LIMITED = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))"
 
 
-@pytest.fixture(
-    params=[
-        "limit",
-        "full",
-        pytest.param("nearly full", marks=pytest.mark.slow),
-        pytest.param("no inode", marks=pytest.mark.slow),
-    ]
-)
+@pytest.fixture
 def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path, Any, str]]:
     """A folder that takes old results and no more: what fills it, what a process does first."""
     if request.param == "limit":  # less than any result
@@ -176,7 +181,11 @@ def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path,
         yield folder, fill, ""
 
 
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize(
+    ("name", "disk"),
+    crossed({"limit": QUICK, "full": SOME, "nearly full": set(), "no inode": set()}),
+    indirect=["disk"],
+)
 def test_a_full_disk(
     logs: Path, disk: tuple[Path, Any, str], old: Callable[[str], Files], name: str,
     request: pytest.FixtureRequest,

@@ -282,7 +282,15 @@ def test_no_samples_no_answer():
     assert compiled.batch(est, est.Params(), w, no_times, none, none, no_times)[0].shape == (0,)
 
 
-@pytest.mark.parametrize("damage", ["empty index", "half an index", "half of the code", "no text"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param("empty index", marks=pytest.mark.slow),
+        "half an index",
+        "half of the code",
+        "no text",
+    ],
+)
 def test_a_damaged_cache_costs_time_and_no_run(
     copy: Path, filled: tuple[Path, str], tmp_path: Path, damage: str
 ) -> None:

@@ -260,23 +260,23 @@ def test_a_rail_that_changes_has_no_curve() -> None:
     assert fit.clear_time(fit.Points._make(x[: int(7.0 / 0.02)] for x in points)) < fit.SHORTEST
 
 
-def test_a_wheel_that_swings_about_the_peak_tells_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("law", ["rule", pytest.param("patent", marks=pytest.mark.slow)])
+def test_a_wheel_that_swings_about_the_peak_tells_it(law: str, tmp_path: Path) -> None:
     """Slide protection lets it slide for hardly longer than a fit needs, and creep for 40 s."""
     case = scenario.load("slippery-stop")
     exact = settings.AnalysisSettings(vehicle="stated")
     carried = settings.tree(settings.Settings(case.vehicle, analysis=exact), [])
-    for law in ("rule", "patent"):
-        log = tmp_path / f"slippery-stop.{law}.antiskid.mcap"
-        mcap.write_stop(log, case.name, closed_loop.run(case, law), case.vehicle, carried, "{}", [])
-        result = analyze.analyze(log, settings.load(folder=False), ["leso"], axles=[1])
-        found, _ = rail_under_slides.summary(result.axles[0], result.vehicle)
-        assert sum(x.duration for x in found.slides) < 2.0 * fit.SHORTEST
-        assert found.rail is not None
-        at, height = true_curve("low", 1.0, found.rail.speed)
-        assert found.rail.peak_slip is not None
-        assert found.rail.peak_slip.lower < at < found.rail.peak_slip.upper
-        assert found.rail.peak_mu is not None
-        assert found.rail.peak_mu.lower < height < found.rail.peak_mu.upper
+    log = tmp_path / f"slippery-stop.{law}.antiskid.mcap"
+    mcap.write_stop(log, case.name, closed_loop.run(case, law), case.vehicle, carried, "{}", [])
+    result = analyze.analyze(log, settings.load(folder=False), ["leso"], axles=[1])
+    found, _ = rail_under_slides.summary(result.axles[0], result.vehicle)
+    assert sum(x.duration for x in found.slides) < 2.0 * fit.SHORTEST
+    assert found.rail is not None
+    at, height = true_curve("low", 1.0, found.rail.speed)
+    assert found.rail.peak_slip is not None
+    assert found.rail.peak_slip.lower < at < found.rail.peak_slip.upper
+    assert found.rail.peak_mu is not None
+    assert found.rail.peak_mu.lower < height < found.rail.peak_mu.upper
 
 
 def test_wheel_diameters_come_from_coasting() -> None:
@@ -458,7 +458,9 @@ def test_a_rolling_wheel_has_no_slope_of_noise(noise: float, rate: float) -> Non
     assert (told > steep / 2.0).all()
 
 
-@pytest.mark.parametrize("seconds", [-0.5, 0.1, 0.3, 1.0, 2.0])
+@pytest.mark.parametrize(
+    "seconds", [-0.5, 1.0, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.1, 0.3, 2.0))]
+)
 def test_a_late_train_speed_is_shifted(tmp_path: Path, seconds: float) -> None:
     shifted = late(recordings("low-adhesion"), "train_speed", seconds)
     log = write(tmp_path / "late.csv", shifted)

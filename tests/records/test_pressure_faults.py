@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import simulated
 from helpers.diagnosed import analysed, clean, found, outside, warned
+from helpers.grids import thinned
 
 
 def test_a_pressure_lost_on_a_single_axle_is_a_warning(tmp_path: Path) -> None:
@@ -15,8 +16,9 @@ def test_a_pressure_lost_on_a_single_axle_is_a_warning(tmp_path: Path) -> None:
     assert "warning" in {f.severity for f in told}
 
 
-@pytest.mark.parametrize("share", [0.5, 0.8])
-@pytest.mark.parametrize("name", ["service-brake", "low-adhesion"])
+@pytest.mark.parametrize(
+    ("name", "share"), thinned(3, ["service-brake", "low-adhesion"], [0.5, 0.8])
+)
 def test_a_saturated_pressure_leaves_the_band_open(name: str, share: float, tmp_path: Path) -> None:
     whole = clean(name, 1, "as it is")
     assert all(np.isfinite(a.reference.upper).sum() == np.isfinite(a.reference.force).sum()
@@ -32,9 +34,10 @@ def test_a_saturated_pressure_leaves_the_band_open(name: str, share: float, tmp_
     assert outside(result) < 0.1
 
 
-@pytest.mark.parametrize("share", [0.5, 0.9])
-@pytest.mark.parametrize("axles", [(1,), (1, 2, 3, 4)])
-@pytest.mark.parametrize("name", ["service-brake", "four-axles"])
+@pytest.mark.parametrize(
+    ("name", "axles", "share"),
+    thinned(3, ["service-brake", "four-axles"], [(1,), (1, 2, 3, 4)], [0.5, 0.9]),
+)
 def test_what_follows_of_a_saturated_pressure_is_not_told_beside_it(
     name: str, axles: tuple[int, ...], share: float, tmp_path: Path
 ) -> None:

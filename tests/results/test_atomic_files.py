@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from filelock import FileLock
+from helpers.forked import Forked
 from helpers.systems import not_on_windows
 from helpers.write_faults import FAULTS
 from mcap.reader import make_reader
@@ -389,10 +390,11 @@ with atomic_files.sets(sets, force) as places:
 
 
 def child(code: str, folder: Path, *arguments: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [sys.executable, "-c", CHILD + code, str(folder), *arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    words = [str(folder), *arguments]
+    if sys.platform == "win32":
+        return subprocess.Popen([sys.executable, "-c", CHILD + code, *words], text=True, **pipes)
+    return Forked(folder, words, f"{CHILD}{code}\nsys.exit()", bare=True, **pipes)
 
 
 def assert_whole(folder: Path) -> None:
