@@ -17,6 +17,7 @@ from helpers import logs_of_fleet
 from helpers.commands import Run
 
 COUNT = 10
+RESULTS = ("applications", "stops", "estimators", "findings")
 
 
 def fleet(*arguments: Any, **more: Any) -> "subprocess.CompletedProcess[str]":
@@ -27,8 +28,7 @@ def fleet(*arguments: Any, **more: Any) -> "subprocess.CompletedProcess[str]":
 
 
 def content(out: Path) -> dict[str, bytes]:
-    tables = ("applications", "stops", "estimators", "findings")
-    return {f"{n}/{p.name}": p.read_bytes() for n in tables for p in out.glob(f"{n}/*.parquet")}
+    return {f"{n}/{p.name}": p.read_bytes() for n in RESULTS for p in out.glob(f"{n}/*.parquet")}
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_a_killed_worker_costs_no_log_and_changes_no_byte(
     local = tmp_path / "local"
     assert fleet("logs", "-o", local, "-q", cwd=tmp_path).returncode == 3
     assert content(out) == content(local)
-    assert len(content(out)) == 3 * COUNT
+    assert len(content(out)) == len(RESULTS) * COUNT
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(
