@@ -20,7 +20,6 @@ import pyarrow.compute as pc
 
 from ..core import toml
 from ..core.errors import UserError, unknown
-from .csv.dialect import number_grammar
 
 _OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
@@ -32,8 +31,7 @@ _MOST_BYTES = 4 << 30  # of all parts, unpacked
 _TIME = r"^[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]+)?$"
 _ANY_TIME = r"^\s*[0-9]{1,4}[-./:][0-9]{1,2}[-./:]"  # also as a text
 _NUMBER = r"^-?[0-9]+(\.[0-9]+)?$"  # a text that Arrow reads as a number
-_COMMA = f"^(?:{number_grammar(',').pattern})$"
-_GROUPED = r"^[+-]?[1-9][0-9]{0,2},[0-9]{3}$"
+_WITH_COMMA = r"^[+-]?[0-9]*,[0-9]+$"  # a text that may be a number
 _DETAIL = re.compile(r"(?:(Error)|DurationIso)\(\"?(?:PT)?(\w+)(?:\.(\d+)S)?")
 _ERRORS = {"Div0": "#DIV/0!", "NA": "#N/A", "Name": "#NAME?", "Null": "#NULL!", "Num": "#NUM!"}
 _VALUELESS = re.compile(
@@ -60,25 +58,24 @@ class _Column(NamedTuple):
     text: Any
     number: Any  # also of texts that are one; of a time the days
     is_time: Any
-    is_comma: Any  # a text with a decimal comma
 
     @property
     def is_of_numbers(self) -> bool:
         """Whether at least half of the cells are numbers or times, and two are."""
-        times = _matches(self.text, _ANY_TIME)
-        is_typed = pc.or_(pc.or_(pc.is_valid(self.number), self.is_comma), times)
+        is_typed = _matches(self.text, f"{_ANY_TIME}|{_WITH_COMMA}")
+        is_typed = pc.or_(pc.is_valid(self.number), is_typed)
         cell_count = len(self.text) - self.text.null_count
         return bool((pc.sum(is_typed).as_py() or 0) >= max(2, cell_count / 2))
 
 
-def write_text(path: Path, target: Path, sheet_name: str | None, decimal: str | None) -> SheetText:
+def write_text(path: Path, target: Path, sheet_name: str | None) -> SheetText:
     """Writes the cells of a sheet as lines; row N of the sheet is line N.
 
     Args:
         path: the workbook.
-        target: the file to write; tabs are between its cells, its decimal mark is a point.
+        target: the file to write; tabs are between its cells, the decimal mark is a point, in
+            texts as they have it.
         sheet_name: as stated; None for the first visible one with columns of numbers.
-        decimal: the stated mark of numbers that are texts.
 
     Raises:
         UserError: where the workbook cannot be read, or has no such sheet.
@@ -108,8 +105,7 @@ def write_text(path: Path, target: Path, sheet_name: str | None, decimal: str | 
         _refuse_valueless(path, name, place)
     while len(columns) > 2 and len(columns[-1].text) - columns[-1].text.null_count < 2:
         columns.pop()  # a cell far from the table is no channel
-    has_commas = _has_decimal_commas(columns, decimal, place)
-    cells = [_quoted(_cells(column, has_commas)) for column in columns]
+    cells = [_quoted(_cells(column)) for column in columns]
     with target.open("wb") as file:
         file.writelines(_lines(cells))
     return SheetText(name, [x for x in book.names if x != name])
@@ -163,8 +159,7 @@ class _Book:
         is_time = _matches(text, _TIME)
         if self._has_serials:  # else nothing tells a time from its text
             is_time = pc.and_(is_time, pc.is_valid(number))
-        is_comma = pc.and_(_matches(text, _COMMA), pc.is_null(number))
-        return _Column(text, number, is_time, is_comma)
+        return _Column(text, number, is_time)
 
 
 def _check_parts(path: Path) -> None:
@@ -250,39 +245,21 @@ def _with(text: Any, rows: dict[int, str]) -> Any:
     return pc.replace_with_mask(text, mask, pa.array([rows[k] for k in sorted(rows)], text.type))
 
 
-def _has_decimal_commas(columns: Sequence[_Column], decimal: str | None, place: str) -> bool:
-    """Whether the commas in numbers that are texts are decimal marks.
-
-    Raises:
-        UserError: where they may group digits as well.
-    """
-    if decimal:
-        return decimal == ","
-    commas = [c.text.filter(c.is_comma) for c in columns if c.is_of_numbers]
-    commas = [texts for texts in commas if len(texts)]
-    if commas and all(pc.all(_matches(texts, _GROUPED)).as_py() for texts in commas):
-        text = f"{place}: {commas[0][0].as_py()!r} may be a decimal comma or grouped thousands"
-        raise UserError(text, "state it, as `--set csv.decimal=comma` (or point)")
-    return bool(commas)
-
-
-def _cells(column: _Column, has_commas: bool) -> Any:
+def _cells(column: _Column) -> Any:
     """The cells of a column as a text log has them, each number with all its digits."""
-    text, number, is_time, is_comma = column
+    text, number, is_time = column
     is_number = pc.and_(pc.is_valid(number), _matches(text, _NUMBER))
     text_value = pc.cast(pc.if_else(is_number, text, None), pa.float64())
     is_rounded = pc.and_(
         is_number, pc.not_equal(pc.fill_null(text_value, 0.0), pc.fill_null(number, 0.0))
     )
     cells = pc.if_else(is_rounded, pc.cast(number, pa.string()), text)
-    if has_commas:
-        cells = pc.if_else(is_comma, pc.replace_substring(text, ",", "."), cells)
     return pc.if_else(is_time, _times(column), cells) if pc.any(is_time).as_py() else cells
 
 
 def _times(column: _Column) -> Any:
     """The times of a column as text: dates, times of day, or both, to the microsecond."""
-    text, number, is_time, _ = column
+    text, number, is_time = column
     stamps = pc.utf8_slice_codeunits(pc.replace_substring(text, "T", " "), 0, 26)
     try:
         t = pc.cast(pc.if_else(is_time, stamps, None), pa.timestamp("us")).cast(pa.int64())

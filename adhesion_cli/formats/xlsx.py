@@ -30,8 +30,8 @@ def open_workbook(path: Path, options: ReadOptions) -> "WorkbookSource":
     """
     folder = TemporaryDirectory(prefix="adhesion-", ignore_cleanup_errors=True)
     text = Path(folder.name) / "sheet.txt"
-    sheet: SheetText = _LIBRARY.call(path, write_text, text, options.sheet, options.decimal)
-    of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=".")
+    sheet: SheetText = _LIBRARY.call(path, write_text, text, options.sheet)
+    of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=options.decimal or ".")
     with named(text, f"{path}: sheet {sheet.name!r}"):
         try:
             source = WorkbookSource.open(text, of_text)
