@@ -12,8 +12,9 @@ import numpy as np
 
 from ..core.errors import UserError
 from ..core.finding import Finding
-from .as_text import TextSource, open_text
+from .as_text import open_text
 from .csv.header_words import time_name
+from .csv.reader import CsvSource
 from .isolated import Library
 from .source import ReadOptions
 
@@ -21,7 +22,7 @@ _LIBRARY = Library("mat", "MATLAB", (), "")
 _MOST_COLUMNS = 64  # of a matrix
 
 
-def open_mat(path: Path, options: ReadOptions) -> TextSource:
+def open_mat(path: Path, options: ReadOptions) -> CsvSource:
     """Opens a MATLAB file as a log.
 
     Raises:

@@ -15,10 +15,11 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.text import distinct
 from . import time_columns
-from .as_text import TextSource, open_text
+from .as_text import open_text
 from .csv.clock import Clock
 from .csv.dialect import is_number
 from .csv.header_words import speaks_of_time, time_name, time_unit
+from .csv.reader import CsvSource
 from .source import Field, ReadOptions, Source, distinct_words
 from .tables import Columns, Contents, TableSamples, TableSource
 from .time_columns import HEAD
@@ -77,7 +78,7 @@ class _TimeError(UserError):
     """No column is the time of all others."""
 
 
-def _as_text(path: Path, options: ReadOptions) -> TextSource | None:
+def _as_text(path: Path, options: ReadOptions) -> CsvSource | None:
     """The log opened as a text log, None where its text is none.
 
     Raises:

@@ -9,7 +9,8 @@ from tempfile import TemporaryDirectory
 
 from ..core.errors import UserError
 from ..core.finding import Finding
-from .as_text import TextSource, named
+from .as_text import as_log
+from .csv.reader import CsvSource, open_csv
 from .csv.time_column import listed
 from .isolated import Library
 from .sheet_text import SheetText, option, write_text
@@ -18,7 +19,7 @@ from .source import ReadOptions
 _LIBRARY = Library("xlsx", "Excel", (), "")
 
 
-def open_workbook(path: Path, options: ReadOptions) -> "WorkbookSource":
+def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
     """Opens a sheet of a workbook as a log.
 
     Args:
@@ -32,31 +33,18 @@ def open_workbook(path: Path, options: ReadOptions) -> "WorkbookSource":
     text = Path(folder.name) / "sheet.txt"
     sheet: SheetText = _LIBRARY.call(path, write_text, text, options.sheet)
     of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=options.decimal or ".")
-    with named(text, f"{path}: sheet {sheet.name!r}"):
-        try:
-            source = WorkbookSource.open(text, of_text)
-        except UserError as error:
-            if sheet.other_sheets and not options.sheet:
-                error.hint = (
-                    f"{error.hint}; or state another sheet ({listed(sheet.other_sheets)}), as "
-                )
-                error.hint += option(sheet.other_sheets[0])
-            raise
-    source.attach_sheet(path, folder, sheet, is_stated=options.sheet is not None)
+    others = sheet.other_sheets if options.sheet is None else []
+    try:
+        source = open_csv(text, of_text, f"{path}: sheet {sheet.name!r}")
+    except UserError as error:
+        if others:
+            error.hint = f"{error.hint}; or state another sheet ({listed(others)}), as "
+            error.hint += option(others[0])
+        raise
+    as_log(source, "xlsx", path, folder)
+    reason = "stated" if options.sheet is not None else "the first with columns of numbers"
+    source.reasons = {"sheet": f"{sheet.name!r} ({reason})", **source.reasons}
+    if others:
+        names = {"sheet": repr(sheet.name), "others": listed(others), "option": option(others[0])}
+        source.findings.append(Finding("one-sheet-read", "info", names=names))
     return source
-
-
-class WorkbookSource(TextSource):
-    """A sheet of a workbook, opened; implements `Source`."""
-
-    def attach_sheet(
-        self, path: Path, folder: TemporaryDirectory[str], sheet: SheetText, *, is_stated: bool
-    ) -> None:
-        """Takes the workbook's name and the folder with the sheet's text."""
-        self.attach("xlsx", path, folder, f"{path}: sheet {sheet.name!r}")
-        reason = "stated" if is_stated else "the first with columns of numbers"
-        self.reasons = {"sheet": f"{sheet.name!r} ({reason})", **self.reasons}
-        if sheet.other_sheets and not is_stated:
-            names = {"sheet": repr(sheet.name), "others": listed(sheet.other_sheets)}
-            names["option"] = option(sheet.other_sheets[0])
-            self.findings.append(Finding("one-sheet-read", "info", names=names))

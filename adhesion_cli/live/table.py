@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from ..core.errors import UserError
 from ..core.finding import Finding
 from ..formats.csv.arriving import ArrivingCsv
 from ..formats.csv.reader import CsvSource, open_csv
@@ -55,11 +54,7 @@ class LiveTable(Feed):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "head.csv"
             path.write_bytes(head[: head.rfind(b"\n") + 1])
-            try:
-                source = open_csv(path, self._options)
-            except UserError as error:
-                text = error.text.replace(str(path), self.name)
-                raise UserError(text, error.hint, error.code) from None
+            source = open_csv(path, self._options, self.name)
         source.path, source.texts = Path(self.name), []  # rows that arrive are numbers
         source.table = replace(source.table, path=source.path)
         return source

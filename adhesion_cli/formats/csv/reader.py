@@ -2,9 +2,9 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +19,6 @@ from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions, distinct_words
 from .block_parser import CsvTable
 from .cells import stamps
-from .clock import Clock
 from .detect_dialect import detect_dialect
 from .dialect import Dialect, is_number
 from .header_words import time_name
@@ -35,17 +34,38 @@ _DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*([^\d\s.,].*)?")  # perhaps with a un
 _MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
 
 
-def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
+def open_csv(path: Path, options: ReadOptions, name: str = "") -> "CsvSource":
     """Opens a delimited text log, plain or compressed.
 
     Args:
         path: the log.
         options: what the user stated; it has priority over what the file suggests.
+        name: of the log in messages, if it is not its path.
 
     Raises:
         UserError: where the file is no such table, or can be read in more than one way.
     """
-    return CsvSource.open(path, options)
+    with _named(path, name):
+        head, complete, size = read_head(path)
+        dialect = detect_dialect(head, complete, options, path)
+        if complete and len(dialect.rows) < 2:
+            hint = "give a log of several rows"
+            raise UserError(f"{path}: {len(dialect.rows)} data row, nothing to analyse", hint)
+        if not dialect.headed and options.time_channel is None:
+            raise _headerless(dialect, path)
+        rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
+        clock = find_clock(dialect, options, rows, path)
+        return CsvSource(CsvTable(path, options, dialect, clock), name)
+
+
+@contextmanager
+def _named(path: Path, name: str) -> Iterator[None]:
+    """An error in a file is one in the log of this name, if it has one."""
+    try:
+        yield
+    except UserError as error:
+        error.text = error.text.replace(str(path), name or str(path))
+        raise
 
 
 class CsvSource:
@@ -56,8 +76,9 @@ class CsvSource:
 
     format = "csv"
 
-    def __init__(self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock) -> None:
-        self.path = path
+    def __init__(self, table: CsvTable, name: str) -> None:
+        dialect, clock = table.dialect, table.clock
+        self.path = table.path
         self.absolute = clock.absolute
         self.time_reason = clock.reason
         self.rows = 0
@@ -65,8 +86,8 @@ class CsvSource:
         self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
         self.account: dict[str, str] = {}
         self.lines: Counter[str] = Counter()
-        self._options, self._dialect, self._clock = options, dialect, clock
-        self.table = CsvTable(path, options, dialect, clock)
+        self.folder: object = None  # with the text of a log of another format
+        self.table, self._dialect, self._clock, self._name = table, dialect, clock, name
         self.keys = find_keys(self.table)
         self._series = list(self.keys.series.values()) or [LongSeries()]
         self.findings += self.keys.findings
@@ -92,19 +113,6 @@ class CsvSource:
             self.reasons["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
         elif key := interleaved(dialect, clock.columns):
             self._report(key)
-
-    @classmethod
-    def open(cls, path: Path, options: ReadOptions) -> Self:
-        """Opens a log, see `open_csv`."""
-        head, complete, size = read_head(path)
-        dialect = detect_dialect(head, complete, options, path)
-        if complete and len(dialect.rows) < 2:
-            hint = "give a log of several rows"
-            raise UserError(f"{path}: {len(dialect.rows)} data row, nothing to analyse", hint)
-        if not dialect.headed and options.time_channel is None:
-            raise _headerless(dialect, path)
-        rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
-        return cls(path, options, dialect, find_clock(dialect, options, rows, path))
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
         """Each column of numbers once for each series, with the numbers of series and column."""
@@ -156,6 +164,10 @@ class CsvSource:
             UserError: where the log cannot be read, with file, place and remedy; with
                 `ReadOptions.strict` also where a row or cell cannot.
         """
+        with _named(self.table.path, self._name):
+            return self._columns(wanted)
+
+    def _columns(self, wanted: Sequence[Field]) -> list[Column]:
         indices = {self.places[f][1] for f in wanted}
         numeric, texts = sorted(indices - self._words.keys()), sorted(indices & self._words.keys())
         read = read_rows(self.table, numeric, self.keys.columns, list(self.keys.series), texts)
@@ -228,12 +240,12 @@ class CsvSource:
         if not falls and t[0] == t[-1]:
             subject = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
             text = f"the clock stands still: {subject} {cells[0]!r} in column {name!r}"
-            hint = another_time(self._dialect, self._clock, self.rows, self.path)
-            raise UserError(f"{self.path}: {text}", hint)
+            hint = another_time(self._dialect, self._clock, self.rows, self.table.path)
+            raise UserError(f"{self.table.path}: {text}", hint)
         if falls > 0.9 * (len(t) - 1) > 1:
             text = f"time column {name!r} runs backwards (from {cells[0]} to {cells[-1]})"
             hint = "export the rows in the order of time, the oldest first; nothing is sorted here"
-            raise UserError(f"{self.path}: {text}", hint)
+            raise UserError(f"{self.table.path}: {text}", hint)
 
     def _is_numeric(self, i: int) -> bool:
         """Whether a column holds numbers in the head; an empty one may later, if it has a name."""
@@ -249,10 +261,10 @@ class CsvSource:
             UserError: with `ReadOptions.strict`, where it says that something was left out.
         """
         lossy = finding.severity != "info" and finding.code != "devices-interleaved"
-        if self._options.strict and lossy:
+        if self.table.options.strict and lossy:
             channel = f"{finding.channel}: " if finding.channel else ""
             hint = "correct the log, or read it without --strict"
-            raise UserError(f"{self.path}: {channel}{finding.message}", hint)
+            raise UserError(f"{self.table.path}: {channel}{finding.message}", hint)
         if finding not in self.findings:
             self.findings.append(finding)
 
