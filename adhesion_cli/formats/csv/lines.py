@@ -12,7 +12,6 @@ import lzma
 import re
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from .dialect import HEAD_BYTES, Dialect, plain, split
 
-_BLOCK = 1 << 20  # it stays in a processor's cache; smaller ones make threads wait for each other
+_BLOCK = 1 << 19  # it stays in a processor's cache; smaller ones make threads wait for each other
 MAX_LINE = 16 << 20
 _SHOWN = 100_000  # bytes of a line that are looked at by itself
 # What packed files begin with, and who unpacks them.
@@ -153,69 +152,68 @@ class Lines:
             yield block
 
     def _bytes(self) -> Iterator[bytes]:
-        compressed, total = _unpacker(self.path), 0
-        with open_file(self.path) as file:
-            file.read(self.dialect.bom)
-            while chunk := file.read(_BLOCK):
-                total += len(chunk)
-                if compressed and total > self.max_inflated:
-                    limit = self.max_inflated
-                    limit_text = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
-                    hint = "if the log is trusted, raise the limit: "
-                    hint += f"--set csv.max_unpacked={8 * limit}"
-                    raise UserError(f"{self.path}: inflates to more than {limit_text}", hint)
-                yield chunk
-            self.damage = damage_of(file)
+        file, total = PackedFile(self.path), -self.dialect.bom
+        for block in file.blocks():
+            yield block[max(-total, 0) :]
+            total += len(block)
+            if file.is_packed and total > self.max_inflated:
+                limit = self.max_inflated
+                limit_text = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
+                hint = "if the log is trusted, raise the limit: "
+                hint += f"--set csv.max_unpacked={8 * limit}"
+                raise UserError(f"{self.path}: inflates to more than {limit_text}", hint)
+        self.damage = file.damage
 
 
-class _Unpacked(io.RawIOBase):
-    """What a packed file holds before its end, or before its damage."""
+@dataclass(slots=True)
+class PackedFile:
+    """The bytes of a file, unpacked where it is compressed.
 
-    def __init__(self, packed: BinaryIO, unpacker: Any) -> None:
-        self._file = unpacker(packed)
-        self.damage = ""
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        try:
-            data = b"" if self.damage else self._file.read1(len(buffer))
-        except (EOFError, OSError, lzma.LZMAError, zlib.error) as error:
-            self.damage, data = str(error), b""
-        buffer[: len(data)] = data
-        return len(data)
-
-
-def damage_of(file: io.BufferedReader) -> str:
-    """What ended a file that was read as far as possible, "" for its own end."""
-    return getattr(file.raw, "damage", "")
-
-
-def _unpacker(path: Path) -> Any:
-    """What unpacks the file, by its first bytes; None where it is not packed."""
-    with path.open("rb") as file:
-        head = file.read(6)
-    return next((x for begin, x in _UNPACKERS.items() if head.startswith(begin)), None)
-
-
-@contextmanager
-def open_file(path: Path) -> Iterator[io.BufferedReader]:
-    """The file, unpacked where it is compressed, up to its end or its damage.
-
-    Raises:
-        UserError: where it cannot be read; also while it is read.
+    Attributes:
+        path: of the file.
+        is_packed: whether it is compressed; known once blocks are read.
+        damage: what ended it before its end, "" for nothing; known after the last block.
     """
-    try:
-        if not path.is_file():
-            missing = not path.exists()
-            hint = "check the path"
-            raise UserError(f"{path}: {'no such file' if missing else 'is not a file'}", hint)
-        with path.open("rb") as raw:
-            unpack = _unpacker(path)
-            yield io.BufferedReader(_Unpacked(raw, unpack), _BLOCK) if unpack else raw
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}", "check the path") from None
+
+    path: Path
+    is_packed: bool = False
+    damage: str = ""
+
+    def blocks(self) -> Iterator[bytes]:
+        """Its bytes in blocks, up to its end or its damage.
+
+        Raises:
+            UserError: where it cannot be read.
+        """
+        if not self.path.is_file():
+            missing = not self.path.exists()
+            text = f"{self.path}: {'no such file' if missing else 'is not a file'}"
+            raise UserError(text, "check the path")
+        try:
+            with self.path.open("rb") as file:
+                yield from self._unpacked(file)
+        except OSError as error:
+            text = f"{self.path}: cannot be read: {error.strerror}"
+            raise UserError(text, "check the path") from None
+
+    def _unpacked(self, file: BinaryIO) -> Iterator[bytes]:
+        head = file.read(6)
+        file.seek(0)
+        unpack = next((x for begin, x in _UNPACKERS.items() if head.startswith(begin)), None)
+        self.is_packed = unpack is not None
+        reader: Any = unpack(file) if unpack else file
+        data, piece = b"", b" "
+        while piece:
+            try:
+                piece = reader.read1(_BLOCK)
+            except (EOFError, OSError, lzma.LZMAError, zlib.error) as error:
+                if not unpack:
+                    raise
+                self.damage, piece = str(error), b""
+            data += piece
+            if len(data) >= _BLOCK or not piece:
+                yield data
+                data = b""
 
 
 def read_head(path: Path) -> tuple[bytes, bool, float]:
@@ -224,27 +222,25 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
     Raises:
         UserError: where there is no such file, nothing in it, or it cannot be read.
     """
-    with open_file(path) as file:
-        head = file.read(HEAD_BYTES + 1)
-        damage = damage_of(file)
-    if damage and not head.strip():
-        raise UserError(f"{path}: packed data are damaged: {damage}", "fetch the file again")
+    file, head = PackedFile(path), b""
+    for block in file.blocks():
+        head += block
+        if len(head) > HEAD_BYTES:
+            break
+    if file.damage and not head.strip():
+        raise UserError(f"{path}: packed data are damaged: {file.damage}", "fetch the file again")
     if not head.strip():
         raise UserError(f"{path}: is empty", "give a log with a header and data rows")
     complete = len(head) <= HEAD_BYTES
-    size = float(path.stat().st_size) * (4 if _unpacker(path) else 1)  # usual for numbers
+    size = float(path.stat().st_size) * (4 if file.is_packed else 1)  # usual for numbers
     return head[:HEAD_BYTES], complete, len(head) if complete else size
 
 
 def read_tail(path: Path, dialect: Dialect) -> list[list[str]]:
-    """Cells of the last rows; of a compressed file after reading all of it."""
+    """Cells of the last rows, after reading all of the file."""
     tail = b""
-    with open_file(path) as file:
-        if not _unpacker(path):
-            size = path.stat().st_size - dialect.bom
-            file.seek(dialect.bom + max(0, size - _TAIL) // 4 * 4)  # whole characters of UTF-16
-        while chunk := file.read(_BLOCK):
-            tail = (tail + chunk)[-_TAIL:]
+    for block in PackedFile(path).blocks():
+        tail = (tail + block)[-_TAIL:]
     lines = plain(tail.decode(dialect.encoding, "replace")).splitlines()[1:]
     rows = (split(line, dialect.delimiter) for line in lines)
     return [cells for cells in rows if len(cells) == dialect.width]
