@@ -36,8 +36,7 @@ _MOST_ELEMENTS = 64  # of a list, of which each is a channel
 class _ParquetColumn(NamedTuple):
     """A column of the file, or a field of a structure in it, or an element of its lists."""
 
-    root: str  # column of the file
-    name: str  # its own, distinct from others
+    name: str  # its place in the file, distinct from others: "axle.speed", "speeds[0]"
     title: str
     path: str  # place in a list: "[0]"; "" without one
     unit: str
@@ -97,7 +96,7 @@ def _write_text(table: Any, text: Path) -> None:
     """Writes the columns of a table as a text log."""
     import pyarrow.csv
 
-    arrays, _ = _flat(table)
+    arrays, _ = _arrays(table)
     columns, _ = _columns(table.schema, arrays)
     names = [f"{c.title}{c.path}" + (f" [{c.unit}]" if c.unit else "") for c in columns]
     cells = [arrays[c.name] for c in columns]
@@ -120,8 +119,9 @@ class Reader:
                 f"{path}: two columns have the same name", "give each column a name of its own"
             )
         self._check_size(2)
-        head = self._head()
-        self._columns, nested = _columns(schema, head)
+        first_rows = self._first_rows()
+        head, _ = _arrays(first_rows)
+        self._columns, nested = _columns(first_rows.schema, head)
         self._elements = Counter(c.name.removesuffix(c.path) for c in self._columns if c.path)
         scalar = [c for c in self._columns if not c.path]
         groups, findings = [scalar], tuple[Finding, ...]()
@@ -162,8 +162,8 @@ class Reader:
         ]
         clock = axes[0].clock
         start = 2**62 if clock.absolute else 0  # only whether it has one counts
-        used_roots = {c.root for c in self._columns if c.name in time_names or c in numbers}
-        skipped = [name for name in schema.names if name not in used_roots]
+        used = {*time_names, *(c.name for c in numbers)}
+        skipped = [*(c.title for c in self._columns if c.name not in used), *nested]
         reasons = {
             "columns": len(schema.names),
             "row groups": meta.num_row_groups,
@@ -195,8 +195,8 @@ class Reader:
         by_title = {c.title: c for c in scalar}
 
         def read(title: str) -> Any:
-            column = by_title[title]
-            return _flat(_read_table(self._path, self._file, [column.root]))[0][column.name]
+            name = by_title[title].name
+            return _arrays(_read_table(self._path, self._file, [name]))[0][name]
 
         clock, findings = time_columns.find(
             heads, unit_texts, self._rows, options, self._path, read
@@ -217,12 +217,12 @@ class Reader:
                 "write the file again with the program that made it",
             )
 
-    def _head(self) -> dict[str, pa.Array]:
-        """The first values of each column, structures and lists taken apart."""
+    def _first_rows(self) -> Any:
+        """The first rows, as a table without structures."""
         try:
             head = next(self._file.iter_batches(HEAD), None)
             table = pa.Table.from_batches([head] if head else [], self._file.schema_arrow)
-            return _flat(table)[0]
+            return _without_structures(table)
         except _READ_ERRORS as error:
             raise _damaged(self._path, _first_line(error)) from None
 
@@ -232,12 +232,12 @@ class Reader:
         axes = list(dict.fromkeys(k for _, k in columns))
         times = [c for k in axes for c in self._axes[k].times]
         self._check_size(len(columns) + len(times))
-        roots = {c.root for c in (*(c for c, _ in columns), *times)}
-        arrays, longer = _flat(_read_table(self._path, self._file, roots), self._elements)
+        names = {c.name.removesuffix(c.path) for c in (*(c for c, _ in columns), *times)}
+        arrays, longer = _arrays(_read_table(self._path, self._file, names), self._elements)
         stamps, rows, findings = [], {}, list[Finding]()
         if longer:
-            names = {"columns": ", ".join(f"{x} from [{self._elements[x]}] on" for x in longer)}
-            findings.append(Finding("nested-columns", "info", "", len(longer), names=names))
+            said = {"columns": ", ".join(f"{x} from [{self._elements[x]}] on" for x in longer)}
+            findings.append(Finding("nested-columns", "info", "", len(longer), names=said))
         for k in axes:
             clock, columns_of_time = self._axes[k]
             t, ok = time_columns.times([arrays[c.name] for c in columns_of_time], clock)
@@ -263,7 +263,7 @@ class Reader:
 
 
 def _read_table(path: Path, file: Any, names: Collection[str] | None = None) -> Any:
-    """Whole columns of a file, all of them where none are named.
+    """Whole columns of a file without structures, all of them where none are named.
 
     Raises:
         UserError: where one is damaged.
@@ -273,18 +273,25 @@ def _read_table(path: Path, file: Any, names: Collection[str] | None = None) -> 
         table.validate(full=True)
     except _READ_ERRORS as error:
         raise _damaged(path, _first_line(error)) from None
+    return _without_structures(table)
+
+
+def _without_structures(table: Any) -> Any:
+    """The table, the fields of structures in it as columns."""
+    while any(pa.types.is_struct(f.type) for f in table.schema):
+        table = table.flatten()
     return table
 
 
-def _flat(
+def _arrays(
     table: Any, elements: Mapping[str, int] | None = None
 ) -> tuple[dict[str, pa.Array], list[str]]:
-    """Each column as one array, by name: fields of structures and elements of lists, too.
+    """Each column as one array, by name: elements of lists, too.
 
     A list that is shorter than others of its column has nulls behind its end.
 
     Args:
-        table: the columns.
+        table: the columns, without structures.
         elements: how many are taken of each column of lists; None for all, if not too many.
 
     Returns:
@@ -292,8 +299,6 @@ def _flat(
     """
     import pyarrow.compute as pc
 
-    while any(pa.types.is_struct(f.type) for f in table.schema):
-        table = table.flatten()
     arrays, longer = {}, []
     for name, column in zip(table.column_names, table.columns, strict=True):
         array = column.combine_chunks()
@@ -316,28 +321,18 @@ def _flat(
 
 def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetColumn], list[str]]:
     """The columns that hold one value in a row; and the names of those that are not read."""
-    fields, root_of = list(schema), {f.name: f.name for f in schema}
-    while any(pa.types.is_struct(f.type) for f in fields):
-        flat: list[Any] = []
-        for f in fields:
-            pieces = f.flatten() if pa.types.is_struct(f.type) else [f]
-            root_of |= {piece.name: root_of[f.name] for piece in pieces}
-            flat += pieces
-        fields = flat
     columns, nested = [], []
-    for f, title in zip(
-        fields, distinct([_pair(f.name)[0] or "(no name)" for f in fields]), strict=True
-    ):
+    titles = distinct([_pair(f.name)[0] or "(no name)" for f in schema])
+    for f, title in zip(schema, titles, strict=True):
         unit = _unit(f) or _pair(f.name)[1]
         kind = arrays[f.name].type if f.name in arrays else f.type  # not that of a dictionary
         if _is_scalar(kind):
-            columns.append(_ParquetColumn(root_of[f.name], f.name, title, "", unit, kind))
+            columns.append(_ParquetColumn(f.name, title, "", unit, kind))
         elif _is_list(f.type) and _is_number(f.type.value_type) and f"{f.name}[0]" in arrays:
             count = sum(name.rpartition("[")[0] == f.name for name in arrays)
-            root, kind = root_of[f.name], f.type.value_type
+            kind = f.type.value_type
             columns += [
-                _ParquetColumn(root, f"{f.name}[{k}]", title, f"[{k}]", unit, kind)
-                for k in range(count)
+                _ParquetColumn(f"{f.name}[{k}]", title, f"[{k}]", unit, kind) for k in range(count)
             ]
         else:
             nested.append(f.name)
