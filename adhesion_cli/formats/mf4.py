@@ -153,22 +153,22 @@ class Reader:
                 self._places.append(_ChannelPlace(g, i))
             elif i != master:
                 self._texts.append(channel.name)
-            if i != master and (words := self._words_of(_ChannelPlace(g, i))):
-                self._words[_ChannelPlace(g, i)] = words
+        self._find_words(g, group)
         return ""
 
-    def _words_of(self, place: _ChannelPlace) -> tuple[str, ...]:
-        """The first words of a channel of texts, or of numbers some of which stand for a text."""
-        channel = self._mdf.groups[place.group].channels[place.channel]
-        kind = channel.conversion and channel.conversion.conversion_type
-        if (
-            kind not in _TEXTS[self._is_version_4]
-            and channel.data_type not in _STRINGS[self._is_version_4]
-        ):
-            return ()
-        signal = self._mdf.get(*(None, *place), raw=True, record_count=_HEAD)
-        texts = _physical(signal, _TEXTS[self._is_version_4])[1]
-        return distinct_words(text for text in texts if text) if texts is not None else ()
+    def _find_words(self, g: int, group: Any) -> None:
+        """Finds the words of a group: those that conversions have, and the first of texts."""
+        words: dict[_ChannelPlace, tuple[str, ...]] = {}
+        strings = []
+        for i, channel in enumerate(group.channels):
+            texts = (getattr(channel.conversion, "referenced_blocks", None) or {}).values()
+            words[_ChannelPlace(g, i)] = distinct_words(x for x in map(_text, texts) if x)
+            if channel.data_type in _STRINGS[self._is_version_4]:
+                strings.append(_ChannelPlace(g, i))
+        head = self._mdf.select([(None, *x) for x in strings], raw=True, record_count=_HEAD)
+        for place, signal in zip(strings, head, strict=True):
+            words[place] = distinct_words(filter(None, map(_text, signal.samples)))
+        self._words |= {place: x for place, x in words.items() if x}
 
     def _is_time(self, group: Any, master: int | None) -> bool:
         if master is None:
