@@ -321,8 +321,8 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
     """`understood`; mappings are for raw logs, a result of this program needs none."""
-    fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # not measured
-    fields += source.texts
+    both = (*source.fields, *source.texts)
+    fields = [f for f in both if f.message_type != "adhesion.Event"]  # not measured
     train_speed_source = source.metadata.get("adhesion.provenance", {}).get("train_speed")
     if train_speed_source in (NOT_MEASURED, AS_INPUT):
         trains = [f for f in fields if f.path == "train_speed"]

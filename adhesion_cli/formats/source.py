@@ -11,6 +11,7 @@ from ..core.model import Column
 
 TAKEN_AS_UTC = "taken as UTC"  # in the reason for a clock of unknown zone
 MOST_WORDS = 16  # of a column: one with more is no state
+_LONGEST_WORD = 100  # characters
 TimeSource = Literal["log", "publish", "header"]  # the clocks of an MCAP message
 
 
@@ -68,7 +69,8 @@ class ReadOptions:
 def distinct_words(texts: Iterable[str]) -> tuple[str, ...]:
     """The words among the first texts of a column; none where they are too many for a state."""
     words = tuple(dict.fromkeys(text.strip() for text in texts))
-    return words if len(words) <= MOST_WORDS else ()
+    is_short = all(len(word) <= _LONGEST_WORD for word in words)
+    return words if is_short and len(words) <= MOST_WORDS else ()
 
 
 def report(
