@@ -8,6 +8,10 @@ from ..core.text import by_uncertainty
 from .text_tables import DASH, ED, bounded_number, non_empty, number, when_and_where
 
 MARK = "*"  # behind a µ without the force of another brake that acts
+_OF_SHARES = (
+    " A share above 100 % is one of correlated quantities: their errors cancel in part, and others "
+    "have a negative share."
+)
 OF_MARK = "*: without the force of another brake that acts (`other-brake`)."
 
 
@@ -51,7 +55,7 @@ def _with_u95(pair: tuple[float, float] | None, factor: float, digits: int | Non
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """The slides of a brake application, together."""
-    energy, utilisation, bound = a.slide_energy_j, a.utilisation, a.at_least
+    energy, bound = a.slide_energy_j, a.at_least
     highest = min(100.0 * (a.max_slip or 0.0), 100.0)
     return {
         "axle": axle,
@@ -62,8 +66,17 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "distance [m]": bounded_number(a.slide_distance_m, 0, bound),
         "max slip [%]": number(highest, 0) if highest > 99.5 else bounded_number(highest, 1, bound),
         "energy [kJ]": bounded_number(energy and 1e-3 * energy, 1, bound),
-        "used [%]": number(utilisation and 100.0 * utilisation, 0),
+        "used [%]": used(a),
     }
+
+
+def used(a: BrakeApplication) -> str:
+    """The share of the available adhesion that its slides used [%], with its 95 % interval."""
+    text = number(a.utilisation if a.utilisation is None else 100.0 * a.utilisation)
+    if a.utilisation is None or a.utilisation_ci is None:
+        return text
+    lower, upper = (number(100.0 * x) for x in a.utilisation_ci)
+    return f"{text} ({lower}–{upper})"
 
 
 def score_row(s: Score) -> dict[str, str]:
@@ -114,10 +127,11 @@ def combined(application: BrakeApplication) -> str:
     assert force
     freedom = coverage.degrees_of_freedom
     freedom_text = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
+    correlated = max((c.share for c in application.budget or ()), default=0.0) > 1.0
     return (
         f"F = {force.mean:.0f} ± {force.mean_u95:.0f} N (95 %); combined standard "
         f"uncertainty {coverage.u_n:.1f} N, coverage factor {coverage.k:.2f}, effective degrees of "
-        f"freedom: {freedom_text}."
+        f"freedom: {freedom_text}.{_OF_SHARES * correlated}"
     )
 
 

@@ -43,6 +43,10 @@ _OF_BUDGET = (
     "Change of the distance by one standard uncertainty of each source. *: the same in every stop. "
     "The gradient changes the distance on level track only."
 )
+_OF_WSP = (
+    "max slip, locked: the largest of the stops; used, energy: their relative uncertainty, which "
+    "is not shown, is at least that of µ."
+)
 _WSP = "Wheel slide protection"
 _COMMAND = {
     "channel": "a command channel",
@@ -130,7 +134,7 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
         TitledTable("Statistics", _group_rows(x.groups), 2, of_groups),
         TitledTable("Differences", _difference_rows(x.differences), 3),
         TitledTable("Limits", _limit_rows(x.limits), 3, _OF_LIMITS),
-        *(TitledTable(_WSP, _wsp_rows(w), 1, _describe_wsp(w)) for w in x.wsp),
+        *(TitledTable(_WSP, _wsp_rows(w), 1, _wsp_note(w)) for w in x.wsp),
     ]
     if braked_weight:
         tables.append(TitledTable("Braked weight", _braked_weight_rows(stops), 2, _OF_LAMBDA))
@@ -251,6 +255,11 @@ def _describe_wsp(x: WspSummary) -> str:
     extension, u95 = by_uncertainty(100.0 * x.extension, 100.0 * x.extension_u95, 1)
     head += f"extension of the deceleration distance {extension} ± {u95} %, "
     return head + f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5).{_air(x)}"
+
+
+def _wsp_note(x: WspSummary) -> str:
+    """What stands below the axles of the wet stops."""
+    return f"{_describe_wsp(x)}\n{_OF_WSP}" if x.axles else _describe_wsp(x)
 
 
 def _air(x: WspSummary) -> str:

@@ -233,7 +233,9 @@ class Figures:
         _legend(speed, items)
         places = [self._place(speed, "overview-speed")]
         places += self._states([s for s in run.states if s.axle is None], time, "overview")
-        return [*places, self._place(adhesion, "overview-adhesion")]
+        if any(axle.has_values("force") for axle in run.axles):
+            places.append(self._place(adhesion, "overview-adhesion"))
+        return places
 
     def _states(self, states: Sequence[LoggedState], time: Range1d, place: str) -> list[str]:
         """What the switches, valves and commands did, and the pressure of the reservoir."""
@@ -256,7 +258,8 @@ class Figures:
     def _of_places(self, run: ReportRun) -> list[str]:
         """µ over the position, and the way as a map; nothing where no place is known."""
         tools, figures = "box_zoom,pan,wheel_zoom,reset,save", {}
-        if run.route.position_from:
+        has_force = any(axle.has_values("force") for axle in run.axles)
+        if run.route.position_from and has_force:
             fig = _figure("Adhesion coefficient [-]", 220, tools, "box_zoom")
             fig.xaxis.axis_label = place_plots.position_label(run)
             _shade(fig, merge_spans(place_plots.slid_positions(run), _SHADES))
@@ -303,9 +306,11 @@ class Figures:
         force.y_range = _range([_braked(axle, edge) * 1e-3 for edge in edges])
         column_names = {"force": "force", "from": "lower", "to": "upper"}
         _finish(force, items, slides, source, "kN", column_names)
-        figures = [speed, brake, force]
+        figures = [speed, brake]
+        if axle.has_values("force") or axle.has_values("truth"):
+            figures.append(force)
 
-        if axle.errors:
+        if any(np.isfinite(error).any() for error in axle.errors.values()):
             errors = self._figure("Estimator error [kN]", 190, time)
             columns = {algo: f"{_ERRORS}{algo}" for algo in axle.errors}
             items = {
@@ -319,7 +324,7 @@ class Figures:
         figures[-1].height += 20
         places = [self._place(f, f"axle-{N}-{i}") for i, f in enumerate(figures)]
         places[1:1] = self._states([s for s in run.states if s.axle == N], time, f"axle-{N}")
-        if axle.has_values("slip"):
+        if axle.has_values("slip") and axle.has_values("force"):
             places.append(self._place(self._curve(axle), f"axle-{N}-curve"))
         return places
 

@@ -9,7 +9,7 @@ from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, Me
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
 from ..result_rows import OF_MARK as OF_MARK
-from ..result_rows import ed_cell, marked
+from ..result_rows import ed_cell, marked, used
 from ..stop_rows import NOTE, OF_PRESSURE
 from ..stop_rows import describe_sources as describe_sources
 from ..stop_rows import stop_row as train_stop_row
@@ -258,7 +258,7 @@ def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
         "Sliding for [s]": if_slid(number(a.slide_s, 1)),
         "Most slip [%]": if_slid(percent(min(a.max_slip or 0.0, 1.0), 1)),
         "Heat [kJ]": if_slid(number(energy and 1e-3 * energy, 1)),
-        "Used of the available adhesion [%]": percent(a.utilisation),
+        "Used of the available adhesion [%]": used(a),
     }
 
 

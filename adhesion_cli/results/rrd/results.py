@@ -39,6 +39,7 @@ from .. import log_events, names, palette, thinning
 from ..application_tables import application_tables, stop_table
 from ..result_rows import score_rows
 from ..text_tables import TitledTable
+from ..traction import without_traction
 from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_vehicle
 from . import line_chart, line_map, overview, parts, rows
@@ -108,20 +109,20 @@ class _Page:
         full: bool,
         summary: ResultSummary | None,
     ) -> None:
-        self.result, self.notes, self.full = result, notes, full
+        self.result, self.notes, self.full = without_traction(result), notes, full
         self.summary = summary
         (self.title,) = drawable_names([printable(Path(result.log.path).name)])
         self.root = rr.new_entity_path([name]) if name else ""
         self.zeros = {"time": result.log.start_ns()}
         if name:  # the logs of a comparison, by their own brakes
             self.zeros["brake"] = result.brake_ns()
-        self.spans = [self._spans(a) for a in result.axles]
-        self.slides = {a.record.axle: sliding.slides(a) for a in result.axles}
+        self.spans = [self._spans(a) for a in self.result.axles]
+        self.slides = {a.record.axle: sliding.slides(a) for a in self.result.axles}
         self.route = find_route(result.log)
-        bars = line_chart.find_bars(result, self.route, self.slides)
+        bars = line_chart.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
-        self.run = overview.ComparedRun(name, result, self.times, self.slides)
-        drawn = [(a, sum(map(len, s))) for a, s in zip(result.axles, self.spans, strict=True)]
+        self.run = overview.ComparedRun(name, self.result, self.times, self.slides)
+        drawn = [(a, sum(map(len, s))) for a, s in zip(self.result.axles, self.spans, strict=True)]
         self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn) > OVERVIEW_FROM
         self.thinned = any(n < len(a.record) for a, n in drawn)
         self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity

@@ -235,6 +235,22 @@ def test_a_short_log_is_drawn_in_full() -> None:
     assert len(decimate.rows(t, [t], [], 4000)) == 500
 
 
+def test_what_is_not_known_has_no_empty_picture(run: ReportRun) -> None:
+    def blank(x: np.ndarray) -> np.ndarray:
+        return np.full(len(x), np.nan)
+
+    axles = tuple(
+        replace(
+            axle, force=blank(axle.force), lower=blank(axle.lower), upper=blank(axle.upper),
+            truth=blank(axle.truth), errors={k: blank(x) for k, x in axle.errors.items()},
+        )
+        for axle in run.axles
+    )  # fmt: skip
+    drawn = Figures().of_run(replace(run, axles=axles))
+    assert drawn.overview == ["overview-speed"]
+    assert {n: len(places) for n, places in drawn.axles.items()} == dict.fromkeys(drawn.axles, 2)
+
+
 def test_a_line_is_broken_at_a_gap_and_where_time_was_set_back() -> None:
     t = np.concatenate([np.arange(100) * 0.01, 5.0 + np.arange(100) * 0.01, np.arange(50) * 0.01])
     kept = decimate.with_gaps(t, np.arange(len(t)))

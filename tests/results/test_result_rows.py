@@ -1,0 +1,37 @@
+"""Brake applications and budgets as rows of text."""
+
+from typing import Any
+
+from adhesion_cli.core.summary import (
+    BrakeApplication,
+    Contribution,
+    Coverage,
+    MeanAndHighest,
+)
+from adhesion_cli.results.result_rows import combined, slid_row
+
+
+def application(**values: Any) -> BrakeApplication:
+    base: dict[str, Any] = {
+        "start_s": 2.0, "end_s": 12.0, "from_mps": 20.0, "to_mps": 0.0,
+        "force_n": MeanAndHighest(5000.0, 500.0, 6000.0, 600.0), "coefficient": None, "slides": 1,
+        "slide_list": (), "slide_s": 3.0, "slide_distance_m": 40.0, "max_slip": 0.2,
+        "slide_energy_j": 9e4, "at_least": False, "utilisation": None, "utilisation_ci": None,
+        "budget": None, "coverage": Coverage(250.0, 2.0, None),
+    }  # fmt: skip
+    return BrakeApplication(**base | values)
+
+
+def test_the_share_used_has_its_interval() -> None:
+    assert slid_row("1", application())["used [%]"] == "-"
+    shown = application(utilisation=0.714, utilisation_ci=(0.6, 0.85))
+    assert slid_row("1", shown)["used [%]"] == "71 (60–85)"
+
+
+def test_a_share_above_100_percent_is_explained() -> None:
+    def budget(*shares: float) -> BrakeApplication:
+        rows = (Contribution("friction", 0.3, "-", "B", 0.01, 1e4, 100.0, x) for x in shares)
+        return application(budget=tuple(rows))
+
+    assert "correlated" in combined(budget(1.4, -0.4))
+    assert "correlated" not in combined(budget(0.9, 0.1))
