@@ -26,6 +26,7 @@ from .noise_fit import (
     SLACK,
     ValueAndSigma,
     common_noise,
+    fit_again,
     fit_regimes,
     largest_bend,
     median_step,
@@ -33,6 +34,7 @@ from .noise_fit import (
     probability_of_means,
     rate_of_change,
     seconds_of,
+    take_samples,
 )
 from .pulses import count_pulses, counts_together, informative_samples, pulse_means, remove_steps
 
@@ -41,6 +43,8 @@ _SHORTEST = 8  # least samples of a run: fewer do not show their noise
 _COUNTER_SLACK: tuple[float, ...] = (2.0, 2.0, 4.5)  # the same, and of sliding, for a pulse counter
 _RATE_SHARE = 0.75  # pressure samples per speed sample from which its rate counts as equal
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
+_LAGS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # by which pads may lag the pressure [s]
+_LAG_NATS = 3.0  # by which a lag must be more likely than none
 _SHARE = 1e-3  # square of the share of φK's rise that rolling does not explain, to a factor of 10
 
 
@@ -281,6 +285,12 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0])
     )
     fitted, regimes = fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
+    if len(regimes.start) > 1 and not counts:
+        lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w)
+        if lag > 0.0:
+            clamping, wheel = _delay(runs, clamping, wheel, lag, w)
+            informative = fitted_to = [informative_samples(run) for run in wheel]
+            fitted = fit_again(fitted_to, regimes, prior, slack, fitted)
     rates = [
         rate_of_change(*pair, regimes, fitted) for pair in zip(wheel, informative, strict=True)
     ]
@@ -317,6 +327,46 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             forces, rates, squares, wheel, clamping, strict=True
         )
     ]
+
+
+def _most_likely_lag(
+    runs: list[AxleRecord],
+    clamping: list[SmoothedClamping],
+    wheel: list[smoother.UnbrokenRun],
+    regimes: smoother.Regimes,
+    noise: smoother.MeasurementNoise,
+    w: Wheelset,
+) -> float:
+    """By how much the pads lag the pressure [s]; 0 if no lag is clearly more likely.
+
+    A wheel that slides shows it, for its ω̇ follows φK at once: where a valve vents and the pads do
+    not yet follow, the force would seem to drop. The lags are those of `vehicle.friction_lag`. One
+    below the interval of the speeds is none: a speed that is a mean since the last one looks alike.
+    """
+    likelihoods = []
+    for lag in _LAGS:
+        _, delayed = _delay(runs, clamping, wheel, lag, w)
+        sample = take_samples([informative_samples(run) for run in delayed])
+        likelihoods.append(smoother.likelihood(sample, regimes, noise))
+    best = int(np.argmax(likelihoods))
+    is_clear = likelihoods[best] > likelihoods[0] + _LAG_NATS
+    return _LAGS[best] if is_clear and _LAGS[best] > median_step(wheel) else 0.0
+
+
+def _delay(
+    runs: list[AxleRecord],
+    clamping: list[SmoothedClamping],
+    wheel: list[smoother.UnbrokenRun],
+    lag: float,
+    w: Wheelset,
+) -> tuple[list[SmoothedClamping], list[smoother.UnbrokenRun]]:
+    """K as the pads have it that lag by `lag` [s], and the runs with it."""
+    clamping = [
+        c._replace(K=np.interp(seconds_of(r) - lag, seconds_of(r), c.K))
+        for r, c in zip(runs, clamping, strict=True)
+    ]
+    wheel = [run._replace(**_inputs(run.t, c.K, w)) for run, c in zip(wheel, clamping, strict=True)]
+    return clamping, wheel
 
 
 def _pulse_means(
@@ -383,13 +433,17 @@ def _sparse(runs: list[AxleRecord]) -> bool:
 def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> smoother.UnbrokenRun:
     """The run as a rolling wheel: ω̇ known from K except δ."""
     t = seconds_of(run)
-    u = -rolling_deceleration(w) * K
-    input_variance = np.diff(t, prepend=0.0) * largest_bend(u) / 8.0  # as by a kink in u half way
     y, own_variance = remove_steps(t, run.wheel_speed, run.wheel_speed_steps)
-    s = w.a * w.phi * w.rolling * K
     return smoother.UnbrokenRun(
-        t, y - ripple, u, s, input_variance**2, own_variance, np.zeros(len(t))
+        t, y - ripple, **_inputs(t, K, w), own_variance=own_variance, span=np.zeros(len(t))
     )
+
+
+def _inputs(t: Floats, K: Floats, w: Wheelset) -> dict[str, Floats]:
+    """The columns of a run that K gives."""
+    u = -rolling_deceleration(w) * K
+    bend = np.diff(t, prepend=0.0) * largest_bend(u) / 8.0  # as by a kink in u half way
+    return {"u": u, "s": w.a * w.phi * w.rolling * K, "input_variance": bend**2}
 
 
 def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> list[RunEstimate]:

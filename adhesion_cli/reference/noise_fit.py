@@ -108,6 +108,17 @@ def fit_regimes(
     )
 
 
+def fit_again(
+    runs: list[smoother.UnbrokenRun],
+    regimes: smoother.Regimes,
+    prior: smoother.MeasurementNoise,
+    slack: tuple[float, ...],
+    noise: smoother.MeasurementNoise,
+) -> smoother.MeasurementNoise:
+    """Noise levels of runs that changed a little since `noise` was fitted."""
+    return _fit(take_samples(runs), regimes, prior, slack, noise)[0]
+
+
 def _fit(
     runs: list[smoother.UnbrokenRun],
     regimes: smoother.Regimes,

@@ -113,6 +113,24 @@ def test_a_wheel_that_rolls_shows_the_pressure_between_its_samples(name: str) ->
     assert share_inside(F, record.truth, used) >= 0.9
 
 
+def test_pads_that_lag_the_pressure_are_found_in_a_slide(monkeypatch: pytest.MonkeyPatch) -> None:
+    record, _ = logged("low-adhesion", rate=100.0)
+    assert record.truth is not None
+    t = (record.t - record.t[0]) * 1e-9
+    early = {
+        name: np.interp(t + 0.04, t, getattr(record, name))
+        for name in ("clamping_force", "clamping_force_smooth")
+    }
+
+    def error() -> float:
+        F = force.compute(replace(record, **early), VEHICLE).force
+        return rms((F - record.truth)[np.isfinite(F)])
+
+    with_lag = error()
+    monkeypatch.setattr(force, "_LAGS", (0.0,))
+    assert with_lag < 0.5 * error()
+
+
 @pytest.mark.parametrize(
     ("rate", "sigma", "white", "frequency"), [(200.0, 0.1, 0.0, 9.0), (500.0, 0.01, 0.003, 7.0)]
 )
