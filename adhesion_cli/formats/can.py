@@ -284,10 +284,11 @@ class Reader:
             masks = {"value-missing": too_short, "value-is-text": no_value & ~too_short}
             words: tuple[str, ...] = ()
             if k >= len(self._signals):
-                words = _words(signal)
-                number_of = dict(zip(signal.choices, range(len(words)), strict=True))
+                number_of = dict(zip(signal.choices, range(len(signal.choices)), strict=True))
                 raw = _raw(bits[key][rows], signal).tolist()
-                value = np.array([number_of.get(number, np.nan) for number in raw])
+                numbers = np.array([number_of.get(number, np.nan) for number in raw])
+                if np.isfinite(numbers[~(too_short | no_value)]).all():  # else it is a number
+                    value, words = numbers, _words(signal)
             series.append(TableSamples(places[place], value, masks, words))
         return Columns(axes, series, [])
 

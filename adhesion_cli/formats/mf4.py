@@ -269,14 +269,13 @@ class Reader:
                 if signal.invalidation_bits is not None:
                     masks["value-marked-invalid"] = np.asarray(signal.invalidation_bits, bool)[ok]
                 if texts is not None:
-                    words = list[str]()
+                    is_text, words = np.array([x is not None for x in texts], bool)[ok], list[str]()
                     numbers = numbered(texts, words)[ok]
                     series[place, True] = TableSamples(a, numbers, masks, tuple(words))
-                    masks = {
-                        **masks,
-                        "value-is-text": np.array([x is not None for x in texts], bool)[ok],
-                    }
+                    masks = {**masks, "value-is-text": is_text}
                 series[place, False] = TableSamples(a, value[ok], masks)
+                if texts is None or not is_text.all():  # then the words mark some of its numbers
+                    series[place, True] = series[place, False]
         return Columns(axes, [series[pair] for pair in as_words], findings)
 
 

@@ -83,13 +83,16 @@ def protobuf(folder: Path, is_enum: bool) -> Path:
     return mcap(folder, "protobuf", [proto_schema(file, "State")], raw)
 
 
-def bus(folder: Path) -> Path:
-    conversion = BaseConversion.factory(choices={1: "off", 2: "ON", 3: "not available"})
-    signal = CanSignal(NAME, 0, 2, conversion=conversion)
+CHOICES = {1: "off", 2: "ON", 3: "not available"}
+
+
+def bus(folder: Path, numbers: list[int], choices: dict[int, str]) -> Path:
+    conversion = BaseConversion.factory(choices=choices)
+    signal = CanSignal(NAME, 0, 4, conversion=conversion)
     database = Database([Message(0x123, "Brake", 1, [signal])], version="")
     (folder / "a.dbc").write_text(database.as_dbc_string(), "utf-8")
     with can.Logger(folder / "a.asc") as log:
-        for k, number in enumerate(NUMBERS.tolist()):
+        for k, number in enumerate(numbers):
             log(can.Message(k / 10, 0x123, data=[number], channel=0, is_extended_id=False))
     return folder / "a.asc"
 
@@ -114,7 +117,7 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
     "MCAP, ROS 2": ros2,
     "MCAP, protobuf": lambda folder: protobuf(folder, is_enum=False),
     "MCAP, protobuf enum": lambda folder: protobuf(folder, is_enum=True),
-    "CAN": bus,
+    "CAN": lambda folder: bus(folder, NUMBERS.tolist(), CHOICES),
 }
 
 
@@ -143,3 +146,18 @@ def test_words_that_are_no_state_leave_the_numbers(tmp_path: Path) -> None:
     path = mf4(tmp_path, np.full(N, 5, "u1"), conversion=conversion)
     channel = sanding(survey(open_source(path, ReadOptions()), (), Vehicle()))
     assert (channel.levels, set(channel.data.value)) == ((), {5.0})
+
+
+@pytest.mark.parametrize("name", ["MF4", "CAN"])
+def test_words_for_some_numbers_of_a_channel_are_no_state(tmp_path: Path, name: str) -> None:
+    """A demand in steps of which only the lowest has a name."""
+    steps = np.arange(N) % 5
+    if name == "MF4":
+        texts = {"val_0": 0, "text_0": b"released", "default_addr": {"a": 1.0, "b": 0.0}}
+        path = mf4(tmp_path, steps.astype("u1"), conversion=from_dict(texts))
+    else:
+        path = bus(tmp_path, steps.tolist(), {0: "released"})
+    source = open_source(path, ReadOptions(dbc=(str(tmp_path / "a.dbc"),) * (name == "CAN")))
+    channel = sanding(survey(source, (), Vehicle()))
+    assert channel.levels == ()
+    assert {1.0, 2.0, 3.0, 4.0} <= set(channel.data.value)
