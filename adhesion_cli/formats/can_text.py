@@ -6,7 +6,6 @@ is counted.
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -30,9 +29,6 @@ BEGINS = re.compile(
 )
 _BEGIN = re.compile(r"(?i)begin trigger ?block\s+\w+\s+(.+)")
 _END_OF_BLOCK = re.compile(r"(?i)\s*end trigger ?block")
-_ASC_DATE = re.compile(r"(\w{3})\w*\s+(\d+)\s+(\d+):(\d+):(\d+)(\.\d+)?\s*([aApP][mM])?\s+(\d{4})")
-_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec".split()
-_MONTHS += "jan feb mär apr mai jun jul aug sep okt nov dez".split()
 _EVENTS = re.compile(r"(?i)Statistic|J1939|Overload|Status|Chip")  # lines of an ASC log: no frames
 _DIRECTIONS = {"Rx", "Tx", "TxRq"}
 _STATES = {"ST", "EC", "EV", "Warng", "Event"}  # lines of a TRC log that are no frames
@@ -167,16 +163,11 @@ class TextLog:
 
     def _start_asc(self, text: str) -> None:
         """The start of the log, its local time taken as UTC."""
-        match = _ASC_DATE.match(text)
-        if self._begin or match is None or match[1].lower() not in _MONTHS:
-            return  # the first block has the start of the log
-        month = 1 + _MONTHS.index(match[1].lower()) % 12
-        hour = int(match[3]) % 12 + 12 * (match[7].lower() == "pm") if match[7] else int(match[3])
-        with suppress(ValueError):
-            begin = datetime(
-                int(match[8]), month, int(match[2]), hour, int(match[4]), int(match[5]), 0, UTC
-            )
-            self.start = begin.timestamp() + float(match[6] or 0.0)
+        from .csv.stamps import STAMPS, forms_of, read
+
+        # the first block has the start of the log
+        if not self._begin and (forms := forms_of([text], STAMPS)):
+            self.start = int(read([text], STAMPS[forms[0]])[0]) / 1e9
 
     def _trc(self, line: str) -> Frame | None:
         """The frame in a line of a TRC log.

@@ -1,4 +1,4 @@
-"""Text cells of a block as numbers, exact decimals and time stamps, all rows at once.
+"""Text cells of a block as numbers and exact decimals, all rows at once.
 
 Every function takes an Arrow array of shape (n,) that is null where a cell has no value.
 """
@@ -14,14 +14,10 @@ from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats, Times
 from .dialect import INFINITE, NULLS, number_grammar
-from .stamps import month as month_number
 
 # States of a cell. The last ones are numbers by their column: with the other decimal mark, or such
 # that this mark may separate groups of digits; and texts of digits.
 NUMBER, NO_VALUE, NO_NUMBER, IS_INFINITE, OTHER_MARK, IN_GROUPS, DIGITS = range(7)
-_S = 1_000_000_000
-_DAY = 86_400 * _S
-_FRACTIONS = {"f": 1, "l": 1_000_000, "u": 1_000, "N": 1}  # groups, and their unit [ns]
 
 
 def floats(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
@@ -106,80 +102,3 @@ def decimals(text: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
     low_half, high_half = halves[0::2], halves[1::2]
     ok = np.asarray(array.is_valid()) & (high_half == low_half >> 63)
     return np.where(ok, low_half, 0), ok
-
-
-def stamps(text: Any, pattern: str) -> tuple[Times, Bools]:
-    """Times [ns] of stamps that match the pattern, and which do; `stamps.toml` names its groups."""
-    groups = _Groups(text, pattern)
-    ns, ok = _time_of_day(groups)
-    if "y" in groups.names:
-        days, is_date = _days(groups)
-        ns, ok = ns + days * _DAY, ok & is_date
-    zone = pc.replace_substring_regex(groups.text("z"), "[^0-9+-]", "")
-    digits = pc.utf8_rpad(pc.utf8_slice_codeunits(zone, 1, 5), 4, padding="0")
-    shift = np.asarray(pc.cast(digits, pa.int64()))
-    shift = (shift // 100 * 3600 + shift % 100 * 60) * _S
-    ns = ns - np.where(np.asarray(pc.starts_with(zone, "-")), -shift, shift)
-    ok &= groups.ok
-    return np.where(ok, ns, 0), ok
-
-
-class _Groups:
-    """What the named groups of a pattern match in each text; "" and 0 of a group it has not."""
-
-    def __init__(self, text: Any, pattern: str) -> None:
-        self._matches = pc.extract_regex(text, pattern=f"^(?:{pattern})$")
-        self.ok: Bools = np.asarray(self._matches.is_valid())
-        kind = self._matches.type
-        self.names = {kind.field(k).name for k in range(kind.num_fields)}
-
-    def text(self, name: str) -> Any:
-        if name not in self.names:
-            return pa.array([""]).take(pa.array(np.zeros(len(self.ok), np.int8)))
-        return pc.fill_null(pc.struct_field(self._matches, name), "")
-
-    def number(self, name: str) -> Times:
-        if name not in self.names:
-            return np.zeros(len(self.ok), np.int64)
-        cells = self.text(name)
-        if name == "f":  # digits of a fraction: as many as a nanosecond has
-            digits = pc.utf8_rpad(pc.utf8_slice_codeunits(cells, 0, 9), 9, padding="0")
-            cells = pc.if_else(pc.equal(cells, ""), "", digits)
-        cells = pc.if_else(pc.equal(cells, ""), "0", cells)
-        return np.asarray(pc.cast(cells, pa.int64()))
-
-
-def _time_of_day(groups: _Groups) -> tuple[Times, Bools]:
-    """Nanoseconds after midnight, and which are a time of day."""
-    hour, minute, second = (groups.number(name) for name in "HMS")
-    half_day = pc.utf8_lower(groups.text("p"))
-    said = np.asarray(pc.not_equal(half_day, ""))
-    ok = ~said | ((hour >= 1) & (hour <= 12))
-    hour = np.where(said, hour % 12 + 12 * _is_any(("p", "下"), half_day), hour)
-    ok &= ("y" not in groups.names) | (hour < 24)
-    ok &= ("H" not in groups.names) | (minute < 60)
-    ok &= ("M" not in groups.names) | (second <= 60)
-    fraction = sum(groups.number(name) * ns for name, ns in _FRACTIONS.items())
-    seconds = groups.number("D") * 86_400 + hour * 3600 + minute * 60 + second
-    sign = np.where(np.asarray(pc.equal(groups.text("n"), "")), 1, -1)
-    return sign * (seconds * _S + fraction), ok & (fraction < _S)
-
-
-def _days(groups: _Groups) -> tuple[NDArray[np.int64], Bools]:
-    """Days after 1970-01-01, and which are a date."""
-    year, month, day = (groups.number(name) for name in "ymd")
-    year = np.where(year < 100, year + 2000, year)
-    ok = (year >= 1678) & (year <= 2261)
-    if "b" in groups.names:
-        names = groups.text("b").dictionary_encode()
-        month = np.array([month_number(x) for x in names.dictionary.to_pylist()])[names.indices]
-    unit = "M"
-    if "j" in groups.names:
-        unit, month, day = "Y", np.ones_like(year), groups.number("j")
-    ok &= (month >= 1) & (month <= 12) & (day >= 1)
-    begin = np.where(ok, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]")
-    days = begin.astype("datetime64[D]") + np.where(ok, day - 1, 0)
-    ok &= days.astype(f"datetime64[{unit}]") == begin.astype(
-        f"datetime64[{unit}]"
-    )  # no 31 February
-    return days.astype(np.int64), ok

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from ...core import units
 from ...core.finding import Finding
 from ...core.model import Bools, Times
-from . import cells
+from . import cells, stamps
 from .header_words import NS_PER_UNIT
 
 _DAY, _S = NS_PER_UNIT["d"], NS_PER_UNIT["s"]
@@ -96,7 +96,7 @@ class Clock:
         array = arrays[0]
         if self.pattern:
             text = [pc.utf8_trim_whitespace(a) for a in arrays]
-            return cells.stamps(pc.binary_join_element_wise(*text, " "), self.pattern)
+            return stamps.parse(pc.binary_join_element_wise(*text, " "), self.pattern)
         count = count_of(self.unit)
         if self.absolute and count.ns < _DAY:
             ticks, ok = cells.decimals(array, count.scale, self.decimal)

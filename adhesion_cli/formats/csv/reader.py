@@ -18,7 +18,6 @@ from ...core.units import in_name
 from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions, distinct_words
 from .block_parser import CsvTable
-from .cells import stamps
 from .detect_dialect import detect_dialect
 from .dialect import Dialect, is_number
 from .header_words import time_name
@@ -26,7 +25,7 @@ from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
 from .rows import CsvRows, read_rows
-from .stamps import CLOCKS, is_stamp
+from .stamps import CLOCKS, is_stamp, parse
 from .time_column import another_time, find_clock
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
@@ -209,7 +208,7 @@ class CsvSource:
         if not begins or (t[begins] >= t[np.array(begins) - 1]).any():
             return t
         clocks = pa.array([first_clock, *(clock for _, clock in read.segments)])
-        starts, ok = stamps(clocks, CLOCKS["colons"])
+        starts, ok = parse(clocks, CLOCKS["colons"])
         offsets = (starts[1:] - starts[0]) % (86_400 * 10**9)
         if not ok.all() or (np.diff(offsets) <= 0).any():
             return t

@@ -15,11 +15,19 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import TAKEN_AS_UTC, ReadOptions
 from .clock import COUNTS, Clock, count_of
-from .dates import READABLE, decided, forms_of, read, with_counted_fraction
 from .dialect import Dialect, is_null, number_grammar, unit_behind
 from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
-from .stamps import CLOCKS, DATES, STAMPS
+from .stamps import (
+    CLOCKS,
+    DATES,
+    READABLE,
+    STAMPS,
+    decided,
+    forms_of,
+    read,
+    with_counted_fraction,
+)
 
 _DATES = ("iso", "ymd", "dmy", "mdy")  # stated units of columns of dates
 TIME_UNITS = (*COUNTS, *_DATES)
