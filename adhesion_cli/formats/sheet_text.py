@@ -5,14 +5,12 @@ it gives each cell as the file holds it, but none of a time. So a workbook is re
 time without its styles, which alone say that a number is a time.
 """
 
-import posixpath
 import re
 import zipfile
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 import pyarrow as pa
@@ -23,8 +21,6 @@ from ..core.errors import UserError, unknown
 
 _OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
-_BOOK, _RELATIONS = "xl/workbook.xml", "xl/_rels/workbook.xml.rels"
-_ID = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
 _STYLES = re.compile(rb"(?s)(PK\x03\x04.{26}|PK\x01\x02.{42})xl/styles\.")  # heads of a ZIP file
 _MOST_BYTES = 4 << 30  # of all parts, unpacked
 
@@ -34,15 +30,10 @@ _NUMBER = r"^-?[0-9]+(\.[0-9]+)?$"  # a text that Arrow reads as a number
 _WITH_COMMA = r"^[+-]?[0-9]*,[0-9]+$"  # a text that may be a number
 _DETAIL = re.compile(r"(?:(Error)|DurationIso)\(\"?(?:PT)?(\w+)(?:\.(\d+)S)?")
 _ERRORS = {"Div0": "#DIV/0!", "NA": "#N/A", "Name": "#NAME?", "Null": "#NULL!", "Num": "#NUM!"}
-_VALUELESS = re.compile(
-    rb'<c r="([A-Z]+[0-9]+)"[^>]*><f(?:/|[^>]*/|[^>]*>[^<]*</f)>\s*(?:<v\s*/>|<v>\s*</v>)?\s*</c>'
-)
 
 _DAY = 86_400_000_000  # [µs]
 _DAY_1899, _DAY_1904, _DAY_1906 = -25_568, -24_107, -23_376  # 31 December, 1 January; from 1970
 _ROWS = 1 << 16  # written at once
-_LONGEST = 1 << 14  # bytes of a cell with a formula
-_HEAD = 5  # rows in which an empty column may have a name
 
 
 class SheetText(NamedTuple):
@@ -101,8 +92,6 @@ def write_text(path: Path, target: Path, sheet_name: str | None) -> SheetText:
         if others:
             hint = f"state another sheet, as {option(others[0])}"
         raise UserError(f"{place} is empty", hint)
-    if any(c.text[_HEAD:].null_count == len(c.text[_HEAD:]) for c in columns):
-        _refuse_valueless(path, name, place)
     while len(columns) > 2 and len(columns[-1].text) - columns[-1].text.null_count < 2:
         columns.pop()  # a cell far from the table is no channel
     cells = [_quoted(_cells(column)) for column in columns]
@@ -183,37 +172,6 @@ def _check_parts(path: Path) -> None:
         raise ValueError(str(error)) from None
     if damaged_member:
         raise ValueError(f"its part {damaged_member} has changed")
-
-
-def _refuse_valueless(path: Path, name: str, place: str) -> None:
-    """Refuses a sheet with a formula that has no value, as programs write that do not compute.
-
-    Raises:
-        UserError: names the cell.
-    """
-    if not zipfile.is_zipfile(path):
-        return
-    with zipfile.ZipFile(path) as archive:
-        member, tail = _member(archive, name), b""
-        if member not in archive.namelist():
-            return
-        with archive.open(member) as sheet:
-            while block := sheet.read(1 << 20):
-                if match := _VALUELESS.search(tail + block):
-                    text = f"{place}, cell {match[1].decode()}: a formula without a value"
-                    raise UserError(text, "open the workbook in Excel, and save it")
-                tail = block[-_LONGEST:]
-
-
-def _member(archive: zipfile.ZipFile, name: str) -> str:
-    """The part of an .xlsx that holds a sheet, "" in other workbooks."""
-    if not {_BOOK, _RELATIONS} <= set(archive.namelist()):
-        return ""
-    relations = ElementTree.fromstring(archive.read(_RELATIONS))
-    targets = {relation.get("Id"): relation.get("Target", "") for relation in relations}
-    sheets = ElementTree.fromstring(archive.read(_BOOK)).iterfind("{*}sheets/{*}sheet")
-    ids = (sheet.get(_ID) for sheet in sheets if sheet.get("name") == name)
-    return posixpath.join("/xl", targets.get(next(ids, None), "")).lstrip("/")
 
 
 def _matches(text: Any, pattern: str) -> Any:

@@ -60,7 +60,6 @@ def find(
         True,
         1,
         {},
-        {},
         [list(row) for row in zip(*cells, strict=True)],
         {},
     )

@@ -30,7 +30,6 @@ from .header import (
     column_names,
     find_header,
     lines_before,
-    metadata,
     refuse_table_above,
     refuse_width,
 )
@@ -105,7 +104,6 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         bool(header.names),
         rows[header.start][0],
         leading_lines,
-        metadata(rows_above),
         data,
         reasons,
         removals,

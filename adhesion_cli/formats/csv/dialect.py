@@ -37,7 +37,6 @@ class Dialect:
     headed: bool
     first_line: int  # line of the first data row, from 1
     leading_lines: dict[str, int]  # lines before it, by class
-    metadata: dict[str, str]  # key: value lines of the preamble
     rows: list[list[str]]  # data rows of the head, each as wide as `names`, without `removals`
     reasons: dict[str, str]
     # what numbers do not need, by column: a pattern, of which group 1 stays

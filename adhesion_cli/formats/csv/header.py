@@ -277,16 +277,3 @@ def lines_before(table: FirstRows, header: Header) -> dict[str, int]:
         if number < first_line:
             counts[kind(number, text)] += 1 + text.count("\n")
     return dict(counts)
-
-
-def metadata(preamble: list[Row]) -> dict[str, str]:
-    """`key: value` and `key = value` cells, and rows of just a key and a value."""
-    entries: dict[str, str] = {}
-    for _, cells in preamble:
-        said = [c for c in cells if c]
-        matches = [m for c in said if (m := re.match(r"([^:=]{1,80}?)\s*[:=]\s*(.+)", c))]
-        if len(matches) == len(said):
-            entries.update((m[1], m[2]) for m in matches)
-        elif len(said) == 2:
-            entries[said[0].rstrip(" :=")] = said[1]
-    return entries

@@ -70,13 +70,10 @@ class Splitter:
     """
 
     def __init__(self, path: Path, dialect: Dialect, skip: int) -> None:
-        self._path, self._delimiter, self._skip = path, dialect.delimiter.encode(), skip
-        self._line, self._remainder = 1, b""  # number of the next line, and what came of it
-        is_utf8 = dialect.encoding == "utf-8"
-        codec, self._target = ("latin-1",) * 2 if is_utf8 else (dialect.encoding, "utf-8")
-        decoder = codecs.getincrementaldecoder(codec)("replace")
+        self._path, self._delimiter, self._skip = path, dialect.delimiter, skip
+        self._line, self._remainder = 1, ""  # number of the next line, and what came of it
+        decoder = codecs.getincrementaldecoder(dialect.encoding)("replace")
         self._decoder = io.IncrementalNewlineDecoder(decoder, True)
-        self._passes = is_utf8  # undecoded, up to the first carriage return
 
     def add(self, piece: bytes) -> LineBlock | None:
         """The lines that these bytes complete.
@@ -84,49 +81,45 @@ class Splitter:
         Raises:
             UserError: where a line has no end.
         """
-        self._passes = self._passes and b"\r" not in piece
-        if not self._passes:
-            piece = self._decoder.decode(piece).encode(self._target)
-        return self._split(self._remainder + piece)
+        return self._split(self._remainder + self._decoder.decode(piece))
 
     def finish(self, is_damaged: bool) -> tuple[LineBlock | None, bool]:
         """What is left at the end, and whether the last line has no end; it is cut if damaged."""
-        tail = self._decoder.decode(b"", True).encode(self._target)  # half a character, or an end
-        data = (self._remainder + tail).rstrip(b"\x1a")  # as DOS marked a file's end
+        # half a character, or an end; a DOS mark of the file's end
+        text = (self._remainder + self._decoder.decode(b"", True)).rstrip("\x1a")
         if is_damaged:
-            data = data[: data.rfind(b"\n") + 1]
-        is_unfinished = bool(data) and not data.endswith(b"\n")
-        return self._split(data + b"\n" * is_unfinished), is_unfinished
+            text = text[: text.rfind("\n") + 1]
+        is_unfinished = bool(text) and not text.endswith("\n")
+        return self._split(text + "\n" * is_unfinished), is_unfinished
 
-    def _split(self, data: bytes) -> LineBlock | None:
-        if b"\0" in data:  # space that was never written can be longer than any line
-            data = re.sub(rb"\0+", b"\0", data)
-        stop = data.rfind(b"\n") + 1
-        data, self._remainder = data[:stop], data[stop:]
-        lines = int(np.count_nonzero(np.frombuffer(data, np.uint8) == 10))
+    def _split(self, text: str) -> LineBlock | None:
+        if "\0" in text:  # space that was never written can be longer than any line
+            text = re.sub("\0+", "\0", text)
+        stop = text.rfind("\n") + 1
+        text, self._remainder = text[:stop], text[stop:]
+        lines = text.count("\n")
         if len(self._remainder) > MAX_LINE:
             text = f"{self._path}: line {self._line + lines} is longer than {MAX_LINE >> 20} MiB"
             raise UserError(text, "give a text log with one row per line")
         skipped, offset = min(self._skip, lines), 0
         for _ in range(skipped):
-            offset = data.find(b"\n", offset) + 1
-        first_line, rows = self._line + skipped, lines - skipped
+            offset = text.find("\n", offset) + 1
+        first_line = self._line + skipped
         self._line, self._skip = self._line + lines, self._skip - skipped
-        return LineBlock(self._as_utf8(data[offset:]), first_line) if rows else None
+        rows = self._as_parsed(text[offset:])
+        return LineBlock(rows.encode(), first_line) if rows else None
 
-    def _as_utf8(self, rows: bytes) -> bytes:
+    def _as_parsed(self, rows: str) -> str:
         """The rows as the parser needs them."""
-        if b"\0" in rows:  # each end of a hole may be a part of another row
-            rows = re.sub(rb"(?m)^[^\n\0]*\0[^\n]*\n", b"\0\n", rows)
+        if "\0" in rows:  # each end of a hole may be a part of another row
+            rows = re.sub(r"(?m)^[^\n\0]*\0[^\n]*\n", "\0\n", rows)
         if not rows.isascii():  # a file joined to another begins with a mark
-            rows = plain(rows.decode("utf-8", "replace")).encode()
+            rows = plain(rows)
         delimiter = self._delimiter
-        if delimiter != b" ":  # the parser knows a quote only right after the delimiter
-            return rows.replace(delimiter + b' "', delimiter + b'"') if b'"' in rows else rows
-        rows = rows.replace(b"\t", b" ")
-        while b"  " in rows:
-            rows = rows.replace(b"  ", b" ")
-        return rows.replace(b"\n ", b"\n").replace(b" \n", b"\n").lstrip(b" ")
+        if delimiter != " ":  # the parser knows a quote only right after the delimiter
+            return rows.replace(f'{delimiter} "', f'{delimiter}"') if '"' in rows else rows
+        rows = re.sub("[ \t]+", " ", rows)
+        return rows.replace("\n ", "\n").replace(" \n", "\n").lstrip(" ")
 
 
 @dataclass(slots=True)

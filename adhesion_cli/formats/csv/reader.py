@@ -82,7 +82,7 @@ class CsvSource:
         self.time_reason = clock.reason
         self.rows = 0
         self.findings: list[Finding] = list(clock.findings)
-        self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
+        self.metadata: dict[str, dict[str, str]] = {}
         self.account: dict[str, str] = {}
         self.lines: Counter[str] = Counter()
         self.folder: object = None  # with the text of a log of another format

@@ -635,15 +635,6 @@ def test_header_rows_are_joined(log):
     }  # fmt: skip
 
 
-def test_preamble_pairs_are_metadata(log):
-    source, _ = read(
-        log, "Vehicle: ET 423;Date: 2026-11-21\nOperator;Smith\n\nt [s];p;v\n0;1;2\n1;2;3\n"
-    )
-    assert source.metadata == {
-        "preamble": {"Vehicle": "ET 423", "Date": "2026-11-21", "Operator": "Smith"}
-    }
-
-
 def test_duplicate_names_are_made_distinct(log):
     source, columns = read(log, "t [s],x,x\n0,1,2\n1,2,3\n")
     assert list(columns) == ["x", "x (2)"]
@@ -922,7 +913,6 @@ def test_a_time_above_a_column_without_a_name_is_a_part_of_the_header(tmp_path: 
     log.write_text(heads + "".join(f"{k / 50};1.5;{80 - k}\n" for k in range(9)))
     source = open_csv(log, ReadOptions())
     assert [f.channel for f in source.fields] == ["Achse 1 p [bar]", "Achse 1 v [km/h]"]
-    assert source.metadata == {"preamble": {"Prüfer": "Müller"}}
 
 
 REFUSED = {
