@@ -44,8 +44,8 @@ _OF_BUDGET = (
     "The gradient changes the distance on level track only."
 )
 _OF_WSP = (
-    "max slip, locked: the largest of the stops; used, energy: their relative uncertainty, which "
-    "is not shown, is at least that of µ."
+    "max slip, locked: the largest of the stops; valve actions: of all stops. used, energy: their "
+    "relative uncertainty, which is not shown, is at least that of µ."
 )
 _WSP = "Wheel slide protection"
 _COMMAND = {
