@@ -249,15 +249,18 @@ def period_tick(speed: Floats, step: float) -> float:
     if usual < max(_FINEST * periods[0], 2.0 * step * periods[0] ** 2):
         return 0.0
 
-    def agree(ticks: Floats, periods: Floats) -> Floats:
-        cosine: Floats = np.cos(2.0 * np.pi * periods / ticks[:, None]).mean(axis=1)
+    def agree(ticks: Floats, periods: Floats, kind: type[np.floating] = np.float64) -> Floats:
+        phases = periods / ticks[:, None]
+        phases -= np.rint(phases)  # small, so that single precision holds them
+        cosine: Floats = np.cos(2.0 * np.pi * phases, dtype=kind).mean(axis=1)
         return cosine
 
     sampled = periods[:: max(1, len(periods) // 200)]
     candidates = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
     for divisor in (1, 2, 3):
         ticks = usual / divisor * candidates
-        ticks = ticks[agree(ticks, sampled[::5]) > 0.5 * _ON_GRID]  # a few periods rule most out
+        # A few periods rule out most of some thousand ticks.
+        ticks = ticks[agree(ticks, sampled[::5], np.float32) > 0.5 * _ON_GRID]
         if not len(ticks):
             continue
         best = ticks[[np.argmax(agree(ticks, sampled))]]

@@ -212,7 +212,10 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
     sample = lines[len(lines) // 3 :][:300]
     best: tuple[float, int, str] | None = None
     largest_share = 0.0
+    there = set().union(*sample)
     for delimiter in [delimiter_given] if delimiter_given else DELIMITERS:
+        if there.isdisjoint(" \t" if delimiter == " " else delimiter):
+            continue  # each line is one cell
         rows = [split(s, delimiter) for s in sample]
         weight: Counter[int] = Counter()
         for cells in rows:

@@ -51,7 +51,7 @@ class Dialect:
 
     def column(self, index: int) -> list[str]:
         """Non-null cells of a column in the head's rows."""
-        return [c for row in self.rows if not is_null(c := row[index])]
+        return [c for row in self.rows if (c := row[index]) not in _NULLS]
 
     def mark(self, index: int) -> str:
         """The decimal mark of a column: that of the log, unless its cells have only the other."""
@@ -184,9 +184,10 @@ def split(line: str, delimiter: str) -> list[str]:
             delimiter=delimiter,
             skipinitialspace=True,
         )
-        return [re.sub(r"\s*\n\s*", " ", c.strip()) for c in next(rows, [])]
+        cells = [c.strip() for c in next(rows, [])]
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return [line]
+    return [re.sub(r"\s*\n\s*", " ", c) for c in cells] if "\n" in line else cells
 
 
 def fit(cells: list[str], width: int) -> list[str]:
