@@ -104,8 +104,8 @@ def test_slides_and_rails_are_those_of_the_command(tmp_path: Path, printed: Docu
 
 
 def test_a_comparison_is_that_of_the_command(tmp_path: Path, printed: Document) -> None:
-    document = printed("compare", BRAKE, SLID, "-a", "td", "-a", "neso")
-    found = adhesion.compare([BRAKE, SLID], algos=("td", "neso"))
+    document = printed("compare", BRAKE, SLID, "-a", "td", "-a", "neso", "--axle", 1)
+    found = adhesion.compare([BRAKE, SLID], algos=("td", "neso"), axles=1)
     assert without_outputs(found.document) == without_outputs(document)
     assert {s.algo for s in found.estimators} == {"td", "neso"}
     assert found.to_arrow().num_rows == sum(

@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.brake_signals import REGISTRY, STEADY, W, online, rolling_brake, simulated
+from helpers.grids import thinned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -139,9 +140,10 @@ def test_finds_the_steady_force(name, h):
     assert run(name, t, K, y)[-1] == pytest.approx(F[-1], abs=0.1)
 
 
-@every
-@pytest.mark.parametrize("signals", [rolling_brake, slide])
-@pytest.mark.parametrize("h", [1e-3, 1e-2, 0.1, 1.0, "irregular"])
+@pytest.mark.parametrize(
+    ("name", "signals", "h"),
+    thinned(7, REGISTRY, [rolling_brake, slide], [1e-3, 1e-2, 0.1, 1.0, "irregular"]),
+)
 def test_rate_does_not_matter(name, signals, h):
     """A log at `h` gives what the same log at 10 kHz gives at the same instants.
 
@@ -192,8 +194,7 @@ def at_10_khz(name):
     return run(name, np.arange(len(y)) * 1e-4, K, y)
 
 
-@every
-@pytest.mark.parametrize("interval", [1e-3, 1e-2, 0.1, 0.0])
+@pytest.mark.parametrize(("name", "interval"), thinned(5, REGISTRY, [1e-3, 1e-2, 0.1, 0.0]))
 def test_rate_of_the_log_of_a_simulated_brake_does_not_matter(name, interval):
     """10 kHz against 1 kHz, 100 Hz, 10 Hz and irregular, whole train, cylinder and creep."""
     at, K, y, F = braked(interval)

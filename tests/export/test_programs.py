@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.c_library import tool
+from helpers.grids import thinned
 
 from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError
@@ -18,7 +19,6 @@ from adhesion_cli.export.interface import Interface
 from adhesion_cli.export.translate import Translation
 
 METHODS = list(files.methods())
-FLOAT = [pytest.param(True, id="double"), pytest.param(False, marks=pytest.mark.slow, id="float")]
 
 
 @pytest.fixture(scope="session")
@@ -44,8 +44,8 @@ def make(folder, *arguments):
     return done.stdout
 
 
-@pytest.mark.parametrize("double", FLOAT)
-@pytest.mark.parametrize("name", METHODS)
+# Each is compiled by the tests of its bits, too.
+@pytest.mark.parametrize(("name", "double"), thinned(5, METHODS, [True, False]))
 def test_the_test_of_an_export_passes(exports, name, double):
     tool("gcc")
     said = make(exports(name, double), "test", "CC=gcc")

@@ -4,14 +4,13 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from adhesion_cli.core import bundled
-from adhesion_cli.fleet import processes, work
+from adhesion_cli.fleet import processes, run, work  # noqa: F401 (run: reads the class first)
 
 _LINES = (bundled.folder("sample_logs") / bundled.SAMPLE).read_bytes().splitlines(keepends=True)
 
@@ -35,17 +34,17 @@ class _Kept(processes.Processes):
 @contextmanager
 def kept_processes() -> Iterator[None]:
     """The processes of a run serve the next one too, whose start and imports take seconds."""
-    pools: list[_Kept] = []
+    pool: list[_Kept] = []
 
-    @cache
-    def pool(count: int) -> _Kept:
-        pools.append(_Kept(count))
-        return pools[-1]
+    def kept(_: int) -> _Kept:
+        """Two, however many are asked for."""
+        pool.extend([] if pool else [_Kept(2)])
+        return pool[0]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(processes, "Processes", pool)
+        patch.setattr(processes, "Processes", kept)
         yield
-    for one in pools:
+    for one in pool:
         super(_Kept, one).close()
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from helpers import mcap_logs
+from helpers.grids import thinned
 from helpers.live_runs import Kept, message
 from mcap.records import Channel
 
@@ -111,8 +112,7 @@ def check(kept: Kept, tally: Tally) -> None:
     assert codes & {"messages-unreadable", "cell-not-a-number"}
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("way", ["lines", "datagrams"])
+@pytest.mark.parametrize(("way", "seed"), thinned(5, ["lines", "datagrams"], range(6)))
 def test_json_messages(way: str, seed: int, tmp_path: Path) -> None:
     """Lines of standard input or a file, and datagrams of UDP or messages of a broker."""
     messages: list[Any] = mixed(seed)
@@ -138,7 +138,7 @@ class Bus:
         pass
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", thinned(2, range(4)))
 def test_frames_of_a_bus(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("cantools")
     dbc = tmp_path / "train.dbc"
@@ -183,7 +183,7 @@ def test_frames_of_a_bus(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert 2 not in kept.of  # a float of 24 bits is none
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", thinned(3, range(3)))
 def test_messages_of_an_mcap(seed: int, tmp_path: Path) -> None:
     random_ = random.Random(seed)
 
@@ -208,8 +208,7 @@ def test_messages_of_an_mcap(seed: int, tmp_path: Path) -> None:
     assert any(f.code == "mcap-bad-message" for f in tally.findings)
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("dates", [False, True])
+@pytest.mark.parametrize(("dates", "seed"), thinned(5, [False, True], range(6)))
 def test_rows_of_a_table(dates: bool, seed: int, tmp_path: Path) -> None:
     random_ = random.Random(seed)
     times = [x.strip('"') for x in TIMES]
