@@ -97,7 +97,10 @@ def test_analyze_gives_the_same_figures(name: str, logs: dict[str, Path], run: R
         dbc = ["--dbc", log.with_suffix(".dbc")] if name.startswith("can.") else []
         done = run("analyze", log, "--json", "--force", *dbc)
         assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)["results"][0]["axles"]
+        return json.loads(done.stdout, object_hook=without_clock)["results"][0]["axles"]
+
+    def without_clock(keys: dict[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in keys.items() if key != "time"}  # the sample has none
 
     assert axles(logs[name]) == axles(brakes.SAMPLE)
 
