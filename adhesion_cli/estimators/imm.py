@@ -22,9 +22,13 @@ is: after a slide, the next one is more likely for some seconds.
 Creep. The force grows with the creepage c, F = k m g c. So a rolling wheel that is braked harder
 slows more than the train. F follows φK with a delay of I V/(k m g R²).
 
+Pads. The cylinder and the caliper may follow the pressure late, and a valve that vents would then
+seem to lower F. Whether K acts at once or after `LAG` is a hypothesis of its own. In a slide it is
+weighed by the likelihood of the readings, and u is the mean of both (pseudo-Bayes, first order).
+
 Start. A wheel is assumed to roll: F̂ = φK/(1 + I/(mR²)).
 
-The filters are Blom's and Bar-Shalom's. Regimes, rates, train, creep and the noise are ours.
+The filters are Blom's and Bar-Shalom's. Regimes, rates, train, creep, pads and the noise are ours.
 
 | symbol of Blom and Bar-Shalom | here |
 |---|---|
@@ -92,6 +96,8 @@ SPEED_NOISE = 0.02  # first guess of the speed's [rad/s]
 FORCE_NOISE = 1e-5  # and of the clamping force's, over m g/φ
 LARGEST_NOISE = 1e-3  # no pressure sensor has more: on a slow log the brake itself bends
 FIRST_RATE_SIGMA = 0.1  # 1 sigma of a first rate of K, over m g/φ [1/s]
+LAG = 0.035  # of the pads behind the pressure, if they lag; usual are 0.01 to 0.06 [s]
+FIRST_ODDS, LARGEST_ODDS = -2.0, 6.0  # logarithm of the odds that the pads lag
 INPUT_SIGMA = 0.15  # 1 sigma of what a change of K does not explain, over it
 NO_INFORMATION = 1e30  # variance of a reading that says nothing [rad²/s²]
 JUMP = 5.0  # standard deviations from which K has stepped
@@ -153,6 +159,13 @@ class Creep(NamedTuple):
     delay: float  # [s]
 
 
+class Pads(NamedTuple):
+    """The clamping force if the pads lag the pressure."""
+
+    K: float  # [N]
+    odds: float  # logarithm of the odds that they lag
+
+
 class State(NamedTuple):
     """The regimes of the wheel, with level ω [rad/s] and rate F [N], K and noise."""
 
@@ -163,6 +176,7 @@ class State(NamedTuple):
     clamping: Clamping
     creep: Creep
     train: TrainMotion
+    pads: Pads
     slippery: float  # probability that the rail is as in the last slide
     sigma: float  # standard uncertainty of F [N]
     F: float  # [N]
@@ -179,6 +193,7 @@ class Prediction(NamedTuple):
     clamping: Clamping
     creep: Creep
     train: TrainMotion
+    pads: Pads
 
 
 def init(p: Params, w: Wheelset, K: float, y: float) -> State:
@@ -197,6 +212,7 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
         _initial_clamping(initial_noise(FORCE_NOISE * weight / w.phi, K), K, weight / w.phi),
         Creep(K, 0.0, 0.0),
         TrainMotion(y, abs(y) + 1.0, rolling_deceleration(w) * K),
+        Pads(K, FIRST_ODDS),
         0.0,
         sigma,
         rolling_force,
@@ -226,7 +242,17 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     sigma = math.sqrt(variance + squared(w.rolling * w.phi) * K_variance)
     slippery = max(sliding.p, s.slippery * SLIPPERY_TIME / (SLIPPERY_TIME + h))
     return State(
-        rolling, sliding, changing, q.noise, q.clamping, q.creep, q.train, slippery, sigma, F
+        rolling,
+        sliding,
+        changing,
+        q.noise,
+        q.clamping,
+        q.creep,
+        q.train,
+        q.pads,
+        slippery,
+        sigma,
+        F,
     )
 
 
@@ -283,19 +309,33 @@ def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> 
         force_share * (creep.K - s.creep.K),
         squared(p.rolling * weight) * h + bend * bend,
     )  # (1)
+    K_late = _follow(s.pads.K, K_before, clamping.K, h, LAG)
+    late = a * w.phi * (mean - 0.5 * (s.pads.K + K_late))  # of u, if the pads lag
+    u += late / (1.0 + math.exp(-s.pads.odds))
     sliding = predict(sliding, a, u, input_sigma + step_sigma, 0.0, squared(p.sliding * load) * h)
     changing = predict(
         changing, a, u, input_sigma + step_sigma, 0.0, squared(p.changing * load) * h
     )
-    return Prediction(rolling, sliding, changing, reading, noise, clamping, creep, train)
+    odds = s.pads.odds
+    if not counts:
+        nu_late = y - sliding.x - late / (1.0 + math.exp(odds))
+        S = sliding.xx + r + squared(rounding(noise)) / 12.0
+        odds += s.sliding.p * late * (nu_late + 0.5 * late) / S
+    pads = Pads(K_late, min(max(odds, -LARGEST_ODDS), LARGEST_ODDS))
+    return Prediction(rolling, sliding, changing, reading, noise, clamping, creep, train, pads)
 
 
 def _delay_by_creep(w: Wheelset, s: State, h: float, K: float) -> Creep:
-    """The clamping force with the delay of creep: exact for a straight line to K."""
+    """The clamping force with the delay of creep."""
     delay = w.inertia * abs(s.rolling.x) / (w.radius * w.mass * G * STIFFNESS) + 1e-9
-    lag = (K - s.clamping.K) / h * delay
-    K_delayed = K - lag + (s.creep.K - s.clamping.K + lag) * math.exp(-h / delay)
+    K_delayed = _follow(s.creep.K, s.clamping.K, K, h, delay)
     return Creep(K_delayed, (K_delayed - s.creep.K) / h, delay)
+
+
+def _follow(delayed: float, before: float, now: float, h: float, delay: float) -> float:
+    """A lag of first order behind a signal, one interval on: exact for a straight line to `now`."""
+    lag = (now - before) / h * delay
+    return now - lag + (delayed - before + lag) * math.exp(-h / delay)
 
 
 def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian, TrainMotion]:
@@ -459,5 +499,5 @@ ABOUT = About(
     source="Blom H., Bar-Shalom Y.: The interacting multiple model algorithm for systems with "
     "Markovian switching coefficients, IEEE Transactions on Automatic Control 33 (1988) 780-783, "
     "doi 10.1109/9.1299",
-    claims={"service-brake": Claim(3.9, 0.001), "low-adhesion": Claim(34.0, 0.017)},
+    claims={"service-brake": Claim(3.9, 0.001), "low-adhesion": Claim(34.1, 0.017)},
 )

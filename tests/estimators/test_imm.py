@@ -278,3 +278,12 @@ def test_readings_are_as_it_predicts(kmh, noise):
         for s, h, k, v in zip(before, np.diff(ns[:300]), K[1:300], y[1:300], strict=True)
     ]
     assert squares[1:300] == pytest.approx(plain, rel=1e-6, nan_ok=True)
+
+
+@pytest.mark.parametrize(("early", "least", "largest"), [(0.0, -7.0, -1.0), (0.04, 3.0, 7.0)])
+def test_learns_in_a_slide_whether_the_pads_lag_the_pressure(early, least, largest):
+    record = next(simulated("low-adhesion", seed=4))
+    t = (record.t - record.t[0]) * 1e-9
+    K = np.interp(t + early, t, record.clamping_force)
+    odds = states(record.t, K, record.wheel_speed, 1e-9)[-1].pads.odds
+    assert least < odds < largest
