@@ -15,9 +15,12 @@ from helpers.browser import Tab
 from helpers.pages import analysed, written
 from PIL import Image
 
+from adhesion_cli.core.summary import Measured, StopSummary
 from adhesion_cli.results.report import page
 from adhesion_cli.results.report.campaign import Bar, Bars, Campaign, PageTable
+from adhesion_cli.results.report.protocol import Protocol
 from adhesion_cli.results.report.run import read
+from adhesion_cli.stops.series import SeriesStop, StopSeries
 
 pytestmark = [
     pytest.mark.slow,
@@ -145,6 +148,30 @@ def test_it_is_dark_where_the_screen_is_and_light_on_paper(
             assert ink.min() > 0.03  # nothing is cut at an edge
             assert ink.max() < 0.97
             assert ink.max() > 0.6 or path == sorted(tmp_path.glob("p-*.png"))[-1]
+
+
+def test_the_stops_of_a_protocol_fit_a_screen(tab: Tab, tmp_path: Path) -> None:
+    value = {"value": 1234.5678, "u95": 12.3}
+    quantities = {
+        name: Measured(**value)
+        for name in (
+            "initial_speed_mps", "distance_m", "duration_s", "delay_s", "response_time_s",
+            "mean_deceleration", "equivalent_deceleration", "jerk", "corrected_distance_m",
+            "coefficient",
+        )
+    }  # fmt: skip
+    stop = StopSummary(
+        start_s=1234.5, end_s=1290.0, command_from="channel", speed_from="train",
+        nominal_speed_kmh=80.0, valid=True, time="2026-03-01T08:00:00Z", position_m=12345.0,
+        position_from="position", pressure_bar=3.6, **quantities,
+    )  # fmt: skip
+    stops = tuple(SeriesStop(f"run_{i}.csv", "wet", None, stop) for i in range(3))
+    series = StopSeries(stops, (), (), (), ())
+    path = tmp_path / "stops.html"
+    path.write_text(page.protocol_page(Protocol("stops", {}, series, [], {})), "utf-8")
+    tab.open(path)
+    widths = "[...document.querySelectorAll('.table')].map((x) => x.scrollWidth - x.clientWidth)"
+    assert max(tab.value(widths)) <= 0
 
 
 def test_a_narrow_screen_needs_no_sideways_scrolling(tab: Tab, reports: tuple[Path, Path]) -> None:
