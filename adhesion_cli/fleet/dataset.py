@@ -56,6 +56,7 @@ class DoneLog(NamedTuple):
     log: str
     status: str
     lossy: bool
+    rows_used: int  # 0: no axle was analysed, only the stops of the train
 
 
 class Dataset:
@@ -89,12 +90,12 @@ class Dataset:
     def finished_logs(self) -> dict[str, list[DoneLog]]:
         """What `run` asks of the logs that are there, by key; what is damaged is not there."""
         files = sorted((self._folder / "logs").glob(f"*{self._suffix}"))
-        columns = ("log", "status", "lossy", "tables_sha256")
+        columns = ("log", "status", "lossy", "rows_used", "tables_sha256")
         by_key: dict[str, list[DoneLog]] = {}
         for row in read_logs(files, columns)[0]:
             file = Path(row["__filename"])
             if row["status"] == "error" or is_whole(file, row["tables_sha256"]):
-                done = DoneLog(row["log"], row["status"], row["lossy"])
+                done = DoneLog(row["log"], row["status"], row["lossy"], row["rows_used"] or 0)
                 by_key.setdefault(file.name.removesuffix(self._suffix), []).append(done)
         return by_key
 

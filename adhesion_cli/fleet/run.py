@@ -116,8 +116,10 @@ def _identified(
 
 def _complete(item: Item, job: Job, rows: Sequence[DoneLog]) -> bool:
     """Whether a log has its results: what failed is tried again."""
-    is_complete = bool(rows) and rows[0].status != "error"
-    return is_complete and all(path.exists() for path in work.recordings(item, job))
+    if not rows or rows[0].status == "error":
+        return False
+    files = work.recordings(item, job) if rows[0].rows_used else []  # stops alone have none
+    return all(path.exists() for path in files)
 
 
 def _name(

@@ -15,10 +15,10 @@ from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import FailedLog
-from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
+from adhesion_cli.fleet.dataset import TABLES, Dataset, DoneLog, hashed
 from adhesion_cli.fleet.locations import LogLocation, find
 from adhesion_cli.fleet.processes import Processes
-from adhesion_cli.fleet.run import FleetProgress, run
+from adhesion_cli.fleet.run import FleetProgress, _complete, run
 from adhesion_cli.fleet.work import Item, Job, analysed
 from adhesion_cli.results import tables
 
@@ -133,6 +133,13 @@ def test_a_log_without_wheel_speeds_has_its_stops(tmp_path: Path, pressure: bool
     assert refused.row.status == "error"
     outside = job._replace(window=(0.0, 5.0))
     assert analysed(Item(LogLocation("train.csv", str(log)), ""), outside).row.status == "error"
+
+
+def test_stops_alone_need_no_recording(tmp_path: Path) -> None:
+    item = Item(LogLocation("train.csv", "train.csv"), "ab")
+    job = JOB._replace(recordings=str(tmp_path))
+    assert _complete(item, job, [DoneLog("train.csv", "ok", False, 0)])
+    assert not _complete(item, job, [DoneLog("train.csv", "ok", False, 900)])
 
 
 def test_a_second_run_tries_only_what_failed(
