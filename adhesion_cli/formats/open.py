@@ -113,6 +113,8 @@ FORMATS = (
     _unread("tdm", rb"(?s)\s*(<\?xml.{,300}?)?<usi:tdm", "a DIAdem TDM log", "save it as TDMS"),
     _unread("rosbag", rb"#ROSBAG", "a ROS 1 bag", _TO_MCAP),
     _unread("rosbag2", rb"SQLite format 3", "an SQLite file, as a ROS 2 bag is", _TO_MCAP),
+    _unread("zstd", rb"\x28\xb5\x2f\xfd", "compressed by zstd", "unpack it with `unzstd`"),
+    _unread("lfs", rb"version https://git-lfs", "a pointer of Git LFS", "run `git lfs pull`"),
     _unread("hdf5", rb"\x89HDF", "an HDF5 file", "export the channels as CSV, Parquet or MDF 4"),
     _unread(
         "influx",

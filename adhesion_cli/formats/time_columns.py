@@ -64,7 +64,7 @@ def find(
         {},
     )
     clock = find_clock(dialect, options, rows, path)
-    if clock.columns and _counts(clock):
+    if clock.columns and clock.may_be_digits:
         name = names[clock.columns[0]]
         t, ok = _times([read(name)], clock)
         if from_digits(t[ok]) is not None:
@@ -91,15 +91,10 @@ def _cells(array: Any) -> list[str]:
 def times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
     """Times [ns] of the clock's columns, and which of them hold; shape (n,)."""
     t, ok = _times(arrays, clock)
-    if _counts(clock) and (time_of_day := from_digits(t[ok])) is not None:
+    if clock.may_be_digits and (time_of_day := from_digits(t[ok])) is not None:
         t = np.zeros_like(t)
         t[ok] = time_of_day
     return t, ok
-
-
-def _counts(clock: Clock) -> bool:
-    """Whether the times are numbers after an unknown start: digits, HHMMSS, may be such."""
-    return bool(clock.unit) and not clock.absolute
 
 
 def _times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:

@@ -60,7 +60,7 @@ class ArrivingCsv:
     def _of_digits(self, t: Times, timed: Bools) -> Times:
         """The times; those of a clock in digits go on from before its first full minute."""
         clock = self._table.clock
-        if self._offset is None and clock.unit and not clock.absolute:
+        if self._offset is None and clock.may_be_digits:
             numbers = np.append(self._recent, t[timed])
             if (of_day := from_digits(numbers)) is not None:
                 self._offset = int(numbers[0] - of_day[0])

@@ -83,6 +83,11 @@ class Clock:
         digits = Finding("time-digits", "info", name, names={"example": example})
         return replace(self, reason=reason, findings=(*others, digits))
 
+    @property
+    def may_be_digits(self) -> bool:
+        """Whether times are numbers after an unknown start, as digits, HHMMSS, are."""
+        return bool(self.unit) and not self.absolute
+
     def nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
         """Times [ns] of the rows of one block, and which of them hold; shape (n,).
 

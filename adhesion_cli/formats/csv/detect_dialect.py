@@ -20,7 +20,7 @@ from .dialect import (
     unit_behind,
     without_brackets,
 )
-from .head import Line, encoding_of, first_lines, line_too_long, refuse_other_formats
+from .head import Line, encoding_of, first_lines, line_too_long
 from .header import (
     DELIMITERS,
     REMARKS,
@@ -53,7 +53,6 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     Raises:
         UserError: where this is no table of numbers, or cannot be read only one way.
     """
-    refuse_other_formats(head, path)
     reasons: dict[str, str] = {}
     encoding, bom, reasons["encoding"] = encoding_of(head, options.encoding, path)
     lines = first_lines(head[bom:], encoding, complete, path)

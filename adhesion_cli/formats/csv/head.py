@@ -11,25 +11,9 @@ _HEAD_LINES = 600
 _OPEN_QUOTE = re.compile(r'(?:^|[;,\t|])\s*"[^"]*$')  # of a cell that goes on in the next line
 _MOST_LINE_ENDS = 20  # in the cells of one row
 _CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
-_MAGIC = (
-    (b"\x89HDF", "an HDF5 or MATLAB v7.3 file"),
-    (b"MATLAB 5.0", "a MATLAB file"),
-    (b"MDF     ", "an ASAM MDF recording"),
-    (b"PAR1", "a Parquet file"),
-    (b"\x28\xb5\x2f\xfd", "zstd-compressed"),
-    (b"version https://git-lfs", "a Git LFS pointer (git lfs pull fetches its file)"),
-)
 FORMATS = "CSV, MCAP, Parquet, Excel, MATLAB, MDF 4, TDMS, CAN (BLF, ASC, TRC, candump, BUSMASTER)"
 READABLE = f"give a log in one of the formats: {FORMATS}"
 Line = tuple[int, str]  # number, from 1, and text
-
-
-def refuse_other_formats(head: bytes, path: Path) -> None:
-    """Refuses files of a known format that is not text."""
-    for magic, format_name in _MAGIC:
-        if head.startswith(magic):
-            hint = f"export the log as one of: {FORMATS}"
-            raise UserError(f"{path}: is {format_name}, not CSV", hint)
 
 
 def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, int, str]:

@@ -218,8 +218,7 @@ class CsvSource:
 
     def _of_digits(self, t: Times) -> Times:
         """The times; those of a clock in digits that is read as a number are a time of day."""
-        is_number = bool(self._clock.unit) and not self.absolute
-        times = from_digits(t) if is_number else None
+        times = from_digits(t) if self._clock.may_be_digits else None
         if times is None:
             return t
         i = self._clock.columns[0]
