@@ -15,6 +15,7 @@ from ...core.model import Column
 from ..source import Field, ReadOptions
 from .reader import McapSource
 from .records import HEADER, MAGIC, RAISE_LIMIT, DamageError, LogFile, written
+from .series import Owners
 
 _PIECE_SIZE = 1 << 23  # bytes that are taken at once, and one record more
 _KEPT_OPCODES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
@@ -54,6 +55,7 @@ class ArrivingMcap:
     def _restart(self) -> None:
         self._offset, self.ended = len(MAGIC), False
         self._header, self._defined = b"", list[Schema | Channel]()
+        self._owners: Owners = {}
         self._raw, self._has_messages, self._raw_start = bytearray(), False, self._offset
 
     def head(self) -> McapSource:
@@ -104,7 +106,9 @@ class ArrivingMcap:
         """These records, as a log of their own."""
         preamble = MAGIC + self._header + written(*self._defined)
         content = preamble + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC
-        source = McapSource(self._path, replace(self._options, strict=False), content)
+        options = replace(self._options, strict=False)
+        source = McapSource(self._path, options, content, self._owners)
+        self._owners = source.owners
         source.texts = []  # what arrives are numbers
         self._defined = [*source.walk.schemas.values(), *source.walk.channels.values()]
         return source

@@ -1,7 +1,9 @@
 """Collects the columns of one series, block by block."""
 
 from bisect import bisect
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +28,36 @@ _SEVERITY: dict[str, Severity] = {
     "mcap-late-field": "warning",
     "mcap-no-stamp": "error",
 }
+
+
+def deal(
+    collectors: Sequence["Collector"], records: Records
+) -> Iterator[tuple["Collector", Records]]:
+    """The messages of a topic for each of its collectors, by their owner.
+
+    Messages of owners that the first ones do not name go to the first owner, which reports them.
+    """
+    series = collectors[0].series
+    if not series.owner_at:
+        yield collectors[0], records
+        return
+    assert series.decoder is not None
+    names = tuple(owner.strip() for owner in series.owners if isinstance(owner, str))
+    owners = Decoded(series.tree, [Leaf(series.owner_at, words=names)], None, len(records.start))
+    series.decoder.fill(owners, 0, records.data, records.start, records.stop)
+    words = owners.words.get(series.owner_at, [])
+    number_of: dict[Any, float] = {
+        owner: (words.index(owner.strip()) if owner.strip() in words else -1)
+        if isinstance(owner, str)
+        else owner
+        for owner in series.owners
+    }
+    numbers = owners.values[0]
+    for collector in collectors:
+        is_own = numbers == number_of[collector.series.owner]
+        if collector.series.owner == series.owners[0]:
+            is_own |= ~np.isin(numbers, list(number_of.values()))
+        yield collector, records.select(np.flatnonzero(is_own))
 
 
 class Collector:
@@ -71,6 +103,8 @@ class Collector:
         stamps inside them are not sorted, and neither are the times of a clock that was set back.
         """
         decoded, stamp = self._decoded, self.series.stamp
+        decoded.values = decoded.values[:, : self.rows]
+        self._log, self._publish = self._log[: self.rows], self._publish[: self.rows]
         decodes = decoded.finish()
         t = self._publish if self._source == "publish" else self._log
         values = decoded.values[: len(self.leaves)]

@@ -20,6 +20,7 @@ _RARE = 50  # keys that are in fewer than one of so many messages are no names
 _AXLES = "axle axleid axleno axlenumber wheel wheelset achse radsatz".split()
 # Keys of a message whose values may say whose its numbers are.
 _OWNERS = [*_AXLES, *"device deviceid sensor sensorid name signal channel".split()]
+_FRAME: Steps = ("header", "frame_id")  # so may this one, where only its number differs
 _STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
 
 
@@ -169,7 +170,7 @@ class _LeafSearch:
         elif isinstance(node, dict):
             is_element = bool(steps) and isinstance(steps[-1], int)
             label_keys = (k for k in node if k == "name" or _normal(k) in _AXLES)
-            key = next((k for k in label_keys if _is_label(node[k])), None)
+            key = next((k for k in label_keys if is_label(node[k])), None)
             if is_element and key:
                 label_at = (*steps, key)
             for key, value in node.items():
@@ -186,9 +187,7 @@ class _LeafSearch:
         if len(path(steps)) > _LONGEST:
             self.omitted.append(f"{path(steps)[:_LONGEST]} (a name too long)")
         elif len(self.leaves) < MAX_NUMBERS:
-            label = str(node_at(self._tree, label_at)) if label_at else ""
-            if label.isdecimal():
-                label = f"{label_at[-1]} {label}"
+            label = label_of(label_at, node_at(self._tree, label_at)) if label_at else ""
             unit, unit_place, unit_at = self._unit(steps)
             self.leaves.append(Leaf(steps, label, unit, unit_place, label_at, unit_at))
         elif (skipped := f"all after {self.leaves[-1].path}") not in self.omitted:
@@ -217,18 +216,25 @@ def _normal(key: str) -> str:
     return key.replace("_", "").casefold()
 
 
-def _is_label(value: Tree) -> bool:
+def is_label(value: Tree) -> bool:
     """Whether a value is a name or a number that can name something."""
     return type(value) is int or (isinstance(value, str) and 0 < len(value) <= _LONGEST)
+
+
+def label_of(steps: Steps, value: Tree) -> str:
+    """The name that a value at a place gives; a number with its key: "axle 2"."""
+    return f"{steps[-1]} {value}" if str(value).isdecimal() else str(value)
 
 
 def owner_of(trees: Sequence[Tree]) -> Steps:
     """Where messages say whose their numbers are, if they are of several in turn; else ()."""
     first = trees[0] if isinstance(trees[0], dict) else {}
     keys: list[Steps] = [(key,) for key in first if _normal(key) in _OWNERS]
-    for steps in [*keys, ("header", "frame_id")]:
+    for steps in [*keys, _FRAME]:
         owners = [node_at(tree, steps) for tree in trees]
-        if all(map(_is_label, owners)) and 1 < len(set(owners)) <= len(owners) / 2:
+        if not all(map(is_label, owners)) or not 1 < len(set(owners)) <= len(owners) / 2:
+            continue
+        if steps != _FRAME or len({re.sub(r"\d+", "", owner) for owner in owners}) == 1:
             return steps
     return ()
 

@@ -10,9 +10,9 @@ from ...core.errors import UserError
 from ...core.finding import Finding, Severity
 from ...core.model import Column
 from ..source import Field, ReadOptions, TimeSource, report
-from .collect import Collector
+from .collect import Collector, deal
 from .fields import Leaf
-from .series import YEAR_1990, Series, discover, grouped
+from .series import YEAR_1990, Owners, Series, discover, grouped
 from .walk import Walk
 
 _DAY = 86_400 * 10**9
@@ -42,19 +42,26 @@ class McapSource:
         path: the file.
         options: how to read it.
         content: the bytes of the file, where they are in memory.
+        owners: of messages, which are known from earlier parts of the log.
     """
 
     format = "mcap"
 
-    def __init__(self, path: Path, options: ReadOptions, content: bytes | None = None) -> None:
-        self.path, self._options = path, options
+    def __init__(
+        self,
+        path: Path,
+        options: ReadOptions,
+        content: bytes | None = None,
+        owners: Owners | None = None,
+    ) -> None:
+        self.path, self._options, self.owners = path, options, owners or {}
         self.walk = walk = Walk(path, options, content)
         self.rows = walk.rows
         self.metadata, self.account = walk.metadata, walk.account()
         self.findings: list[Finding] = []
         self._report(self._of_walk())
         self._series = grouped(walk)
-        self._report(discover(self._series, options))
+        self._report(discover(self._series, options, self.owners))
         self.fields: Sequence[Field] = [
             _field(s, p, leaf) for s in self._series for p, leaf in s.fields.items()
         ]
@@ -159,7 +166,7 @@ class McapSource:
         self._collect(collectors)
         by_field: dict[tuple[str, str, str, bool], Column] = {}
         for collector in collectors:
-            if collector.rows != collector.series.rows:
+            if collector.rows != collector.series.rows and not collector.series.owner_at:
                 raise self.walk.changed()
             topic, group = collector.series.topic, collector.series.group
             columns, findings = collector.finish()
@@ -171,8 +178,12 @@ class McapSource:
     def _collect(self, collectors: Sequence[Collector]) -> None:
         """Hands each the messages of its channels; the cost of a block does not grow with them."""
         whose = np.full(1 << 16, -1, np.int32)  # by channel id
-        for k, collector in enumerate(collectors):
-            whose[collector.series.ids] = k
+        by_channel: dict[int, list[Collector]] = {}
+        for collector in collectors:
+            by_channel.setdefault(collector.series.ids[0], []).append(collector)
+        topics = list(by_channel.values())
+        for k, of_topic in enumerate(topics):
+            whose[of_topic[0].series.ids] = k
         for block, records in self.walk.reread():
             collector_index = whose[records.channel]
             rows = np.flatnonzero(collector_index >= 0)
@@ -184,7 +195,8 @@ class McapSource:
             run_ends = np.cumsum(counts)
             for k in np.flatnonzero(counts).tolist():
                 rows_of_collector = rows[run_ends[k] - counts[k] : run_ends[k]]
-                collectors[k].take(records.select(rows_of_collector), block.offset)
+                for collector, its_own in deal(topics[k], records.select(rows_of_collector)):
+                    collector.take(its_own, block.offset)
 
 
 def _field(s: Series, place: str, leaf: Leaf) -> Field:

@@ -14,9 +14,12 @@ from .columns import Decoder
 from .fields import (
     MAX_NUMBERS,
     Leaf,
+    Steps,
     Tree,
     UndecodableError,
     empty,
+    is_label,
+    label_of,
     node_at,
     number_leaves,
     owner_of,
@@ -52,6 +55,9 @@ class Series:
     texts: dict[str, Leaf] = field(default_factory=dict)  # of words, by path
     stamp: Stamp | None = None
     stamp_time: int = 0  # of the first message, 0 where it has none
+    owner: Tree = None  # whose messages of the topic these are, where several come in turn
+    owners: tuple[Tree, ...] = ()  # all of them
+    owner_at: Steps = ()  # where a message names its owner
     stamps_repeat: bool = False  # among the first messages, as those of a date or of whole seconds
 
     @property
@@ -109,15 +115,66 @@ def grouped(walk: Walk) -> list[Series]:
 _Decoders = dict[tuple[str, int], Decoder]  # by encoding and schema
 
 
-def discover(series: list[Series], options: ReadOptions) -> Iterator[Finding]:
-    """Finds the numbers in the first messages of all series that have messages."""
+Owners = dict[str, tuple[Steps, tuple[Tree, ...]]]  # by topic: where they are named, and who
+
+
+def discover(series: list[Series], options: ReadOptions, owners: Owners) -> Iterator[Finding]:
+    """Finds the numbers in the first messages of all series that have messages.
+
+    Args:
+        series: the topics; one whose messages have several owners becomes a series of each.
+        options: how to read them.
+        owners: those that are known; new ones are added.
+    """
     decoders: _Decoders = {}
-    for s in (entry for entry in series if entry.rows):
-        yield from _look(s, decoders, options)
-        s.heads = []
+    discovered = list[Series]()
+    for s in series:
+        trees: list[Tree] = []
+        if s.rows:
+            yield from _look(s, trees, decoders, options)
+        parts = _parts(s, trees, owners) if trees else []
+        for part, its_trees in parts:
+            part.tree = typical(its_trees)
+            assert part.decoder is not None
+            yield from _offer(part, part.decoder, its_trees)
+            _find_stamp(part, its_trees)
+            part.heads = []
+        discovered += [part for part, _ in parts] or [s]
+    series[:] = discovered
 
 
-def _look(s: Series, decoders: _Decoders, options: ReadOptions) -> Iterator[Finding]:
+def _parts(s: Series, trees: list[Tree], owners: Owners) -> list[tuple[Series, list[Tree]]]:
+    """The series of each owner with its first messages; the series itself where it has none."""
+    place, known = owners.get(s.topic, (owner_of(trees), ()))
+    trees_of: dict[Tree, list[Tree]] = {owner: [] for owner in known}
+    for tree in trees if place else ():
+        if is_label(owner := node_at(tree, place)):
+            trees_of.setdefault(owner, []).append(tree)
+    if not 1 < len(trees_of) <= MOST_WORDS:
+        return [(s, trees)]
+    owners[s.topic] = place, tuple(trees_of)
+    return [
+        (
+            replace(
+                s,
+                owner=owner,
+                owners=tuple(trees_of),
+                owner_at=place,
+                group=f"{s.group} {label_of(place, owner)}".strip(),
+                fields={},
+                texts={},
+            ),
+            its_trees,
+        )
+        for owner, its_trees in trees_of.items()
+        if its_trees
+    ]
+
+
+def _look(
+    s: Series, trees: list[Tree], decoders: _Decoders, options: ReadOptions
+) -> Iterator[Finding]:
+    """Finds the decoder of a series, and adds its first messages to the trees."""
     key = s.encoding, s.schema_id
     try:
         s.decoder = decoders.get(key) or _decoder(s, options)
@@ -126,15 +183,12 @@ def _look(s: Series, decoders: _Decoders, options: ReadOptions) -> Iterator[Find
             yield s.finding("mcap-encoding", "info", encoding=kind)
             return
         decoders[key] = s.decoder
-        trees = _trees(s, s.decoder)
+        trees += _trees(s, s.decoder)
     except UndecodableError as e:
         yield s.finding("mcap-topic-unreadable", "error", reason=str(e))
         return
     if s.lacks_schema:
         yield s.finding("mcap-schema-missing", "warning", schema=str(s.schema_id))
-    s.tree = typical(trees)
-    yield from _offer(s, s.decoder, trees)
-    _find_stamp(s, trees)
 
 
 def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
@@ -184,7 +238,7 @@ def _trees(s: Series, decoder: Decoder) -> list[Tree]:
 
 def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
     """Offers the numbers of the first messages, and their words."""
-    numbers, texts, skipped = number_leaves(s.tree, decoder.unit, s.metadata, owner_of(trees))
+    numbers, texts, skipped = number_leaves(s.tree, decoder.unit, s.metadata, s.owner_at)
     for leaf in numbers:
         if s.fields.setdefault(leaf.path, leaf) is not leaf:
             skipped.append(f"a second {leaf.path}")

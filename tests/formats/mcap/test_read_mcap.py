@@ -36,6 +36,7 @@ from adhesion_cli.channels.log import unchanged
 from adhesion_cli.channels.meaning import understood
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Column
+from adhesion_cli.formats.mcap.arriving import ArrivingMcap
 from adhesion_cli.formats.mcap.reader import McapSource, open_mcap
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import Field, ReadOptions
@@ -1053,16 +1054,52 @@ def test_elements_are_known_by_their_own_axle(tmp_path: Path, encoding: str) -> 
     assert codes(source) == [("mcap-text-change", 1)] * 2
 
 
-@pytest.mark.parametrize("owners", [(1, 2), ("left", "right")])
-def test_messages_of_several_owners_in_one_topic_are_not_mixed(
-    tmp_path: Path, owners: tuple[Any, Any]
+@pytest.mark.parametrize("encoding", ["json", "cdr"])
+@pytest.mark.parametrize("owners", [(1, 2), ("axle 1", "axle 2")])
+def test_messages_of_several_owners_in_one_topic(
+    tmp_path: Path, encoding: str, owners: tuple[Any, Any]
 ) -> None:
+    """Each owner has its series and units; one that comes later is reported."""
+    kind = "int32" if owners[0] == 1 else "string"
+    text = f"{kind} axle\nfloat64 bc_pressure\nstring unit\n".encode()
+    schema = Schema(1, text, "ros2msg", "p/msg/Axle")
+    log = Log([schema], [Channel(1, "/a", encoding, {}, int(encoding == "cdr"))], per_chunk=7)
+    for k in range(400):
+        axle = k % 2 + 1
+        owner = owners[axle - 1] if k < 399 else (3 if owners[0] == 1 else "axle 3")
+        tree = {"axle": owner, "bc_pressure": float(axle), "unit": ("bar", "kPa")[axle - 1]}
+        raw = cdr(schema, tree) if encoding == "cdr" else json.dumps(tree).encode()
+        log.messages.append(message(1, START + k, raw))
+    source = opened(tmp_path, log)
+    meant, _ = understood(source.fields, ())
+    pressures = {m.axle: m for m in meant if m.meaning == "pressure"}
+    assert [pressures[axle].unit for axle in (1, 2)] == ["bar", "kPa"]
+    for axle in (1, 2):  # each alone, too
+        (column,) = source.columns([pressures[axle].field])
+        assert set(column.value[column.valid]) == {float(axle)}
+        assert column.t[column.valid].tolist() == [START + k for k in range(axle - 1, 399, 2)]
+    assert {code for code, _ in codes(source)} == {"mcap-text-change"}
+
+
+def test_owners_are_known_in_each_part_of_a_log_that_grows(tmp_path: Path) -> None:
     rows = [
-        (k * 10**7 + i, {"axle": owner, "bc_pressure_bar": float(i)})
-        for k in range(30)
-        for i, owner in enumerate(owners)
+        (k * 10**7, {"axle": k % 2 + 1, "bc_pressure_bar": float(k % 2 + 1)}) for k in range(40)
     ]
-    source = opened(tmp_path, json_log(rows))
-    column = next(c for name, c in read(source).items() if "pressure" in name)
-    assert set(column.value[column.valid]) == {0.0}
-    assert ("mcap-text-change", 30) in codes(source)
+    path = tmp_path / "log.mcap"
+    whole = json_log(rows).bytes()
+    place, ends = 8, list[int]()  # of messages
+    while whole[place] <= 5:
+        opcode, place = (
+            whole[place],
+            place + 9 + int.from_bytes(whole[place + 1 : place + 9], "little"),
+        )
+        ends += [place] * (opcode == 5)
+    path.write_bytes(whole[: ends[38]])
+    arriving = ArrivingMcap(path, ReadOptions())
+    assert arriving.arrived()
+    wanted = [f for f in arriving.head().fields if f.path == "bc_pressure_bar"]
+    assert [f.group for f in wanted] == ["axle 1", "axle 2"]
+    arriving.columns(wanted, lambda _: None)
+    path.write_bytes(whole[: ends[39]])  # one message more
+    columns = arriving.columns(wanted, lambda _: None)
+    assert {place: column.value.tolist() for place, column in columns.items()} == {1: [2.0]}
