@@ -38,7 +38,14 @@ def test_the_hashes_are_of_the_versions_that_are_tested() -> None:
     }
 
 
-def test_no_function_is_longer_than_a_screen() -> None:
+@pytest.fixture(scope="module")
+def trees() -> dict[Path, ast.Module]:
+    """The modules of the package, parsed."""
+    paths = sorted(ROOT.glob("adhesion_cli/**/*.py"))
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def test_no_function_is_longer_than_a_screen(trees: dict[Path, ast.Module]) -> None:
     """Below its signature and its docstring, which state shapes, units and errors a line each."""
 
     def body_lines(node: ast.FunctionDef) -> int:
@@ -47,8 +54,8 @@ def test_no_function_is_longer_than_a_screen() -> None:
 
     long = [
         f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
-        for path in sorted(ROOT.glob("adhesion_cli/**/*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef) and body_lines(node) >= 60
     ]
     assert not long
@@ -99,10 +106,8 @@ def test_analyze_does_not_load_pandas_which_arrow_would(loaded: set[str]) -> Non
     assert "pandas.core.api" not in loaded
 
 
-def test_a_class_name_stands_once() -> None:
+def test_a_class_name_stands_once(trees: dict[Path, ast.Module]) -> None:
     """Except the names that every estimator, check or format defines by its contract."""
-    files = ROOT.glob("adhesion_cli/**/*.py")
-    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in files]
-    names = [n.name for tree in trees for n in tree.body if isinstance(n, ast.ClassDef)]
+    names = [n.name for tree in trees.values() for n in tree.body if isinstance(n, ast.ClassDef)]
     by_contract = {"About", "Params", "State", "Reader"}
     assert not {name for name in names if names.count(name) > 1} - by_contract

@@ -8,7 +8,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
-from helpers.live_runs import LOW, SERVICE
+from helpers.live_runs import SERVICE
 
 from adhesion_cli.cli import app
 
@@ -23,7 +23,7 @@ COMMANDS = {
     "compare": ["service-brake.adhesion.mcap"],
     "stops": [str(SERVICE), "-o", "."],
     "fleet": [str(SERVICE), "x.mf4", "-a", "td", "--workers", "1"],
-    "slip": [str(LOW), "--axle", "1"],
+    "slip": [str(SERVICE), "--axle", "1"],
     "calibrate": [str(SERVICE)],
     "live": ["--replay", str(SERVICE), "--speed", "0", "-a", "td", "-o", "."],
     "explain": ["gap"],
