@@ -11,7 +11,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from ...core.model import Bools, Times
+from ...core.model import Times
 from ..source import ReadOptions
 from .records import HEADER, PIECE, RAISE_LIMIT, DamageError, LogFile
 
@@ -53,9 +53,11 @@ class Records(NamedTuple):
     start: Offsets  # of the messages themselves in the data
     stop: Offsets
 
-    def select(self, selection: Bools | Offsets) -> "Records":
-        """Some of the messages, by a mask or by their numbers."""
-        return Records(self.data, self.definitions, *(array[selection] for array in self[2:]))
+    def select(self, rows: Offsets) -> "Records":
+        """Some of the messages, by their numbers, which rise."""
+        if len(rows) == len(self.start):
+            return self  # without a copy, which takes memory
+        return Records(self.data, self.definitions, *(array[rows] for array in self[2:]))
 
 
 class BlockReader:

@@ -73,7 +73,7 @@ class FirstMessages:
 
     def add(self, records: Records) -> None:
         """Keeps messages of a block, of channels that are not full."""
-        new = records.select(~np.isin(records.channel, list(self.full)))
+        new = records.select(np.flatnonzero(~np.isin(records.channel, list(self.full))))
         for channel, time, start, stop in zip(
             *(x.tolist() for x in (new.channel, new.log_time, new.start, new.stop)),
             strict=True,
