@@ -28,3 +28,8 @@ def every_field_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
 def run(tmp_path: Path) -> Run:
     """The command in this process, in an empty folder."""
     return functools.partial(in_process, tmp_path)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest tests begin: at the end one process would wait for the other one."""
+    items.sort(key=lambda item: item.path.parent.name != "wsp")

@@ -649,7 +649,14 @@ def _messages(path: Path, topic: str) -> list:
         return [m for _, _, _, m in reader.iter_decoded_messages(topics=[topic])]
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.5, None], ids=["in time", "late", "made of the axles"])
+@pytest.mark.parametrize(
+    "lag",
+    [
+        pytest.param(0.0, id="in time", marks=pytest.mark.slow),
+        pytest.param(0.5, id="late"),
+        pytest.param(None, id="made of the axles"),
+    ],
+)
 def test_a_result_is_told_as_its_log_was(tmp_path: Path, lag: float | None) -> None:
     """Same clock, same refusals: a train speed made of the axles is none that was measured."""
     log = late(recordings("low-adhesion", train=lag is not None), "train_speed", lag or 0.0)
