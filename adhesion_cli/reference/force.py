@@ -294,25 +294,23 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     rates = [
         rate_of_change(*pair, regimes, fitted) for pair in zip(wheel, informative, strict=True)
     ]
-    averaged, judged = 0.0, (fitted_to, fitted)
+    averaged, judged = 0.0, _Judged(fitted_to, fitted)
     if not counts and not runs[0].pressure_late.value:
-        means = [informative_samples(run, mean=True) for run in wheel]
-        averaged, noise_of = 0.5, fitted
-        if not _sparse(runs):
-            averaged, noise_of = probability_of_means(informative, means, fitted, regimes, prior)
+        averaged, means = _as_means(runs, wheel, informative, fitted, regimes, prior)
         if averaged > NEVER:
             mean_rates = [
-                rate_of_change(*pair, regimes, noise_of) for pair in zip(wheel, means, strict=True)
+                rate_of_change(*pair, regimes, means.noise)
+                for pair in zip(wheel, means.runs, strict=True)
             ]
             rates = [mix_estimates(*pair, averaged) for pair in zip(rates, mean_rates, strict=True)]
-        judged = (means, noise_of) if averaged > LIKELY else judged
-    squares = [smoother.innovations(run, regimes, judged[1]) ** 2 for run in judged[0]]
+        judged = means if averaged > LIKELY else judged
+    squares = [smoother.innovations(run, regimes, judged.noise) ** 2 for run in judged.runs]
     rolls = len(regimes.start) == 1 and _sparse(runs)
     forces = [
         _between_samples(*pair, w) if rolls else _noise(*pair, w)
         for pair in zip(clamping, rates, strict=True)
     ]
-    level = math.inf if counts else judged[1].measurement  # a count is a mean, not a level
+    level = math.inf if counts else judged.noise.measurement  # a count is a mean, not a level
     return [
         RunEstimate(
             K,
@@ -327,6 +325,40 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             forces, rates, squares, wheel, clamping, strict=True
         )
     ]
+
+
+class _Judged(NamedTuple):
+    """By what the innovations are judged."""
+
+    runs: list[smoother.UnbrokenRun]
+    noise: smoother.MeasurementNoise
+
+
+def _as_means(
+    runs: list[AxleRecord],
+    wheel: list[smoother.UnbrokenRun],
+    informative: list[smoother.UnbrokenRun],
+    fitted: smoother.MeasurementNoise,
+    regimes: smoother.Regimes,
+    prior: smoother.MeasurementNoise,
+) -> tuple[float, _Judged]:
+    """The probability that speeds are means since the last one, and the samples as such means.
+
+    Where samples are sparse, nothing shows it: both are as likely.
+
+    Args:
+        runs: unbroken runs of the record.
+        wheel: the same for the smoother.
+        informative: the samples of these that tell something, as speeds of their instant.
+        fitted: the noise of these.
+        regimes: when the wheel rolls and slides.
+        prior: of the noise.
+    """
+    means = [informative_samples(run, mean=True) for run in wheel]
+    if _sparse(runs):
+        return 0.5, _Judged(means, fitted)
+    probability, noise = probability_of_means(informative, means, fitted, regimes, prior)
+    return probability, _Judged(means, noise)
 
 
 def _most_likely_lag(
