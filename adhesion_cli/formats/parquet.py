@@ -103,6 +103,11 @@ def _write_text(table: Any, text: Path) -> None:
     pyarrow.csv.write_csv(pa.Table.from_arrays(cells, names), text)
 
 
+def _not_read(nested: Sequence[str]) -> Finding:
+    names = {"columns": ", ".join(nested[:6])}
+    return Finding("nested-columns", "info", "", len(nested), names=names)
+
+
 class Reader:
     """A Parquet file. A damaged one is refused: its checksums show where, and a copy is sound."""
 
@@ -123,17 +128,8 @@ class Reader:
         head, _ = _arrays(first_rows)
         self._columns, nested = _columns(first_rows.schema, head)
         self._elements = Counter(c.name.removesuffix(c.path) for c in self._columns if c.path)
-        scalar = [c for c in self._columns if not c.path]
-        groups, findings = [scalar], tuple[Finding, ...]()
-        try:
-            first_axis, findings = self._axis(scalar, head, options)
-            axes = [first_axis]
-        except UserError as error:
-            groups = _paired(self._columns)
-            if len(groups) < 2 or options.time_channel:
-                raise _TimeError(error.text, error.hint, error.code) from error
-            axes = [self._axis(group, head, options)[0] for group in groups]
-        self._axes = axes
+        groups, self._axes, findings = self._find_axes(head, options)
+        axes = self._axes
         times, _ = time_columns.times([head[c.name] for c in axes[0].times], axes[0].clock)
         # Rows of several signals or devices, which a column of texts tells apart.
         self.repeats_times = len(times) > 1.5 * len(set(times.tolist()))
@@ -142,26 +138,22 @@ class Reader:
         of_group = {c.name: k for k, group in enumerate(groups) for c in group}
         cells = {
             c: head[c.name].drop_null().to_pylist()
-            for c in scalar
-            if c.name not in time_names and _is_text(c.type)
+            for c in self._columns
+            if not c.path and c.name not in time_names and _is_text(c.type)
         }
         self.has_numbers_as_texts = any(
             cells[c] and all(map(is_number, cells[c]))
             for c in cells
             if units.unit(c.unit or units.in_name(c.title)[1])
         )
-        words = {c: distinct_words(cells[c]) for c in cells}
-        texts = [c for c in words if words[c]]
-        self._series = [(c, of_group.get(c.name, 0)) for c in (*numbers, *texts)]
+        words = {c: cell_words for c in cells if (cell_words := distinct_words(cells[c]))}
+        self._series = [(c, of_group.get(c.name, 0)) for c in (*numbers, *words)]
         if nested:
-            names = {"columns": ", ".join(nested[:6])}
-            findings = (*findings, Finding("nested-columns", "info", "", len(nested), names=names))
+            findings = (*findings, _not_read(nested))
         fields = [
             Field(c.title, path=c.path, unit=c.unit, unit_from="field metadata" if c.unit else "")
             for c in numbers
         ]
-        clock = axes[0].clock
-        start = 2**62 if clock.absolute else 0  # only whether it has one counts
         used = {*time_names, *(c.name for c in numbers)}
         skipped = [*(c.title for c in self._columns if c.name not in used), *nested]
         reasons = {
@@ -171,16 +163,29 @@ class Reader:
             "time column": str(axes[0].times[0].type),
             "not numeric": ", ".join(skipped),
         }
-        reason = clock.reason.replace("(units row)", "(field metadata)")
         self.contents = Contents(
             fields,
-            start,
-            reason,
+            2**62 if axes[0].clock.absolute else 0,  # only whether it has one counts
+            axes[0].clock.reason.replace("(units row)", "(field metadata)"),
             self._rows,
             reasons,
             findings=list(findings),
-            texts=[Field(c.title, words=words[c]) for c in texts],
+            texts=[Field(c.title, words=words[c]) for c in words],
         )
+
+    def _find_axes(
+        self, head: dict[str, pa.Array], options: ReadOptions
+    ) -> tuple[list[list[_ParquetColumn]], list[_ParquetTime], tuple[Finding, ...]]:
+        """Groups of columns with the time axis of each: one of all, or of each pair of columns."""
+        scalar = [c for c in self._columns if not c.path]
+        try:
+            axis, findings = self._axis(scalar, head, options)
+        except UserError as error:
+            groups = _paired(self._columns)
+            if len(groups) < 2 or options.time_channel:
+                raise _TimeError(error.text, error.hint, error.code) from error
+            return groups, [self._axis(group, head, options)[0] for group in groups], ()
+        return [scalar], [axis], findings
 
     def _axis(
         self, columns: Sequence[_ParquetColumn], head: dict[str, pa.Array], options: ReadOptions

@@ -283,7 +283,7 @@ class Reader:
 
     def _reason(self, start: int) -> str:
         """Which time was taken, for people."""
-        axes = {axis for _, axis in self._channels}
+        axes = dict.fromkeys(axis for _, axis in self._channels)
         by_columns = [_reason(axis.clock) for axis in axes if isinstance(axis, _Columns)]
         waves = "start and increment of each channel" + (" (UTC)" if start else "; no start stated")
         descriptions = [waves] * (len(by_columns) < len(axes)) + by_columns

@@ -296,12 +296,8 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     ]
     averaged, judged = 0.0, _Judged(fitted_to, fitted)
     if not counts and not runs[0].pressure_late.value:
-        averaged, means = _as_means(runs, wheel, informative, fitted, regimes, prior)
-        if averaged > NEVER:
-            mean_rates = [
-                rate_of_change(*pair, regimes, means.noise)
-                for pair in zip(wheel, means.runs, strict=True)
-            ]
+        averaged, mean_rates, means = _as_means(runs, wheel, informative, fitted, regimes, prior)
+        if mean_rates:
             rates = [mix_estimates(*pair, averaged) for pair in zip(rates, mean_rates, strict=True)]
         judged = means if averaged > LIKELY else judged
     squares = [smoother.innovations(run, regimes, judged.noise) ** 2 for run in judged.runs]
@@ -341,10 +337,11 @@ def _as_means(
     fitted: smoother.MeasurementNoise,
     regimes: smoother.Regimes,
     prior: smoother.MeasurementNoise,
-) -> tuple[float, _Judged]:
-    """The probability that speeds are means since the last one, and the samples as such means.
+) -> tuple[float, list[ValueAndSigma], _Judged]:
+    """The probability that speeds are means since the last one, the rates then, and the samples.
 
-    Where samples are sparse, nothing shows it: both are as likely.
+    Where samples are sparse, nothing shows it: both are as likely. Without a probability there are
+    no rates.
 
     Args:
         runs: unbroken runs of the record.
@@ -355,10 +352,12 @@ def _as_means(
         prior: of the noise.
     """
     means = [informative_samples(run, mean=True) for run in wheel]
-    if _sparse(runs):
-        return 0.5, _Judged(means, fitted)
-    probability, noise = probability_of_means(informative, means, fitted, regimes, prior)
-    return probability, _Judged(means, noise)
+    probability, noise = 0.5, fitted
+    if not _sparse(runs):
+        probability, noise = probability_of_means(informative, means, fitted, regimes, prior)
+    pairs = zip(wheel, means, strict=True) if probability > NEVER else ()
+    rates = [rate_of_change(*pair, regimes, noise) for pair in pairs]
+    return probability, rates, _Judged(means, noise)
 
 
 def _most_likely_lag(

@@ -12,7 +12,7 @@ from ...core.model import Column, Floats, Times
 from ...core.time_axis import spans_of
 from ..source import TimeSource
 from .blocks import Offsets, Records
-from .columns import Decoded, Fault
+from .columns import Decoded, DecodingFault
 from .fields import Leaf
 from .series import Series
 
@@ -113,7 +113,7 @@ class Collector:
             own_stamps, has_stamp = stamp.times(decoded.values[places])
             t = np.where(has_stamp, own_stamps, t)
             values[:, ~has_stamp] = np.nan
-            decoded.note(Fault("mcap-no-stamp"), np.flatnonzero(decodes & ~has_stamp))
+            decoded.note(DecodingFault("mcap-no-stamp"), np.flatnonzero(decodes & ~has_stamp))
         findings = []
         for fault, faulty in sorted(decoded.faults.items()):
             rows = np.array(faulty)
@@ -142,7 +142,7 @@ class Collector:
             array[:] = array[order]  # in place, to save memory
         return finding
 
-    def _finding(self, fault: Fault, rows: Offsets) -> Finding:
+    def _finding(self, fault: DecodingFault, rows: Offsets) -> Finding:
         """The finding on messages with a fault."""
         first = bisect([row for row, _ in self._blocks], rows[0]) - 1
         names = {k: v for k, v in (("field", fault.field), ("reason", fault.reason)) if v}

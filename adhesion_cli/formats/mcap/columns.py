@@ -20,7 +20,7 @@ _OVERHEAD = 256  # bytes that each counts more
 _MOST_REPORTED = 500  # kinds of faults of one topic that are reported one by one
 
 
-class Fault(NamedTuple):
+class DecodingFault(NamedTuple):
     """What decoding had to leave out of a message."""
 
     code: str  # of a finding
@@ -74,29 +74,29 @@ class Decoded:
         self.iso = stamp.places[0] if stamp and stamp.text else None
         self.words = {leaf.steps: list[str]() for leaf in leaves if leaf.words and not leaf.numbers}
         self.values: Floats = np.full((len(places), rows), np.nan)
-        self.faults: dict[Fault, array[int]] = {}
+        self.faults: dict[DecodingFault, array[int]] = {}
         self._unlike: list[tuple[list[int], Offsets]] = []  # numbers, messages that say otherwise
 
-    def note(self, fault: Fault, rows: Offsets) -> None:
+    def note(self, fault: DecodingFault, rows: Offsets) -> None:
         """Notes a fault of these messages, if there are any."""
         if len(self.faults) >= _MOST_REPORTED and fault not in self.faults:
             code, field, reason = fault
-            fault = Fault(code, field and "further fields", reason and "other reasons")
+            fault = DecodingFault(code, field and "further fields", reason and "other reasons")
         if len(rows):
             self.faults.setdefault(fault, array("q")).frombytes(rows.astype(np.int64).tobytes())
 
     def refuse(self, row: int, reason: str) -> None:
         """Leaves a message out that does not decode."""
-        self.note(Fault("mcap-bad-message", reason=reason), np.array([row]))
+        self.note(DecodingFault("mcap-bad-message", reason=reason), np.array([row]))
 
     def note_text(self, place: Steps, rows: Offsets) -> None:
         """Notes messages that say another unit or name; the numbers that it is of are left out."""
-        self.note(Fault("mcap-text-change", path(place)), rows)
+        self.note(DecodingFault("mcap-text-change", path(place)), rows)
         self._unlike.append((self.said[place].places, rows))
 
     def note_length(self, place: Steps, rows: Offsets) -> None:
         """Notes messages in which an array has another length."""
-        self.note(Fault("mcap-array-length", path(place)), rows)
+        self.note(DecodingFault("mcap-array-length", path(place)), rows)
 
     def finish(self) -> Bools:
         """Takes out what cannot be used; which messages decode, shape (rows,)."""

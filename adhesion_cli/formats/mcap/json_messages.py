@@ -9,7 +9,7 @@ import numpy as np
 import orjson
 
 from .blocks import Offsets
-from .columns import Decoder, Fault, Spread
+from .columns import Decoder, DecodingFault, Spread
 from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, path
 from .stamps import microseconds
 
@@ -47,7 +47,9 @@ class _JsonSpread(Spread):
             return nodes, rows
         is_kind = np.array([type(node) is kind for node in nodes], np.bool_)
         differs = [not ok and node is not None for ok, node in zip(is_kind, nodes, strict=True)]
-        self._decoded.note(Fault("mcap-type-change", path(steps) or "message"), rows[differs])
+        self._decoded.note(
+            DecodingFault("mcap-type-change", path(steps) or "message"), rows[differs]
+        )
         return [node for node in nodes if type(node) is kind], rows[is_kind]
 
     def _visits(self, shape: Tree, steps: Steps) -> bool:
@@ -60,10 +62,12 @@ class _JsonSpread(Spread):
             has_new_keys = [not node.keys() <= shape.keys() for node in nodes]
             suffix = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
             place = path((*steps, min(keys))) + suffix
-            self._decoded.note(Fault("mcap-late-field", place), rows[has_new_keys])
+            self._decoded.note(DecodingFault("mcap-late-field", place), rows[has_new_keys])
         for key in (key for key, child in shape.items() if child is None):
             has_number = [isinstance(node.get(key), _NUMERIC_TYPES) for node in nodes]
-            self._decoded.note(Fault("mcap-late-field", path((*steps, key))), rows[has_number])
+            self._decoded.note(
+                DecodingFault("mcap-late-field", path((*steps, key))), rows[has_number]
+            )
         super()._members(nodes, rows, shape, steps)
 
     def _numbers(self, nodes: Sequence[Tree], rows: Offsets, column: int, steps: Steps) -> None:
@@ -72,7 +76,7 @@ class _JsonSpread(Spread):
         elif steps not in self._decoded.words and not set(map(type, nodes)) <= _NUMBERS:
             is_number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
             not_numeric = ~is_number & np.array([node is not None for node in nodes], np.bool_)
-            self._decoded.note(Fault("mcap-type-change", path(steps)), rows[not_numeric])
+            self._decoded.note(DecodingFault("mcap-type-change", path(steps)), rows[not_numeric])
             nodes, rows = [node for node in nodes if type(node) in _NUMBERS], rows[is_number]
         super()._numbers(nodes, rows, column, steps)
 
