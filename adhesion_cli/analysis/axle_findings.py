@@ -80,6 +80,8 @@ def find_axle_findings(
         yield Finding("wheel-runout", "info", channel=name, values={"share": ref.runout})
     if ref.averaged > _SURE_PROBABILITY:
         yield Finding("speed-averaged", "info", channel=name)
+    if ref.pad_lag:
+        yield Finding("pads-lag", "info", channel=name, values={"lag_s": ref.pad_lag})
     if ref.pulses < _FEW_PULSES:
         yield Finding("few-pulses", "warning", channel=name, values={"pulses": ref.pulses})
     if not applications:

@@ -604,6 +604,7 @@ class Reference:
     nis: Nis | None = None  # of the forward filter, None where the method has none
     impulse: Floats | None = None  # 1 sigma of I ω/R at one time, by the speed's noise [N s]
     clamping: Floats | None = None  # the part of `sigma` that the noise of K has [N]
+    pad_lag: float = 0.0  # by which the pads lag the pressure, as the slides show it [s]
 
     @property
     def half_width(self) -> Floats:

@@ -58,6 +58,7 @@ class RunEstimate(NamedTuple):
     squares: Floats | None = None  # normalised innovations squared, where the filter has a sample
     speed_sigma: Floats | None = None  # 1 sigma of a speed as measured, without rounding [rad/s]
     clamping_sigma: Floats | None = None  # 1 sigma of φK from noise alone [N]
+    pad_lag: float = 0.0  # by which the pads lag the pressure, as the slides show it [s]
 
 
 class ReferenceMethod(NamedTuple):
@@ -127,6 +128,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
         nis,
         impulse,
         clamping,
+        max((estimate.pad_lag for estimate in estimates), default=0.0),
     )
 
 
@@ -267,8 +269,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     highest = max(float(c.K.max()) for c in clamping)
     scale = w.a * w.phi * max(highest, NO_BRAKING)  # of δ, if all of φK went missing
     counts, step = counts_together(max(runs, key=len)), runs[0].wheel_speed_step
-    triples = zip(runs, ripples, clamping, strict=True)
-    wheel = [_rolling_run(r, x, c.K, w) for r, x, c in triples]
+    wheel = [_rolling_run(r, x, c.K, w) for r, x, c in zip(runs, ripples, clamping, strict=True)]
     if counts:
         informative, fitted_to = _pulse_means(runs, ripples, wheel, counts)
         rounding, slack, white = step**2 / 6.0 / counts**2, _COUNTER_SLACK, fitted_to
@@ -285,12 +286,12 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0])
     )
     fitted, regimes = fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
-    if len(regimes.start) > 1 and not counts:
-        lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w)
-        if lag > 0.0:
-            clamping, wheel = _delay(runs, clamping, wheel, lag, w)
-            informative = fitted_to = [informative_samples(run) for run in wheel]
-            fitted = fit_again(fitted_to, regimes, prior, slack, fitted)
+    slides = len(regimes.start) > 1 and not counts
+    lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w) if slides else 0.0
+    if lag > 0.0:
+        clamping, wheel = _delay(runs, clamping, wheel, lag, w)
+        informative = fitted_to = [informative_samples(run) for run in wheel]
+        fitted = fit_again(fitted_to, regimes, prior, slack, fitted)
     rates = [
         rate_of_change(*pair, regimes, fitted) for pair in zip(wheel, informative, strict=True)
     ]
@@ -316,6 +317,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             z2,
             np.sqrt(level + run.own_variance),
             w.phi * np.hypot(c.sigma, c.missed),
+            lag,
         )
         for (K, sigma), (rate, _), z2, run, c in zip(
             forces, rates, squares, wheel, clamping, strict=True

@@ -1,6 +1,7 @@
 """The main job in one process: what a result file must give back."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,17 @@ def test_pulses_too_few_to_show_slides_are_said(
     )
     told = [f.severity for f in analysed(log, algos=["td"]).findings if f.code == "few-pulses"]
     assert told == ["warning"] * few
+
+
+def test_pads_that_lag_the_pressure_are_said(tmp_path: Path) -> None:
+    recordings = simulated.recordings("low-adhesion", rate=100.0)
+    late = [replace(r, t=r.t + 40_000_000 * ("pressure" not in r.name)) for r in recordings]
+    lags = []
+    for name, log in (("at once", recordings), ("late", late)):
+        path = simulated.write(tmp_path / f"{name}.csv", log)
+        findings = analysed(path, algos=["td"], axles=[1]).findings
+        lags.append([f.values["lag_s"] for f in findings if f.code == "pads-lag"])
+    assert lags == [[], [pytest.approx(0.04, abs=0.011)]]
 
 
 def noisy(path: Path, noise: str) -> Path:

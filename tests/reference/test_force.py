@@ -126,6 +126,8 @@ def test_pads_that_lag_the_pressure_are_found_in_a_slide(monkeypatch: pytest.Mon
         F = force.compute(replace(record, **early), VEHICLE).force
         return rms((F - record.truth)[np.isfinite(F)])
 
+    assert force.compute(record, VEHICLE).pad_lag == 0.0
+    assert 0.03 <= force.compute(replace(record, **early), VEHICLE).pad_lag <= 0.05
     with_lag = error()
     monkeypatch.setattr(force, "_LAGS", (0.0,))
     assert with_lag < 0.5 * error()
