@@ -106,17 +106,17 @@ def _fit_memory() -> None:
 
 def _told(error: BaseException) -> int:
     """Says what ended the run; returns the exit code."""
-    behind: BaseException | None = error
-    while behind:  # what a signal raises, Python may put into an error of its own
-        if type(behind) in _ENDS:
-            number, text = _ENDS[type(behind)]
+    cause: BaseException | None = error
+    while cause:  # what a signal raises, Python may put into an error of its own
+        if type(cause) in _ENDS:
+            number, text = _ENDS[type(cause)]
             return _failed(text, _HINT, 128 + number)
-        behind = behind.__cause__ or behind.__context__
+        cause = cause.__cause__ or cause.__context__
     if isinstance(error, BrokenPipeError):  # whoever read our output is gone
         drop_output()
         return 1
-    told = as_user_error(error)
-    return _failed(told.text, told.hint, told.code)
+    user_error = as_user_error(error)
+    return _failed(user_error.text, user_error.hint, user_error.code)
 
 
 def _prepare_streams() -> None:
@@ -147,9 +147,9 @@ def _not_lost(raised: "UnraisableHookArgs") -> None:
     if raised.exc_type not in _ENDS:
         sys.__unraisablehook__(raised)
         return
-    again = threading.Timer(_SOON, signal.raise_signal, [_ENDS[raised.exc_type][0]])
-    again.daemon = True
-    again.start()
+    timer = threading.Timer(_SOON, signal.raise_signal, [_ENDS[raised.exc_type][0]])
+    timer.daemon = True
+    timer.start()
 
 
 def _failed(text: str, hint: str, code: int) -> int:

@@ -93,9 +93,9 @@ def summarise_stops(
 
 
 def _summarise_log(log: Log, rows_used: int) -> LogSummary:
-    used = [c.data.t for c in log.channels if c.meaning and len(c.data.t)]
+    times_of_channels = [c.data.t for c in log.channels if c.meaning and len(c.data.t)]
     start_ns = log.start_ns()
-    stop_ns = max((int(t.max()) for t in used), default=start_ns)
+    stop_ns = max((int(t.max()) for t in times_of_channels), default=start_ns)
     return LogSummary(
         log.path,
         log.format,
@@ -165,14 +165,14 @@ def _rows_used(result: Result) -> int:
     for channel in result.log.channels:
         if not channel.meaning:
             continue
-        used = np.zeros(len(channel.data.t), dtype=np.bool_)
+        in_segments = np.zeros(len(channel.data.t), dtype=np.bool_)
         for axle in result.axles:
             if channel.axle in (None, axle.record.axle):
                 for s in axle.record.segments:
                     t = axle.record.t[s]
-                    used |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
+                    in_segments |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
         row = channel.row_of
-        by_origin[row] = max(by_origin.get(row, 0), int(used.sum()))
+        by_origin[row] = max(by_origin.get(row, 0), int(in_segments.sum()))
     return sum(by_origin.values())
 
 

@@ -192,13 +192,13 @@ def needed(
 def _further(meant: Sequence[Meant], further: Collection[Meaning]) -> list[Meant]:
     """What is asked for beside the inputs, where its unit is known."""
     without_unit = ("latitude", "longitude", *STATES)
-    short = ("mm", "cm")  # places of a piston or a valve, not of a train
+    short_units = ("mm", "cm")  # places of a piston or a valve, not of a train
     return [
         m
         for m in meant
         if m.meaning in further
         and (m.unit or m.meaning in without_unit)
-        and not (m.meaning in PLACES and m.unit in short)
+        and not (m.meaning in PLACES and m.unit in short_units)
     ]
 
 
@@ -278,13 +278,15 @@ def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
     """Asks which axles the pressures serve; the answer is a line with the likely axles."""
     pressures = [m for m in meant if m.reason == UNCLEAR]
     axles = sorted({m.axle for m in meant if m.meaning == "wheel_speed" and m.axle})
-    each = len(axles) // len(pressures)
+    axles_per_pressure = len(axles) // len(pressures)
     entries = {}
     for i, m in enumerate(pressures):
-        own = axles[i * each : (i + 1) * each] or list(bogie_axles(i + 1))
+        own_axles = axles[i * axles_per_pressure : (i + 1) * axles_per_pressure] or list(
+            bogie_axles(i + 1)
+        )
         address = {"channel": m.field.channel, "field": m.field.path, "group": m.field.group}
         stated = {k: v for k, v in {**address, "unit": m.unit}.items() if v}
-        entries[f"bogie {i + 1}"] = {**stated, "axles": own}
+        entries[f"bogie {i + 1}"] = {**stated, "axles": own_axles}
     titles = ", ".join(repr(m.title) for m in pressures[:8])
     return UserError(
         f"{path}: which axles these pressures serve is not known: {titles}",
@@ -321,8 +323,8 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
     """`understood`; mappings are for raw logs, a result of this program needs none."""
-    both = (*source.fields, *source.texts)
-    fields = [f for f in both if f.message_type != "adhesion.Event"]  # not measured
+    all_fields = (*source.fields, *source.texts)
+    fields = [f for f in all_fields if f.message_type != "adhesion.Event"]  # not measured
     train_speed_source = source.metadata.get("adhesion.provenance", {}).get("train_speed")
     if train_speed_source in (NOT_MEASURED, AS_INPUT):
         trains = [f for f in fields if f.path == "train_speed"]
@@ -361,8 +363,8 @@ def _log(
     for m, clock in zip(chosen, clocks, strict=True):
         column, levels = as_levels(columns.pop(), m.meaning)  # let go one by one
         channel, its_findings = convert(m, column, start)
-        if m.meaning and (words := provenance.get(words_key(m.meaning, m.axle))):
-            levels = tuple(words.split("\n"))
+        if m.meaning and (level_words := provenance.get(words_key(m.meaning, m.axle))):
+            levels = tuple(level_words.split("\n"))
         if levels:
             read_as = ", ".join(f"{word!r} is {k}" for k, word in enumerate(levels) if word)
             channel = replace(channel, levels=levels, reason=f"{channel.reason}; {read_as}")

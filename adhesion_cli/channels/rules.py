@@ -415,16 +415,16 @@ class Place(NamedTuple):
 def place_of(field: Field) -> Place:
     """Where on the train the names say that a channel is measured."""
     field = _without_device(field)
-    group, words = field.group, {"wheel", "cylinder", "bogie", "car"}
+    group, word_kinds = field.group, {"wheel", "cylinder", "bogie", "car"}
     # A folder "CAN 1" is no axle; "axle 1" is one.
-    if field.folder and not words & _kinds_of(name_words(group)).keys():
+    if field.folder and not word_kinds & _kinds_of(name_words(group)).keys():
         group = ""
     texts = (group, field.label, field.path, field.channel)
     places = [_place_in(text, text == field.path) for text in texts if text]
     numbered = next((p for p in places if p.axle is not None), Place(None, None, ""))
     bogie = next((p.bogie for p in places if p.bogie is not None), None)
-    part = next((p.part for p in places if p.part), "")
-    return Place(numbered.axle, bogie, part, numbered.is_loose)
+    car_name = next((p.part for p in places if p.part), "")
+    return Place(numbered.axle, bogie, car_name, numbered.is_loose)
 
 
 def _place_in(text: str, is_path: bool) -> Place:
@@ -433,14 +433,14 @@ def _place_in(text: str, is_path: bool) -> Place:
     name_parts = list(name_words(name))
     _, bogie = _take_number(name_parts, "bogie")
     owners = [_take_number(name_parts, kind) for kind in ("car", "control unit")]
-    part = " ".join(f"{word} {number}" for word, number in owners if number)
-    if bogie and not part and _is_unknown_part(name_parts):
-        part = " ".join(name_parts[:2])
+    car_name = " ".join(f"{word} {number}" for word, number in owners if number)
+    if bogie and not car_name and _is_unknown_part(name_parts):
+        car_name = " ".join(name_parts[:2])
         name_parts[:2] = "", ""
     axle, is_loose = _axle_in(name_parts, text, is_path)
     if bogie in _LETTERS:
         bogie = str(1 + _LETTERS.index(bogie))
-    return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, part, is_loose)
+    return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, car_name, is_loose)
 
 
 def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
@@ -453,13 +453,13 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
         owner = _owner(kind, name_parts[i : i + 3])
         if not owner:
             continue
-        before = [i - 1] if i and name_parts[i - 1].isdecimal() else []
-        after = [i + 1] if _counts("".join(name_parts[i + 1 : i + 2]), kind) else []
+        number_before = [i - 1] if i and name_parts[i - 1].isdecimal() else []
+        number_after = [i + 1] if _counts("".join(name_parts[i + 1 : i + 2]), kind) else []
         if word >= "一":
-            numbers = before + after
+            numbers = number_before + number_after
         else:
             of_axle = i > 1 and _NUMBERED & _kinds(name_parts[i - 2]).keys()
-            numbers = after + (before if kind == "bogie" and not of_axle else [])
+            numbers = number_after + (number_before if kind == "bogie" and not of_axle else [])
         if numbers or kind == "bogie":
             number = name_parts[numbers[0]] if numbers else ""
             for j in (i, *numbers[:1]):

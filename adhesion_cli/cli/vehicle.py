@@ -113,6 +113,8 @@ def _print_figures(brake: "CarBrake", vehicle: "Vehicle", faces: float) -> None:
         print(f"{text:<42} {number}")
     if table := vehicle.friction_table:
         speed, axle_force = table.middle
-        at = f"{3.6 * speed:.0f} km/h"
-        at += f" and {axle_force / faces / 1e3:.0f} kN per block" if axle_force and faces else ""
-        print(f"Friction is a table. Force and deceleration are at {at}, φ {table.reference:.3f}.")
+        state = f"{3.6 * speed:.0f} km/h"
+        state += f" and {axle_force / faces / 1e3:.0f} kN per block" if axle_force and faces else ""
+        print(
+            f"Friction is a table. Force and deceleration are at {state}, φ {table.reference:.3f}."
+        )

@@ -500,13 +500,15 @@ def interpolated(instants: Instants, channel: Channel) -> Floats:
     if np.array_equal(xs, instants.t):
         return ys
     t = instants.t
-    right = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
-    left = np.maximum(right - 1, 0)
-    gap = xs[right] - xs[left]
+    upper_index = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
+    lower_index = np.maximum(upper_index - 1, 0)
+    gap = xs[upper_index] - xs[lower_index]
     # Differences of int64 are exact; seconds since 1970 as floats are not.
-    fraction = np.clip((t - xs[left]) / np.maximum(gap, 1), 0.0, 1.0)
-    value = ys[left] + fraction * (ys[right] - ys[left])
+    fraction = np.clip((t - xs[lower_index]) / np.maximum(gap, 1), 0.0, 1.0)
+    value = ys[lower_index] + fraction * (ys[upper_index] - ys[lower_index])
     unknown = (
-        (t < xs[0]) | (t > xs[-1] + channel.gap_ns) | ((t < xs[right]) & (gap > channel.gap_ns))
+        (t < xs[0])
+        | (t > xs[-1] + channel.gap_ns)
+        | ((t < xs[upper_index]) & (gap > channel.gap_ns))
     )
-    return np.where(unknown, np.nan, np.where(xs[right] == t, ys[right], value))
+    return np.where(unknown, np.nan, np.where(xs[upper_index] == t, ys[upper_index], value))

@@ -169,8 +169,8 @@ class FleetSummary:
     def loss(self) -> list[Finding]:
         """The finding on results that are damaged or missing, if any are."""
         values = {"results": float(len(self.lost))}
-        lost = Finding("fleet-results-damaged", "error", count=len(self.lost), values=values)
-        return [lost] if self.lost else []
+        finding = Finding("fleet-results-damaged", "error", count=len(self.lost), values=values)
+        return [finding] if self.lost else []
 
 
 class _LogRow(NamedTuple):
@@ -202,10 +202,10 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         raise UserError(text, "name the folder that `adhesion fleet -o` wrote")
     try:
         rows, damaged = read_logs(files["logs"], _LogRow._fields[:-1])
-        logs, lost = _whole([_LogRow(*row.values()) for row in rows])
-        lost += map(str, damaged)
+        logs, damaged_logs = _whole([_LogRow(*row.values()) for row in rows])
+        damaged_logs += map(str, damaged)
         named = {path.name for path in files["logs"]}
-        lost += sorted(str(x) for x in files[TABLES[0]] if x.name not in named)
+        damaged_logs += sorted(str(x) for x in files[TABLES[0]] if x.name not in named)
         logs = _newest(logs)
         analysed = [row for row in logs if row.status != "error"]
         names = sorted({Path(row.file).name for row in analysed})
@@ -239,19 +239,19 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         evaluated=_evaluated(analysed),
         failed=[{"log": r.log, "error": r.error, "hint": r.hint or ""} for r in logs if r.error],
         damaged=sorted({row.log for row in logs if row.status == "damaged"}),
-        lost=lost,
+        lost=damaged_logs,
     )
 
 
 def _whole(rows: Sequence[_LogRow]) -> tuple[list[_LogRow], list[str]]:
     """The rows of logs whose tables are whole, and the names of the other logs."""
-    whole, others = list[_LogRow](), list[_LogRow]()
+    whole_rows, other_rows = list[_LogRow](), list[_LogRow]()
     for row in rows:
         is_good = row.status == "error" or is_whole(Path(row.file), row.tables_sha256)
-        (whole if is_good else others).append(row)
-    made_anew = {(row.log, row.settings) for row in whole}
-    lost = {row.log for row in others if (row.log, row.settings) not in made_anew}
-    return whole, sorted(lost)
+        (whole_rows if is_good else other_rows).append(row)
+    made_anew = {(row.log, row.settings) for row in whole_rows}
+    damaged_logs = {row.log for row in other_rows if (row.log, row.settings) not in made_anew}
+    return whole_rows, sorted(damaged_logs)
 
 
 def _read(folder: Path, names: Sequence[str], columns: Sequence[str]) -> Any:

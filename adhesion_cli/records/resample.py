@@ -74,8 +74,8 @@ def _axle(
     findings = _report_gaps(
         speed, brake, inside & ~sampled.fresh, inside & fresh & ~in_segment, view
     )
-    lost = Fault("no-pressure", inside & sampled.fresh & ~motors_fresh)
-    findings += view.report(lost, speed, names={"quantity": "ED force"})
+    no_pressure = Fault("no-pressure", inside & sampled.fresh & ~motors_fresh)
+    findings += view.report(no_pressure, speed, names={"quantity": "ED force"})
     findings += _brake_without_speed(speed, brake, vehicle.of_axle(keys.axle), view)
     if not segments:
         return None, findings

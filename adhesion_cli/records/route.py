@@ -77,12 +77,12 @@ class Trace(NamedTuple):
 
     def thinned(self, interval: float) -> "Trace":
         """One sample per interval [s]."""
-        _, first = np.unique(self.t // round(1e9 * interval), return_index=True)
+        _, first_row = np.unique(self.t // round(1e9 * interval), return_index=True)
         jumps, breaks = (
-            np.diff(np.concatenate([[0], np.cumsum(x)])[first]) > 0
+            np.diff(np.concatenate([[0], np.cumsum(x)])[first_row]) > 0
             for x in (self.jumps, ~self.joined)
         )
-        return Trace(self.t[first], self.value[first], jumps, ~breaks)
+        return Trace(self.t[first_row], self.value[first_row], jumps, ~breaks)
 
 
 _EMPTY = Trace(np.empty(0, np.int64), np.empty(0), *[np.empty(0, np.bool_)] * 2)
@@ -115,10 +115,10 @@ class Route(NamedTuple):
         trace, lines = self.coordinates.thinned(_WAY_INTERVAL), []
         distances = trace.distances()
         for start, stop in edges(~trace.jumps).tolist():
-            passed = np.concatenate([[0.0], np.cumsum(distances[start:stop])])
-            _, first = np.unique(np.floor(passed / _POINT_DISTANCE), return_index=True)
-            if len(first) > 1:
-                lines.append(np.round(trace.value[start : stop + 1][first], 7))
+            travelled = np.concatenate([[0.0], np.cumsum(distances[start:stop])])
+            _, first_row = np.unique(np.floor(travelled / _POINT_DISTANCE), return_index=True)
+            if len(first_row) > 1:
+                lines.append(np.round(trace.value[start : stop + 1][first_row], 7))
         return lines
 
 
@@ -149,8 +149,8 @@ def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -
         return NOWHERE
     thinned = coordinates.thinned(_WAY_INTERVAL)  # noise of every sample would add up
     steps = np.where(thinned.jumps | ~_moves(thinned.t, speed), 0.0, thinned.distances())
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    return Route(thinned._replace(value=way), "coordinates", coordinates)
+    distance = np.concatenate([[0.0], np.cumsum(steps)])
+    return Route(thinned._replace(value=distance), "coordinates", coordinates)
 
 
 def check_route(log: Log, vehicle: Vehicle) -> list[Finding]:
@@ -202,10 +202,10 @@ def _contradiction(trace: Trace, title: str, speed: Column, share: float) -> lis
     """A finding where the way of the places is not that of the speed."""
     travelled = _travelled(trace.t, speed)
     counted = ~trace.jumps & _moves(trace.t, speed) & np.isfinite(travelled)
-    way, by_speed = (float(x[counted].sum()) for x in (trace.distances(), travelled))
-    if by_speed < _LEAST_WAY or abs(way - by_speed) <= share * by_speed + _LEAST_JUMP:
+    distance, by_speed = (float(x[counted].sum()) for x in (trace.distances(), travelled))
+    if by_speed < _LEAST_WAY or abs(distance - by_speed) <= share * by_speed + _LEAST_JUMP:
         return []
-    values = {"way_m": way, "by_speed_m": by_speed, "share": way / by_speed}
+    values = {"way_m": distance, "by_speed_m": by_speed, "share": distance / by_speed}
     return [Finding("distance-contradicts-speed", "warning", title, values=values)]
 
 
@@ -240,8 +240,8 @@ def _in_order(column: Column | None) -> tuple[Times, Floats]:
     if column is None:
         return _EMPTY.t, _EMPTY.value
     usable = column.valid & np.isfinite(column.value)
-    t, first = np.unique(column.t[usable], return_index=True)
-    return t, column.value[usable][first]
+    t, first_row = np.unique(column.t[usable], return_index=True)
+    return t, column.value[usable][first_row]
 
 
 def _coordinates(columns: Mapping[Meaning, Column], speed: Column | None) -> Trace | None:
@@ -260,8 +260,8 @@ def _trace(t: Times, value: Floats, speed: Column | None) -> Trace:
     """Places with their jumps: the steps that are longer than the train can be fast."""
     nowhere, intervals = np.zeros(len(t) - 1, np.bool_), np.diff(t)
     distances = Trace(t, value, nowhere, ~nowhere).distances()
-    moved = distances > 0.0
-    usual = float(np.median(distances[moved])) if moved.any() else 0.0  # of a coarse place
+    is_moving = distances > 0.0
+    usual = float(np.median(distances[is_moving])) if is_moving.any() else 0.0  # of a coarse place
     fastest = np.full(len(distances), _FASTEST)
     if speed is not None and len(speed.t):
         v = np.interp(t, speed.t, speed.value)
@@ -281,10 +281,10 @@ def _moves(t: Times, speed: Column | None) -> Bools:
 
 def _travelled(t: Times, speed: Column) -> Floats:
     """Distances between successive times by the speed, (n - 1,) [m]; NaN over its gaps."""
-    at, v = _in_order(speed)
-    seconds = at * 1e-9 - at[0] * 1e-9
-    passed = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2.0 * np.diff(seconds))])
+    speed_times, v = _in_order(speed)
+    seconds = speed_times * 1e-9 - speed_times[0] * 1e-9
+    travelled = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2.0 * np.diff(seconds))])
     gaps = np.concatenate([[0.0], np.cumsum(np.diff(seconds) > _LEAST_GAP)])
-    way: Floats = np.diff(np.interp(t, at, passed, np.nan, np.nan))
-    way[np.diff(np.interp(t, at, gaps)) > 0.0] = np.nan
-    return way
+    distance: Floats = np.diff(np.interp(t, speed_times, travelled, np.nan, np.nan))
+    distance[np.diff(np.interp(t, speed_times, gaps)) > 0.0] = np.nan
+    return distance

@@ -93,14 +93,14 @@ def stuck(
     """
     y, equal_runs = speed.data.value, runs(speed)
     value = equal_runs.value
-    is_long = (equal_runs.length >= 3) & (equal_runs.seconds > p.lasts) & (value > p.slow)
-    if is_long.any():
-        is_long &= equal_runs.length >= p.stays * _usual_run_length(y)
+    is_long_run = (equal_runs.length >= 3) & (equal_runs.seconds > p.lasts) & (value > p.slow)
+    if is_long_run.any():
+        is_long_run &= equal_runs.length >= p.stays * _usual_run_length(y)
     if y.max() < 0.1 * p.slow and any(
         other_speed.data.value.max() > p.fast for other_speed in other_speeds
     ):
         return np.ones(len(y), dtype=np.bool_)  # it never turns, and the train runs
-    if not is_long.any():
+    if not is_long_run.any():
         return np.zeros(len(y), dtype=np.bool_)
     expected = _expected(p, speed, clamping, equal_runs)
     steps = np.full(len(value), p.steps_alone)
@@ -123,8 +123,8 @@ def stuck(
         steps[comparable] = p.steps
         is_train = np.array([c.meaning == "train_speed" for c in other_speeds])
         # All wheel sensors may be stuck together, by the unit that sends them.
-        least = np.maximum(p.steps * speed.coarsest, p.moves * value)
-        none_moves = np.all(np.nan_to_num(relative_change[~is_train]) <= least, axis=0)
+        smallest_change = np.maximum(p.steps * speed.coarsest, p.moves * value)
+        none_moves = np.all(np.nan_to_num(relative_change[~is_train]) <= smallest_change, axis=0)
         for of_train in relative_change[is_train]:
             alone = comparable & none_moves & np.isfinite(of_train)
             expected[alone] = of_train[alone]
@@ -134,7 +134,7 @@ def stuck(
     smallest_share = np.where(
         at_range_end | constant, p.moves_much, p.moves
     )  # one value shows no step
-    is_stuck = is_long & (expected > np.maximum(steps * speed.coarsest, smallest_share * value))
+    is_stuck = is_long_run & (expected > np.maximum(steps * speed.coarsest, smallest_share * value))
     is_stuck &= at_range_end | (equal_runs.leap > p.leaps * expected)
     if constant and is_stuck.any():
         return np.ones(len(y), dtype=np.bool_)

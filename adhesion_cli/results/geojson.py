@@ -55,16 +55,16 @@ def as_text(maps: Iterable[MapOfLog]) -> str:
     Raises:
         UserError: no log has coordinates.
     """
-    every = list(maps)
-    placed = [one for one in every if one.lines]
+    all_maps = list(maps)
+    placed = [line_map for line_map in all_maps if line_map.lines]
     if not placed:
-        names = ", ".join(one.log for one in every[:_NAMED])
+        names = ", ".join(line_map.log for line_map in all_maps[:_NAMED])
         raise UserError(
             f"{names}: no latitude and longitude, which a map needs",
             'state their channels, as [channels] latitude = "NAME" and longitude = "NAME", or '
             "leave --geojson out",
         )
-    features = [feature for one in placed for feature in _features(one)]
+    features = [feature for line_map in placed for feature in _features(line_map)]
     document = {"type": "FeatureCollection", "features": features}
     return json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -76,8 +76,8 @@ def _features(one: MapOfLog) -> list[Json]:
         for line in one.lines
     ]
     for stop in one.stops:
-        stated = {name: as_json(getattr(stop, name)) for name in _OF_STOP}
-        features += _point(stop, {"kind": "stop", "log": log, **_flat(stated)})
+        values_of_stop = {name: as_json(getattr(stop, name)) for name in _OF_STOP}
+        features += _point(stop, {"kind": "stop", "log": log, **_flat(values_of_stop)})
     for axle, slide in one.slides:
         features += _point(slide, {"kind": "slide", "log": log, "axle": axle, **as_json(slide)})
     return features
@@ -98,8 +98,8 @@ def _point(place: StopSummary | SlideSummary, properties: Json) -> list[Json]:
     """A point, none where the place is not known."""
     if place.latitude is None or place.longitude is None:
         return []
-    known = {k: v for k, v in properties.items() if k not in ("latitude", "longitude")}
-    return [_feature("Point", [place.longitude, place.latitude], known)]
+    other_properties = {k: v for k, v in properties.items() if k not in ("latitude", "longitude")}
+    return [_feature("Point", [place.longitude, place.latitude], other_properties)]
 
 
 def _feature(kind: str, coordinates: Any, properties: Json) -> Json:

@@ -338,8 +338,8 @@ def _with_resistance(
     speed_loss = braking.speed[0] - braking.speed - scale * impulse
     seconds = (braking.t - braking.t[0]) * 1e-9
     squares = _KNOT_INTERVAL * np.cumsum(braking.speed**2)
-    both = np.column_stack([seconds, squares])
-    resistance, drag = np.linalg.lstsq(both, speed_loss, rcond=None)[0].tolist()
+    columns = np.column_stack([seconds, squares])
+    resistance, drag = np.linalg.lstsq(columns, speed_loss, rcond=None)[0].tolist()
     if drag < 0.0:  # of noise: no drag pushes
         resistance, drag = float(np.sum(speed_loss * seconds) / np.sum(seconds**2)), 0.0
     mean = float(braking.speed[0] - braking.speed[-1]) / max(float(seconds[-1]), _KNOT_INTERVAL)
@@ -348,8 +348,8 @@ def _with_resistance(
 
 def _logged(result: Result, braking: _Braking, slides: Sequence[Sequence[Slide]]) -> Logged:
     """What the log shows of each axle from the start of the stop on."""
-    first, last = braking.t[[0, -1]].tolist()
-    t = np.arange(first, last + 1, round(_LOGGED_INTERVAL * 1e9), dtype=np.int64)
+    start_s, stop_s = braking.t[[0, -1]].tolist()
+    t = np.arange(start_s, stop_s + 1, round(_LOGGED_INTERVAL * 1e9), dtype=np.int64)
     vehicle = _equal_axle(result)
     line, columns = physics.force_line(vehicle), list[tuple[Floats, Floats, Floats]]()
     for axle, axle_slides in zip(result.axles, slides, strict=True):
@@ -477,7 +477,7 @@ def _equal_axle(result: Result) -> Vehicle:
 
 def _braking(result: Result, slides: Sequence[Sequence[Slide]]) -> _Braking:
     """From the demand of the brake in which the longest slide lies, to standstill or release."""
-    slide = max((x for found in slides for x in found), key=lambda x: x.duration)
+    slide = max((x for slides_of_axle in slides for x in slides_of_axle), key=lambda x: x.duration)
     start, stop = _brake(result, slides, slide.start)
     filled = float(physics.cylinder_pressure(physics.force_line(_equal_axle(result)), 0.0))
     start -= round(filled / Antiskid().fill_rate * 1e9)
@@ -500,7 +500,11 @@ def _brake(result: Result, slides: Sequence[Sequence[Slide]], instant: int) -> t
     A WSP may dump every cylinder, but while a wheel slides and for a short time. A release lasts,
     and no wheel slides.
     """
-    spans = [(x.start, x.start + round(x.duration * 1e9)) for found in slides for x in found]
+    spans = [
+        (x.start, x.start + round(x.duration * 1e9))
+        for slides_of_axle in slides
+        for x in slides_of_axle
+    ]
     for a in result.axles:
         spans += [(int(a.record.t[s.start]), int(a.record.t[s.stop - 1])) for s in a.applications]
     spans.sort()
@@ -559,7 +563,7 @@ def _demand(
         firsts: when each axle began to slide, 0: it did not.
         start_ns: the log's start.
     """
-    sliding_later, findings = [first == 0 for first in firsts], []
+    sliding_later, findings = [start_s == 0 for start_s in firsts], []
     seconds = (braking.t - start_ns) * 1e-9
     constrained: Bools = np.ones(len(braking.t), dtype=np.bool_)
     if any(sliding_later):

@@ -139,8 +139,8 @@ def _shortcomings(
 
     rail = fitted(points)
     if rail is None and max(x.duration for x in slides) >= _LONG_SLIDE:
-        parts = (part for count in _PARTS for part in _parts(points, count))
-        rail = next(filter(None, map(fitted, parts)), None)  # `levels` has the other parts
+        points_by_part = (part for count in _PARTS for part in _parts(points, count))
+        rail = next(filter(None, map(fitted, points_by_part)), None)  # `levels` has the other parts
     if rail is None:
         text = "its slides lie on different rails: no single adhesion curve fits them"
         raise UserError(text, "Log a stop on one kind of rail.")
@@ -155,17 +155,17 @@ def _parts(p: fit.Points, count: int) -> Iterator[fit.Points]:
     """Equal parts in time that show enough slip for a fit."""
     for k in range(count):
         bounds = np.searchsorted(p.t, p.t[0] + (p.t[-1] - p.t[0]) * np.array([k, k + 1]) / count)
-        part = fit.Points._make(x[slice(*bounds)] for x in p)
-        if len(part.t) and fit.clear_time(part) >= fit.SHORTEST:
-            yield part
+        points_of_part = fit.Points._make(x[slice(*bounds)] for x in p)
+        if len(points_of_part.t) and fit.clear_time(points_of_part) >= fit.SHORTEST:
+            yield points_of_part
 
 
 def _mean_over_time(t: Floats, x: Floats) -> Floats:
     """The mean over `_LEVEL_TIME` around each time, shape (n,)."""
-    first = np.searchsorted(t, t - 0.5 * _LEVEL_TIME)
+    window_start = np.searchsorted(t, t - 0.5 * _LEVEL_TIME)
     stop = np.searchsorted(t, t + 0.5 * _LEVEL_TIME, side="right")
     total = np.append(0.0, np.cumsum(x))
-    mean: Floats = (total[stop] - total[first]) / (stop - first)
+    mean: Floats = (total[stop] - total[window_start]) / (stop - window_start)
     return mean
 
 

@@ -270,8 +270,8 @@ def load(name_or_path: str | Path) -> Scenario:
         if not path.exists():
             raise unknown("scenario", str(name_or_path), list(scenarios()))
     s: Scenario = _table(Scenario, {"name": path.stem, **toml.read(path, _NAME_HINT)}, path.name)
-    for is_wrong, text, hint in chain(_of_train(s), _of_rail(s), _of_sensors(s)):
-        if is_wrong:
+    for is_invalid, text, hint in chain(_of_train(s), _of_rail(s), _of_sensors(s)):
+        if is_invalid:
             raise UserError(f"{path.name}: {text}", hint, code=2)
     return s
 
@@ -352,8 +352,8 @@ def _of_train(s: Scenario) -> _Checks:
 
 def _of_rail(s: Scenario) -> _Checks:
     first_section = s.rail.section[:1]
-    is_wrong = not first_section or first_section[0].at != 0.0
-    yield is_wrong, "[[rail.section]] the first does not start at 0", "at = 0.0"
+    is_invalid = not first_section or first_section[0].at != 0.0
+    yield is_invalid, "[[rail.section]] the first does not start at 0", "at = 0.0"
     changes = s.rail.changes()
     for _, name, _ in changes:
         condition(name)
@@ -371,10 +371,10 @@ def _of_sensors(s: Scenario) -> _Checks:
     for x in s.sensor:
         name, (dimensions, usual) = f"[[sensor]] {x.signal}", _UNITS[x.signal]
         unit = UNITS.get(x.unit.lower())
-        is_wrong = unit.dimension not in dimensions if unit else x.unit or dimensions
-        yield is_wrong, f"{name}: unit {x.unit!r} does not fit", f"such as {usual}"
-        is_wrong = x.teeth > 0 if x.signal != "wheel_speed" else x.unit == "count" and not x.teeth
-        yield is_wrong, f"{name}: pulses need a wheel with teeth", "teeth = 100"
+        is_invalid = unit.dimension not in dimensions if unit else x.unit or dimensions
+        yield is_invalid, f"{name}: unit {x.unit!r} does not fit", f"such as {usual}"
+        is_invalid = x.teeth > 0 if x.signal != "wheel_speed" else x.unit == "count" and not x.teeth
+        yield is_invalid, f"{name}: pulses need a wheel with teeth", "teeth = 100"
         hint = "less than half of 1/rate"
         yield x.jitter >= 0.5 / x.rate, f"{name}: jitter reaches the next sample", hint
         unknown_axle = any(axle > s.train.axles for axle in x.axles)

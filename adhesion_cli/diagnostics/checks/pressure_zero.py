@@ -65,11 +65,15 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     first_axles: dict[str, int] = {}  # a channel may serve several axles
     for i, a in enumerate(s.axles):
         first_axles.setdefault(a.brake.title, i)
-    rests = {i: rest for i in first_axles.values() if (rest := _released_brake(p, s, i))}
-    for i, rest in rests.items():
+    rests = {
+        i: released_level
+        for i in first_axles.values()
+        if (released_level := _released_brake(p, s, i))
+    }
+    for i, released_level in rests.items():
         other_levels = [other_level.level for j, other_level in rests.items() if j != i]
-        yield from _offset(p, s, i, rest, other_levels)
-        yield from _drift(p, s, i, rest.top)
+        yield from _offset(p, s, i, released_level, other_levels)
+        yield from _drift(p, s, i, released_level.top)
 
 
 def _released_brake(p: Params, s: Scene, i: int) -> _Rest | None:
@@ -103,8 +107,12 @@ def _offset(
     is_steady = rest.mask.sum() * s.grid.step > p.steady and upper_level - lower_level < abs(
         level - other_level
     )
-    least = max(p.apart, 1.1 * a.brake.step)
-    differs = is_steady and abs(level) > abs(other_level) and abs(level - other_level) > least
+    smallest_difference = max(p.apart, 1.1 * a.brake.step)
+    differs = (
+        is_steady
+        and abs(level) > abs(other_level)
+        and abs(level - other_level) > smallest_difference
+    )
     if not differs and abs(level) < max(p.share * rest.top, p.least):
         return
     force = force_line(s.vehicle.of_axle(a.record.axle)).per_pascal * level

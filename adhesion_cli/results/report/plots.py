@@ -76,10 +76,10 @@ class Figures:
             run: that is drawn.
             axles: that are drawn one by one; None: those that the run has chosen.
         """
-        drawn = run.detailed if axles is None else axles
+        axle_numbers = run.detailed if axles is None else axles
         earliest, latest = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
         time = Range1d(earliest, latest, bounds=(earliest, latest))
-        detailed = [axle for axle in run.axles if axle.number in drawn]
+        detailed = [axle for axle in run.axles if axle.number in axle_numbers]
         limit = self._values // max(len(run.axles) + _DETAIL * len(detailed), 1)
         sources: dict[int, ColumnDataSource] = {}
         longest_step = 0.0
@@ -102,15 +102,15 @@ class Figures:
             places of the figures, by axle.
         """
         time = Range1d(*_common_time(runs))
-        drawn = runs[0].detailed
-        numbers = sorted({a.number for run in runs for a in run.axles if a.number in drawn})
+        axle_numbers = runs[0].detailed
+        numbers = sorted({a.number for run in runs for a in run.axles if a.number in axle_numbers})
         limit = self._values // max(sum(len(run.axles) for run in runs), 1)
         sources = {}
         for N in numbers:
             speed = self._figure("Speed of the wheel [km/h]", 230, time)
             coefficient = self._figure("Adhesion coefficient [-]", 190, time)
-            shown = [speed, coefficient] if adhesion else [speed]
-            shown[-1].xaxis.axis_label = "time after the start of braking [s]"
+            figures = [speed, coefficient] if adhesion else [speed]
+            figures[-1].xaxis.axis_label = "time after the start of braking [s]"
             items: dict[str, list[Any]] = {}
             axle_sources = []
             for i, run in enumerate(runs):
@@ -126,7 +126,7 @@ class Figures:
             speed.y_range = _range([_column(x, "rim") for x in axle_sources], is_full=True)
             coefficient.y_range = _range([_column(x, "mu") for x in axle_sources])
             _legend(speed, items)
-            sources[N] = [self._place(fig, f"axle-{N}-{i}") for i, fig in enumerate(shown)]
+            sources[N] = [self._place(fig, f"axle-{N}-{i}") for i, fig in enumerate(figures)]
         return sources
 
     def of_bars(self, bars: Bars, place: str) -> str:
@@ -178,8 +178,8 @@ class Figures:
                 style = {"source": source, "color": colour, "line_width": 1.2}
                 lines.setdefault(s.group, []).append(over_speed.line("v", "a", **style))
             if (v0 := s.stop.initial_speed_mps) and (distance := s.measured("distance_m")):
-                drawn = _with_bar(distances, 3.6 * v0.value, distance, colour)
-                points.setdefault(s.group, []).extend(drawn)
+                renderers = _with_bar(distances, 3.6 * v0.value, distance, colour)
+                points.setdefault(s.group, []).extend(renderers)
             quantity = "equivalent_deceleration"
             if value := s.measured(quantity) or s.measured("mean_deceleration"):
                 points.setdefault(s.group, []).extend(_with_bar(decelerations, i, value, colour))
@@ -223,8 +223,10 @@ class Figures:
         for i, (name, axles) in enumerate(_legend_of_axles(run)):
             for source in (sources[axle] for axle in axles):
                 lines = ((speed, "rim"), (adhesion, "mu"))
-                drawn = [_line(fig, source, column, palette.nth(i), 1.3) for fig, column in lines]
-                items.setdefault(name, []).extend(drawn)
+                renderers = [
+                    _line(fig, source, column, palette.nth(i), 1.3) for fig, column in lines
+                ]
+                items.setdefault(name, []).extend(renderers)
         if with_train := [a for a in run.axles if a.has_values("train")]:
             source = sources[with_train[0].number]
             items[run.train] = [_line(speed, source, "train", palette.BLACK, 2.0)]
@@ -267,8 +269,8 @@ class Figures:
             items: dict[str, list[Any]] = {}
             for i, (name, axles) in enumerate(_legend_of_axles(run)):
                 for axle in (by_number[number] for number in axles):
-                    drawn = place_plots.draw_over_position(fig, axle, run, palette.nth(i))
-                    items.setdefault(name, []).extend(drawn)
+                    renderers = place_plots.draw_over_position(fig, axle, run, palette.nth(i))
+                    items.setdefault(name, []).extend(renderers)
             fig.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
             _legend(fig, items)
             figures["places-adhesion"] = fig
@@ -504,11 +506,11 @@ def _source(axle: ReportAxle, limit: int, zero: float = 0.0) -> tuple[ColumnData
 
 def _deceleration(t: Floats, v: Floats) -> tuple[Floats, Floats]:
     """Speed [km/h] and mean deceleration over a second [m/s²] of a stop."""
-    half = min(0.5, 0.25 * float(t[-1] - t[0]))
-    before, after = np.interp(t - half, t, v), np.interp(t + half, t, v)
-    span = np.minimum(t + half, t[-1]) - np.maximum(t - half, t[0])
-    kept = slice(None, None, max(1, len(t) // _CURVE))
-    return 3.6 * v[kept], ((before - after) / span)[kept]
+    half_window = min(0.5, 0.25 * float(t[-1] - t[0]))
+    earlier_speed, later_speed = np.interp(t - half_window, t, v), np.interp(t + half_window, t, v)
+    span = np.minimum(t + half_window, t[-1]) - np.maximum(t - half_window, t[0])
+    shown_rows = slice(None, None, max(1, len(t) // _CURVE))
+    return 3.6 * v[shown_rows], ((earlier_speed - later_speed) / span)[shown_rows]
 
 
 def _highest_deceleration(stops: Sequence[SeriesStop]) -> float:

@@ -122,9 +122,13 @@ class _Page:
         bars = line_chart.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
         self.run = overview.ComparedRun(name, self.result, self.times, self.slides)
-        drawn = [(a, sum(map(len, s))) for a, s in zip(self.result.axles, self.spans, strict=True)]
-        self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn) > OVERVIEW_FROM
-        self.thinned = any(n < len(a.record) for a, n in drawn)
+        axles_with_slides = [
+            (a, sum(map(len, s))) for a, s in zip(self.result.axles, self.spans, strict=True)
+        ]
+        self.large = (
+            sum(n * (2 * len(a.estimates) + 9) for a, n in axles_with_slides) > OVERVIEW_FROM
+        )
+        self.thinned = any(n < len(a.record) for a, n in axles_with_slides)
         self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity
         for x in log_events.of_result(result):
             kind = "findings" if x.code in catalogue() else "events"
@@ -507,9 +511,9 @@ def _levels(values: Floats, words: Sequence[str]) -> tuple[NDArray[np.int8], par
 
 def _sampled(column: Column, t: Times) -> Floats:
     """The last value of a state at each time, shape (n,); 0 before the first."""
-    used = column.valid & np.isfinite(column.value)
-    values = np.concatenate([[0.0], column.value[used]])
-    return values[np.searchsorted(column.t[used], t, side="right")]
+    is_usable = column.valid & np.isfinite(column.value)
+    values = np.concatenate([[0.0], column.value[is_usable]])
+    return values[np.searchsorted(column.t[is_usable], t, side="right")]
 
 
 def _thinned(axle: AxleResult, lane: rows.Lane) -> NDArray[np.int64]:
