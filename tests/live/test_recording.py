@@ -174,7 +174,7 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
         url = f"rerun+http://127.0.0.1:{port}/proxy"
         with running(tmp_path, "--replay", SERVICE, "--connect", url, "-o", "out") as process:
             until = time.monotonic() + 100.0
-            while not (shown.exists() and shown.stat().st_size > 100_000):
+            while not (shown.exists() and shown.stat().st_size > 150_000):
                 assert time.monotonic() < until
                 time.sleep(0.2)
             os.killpg(viewer.pid, signal.SIGKILL)  # with the process that it started
