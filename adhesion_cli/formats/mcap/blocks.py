@@ -47,7 +47,7 @@ class Records(NamedTuple):
 
     data: bytes
     definitions: list[tuple[int, bytes]]  # kind and content of the Schema and Channel records
-    channel: Offsets  # ids
+    channel: NDArray[np.uint16]  # ids
     log_time: Times  # [ns]; beyond the year 2262 negative
     publish_time: Times
     start: Offsets  # of the messages themselves in the data
@@ -153,8 +153,8 @@ class BlockReader:
         count = len(places) + len(definitions) + unknown
         damage, room = "more records than a file of this size holds", size // HEADER.size
         self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (room - count))
-        begin = np.array(places, np.int64) + HEADER.size
-        channel = load(data, begin, "<u2").astype(np.int64)
+        begin = np.frombuffer(places, np.int64) + HEADER.size
+        channel = load(data, begin, "<u2")
         log_time, publish_time = (load(data, begin + offset, "<i8") for offset in (6, 14))
         stop = begin + load(data, begin - 8, "<i8")
         start = begin + BEFORE_DATA

@@ -106,7 +106,7 @@ class Decoded:
         for fault, bad in self.faults.items():
             if fault.code == "mcap-bad-message":
                 decodes[np.array(bad)] = False
-        self.values[:, ~decodes] = np.nan
+                self.values[:, np.array(bad)] = np.nan
         return decodes
 
 
