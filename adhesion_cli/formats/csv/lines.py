@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from .dialect import HEAD_BYTES, Dialect, plain, split
 
-_BLOCK = 1 << 19  # it stays in a processor's cache; smaller ones make threads wait for each other
+_BLOCK = 1 << 18  # it stays in a processor's cache; smaller ones make threads wait for each other
 MAX_LINE = 16 << 20
 _SHOWN = 100_000  # bytes of a line that are looked at by itself
 # What packed files begin with, and who unpacks them.

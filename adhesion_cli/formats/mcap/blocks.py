@@ -57,7 +57,8 @@ class Records(NamedTuple):
         """Some of the messages, by their numbers, which rise."""
         if len(rows) == len(self.start):
             return self  # without a copy, which takes memory
-        return Records(self.data, self.definitions, *(array[rows] for array in self[2:]))
+        arrays: tuple[Any, ...] = self[2:]
+        return Records(self.data, self.definitions, *(array[rows] for array in arrays))
 
 
 class BlockReader:
