@@ -8,19 +8,17 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..core.model import Floats
-from .source import MOST_WORDS
+from .source import number_words
 
 
 def numbered(texts: Any, words: list[str]) -> Floats:
     """The number of each text in a list of words, shape (n,); NaN for nulls.
 
-    Words that are new are appended, in the order in which they occur, up to `MOST_WORDS`.
+    Words that are new are appended, in the order in which they occur, see `number_words`.
     """
     encoded = pc.utf8_trim_whitespace(pa.array(texts, pa.string())).dictionary_encode()
     met = encoded.dictionary.to_pylist()
-    new_words = [word for word in met if word not in words]
-    words += new_words[: MOST_WORDS - len(words)]
-    number_of = {word: float(k) for k, word in enumerate(words)}
+    number_of = number_words(words, met)
     numbers: Floats = np.array([*(number_of.get(word, np.nan) for word in met), np.nan])
     indices: NDArray[np.int64] = np.asarray(pc.fill_null(encoded.indices, len(met)))
     return numbers[indices]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.model import Bools, Floats
-from ..source import MOST_WORDS
+from ..source import number_words
 from .blocks import Offsets
 from .fields import MAX_NUMBERS, Leaf, Steps, Tree, UndecodableError, empty, node_at, path
 from .stamps import Stamp
@@ -190,9 +190,7 @@ class Spread:
     def _numbers(self, nodes: Sequence[Any], rows: Offsets, column: int, steps: Steps) -> None:
         if (words := self._decoded.words.get(steps)) is not None:
             texts = [node.strip() if isinstance(node, str) else "" for node in nodes]
-            new_words = [text for text in dict.fromkeys(texts) if text and text not in words]
-            words += new_words[: MOST_WORDS - len(words)]
-            number_of = {word: float(k) for k, word in enumerate(words)}
+            number_of = number_words(words, filter(None, texts))
             nodes = [number_of.get(text, np.nan) for text in texts]
         self._decoded.values[column, rows] = nodes
 
