@@ -423,8 +423,8 @@ def place_of(field: Field) -> Place:
     places = [_place_in(text, text == field.path) for text in texts if text]
     numbered = next((p for p in places if p.axle is not None), Place(None, None, ""))
     bogie = next((p.bogie for p in places if p.bogie is not None), None)
-    car_name = next((p.part for p in places if p.part), "")
-    return Place(numbered.axle, bogie, car_name, numbered.is_loose)
+    owner = next((p.part for p in places if p.part), "")
+    return Place(numbered.axle, bogie, owner, numbered.is_loose)
 
 
 def _place_in(text: str, is_path: bool) -> Place:
@@ -433,14 +433,14 @@ def _place_in(text: str, is_path: bool) -> Place:
     name_parts = list(name_words(name))
     _, bogie = _take_number(name_parts, "bogie")
     owners = [_take_number(name_parts, kind) for kind in ("car", "control unit")]
-    car_name = " ".join(f"{word} {number}" for word, number in owners if number)
-    if bogie and not car_name and _is_unknown_part(name_parts):
-        car_name = " ".join(name_parts[:2])
+    owner = " ".join(f"{word} {number}" for word, number in owners if number)
+    if bogie and not owner and _is_unknown_part(name_parts):
+        owner = " ".join(name_parts[:2])
         name_parts[:2] = "", ""
     axle, is_loose = _axle_in(name_parts, text, is_path)
     if bogie in _LETTERS:
         bogie = str(1 + _LETTERS.index(bogie))
-    return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, car_name, is_loose)
+    return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, owner, is_loose)
 
 
 def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
@@ -453,13 +453,13 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
         owner = _owner(kind, name_parts[i : i + 3])
         if not owner:
             continue
-        number_before = [i - 1] if i and name_parts[i - 1].isdecimal() else []
-        number_after = [i + 1] if _counts("".join(name_parts[i + 1 : i + 2]), kind) else []
+        index_before = [i - 1] if i and name_parts[i - 1].isdecimal() else []
+        index_after = [i + 1] if _counts("".join(name_parts[i + 1 : i + 2]), kind) else []
         if word >= "一":
-            numbers = number_before + number_after
+            numbers = index_before + index_after
         else:
             of_axle = i > 1 and _NUMBERED & _kinds(name_parts[i - 2]).keys()
-            numbers = number_after + (number_before if kind == "bogie" and not of_axle else [])
+            numbers = index_after + (index_before if kind == "bogie" and not of_axle else [])
         if numbers or kind == "bogie":
             number = name_parts[numbers[0]] if numbers else ""
             for j in (i, *numbers[:1]):

@@ -67,8 +67,8 @@ class _Database:
 
     def message(self, identifier: int, extended: bool) -> Any:
         """The message of an identifier, None for none; of J1939 that of its parameter group."""
-        own_key = self._by_id.get((identifier, extended))
-        return own_key or (self._by_group.get(_parameter_group(identifier)) if extended else None)
+        message = self._by_id.get((identifier, extended))
+        return message or (self._by_group.get(_parameter_group(identifier)) if extended else None)
 
     def transported(self, key: _Key, data: bytes) -> str:
         """The message of which a J1939 frame announces or holds a piece, "" for none."""

@@ -77,12 +77,12 @@ class Trace(NamedTuple):
 
     def thinned(self, interval: float) -> "Trace":
         """One sample per interval [s]."""
-        _, first_row = np.unique(self.t // round(1e9 * interval), return_index=True)
+        _, first_rows = np.unique(self.t // round(1e9 * interval), return_index=True)
         jumps, breaks = (
-            np.diff(np.concatenate([[0], np.cumsum(x)])[first_row]) > 0
+            np.diff(np.concatenate([[0], np.cumsum(x)])[first_rows]) > 0
             for x in (self.jumps, ~self.joined)
         )
-        return Trace(self.t[first_row], self.value[first_row], jumps, ~breaks)
+        return Trace(self.t[first_rows], self.value[first_rows], jumps, ~breaks)
 
 
 _EMPTY = Trace(np.empty(0, np.int64), np.empty(0), *[np.empty(0, np.bool_)] * 2)
@@ -116,9 +116,9 @@ class Route(NamedTuple):
         distances = trace.distances()
         for start, stop in edges(~trace.jumps).tolist():
             travelled = np.concatenate([[0.0], np.cumsum(distances[start:stop])])
-            _, first_row = np.unique(np.floor(travelled / _POINT_DISTANCE), return_index=True)
-            if len(first_row) > 1:
-                lines.append(np.round(trace.value[start : stop + 1][first_row], 7))
+            _, first_rows = np.unique(np.floor(travelled / _POINT_DISTANCE), return_index=True)
+            if len(first_rows) > 1:
+                lines.append(np.round(trace.value[start : stop + 1][first_rows], 7))
         return lines
 
 
@@ -240,8 +240,8 @@ def _in_order(column: Column | None) -> tuple[Times, Floats]:
     if column is None:
         return _EMPTY.t, _EMPTY.value
     usable = column.valid & np.isfinite(column.value)
-    t, first_row = np.unique(column.t[usable], return_index=True)
-    return t, column.value[usable][first_row]
+    t, first_rows = np.unique(column.t[usable], return_index=True)
+    return t, column.value[usable][first_rows]
 
 
 def _coordinates(columns: Mapping[Meaning, Column], speed: Column | None) -> Trace | None:

@@ -348,8 +348,8 @@ def _with_resistance(
 
 def _logged(result: Result, braking: _Braking, slides: Sequence[Sequence[Slide]]) -> Logged:
     """What the log shows of each axle from the start of the stop on."""
-    start_s, stop_s = braking.t[[0, -1]].tolist()
-    t = np.arange(start_s, stop_s + 1, round(_LOGGED_INTERVAL * 1e9), dtype=np.int64)
+    start_ns, stop_ns = braking.t[[0, -1]].tolist()
+    t = np.arange(start_ns, stop_ns + 1, round(_LOGGED_INTERVAL * 1e9), dtype=np.int64)
     vehicle = _equal_axle(result)
     line, columns = physics.force_line(vehicle), list[tuple[Floats, Floats, Floats]]()
     for axle, axle_slides in zip(result.axles, slides, strict=True):
@@ -563,7 +563,7 @@ def _demand(
         firsts: when each axle began to slide, 0: it did not.
         start_ns: the log's start.
     """
-    sliding_later, findings = [start_s == 0 for start_s in firsts], []
+    sliding_later, findings = [instant == 0 for instant in firsts], []
     seconds = (braking.t - start_ns) * 1e-9
     constrained: Bools = np.ones(len(braking.t), dtype=np.bool_)
     if any(sliding_later):

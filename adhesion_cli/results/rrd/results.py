@@ -122,13 +122,11 @@ class _Page:
         bars = line_chart.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
         self.run = overview.ComparedRun(name, self.result, self.times, self.slides)
-        axles_with_slides = [
+        drawn_axles = [
             (a, sum(map(len, s))) for a, s in zip(self.result.axles, self.spans, strict=True)
         ]
-        self.large = (
-            sum(n * (2 * len(a.estimates) + 9) for a, n in axles_with_slides) > OVERVIEW_FROM
-        )
-        self.thinned = any(n < len(a.record) for a, n in axles_with_slides)
+        self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn_axles) > OVERVIEW_FROM
+        self.thinned = any(n < len(a.record) for a, n in drawn_axles)
         self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity
         for x in log_events.of_result(result):
             kind = "findings" if x.code in catalogue() else "events"
