@@ -81,9 +81,10 @@ def _has_speed(speed: TimeSeries, t: Floats) -> Bools:
 
 
 def _applied(signals: StopSignals, t: Floats) -> Bools:
-    """Where any brake is applied; short releases by wheel slide protection count as applied."""
+    """Where any brake is applied; it stays applied in short releases, and in gaps of the log."""
     columns = [brake.interpolated(t) for brake in signals.brakes.values()]
-    brake = np.nan_to_num(np.fmax.reduce(columns), nan=0.0)
+    brake = np.fmax.reduce(columns)
+    is_unknown, brake = np.isnan(brake), np.nan_to_num(brake, nan=0.0)
     lowest, highest = (float(x) for x in np.quantile(brake, [0.02, 0.995]))
     base = lowest if lowest < 0.1 * highest else 0.0
     is_applied = brake > base + max(_ON_SHARE * (highest - base), _LEAST_BRAKE)
@@ -92,7 +93,7 @@ def _applied(signals: StopSignals, t: Floats) -> Bools:
     for first_index, stop in true_runs(~is_released):
         applied[first_index:stop] = is_applied[first_index:stop].any()
         applied[first_index : first_index + int(np.argmax(is_applied[first_index:stop]))] = False
-    return _closed(applied, _DUMP)
+    return _closed(applied, is_unknown)
 
 
 def _slows(v: Floats) -> Bools:
@@ -102,15 +103,15 @@ def _slows(v: Floats) -> Bools:
     slope[half_width:-half_width] = (v[2 * half_width :] - v[: -2 * half_width]) / (
         2.0 * half_width * STEP
     )
-    return _closed(slope < -_SLOWING, _DUMP)
+    return _closed(slope < -_SLOWING, np.isnan(slope))
 
 
-def _closed(mask: Bools, longest: float) -> Bools:
-    """A mask whose holes of at most that time are filled."""
+def _closed(mask: Bools, is_unknown: Bools) -> Bools:
+    """A mask without short holes, as of wheel slide protection, and without those of a gap."""
     closed = mask.copy()
     runs = list(true_runs(mask))
     for (_, stop), (start, _) in itertools.pairwise(runs):
-        if start - stop <= longest / STEP:
+        if start - stop <= _DUMP / STEP or is_unknown[stop:start].all():
             closed[stop:start] = True
     return closed
 

@@ -159,6 +159,15 @@ def test_stops_that_are_none_say_why() -> None:
     assert stop.reason is not None
     assert stop.reason.startswith("no speed for")
 
+    # A pause of the recorder that is longer than a WSP vents: neither brake nor speed is known.
+    paused = (t > 18.0) & (t < 22.0)
+    without = [
+        TimeSeries(t, np.where(paused, np.nan, x.value)) for x in (whole.speed, whole.brakes[1])
+    ]
+    for brakes in ({1: without[1]}, {}):
+        (stop,) = measured(whole._replace(speed=without[0], rims={}, brakes=brakes, commands={}))
+        assert (stop.valid, stop.reason) == (False, "no speed for 4.0 s")
+
     late = t >= 15.0
     begun = TimeSeries(t[late], whole.brakes[1].value[late])
     (stop,) = measured(
