@@ -579,3 +579,64 @@ def test_commands_and_emergency_are_states_with_their_words() -> None:
     assert shown(50.0 * steps)["command"][1] == ["0", "50", "100"]
     assert shown(np.minimum(steps, 1.0))["command"][1] == ["off", "on"]
     assert shown(np.linspace(0.0, 100.0, len(t)))["command"][1] == ["off", "on"]
+
+
+def test_logged_states_stand_in_the_tab_of_an_axle_without_slip(tmp_path: Path) -> None:
+    analysed = result(1, 400)
+    (axle,) = analysed.axles
+    t = axle.record.t[::40]
+    data = Column(t, np.arange(len(t)) % 2.0, np.ones(len(t), np.bool_))
+    log = replace(analysed.log, channels=(Channel("v", "", "vent_valve", 1, "", "", data),))
+    for channels, has_view in ((log, True), (analysed.log, False)):
+        path = tmp_path / f"{has_view}.rrd"
+        without_slip = replace(axle, slip=None)
+        rrd.write_results(path, [replace(analysed, log=channels, axles=(without_slip,))])
+        lanes = [value for key, value in blueprint(path).items() if "ViewContents" in key]
+        assert ("$origin/valve/**" in str(lanes)) is has_view
+    _, states = column(tmp_path / "True.rrd", "/axle/1/state/valve", "state")
+    assert {"apply", "vent"} <= set(states[:, 0].tolist())
+    assert not batches(tmp_path / "True.rrd", "/axle/1/state/region")
+
+
+def test_a_force_of_motors_is_a_line_whether_the_vehicle_is_known_or_not(tmp_path: Path) -> None:
+    analysed = result(2, 400)
+    first, second = analysed.axles
+    phi = analysed.vehicle.friction.value
+    motors = np.linspace(0.0, 9e3, 400) / phi
+    unknown = replace(analysed.identified, known=False)
+    for identified, lines in (
+        (analysed.identified, ["brake cylinder pressure [bar]", "clamping force K of the axle"]),
+        (unknown, ["brake cylinder pressure [bar]"]),
+    ):
+        path = tmp_path / f"{identified.known}.rrd"
+        with_motors = replace(first, record=replace(first.record, motor_clamping=motors))
+        axles = (with_motors, second)
+        rrd.write_results(path, [replace(analysed, identified=identified, axles=axles)])
+        titles = static(path, "/axle/1/braking", "names")
+        assert [title.removesuffix(" [10 kN]") for title in titles] == [
+            *lines,
+            "ED force at the rim",
+        ]
+        _, values = column(path, "/axle/1/braking", "scalars")
+        assert np.nanmax(values[:, -1]) == pytest.approx(0.9)
+        assert "ED force at the rim" not in static(path, "/axle/2/braking", "names")
+
+
+def test_there_is_no_empty_chart_of_a_force_that_is_not_known(tmp_path: Path) -> None:
+    analysed = result(2, 400)
+    nothing = np.full(400, np.nan)
+    axles = tuple(
+        replace(
+            a,
+            reference=replace(a.reference, force=nothing, sigma=nothing),
+            estimates=dict.fromkeys(a.estimates, nothing),
+        )
+        for a in analysed.axles
+    )
+    unknown = replace(analysed, identified=replace(analysed.identified, known=False), axles=axles)
+    for made, is_drawn in ((analysed, True), (unknown, False)):
+        path = tmp_path / f"{is_drawn}.rrd"
+        rrd.write_results(path, [made])
+        names = str([value for key, value in blueprint(path).items() if "display_name" in key])
+        charts = ("adhesion force", "adhesion coefficient µ'", "estimate minus")
+        assert [chart in names for chart in charts] == [is_drawn] * 3

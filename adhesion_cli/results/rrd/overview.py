@@ -129,7 +129,7 @@ def _charts(
     values = [_values(*pair) for pair in pairs]
     charts = []
     for name, title in titles("reference").items():
-        pair = [v[name] for v in values if name in v]
+        pair = [v[name] for v in values if name in v and np.isfinite(v[name]).any()]
         if name == "slip":  # at the limit of observation a wheel can say anything
             top = max(100.0 * min(worst(slides), 1.0), _SLIP)
             span: tuple[float, float] | None = (-0.1 * top, 1.1 * top)

@@ -26,6 +26,7 @@ REFERENCE = TRAIN = palette.rgba(palette.LIGHT)
 TRUTH = palette.rgba(palette.YELLOW)
 WHEEL = PRESSURE = palette.rgba(palette.SKY)
 CLAMPING = SLOPE = palette.rgba(palette.ORANGE)
+MOTORS = palette.rgba(palette.GREEN)
 _CELL = 200  # letters of a setting that are shown; the result file has all
 JUDGED = 1 << 18  # values of a series that its chart's range is judged by
 GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
@@ -371,10 +372,10 @@ def list_view(
     )
 
 
-def states_view(origin: str, name: str) -> rrb.View:
+def states_view(origin: str, name: str, contents: Sequence[str] = ("$origin/**",)) -> rrb.View:
     """Lanes of states over time."""
     axis = rrb.TimeAxis(link="LinkToGlobal")
-    return rrb.StateTimelineView(origin=origin, name=name, time_view=axis)
+    return rrb.StateTimelineView(origin=origin, name=name, contents=contents, time_view=axis)
 
 
 def span_of(

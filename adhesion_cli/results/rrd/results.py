@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
@@ -60,6 +60,7 @@ _SWITCHED: tuple[Meaning, ...] = (
 _MOST_LEVELS = 8  # of a command that are states of their own
 _ROWS = 1 << 16  # rows sent at once
 Note = tuple[str, fit.RailFit | None]
+_StateLane = tuple[str, NDArray[np.int8], parts.States]  # name, codes (n,), states
 _NO_NOTE: Note = "`adhesion slip` shows peak, rail and slides.", None
 
 
@@ -151,6 +152,7 @@ class _Page:
                 note, rail = self.notes[n] if self.notes else _NO_NOTE
                 self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip, rail)
                 parts.send_text(rec, f"{self.root}/{path}/note", note)
+            self._send_states(rec, f"{self.root}/{path}", axle)
         if len(self.result.axles) > 1:
             overview.send(rec, self.root, self.times, self.result)
         slides = [x for of_axle in self.slides.values() for x in of_axle]
@@ -229,17 +231,22 @@ class _Page:
         if record.train_speed is not None:
             speeds.insert(0, ("train", parts.TRAIN, column(record.train_speed, 3.6)))
         yield parts.lines("speed", speeds)
-        brake = [
-            (
-                "clamping force K of the axle [10 kN]",
-                parts.CLAMPING,
-                column(record.clamping_force, 1e-4),
-            )
-        ]
+        brake = []
+        if self._shows_clamping(record):
+            name = "clamping force K of the axle [10 kN]"
+            brake.append((name, parts.CLAMPING, column(record.clamping_force, 1e-4)))
+        if record.motor_clamping is not None:
+            phi = self.result.vehicle.of_axle(record.axle).friction.value
+            motors = column(record.motor_clamping, 1e-4 * phi)
+            brake.append((f"{_motors_title(record)} [10 kN]", parts.MOTORS, motors))
         if record.pressure is not None:
             bar = column(record.pressure, 1e-5)
             brake.insert(0, ("brake cylinder pressure [bar]", parts.PRESSURE, bar))
         yield parts.lines("braking", brake)
+
+    def _shows_clamping(self, record: AxleRecord) -> bool:
+        """Whether K is known: logged, or from the pressure by a known vehicle."""
+        return record.pressure is None or self.result.identified.known
 
     def _plots(
         self, axle: AxleResult, index: NDArray[np.int64], inside: Bools
@@ -298,10 +305,9 @@ class _Page:
         slip: Floats,
         rail: fit.RailFit | None,
     ) -> None:
-        """The operating point on its curve; brake, region and wheel as states."""
-        number, lanes = axle.record.axle, rows.of_axle(axle)
-        vehicle = self.result.vehicle.of_axle(number)
-        mu = physics.coefficient(axle.reference.force, vehicle, number)
+        """The operating point on its curve."""
+        vehicle = self.result.vehicle.of_axle(axle.record.axle)
+        mu = physics.coefficient(axle.reference.force, vehicle, axle.record.axle)
         t, times, bands, fitted = axle.record.t, self.times, self.bands, None
         if rail:
             fitted = Fitted(rail, vehicle)
@@ -310,10 +316,28 @@ class _Page:
             for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
                 entity = f"{root}/axle/{axle.record.axle}/slope"
                 parts.send_band(rec, entity, times, t, bands.slope_low, bands.slope_high)
-        n = len(axle.record)
-        braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
+
+    def _send_states(self, rec: rr.RecordingStream, path: str, axle: AxleResult) -> None:
+        """The brake and the logged states; of an axle with slip its region and its wheel, too."""
+        n, lanes = len(axle.record), rows.of_axle(axle)
+        braked = np.zeros(n, np.int8)
         for s in axle.applications:
             braked[signals.pressed_part(axle.record, s)[0]] = 1
+        slip_states = [] if axle.slip is None else self._slip_states(axle)
+        for name, codes, states in (
+            ("brake", braked, parts.BRAKE),
+            *slip_states,
+            *_logged_states(self.result.log, axle.record),
+        ):
+            for lane in lanes:
+                lane_codes = np.where(lane.inside, codes[lane.row], -1)
+                entity = lane.path_under(f"{path}/state/{name}")
+                parts.send_states(rec, entity, self.times, lane.t, lane_codes, states)
+
+    def _slip_states(self, axle: AxleResult) -> list[_StateLane]:
+        """The region on the curve, and whether the wheel rolls."""
+        n = len(axle.record)
+        slides = np.zeros(n, np.int8)
         for e in axle.events:
             if e.until is not None:
                 slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES
@@ -322,16 +346,7 @@ class _Page:
         for lock in locks_of_axle(axle.record, radius, limits):
             slides[lock.samples] = LOCKED
         region = np.zeros(n, np.int8) if axle.region is None else axle.region
-        for name, codes, states in (
-            ("brake", braked, parts.BRAKE),
-            ("region", region, parts.REGION_STATES),
-            ("wheel", slides, parts.WHEELS),
-            *_logged_states(self.result.log, axle.record),
-        ):
-            for lane in lanes:
-                lane_codes = np.where(lane.inside, codes[lane.row], -1)
-                entity = lane.path_under(f"{path}/state/{name}")
-                parts.send_states(rec, entity, self.times, lane.t, lane_codes, states)
+        return [("region", region, parts.REGION_STATES), ("wheel", slides, parts.WHEELS)]
 
     def _send_lists(self, rec: rr.RecordingStream) -> None:
         """Findings and events; each text wrapped: the viewer shows only the first line of a row."""
@@ -410,9 +425,11 @@ class _Page:
         reference, estimates = axle.reference, axle.estimates
         force = parts.span_of([], list(estimates.values()), [reference.lower, reference.upper])
         chart = parts.chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force)
-        rows = [*_inputs(path, axle), chart]
-        shares = [3.0, 4.2, 5.0]  # 1 bar of 7 needs 24 px for its number, on a screen of 1080
-        if estimates:
+        rows, shares = self._inputs(path, axle), [3.0, 4.2]
+        if _is_known([reference.force, *estimates.values()]):
+            rows.append(chart)
+            shares.append(5.0)  # 1 bar of 7 needs 24 px for its number, on a screen of 1080
+        if _is_known(estimates.values()):
             braking = np.r_[axle.applications or (slice(0, len(axle.record)),)]
             braking = braking[:: max(1, len(braking) // parts.JUDGED)]
             error = parts.span_of([], [axle.error(a, braking) for a in estimates])
@@ -420,6 +437,12 @@ class _Page:
             title = f"Axle {N}: estimate minus {against} [N]"
             rows.append(parts.chart(f"{path}/error", title, error))
             shares.append(3.0)
+        if logged := self._logged_names(axle):
+            names_of_states = ["brake", *logged]
+            contents = [f"$origin/{name}/**" for name in names_of_states]
+            states = f"Axle {N}: {', '.join(names_of_states)}"
+            rows.append(parts.states_view(f"{exact}/state", states, contents))
+            shares.append(2.1 + 0.9 * len(logged))
         title = f"Axle {N} (overview)" if prefix else f"Axle {N}"
         forces = rrb.Horizontal(
             rrb.Vertical(*rows, row_shares=shares),
@@ -439,12 +462,12 @@ class _Page:
 
     def _slip_tab(self, axle: AxleResult, path: str, exact: str) -> rrb.Container:
         N = axle.record.axle
-        rows, shares = _inputs(path, axle), [2.7, 4.0]
+        rows, shares = self._inputs(path, axle), [2.7, 4.0]
         if axle.slope is not None:
             rows += parts.slope_charts(path, f"Axle {N}", axle.slope, self.bands)
             shares += [2.3, 1.5]
         heights = [4.5, 4.5, 1.5, 1.5] if self.notes else [4.5, 1.0, 2.8, 2.8]
-        logged = [name for name, *_ in _logged_states(self.result.log, axle.record)]
+        logged = self._logged_names(axle)
         states = f"Axle {N}: {', '.join(['brake', 'region on the curve', 'wheel', *logged])}"
         rows.append(parts.states_view(f"{exact}/state", states))
         return rrb.Horizontal(
@@ -459,6 +482,20 @@ class _Page:
             name="Slip",
         )
 
+    def _inputs(self, path: str, axle: AxleResult) -> list[rrb.View]:
+        record, title = axle.record, f"Axle {axle.record.axle}"
+        speeds = "speed [km/h]" + ", blue: wheel, grey: train" * (record.train_speed is not None)
+        brakes = ["blue: pressure [bar]"] * (record.pressure is not None)
+        if self._shows_clamping(record):
+            brakes.append("orange: clamping force K of the axle, all pads [10 kN]")
+        if record.motor_clamping is not None:
+            brakes.append(f"green: {_motors_title(record)} [10 kN]")
+        charts = (("speed", speeds), ("braking", ", ".join(brakes)))
+        return [parts.chart(f"{path}/{name}", f"{title}: {text}") for name, text in charts]
+
+    def _logged_names(self, axle: AxleResult) -> list[str]:
+        return [name for name, *_ in _logged_states(self.result.log, axle.record)]
+
     def _lists(self, axle: int) -> list[rrb.View]:
         """Findings and events of an axle; the findings on the whole log are among them."""
         contents = [f"$origin/{list_name}" for list_name in ("log", f"axle/{axle}")]
@@ -468,14 +505,8 @@ class _Page:
         ]
 
 
-def _logged_states(
-    log: Log, record: AxleRecord
-) -> Iterator[tuple[str, NDArray[np.int8], parts.States]]:
-    """Commands, valves of an axle, WSP and sanding, where the log has them.
-
-    Yields:
-        Name, codes (n,), states.
-    """
+def _logged_states(log: Log, record: AxleRecord) -> Iterator[_StateLane]:
+    """Commands, valves of an axle, WSP and sanding, where the log has them."""
     on = {
         meaning: _sampled(channel.data, record.t) > _ON
         for meaning in _SWITCHED
@@ -520,13 +551,13 @@ def _thinned(axle: AxleResult, lane: rows.Lane) -> NDArray[np.int64]:
     return np.flatnonzero(thinning.begins(lane.t) | exact | np.append(False, exact[:-1]))
 
 
-def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
-    record, title = axle.record, f"Axle {axle.record.axle}"
-    speeds = "speed [km/h]" + ", blue: wheel, grey: train" * (record.train_speed is not None)
-    brake = "blue: pressure [bar], " * (record.pressure is not None)
-    brake += "orange: clamping force K of the axle, all pads [10 kN]"
-    charts = (("speed", speeds), ("braking", brake))
-    return [parts.chart(f"{path}/{name}", f"{title}: {text}") for name, text in charts]
+def _motors_title(record: AxleRecord) -> str:
+    return "ED force at the rim" + ", traction below 0" * record.traction_known
+
+
+def _is_known(columns: Iterable[Floats]) -> bool:
+    """Whether any column has a value."""
+    return any(np.isfinite(column).any() for column in columns)
 
 
 # ---- text
