@@ -46,10 +46,21 @@ def rows(
 
 def with_gaps(t: Floats, chosen: Rows) -> Rows:
     """The rows, with −1 where a line must not join its neighbours: a gap, or time set back."""
+    return np.insert(chosen, np.searchsorted(chosen, np.unique(_breaks(t)), side="right"), -1)
+
+
+def gaps(t: Floats) -> Floats:
+    """Begin and end of each gap between samples at these times, shape (k, 2) [s]."""
+    broken = _breaks(t)
+    spans = np.column_stack([t[broken], t[broken + 1]])
+    return spans[spans[:, 1] > spans[:, 0]]
+
+
+def _breaks(t: Floats) -> Rows:
+    """The rows after which there is a gap, or time is set back."""
     step = np.diff(t)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
-    broken = np.flatnonzero((step > max(_GAP * usual, _LEAST_GAP)) | (step <= 0))
-    return np.insert(chosen, np.searchsorted(chosen, np.unique(broken), side="right"), -1)
+    return np.flatnonzero((step > max(_GAP * usual, _LEAST_GAP)) | (step <= 0))
 
 
 def _edges(t: Floats, columns: Sequence[Floats], limit: int) -> Rows:

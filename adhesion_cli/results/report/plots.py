@@ -23,7 +23,7 @@ from bokeh.resources import Resources
 from numpy.typing import NDArray
 
 from ...core.finding import merge_spans
-from ...core.model import Floats
+from ...core.model import Floats, Meaning
 from ...core.summary import Measured
 from ...stops.series import SeriesStop
 from .. import palette
@@ -35,7 +35,7 @@ from .run import LoggedState, ReportAxle, ReportRun
 _DETAIL = 3  # more numbers of an axle with figures of its own, over those of the others
 _BITS = 12  # of a number's mantissa that a picture shows
 _CURVE = 400  # points of the deceleration of one stop
-_POINTS = 2500  # of µ over slip, per axle
+_POINTS = 2500  # of µ over slip, of a force of motors or a reservoir, per axle
 _MARGIN = 1.0  # around a brake application that is drawn in full [s]
 _RARE = 0.002  # share of the samples that may lie outside of a chart of errors
 _ERRORS = "error_"  # column of an estimator's error
@@ -45,6 +45,12 @@ _NARROW = 45  # letters in a row of a legend that a narrow screen has room for
 _SIGN = 5  # of these for the sign in front of each name
 _SHADES = 500  # slides of all axles together that are shaded one by one
 _FONT = "13px"
+# Title, factor and place of what is drawn as a curve.
+_CURVES: dict[Meaning, tuple[str, float, str]] = {
+    "ed_force": ("ED force [kN]", 1e-3, "ed-force"),
+    "traction_force": ("Traction [kN]", 1e-3, "traction"),
+    "reservoir_pressure": ("Reservoir [bar]", 1e-5, "reservoir"),
+}
 _ID = re.compile(r'"p\d+"')  # of a model of Bokeh
 
 
@@ -234,27 +240,34 @@ class Figures:
         adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
         places = [self._place(speed, "overview-speed")]
-        places += self._states([s for s in run.states if s.axle is None], time, "overview")
+        longest = max(run.axles, key=lambda axle: len(axle.t))
+        train_states = [s for s in run.states if s.axle is None]
+        places += self._states(train_states, time, "overview", decimate.gaps(longest.t))
         if any(axle.has_values("force") for axle in run.axles):
             places.append(self._place(adhesion, "overview-adhesion"))
         return places
 
-    def _states(self, states: Sequence[LoggedState], time: Range1d, place: str) -> list[str]:
-        """What the switches, valves and commands did, and the pressure of the reservoir."""
+    def _states(
+        self, states: Sequence[LoggedState], time: Range1d, place: str, gaps: Floats
+    ) -> list[str]:
+        """What the switches, valves and commands did, then forces of motors and the reservoir."""
         lanes = [s for s in states if s.meaning in state_plots.TITLES]
         lanes.sort(key=lambda s: [*state_plots.TITLES].index(s.meaning))
         places = []
         if lanes:
             fig = self._figure("States", state_plots.lanes_height(lanes), time)
-            _legend(fig, state_plots.draw_lanes(fig, lanes))
+            _legend(fig, state_plots.draw_lanes(fig, lanes, gaps))
             places.append(self._place(fig, f"{place}-states"))
-        for state in (s for s in states if s.meaning not in state_plots.TITLES):
-            fig = self._figure("Reservoir [bar]", 110, time)
-            bar = state.value * 1e-5
-            chosen = decimate.rows(state.t, [bar], [], _CURVE)
-            source = ColumnDataSource({"t": state.t[chosen], "p": _rounded(bar[chosen])})
-            _line(fig, source, "p", palette.GREEN)
-            places.append(self._place(fig, f"{place}-reservoir"))
+        for state in (s for s in states if s.meaning in _CURVES):
+            title, scale, name = _CURVES[state.meaning]
+            fig = self._figure(title, 110, time)
+            values = state.value * scale
+            chosen = decimate.rows(state.t, [values], [], _POINTS)
+            indices = decimate.with_gaps(state.t, chosen)
+            shown = np.where(indices < 0, np.nan, values[indices])
+            source = ColumnDataSource({"t": _seconds(state.t, indices), "y": _rounded(shown)})
+            _line(fig, source, "y", palette.GREEN)
+            places.append(self._place(fig, f"{place}-{name}"))
         return places
 
     def _of_places(self, run: ReportRun) -> list[str]:
@@ -325,7 +338,8 @@ class Figures:
         figures[-1].xaxis.axis_label = "time after the start of the log [s]"
         figures[-1].height += 20
         places = [self._place(f, f"axle-{N}-{i}") for i, f in enumerate(figures)]
-        places[1:1] = self._states([s for s in run.states if s.axle == N], time, f"axle-{N}")
+        states = [s for s in run.states if s.axle == N]
+        places[1:1] = self._states(states, time, f"axle-{N}", decimate.gaps(axle.t))
         if axle.has_values("slip") and axle.has_values("force"):
             places.append(self._place(self._curve(axle), f"axle-{N}-curve"))
         return places

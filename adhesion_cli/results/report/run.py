@@ -12,7 +12,17 @@ import numpy as np
 from ...core import physics
 from ...core.annotated import Json, from_json
 from ...core.errors import UserError
-from ...core.model import PLACES, STATES, AxleResult, Column, Floats, Meaning, Result, Times
+from ...core.model import (
+    MOTOR_FORCES,
+    PLACES,
+    STATES,
+    AxleResult,
+    Column,
+    Floats,
+    Meaning,
+    Result,
+    Times,
+)
 from ...core.summary import AxleSummary, BrakeApplication, ChannelSummary, ResultSummary
 from ...core.text import shell_word
 from ...formats.open import kind, open_source
@@ -25,7 +35,7 @@ from ..train_stops import choose_axles
 from ..vehicle_text import describe_vehicle
 
 _TOPIC = re.compile(r"/axle/(\d+)/(input|reference|truth|slip|estimate/([\w-]+))")
-_STATES: tuple[Meaning, ...] = (*STATES, "reservoir_pressure")
+_STATES: tuple[Meaning, ...] = (*STATES, *MOTOR_FORCES, "reservoir_pressure")
 _STATE_TOPIC = re.compile(rf"(?:/axle/(\d+))?/({'|'.join(_STATES)})")
 _CAR_AXLES = re.compile(r"car\..+\.axles")
 _FAST = 3.0  # least speed at which slip shows the radius that it was computed with [m/s]
@@ -33,7 +43,7 @@ _TWO_LOGS = "name the *.adhesion.mcap of each log"
 
 
 class LoggedState(NamedTuple):
-    """What a switch, a valve or a command of the log did, or its reservoir's pressure [Pa]."""
+    """What a switch, valve or command did, a force of motors [N], the reservoir's pressure [Pa]."""
 
     meaning: Meaning
     axle: int | None  # None: of the whole train

@@ -23,6 +23,8 @@ _LANE = 26  # height of a lane
 _FRAME = 64  # of legend and axis
 _HIGH = 0.8  # of a lane, at the highest value
 _MOST = 2000  # stretches of a state that are drawn
+_ASIDE = 0.2  # a sample so near to an end of a gap is not in it [s]
+_NO_GAPS = np.empty((0, 2))
 
 
 def lanes_height(states: Sequence[LoggedState]) -> int:
@@ -30,11 +32,13 @@ def lanes_height(states: Sequence[LoggedState]) -> int:
     return _FRAME + _LANE * len(states)
 
 
-def draw_lanes(fig: figure, states: Sequence[LoggedState]) -> dict[str, list[Any]]:
+def draw_lanes(
+    fig: figure, states: Sequence[LoggedState], gaps: Floats = _NO_GAPS
+) -> dict[str, list[Any]]:
     """A lane for each state, the first one on top: as high as its value; returns the legend."""
     items = {}
     for i, state in enumerate(states):
-        begins, stops, values = stretches(state)
+        begins, stops, values = stretches(state, gaps)
         bottom = float(len(states) - 1 - i)
         highest = float(np.max(np.abs(state.value), initial=0.0)) or 1.0
         source = ColumnDataSource(
@@ -61,24 +65,41 @@ def draw_lanes(fig: figure, states: Sequence[LoggedState]) -> dict[str, list[Any
     return items
 
 
-def stretches(state: LoggedState) -> tuple[Floats, Floats, Floats]:
+def stretches(state: LoggedState, gaps: Floats = _NO_GAPS) -> tuple[Floats, Floats, Floats]:
     """Begin, stop [s] and value of each stretch in which a state is not 0, shape (n,).
 
-    A sample holds until the next one. Of more stretches than a picture shows, the highest value of
-    each of equal times is taken.
+    A sample holds until the next one, or until a gap of the log before that. Of more stretches than
+    a picture shows, the highest value of each of equal times is taken.
+
+    Args:
+        state: of the log.
+        gaps: begin and end of each gap of the log, shape (k, 2) [s].
     """
     t, value = state.t, state.value
+    ends = _ends_at_gaps(t, gaps)
     edges = np.flatnonzero(np.diff(value, prepend=np.nan) != 0.0)
     if len(edges) > _MOST:
         bucket = np.floor((t - t[0]) / max(t[-1] - t[0], 1e-9) * _MOST)
         edges = np.flatnonzero(np.diff(bucket, prepend=np.nan) != 0.0)
     if not len(edges):
         return t, t, value
+    edges = np.union1d(edges, np.fromiter(ends, np.int64) + 1)
     lowest, highest = (f.reduceat(value, edges) for f in (np.minimum, np.maximum))
     values = np.where(highest >= -lowest, highest, lowest)
-    stops = np.append(t[edges[1:]], t[-1])
+    last_rows = [*(edges[1:] - 1).tolist(), len(t) - 1]
+    stops = np.array([ends.get(row, t[min(row + 1, len(t) - 1)]) for row in last_rows])
     is_acting = values != 0.0
     return t[edges][is_acting], stops[is_acting], values[is_acting]
+
+
+def _ends_at_gaps(t: Floats, gaps: Floats) -> dict[int, float]:
+    """The rows before the gaps in which a state has no sample, and until when they hold [s]."""
+    before = np.searchsorted(t, gaps[:, 0] + _ASIDE, side="right") - 1
+    after = np.searchsorted(t, gaps[:, 1] - _ASIDE)
+    undivided = (before >= 0) & (after == before + 1) & (after < len(t))
+    rows, first_gaps = np.unique(before[undivided], return_index=True)
+    stops = np.maximum(gaps[undivided, 0][first_gaps], t[rows])
+    return dict(zip(rows.tolist(), stops.tolist(), strict=True))
 
 
 def _word(state: LoggedState, value: float) -> str:

@@ -18,6 +18,8 @@ from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import LoggedState, ReportRun, of_result, read
 from adhesion_cli.results.report.state_plots import draw_lanes, stretches
 
+COLUMNS = "t train rim pressure clamping force lower upper slip truth".split()
+
 
 def state(values: list[float], *levels: str) -> LoggedState:
     return LoggedState("brake_command", None, np.arange(len(values)) / 10, np.array(values), levels)
@@ -118,3 +120,55 @@ def test_many_changes_keep_their_highest_values() -> None:
     begins, _, highest = stretches(state(values))
     assert len(begins) < 2100
     assert highest.max() == 5.0
+
+
+def test_a_state_ends_at_a_gap_of_the_log() -> None:
+    every_row = LoggedState("sanding", None, np.array([0.0, 1.0, 5.0, 6.0]), np.ones(4))
+    begins, stops, _ = stretches(every_row, np.array([[1.0, 5.0]]))
+    assert begins.tolist() == [0.0, 5.0]
+    assert stops.tolist() == [1.0, 6.0]
+    on_change = LoggedState("sanding", None, np.array([0.0, 9.0]), np.array([1.0, 0.0]))
+    begins, stops, _ = stretches(on_change, np.array([[2.0, 5.0], [6.0, 7.0]]))
+    assert (begins.tolist(), stops.tolist()) == ([0.0], [2.0])
+    in_gap = LoggedState("sanding", None, np.arange(9.0), np.ones(9))  # only wheels have none
+    begins, stops, _ = stretches(in_gap, np.array([[1.1, 5.2]]))
+    assert (begins.tolist(), stops.tolist()) == ([0.0], [8.0])
+
+
+def test_nothing_is_drawn_across_a_gap_of_the_log(tmp_path: Path) -> None:
+    made = with_states(analysed(axles=1, n=1000))
+    (axle,) = made.axles
+    outside = np.abs((axle.record.t - EPOCH) * 1e-9 - 5.0) > 1.0
+    channels = []
+    for channel in made.log.channels:
+        x, rows = channel.data, np.abs((channel.data.t - EPOCH) * 1e-9 - 5.0) > 1.0
+        data = Column(x.t[rows], x.value[rows], x.valid[rows])
+        channels.append(replace(channel, data=data))
+    cut = replace(made, log=replace(made.log, channels=tuple(channels)))
+    shown = of_result(cut, summarise(cut, {}))
+    whole = shown.axles[0]
+    columns = {f: getattr(whole, f)[outside] for f in COLUMNS}
+    shown = replace(shown, axles=(replace(whole, errors={}, **columns),))
+    figures = Figures()
+    figures.of_run(shown)
+    lanes, reservoir = figures.figures_of(["overview-states", "overview-reservoir"])
+    for source in lanes.select({"type": ColumnDataSource}):
+        spans = zip(source.data["begin"], source.data["stop"], strict=True)
+        assert not any(begin < 4.5 and stop > 5.5 for begin, stop in spans)
+    (source,) = reservoir.select({"type": ColumnDataSource})
+    assert np.isnan(source.data["y"]).any()
+
+
+def test_forces_of_motors_stand_with_their_axle(tmp_path: Path) -> None:
+    made = analysed(axles=2)
+    t = EPOCH + np.arange(100) * 10**8
+    data = Column(t, np.full(100, 9e3), np.ones(100, np.bool_))
+    ed_force = Channel("ED", "", "ed_force", 1, "kN", "", data)
+    made = replace(made, log=replace(made.log, channels=(*made.log.channels, ed_force)))
+    figures = Figures()
+    drawn = figures.of_run(read(written(tmp_path / "one.adhesion.mcap", made)))
+    assert "axle-1-ed-force" in drawn.axles[1]
+    assert "axle-2-ed-force" not in drawn.axles[2]
+    (fig,) = figures.figures_of(["axle-1-ed-force"])
+    (source,) = fig.select({"type": ColumnDataSource})
+    assert source.data["y"] == pytest.approx(9.0, rel=1e-3)
