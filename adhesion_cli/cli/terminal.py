@@ -212,7 +212,7 @@ def describe_logs(summaries: Sequence[ResultSummary]) -> str:
 
 
 def _motors(summaries: Sequence[ResultSummary]) -> str:
-    text = describe_motors(c for summary in summaries for c in summary.channels)
+    text = describe_motors(summaries)
     return f"\n{text}" if text else ""
 
 

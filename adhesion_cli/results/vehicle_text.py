@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..core.summary import AxleSummary, CarSummary, ChannelSummary, VehicleSummary
+from ..core.summary import AxleSummary, CarSummary, ResultSummary, VehicleSummary
 
 _UNKNOWN = (
     "Vehicle: not stated, and the log cannot show its brake. Adhesion force and µ are not known. "
@@ -16,9 +16,9 @@ _MOST_CARS = 4  # that the line names one by one
 _MOTORS = {"ed_force": "ED force", "traction_force": "traction force"}
 
 
-def describe_motors(channels: Iterable[ChannelSummary]) -> str:
-    """That force and µ have the forces of the motors, too; empty where the log has none."""
-    meanings = {c.meaning for c in channels}
+def describe_motors(summaries: Iterable[ResultSummary]) -> str:
+    """That known force and µ have the forces of the motors, too; empty where no log has them."""
+    meanings = {c.meaning for x in summaries if x.vehicle.known for c in x.channels}
     names = [name for meaning, name in _MOTORS.items() if meaning in meanings]
     return f"Force and µ include the {' and the '.join(names)} of the log." if names else ""
 

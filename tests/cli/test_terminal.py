@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+from helpers import made_results
 from hypothesis import given
 from hypothesis import strategies as st
 
+from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.cli.terminal import findings, scores, show_of_logs, table
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Score
@@ -103,9 +105,16 @@ def test_findings_of_logs_are_one_line_a_code_with_the_logs_that_have_it(capsys)
     assert len(codes) == 2
 
 
-def test_forces_of_motors_are_named_where_the_log_has_them() -> None:
+def test_forces_of_motors_are_named_where_the_log_has_them_and_force_is_known() -> None:
     channel = ChannelSummary("ED force [kN]", "", "ed_force", 1, "kN", "name")
     traction = replace(channel, meaning="traction_force")
-    assert describe_motors([replace(channel, meaning="pressure")]) == ""
-    assert describe_motors([channel]) == "Force and µ include the ED force of the log."
-    assert "the ED force and the traction force of" in describe_motors([traction, channel])
+    summary = summarise(made_results.result(1, 50), {})
+
+    def text(*channels: ChannelSummary, known: bool = True) -> str:
+        vehicle = replace(summary.vehicle, known=known)
+        return describe_motors([replace(summary, vehicle=vehicle, channels=channels)])
+
+    assert text(replace(channel, meaning="pressure")) == ""
+    assert text(channel) == "Force and µ include the ED force of the log."
+    assert text(channel, known=False) == ""
+    assert "the ED force and the traction force of" in text(traction, channel)
