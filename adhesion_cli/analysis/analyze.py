@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core import threads
 from ..core.finding import Finding
-from ..core.model import AxleRecord, AxleResult, IdentifiedVehicle, Result
+from ..core.model import AxleRecord, AxleResult, IdentifiedVehicle, Log, Result
 from ..formats.memory import Signals
 from ..rail import wheel_calibration
 from ..records.route import check_route
@@ -50,10 +50,25 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     Raises:
         UserError: where the log cannot be read or holds nothing to analyse.
     """
-    estimators, axles = choose_estimators(algos), list(dict.fromkeys(axles))
+    choose_estimators(algos)  # a wrong name is an error before a long log is read
     progress(f"reading {path.name}")
     settings, source = open_log(path, settings)
     log = read_log(source, settings)
+    return analyze_log(log, settings, algos, axles, window, progress, train_speed, identified)
+
+
+def analyze_log(  # noqa: PLR0913 (as of `analyze`)
+    log: Log,
+    settings: Settings,
+    algos: Sequence[str] = (),
+    axles: Sequence[int] = (),
+    window: Window = (None, None),
+    progress: Callable[[str], None] = lambda _: None,
+    train_speed: bool = False,
+    identified: IdentifiedVehicle | None = None,
+) -> Result:
+    """Analyses a log that has been read, with its channels' meanings; the rest as `analyze`."""
+    estimators, axles = choose_estimators(algos), list(dict.fromkeys(axles))
     stated_load = states_load(settings.vehicle)
     settings, load_findings = load_vehicle(settings, log)
     start_ns = log.start_ns()
@@ -75,7 +90,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         findings += speed_findings
 
     def analyzed(record: AxleRecord) -> tuple[AxleResult, list[Finding]]:
-        progress(f"{path.name}: axle {record.axle}")
+        progress(f"{Path(log.path).name}: axle {record.axle}")
         return analyze_axle(record, settings, estimators, start_ns)
 
     results, findings_by_axle = zip(*threads.run_each(analyzed, records), strict=True)

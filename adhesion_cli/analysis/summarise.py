@@ -2,13 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import AxleResult, Channel, Floats, IdentifiedVehicle, Log, Result
+from ..core.model import AxleResult, Channel, Floats, IdentifiedVehicle, Log, Result, Vehicle
 from ..core.summary import (
     AxleSummary,
     BrakeApplication,
@@ -16,16 +14,14 @@ from ..core.summary import (
     LogSummary,
     ReferenceSummary,
     ResultSummary,
+    StopSummary,
     summarise_finding,
     summarise_vehicle,
 )
 from ..core.text import iso
 from ..rail.highest import PEAK_TIME
-from ..records.faults import Window
 from ..records.route import find_route
 from ..stops.settings import StopSettings
-from .request import open_log, read_log
-from .settings import Settings
 
 
 def summarise(
@@ -55,41 +51,24 @@ def summarise(
     )
 
 
-def summarise_stops(
-    path: Path, settings: Settings, window: Window, refusal: UserError
-) -> tuple[Log, ResultSummary]:
-    """A log that has no axle to analyse, and the summary of its stops.
+def summarise_stops(log: Log, vehicle: Vehicle, stops: tuple[StopSummary, ...]) -> ResultSummary:
+    """The summary of a log that has stops, and no axle to analyse.
 
     Args:
-        path: the log.
-        settings: what is stated.
-        window: seconds after the log's start, from and to.
-        refusal: why no axle can be analysed; the log's findings name it.
-
-    Raises:
-        UserError: the refusal, where the log has no stop.
+        log: with its channels' meanings.
+        vehicle: as stated.
+        stops: of the whole train.
     """
-    from .stops_of_log import stops_of_log
-
-    settings, source = open_log(path, settings)
-    log = read_log(source, settings)
-    stops = stops_of_log(log, settings, window)
-    if not stops:
-        raise refusal
-    reason = refusal.text.removeprefix(f"{log.path}: ").partition(" (")[0]
-    remark = Finding("stops-alone", "info", names={"reason": reason})
-    log = replace(log, findings=(*log.findings, remark))
-    vehicle = IdentifiedVehicle(settings.vehicle, "default", None, known=False)
-    summary = ResultSummary(
+    unknown = IdentifiedVehicle(vehicle, "default", None, known=False)
+    return ResultSummary(
         _summarise_log(log, 0),
         {},
-        summarise_vehicle(vehicle),
+        summarise_vehicle(unknown),
         (),
         _used_channels(log),
         tuple(map(summarise_finding, log.findings)),
         stops=stops,
     )
-    return log, summary
 
 
 def _summarise_log(log: Log, rows_used: int) -> LogSummary:

@@ -13,8 +13,9 @@ import pyarrow as pa
 
 from ..analysis import settings
 from ..analysis.analyze import analyze
+from ..analysis.evaluate import evaluate
 from ..analysis.outputs import stem, write_results
-from ..analysis.summarise import summarise, summarise_stops
+from ..analysis.summarise import summarise
 from ..core import bundled, threads
 from ..core.annotated import Json
 from ..core.errors import UserError, as_user_error
@@ -155,19 +156,13 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, 
     Raises:
         UserError: it cannot be analysed, or has changed since it was identified.
     """
-    stated, name = load_settings(job), item.log.name
-    try:
-        result = analyze(path, stated, job.algos, job.axles, job.window, train_speed=True)
-    except UserError as refusal:
-        if job.axles:
-            raise
-        log, summary = summarise_stops(path, stated, job.window, refusal)
-        summary = replace(summary, log=summary.log._replace(path=name))
-        _check_unchanged(log, item)
-    else:
-        _check_unchanged(result.log, item)
+    name, algos = item.log.name, job.algos
+    evaluated = evaluate(path, load_settings(job), algos, job.axles, job.window, train_speed=True)
+    _check_unchanged(evaluated.log, item)
+    summary = evaluated.summary
+    summary = replace(summary, log=summary.log._replace(path=name))
+    if result := evaluated.result:
         result = replace(result, log=replace(result.log, path=name))
-        summary = summarise(result, {})
         _record(result, summary, recordings(item, job))
     by_name = {
         "applications": tables.applications([summary]),

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .. import __version__
-from ..analysis.analyze import analyze
+from ..analysis.evaluate import evaluate
 from ..analysis.identify import identify_together
 from ..analysis.prepare import Window
 from ..analysis.settings import Settings
-from ..analysis.summarise import summarise, summarise_stops
 from ..core.annotated import Json, as_json
 from ..core.document import findings_document, tagged
 from ..core.errors import UserError
@@ -142,13 +141,10 @@ def _map(
 ) -> tuple[MapOfLog, Sequence[Finding], LogBrake | None]:
     """The stops of a log with their places, by its axles or else by what it has; its brake."""
     axles, window = request
-    try:
-        result = analyze(path, settings, [_ALGO], axles, window, identified=identified)
-    except UserError as refusal:
-        log, summary = summarise_stops(path, settings, window, refusal)
-        return map_of_log(log, summary.stops, ()), log.findings, None
-    summary = summarise(result, {})
-    return map_of_log(result.log, summary.stops, summary.axles), result.findings, result.brake
+    evaluated = evaluate(path, settings, [_ALGO], axles, window, identified=identified)
+    log, summary, result = evaluated
+    brake = result.brake if result else None
+    return map_of_log(log, summary.stops, summary.axles), evaluated.findings, brake
 
 
 def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protocol:

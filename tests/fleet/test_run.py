@@ -129,10 +129,27 @@ def test_a_log_without_wheel_speeds_has_its_stops(tmp_path: Path, pressure: bool
     (remark,) = (x for x in by_name["findings"] if x["code"] == "stops-alone")
     assert "no channel is a wheel speed" in remark["message"]
     assert str(tmp_path) not in remark["message"]
-    refused = analysed(Item(LogLocation("train.csv", str(log)), ""), job._replace(axles=(7,)))
-    assert refused.row.status == "error"
     outside = job._replace(window=(0.0, 5.0))
     assert analysed(Item(LogLocation("train.csv", str(log)), ""), outside).row.status == "error"
+
+
+def test_a_choice_of_axles_leaves_a_log_without_wheel_speeds_its_stops(tmp_path: Path) -> None:
+    log = tmp_path / "train.csv"
+    rows = [f"{t / 20},{min(max(90 - 3.6 * (t / 20 - 10), 0), 90)}" for t in range(900)]
+    log.write_text("\n".join(["time [s],train speed [km/h]", *rows, ""]))
+    item = Item(LogLocation("train.csv", str(log)), hash_of(log.read_bytes()).hexdigest())
+    outcomes = [analysed(item, JOB._replace(axles=axles)) for axles in ((), (2,))]
+    assert [x.row.status for x in outcomes] == ["ok", "ok"]
+    every, chosen = (parquet.read_table(BytesIO(x.files["stops"])) for x in outcomes)
+    assert every.num_rows == 1
+    assert chosen.equals(every)
+
+
+def test_an_axle_that_a_log_does_not_have_is_an_error(logs: Path) -> None:
+    log = logs / "once.csv"
+    item = Item(LogLocation("once.csv", str(log)), hash_of(log.read_bytes()).hexdigest())
+    row = analysed(item, JOB._replace(axles=(7,))).row
+    assert (row.status, row.error) == ("error", "once.csv: no axle 7")
 
 
 def test_stops_alone_need_no_recording(tmp_path: Path) -> None:
