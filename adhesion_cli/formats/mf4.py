@@ -1,6 +1,6 @@
 """ASAM MDF logs of versions 3 and 4 (MF4), by asammdf; runs in a process of its own."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import units
+from ..core import toml
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
+from .csv.clock import count_of
+from .csv.header_words import time_unit
 from .source import Field, ReadOptions, distinct_words
 from .tables import (
     YEAR_1990,
@@ -34,6 +36,8 @@ _NUMBERS = {True: tuple(range(6)), False: (0, 1, 2, 3, *range(9, 17))}
 _PLAIN_CONVERSIONS = {True: tuple(range(7)), False: (0, 1, 2, 6, 7, 8, 9, 10, 65535)}
 _TEXTS = {True: (7, 8), False: (11, 12)}
 _STRINGS = {True: (6, 7, 8, 9), False: (7,)}  # data types that are texts
+_FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # units that a time may count, which says s
+_LONGEST_STEP = 2.0  # of a brake log [s]
 _HEAD = 1_000  # records that show which words a channel has
 _UNSIGNED = {True: (0, 1), False: (0, 9, 13)}
 _FRAMES = "CAN_DataFrame"  # channel of a group that holds the frames of a bus
@@ -61,7 +65,7 @@ class Reader:
     def __init__(self, path: Path, options: ReadOptions) -> None:
         import asammdf
 
-        self._path = path
+        self._path, self._options = path, options
         try:
             library: Any = asammdf
             self._mdf: Any = library.MDF(path, process_bus_logging=False)
@@ -90,6 +94,7 @@ class Reader:
                 f"{path}: the log holds CAN frames; which signals they are, a DBC file says",
                 "state it with --dbc FILE.dbc",
             )
+        findings += self._settle_units()
         if any(time.is_absolute for time in self._masters.values()) and not self._start:
             zone, self._start = "UTC", YEAR_1990  # no other time can be compared with these
             for g in [g for g, time in self._masters.items() if not time.is_absolute]:
@@ -180,18 +185,52 @@ class Reader:
 
         Seconds since 1970 are known by their size, also as ms, us or ns that no unit states.
         """
-        unit = units.unit((self._mdf.get_channel_unit(group=g, index=i) or "s").strip())
-        if unit is None or unit.dimension != "time":
+        said = self._mdf.get_channel_unit(group=g, index=i) or "s"
+        unit = self._options.time_unit or time_unit(said)
+        if unit is None:
             return None
         first_stamp = float(self._mdf.get_master(g, record_offset=0, record_count=1)[0])
-        epochs = (
-            scale for scale in (unit.factor, 1e-3, 1e-6, 1e-9) if _is_date(first_stamp * scale)
-        )
-        scale = next(epochs, unit.factor)
+        factor = count_of(unit).ns / 1e9
+        scale = next((x for x in (factor, *_FINER.values()) if _is_date(first_stamp * x)), factor)
         channel, counter_span = self._mdf.groups[g].channels[i], 0.0
         if channel.data_type in _UNSIGNED[self._is_version_4] and channel.bit_count in (32, 64):
             counter_span = 2.0**channel.bit_count * scale * getattr(channel.conversion, "a", 1.0)
         return _Master(i, scale, _is_date(first_stamp * scale), counter_span)
+
+    def _settle_units(self) -> Iterator[Finding]:
+        """Takes times as ms, us or ns that say s, where the length of another group proves it.
+
+        Raises:
+            UserError: where no group has the step of a brake log, and one would have it so.
+        """
+        lengths, finer = dict[int, float](), dict[int, str]()
+        for g, master in self._masters.items():
+            stamps = self._mdf.get_master(g, record_offset=0, record_count=_HEAD)
+            last_row = self._row_counts[g] - 1
+            last_stamp = self._mdf.get_master(g, record_offset=last_row, record_count=1)
+            lengths[g] = master.scale * float((last_stamp - stamps[:1])[0])
+            step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+            if master.scale == 1.0 and step > _LONGEST_STEP and not self._options.time_unit:
+                usual = (x for x in _FINER if step * _FINER[x] <= _LONGEST_STEP / 10.0)
+                finer[g] = next(usual, "s")
+        known = max((x for g, x in lengths.items() if g not in finer), default=0.0)
+        for g, unit in ((g, x) for g, x in finer.items() if x in _FINER):
+            name = self._names[g]
+            if not known:
+                text = f"{self._path}: the time of {name!r} says s, and has steps of more than "
+                text += f"{_LONGEST_STEP:g} s: the log would be {lengths[g]:g} s long"
+                line = f"channels.time.unit = {toml.quoted(unit)}"
+                raise UserError(text, f"state its unit, as {toml.option(line)} (or s)")
+            if 0.5 < lengths[g] * _FINER[unit] / known < 2.0:
+                master = self._masters[g]
+                turn = master.turn * _FINER[unit]
+                self._masters[g] = master._replace(scale=_FINER[unit], turn=turn)
+                names = {
+                    "column": f"of {name!r}",
+                    "unit": unit,
+                    "reason": "as long as other groups",
+                }
+                yield Finding("time-unit-guessed", "info", name, names=names)
 
     def _times(self, g: int, timestamps: Floats) -> tuple[Times, Bools]:
         """The times of a group [ns] of its time channel's values, and which of them hold."""

@@ -15,7 +15,7 @@ from ..core.model import Bools, Times
 from . import time_columns
 from .csv.clock import Clock
 from .csv.header_words import label, time_name, time_unit
-from .source import Field, ReadOptions
+from .source import ReadOptions, distinct_words
 from .tables import (
     YEAR_1990,
     Columns,
@@ -24,7 +24,9 @@ from .tables import (
     TableSamples,
     fields,
     nanoseconds,
+    state_fields,
 )
+from .words import numbered
 
 _SINCE_1904 = 2_082_844_800  # seconds from the epoch of LabVIEW to 1970
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of a channel
@@ -32,12 +34,13 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of 
 
 # Properties that say what the samples are, and when: of a channel, its group or the file. The
 # others are for people; wf_samples counts the samples of one writing.
-_SAYING = re.compile(r"wf_(increment|start|xunit)|NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
+_SAYING = re.compile(r"wf_(increment|start|x)|NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
 _SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
 _MAY_SCALE = re.compile(
     r"(?i)^(?!NI_)(?:.*[^a-z])?(scal(e|ing)|slope|gain|factor|sensitivity)(?![a-z])"
 )
 _X_CHANNEL = ("xchannel", "xrelation")  # properties that name the channel with a channel's time
+_NO_TIME = re.compile(r"(?i)fr[eé]qu|order|ordnung|angle|winkel|dist|weg\b|position|rpm|drehzahl")
 _DEFAULT_INCREMENT = 1.0  # [s]; writers state it where nobody set one
 
 
@@ -80,6 +83,7 @@ class Reader:
         self._path, self._options = path, options
         self._file, self._changes = _open_file(path)
         self._channels: list[tuple[Any, _Axis]] = []
+        self._words: dict[tuple[Any, _Axis], tuple[str, ...]] = {}  # of channels of words
         self._texts: list[str] = []
         findings: list[Finding] = []
         self._findings = findings
@@ -98,6 +102,7 @@ class Reader:
             skipped_groups = {c.group_name for c, axis in self._channels if not self._start(axis)}
             timeless += sorted(skipped_groups)
             self._channels = [pair for pair in self._channels if self._start(pair[1])]
+            self._words = {pair: x for pair, x in self._words.items() if self._start(pair[1])}
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
             findings.append(Finding("group-not-read", "info", "", len(timeless), (), {}, names))
@@ -110,8 +115,15 @@ class Reader:
             "groups": len(self._file.groups()),
             "not numeric": ", ".join(dict.fromkeys(self._texts)),
         }
-        reason = self._reason(start)
-        self.contents = Contents(self._fields(), start, reason, rows, reasons, findings=findings)
+        self.contents = Contents(
+            fields(list(map(self._named, self._channels)), "channel's unit"),
+            start,
+            self._reason(start),
+            rows,
+            reasons,
+            findings=findings,
+            texts=state_fields({x: self._named(x) for x in self._words}, self._words, {}),
+        )
 
     def _add(self, group: Any) -> None:
         """Adds the channels of a group.
@@ -148,6 +160,15 @@ class Reader:
             own_axis = by_name.get(c.name) or waves.get(c.name) or axis
             if own_axis and _is_number(c) and c.name not in times:
                 self._channels.append((c, own_axis))
+        self._add_words([c for c in usable if _is_text(c)])
+
+    def _add_words(self, texts: Sequence[Any]) -> None:
+        """Adds channels of words, each with the time of one of numbers that is as long."""
+        for c in texts:
+            alike = (x for x in self._channels if x[0].group_name == c.group_name)
+            axis = next((axis for x, axis in alike if len(x) == len(c)), None)
+            if axis and (words := distinct_words(c[: time_columns.HEAD])):
+                self._words[c, axis] = words
 
     def _readable(self, group: Any) -> dict[str, tuple[Any, _States]]:
         """The channels of a group whose numbers are known, by name, with what is said of them."""
@@ -289,23 +310,23 @@ class Reader:
         descriptions = [waves] * (len(by_columns) < len(axes)) + by_columns
         return "; ".join(dict.fromkeys(descriptions))
 
-    def _fields(self) -> list[Field]:
-        """A field for each channel of numbers."""
+    def _named(self, pair: tuple[Any, _Axis]) -> NamedColumn:
+        """What the file says of a channel."""
+        channel, axis = pair
         axes = list(dict.fromkeys((c.group_name, axis) for c, axis in self._channels))
-        named = []
-        for c, axis in self._channels:
-            folder = f"{axes.index((c.group_name, axis))} {c.group_name}"
-            named.append(NamedColumn(c.group_name, c.name or "(no name)", _unit(c), folder))
-        return fields(named, "channel's unit")
+        folder = f"{axes.index((channel.group_name, axis))} {channel.group_name}"
+        return NamedColumn(channel.group_name, channel.name or "(no name)", _unit(channel), folder)
 
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""
         axes: list[Times] = []
         places: dict[Any, int] = {}
         series, findings = [], []
-        for k in wanted:
-            channel, axis = self._channels[k]
-            value = np.asarray(channel[:], np.float64)
+        pairs = [*self._channels, *self._words]
+        for channel, axis in (pairs[k] for k in wanted):
+            words = list[str]()
+            is_text = _is_text(channel)
+            value = numbered(channel[:], words) if is_text else np.asarray(channel[:], np.float64)
             t, ok = self._times(axis, len(value))
             n = min(len(value), len(t))
             if invalid := len(value) - int(np.count_nonzero(ok[:n])):
@@ -313,7 +334,7 @@ class Reader:
             if (axis, n) not in places:
                 places[axis, n] = len(axes)
                 axes.append(t[:n][ok[:n]])
-            series.append(TableSamples(places[axis, n], value[:n][ok[:n]]))
+            series.append(TableSamples(places[axis, n], value[:n][ok[:n]], {}, tuple(words)))
         return Columns(axes, series, findings)
 
     def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:
@@ -447,6 +468,9 @@ def _axis_problem(states: _States) -> str:
         unit = units.unit(text)
         if text and _wave(properties) and not (unit and unit.dimension == "time"):
             return f"wf_xunit_string = {text!r} is no unit of time"
+        name = str(properties.get("wf_xname", ""))
+        if not text and _NO_TIME.search(name):
+            return f"wf_xname = {name!r} is no time"
     return ""
 
 
@@ -466,6 +490,7 @@ def _scaling_problem(file: Any, group: Any, channel: Any, states: _States) -> st
         is_known_scaling = (
             get_scaling(channel.properties, group.properties, file.properties) is not None
         )
+        channel[:1]
     except Exception as error:  # whatever the library raises
         return f"scaling {', '.join(types)} lacks {error}"
     scaling_names = [name for name in channel.properties if _MAY_SCALE.search(name)]
@@ -484,6 +509,10 @@ def _stamps(seconds: Any, fractions: Any) -> Times:
 
 def _is_number(channel: Any) -> bool:
     return channel.dtype is not None and channel.dtype.kind in "biuf"
+
+
+def _is_text(channel: Any) -> bool:
+    return channel.dtype is not None and channel.dtype.kind == "O"
 
 
 def _is_time(channel: Any) -> bool:

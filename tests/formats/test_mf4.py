@@ -58,9 +58,9 @@ def with_time(
     return path
 
 
-def columns(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+def columns(path: Path, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """The columns by title, and the findings by code."""
-    source = open_source(path, ReadOptions())
+    source = open_source(path, ReadOptions(**options))
     found = source.columns(source.fields)
     names = [f"{f.channel} ({f.group})" if f.group else f.channel for f in source.fields]
     return dict(zip(names, found, strict=True)), {f.code: f for f in source.findings}
@@ -251,6 +251,42 @@ def test_the_unit_of_the_time_and_dates_count(
     expected = first_ns + np.rint(T * 1e9).astype(np.int64)
     assert np.abs(found["v"].t - expected).max() < 1_000  # a date as a float is no better
     assert not findings
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6)])
+def test_a_time_in_ms_that_says_s_is_refused_until_its_unit_is_stated(
+    tmp_path: Path, unit: str, factor: float
+) -> None:
+    path = with_time(tmp_path / "a.mf4", T * factor, "s")
+    with pytest.raises(UserError, match="says s, and has steps of more than 2 s") as error:
+        columns(path)
+    assert f"channels.time.unit={unit}`" in error.value.hint
+    found, _ = columns(path, time_unit=unit)
+    assert np.abs(found["v"].t - START_NS - np.rint(T * 1e9)).max() < 1_000
+    found, _ = columns(path, time_unit="s")
+    assert found["v"].t[-1] - START_NS == np.rint(T[-1] * factor * 1e9)
+
+
+@pytest.mark.parametrize(("other_factor", "is_ms"), [(1.0, True), (1e3, False)])
+def test_the_length_of_other_groups_shows_that_a_time_is_in_ms(
+    tmp_path: Path, other_factor: float, is_ms: bool
+) -> None:
+    """A group of slow samples over the same time is one of seconds."""
+    dense = np.arange(0.0, T[-1] * other_factor, 1.0 if other_factor > 1.0 else 0.02)
+    with MDF(version="4.10") as file:
+        file.start_time = brakes.START
+        file.append([Signal(T, T * 1e3, name="v")], common_timebase=True)
+        file.append([Signal(dense, dense, name="u")], common_timebase=True)
+        path = Path(file.save(tmp_path / "a.mf4", overwrite=True))
+    found, findings = columns(path)
+    assert np.abs(found["v"].t - START_NS - np.rint(T * (1e9 if is_ms else 1e12))).max() < 1_000
+    assert ("time-unit-guessed" in findings) == is_ms
+
+
+@pytest.mark.parametrize("unit", ["Sek.", "sec", "[s]"])
+def test_spellings_of_seconds(tmp_path: Path, unit: str) -> None:
+    found, _ = columns(with_time(tmp_path / "a.mf4", T, unit))
+    assert np.abs(found["v"].t - START_NS - np.rint(T * 1e9)).max() < 1_000
 
 
 @pytest.mark.parametrize("factor", [1e-9, 1e-6])

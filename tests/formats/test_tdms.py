@@ -236,6 +236,15 @@ def test_an_x_axis_that_is_no_time_is_named(tmp_path: Path, unit: str) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("name", ["Frequency", "Frequenz", "Order", "Weg"])
+def test_the_name_of_an_x_axis_that_is_no_time_is_told(tmp_path: Path, name: str) -> None:
+    spectrum = {"wf_increment": 0.5, "wf_start_offset": 0.0, "wf_xname": name}
+    channels = ("g", "p", P, BAR | spectrum), ("g", "v", V, KMH | WAVE | {"wf_xname": "Zeit"})
+    found, findings, _ = columns(written(tmp_path / "a.tdms", *channels))
+    assert set(found) == {"v"}
+    assert f"wf_xname = {name!r}" in findings["channel-not-read"].message
+
+
 def test_channels_name_their_time_channel(tmp_path: Path) -> None:
     slow, fast = np.arange(N) / 10, np.arange(N) / 50
     path = written(
@@ -317,6 +326,7 @@ RAW = np.arange(N, dtype=np.int16)
         (LINEAR | {"NI_Scale[0]_Scale_Type": "PieceWisePolynomial"}, "PieceWisePolynomial"),
         (LINEAR | {"NI_Scale[0]_Scale_Type": "Callback"}, "Callback"),
         ({"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Linear"}, "Linear lacks"),
+        (LINEAR | {"NI_Scale[0]_Linear_Input_Source": 0}, "Linear lacks"),  # of itself
         ({"NI_Scaling_Status": "unscaled"}, "of its raw numbers is not known"),
         ({"Gain": 0.01}, "property 'Gain' may scale"),
         ({"scale_factor": 0.01}, "property 'scale_factor' may scale"),

@@ -23,6 +23,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from helpers.mcap_logs import START, Log, cdr, message, proto_file, proto_schema
 from mcap.records import Channel, Schema
+from nptdms import ChannelObject, TdmsWriter
 
 from adhesion_cli.channels.log import survey, unchanged
 from adhesion_cli.core.model import Vehicle
@@ -46,6 +47,15 @@ def mf4(folder: Path, samples: Any, **more: Any) -> Path:
     with MDF(version="4.10") as file:
         file.append([Signal(samples, T, name=NAME, **more), Signal(T, T, name="speed")])
         return Path(file.save(folder / "a.mf4", overwrite=True))
+
+
+def tdms(folder: Path, **wave: float) -> Path:
+    channels = [ChannelObject("g", "speed", T, wave), ChannelObject("g", NAME, WORDS.tolist())]
+    if not wave:
+        channels.append(ChannelObject("g", "Time", T, {"unit_string": "s"}))
+    with TdmsWriter(folder / "a.tdms") as file:
+        file.write_segment(channels)
+    return folder / "a.tdms"
 
 
 def sanding(log: Any) -> Any:
@@ -111,6 +121,8 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
         NUMBERS.astype("u1"),
         conversion=from_dict({**TO_TEXT, "default_addr": {"a": 1.0, "b": 0.0}}),
     ),
+    "TDMS, increments": lambda folder: tdms(folder, wf_increment=0.1),
+    "TDMS, time channel": tdms,
     "MCAP, JSON": lambda folder: mcap(
         folder, "json", [], [json.dumps({NAME: str(x)}).encode() for x in WORDS]
     ),
