@@ -139,7 +139,12 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
         for c in log.channels
         if not c.data.valid.any()
     ]
-    findings = (*log.findings, *empty, *_not_copied(source))
+    numbered = [
+        Finding("words-as-numbers", "info", c.title, names={"words": _words(c.levels)})
+        for c in with_samples
+        if c.levels
+    ]
+    findings = (*log.findings, *empty, *numbered, *_not_copied(source))
     return replace(log, channels=with_samples, findings=findings)
 
 
@@ -366,8 +371,8 @@ def _log(
         if m.meaning and (level_words := provenance.get(words_key(m.meaning, m.axle))):
             levels = tuple(level_words.split("\n"))
         if levels:
-            read_as = ", ".join(f"{word!r} is {k}" for k, word in enumerate(levels) if word)
-            channel = replace(channel, levels=levels, reason=f"{channel.reason}; {read_as}")
+            reason = f"{channel.reason}; {_words(levels)}"
+            channel = replace(channel, levels=levels, reason=reason)
         if m.meaning == "wheel_speed" and (unit := provenance.get(f"wheel_speed_{m.axle}")):
             channel = replace(channel, first_unit=unit)
         if m.meaning in MOTOR_FORCES:
@@ -387,6 +392,11 @@ def _log(
         (*source.findings, *findings),
         source.account,
     )
+
+
+def _words(levels: Sequence[str]) -> str:
+    """Which number each word of a state is, for people."""
+    return ", ".join(f"{word!r} is {k}" for k, word in enumerate(levels) if word)
 
 
 def _sha256(source: Source) -> str:

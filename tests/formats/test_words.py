@@ -1,6 +1,7 @@
 """States in words in every format that has words: the same as in a text log."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -141,8 +142,11 @@ def test_words_are_states(tmp_path: Path, name: str) -> None:
     assert channel.meaning == "sanding"
     np.testing.assert_array_equal(channel.data.value, NUMBERS - 1)
     assert [word.casefold() for word in channel.levels] == ["off", "on"]
-    copied = sanding(unchanged(open_source(path, options), ()))
+    copy = unchanged(open_source(path, options), ())
+    copied = sanding(copy)
     np.testing.assert_array_equal(copied.data.value, NUMBERS - 1)
+    (numbered,) = (f for f in copy.findings if f.code == "words-as-numbers")
+    assert re.search("'OFF' is 0, 'ON' is 1", numbered.message, re.IGNORECASE)
 
 
 def test_values_without_a_word_have_no_state(tmp_path: Path) -> None:
