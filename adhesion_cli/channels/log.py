@@ -221,10 +221,12 @@ def without_empty(log: Log) -> Log:
             continue
         kind = _NEEDED.get(c.meaning)
         if kind and kind not in meanings:
-            raise UserError(
-                f"{log.path}: channel {c.title!r} has no usable sample ({c.rows} in the log)",
-                f"see the findings of `adhesion inspect {log.path}`",
-            )
+            text = f"{log.path}: channel {c.title!r} has no usable sample ({c.rows} in the log)"
+            hint = f"see the findings of `adhesion inspect {log.path}`"
+            causes = (f for f in log.findings if f.channel == c.title)
+            if cause := next((f for f in causes if f.code == "csv-no-numbers"), None):
+                text, hint = f"{text}: {cause.message}".removesuffix("."), cause.hint or hint
+            raise UserError(text, hint)
         covered = kind is None or any(
             _NEEDED.get(f.meaning) == kind and f.axle == c.axle for f in with_samples
         )
@@ -314,6 +316,8 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
     """
     same_meaning = [c for c in chosen if c.meaning == m.meaning]
     usual = _USUAL.get(m.meaning, "m/s")
+    if any(map(str.isdecimal, _lacks(m))):  # the name has a factor that is not clear
+        usual = f"0.01 {usual}"
     key = "speed" if m.meaning == "wheel_speed" else m.meaning
     if len({c.unit for c in same_meaning}) == 1 and "[channels]" not in m.reason:
         entry = toml.table({"unit": m.unit or usual, "teeth": teeth})

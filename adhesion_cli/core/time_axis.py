@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .finding import Finding, Span, merge_spans
+from .finding import Finding, Severity, Span, merge_spans
 from .model import Bools, Channel, Column, Floats, Times
 
 _HOUR, _HOURLESS = 3600 * 10**9, "clock without hours"
@@ -149,9 +149,8 @@ class _Report:
             spans = spans_of(np.minimum(start, stop), np.maximum(start, stop), self.start_ns)
             values = {key: x for key, x in data.items() if not isinstance(x, str)}
             names = {key: x for key, x in data.items() if isinstance(x, str)}
-            self.findings.append(
-                Finding(code, "warning", self.channel, count, spans, values, names)
-            )
+            severity: Severity = "info" if code == "time-wrapped" else "warning"
+            self.findings.append(Finding(code, severity, self.channel, count, spans, values, names))
 
 
 def spans_of(start: Times, stop: Times, start_ns: int) -> tuple[Span, ...]:
@@ -396,11 +395,15 @@ def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
 def from_digits(t: Times) -> Times | None:
     """The times [ns] of a clock whose digits, HHMMSS, are read as seconds; None where they are not.
 
-    They are where 59.98 is followed by 100.00, and no second and no minute is above 59.
+    They are where 59.98 is followed by 100.00, and no second and no minute is above 59. Digits
+    without hours, MMSS, begin anew behind 5959.98.
 
     >>> from_digits(np.array([5_958, 5_959, 10_000, 10_001]) * 10**9) // 10**9
     array([3598, 3599, 3600, 3601])
     """
+    falls = np.diff(t, prepend=t[:1]) < -5_900 * 10**9
+    if falls.any() and t.max() < 6_000 * 10**9:
+        t = t + np.cumsum(falls) * (10_000 * 10**9)
     minutes, ns = np.divmod(t, 100 * 10**9)
     if not len(t) or t.min() < 0 or ns.max() >= 60 * 10**9 or (minutes % 100).max() >= 60:
         return None

@@ -118,9 +118,8 @@ FORMATS = (
     _unread("hdf5", rb"\x89HDF", "an HDF5 file", "export the channels as CSV, Parquet or MDF 4"),
     _unread(
         "influx",
-        rb"#group,|#datatype,|,result,table,"
-        rb"|[^\s,=]+(,[^\s,=]+=[^\s,=]+)* [^\s,=]+=[^\n]* \d{16,19}\n",
-        "an export of InfluxDB",
+        rb"[^\s,=]+(,[^\s,=]+=[^\s,=]+)* [^\s,=]+=[^\n]* \d{16,19}\n",
+        "a line protocol of InfluxDB",
         "export it as CSV with a column for each field, as pivot() gives it",
     ),
 )

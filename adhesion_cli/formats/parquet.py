@@ -18,7 +18,7 @@ from . import time_columns
 from .as_text import open_text
 from .csv.clock import Clock
 from .csv.dialect import is_number
-from .csv.header_words import speaks_of_time, time_name, time_unit
+from .csv.header_words import SIGNAL, is_named, speaks_of_time, time_name, time_unit
 from .csv.reader import CsvSource
 from .source import Field, ReadOptions, Source, distinct_words
 from .tables import Columns, Contents, TableSamples, TableSource
@@ -66,7 +66,7 @@ def open_parquet(path: Path, options: ReadOptions) -> Source:
         raise
     if reader.has_numbers_as_texts and (text := _as_text(path, options)):
         return text
-    if reader.repeats_times:
+    if reader.may_be_long:
         text = _as_text(path, options)
         if text and text.keys.columns:
             return text
@@ -132,7 +132,8 @@ class Reader:
         axes = self._axes
         times, _ = time_columns.times([head[c.name] for c in axes[0].times], axes[0].clock)
         # Rows of several signals or devices, which a column of texts tells apart.
-        self.repeats_times = len(times) > 1.5 * len(set(times.tolist()))
+        has_signals = any(is_named(c.title, SIGNAL) and _is_text(c.type) for c in self._columns)
+        self.may_be_long = has_signals or len(times) > 1.5 * len(set(times.tolist()))
         time_names = {c.name for axis in axes for c in axis.times}
         numbers = [c for c in self._columns if c.name not in time_names and _is_number(c.type)]
         of_group = {c.name: k for k, group in enumerate(groups) for c in group}

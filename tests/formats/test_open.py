@@ -32,8 +32,6 @@ INFLUX = "brake,car=1,axle=2 bc_pressure=1.25,speed=70i 1795515300000000000\n"
         (b"\x89HDF\r\n\x1a\n", "HDF5", "Parquet"),
         (INFLUX.encode(), "InfluxDB", "column for each field"),
         (b"brake value=0.25 1795515300000000000\n", "InfluxDB", "column for each field"),
-        (b"#datatype,string,long,dateTime:RFC3339\n", "InfluxDB", "column for each field"),
-        (b",result,table,_time,_value,_field\n", "InfluxDB", "column for each field"),
     ],
 )
 def test_known_formats_that_are_not_read_are_named(

@@ -229,6 +229,24 @@ def test_names_that_are_pairs_of_texts(tmp_path: Path, unit: str) -> None:
     assert [f.unit for f in source.fields] == [unit, ""]
 
 
+@pytest.mark.parametrize("in_blocks", [False, True])
+def test_tables_of_influxdb(tmp_path: Path, in_blocks: bool) -> None:
+    order = "F" if in_blocks else "C"
+    names = np.repeat(["p_bar", "v_kmh"], N) if in_blocks else np.tile(["p_bar", "v_kmh"], N)
+    table = {
+        "_time": pa.array(np.stack([SECONDS, SECONDS], 1).ravel(order) * 1e9).cast(
+            pa.timestamp("ns", "UTC"), safe=False
+        ),
+        "_value": np.stack([P, V], 1).ravel(order),
+        "_field": names,
+        "_measurement": ["brake"] * (2 * N),
+    }
+    found, _ = columns(tmp_path / "a.parquet", table)
+    assert list(found) == ["p_bar", "v_kmh"]
+    assert np.array_equal(found["v_kmh"].value, V)
+    assert np.allclose(found["v_kmh"].t, SECONDS * 1e9)
+
+
 @pytest.mark.parametrize("key", ["signal", "name", "channel"])
 @pytest.mark.parametrize("with_unit", [False, True])
 def test_long_tables(tmp_path: Path, key: str, with_unit: bool) -> None:

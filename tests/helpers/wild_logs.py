@@ -463,14 +463,87 @@ def remarks(rng: random.Random) -> Iterator[WildLog]:
         yield WildLog("log.csv", text + table([*rows[cut:], [remark]], [[], [], []], ";"))
 
 
+def texts(rng: random.Random) -> Iterator[WildLog]:
+    """Cells that Excel is told to take as texts, and rows without a cell behind the last one."""
+    cells = [[f"{x:.{n}f}" for x in y] for y, n in ((T, 3), (P, 2), (V, 2))]
+    heads, delimiter = [["Time [s]", *NAMES]], rng.choice(";\t")
+    for mark, end, count in (("'", "", 3), ('="', '"', 3), ("'", "", 1), ("", "", 0)):
+        marked = [[f"{mark}{x}{end}" for x in y] for y in cells[:count]] + cells[count:]
+        empty = (2 * delimiter + "\n").encode() * rng.randrange(1, 5)
+        yield WildLog("log.csv", table(heads, marked, delimiter) + empty)
+
+
+def day_clocks(rng: random.Random) -> Iterator[WildLog]:
+    """Clocks that count days, from the start or from New Year, or write marks of angles."""
+    forms: tuple[Callable[[datetime], str], ...] = (
+        lambda s: f"{s:%j:%H:%M:%S}.{_ms(s)}",
+        lambda s: f"{s:%Y:%j:%H:%M:%S}.{_ms(s)}",
+        lambda s: f"{rng.choice('2')} {s:%H:%M:%S}.{_ms(s)}",
+        lambda s: f"{s:%H}h{s:%M}'{s:%S}\",{_ms(s)}",
+    )
+    yield from _written(rng, *forms)
+    days = [(s - datetime(1899, 12, 30, tzinfo=UTC)).total_seconds() / 86_400 for s in _stamps(rng)]
+    yield WildLog("log.csv", timed("Date", [f"{x:.11f}" for x in days]), apart_s=1e-3)
+
+
+def bare_minutes(rng: random.Random) -> Iterator[WildLog]:
+    """Digits MMSS, which begin anew with the hour."""
+    begin = 3_600.0 - rng.randrange(5, 25)
+    for seconds in (begin + T, begin - 45.0 + T):
+        whole = np.rint(seconds * 1000).astype(int) % 3_600_000
+        digits = [f"{ms // 60_000:02}{ms // 1000 % 60:02}.{ms % 1000:03}" for ms in whole.tolist()]
+        yield WildLog("log.csv", timed("Time", digits))
+
+
+def waveforms(rng: random.Random) -> Iterator[WildLog]:
+    """Tables of LabVIEW's waveforms, and of units with a factor."""
+    stamps, cells = _stamps(rng), [[f"{x:.2f}" for x in series] for series in (P, V)]
+    times = [f"{s:%d.%m.%Y %H:%M:%S}.{_ms(s)}" for s in stamps]
+    heads = [["waveform", "[0]", "[1]"], ["t0", times[0], times[0]], ["delta t", "0.02", "0.02"]]
+    yield WildLog("log.txt", table([*heads, [], ["time[0]", *NAMES]], [times, *cells], "\t"))
+    hundredths = [[f"{100 * x:.0f}" for x in series] for series in (P, V)]
+    heads = [["Time", "BC pressure", "wheel speed"], ["s", "0.01bar", "0.01km/h"]]
+    yield WildLog("log.csv", table(heads, [[f"{x:.2f}" for x in T], *hundredths]))
+    heads = [["Time [s]", "BC pressure [in 0.01 bar]", "wheel speed [in 0.01 km/h]"]]
+    yield WildLog("log.csv", table(heads, [[f"{x:.2f}" for x in T], *hundredths]))
+
+
+def influx(rng: random.Random) -> Iterator[WildLog]:
+    """Tables of InfluxDB and of historians: a row for each value, with its name."""
+    stamps = [f"{s:%Y-%m-%dT%H:%M:%S}.{_ms(s)}Z" for s in _stamps(rng)]
+    blocks = [
+        [f",,{k},{stamps[0]},{t},{x:.2f},{name},brake" for t, x in zip(stamps, y, strict=True)]
+        for k, (name, y) in enumerate((("BC_pressure_bar", P), ("wheel_speed_kmh", V)))
+    ]
+    above = ["#group,false,false,true,false,false,true,true"]
+    above += ["#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,double,string,string"]
+    above += ["#default,_result,,,,,,", ",result,table,_start,_time,_value,_field,_measurement"]
+    for rows in (
+        [*above, *blocks[0], *blocks[1]],
+        [*above, *blocks[0], "", *above, *blocks[1]],
+        [above[-1], *(row for pair in zip(*blocks, strict=True) for row in pair)],
+    ):
+        yield WildLog("log.csv", ("\r\n".join(rows) + "\r\n").encode())
+    tags = [
+        [name, f"{s:%d.%m.%Y %H:%M:%S},{_ms(s)}", f"{x:.2f}".replace(".", ","), "192"]
+        for s, *values in zip(_stamps(rng), P, V, strict=True)
+        for name, x in zip(("A7.BC_pressure_bar", "A7.wheel_speed_kmh"), values, strict=True)
+    ]
+    heads = [["TagName", "Timestamp", "Value", "Quality"]]
+    yield WildLog("log.csv", table(heads, [list(x) for x in zip(*tags, strict=True)], ";"))
+
+
 KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K1-lvm": segments,
     "K1-blocks": blocks,
     "K8-groups": groups,
     "K8-minus": minus,
     "K9-digits": clock_digits,
+    "K8-texts": texts,
+    "K9-minutes": bare_minutes,
     "K9-ms": bare_milliseconds,
     "K10-half": day_halves,
+    "K10-days": day_clocks,
     "K10-month": named_months,
     "K10-local": local,
     "K10-iso": iso,
@@ -481,10 +554,12 @@ KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K12": parts,
     "K13-lvm": lvm,
     "K13-heads": heads,
+    "K13-waveforms": waveforms,
     "K14-lists": lists,
     "K14-remarks": remarks,
     "K16-mark": marks,
     "K16-unit": unit_cells,
+    "K17-influx": influx,
 }
 
 

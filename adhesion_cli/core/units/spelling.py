@@ -98,7 +98,7 @@ NUMBER = r"(?:\d+\.\d+|\d+,\d{1,2}|\d+)(?:[eE][-+]?\d+)?"
 TIMES = "[x×*·]"
 # A number before a unit, as in "0.01 bar", "x10 kPa", "1/128 bar/bit"; not that of "1/min"
 _FACTOR = re.compile(
-    rf"(?:/|{TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>{NUMBER}))"
+    rf"(?:in\s+)?(?:/|{TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>{NUMBER}))"
     rf"[\s_]*{TIMES}?\s*(?P<unit>[^\W\d_].*?|[%°‰].*?)"
     r"(?:\s*(?:/|per)\s*(?:bit|lsb|count|digit|inc))?"
 )

@@ -183,7 +183,7 @@ class Parser:
     def _kind(self, text: str, fault: str, line: int) -> str:
         """Class of a line that holds no row for this fault."""
         dialect = self.table.dialect
-        if not text.strip():
+        if not text.strip(f' \t\r"{dialect.delimiter}'):
             return "blank"
         if text.startswith("\0"):
             return "NUL bytes"

@@ -9,6 +9,7 @@ from ...core.units import unit
 from ..source import ReadOptions
 from .dialect import (
     COMMENT,
+    TEXT_MARK,
     Dialect,
     fit,
     group_mark,
@@ -38,6 +39,7 @@ from .stamps import is_stamp
 
 _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
+_MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
 
@@ -89,7 +91,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         reasons["preamble"] = f"{count} lines (before the header)"
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
-    removals = _clean(data, units)
+    has_text_marks = any(_MARKED.search(text) for text in texts)
+    removals = _clean(data, units, has_text_marks)
     _refuse_grouped(data, names, decimal, options, path)
     return Dialect(
         encoding,
@@ -133,7 +136,7 @@ def _units_row(
     return [], ""
 
 
-def _clean(rows: list[list[str]], units: list[str]) -> dict[int, str]:
+def _clean(rows: list[list[str]], units: list[str], has_text_marks: bool) -> dict[int, str]:
     """Takes what numbers do not need out of the cells; returns its pattern by column.
 
     A unit behind the numbers of a column without one is its unit. Both lists are changed in place.
@@ -142,7 +145,9 @@ def _clean(rows: list[list[str]], units: list[str]) -> dict[int, str]:
     for i in range(len(units)):
         suffix, pattern = _needless([c for row in rows if not is_null(c := row[i])])
         units[i] = units[i] or suffix
-        if pattern:
+        if has_text_marks and not pattern:
+            removals[i] = TEXT_MARK.pattern
+        elif pattern:
             removals[i] = pattern
             for row in rows:
                 row[i] = re.sub(pattern, r"\1", row[i])

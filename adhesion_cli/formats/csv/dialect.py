@@ -108,6 +108,7 @@ def number_grammar(decimal: str) -> re.Pattern[str]:
 _GROUPED = r"[+-]?[0-9]{1,3}(?:[., '][0-9]{3})+(?:[.,][0-9]*)?"
 _NUMBER = re.compile("|".join((number_grammar(".").pattern, number_grammar(",").pattern, _GROUPED)))
 _WITH_UNIT = re.compile(r"([+-]?[0-9.,][0-9.,' ]*?)\s*([^\W\d_]\S*|[%‰°]\S*)")
+TEXT_MARK = re.compile(r"""^(?:'|=")([-+.,0-9][^"]*)"?$""")  # what makes a cell a text, in Excel
 _GAP = re.compile("(?<=[0-9])[\u00a0\u202f\u2007\u2009\u2019](?=[0-9]{3}(?![0-9]))")
 _DASH = re.compile('(?<![^;,|\\s"])\u2013(?=[0-9])')  # in place of a minus
 _PLAIN = str.maketrans("\u2212\u00a0\u202f\u2007\u2009\uff1a", "-    :", "\ufeff")
@@ -184,7 +185,7 @@ def split(line: str, delimiter: str) -> list[str]:
             delimiter=delimiter,
             skipinitialspace=True,
         )
-        cells = [c.strip() for c in next(rows, [])]
+        cells = [TEXT_MARK.sub(r"\1", c.strip()) for c in next(rows, [])]
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return [line]
     return [re.sub(r"\s*\n\s*", " ", c) for c in cells] if "\n" in line else cells

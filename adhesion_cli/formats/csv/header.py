@@ -98,6 +98,8 @@ def _first_data(table: FirstRows) -> int | None:
             numeric.append(i)
 
     def resembles_data(cells: list[str]) -> bool:
+        if is_units_row(cells):
+            return False
         remark = len(cells) == width + 1 and not is_null(cells[-1]) and not typed(cells[-1])
         if not data_rows or (len(cells) != width and not remark):
             return False

@@ -23,8 +23,8 @@ _PARTS = {word: part for part, words in _VOCABULARY["parts"].items() for word in
 _LABELS = {word: kind for kind, words in _VOCABULARY["labels"].items() for word in words.split()}
 _TIME: list[str] = _VOCABULARY["time"].split()
 _UNITS_ROW = frozenset(_VOCABULARY["units_row"].split())
-GROUP, SIGNAL, UNITS = (
-    frozenset(_VOCABULARY[kind].split()) for kind in ("group", "signal", "units")
+GROUP, SIGNAL, VALUE, UNITS = (
+    frozenset(_VOCABULARY[kind].split()) for kind in ("group", "signal", "value", "units")
 )
 
 
@@ -66,7 +66,9 @@ def time_name(header: str) -> tuple[int, str | None] | None:
             text, unit = split[1], named_unit
             break
     else:  # "Time [hh:mm:ss.fff]", "Timestamp (UTC)"
-        text = re.sub(r"\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-zA-Z]{1,4}[-/:.]\S+)[\])]$", "", text)
+        text = re.sub(
+            r"\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-zA-Z]{1,4}[-/:.]\S+|[0-9]+)[\])]$", "", text
+        )
     name = normal(text)
     base_name = name.rstrip("0123456789")
     if len(base_name) > 2 or unit:  # "time2", "t2 [s]"; T1 and T2 alone are temperatures
@@ -109,8 +111,10 @@ def is_units_row(cells: list[str]) -> bool:
     Letters that are names as well (t, v, p, a) count only where every cell is a unit.
     """
     said = [unicodedata.normalize("NFKC", c).casefold().replace(" ", "") for c in cells if c]
+    has_plain = not _UNITS_ROW.isdisjoint(said)  # so that "0.5bar" is no number with its unit
     unit_cells = [
         c in _UNITS_ROW
+        or (has_plain and c[0].isdecimal() and units.unit(c) is not None)
         or re.fullmatch(r"[\[({<][^\])}>]{0,16}[\])}>]|[hmsdyf.:/-]{4,}", c) is not None
         for c in said
     ]

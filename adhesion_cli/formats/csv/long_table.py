@@ -119,7 +119,8 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
     """What each key stands for: as few of its cells as separate the series."""
     places = range(len(columns))
     unit = next((p for p in places if _holds_units(dialect, columns[p])), None)
-    signal = next((p for p in places if is_named(dialect.names[columns[p]], SIGNAL)), unit)
+    signals = [p for p in places if p != unit and is_named(dialect.names[columns[p]], SIGNAL)]
+    signal = max(signals, key=lambda p: len({key[p] for key in keys}), default=unit)
     group = [p for p in places if p not in (unit, signal)]
     remaining = [p for p in places if p not in group]
     for p in reversed(group):

@@ -20,7 +20,7 @@ from ..source import Field, ReadOptions, distinct_words
 from .block_parser import CsvTable
 from .detect_dialect import detect_dialect
 from .dialect import Dialect, is_number
-from .header_words import time_name
+from .header_words import VALUE, is_named, time_name
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
@@ -95,6 +95,9 @@ class CsvSource:
         reserved |= {i for i in range(len(names)) if self._repeats_time(i)}
         data_columns = [i for i in range(len(names)) if i not in reserved]
         numeric = [i for i in data_columns if self._is_numeric(i)]
+        values = [i for i in numeric if is_named(names[i], VALUE)]
+        if values and self._series[0].signal:  # beside the values stand their quality and such
+            data_columns, numeric = values, values
         self._words = {i: words for i in data_columns if (words := self._words_of(i, numeric))}
         self.places = self._fields(numeric)  # number of the series, and column
         self.fields: list[Field] = list(self.places)

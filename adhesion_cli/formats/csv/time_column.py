@@ -162,8 +162,15 @@ class _ClockSearch:
             if len(set(dialect.column(i))) > 1 and forms_of(dialect.column(i), forms, self.unit)
         ]
         dates = [i for i in columns if forms_of(dialect.column(i), DATES)]
-        rising = [i for i in columns if _says_time(dialect, i) and _rises(dialect, i)]
+        rising = [i for i in columns if _rises(dialect, i) and self._may_count_time(i)]
         return [*stamps, *dates, *rising]
+
+    def _may_count_time(self, i: int) -> bool:
+        """Whether numbers are a time by the name or unit of their column, or days by their size."""
+        days = self._shown_unit(i, self.dialect.numbers(i), None)
+        return _says_time(self.dialect, i) or (
+            days is not None and COUNTS[days[0]].ns == NS_PER_UNIT["d"]
+        )
 
     def first_clock(self, columns: Sequence[int], reason: str) -> Clock | None:
         """The first of these columns that can be read as a time.

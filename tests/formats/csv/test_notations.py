@@ -15,7 +15,7 @@ from adhesion_cli.core.units import in_name, unit
 from adhesion_cli.formats.csv.reader import open_csv
 from adhesion_cli.formats.source import ReadOptions
 
-_SOUND = {"time-coarse-spread", "time-wrapped"}  # they cost no sample
+_SOUND = {"time-coarse-spread"}  # it costs no sample
 
 
 @pytest.mark.parametrize("kind", KINDS)
