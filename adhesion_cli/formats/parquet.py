@@ -128,12 +128,9 @@ class Reader:
         head, _ = _arrays(first_rows)
         self._columns, nested = _columns(first_rows.schema, head)
         self._elements = Counter(c.name.removesuffix(c.path) for c in self._columns if c.path)
-        groups, self._axes, findings = self._find_axes(head, options)
-        axes = self._axes
-        times, _ = time_columns.times([head[c.name] for c in axes[0].times], axes[0].clock)
-        # Rows of several signals or devices, which a column of texts tells apart.
-        has_signals = any(is_named(c.title, SIGNAL) and _is_text(c.type) for c in self._columns)
-        self.may_be_long = has_signals or len(times) > 1.5 * len(set(times.tolist()))
+        groups, axes, findings = self._find_axes(head, options)
+        self._axes = axes
+        self.may_be_long = self._may_be_long(head)
         time_names = {c.name for axis in axes for c in axis.times}
         numbers = [c for c in self._columns if c.name not in time_names and _is_number(c.type)]
         of_group = {c.name: k for k, group in enumerate(groups) for c in group}
@@ -173,6 +170,13 @@ class Reader:
             findings=list(findings),
             texts=[Field(c.title, words=words[c]) for c in words],
         )
+
+    def _may_be_long(self, head: dict[str, pa.Array]) -> bool:
+        """Whether rows may be of several signals or devices, which texts tell apart."""
+        time = self._axes[0]
+        times, _ = time_columns.times([head[c.name] for c in time.times], time.clock)
+        has_signals = any(is_named(c.title, SIGNAL) and _is_text(c.type) for c in self._columns)
+        return has_signals or len(times) > 1.5 * len(set(times.tolist()))
 
     def _find_axes(
         self, head: dict[str, pa.Array], options: ReadOptions

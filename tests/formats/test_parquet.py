@@ -233,10 +233,9 @@ def test_names_that_are_pairs_of_texts(tmp_path: Path, unit: str) -> None:
 def test_tables_of_influxdb(tmp_path: Path, in_blocks: bool) -> None:
     order = "F" if in_blocks else "C"
     names = np.repeat(["p_bar", "v_kmh"], N) if in_blocks else np.tile(["p_bar", "v_kmh"], N)
+    times = np.rint(np.stack([SECONDS, SECONDS], 1).ravel(order) * 1e9).astype("datetime64[ns]")
     table = {
-        "_time": pa.array(np.stack([SECONDS, SECONDS], 1).ravel(order) * 1e9).cast(
-            pa.timestamp("ns", "UTC"), safe=False
-        ),
+        "_time": pa.array(times, pa.timestamp("ns", "UTC")),
         "_value": np.stack([P, V], 1).ravel(order),
         "_field": names,
         "_measurement": ["brake"] * (2 * N),
