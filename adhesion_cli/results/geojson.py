@@ -1,7 +1,7 @@
 """Where a train ran, stopped and slid, as GeoJSON (RFC 7946) for maps.
 
 A `FeatureCollection`: a line of the way of each log, a point for each stop and each slide. The
-property `kind` says which.
+property `kind` says which, `group` and `label` are those of a plan.
 """
 
 import json
@@ -30,6 +30,8 @@ class MapOfLog(NamedTuple):
     lines: Sequence[Floats]  # latitudes and longitudes of the way, (points, 2) each
     stops: Sequence[StopSummary]
     slides: Sequence[tuple[int, SlideSummary]]  # after the number of the axle
+    group: str | None = None  # of a plan
+    label: str | None = None  # of that group
 
 
 def map_of_log(log: Log, stops: Sequence[StopSummary], axles: Sequence[AxleSummary]) -> MapOfLog:
@@ -70,16 +72,17 @@ def as_text(maps: Iterable[MapOfLog]) -> str:
 
 
 def _features(one: MapOfLog) -> list[Json]:
-    log = utf8(Path(one.log).name)
+    names = {"log": utf8(Path(one.log).name), "group": one.group, "label": one.label}
+    stated = {key: name for key, name in names.items() if name is not None}
     features = [
-        _feature("LineString", line[:, ::-1].tolist(), {"kind": "run", "log": log})
+        _feature("LineString", line[:, ::-1].tolist(), {"kind": "run", **stated})
         for line in one.lines
     ]
     for stop in one.stops:
         values_of_stop = {name: as_json(getattr(stop, name)) for name in _OF_STOP}
-        features += _point(stop, {"kind": "stop", "log": log, **_flat(values_of_stop)})
+        features += _point(stop, {"kind": "stop", **stated, **_flat(values_of_stop)})
     for axle, slide in one.slides:
-        features += _point(slide, {"kind": "slide", "log": log, "axle": axle, **as_json(slide)})
+        features += _point(slide, {"kind": "slide", **stated, "axle": axle, **as_json(slide)})
     return features
 
 

@@ -94,8 +94,8 @@ def run(
                 continue
             findings += its_findings
             runs.append(GroupedRun(str(path), brake))
-            maps.append(map_)
             label = group.label or None if group else None
+            maps.append(map_._replace(group=group and group.name, label=label))
             for stop in map_.stops:
                 name = group.name if group else f"{stop.nominal_speed_kmh:g} km/h"
                 stops.append(SeriesStop(str(path), name, label, stop))

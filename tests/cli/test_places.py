@@ -104,6 +104,21 @@ def test_of_several_logs_the_map_has_those_with_coordinates(
     assert {f["properties"]["log"] for f in features} == {log.name}
 
 
+def test_the_map_of_a_series_has_the_groups_of_its_plan(
+    run: Run, log: Path, tmp_path: Path
+) -> None:
+    plan = '[group.wet]\nlogs = ["line.csv"]\nlabel = "new pads"\n'
+    (tmp_path / "plan.toml").write_text(plan)
+    run("stops", str(log), "--plan", "plan.toml", "--geojson", "map.geojson")
+    features = json.loads((tmp_path / "map.geojson").read_text("utf-8"))["features"]
+    named = {(f["properties"]["kind"], f["properties"]["group"]) for f in features}
+    assert named == {("run", "wet"), ("stop", "wet"), ("slide", "wet")}
+    assert {f["properties"]["label"] for f in features} == {"new pads"}
+    run("stops", str(log), "--geojson", "map.geojson", "--force")
+    features = json.loads((tmp_path / "map.geojson").read_text("utf-8"))["features"]
+    assert not any({"group", "label"} & set(f["properties"]) for f in features)
+
+
 def test_inspect_names_places_that_jump(run: Run, log: Path, tmp_path: Path) -> None:
     head, *rows = log.read_text("utf-8").splitlines()
     later = [row.replace(",7.", ",97.") for row in rows[1000:]]
