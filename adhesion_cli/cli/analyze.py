@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from . import results
-from .options import ALL_NAMES, Logs, Shared, option, shared
+from .options import ALL_NAMES, Logs, Shared, option, refuse_page_name, shared
 
 if TYPE_CHECKING:
     from ..core.model import Result
@@ -62,6 +62,8 @@ def command(  # noqa: PLR0913 (one parameter per option)
     from ..results import verified
     from ..results.geojson import as_text, check_name, map_of_log
 
+    if report:
+        refuse_page_name(logs)
     if table:
         from ..results import tables  # slow to import
 

@@ -87,7 +87,9 @@ def run() -> int:
     try:
         code = app(standalone_mode=False) or 0
     except _ClickError as error:
-        command = error.ctx.command_path if getattr(error, "ctx", None) else "adhesion"
+        names = [name for name in sys.argv[1:2] if name in _COMMANDS]
+        context = getattr(error, "ctx", None)  # a value of an option that takes none has none
+        command = context.command_path if context else " ".join(["adhesion", *names])
         hint = _named_log(sys.argv[1:]) or f"`{command} --help` shows the options"
         raise UserError(error.format_message(), hint, code=2) from error
     except typer.Abort:

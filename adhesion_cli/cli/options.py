@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 import typer
 
 from ..core import cache_folder
+from ..core.errors import UserError
 from .display import check_display
 
 if TYPE_CHECKING:
@@ -210,6 +211,19 @@ def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
     if shared.view:
         check_display("adhesion view RESULT --serve")
     atomic_files.check(paths, shared.force, inputs=inputs(shared, *logs))
+
+
+def refuse_page_name(logs: Sequence[Path]) -> None:
+    """Refuses the name of a page among the logs, as of somebody who gave --report a name.
+
+    Raises:
+        UserError: there is one.
+    """
+    for log in logs if len(logs) > 1 else ():
+        is_missing_name = not log.suffix and not log.exists()
+        if is_missing_name or log.suffix.lower() in (".html", ".htm"):
+            text = f"--report takes no file name: {log} stands where a LOG does"
+            raise UserError(text, f"leave out {log}; -o DIR states the folder of the page", code=2)
 
 
 def inputs(shared: Shared, *logs: Path) -> list[Path]:

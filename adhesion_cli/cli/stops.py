@@ -1,5 +1,6 @@
 """`adhesion stops`: the brake test."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -7,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from . import results
-from .options import LOG_KINDS, Shared, check, inputs, load_settings, option, shared
+from .options import (
+    LOG_KINDS,
+    Shared,
+    check,
+    inputs,
+    load_settings,
+    option,
+    refuse_page_name,
+    shared,
+)
 
 if TYPE_CHECKING:
     from ..studies.brake_test import BrakeTest
@@ -71,8 +81,8 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         if plan is None:
             raise UserError("no log", "adhesion stops LOG..., or --plan FILE.toml", code=2)
         logs = planned_logs(stated_plan)
-    if report and not shared.out:
-        raise UserError("--report writes into a folder", "add -o DIR", code=2)
+    if report:
+        _check_report(shared, logs)
     folder = shared.out or Path()
     files = [folder / _TABLE] if shared.out else []
     files += [*([folder / _PAGE] if report else []), *(x for x in (table, geojson) if x)]
@@ -114,6 +124,15 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
             print(terminal.wrote(*files))
     lossy = terminal.lossy(test.findings)
     return 3 if lossy or test.failed else 0
+
+
+def _check_report(shared: Shared, logs: Sequence[Path]) -> None:
+    """Raises UserError where the protocol has no folder, or a page is among the logs."""
+    from ..core.errors import UserError
+
+    refuse_page_name(logs)
+    if not shared.out:
+        raise UserError("--report writes into a folder", "add -o DIR", code=2)
 
 
 def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:

@@ -11,6 +11,9 @@ import openpyxl
 from helpers.trains import rows
 from pyarrow import parquet
 
+from adhesion_cli.core import bundled
+
+SAMPLE = bundled.folder("sample_logs") / bundled.SAMPLE
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -117,3 +120,20 @@ def test_what_a_table_cannot_be_is_refused_before_the_work(run: Run, tmp_path: P
     done = run("analyze", "a.csv", "--table", "a.csv", "--force")
     assert done.returncode == 1
     assert (tmp_path / "a.csv").read_text() == rows()
+
+
+def test_report_takes_no_file_name(run: Run, tmp_path: Path) -> None:
+    for arguments in (
+        ["analyze", str(SAMPLE), "--report", "page.html"],
+        ["analyze", "--report", "page", str(SAMPLE)],
+        ["stops", str(SAMPLE), "--report", "page.html", "-o", "out"],
+    ):
+        refused = run(*arguments)
+        assert refused.returncode == 2
+        name = next(x for x in arguments if x.startswith("page"))
+        assert f"error: --report takes no file name: {name} stands" in refused.stderr
+        assert "-o DIR states the folder" in refused.stderr
+        assert not [*tmp_path.glob("*.adhesion.*")]
+    refused = run("analyze", str(SAMPLE), "--report=page.html")
+    assert refused.returncode == 2
+    assert "`adhesion analyze --help`" in refused.stderr
