@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +10,19 @@ from numpy.typing import NDArray
 from .model import Z95, AxleRecord, Bools, Floats, Times
 from .physics import GRADIENT, RELEASED_SHARE, RISE, SLIDE
 
+_Time = TypeVar("_Time", np.int64, np.float64)
 _RELEASED_SHARE = 0.2  # share of the largest clamping force: below it a brake is released
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _HIGHEST = 2.5  # no sensor reads zero above it: 4 km/h [rad/s]
 _CUT_OFF_FACTOR = 1.25  # so much above a sensor's lowest speed, noise makes it read zero
 _STOP = 0.3  # and does, if it stays so for this long [s]
 _DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
+
+
+def in_order(t: NDArray[_Time], value: Floats) -> tuple[NDArray[_Time], Floats]:
+    """Samples in the order of time, one per time: the first. Shapes (n,)."""
+    times, first_rows = np.unique(t, return_index=True)
+    return times, value[first_rows]
 
 
 def robust_sigma(errors: Floats) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.finding import Finding, merge_spans
 from ..core.model import PLACES, Bools, Channel, Column, Floats, Log, Meaning, Times, Vehicle
-from ..core.signals import edges
+from ..core.signals import edges, in_order
 from ..core.summary import PositionSource
 from ..core.text import iso
 from ..core.time_axis import gap_limit
@@ -141,7 +141,7 @@ def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -
     """
     coordinates = _coordinates(columns, speed)
     for source in _ALONG:
-        t, value = _in_order(columns.get(source))
+        t, value = _usable_samples(columns.get(source))
         if len(t) > 1:
             value = value - value[0] if source == "distance" else value
             return Route(_trace(t, value, speed), source, coordinates)
@@ -179,7 +179,7 @@ def _logged(
 ) -> Iterator[tuple[Meaning, Trace]]:
     """Every trace of the places that a log has, by meaning."""
     for meaning in _ALONG:
-        t, value = _in_order(columns.get(meaning))
+        t, value = _usable_samples(columns.get(meaning))
         if len(t) > 1:
             yield meaning, _trace(t, value, speed)
     if coordinates := _coordinates(columns, speed):
@@ -230,24 +230,25 @@ def _speed(log: Log, vehicle: Vehicle) -> Column | None:
     wheels = [c for c in log.channels if c.meaning == "wheel_speed" and len(c.data.t) > 1]
     if not wheels:
         return None
-    t, _ = _in_order(max((c.data for c in wheels), key=lambda x: len(x.t)))
-    rims = (vehicle.radius(c.axle or 1).value * np.interp(t, *_in_order(c.data)) for c in wheels)
+    t, _ = _usable_samples(max((c.data for c in wheels), key=lambda x: len(x.t)))
+    rims = (
+        vehicle.radius(c.axle or 1).value * np.interp(t, *_usable_samples(c.data)) for c in wheels
+    )
     return Column(t, np.maximum.reduce([*rims]), np.ones(len(t), np.bool_))
 
 
-def _in_order(column: Column | None) -> tuple[Times, Floats]:
+def _usable_samples(column: Column | None) -> tuple[Times, Floats]:
     """The samples that may be used, in the order of time, one per time."""
     if column is None:
         return _EMPTY.t, _EMPTY.value
     usable = column.valid & np.isfinite(column.value)
-    t, first_rows = np.unique(column.t[usable], return_index=True)
-    return t, column.value[usable][first_rows]
+    return in_order(column.t[usable], column.value[usable])
 
 
 def _coordinates(columns: Mapping[Meaning, Column], speed: Column | None) -> Trace | None:
     """Latitudes and longitudes, without those that a receiver without a fix shows."""
-    t, latitude = _in_order(columns.get("latitude"))
-    other_t, longitude = _in_order(columns.get("longitude"))
+    t, latitude = _usable_samples(columns.get("latitude"))
+    other_t, longitude = _usable_samples(columns.get("longitude"))
     if min(len(t), len(other_t)) < 2:
         return None
     points = np.column_stack([latitude, np.interp(t, other_t, longitude)])
@@ -281,7 +282,7 @@ def _moves(t: Times, speed: Column | None) -> Bools:
 
 def _travelled(t: Times, speed: Column) -> Floats:
     """Distances between successive times by the speed, (n - 1,) [m]; NaN over its gaps."""
-    speed_times, v = _in_order(speed)
+    speed_times, v = _usable_samples(speed)
     seconds = speed_times * 1e-9 - speed_times[0] * 1e-9
     travelled = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2.0 * np.diff(seconds))])
     gaps = np.concatenate([[0.0], np.cumsum(np.diff(seconds) > _LEAST_GAP)])

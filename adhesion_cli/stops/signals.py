@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..core.model import AxleRecord, Channel, Floats, Log, Meaning, Vehicle
-from ..core.signals import median_of_five
+from ..core.signals import in_order, median_of_five
 
 SpeedSource = Literal["train", "axles"]
 _FAST = 0.25  # a train speed with longer intervals gets its shape from the wheels [s]
@@ -75,7 +75,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     }
     measured = base.train_speed is not None and not base.train_speed_made
     if measured and base.train_speed is not None:
-        train = TimeSeries(*_in_order(t, base.train_speed))
+        train = TimeSeries(*in_order(t, base.train_speed))
         rims = {axle: _as_train(rim, train) for axle, rim in rims.items()}
     else:
         train = _fastest(rims, rims[base.axle].t)
@@ -154,7 +154,7 @@ def _series(channel: Channel, start_ns: int, is_state: bool = False) -> TimeSeri
     data = channel.data
     is_used = data.valid & np.isfinite(data.value)
     t, value = (data.t[is_used] - start_ns) * np.float64(1e-9), data.value[is_used]
-    return TimeSeries(*_in_order(t, value if is_state or not len(t) else median_of_five(value)))
+    return TimeSeries(*in_order(t, value if is_state or not len(t) else median_of_five(value)))
 
 
 def _commands(log: Log) -> dict[str, TimeSeries]:
@@ -184,12 +184,6 @@ def _with_states(signals: StopSignals, log: Log) -> StopSignals:
     )
 
 
-def _in_order(t: Floats, value: Floats) -> tuple[Floats, Floats]:
-    """Samples in the order of time, one per time."""
-    times, first_index = np.unique(t, return_index=True)
-    return times, value[first_index]
-
-
 def _seconds(record: AxleRecord, start_ns: int) -> Floats:
     return (record.t - start_ns) * np.float64(1e-9)
 
@@ -201,7 +195,7 @@ def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> TimeSeries:
     for s in record.segments:
         times.append(np.append(t[s], t[s][-1] + 1e-6))
         values.append(np.append(value[s], np.nan))
-    return TimeSeries(*_in_order(np.concatenate(times), np.concatenate(values)))
+    return TimeSeries(*in_order(np.concatenate(times), np.concatenate(values)))
 
 
 def _as_train(rim: TimeSeries, train: TimeSeries) -> TimeSeries:
