@@ -100,32 +100,52 @@ def moving(record: AxleRecord) -> list[slice]:
 def driven(record: AxleRecord, radius: float) -> Bools:
     """Where a motor accelerates the wheel, of this radius [m]; shape (n,).
 
-    The wheel then accelerates without brake, harder than on a gradient, for longer than after a
-    slide, and not more slowly than the train. The motor's torque is not in (1), unless a channel of
-    the traction force has it.
+    The brake is released, and the wheel or the train gains more speed than on a gradient. A wheel
+    does so for longer than after a slide, and not more slowly than the train. The motor's torque is
+    not in (1), unless a channel of the traction force has it.
     """
     is_driven = np.zeros(len(record), dtype=bool)
     if record.traction_known:
         return is_driven
-    released = (record.friction_clamping <= 0.0) & (record.friction_clamping_smooth <= 0.0)
-    if (by_motors := record.motor_clamping) is not None:
-        released &= by_motors <= RELEASED_SHARE * by_motors.max(initial=0.0)
+    released = _released(record)
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
-        rim = record.wheel_speed[s] * radius
+        rim, train = record.wheel_speed[s] * radius, record.train_speed
         for start, stop in true_runs(released[s]):
-            run_t, run_rim = t[start:stop], rim[start:stop]
-            earlier, later = np.maximum(run_t - 1.0, run_t[0]), np.minimum(run_t + 1.0, run_t[-1])
-            gain = np.interp(later, run_t, run_rim) - np.interp(earlier, run_t, run_rim)
-            is_gaining = gain > GRADIENT * (later - earlier)
-            is_gaining &= (gain < RISE * (later - earlier)) & (later - earlier >= 1.0)
-            if record.train_speed is not None:
-                is_gaining &= ~(run_rim < (1.0 - SLIDE) * record.train_speed[s][start:stop])
-            for a, b in true_runs(is_gaining):
-                if run_t[b - 1] - run_t[a] >= _DRIVEN:
-                    around = (run_t >= run_t[a] - 1.0) & (run_t <= run_t[b - 1] + 1.0)
-                    is_driven[s.start + start : s.start + stop] |= around
+            run, run_t = slice(s.start + start, s.start + stop), t[start:stop]
+            gains = _gains_speed(run_t, rim[start:stop])
+            if train is not None:
+                gains &= ~(rim[start:stop] < (1.0 - SLIDE) * train[run])
+            for a, b in true_runs(gains):
+                gains[a:b] &= run_t[b - 1] - run_t[a] >= _DRIVEN
+            if train is not None and not record.train_speed_made:
+                gains |= _gains_speed(run_t, train[run])  # no slide lets the train gain speed
+            for a, b in true_runs(gains):
+                is_driven[run] |= (run_t >= run_t[a] - 1.0) & (run_t <= run_t[b - 1] + 1.0)
     return is_driven
+
+
+def _released(record: AxleRecord) -> Bools:
+    """Where neither friction brake nor motors brake; a residual pressure is no brake; (n,)."""
+    K = np.fmax(record.friction_clamping, record.friction_clamping_smooth)
+    top, lowest = np.nanmax(K, initial=0.0), np.nanmin(K, initial=np.inf)
+    base = lowest if lowest < 0.1 * top else 0.0
+    released: Bools = base + RELEASED_SHARE * (top - base) >= K
+    if (by_motors := record.motor_clamping) is not None:
+        released &= by_motors <= RELEASED_SHARE * by_motors.max(initial=0.0)
+    return released
+
+
+def _gains_speed(t: Floats, v: Floats) -> Bools:
+    """Where a speed gains more than on a gradient over 2 s, and less than after a slide; (n,)."""
+    known = np.isfinite(v)
+    if not known.any():
+        return known
+    earlier, later = np.maximum(t - 1.0, t[0]), np.minimum(t + 1.0, t[-1])
+    gain = np.interp(later, t[known], v[known]) - np.interp(earlier, t[known], v[known])
+    duration = later - earlier
+    gains: Bools = (gain > GRADIENT * duration) & (gain < RISE * duration) & (duration >= 1.0)
+    return gains
 
 
 def true_runs(mask: Bools) -> list[tuple[int, int]]:

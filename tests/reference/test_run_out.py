@@ -101,6 +101,30 @@ def test_a_driven_wheel_is_one_that_gains_speed_without_brake() -> None:
     assert not signals.driven(recovering, 0.42).any()
 
 
+def test_a_residual_pressure_is_no_brake_of_a_driven_wheel() -> None:
+    record = coasting(0.7)
+    t = record.t * 1e-9
+    for residual in (200.0, 800.0):  # below the share of a brake, and a sensor's offset
+        K = np.where(t > 16.0, 20e3, residual)
+        braked_later = replace(record, clamping_force=K, clamping_force_smooth=K)
+        driven = signals.driven(braked_later, 0.42)
+        assert driven[(t > 5.2) & (t < 12.8)].all()
+        assert not driven[(t < 3.5) | (t > 14.5)].any()
+
+
+def test_a_train_that_gains_speed_shortly_is_driven_and_a_wheel_after_a_slide_is_not() -> None:
+    record = coasting(0.0)
+    t = record.t * 1e-9
+    gain = np.clip(t - 5.0, 0.0, 1.5)
+    short = replace(record, wheel_speed=(20.0 + gain) / 0.42, train_speed=20.0 + gain)
+    driven = signals.driven(short, 0.42)
+    assert driven[(t > 5.2) & (t < 6.3)].all()
+    assert not driven[(t < 3.0) | (t > 8.5)].any()
+    made_from_wheels = replace(short, train_speed_made=True)
+    assert not signals.driven(made_from_wheels, 0.42).any()
+    assert not signals.driven(replace(short, train_speed=np.full(len(t), 20.0)), 0.42).any()
+
+
 def test_a_driven_wheel_has_no_reference(tmp_path: Path) -> None:
     t = np.arange(0.0, 40.0, 0.02)
     K = np.where((t > 22.0) & (t < 32.0), 8000.0, 0.0)

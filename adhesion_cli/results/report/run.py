@@ -30,7 +30,6 @@ from ...formats.source import Field, ReadOptions, Source
 from ...records.route import Route, find_route, make_route
 from ..carried_vehicle import parameter
 from ..names import METRICS, PROVENANCE, SETTINGS, flat
-from ..traction import gains_speed
 from ..train_stops import choose_axles
 from ..vehicle_text import describe_vehicle
 
@@ -173,7 +172,7 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
         hint = f"make it again: `adhesion analyze {shell_word(str(path))} -o FOLDER`"
         raise UserError(text, hint) from error
     facts = settings, provenance, detailed, route, start, states
-    return ReportRun(name or path.name, summary, _without_traction(columns, summary), *facts)
+    return ReportRun(name or path.name, summary, columns, *facts)
 
 
 def of_result(result: Result, summary: ResultSummary) -> ReportRun:
@@ -185,7 +184,7 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
     """
     settings, start = flat(result.settings), result.log.start_ns()
     pairs = zip(summary.axles, result.axles, strict=True)
-    axles = [_axle(a, _columns(x), start, settings) for a, x in pairs]
+    axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)
     numbers = tuple(axle.number for axle in axles)
     states = [
         LoggedState(
@@ -195,8 +194,7 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
         if c.meaning and c.meaning in _STATES
     ]
     facts = settings, dict[str, str](), numbers, find_route(result.log), start, states
-    shown = _without_traction(axles, summary)
-    return ReportRun(Path(summary.log.path).name, summary, shown, *facts)
+    return ReportRun(Path(summary.log.path).name, summary, axles, *facts)
 
 
 def _route(source: Source) -> Route:
@@ -347,25 +345,6 @@ def _axle(
     weight = physics.G * mass
     seconds = (t - start) * np.float64(1e-9)
     return ReportAxle(summary, t=seconds, rim=rim, errors=errors, weight=weight, **series)
-
-
-def _without_traction(
-    axles: Sequence[ReportAxle], summary: ResultSummary
-) -> tuple[ReportAxle, ...]:
-    """The axles without a force where motors drive, whose force no channel of the log has."""
-    if any(c.meaning == "traction_force" for c in summary.channels):
-        return tuple(axles)
-    shown = []
-    for axle in axles:
-        speed = axle.train if axle.has_values("train") else axle.rim
-        braked = [(x.start_s, x.end_s) for x in axle.applications]
-        driven = gains_speed(axle.t, speed, braked)
-        force, lower, upper = (
-            np.where(driven, np.nan, x) for x in (axle.force, axle.lower, axle.upper)
-        )
-        errors = {algo: np.where(driven, np.nan, x) for algo, x in axle.errors.items()}
-        shown.append(replace(axle, force=force, lower=lower, upper=upper, errors=errors))
-    return tuple(shown)
 
 
 def _interpolate(t: Times, column: Column) -> Floats:

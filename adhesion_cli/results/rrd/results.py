@@ -39,7 +39,6 @@ from .. import log_events, names, palette, thinning
 from ..application_tables import application_tables, stop_table
 from ..result_rows import score_rows
 from ..text_tables import TitledTable
-from ..traction import without_traction
 from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_vehicle
 from . import line_chart, line_map, overview, parts, rows
@@ -110,7 +109,7 @@ class _Page:
         full: bool,
         summary: ResultSummary | None,
     ) -> None:
-        self.result, self.notes, self.full = without_traction(result), notes, full
+        self.result, self.notes, self.full = result, notes, full
         self.summary = summary
         (self.title,) = drawable_names([printable(Path(result.log.path).name)])
         self.root = rr.new_entity_path([name]) if name else ""
