@@ -31,8 +31,12 @@ class ArrivingCsv:
     """
 
     def __init__(self, source: CsvSource, wanted: Sequence[Field]) -> None:
-        self._table, self._wanted = source.table, [source.places[f] for f in wanted]
+        self._table = source.table
+        if source.others:
+            text = f"{self._table.path}: channels have times of their own, which arrive apart"
+            raise UserError(text, "send all channels on one time axis")
         keys = source.keys.columns
+        self._wanted = [source.places[f] for f in wanted]
         self._rows = UsedRows(self._table, keys, list(source.keys.series))
         self._parser = Parser(self._table, sorted({i for _, i in self._wanted}), keys)
         self._first_time: int | None = None  # time of the first row [ns]

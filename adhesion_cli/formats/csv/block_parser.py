@@ -33,6 +33,7 @@ class CsvTable:
     options: ReadOptions
     dialect: Dialect
     clock: Clock
+    columns: range | None = None  # those that have this clock; None for all
 
 
 @dataclass(slots=True)
@@ -80,12 +81,15 @@ class Parser:
         missing = np.zeros(len(lines), np.bool_)
         if clock.columns:
             times, timed = clock.nanoseconds([columns[i] for i in clock.columns])
+        absent = np.zeros(len(lines), np.bool_)  # rows of other columns, which have their own time
         if not timed.all():
             missing = np.any([is_missing(columns[i]) for i in clock.columns], axis=0)
+            if self.table.columns:
+                absent = ~timed & np.all([columns[i].is_null() for i in self.indices], axis=0)
         faults = {
             "too few cells": narrow,
             "too many cells": wide,
-            "time missing": lines[~timed & missing],
+            "time missing": lines[~timed & missing & ~absent],
             "time unreadable": lines[~timed & ~missing],
         }
         numbers = {i: floats(columns[i], decimal) for i in self.indices}
@@ -97,7 +101,7 @@ class Parser:
             {i: state for i, (_, state) in numbers.items() if state.any()},
             {i: columns[i] for i in self.texts},
             lines,
-            self._classified(block, faults),
+            self._classified(block, faults) | {"other group": lines[absent]},
         )
 
     def _cells(self, data: bytes) -> Any:

@@ -26,7 +26,7 @@ from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
 from .rows import CsvRows, read_rows
 from .stamps import CLOCKS, is_stamp, parse
-from .time_column import another_time, find_clock
+from .time_column import another_time, find_clock, find_pairs
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*([^\d\s.,].*)?")  # perhaps with a unit behind them
@@ -53,7 +53,15 @@ def open_csv(path: Path, options: ReadOptions, name: str = "") -> "CsvSource":
         if not dialect.headed and options.time_channel is None:
             raise _headerless(dialect, path)
         rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
-        clock = find_clock(dialect, options, rows, path)
+        try:
+            clock = find_clock(dialect, options, rows, path)
+        except UserError:
+            pairs = [] if options.time_channel else find_pairs(dialect, rows, path)
+            tables = [CsvTable(path, options, dialect, clock, its) for clock, its in pairs]
+            if not tables:
+                raise
+            first_source, *others = [CsvSource(table, name) for table in tables]
+            return first_source.with_others(others)
         return CsvSource(CsvTable(path, options, dialect, clock), name)
 
 
@@ -85,6 +93,7 @@ class CsvSource:
         self.metadata: dict[str, dict[str, str]] = {}
         self.account: dict[str, str] = {}
         self.lines: Counter[str] = Counter()
+        self.others: Sequence[CsvSource] = ()
         self.folder: object = None  # with the text of a log of another format
         self.table, self._dialect, self._clock, self._name = table, dialect, clock, name
         self.keys = find_keys(self.table)
@@ -93,7 +102,7 @@ class CsvSource:
         names = dialect.names
         reserved = {*clock.columns, *self.keys.columns}
         reserved |= {i for i in range(len(names)) if self._repeats_time(i)}
-        data_columns = [i for i in range(len(names)) if i not in reserved]
+        data_columns = [i for i in table.columns or range(len(names)) if i not in reserved]
         numeric = [i for i in data_columns if self._is_numeric(i)]
         values = [i for i in numeric if is_named(names[i], VALUE)]
         if values and self._series[0].signal:  # beside the values stand their quality and such
@@ -115,6 +124,14 @@ class CsvSource:
             self.reasons["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
         elif key := interleaved(dialect, clock.columns):
             self._report(key)
+
+    def with_others(self, others: "Sequence[CsvSource]") -> "CsvSource":
+        """The source, with the channels of others, which have times of their own."""
+        self.others = others
+        for other in others:
+            self.fields, self.texts = self.fields + other.fields, self.texts + other.texts
+            self.reasons["time"] = self.time_reason = f"{self.time_reason}; {other.time_reason}"
+        return self
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
         """Each column of numbers once for each series, with the numbers of series and column."""
@@ -167,7 +184,15 @@ class CsvSource:
                 `ReadOptions.strict` also where a row or cell cannot.
         """
         with _named(self.table.path, self._name):
-            return self._columns(wanted)
+            own = [f for f in wanted if f in self.places]
+            columns = dict(zip(own, self._columns(own), strict=True)) if own else {}
+        for other in self.others:
+            its = [f for f in wanted if f in other.places]
+            columns |= zip(its, other.columns(its) if its else (), strict=True)
+            self.rows = max(self.rows, other.rows)
+            for finding in other.findings:
+                self._report(finding)
+        return [columns[f] for f in wanted]
 
     def _columns(self, wanted: Sequence[Field]) -> list[Column]:
         indices = {self.places[f][1] for f in wanted}

@@ -85,6 +85,27 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     return search.begun(clock)
 
 
+def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, range]]:
+    """The times of a table in which each channel has its own, named alike; none of another.
+
+    Args:
+        dialect: with the first rows.
+        rows: rows of the whole file, estimated.
+        path: of the file.
+
+    Returns:
+        Each clock, with the columns whose time it is.
+    """
+    search, first_name = _ClockSearch(dialect, None, rows, path), _unnumbered(dialect.names[0])
+    begins = [k for k, name in enumerate(dialect.names) if _unnumbered(name) == first_name]
+    columns = [range(a + 1, b) for a, b in pairwise([*begins, len(dialect.names)])]
+    if len(begins) < 2 or not all(columns) or not all(_named(dialect, k) for k in begins):
+        return []
+    clocks = [search.clock(k, f"column named {dialect.names[k]!r}") for k in begins]
+    pairs = zip(clocks, columns, strict=True)
+    return [(search.begun(clock), its) for clock, its in pairs if clock] if all(clocks) else []
+
+
 def another_time(dialect: Dialect, clock: Clock, rows: float, path: Path) -> str:
     """What to do where the columns of a clock hold no times: another column, if one may be it.
 
@@ -283,9 +304,10 @@ class _ClockSearch:
                 continue
             if differs:
                 text = f"{self.path}: {dialect.names[i]!r} and {name!r} are both times, and "
-                text += "differ: a table whose columns have times of their own is not read"
-                hint = "export all channels on one time axis; or, if all columns that are needed "
-                hint += f"belong to one, {_stated_time(f'column {i + 1}', '')}"
+                text += "differ: which columns belong to which is not clear"
+                hint = "give the times one name, and write each before its channels; or export "
+                hint += "all channels on one time axis; or, if all that are needed belong to one, "
+                hint += f"{_stated_time(f'column {i + 1}', '')}"
                 raise UserError(text, hint)
 
     def _of_numbers(self, i: int, choice: str) -> Clock | None:

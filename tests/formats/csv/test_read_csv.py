@@ -14,6 +14,7 @@ from helpers.trains import START, three_trains
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.formats.csv.arriving import ArrivingCsv
 from adhesion_cli.formats.csv.header_words import is_units_row, time_name
 from adhesion_cli.formats.csv.reader import CsvSource, open_csv
 from adhesion_cli.formats.source import ReadOptions
@@ -537,6 +538,27 @@ def test_the_same_header_again_costs_its_own_row(log, second):
     assert [count for *_, count in left_out(source)] == [1]
 
 
+@pytest.mark.parametrize(
+    "names", [("t [s]", "t [s]"), ("t1 [s]", "t2 [s]"), ("X_Value", "X_Value"), ("time", "time 2")]
+)
+def test_channels_with_times_of_their_own(log, names):
+    """The first one's are slower, so that its columns end before the others."""
+    slow = [f"{k},{k + 0.5}" for k in range(10)] + [","] * 20
+    fast = [f"{k / 10 + 2},{k},{k % 3}" for k in range(30)]
+    rows = "".join(f"{a},{b}\n" for a, b in zip(slow, fast, strict=True))
+    source, columns = read(log, f"{names[0]},p,{names[1]},v,w\n{rows}")
+    assert list(columns) == ["p", "v", "w"]
+    assert (columns["p"].t == np.arange(10) * S).all()
+    assert (columns["p"].value == np.arange(10) + 0.5).all()
+    assert (columns["w"].t == np.arange(30) * S // 10 + 2 * S).all()
+    assert (columns["v"].value == np.arange(30)).all()
+    assert (source.rows, codes(source)) == (30, set())
+    (column,) = source.columns([source.fields[2]])
+    assert (column.value == np.arange(30) % 3).all()
+    with pytest.raises(UserError, match="times of their own, which arrive apart"):
+        ArrivingCsv(source, source.fields)
+
+
 def test_a_header_again_in_a_long_table_is_no_device(log):
     text = "".join(f"{k / 100},{a},5\n" for k in range(30) for a in (1, 2))
     source, _ = read(log, f"time [s],axle,p\n{text}time [s],axle,p\n{text}")
@@ -979,23 +1001,13 @@ REFUSED = {
         "no column is a time",
         "a column of times",
     ),
-    "two different times": (
-        b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n",
-        "both times, and differ",
-        '--set "channels.time.channel=column 1"',
-    ),
     "seconds beyond 2060": (
         b"t [s];p\n1795266307000;1\n1795266307010;2\n",
         "beyond the year 2060",
         "unit",
     ),
-    "a time for each channel": (
-        b"x [s];p;x [s];v\n0;1;0;1\n1;2;0.5;2\n2;3;1;2\n3;3;;\n",
-        "both times, and differ",
-        '--set "channels.time.channel=column 1"',
-    ),
-    "numbered times": (
-        b"t1 [s];p;t2 [s];v\n0;1;5;1\n1;2;6;2\n",
+    "numbered times of other channels": (
+        b"t1 [s];t2 [s];p;v\n0;5;1;1\n1;6;2;2\n",
         "both times, and differ",
         '--set "channels.time.channel=column 1"',
     ),
