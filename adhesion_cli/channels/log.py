@@ -1,6 +1,7 @@
 """A log file as channels with meaning, in SI, on clean time axes."""
 
 import hashlib
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -316,7 +317,7 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
     """
     same_meaning = [c for c in chosen if c.meaning == m.meaning]
     usual = _USUAL.get(m.meaning, "m/s")
-    if any(map(str.isdecimal, _lacks(m))):  # the name has a factor that is not clear
+    if re.search(r"[x×*·/]\s*\d", _lacks(m)):  # a factor behind the unit
         usual = f"0.01 {usual}"
     key = "speed" if m.meaning == "wheel_speed" else m.meaning
     if len({c.unit for c in same_meaning}) == 1 and "[channels]" not in m.reason:

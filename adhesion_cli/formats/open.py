@@ -16,6 +16,7 @@ from .memory import Signals
 from .source import ReadOptions, Source
 
 _WORKBOOK = re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0")  # or an archive, or another old document
+_OF_FRAMES = re.compile("(?i)dlc|len|arbitration_id")  # columns of a table of frames
 _HEAD = 512  # bytes that are looked at
 
 
@@ -144,6 +145,9 @@ def open_source(path: Path | Signals, options: ReadOptions) -> Source:
         hint = "convert it to BLF, ASC, MF4 or the log of candump; or leave --dbc out"
         raise UserError(text + error.text.removeprefix(f"{path}: "), hint) from error
     if options.dbc and source.format != "can":
+        if any(_OF_FRAMES.fullmatch(f.channel) for f in source.fields):
+            text = f"{path}: a table of CAN frames, which cannot be read"
+            raise UserError(text, "export the frames as BLF, ASC, TRC or the log of candump")
         names = {"dbc": ", ".join(Path(name).name for name in options.dbc)}
         source.findings.append(Finding("dbc-not-used", "info", names=names))
     return source

@@ -540,6 +540,10 @@ def test_a_dbc_that_is_not_used_is_reported(tmp_path: Path) -> None:
     path.write_text("time [s],p [bar]\n" + "".join(f"{k / 10},{k % 3}\n" for k in range(50)))
     _, findings, _ = columns(path, dbc)
     assert findings["dbc-not-used"].names["dbc"] == "vehicle.dbc"
+    frames = "".join(f"{k / 10},1,291,0,2,{k},{k}\n" for k in range(50))
+    path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Data1\n{frames}")
+    with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
+        columns(path, dbc)
     path.write_text("".join(f"frame {k} at bus: 12 34\n" for k in range(50)))
     with pytest.raises(UserError, match="--dbc is not used"):
         columns(path, dbc)

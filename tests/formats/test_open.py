@@ -97,6 +97,7 @@ def table(*names: str) -> Callable[[Path], None]:
         ("a.mat", table("time_s", "bc_pressure", "v_kmh"), "its unit is not stated"),
         ("a.csv", table("time [s]", "BC pressure [bar x10]", "v [km/h]"), "unit 'bar x10'"),
         ("b.csv", table("time [s]", "BC pressure [bar] x10", "v [km/h]"), "unit 'bar x10'"),
+        ("b.csv", table("time [s]", "BC pressure [bar*0.01]", "v [km/h]"), r"unit 'bar\*0\.01'"),
         ("c.csv", table("time [s]", "BC pressure (0-10 bar)", "v [km/h]"), "unit '0-10 bar'"),
         ("d.csv", table("time [s]", "BC pressure 10bar", "v [km/h]"), "unit '10bar'"),
     ],
@@ -115,4 +116,5 @@ def test_the_remedy_of_each_hint_works(
     with pytest.raises(UserError, match=says) as error:
         read([])
     stated = [x.replace("NAME", "x") for x in pasted(error.value.hint)]
+    assert any("0.01 bar" in x for x in stated) == ("bar x10" in says or r"bar\*" in says)
     assert read(stated) == ["pressure", "wheel_speed"]
