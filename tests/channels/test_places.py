@@ -35,6 +35,10 @@ def served(names: list[str]) -> tuple[dict[str, list[int | None]], list[Finding]
         (["Bogie A BCP [bar]", "Bogie B BCP [bar]"], [[1, 2], [3, 4]]),
         (["BCU2.BCP [bar]"], [[None]]),
         (["Car 2 BCP [bar]"], [[None]]),
+        (["CH7 BC pressure [bar]"], [[None]]),
+        (["AI 3/BC pressure [bar]"], [[None]]),
+        (["p_BC SN12 [bar]"], [[None]]),
+        (["WSP2_BCP [bar]"], [[None]]),
         (["BCU1.BCP1 [bar]", "BCU1.BCP2 [bar]"], [[1], [2]]),
         (["Pressure1 DB12 [bar]", "Pressure2 DB12 [bar]"], [[1], [2]]),
         ([r"BCP1\CAN-Monitoring:3", r"BCP2\CAN-Monitoring:3"], [[1], [2]]),
@@ -46,6 +50,13 @@ def test_a_number_next_to_something_else_is_no_axle(
     axles, _ = served([*names, *AXLES])
     assert [axles[name] for name in names] == expected
     assert [axles[name] for name in AXLES] == [[1], [2], [3], [4]]
+
+
+@pytest.mark.parametrize("word", ["CH{}", "AI {}/", "WSP{}_", "Kanal {}: "])
+def test_inputs_are_counted_where_nothing_else_is(word: str) -> None:
+    names = [word.format(n) + "wheel speed [km/h]" for n in (1, 2)]
+    axles, _ = served([*names, word.format(5) + "BC pressure [bar]"])
+    assert list(axles.values()) == [[1], [2], [None]]
 
 
 @pytest.mark.parametrize(

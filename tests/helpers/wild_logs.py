@@ -480,6 +480,8 @@ def day_clocks(rng: random.Random) -> Iterator[WildLog]:
         lambda s: f"{s:%Y:%j:%H:%M:%S}.{_ms(s)}",
         lambda s: f"{rng.choice('2')} {s:%H:%M:%S}.{_ms(s)}",
         lambda s: f"{s:%H}h{s:%M}'{s:%S}\",{_ms(s)}",
+        lambda s: f"{s:%Y年%m月%d日 %H时%M分%S}.{_ms(s)}秒",
+        lambda s: f"{s:%Y-%m-%d} godz. {s:%H:%M:%S}.{_ms(s)}",
     )
     yield from _written(rng, *forms)
     days = [(s - datetime(1899, 12, 30, tzinfo=UTC)).total_seconds() / 86_400 for s in _stamps(rng)]

@@ -60,7 +60,7 @@ def _other_notations(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]
     d, o = re.escape(decimal), re.escape(other_mark)
     value, state = np.full(len(text), np.nan), np.full(len(text), NO_NUMBER, np.int8)
     for kind, pattern, mark in (
-        (DIGITS, "[+-]?[0-9][^A-Za-z_]*(?:[A-Za-z][^0-9_]*)?", ""),
+        (DIGITS, r"\(?[+-]?[0-9][^A-Za-z]*(?:[A-Za-z][^0-9_]*)?", ""),
         (OTHER_MARK, rf"[+-]?[1-9][0-9]{{0,2}}(?:[' {d}][0-9]{{3}})+{o}[0-9]*", other_mark),
         (OTHER_MARK, number_grammar(other_mark).pattern, other_mark),
         (IN_GROUPS, rf"[+-]?[1-9][0-9]{{0,2}}{o}[0-9]{{3}}", other_mark),

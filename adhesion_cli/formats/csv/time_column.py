@@ -36,6 +36,8 @@ _S = 1_000_000_000
 _EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
 _STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit is not stated
 _SPAN_S = (3.0, 100_000.0)  # and their lengths
+_LATEST_S = 1e6  # of times in minutes, hours or days from any start
+_YEAR_2040_S = 2_208_988_800.0  # later numbers of days would be those of other calendars
 _SAME_RATE = 0.02  # two clocks whose rates differ by less are one
 _MOST_DATES = 8  # of a log
 _SECONDS = r"(?P<n>-)?(?P<S>[0-9]{1,10})[.,](?P<f>[0-9]+)"
@@ -362,7 +364,9 @@ class _ClockSearch:
         columns = range(len(self.dialect.names)) if i is None else [i]
         for k in (k for k in columns if k not in without):
             numbers = values or (self.dialect.numbers(k) if _rises(self.dialect, k) else [])
-            units = self._usual_units(numbers) or self._usual_units(numbers, 0.0)
+            shown = self._shown_unit(k, [*numbers], None) if numbers else None
+            units = [shown[0]] if shown else []
+            units = units or self._usual_units(numbers) or self._usual_units(numbers, 0.0)
             if units:
                 other_units = f" (or {', '.join(units[1:])})" * (len(units) > 1)
                 return f"{_stated_time(self.dialect.names[k], units[0])}{other_units}"
@@ -409,7 +413,8 @@ class _ClockSearch:
             is_possible = count.at_1970 if is_day else count.ns <= _S
             if not is_possible or (is_day and not said and fine_cells <= len(cells) / 2):
                 continue
-            in_our_days = all(_EPOCH_S[0] <= count.seconds(v) <= _EPOCH_S[1] for v in edges)
+            latest = _YEAR_2040_S if is_day and not said else _EPOCH_S[1]
+            in_our_days = all(_EPOCH_S[0] <= count.seconds(v) <= latest for v in edges)
             longest = 2.0 if count.at_1970 and not is_day else 60.0
             if in_our_days and step * count.ns / _S <= longest:
                 return unit, said[1] if said else f"{count.name or 'epoch'} by its magnitude"
@@ -447,7 +452,7 @@ class _ClockSearch:
             for u in ("ms", "s", "us", "ns", "min", "h", "d")
             if _STEP_S[0] <= step * NS_PER_UNIT[u] / _S <= _STEP_S[1]
             and shortest_s <= length * NS_PER_UNIT[u] / _S <= _SPAN_S[1]
-            and COUNTS[u].seconds(values[-1]) <= _EPOCH_S[1]
+            and COUNTS[u].seconds(values[-1]) <= (_LATEST_S if NS_PER_UNIT[u] > _S else _EPOCH_S[1])
         ]
 
     def _of_stamps(self, i: int, choice: str) -> Clock | None:

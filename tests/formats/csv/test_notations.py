@@ -67,6 +67,22 @@ def test_a_hint_about_the_time_gives_a_usual_rate_when_it_is_pasted(
     assert 0.5 <= 1e9 / np.median(np.diff(column.t)) <= 20_000.0
 
 
+def test_a_hint_knows_a_count_by_its_size_and_days_of_other_calendars_by_none(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "log.csv"
+    numbers = {"ticks": 639_151_065_000_000_000 + 200_000 * np.arange(500)}
+    numbers["days"] = 61_369.427083 + np.round(T[:500] / 86_400, 9)
+    hints = {}
+    for name, values in numbers.items():
+        rows = "".join(f"{x},{k % 7}\n" for k, x in enumerate(values.tolist()))
+        path.write_text(f"run,p [bar]\n{rows}")
+        with pytest.raises(UserError, match="no column is a time") as error:
+            open_csv(path, ReadOptions())
+        hints[name] = pasted(error.value.hint)
+    assert hints == {"ticks": ["channels.time.channel=run", "channels.time.unit=ticks"], "days": []}
+
+
 @pytest.mark.parametrize("cell", ["PT", "24-11", "now"])
 def test_no_hint_states_a_column_that_cannot_be_read(tmp_path: Path, cell: str) -> None:
     path = tmp_path / "log.csv"
@@ -86,6 +102,19 @@ def test_a_column_that_may_be_grouped_or_not_is_left_out_and_named(tmp_path: Pat
     assert speed.valid.all()
     (finding,) = source.findings
     assert (finding.code, finding.channel) == ("csv-no-numbers", "p [mbar]")
+
+
+@pytest.mark.parametrize("form", ["{:_}", "({})", "{}-"])
+def test_digits_in_an_unknown_notation_cost_the_column(tmp_path: Path, form: str) -> None:
+    """The other cells of the column are the low numbers, and would be a log of their own."""
+    path = tmp_path / "log.csv"
+    cells = [form.format(x) if (x := 20 * k) > 999 else str(x) for k in range(99)]
+    rows = "".join(f"{k / 10},{cell},5.5\n" for k, cell in enumerate(cells))
+    path.write_text(f"t [s],p [mbar],v [km/h]\n{rows}")
+    source = open_csv(path, ReadOptions())
+    pressure, speed = source.columns(source.fields)
+    assert (pressure.valid.any(), speed.valid.all()) == (False, True)
+    assert [f.code for f in source.findings] == ["csv-no-numbers"]
 
 
 def test_marks_between_groups_of_a_clock_leave_its_decimals(tmp_path: Path) -> None:
