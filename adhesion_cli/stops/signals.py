@@ -81,10 +81,11 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         train = _fastest(rims, rims[base.axle].t)
     brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
     if measured:
-        delay = base.train_speed_late
-        scale, delay_sigma = UNKNOWN_SCALE, UNKNOWN_DELAY if delay is None else delay.tolerance
-        if base.train_speed_interval > _FAST:
-            train = _shaped(train, rims, base.train_speed_interval)
+        delay, interval = base.train_speed_late, base.train_speed_interval
+        scale = UNKNOWN_SCALE
+        delay_sigma = _unknown_delay(interval) if delay is None else delay.tolerance
+        if interval > _FAST:
+            train = _shaped(train, rims, interval)
     else:
         radius = vehicle.radius(base.axle)
         scale, delay_sigma = radius.tolerance / radius.value, 0.0
@@ -135,11 +136,15 @@ def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
     }
     delay_sigma = 0.0
     if source == "train" and brakes and len(speed.t) > 1:
-        interval = float(np.median(np.diff(speed.t)))
-        delay_sigma = max(UNKNOWN_DELAY, _DELAY_SHARE * interval)
+        delay_sigma = _unknown_delay(float(np.median(np.diff(speed.t))))
     signals = StopSignals(speed, source, UNKNOWN_SCALE, delay_sigma, {}, brakes, _commands(log))
     signals = signals._replace(by_pressure=bool(_channels(log, "pressure")))
     return _with_states(signals, log)
+
+
+def _unknown_delay(interval: float) -> float:
+    """1 sigma of the delay of a train speed with this interval that the log does not show [s]."""
+    return max(UNKNOWN_DELAY, _DELAY_SHARE * interval)
 
 
 def _channels(log: Log, meaning: Meaning) -> list[Channel]:

@@ -292,3 +292,12 @@ def test_a_slow_train_speed_without_wheels_may_be_late(interval: float, sigma: f
     found = of_log(Log("a.csv", "csv", "", False, len(t), channels, ()), Vehicle())
     assert found is not None
     assert found.delay_sigma == pytest.approx(sigma)
+
+
+@pytest.mark.parametrize(("delay", "sigma"), [(None, 0.5), (Parameter(0.8, 0.03), 0.03)])
+def test_a_slow_train_speed_beside_wheels_may_be_late_unless_they_show_it(
+    delay: Parameter | None, sigma: float
+) -> None:
+    made = result(1, 2000)
+    record = replace(made.axles[0].record, train_speed_interval=1.0, train_speed_late=delay)
+    assert of_records([record], made.log, made.vehicle).delay_sigma == sigma
