@@ -51,6 +51,7 @@ _CERTAIN = 3.0  # sigma from zero is an offset
 _SEPARATION, _LOSS_RATIO = 0.5, 1.1
 _CLEAR_RATIO = 1.5  # the same of τ and o
 _MOST_SAMPLES = 4000  # samples of the fit
+_BLOCK = 50_000  # samples of candidates that are fitted at a time: they stay in a processor's cache
 
 
 class _ClockSamples(NamedTuple):
@@ -73,12 +74,12 @@ class _ClockSamples(NamedTuple):
         return self._replace(**{name: getattr(self, name)[axles] for name in of_axles})
 
 
-class _Fit(NamedTuple):
-    """At one τ or o."""
+class _Fits(NamedTuple):
+    """At each of m candidates of τ or o."""
 
-    x: Floats  # c of each axle, q
-    rolling: Bools  # (axles, n): no slide
-    loss: float  # mean square of what is left, cut off
+    x: Floats  # c of each axle, q; (m, axles + 1)
+    rolling: Bools  # (m, axles, n): no slide
+    loss: Floats  # mean square of what is left, cut off (m,)
 
 
 class ClockOffset(NamedTuple):
@@ -171,12 +172,12 @@ def _likeliest(
         model_sigma: its 1 sigma where everything else is known.
         unknown: its 1 sigma from which on it is not known.
     """
-    fits = [_fit(s, speed_by(x)) for x in candidates]
-    losses = np.array([f.loss for f in fits])
+    fits = _fit_each(s, speed_by, candidates)
+    losses = fits.loss
     place = int(np.argmin(losses))
     if not math.isfinite(losses[place]) or not 0 < place < len(candidates) - 1:
         return None
-    rolls = (fits[place].rolling & s.train_slows).sum(axis=1)
+    rolls = (fits.rolling[place] & s.train_slows).sum(axis=1)
     needed = max(_SHORTEST_ROLLING / (s.t[1] - s.t[0]), _SHARE * s.train_slows.sum())
     if rolls.max() < needed:
         return None
@@ -184,78 +185,99 @@ def _likeliest(
     s = s.select(counts)
     fine_values = np.linspace(candidates[place - 1], candidates[place + 1], 9)
     bend, slope, _ = np.polyfit(
-        fine_values - candidates[place], [_fit(s, speed_by(x)).loss for x in fine_values], 2
+        fine_values - candidates[place], _fit_each(s, speed_by, fine_values).loss, 2
     )
     if not bend > 0.0 or not abs(slope) < 2.0 * bend * (fine_values[-1] - fine_values[0]):
         return None
     value = float(candidates[place] - slope / (2.0 * bend))
-    f = _fit(s, speed_by(value))
+    f = _Fits(*(x[0] for x in _fit_each(s, speed_by, np.array([value]))))
     # −2 log of the likelihood is its number of independent samples times the log of the loss.
     telling = float(f.rolling.any(axis=0).sum()) / s.correlated
-    sigma = math.hypot(math.sqrt(f.loss / (bend * telling)), model_sigma)
+    loss = float(f.loss)
+    sigma = math.hypot(math.sqrt(loss / (bend * telling)), model_sigma)
     rolling = s.released & np.isfinite(speed_by(value)) & (s.rim > CRAWL)
     slides = abs(f.x[-1] - _CREEPAGE[0]) > _NO_CREEP * _CREEPAGE[1]
     slides |= 2 * f.rolling[rolling].sum() < rolling.sum()
     other_losses = losses[np.abs(candidates - value) > _SEPARATION]
     clear = not (other_losses.min() < _LOSS_RATIO * losses[place] or slides or sigma > unknown)
-    return _LikeliestClock(Parameter(value, sigma), f.loss, clear)
+    return _LikeliestClock(Parameter(value, sigma), loss, clear)
 
 
 def _start(s: _ClockSamples, v: Floats) -> Floats:
-    """First c and q: a wheel coasts without slip, and one that rolls is the faster one."""
-    c = np.append(np.zeros(len(s.rim)), _CREEPAGE[0])
-    runs = v > CRAWL
-    for i, rim in enumerate(s.rim):
-        fast = s.fast[i] & runs
-        coasting = fast & ~s.train_slows & s.released[i]
-        if coasting.sum() >= FEWEST:
-            c[i] = np.median(v[coasting] / rim[coasting]) - 1.0
-        elif fast.any():
-            c[i] = np.quantile(v[fast] / rim[fast], 0.3) - 1.0
-    inside: Floats = np.clip(c, -3.0 * _WORN, 3.0 * _WORN)
+    """First c and q: a wheel coasts without slip, and one that rolls is the faster one.
+
+    Args:
+        s: the samples.
+        v: the train's true speed, by each candidate (m, n) [m/s].
+
+    Returns:
+        Shape (m, axles + 1).
+    """
+    fast = s.fast & (v > CRAWL)[:, None]  # (m, axles, n)
+    coasting = fast & s.released & ~s.train_slows
+    coasts = coasting.sum(axis=-1) >= FEWEST
+    chosen = np.where(coasts[..., None], coasting, fast)
+    unknown = np.full(chosen.shape, np.nan)
+    ratios = np.sort(np.divide(v[:, None], s.rim, out=unknown, where=chosen), axis=-1)  # NaN last
+    count = chosen.sum(axis=-1)
+    place = np.where(coasts, 0.5, 0.3) * np.maximum(count - 1, 0)  # of the median, and of 30 %
+    lower = place.astype(np.int64)[..., None]
+    upper = np.minimum(lower + 1, np.maximum(count - 1, 0)[..., None])
+    below, above = (np.take_along_axis(ratios, i, axis=-1)[..., 0] for i in (lower, upper))
+    c = np.where(count > 0, below + (place - lower[..., 0]) * (above - below) - 1.0, 0.0)
+    x = np.append(c, np.full((len(v), 1), _CREEPAGE[0]), axis=-1)
+    inside: Floats = np.clip(x, -3.0 * _WORN, 3.0 * _WORN)
     return inside
 
 
-def _fit(s: _ClockSamples, v: Floats) -> _Fit:
-    """Least squares of c and q over what is no slide, by the train's true speed (n,) [m/s]."""
+def _fit_each(s: _ClockSamples, speed_by: Callable[[float], Floats], candidates: Floats) -> _Fits:
+    """The fits at all candidates, some of them at a time."""
+    speeds, block = np.array([speed_by(x) for x in candidates]), max(1, _BLOCK // s.rim.size)
+    fits = [_fit(s, speeds[k : k + block]) for k in range(0, len(speeds), block)]
+    return _Fits(*map(np.concatenate, zip(*fits, strict=True)))
+
+
+def _fit(s: _ClockSamples, v: Floats) -> _Fits:
+    """Least squares of c and q over what is no slide, by each true speed (m, n) [m/s]."""
     k = len(s.rim)
-    usable = s.usable & np.isfinite(v) & (v > CRAWL)
-    d = np.where(usable, v - s.rim, 0.0)
-    weights = (s.noise / np.array([*([_WORN] * k), _CREEPAGE[1]])) ** 2  # as numbers of samples
-    expected = np.append(np.zeros(k), _CREEPAGE[0])
-    x, residual, rolling, cutoff = _start(s, v), d, usable, _CUTOFF_SIGMAS * s.noise
+    usable = s.usable & (v > CRAWL)[:, None]
+    d = np.where(usable, v[:, None] - s.rim, 0.0)
+    x, residual, rolling, cutoff = _start(s, v), d.copy(), usable.copy(), _CUTOFF_SIGMAS * s.noise
     margin = round(_SLIDE_MARGIN / (s.t[1] - s.t[0]))
+    changes = np.arange(len(v))  # candidates whose next fit would be another one
     for n in range(8):
-        residual, previous = d - (s.by_radius * x[:k, None] + s.by_creep * x[k]), rolling
-        rolling = (
-            usable & (np.abs(residual) < cutoff) & erode(~usable | (residual < cutoff), margin)
+        left = d[changes] - (
+            s.by_radius * x[changes, :k, None] + s.by_creep * x[changes, k, None, None]
         )
-        if n > 0 and np.array_equal(rolling, previous):
-            break  # the next fit would be this one
-        x = _solved(s, rolling, d, weights, expected)
-    residuals = residual[usable]
-    loss = (
-        float(np.mean(np.minimum(residuals**2, cutoff**2)))
-        if len(residuals) >= FEWEST
-        else math.inf
-    )
-    return _Fit(x, rolling, loss)
+        in_use, previous = usable[changes], rolling[changes]
+        rolls = in_use & (np.abs(left) < cutoff) & erode(~in_use | (left < cutoff), margin)
+        residual[changes], rolling[changes] = left, rolls
+        if n > 0:
+            changes = changes[(rolls != previous).any(axis=(1, 2))]
+        x[changes] = _solved(s, rolling[changes], d[changes])
+    squares = np.where(usable, np.minimum(residual**2, cutoff**2), 0.0).sum(axis=(1, 2))
+    count = usable.sum(axis=(1, 2))
+    return _Fits(x, rolling, np.where(count >= FEWEST, squares / np.maximum(count, 1), math.inf))
 
 
-def _solved(
-    s: _ClockSamples, rolling: Bools, d: Floats, weights: Floats, expected: Floats
-) -> Floats:
+def _solved(s: _ClockSamples, rolling: Bools, d: Floats) -> Floats:
     """Every axle's c, and q, by the normal equations of the samples without slides.
 
     Args:
         s: all samples.
-        rolling: which are used (axles, n).
-        d: what c and q explain (axles, n) [m/s].
-        weights: of what is expected of c and q, as numbers of samples (axles + 1,).
-        expected: of c and q (axles + 1,).
+        rolling: which are used, by each candidate (m, axles, n).
+        d: what c and q explain (m, axles, n) [m/s].
+
+    Returns:
+        Shape (m, axles + 1).
     """
-    k, c, q = len(d), s.by_radius * rolling, s.by_creep * rolling
-    A: Floats = np.diag(np.append((c * c).sum(axis=1), (q * q).sum()) + weights)
-    A[k, :k] = A[:k, k] = (c * q).sum(axis=1)  # two axles share no sample
-    b: Floats = np.append((c * d).sum(axis=1), (q * d).sum()) + weights * expected
-    return np.asarray(np.linalg.solve(A, b), np.float64)
+    k, c, q = len(s.rim), s.by_radius * rolling, s.by_creep * rolling
+    expected = np.append(np.zeros(k), _CREEPAGE[0])
+    weights = (s.noise / np.array([*([_WORN] * k), _CREEPAGE[1]])) ** 2  # as numbers of samples
+    A, each = np.zeros((len(d), k + 1, k + 1)), np.arange(k)
+    A[:, each, each] = (c * c).sum(axis=-1)
+    A[:, k, k] = (q * q).sum(axis=(1, 2))
+    A[:, k, :k] = A[:, :k, k] = (c * q).sum(axis=-1)  # two axles share no sample
+    b = np.append((c * d).sum(axis=-1), (q * d).sum(axis=(1, 2))[:, None], axis=-1)
+    b += weights * expected
+    return np.asarray(np.linalg.solve(A + np.diag(weights), b[..., None])[..., 0], np.float64)
