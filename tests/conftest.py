@@ -1,5 +1,7 @@
 import functools
 import gc
+import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,9 @@ from adhesion_cli.core import finding
 
 # As the program has it: looking through all that is imported, again and again, is 5 % of the time.
 gc.set_threshold(100_000)
+# Else every process of a test compiles the package anew, and each run of the tests these: 20 s.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 settings.register_profile("deterministic", derandomize=True, deadline=None)
 settings.load_profile("deterministic")
 
