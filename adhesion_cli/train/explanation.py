@@ -37,6 +37,7 @@ class Design(NamedTuple):
     gradient_covariance: Floats  # prior covariance of the pieces' gradients, (p, p) [m²/s⁴]
     has_quadratic: bool  # whether pieces have γ
     time: Floats  # from the piece's middle, (m,) [s]
+    bend: Floats  # t² of its piece without a straight line, of unit length; 0 without γ; (m,)
     measured: Floats  # speed (m,) [m/s]
     v: Floats  # speed without α and γ (m,) [m/s]
     speed: Floats  # that itself, smooth (m,) [m/s]

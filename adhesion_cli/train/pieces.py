@@ -80,6 +80,7 @@ def build_design(
         gradient_covariance=_gradient_covariance(np.array(run_starts), fine_grid),
         has_quadratic=True,
         time=v[samples],
+        bend=v[samples],
         measured=v[samples],
         v=v[samples],
         speed=v[samples],
@@ -146,6 +147,7 @@ def _with_pieces(d: Design, piece_start: NDArray[np.int64]) -> Design:
     )
     t, u = d.t[d.samples], d.relative_speed + d.mean
     d = d._replace(time=t - repeat_by_piece(d, sum_by_piece(d, t) / d.size))
+    d = d._replace(bend=_bend(d))
     unbent = without_bend(d, d.measured + d.climb)
     smooth = d.measured - without_slope(d, unbent)
     return d._replace(
@@ -269,12 +271,17 @@ def without_bend(d: Design, x: Floats) -> Floats:
     x = x - repeat_by_piece(d, sum_by_piece(d, x) / d.size)
     if not d.has_quadratic:
         return x
+    unbent: Floats = x - repeat_by_piece(d, sum_by_piece(d, x * d.bend)) * d.bend
+    return unbent
+
+
+def _bend(d: Design) -> Floats:
+    """`Design.bend`, (m,)."""
     # Times are even: a straight line leaves t² without its mean.
     bent = d.time**2 - repeat_by_piece(d, sum_by_piece(d, d.time**2) / d.size)
-    squares = np.maximum(sum_by_piece(d, bent**2), 1e-30)
-    factor = np.where(d.size >= _FEWEST_BENT, sum_by_piece(d, x * bent) / squares, 0.0)
-    unbent: Floats = x - repeat_by_piece(d, factor) * bent
-    return unbent
+    lengths = np.sqrt(np.maximum(sum_by_piece(d, bent**2), 1e-30))
+    is_bent = (d.size >= _FEWEST_BENT) & d.has_quadratic
+    return bent * repeat_by_piece(d, np.where(is_bent, 1.0 / lengths, 0.0))
 
 
 def integral(d: Design, k: Floats) -> Floats:

@@ -186,10 +186,11 @@ def test_the_logged_wsp_on_the_fitted_rail_stops_where_it_did(log: Path) -> None
 
 
 def test_a_rail_whose_level_changes_under_a_long_slide_is_replayed(tmp_path: Path) -> None:
-    """All wheels slide all the way, on a rail that gives a third more, and then a third less."""
+    """The wheels slide all the way, on a rail that gives a third more, and then a third less."""
     s, knots = scenario.load("slippery-stop"), ((0.0, 1.0), (150.0, 1.35), (330.0, 0.8))
     rail = replace(s.rail, section=tuple(Section(x, "low", scale) for x, scale in knots))
-    true = simulate.run(replace(s, rail=rail, wsp=Wsp(), duration=75.0))
+    train = replace(s.train, axles=1, positions=(), cleaning=())
+    true = simulate.run(replace(s, rail=rail, wsp=Wsp(), train=train, duration=75.0))
     log = write(tmp_path / "log.csv", simulate.log(true))
     case = replay.case(analyze.analyze(log, settings.load(), ["kalman"], train_speed=True))
     assert case.logged_m is not None
