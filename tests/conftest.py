@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer.main
 from helpers.commands import Run, in_process
 from hypothesis import settings
 
@@ -15,6 +16,8 @@ gc.set_threshold(100_000)
 # Else every process of a test compiles the package anew, and each run of the tests these: 20 s.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# Typer builds all commands anew for each call of one: a tenth of a short one.
+typer.main.get_command = functools.cache(typer.main.get_command)
 settings.register_profile("deterministic", derandomize=True, deadline=None)
 settings.load_profile("deterministic")
 

@@ -39,7 +39,7 @@ def analysed(path: Path) -> Result:
 
 @pytest.fixture(autouse=True)
 def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fit, "DRAWS", 12)
+    monkeypatch.setattr(fit, "DRAWS", 8)
 
 
 def test_the_stop_is_the_logs(log: Path) -> None:
@@ -53,7 +53,7 @@ def test_the_stop_is_the_logs(log: Path) -> None:
     slid = true.distance[np.argmax(true.slip[:, 0] > 0.01)] - true.distance[at]
     assert case.track.knots[1] == pytest.approx(slid, abs=3.0)
     assert np.ptp(case.track.values[2:], axis=(0, 1)).max() == 0.0  # axles 3 and 4 never leave dry
-    assert len(case.draws) == 12
+    assert len(case.draws) == 8
     assert [f.code for f in case.findings] == ["rail-parameters-unknown"] * 2
 
 
@@ -78,7 +78,7 @@ def test_the_interval_holds_the_stop_on_the_true_rail(
     assert app(arguments, standalone_mode=False) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["schema"] == "adhesion.antiskid/1"
-    assert document["draws"] == 12
+    assert document["draws"] == 8
     assert {p.name for p in tmp_path.iterdir()} == {
         "low.antiskid.rrd", "low.antiskid.sha256",
         *(f"low.{law}.antiskid.mcap" for law in ("none", "patent", "rule")),
