@@ -23,7 +23,7 @@ from ..core.model import (
     Times,
     Vehicle,
 )
-from ..core.physics import CRAWL, NO_FORCE, clamping_force
+from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, clamping_force
 from .axle_channels import AxleChannels, MotorForce
 from .choose import SHORTEST, AxleKeys, Channels, Choice, find
 from .faults import Fault, View
@@ -133,8 +133,9 @@ def _motor_force(channels: Channels, speed: Channel, axle: int) -> tuple[MotorFo
         meanings.add(meaning)
     if not meanings:
         return None, known
-    with np.errstate(invalid="ignore"):
-        drives = "traction_force" in meanings or bool(np.nanmin(smooth, initial=0.0) < 0.0)
+    drives = "traction_force" in meanings or bool(
+        np.nanmin(smooth, initial=0.0) < -RELEASED_SHARE * np.nanmax(smooth, initial=0.0)
+    )
     return MotorForce(last_value, smooth, np.sqrt(variance), drives), known
 
 

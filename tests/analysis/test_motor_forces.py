@@ -56,6 +56,15 @@ def test_the_ed_force_of_each_bogie(tmp_path: Path) -> None:
     assert rows["ed_force"].u == pytest.approx(0.05 * rows["ed_force"].value, rel=0.05)
 
 
+def test_noise_of_an_ed_force_is_no_traction(tmp_path: Path, even: Blended) -> None:
+    noise = np.random.default_rng(2).normal(0.0, 0.05, len(even.t))
+    columns = {"ED brake force per axle [kN]": even.ed[0] * 1e-3 + noise}
+    result = analyzed(even.write(tmp_path / "noise.csv", columns))
+    assert "traction" in codes(result)  # no channel has the force that drives
+    drives = np.interp(result.axles[0].record.t * 1e-9, even.t, even.traction[0]) > 5e3
+    assert np.isnan(result.axles[0].reference.force[drives]).mean() > 0.9
+
+
 def test_the_share_of_a_vehicle_in_percent(tmp_path: Path) -> None:
     log = blended(ed_share=MOTOR_BOGIE, decelerations=(0.6, 0.9, 1.0))
     path = log.write(tmp_path / "share.csv", {"E-Bremse [%]": 100.0 * log.ed.sum(0) / 80e3})
