@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from ..core.model import Floats
 from ..core.signals import robust_sigma
 from ..core.summary import CommandSource
 from .brake_levels import brake_levels, quantisation_step
@@ -21,10 +22,11 @@ def find_command(signals: StopSignals, braking: Braking) -> tuple[float, float, 
         ("brake_pipe", "brake_pipe"),
     )
     for name, source in sources:
-        if series := signals.commands.get(name):
-            changed = _first_change(series, braking.start, source == "brake_pipe")
-            if changed is not None:
-                return (*changed, source)
+        find_first = _first_fall if source == "brake_pipe" else _first_change
+        series_of_all = signals.commands.get(name, ())
+        changes = [x for series in series_of_all if (x := find_first(series, braking.start))]
+        if changes:
+            return (*min(changes), source)
     rises = [
         rise for brake in signals.brakes.values() if (rise := _first_rise(brake, braking.start))
     ]
@@ -35,23 +37,45 @@ def find_command(signals: StopSignals, braking: Braking) -> tuple[float, float, 
     return begin, max(interval, 0.25), "deceleration"
 
 
-def _first_change(series: TimeSeries, start: float, falls: bool) -> tuple[float, float] | None:
-    """When a command or a brake pipe leaves the value that it had, and its uncertainty [s]."""
-    window = series.cut(start - _LEAD_TIME, start + 1.0)
-    finite = np.isfinite(window.value)
-    t, x = window.t[finite], window.value[finite]
-    if len(t) < 3:
-        return None
-    usual_value = float(np.median(x[: max(1, len(x) // 4)]))
-    span = float(np.max(np.abs(x - usual_value)))
-    noise = robust_sigma(x[: max(1, len(x) // 4)] - usual_value)
-    threshold = max(0.1 * span, 5.0 * noise) if falls else 0.5 * span
-    has_changed = (usual_value - x if falls else np.abs(x - usual_value)) > threshold
-    if not span or not has_changed.any() or has_changed[0]:
+def _first_change(series: TimeSeries, start: float) -> tuple[float, float] | None:
+    """When a command leaves the value that it had, and its uncertainty [s]."""
+    t, x, _ = _change(series, start)
+    span = float(np.max(np.abs(x), initial=0.0))
+    has_changed = np.abs(x) > 0.5 * span
+    if not span or has_changed[0]:
         return None
     k = int(np.argmax(has_changed))
     interval = float(t[k] - t[k - 1])
     return float(t[k] - interval / 2.0), interval / math.sqrt(12.0)
+
+
+def _first_fall(pipe: TimeSeries, start: float) -> tuple[float, float] | None:
+    """When a brake pipe begins to fall, and its uncertainty [s].
+
+    Its noise hides the begin. The line through a small and twice as large a fall shows it.
+    """
+    t, x, noise = _change(pipe, start)
+    threshold = max(-0.1 * float(np.min(x, initial=0.0)), 5.0 * noise)
+    small, large = -x > threshold, -x > 2.0 * threshold
+    if not threshold or not large.any() or small[0]:
+        return None
+    k, later = int(np.argmax(small)), int(np.argmax(large))
+    interval = float(t[k] - t[k - 1])
+    slope = float(x[k - 1] - x[later]) / float(t[later] - t[k - 1])
+    fallen = max(float(-x[k]) / slope, 0.5 * interval)  # time of the fall so far
+    return float(t[k]) - fallen, math.hypot(interval, fallen, noise / slope) / math.sqrt(12.0)
+
+
+def _change(series: TimeSeries, start: float) -> tuple[Floats, Floats, float]:
+    """Times around a braking, shape (n,), the change since before it, (n,), and its noise."""
+    window = series.cut(start - _LEAD_TIME, start + 1.0)
+    finite = np.isfinite(window.value)
+    t, x = window.t[finite], window.value[finite]
+    if len(t) < 3:
+        return t[:0], x[:0], 0.0
+    earlier = x[: max(1, len(x) // 4)]
+    usual_value = float(np.median(earlier))
+    return t, x - usual_value, robust_sigma(earlier - usual_value)
 
 
 def _first_rise(brake: TimeSeries, start: float) -> tuple[float, float] | None:

@@ -48,9 +48,8 @@ class StopSignals(NamedTuple):
     delay_sigma: float  # 1 sigma of the speed's delay [s]
     rims: Mapping[int, TimeSeries]  # by axle, the speed of the wheel's rim as the train's [m/s]
     brakes: Mapping[int, TimeSeries]  # by axle, cylinder pressure [Pa], else clamping force [N]
-    commands: Mapping[
-        str, TimeSeries
-    ]  # brake_command, emergency, brake_pipe: where the log has them
+    # brake_command, emergency, brake_pipe: every channel of the log, cars may have their own
+    commands: Mapping[str, Sequence[TimeSeries]]
     valves: Mapping[int, TimeSeries] = {}  # by axle, its vent valve, else its hold valve: 0 or 1
     sanding: TimeSeries | None = None  # 0 or 1
     reservoir: TimeSeries | None = None  # pressure [Pa]
@@ -162,13 +161,13 @@ def _series(channel: Channel, start_ns: int, is_state: bool = False) -> TimeSeri
     return TimeSeries(*in_order(t, value if is_state or not len(t) else median_of_five(value)))
 
 
-def _commands(log: Log) -> dict[str, TimeSeries]:
+def _commands(log: Log) -> dict[str, list[TimeSeries]]:
     start_ns = log.start_ns()
-    commands: dict[str, TimeSeries] = {}
+    commands: dict[str, list[TimeSeries]] = {}
     for channel in log.channels:
         name = str(channel.meaning)
         if name in ("brake_command", "emergency", "brake_pipe") and len(channel.data.t) > 1:
-            commands.setdefault(name, _series(channel, start_ns))
+            commands.setdefault(name, []).append(_series(channel, start_ns))
     return commands
 
 

@@ -52,7 +52,7 @@ def drawn_stop(rng: np.random.Generator) -> tuple[list[StopSummary], dict[str, f
     speed = np.maximum(step * np.round((speed * (1.0 + rng.normal(0.0, SCALE)) + noise) / step), 0)
     pressure = 3e5 * np.interp(samples, t, share) + rng.normal(0.0, 500.0, len(samples))
     pressure = 1e3 * np.round(pressure / 1e3)
-    commands = {"brake_command": TimeSeries(samples, (samples >= on) * 1.0)}
+    commands = {"brake_command": [TimeSeries(samples, (samples >= on) * 1.0)]}
     brakes = {1: TimeSeries(samples, pressure)}
     signals = StopSignals(TimeSeries(samples, speed), "train", SCALE, LATE, {}, brakes, commands)
     to_level = ToLevel(Parameter(0.0, UPHILL), RHO)

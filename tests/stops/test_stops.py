@@ -13,7 +13,8 @@ from scipy.signal import savgol_filter
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
 from adhesion_cli.core.physics import G
 from adhesion_cli.core.summary import StopSummary
-from adhesion_cli.stops.find import find_brakings
+from adhesion_cli.stops.command import find_command
+from adhesion_cli.stops.find import Braking, find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
 from adhesion_cli.stops.settings import StopSettings
 from adhesion_cli.stops.signals import (
@@ -49,7 +50,7 @@ def signals(
     v, distance = train(v0, a, t)
     p = 3e5 * brake_share(t)
     speed = TimeSeries(t, v)
-    commands = {"brake_command": TimeSeries(t, (t >= ON) * 1.0)} if command else {}
+    commands = {"brake_command": [TimeSeries(t, (t >= ON) * 1.0)]} if command else {}
     return StopSignals(
         speed, "train", 0.0, 0.0, {1: speed}, {1: TimeSeries(t, p)}, commands
     ), distance
@@ -97,9 +98,35 @@ def test_a_brake_pipe_falls_before_the_cylinders_rise() -> None:
     x, _ = signals(command=False)
     t = x.speed.t
     pipe = TimeSeries(t, 5e5 - 1.5e5 * np.clip((t - ON - 0.1) / 2.0, 0.0, 1.0))
-    (stop,) = measured(x._replace(commands={"brake_pipe": pipe}))
+    (stop,) = measured(x._replace(commands={"brake_pipe": [pipe]}))
     assert stop.command_from == "brake_pipe"
     assert ON <= stop.start_s <= ON + 0.4
+
+
+@pytest.mark.parametrize("rate", [0.5e5, 1e5, 4e5])
+def test_the_fall_of_a_noisy_brake_pipe_is_dated_back_to_its_begin(rate: float) -> None:
+    x, _ = signals(command=False)
+    t, errors = x.speed.t, []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0.0, 1e3, len(t))
+        fall = np.minimum(rate * np.maximum(t - ON + 0.3, 0.0), 1.5e5)
+        pipes = [TimeSeries(t, 5e5 - fall + noise)]
+        time, sigma, _ = find_command(
+            x._replace(commands={"brake_pipe": pipes}), Braking(ON + T_A + 0.1, 40.0, "")
+        )
+        errors.append((time - (ON - 0.3)) / (2.0 * sigma))
+    assert np.mean(np.abs(errors) < 1.0) >= 0.9
+    assert 2.0 * sigma < 0.1
+
+
+def test_of_the_brake_pipes_of_cars_the_first_to_fall_is_the_command() -> None:
+    x, _ = signals(command=False)
+    t = x.speed.t
+    pipes = [
+        TimeSeries(t, 5e5 - 1.5e5 * np.clip((t - ON - late) / 2.0, 0.0, 1.0)) for late in (0.3, 0.1)
+    ]
+    (stop,) = measured(x._replace(commands={"brake_pipe": pipes}))
+    assert stop.start_s == pytest.approx(ON + 0.1, abs=0.03)
 
 
 def test_speed_alone_has_distance_and_deceleration() -> None:
