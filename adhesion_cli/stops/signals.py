@@ -133,10 +133,10 @@ def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
         c.axle or i: _series(c, start_ns)
         for i, c in enumerate(_channels(log, "pressure") or _channels(log, "clamping_force"), 1)
     }
-    delay_sigma = 0.0
-    if source == "train" and brakes and len(speed.t) > 1:
+    commands, delay_sigma = _commands(log), 0.0
+    if source == "train" and (brakes or commands) and len(speed.t) > 1:
         delay_sigma = _unknown_delay(float(np.median(np.diff(speed.t))))
-    signals = StopSignals(speed, source, UNKNOWN_SCALE, delay_sigma, {}, brakes, _commands(log))
+    signals = StopSignals(speed, source, UNKNOWN_SCALE, delay_sigma, {}, brakes, commands)
     signals = signals._replace(by_pressure=bool(_channels(log, "pressure")))
     return _with_states(signals, log)
 

@@ -306,8 +306,11 @@ def test_a_command_that_is_not_logged_has_an_uncertain_dead_time() -> None:
     assert stated.distance_m.u95 < 0.5 * stop.distance_m.u95
 
 
+@pytest.mark.parametrize("brake", ["pressure", "brake_pipe"])
 @pytest.mark.parametrize(("interval", "sigma"), [(0.02, UNKNOWN_DELAY), (1.0, 0.5)])
-def test_a_slow_train_speed_without_wheels_may_be_late(interval: float, sigma: float) -> None:
+def test_a_slow_train_speed_without_wheels_may_be_late(
+    interval: float, sigma: float, brake: Meaning
+) -> None:
     t = np.arange(0.0, 40.0, interval)
     v = np.clip(20.0 - (t - 10.0), 0.0, 20.0)
 
@@ -315,7 +318,7 @@ def test_a_slow_train_speed_without_wheels_may_be_late(interval: float, sigma: f
         data = Column(np.round(1e9 * t).astype(np.int64), value, np.ones(len(t), np.bool_))
         return Channel(meaning, "", meaning, None, "", "", data)
 
-    channels = (channel("train_speed", v), channel("pressure", np.where(t > 10.0, 3e5, 0.0)))
+    channels = (channel("train_speed", v), channel(brake, np.where(t > 10.0, 3e5, 0.0)))
     found = of_log(Log("a.csv", "csv", "", False, len(t), channels, ()), Vehicle())
     assert found is not None
     assert found.delay_sigma == pytest.approx(sigma)
