@@ -18,7 +18,7 @@ from . import time_columns
 from .as_text import open_text
 from .csv.clock import Clock
 from .csv.dialect import is_number
-from .csv.header_words import SIGNAL, is_named, speaks_of_time, time_name, time_unit
+from .csv.header_words import SIGNAL, is_named
 from .csv.reader import CsvSource
 from .source import Field, ReadOptions, Source, distinct_words
 from .tables import Columns, Contents, TableSamples, TableSource
@@ -41,13 +41,6 @@ class _ParquetColumn(NamedTuple):
     path: str  # place in a list: "[0]"; "" without one
     unit: str
     type: Any
-
-
-class _ParquetTime(NamedTuple):
-    """The time of some columns, and the columns that hold it."""
-
-    clock: Clock
-    times: tuple[_ParquetColumn, ...]
 
 
 def open_parquet(path: Path, options: ReadOptions) -> Source:
@@ -128,12 +121,10 @@ class Reader:
         head, _ = _arrays(first_rows)
         self._columns, nested = _columns(first_rows.schema, head)
         self._elements = Counter(c.name.removesuffix(c.path) for c in self._columns if c.path)
-        groups, axes, findings = self._find_axes(head, options)
-        self._axes = axes
+        self._clock, self._times, findings = self._find_time(head, options)
         self.may_be_long = self._may_be_long(head)
-        time_names = {c.name for axis in axes for c in axis.times}
+        time_names = {c.name for c in self._times}
         numbers = [c for c in self._columns if c.name not in time_names and _is_number(c.type)]
-        of_group = {c.name: k for k, group in enumerate(groups) for c in group}
         cells = {
             c: head[c.name].drop_null().to_pylist()
             for c in self._columns
@@ -145,7 +136,7 @@ class Reader:
             if units.unit(c.unit or units.in_name(c.title)[1])
         )
         words = {c: cell_words for c in cells if (cell_words := distinct_words(cells[c]))}
-        self._series = [(c, of_group.get(c.name, 0)) for c in (*numbers, *words)]
+        self._series = [*numbers, *words]
         if nested:
             findings = (*findings, _not_read(nested))
         fields = [
@@ -158,13 +149,13 @@ class Reader:
             "columns": len(schema.names),
             "row groups": meta.num_row_groups,
             "written by": meta.created_by or "",
-            "time column": str(axes[0].times[0].type),
+            "time column": str(self._times[0].type),
             "not numeric": ", ".join(skipped),
         }
         self.contents = Contents(
             fields,
-            2**62 if axes[0].clock.absolute else 0,  # only whether it has one counts
-            axes[0].clock.reason.replace("(units row)", "(field metadata)"),
+            2**62 if self._clock.absolute else 0,  # only whether it has one counts
+            self._clock.reason.replace("(units row)", "(field metadata)"),
             self._rows,
             reasons,
             findings=list(findings),
@@ -173,45 +164,34 @@ class Reader:
 
     def _may_be_long(self, head: dict[str, pa.Array]) -> bool:
         """Whether rows may be of several signals or devices, which texts tell apart."""
-        time = self._axes[0]
-        times, _ = time_columns.times([head[c.name] for c in time.times], time.clock)
+        times, _ = time_columns.times([head[c.name] for c in self._times], self._clock)
         has_signals = any(is_named(c.title, SIGNAL) and _is_text(c.type) for c in self._columns)
         return has_signals or len(times) > 1.5 * len(set(times.tolist()))
 
-    def _find_axes(
+    def _find_time(
         self, head: dict[str, pa.Array], options: ReadOptions
-    ) -> tuple[list[list[_ParquetColumn]], list[_ParquetTime], tuple[Finding, ...]]:
-        """Groups of columns with the time axis of each: one of all, or of each pair of columns."""
-        scalar = [c for c in self._columns if not c.path]
-        try:
-            axis, findings = self._axis(scalar, head, options)
-        except UserError as error:
-            groups = _paired(self._columns)
-            if len(groups) < 2 or options.time_channel:
-                raise _TimeError(error.text, error.hint, error.code) from error
-            return groups, [self._axis(group, head, options)[0] for group in groups], ()
-        return [scalar], [axis], findings
-
-    def _axis(
-        self, columns: Sequence[_ParquetColumn], head: dict[str, pa.Array], options: ReadOptions
-    ) -> tuple[_ParquetTime, tuple[Finding, ...]]:
-        """The time among these columns, and what there is to say of it.
+    ) -> tuple[Clock, list[_ParquetColumn], tuple[Finding, ...]]:
+        """The time of all columns, the columns that hold it, and what there is to say of it.
 
         Raises:
-            UserError: where none is a time, or several are.
+            _TimeError: where no column is a time, or several are.
         """
-        scalar = [c for c in columns if not c.path]
-        heads, unit_texts = {c.title: head[c.name] for c in scalar}, [c.unit for c in scalar]
-        by_title = {c.title: c for c in scalar}
+        by_title = {c.title: c for c in self._columns if not c.path}
+        heads = {title: head[c.name] for title, c in by_title.items()}
+        unit_texts = [c.unit for c in by_title.values()]
 
         def read(title: str) -> Any:
             name = by_title[title].name
             return _arrays(_read_table(self._path, self._file, [name]))[0][name]
 
-        clock, findings = time_columns.find(
-            heads, unit_texts, self._rows, options, self._path, read
-        )
-        return _ParquetTime(clock, tuple(scalar[i] for i in clock.columns)), findings
+        try:
+            clock, findings = time_columns.find(
+                heads, unit_texts, self._rows, options, self._path, read
+            )
+        except UserError as error:
+            raise _TimeError(error.text, error.hint, error.code) from error
+        columns = [*by_title.values()]
+        return clock, [columns[i] for i in clock.columns], findings
 
     def _check_size(self, columns: int) -> None:
         """Refuses a file that says it holds much more than it can.
@@ -239,37 +219,26 @@ class Reader:
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""
         columns = [self._series[i] for i in wanted]
-        axes = list(dict.fromkeys(k for _, k in columns))
-        times = [c for k in axes for c in self._axes[k].times]
-        self._check_size(len(columns) + len(times))
-        names = {c.name.removesuffix(c.path) for c in (*(c for c, _ in columns), *times)}
+        self._check_size(len(columns) + len(self._times))
+        names = {c.name.removesuffix(c.path) for c in (*columns, *self._times)}
         arrays, longer = _arrays(_read_table(self._path, self._file, names), self._elements)
-        stamps, rows, findings = [], {}, list[Finding]()
+        findings, series = list[Finding](), []
         if longer:
             said = {"columns": ", ".join(f"{x} from [{self._elements[x]}] on" for x in longer)}
             findings.append(Finding("nested-columns", "info", "", len(longer), names=said))
-        for k in axes:
-            clock, columns_of_time = self._axes[k]
-            t, ok = time_columns.times([arrays[c.name] for c in columns_of_time], clock)
-            is_used_row = np.ones(self._rows, np.bool_)
-            if len(self._axes) > 1:  # a pair that is shorter than others has empty rows
-                own_valid = [arrays[c.name].is_valid() for c, axis in columns if axis == k]
-                is_used_row = np.any([ok, *map(np.asarray, own_valid)], axis=0)
-            if untimed := int(np.count_nonzero(is_used_row & ~ok)):
-                findings.append(Finding("time-unreadable", "warning", "", untimed))
-            rows[k] = is_used_row & ok
-            stamps.append(t[rows[k]])
-        series = []
-        for column, k in columns:
+        t, ok = time_columns.times([arrays[c.name] for c in self._times], self._clock)
+        if untimed := int(np.count_nonzero(~ok)):
+            findings.append(Finding("time-unreadable", "warning", "", untimed))
+        for column in columns:
             array = arrays.get(column.name, pa.nulls(self._rows, pa.float64()))
             words = list[str]()
             if _is_text(column.type):
                 value = numbered(array, words)
             else:
                 value = np.asarray(array.cast(pa.float64(), safe=False).fill_null(np.nan))
-            masks = {"value-missing": np.asarray(array.is_null())[rows[k]]}
-            series.append(TableSamples(axes.index(k), value[rows[k]], masks, tuple(words)))
-        return Columns(stamps, series, findings)
+            masks = {"value-missing": np.asarray(array.is_null())[ok]}
+            series.append(TableSamples(0, value[ok], masks, tuple(words)))
+        return Columns([t[ok]], series, findings)
 
 
 def _read_table(path: Path, file: Any, names: Collection[str] | None = None) -> Any:
@@ -347,18 +316,6 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetCol
         else:
             nested.append(f.name)
     return columns, nested
-
-
-def _paired(columns: Sequence[_ParquetColumn]) -> list[list[_ParquetColumn]]:
-    """The columns in groups, where each begins with a time of its own; none where they do not."""
-    groups: list[list[_ParquetColumn]] = []
-    for c in columns:
-        if not c.path and (time_name(c.title) or speaks_of_time(c.title) or time_unit(c.unit)):
-            groups.append([])
-        if not groups:
-            return []
-        groups[-1].append(c)
-    return groups if all(len(group) > 1 for group in groups) else []
 
 
 def _pair(name: str) -> tuple[str, str]:

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from ...core import toml, units
 from ...core.errors import UserError
@@ -88,7 +89,9 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
 
 
 def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, range]]:
-    """The times of a table in which each channel has its own, named alike; none of another.
+    """The times of a table in which each stands before its own channels; none of another table.
+
+    They are named alike, or begin together: else nobody knows whether they count from one start.
 
     Args:
         dialect: with the first rows.
@@ -98,14 +101,23 @@ def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, r
     Returns:
         Each clock, with the columns whose time it is.
     """
-    search, first_name = _ClockSearch(dialect, None, rows, path), _unnumbered(dialect.names[0])
-    begins = [k for k, name in enumerate(dialect.names) if _unnumbered(name) == first_name]
-    columns = [range(a + 1, b) for a, b in pairwise([*begins, len(dialect.names)])]
-    if len(begins) < 2 or not all(columns) or not all(_named(dialect, k) for k in begins):
+    search, names = _ClockSearch(dialect, None, rows, path), dialect.names
+    alike = [k for k, name in enumerate(names) if _unnumbered(name) == _unnumbered(names[0])]
+    times = [k for k, name in enumerate(names) if _speaks(dialect, k)]
+    begins = alike if len(alike) > 1 and {*alike} <= {*times} else times
+    columns = [range(a + 1, b) for a, b in pairwise([*begins, len(names)])]
+    if len(begins) < 2 or begins[0] or not all(columns):
         return []
-    clocks = [search.clock(k, f"column named {dialect.names[k]!r}") for k in begins]
-    pairs = zip(clocks, columns, strict=True)
-    return [(search.begun(clock), its) for clock, its in pairs if clock] if all(clocks) else []
+    try:
+        clocks = [search.clock(k, f"column named {names[k]!r}") for k in begins]
+    except UserError:
+        return []
+    begun = [search.begun(clock) for clock in clocks if clock]
+    heads = [[pa.array(dialect.column(i)[:1]) for i in clock.columns] for clock in begun]
+    firsts = [clock.nanoseconds(head)[0][0] for clock, head in zip(begun, heads, strict=True)]
+    if len(begun) < len(begins) or (begins is times and np.ptp(firsts) > _S):
+        return []
+    return list(zip(begun, columns, strict=True))
 
 
 def another_time(dialect: Dialect, clock: Clock, rows: float, path: Path) -> str:
@@ -567,6 +579,12 @@ def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
     """Rank and unit of a column whose name is a time's."""
     texts = (dialect.names[i], *(cells[i] for cells in reversed(dialect.header_cells)))
     return next((named_time for text in texts if (named_time := time_name(text))), None)
+
+
+def _speaks(dialect: Dialect, i: int) -> bool:
+    """Whether a column's name or unit speaks of time."""
+    is_named = _named(dialect, i) is not None or speaks_of_time(dialect.names[i])
+    return is_named or time_unit(dialect.units[i]) is not None
 
 
 def _says_time(dialect: Dialect, i: int) -> bool:

@@ -539,18 +539,26 @@ def test_the_same_header_again_costs_its_own_row(log, second):
 
 
 @pytest.mark.parametrize(
-    "names", [("t [s]", "t [s]"), ("t1 [s]", "t2 [s]"), ("X_Value", "X_Value"), ("time", "time 2")]
+    ("names", "start"),
+    [
+        (("t [s]", "t [s]"), 2.0),
+        (("t1 [s]", "t2 [s]"), 2.0),
+        (("X_Value", "X_Value"), 2.0),
+        (("time", "time 2"), 2.0),
+        (("t_p [s]", "t_w [s]"), 0.5),
+        (("Time A [s]", "Time speed [s]"), 0.5),
+    ],
 )
-def test_channels_with_times_of_their_own(log, names):
+def test_channels_with_times_of_their_own(log, names, start):
     """The first one's are slower, so that its columns end before the others."""
     slow = [f"{k},{k + 0.5}" for k in range(10)] + [","] * 20
-    fast = [f"{k / 10 + 2},{k},{k % 3}" for k in range(30)]
+    fast = [f"{k / 10 + start:.1f},{k},{k % 3}" for k in range(30)]
     rows = "".join(f"{a},{b}\n" for a, b in zip(slow, fast, strict=True))
     source, columns = read(log, f"{names[0]},p,{names[1]},v,w\n{rows}")
     assert list(columns) == ["p", "v", "w"]
     assert (columns["p"].t == np.arange(10) * S).all()
     assert (columns["p"].value == np.arange(10) + 0.5).all()
-    assert (columns["w"].t == np.arange(30) * S // 10 + 2 * S).all()
+    assert (columns["w"].t == np.arange(30) * S // 10 + int(start * S)).all()
     assert (columns["v"].value == np.arange(30)).all()
     assert (source.rows, codes(source)) == (30, set())
     (column,) = source.columns([source.fields[2]])
@@ -1011,20 +1019,10 @@ REFUSED = {
         "both times, and differ",
         '--set "channels.time.channel=column 1"',
     ),
-    "a time for each of two channels, the slower one first": (
-        b"t_p [s];p;t_w [s];v\n" + b"".join(b"%d;1;%.1f;1\n" % (k, k / 2) for k in range(9)),
-        "'t_p .s.' and 't_w .s.' are both times, and differ",
-        "one time axis",
-    ),
-    "a time beside it that is another channel's": (
-        b"time [s];p;Time speed [s];v\n"
-        + b"".join(b"%d;1;%.1f;1\n" % (k, k / 2) for k in range(9)),
-        "both times, and differ",
-        "one time axis",
-    ),
-    "two times apart": (
-        b"Zeit Druck;p;Zeit Drehzahl;v\n" + b"".join(b"%d;1;%d;1\n" % (k, k + 1) for k in range(9)),
-        "both times, and differ",
+    "times of two clocks": (
+        b"PC time [s];p;GPS time [s];v\n"
+        + b"".join(b"%d;1;%.1f;1\n" % (k, k / 2 + 7_000) for k in range(9)),
+        "'GPS time .s.' and 'PC time .s.' are both times, and differ",
         "one time axis",
     ),
     "a unit of time stated twice": (
