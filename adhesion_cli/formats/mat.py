@@ -19,6 +19,8 @@ from .isolated import Library
 from .source import ReadOptions
 
 _LIBRARY = Library("mat", "MATLAB", (), "")
+_RATES = ("fs", "samplerate", "sample_rate", "sampling_rate", "samplingrate")  # [Hz]
+_INTERVALS = ("dt", "ts", "sampletime", "sample_time", "delta_t")  # [s]
 _MOST_COLUMNS = 64  # of a matrix
 
 
@@ -67,6 +69,7 @@ def write_text(path: Path, text: Path) -> list[str]:
         k: x for name, x in variables.items() if name[:2] != "__" for k, x in _columns(name, x)
     }
     columns = {name: x for name, x in arrays.items() if x.ndim == 1}
+    columns |= _counted(columns)
     lengths = Counter(len(x) for x in columns.values() if len(x) > 1)
     times = [len(x) for name, x in columns.items() if time_name(name.split(".")[-1])]
     length = next((n for n in times if n > 1), lengths.most_common(1)[0][0] if lengths else 0)
@@ -88,11 +91,27 @@ def write_text(path: Path, text: Path) -> list[str]:
     return [f"{name} ({' x '.join(map(str, shape))})" for name, shape in other_variables]
 
 
+def _counted(columns: dict[str, Any]) -> dict[str, Any]:
+    """The time that a rate or an interval states, where no variable is a time; else nothing."""
+    numbers = {name.split(".")[-1].casefold(): float(x[0]) for name, x in columns.items()}
+    steps = [1.0 / x for name, x in numbers.items() if name in _RATES and x > 0.0]
+    steps += [x for name, x in numbers.items() if name in _INTERVALS and x > 0.0]
+    lengths = Counter(len(x) for x in columns.values() if len(x) > 1)
+    if not steps or not lengths or any(map(time_name, numbers)):
+        return {}
+    return {"time [s]": np.arange(lengths.most_common(1)[0][0]) * steps[0]}
+
+
 def _columns(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     """The columns of numbers that a variable holds, by name; a large array is given as it is."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _columns(f"{name}.{key}".lstrip("."), inner)
+        return
+    if isinstance(value, list):  # as Simulink writes its signals
+        for k, inner in enumerate(value, 1):
+            signal = inner if isinstance(inner, dict) else {"values": inner}
+            yield from _columns(f"{name}.{signal.get('label') or k}", signal.get("values", inner))
         return
     array = np.atleast_1d(value)
     if array.dtype.kind not in "biuf":

@@ -3,7 +3,7 @@
 import ast
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from .csv.dialect import is_number
 from .csv.header_words import SIGNAL, is_named
 from .csv.reader import CsvSource
 from .source import Field, ReadOptions, Source, distinct_words
-from .tables import Columns, Contents, TableSamples, TableSource
+from .tables import Columns, Contents, TableSamples, TableSource, open_scale
 from .time_columns import HEAD
 from .words import numbered
 
@@ -96,9 +96,13 @@ def _write_text(table: Any, text: Path) -> None:
     pyarrow.csv.write_csv(pa.Table.from_arrays(cells, names), text)
 
 
-def _not_read(nested: Sequence[str]) -> Finding:
-    names = {"columns": ", ".join(nested[:6])}
-    return Finding("nested-columns", "info", "", len(nested), names=names)
+def _not_read(nested: Sequence[str], raw: Mapping[str, str]) -> Iterator[Finding]:
+    """What is not read: columns of structures and lists, and raw numbers, with the reason."""
+    if nested:
+        names = {"columns": ", ".join(nested[:6])}
+        yield Finding("nested-columns", "info", "", len(nested), names=names)
+    for name, reason in raw.items():
+        yield Finding("channel-not-read", "warning", name, 1, names={"reason": reason})
 
 
 class Reader:
@@ -120,6 +124,8 @@ class Reader:
         first_rows = self._first_rows()
         head, _ = _arrays(first_rows)
         self._columns, nested = _columns(first_rows.schema, head)
+        raw = {f.name: problem for f in schema if (problem := _open_scale(f))}
+        self._columns = [c for c in self._columns if c.name not in raw]
         self._elements = Counter(c.name.removesuffix(c.path) for c in self._columns if c.path)
         self._clock, self._times, findings = self._find_time(head, options)
         self.may_be_long = self._may_be_long(head)
@@ -137,8 +143,6 @@ class Reader:
         )
         words = {c: cell_words for c in cells if (cell_words := distinct_words(cells[c]))}
         self._series = [*numbers, *words]
-        if nested:
-            findings = (*findings, _not_read(nested))
         fields = [
             Field(c.title, path=c.path, unit=c.unit, unit_from="field metadata" if c.unit else "")
             for c in numbers
@@ -158,7 +162,7 @@ class Reader:
             self._clock.reason.replace("(units row)", "(field metadata)"),
             self._rows,
             reasons,
-            findings=list(findings),
+            findings=[*findings, *_not_read(nested, raw)],
             texts=[Field(c.title, words=words[c]) for c in words],
         )
 
@@ -383,6 +387,12 @@ def _is_number(kind: Any) -> bool:
         or types.is_decimal(kind)
         or types.is_boolean(kind)
     )
+
+
+def _open_scale(field: Any) -> str:
+    """Why the numbers of a field are not known, "" where they are."""
+    names = [key.decode("utf-8", "replace") for key in field.metadata or ()]
+    return open_scale(names) if pa.types.is_integer(field.type) else ""
 
 
 def _unit(field: Any) -> str:

@@ -4,6 +4,7 @@ A format gives a `Reader`. What is wrong with single samples it gives as masks. 
 columns and findings of them, the same way for every format.
 """
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,6 +21,11 @@ from .source import Field, ReadOptions, report
 
 YEAR_1990 = 631_152_000 * 10**9  # a log that starts earlier had no clock [ns]
 MOST_NS = 2**62  # times beyond are no times
+
+# Names of properties that may scale numbers
+_MAY_SCALE = re.compile(
+    r"(?i)^(?!NI_)(?:.*[^a-z])?(scal(e|ing)|slope|gain|factor|sensitivity)(?![a-z])"
+)
 
 MASKS: Mapping[str, Severity] = {  # what a mask over samples says
     "value-missing": "info",
@@ -152,6 +158,12 @@ def nanoseconds(seconds: Floats, start: int) -> tuple[Times, Bools]:
         ticks = np.asarray(seconds, np.float64) * 1e9
         ok = np.abs(ticks) < MOST_NS - abs(start)
     return np.rint(np.where(ok, ticks, 0.0)).astype(np.int64) + start, ok
+
+
+def open_scale(properties: Iterable[str]) -> str:
+    """Why raw numbers with properties of these names are not known, "" where they may be."""
+    name = next(filter(_MAY_SCALE.search, properties), "")
+    return f"property {name!r} may scale its raw numbers" if name else ""
 
 
 class NamedColumn(NamedTuple):

@@ -24,6 +24,7 @@ from .tables import (
     TableSamples,
     fields,
     nanoseconds,
+    open_scale,
     state_fields,
 )
 from .words import numbered
@@ -36,9 +37,6 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of 
 # others are for people; wf_samples counts the samples of one writing.
 _SAYING = re.compile(r"wf_(increment|start|x)|NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
 _SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
-_MAY_SCALE = re.compile(
-    r"(?i)^(?!NI_)(?:.*[^a-z])?(scal(e|ing)|slope|gain|factor|sensitivity)(?![a-z])"
-)
 _X_CHANNEL = ("xchannel", "xrelation")  # properties that name the channel with a channel's time
 _NO_TIME = re.compile(r"(?i)fr[eé]qu|order|ordnung|angle|winkel|dist|weg\b|position|rpm|drehzahl")
 _DEFAULT_INCREMENT = 1.0  # [s]; writers state it where nobody set one
@@ -144,11 +142,11 @@ class Reader:
         times = {name for axis in by_name.values() for name in axis.names}
         usable = [c for c, _ in channels.values() if c.name not in times]
         axis = self._time_channel(group.name, usable, waves)
-        other_channels = [c for c in usable if c.name not in {*by_name, *waves}]
-        other_channels = [c for c in other_channels if _is_number(c) or _is_time(c)]
+        others = [c for c in usable if c.name not in {*by_name, *waves}]
+        other_channels = [c for c in others if _is_number(c) or _is_time(c)]
         if other_channels and axis is None:
             try:
-                axis = self._by_columns(group.name, other_channels)
+                axis = self._by_columns(group.name, others)
             except UserError:
                 if not by_name and not waves:
                     raise
@@ -160,7 +158,7 @@ class Reader:
             own_axis = by_name.get(c.name) or waves.get(c.name) or axis
             if own_axis and _is_number(c) and c.name not in times:
                 self._channels.append((c, own_axis))
-        self._add_words([c for c in usable if _is_text(c)])
+        self._add_words([c for c in usable if _is_text(c) and c.name not in times])
 
     def _add_words(self, texts: Sequence[Any]) -> None:
         """Adds channels of words, each with the time of one of numbers that is as long."""
@@ -252,9 +250,7 @@ class Reader:
         Raises:
             UserError: where no channel is a time.
         """
-        heads = {
-            c.name: _array(c[: time_columns.HEAD]) for c in channels if _is_number(c) or _is_time(c)
-        }
+        heads = {c.name: _array(c[: time_columns.HEAD]) for c in channels if c.dtype is not None}
         units = [_unit(c) for c in channels if c.name in heads]
         rows = max(map(len, channels))
         clock, findings = time_columns.find(
@@ -493,9 +489,8 @@ def _scaling_problem(file: Any, group: Any, channel: Any, states: _States) -> st
         channel[:1]
     except Exception as error:  # whatever the library raises
         return f"scaling {', '.join(types)} lacks {error}"
-    scaling_names = [name for name in channel.properties if _MAY_SCALE.search(name)]
-    if scaling_names and not types and channel.dtype.kind in "iu":
-        return f"property {scaling_names[0]!r} may scale its raw numbers"
+    if channel.dtype.kind in "iu" and not types and (problem := open_scale(channel.properties)):
+        return problem
     if is_known_scaling or not (types or (has_raw_data and channel.dtype.kind in "iu")):
         return ""
     return f"scaling {', '.join(types) or 'of its raw numbers'} is not known"

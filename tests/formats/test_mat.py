@@ -34,6 +34,12 @@ def columns(path: Path, variables: dict[str, Any], **options: Any) -> dict[str, 
         ({"time": T, "p_bar": P, "v_kmh": np.stack([V, V])}, ["p_bar", "v_kmh_1", "v_kmh_2"]),
         ({"time": T[:, None], "gain": np.ones(N + 5), "p_bar": P, "v_kmh": V}, ["p_bar", "v_kmh"]),
         ({"time": T, "p_bar": P.astype(np.float32), "k": np.arange(N)}, ["p_bar", "k"]),
+        ({"Fs": 50.0, "p_bar": P, "v_kmh": V}, ["p_bar", "v_kmh"]),
+        ({"log": {"dt": 0.02, "p_bar": P, "v_kmh": V}}, ["log.p_bar", "log.v_kmh"]),
+        (
+            {"s": {"time": T, "signals": [{"values": P, "label": "p_bar"}, {"values": V}]}},
+            ["s.signals.p_bar", "s.signals.2"],
+        ),
     ],
 )
 @pytest.mark.parametrize("is_packed", [False, True])

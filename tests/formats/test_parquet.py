@@ -229,6 +229,18 @@ def test_names_that_are_pairs_of_texts(tmp_path: Path, unit: str) -> None:
     assert [f.unit for f in source.fields] == [unit, ""]
 
 
+@pytest.mark.parametrize(("key", "is_read"), [("scale_factor", False), ("comment", True)])
+def test_raw_numbers_with_a_scale_are_no_pressure(tmp_path: Path, key: str, is_read: bool) -> None:
+    path = tmp_path / "a.parquet"
+    fields = [pa.field("t [s]", pa.float64()), pa.field("v", pa.float64(), metadata={key: "2"})]
+    fields.append(pa.field("p", pa.int16(), metadata={"unit": "bar", key: "0.01"}))
+    pq.write_table(pa.table([SECONDS, V, np.arange(N)], schema=pa.schema(fields)), path)
+    source = open_source(path, ReadOptions())
+    assert [f.channel for f in source.fields] == (["v", "p"] if is_read else ["v"])
+    reasons = [f.message for f in source.findings if f.code == "channel-not-read"]
+    assert reasons == [] if is_read else f"property {key!r} may scale" in reasons[0]
+
+
 @pytest.mark.parametrize("in_blocks", [False, True])
 def test_tables_of_influxdb(tmp_path: Path, in_blocks: bool) -> None:
     order = "F" if in_blocks else "C"

@@ -56,6 +56,7 @@ def test_time_by_start_and_increment(tmp_path: Path) -> None:
         (np.arange(N) / 50, SECONDS, 0),
         (np.arange(N) * 20, {"unit_string": "ms"}, 0),
         (START + np.arange(N) * np.timedelta64(20, "ms"), {}, NS),
+        (np.datetime_as_string(START + np.arange(N) * np.timedelta64(20, "ms")).tolist(), {}, NS),
     ],
 )
 def test_time_by_a_channel(
