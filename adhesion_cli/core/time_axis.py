@@ -335,7 +335,9 @@ def _without_rounding(report: _Report, value: Floats) -> Times:
     if (np.diff(even_t[is_finite]) <= 0).any():
         return report.t
     _report_spread(report, t, tick, period)
-    return even_t
+    # Rows without a value get the time of the sample before them, else they were out of order.
+    rows = np.where(is_finite, np.arange(len(is_finite)), np.argmax(is_finite))
+    return even_t[np.maximum.accumulate(rows)]
 
 
 def _width(late: Floats, period: float) -> int:

@@ -123,6 +123,18 @@ def test_rounded_stamps_of_a_jittering_cycle_are_put_right(jitter, rounding, los
     np.testing.assert_array_equal(axis.data.value, values)
 
 
+def test_rows_of_another_channel_between_rounded_stamps_are_not_out_of_order() -> None:
+    rng = np.random.default_rng(4)
+    stamps = 5.0 * np.round(2.5 * np.arange(8000) / 5.0)
+    values = np.where(np.arange(8000) % 2, np.sin(stamps / 1000.0), np.nan)
+    values[1::2] += 0.01 * rng.standard_normal(4000)
+    stamps = np.maximum.accumulate(5.0 * np.round(stamps / 5.0 + rng.normal(0.0, 0.3, 8000)))
+    axis = time_axis.clean("x", column(stamps.tolist(), values.tolist()), 0)
+    assert set(codes(axis)) <= {"time-coarse-spread", "not-a-number"}
+    assert codes(axis)["time-coarse-spread"] == 4000
+    assert len(axis.data.t) == 4000
+
+
 def test_rows_of_a_jittering_cycle_that_are_written_twice_are_no_rounding() -> None:
     rng = np.random.default_rng(4)
     stamps = np.round(10.0 * np.arange(1000) + rng.uniform(-3.0, 3.0, 1000))
