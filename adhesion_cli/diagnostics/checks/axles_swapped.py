@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
-from ...core.model import Floats, Quantity
+from ...core.model import Bools, Floats, Quantity
 from ...core.signals import true_runs
 from ...train.grid import Grid
 from ..registry import About
@@ -52,22 +52,45 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     for i in (i for i in indices if slides[i]):
         follows = [_follows(p, g, i, j) for j in indices]
         j = int(np.argmax(follows))
-        if follows[j] > max(p.follows, delayed_correlation[i] / 0.9) and follows[i] < p.own:
+        if (
+            follows[j] > max(p.follows, delayed_correlation[i] / 0.9)
+            and follows[i] < p.own
+            and _in_every_slide(p, g, i, j)
+        ):
             values = {"axle": axles[i].record.axle, "other_axle": axles[j].record.axle}
             mask = g.share[i] < p.share
             yield s.finding("axles-swapped", "warning", axles[i].speed, mask, i, values)
 
 
-def _follows(p: Params, g: Grid, i: int, j: int, shift: int = 0) -> float:
+def _in_every_slide(p: Params, g: Grid, i: int, j: int) -> bool:
+    """Whether axle i follows axle j rather than itself also without any one of its slides.
+
+    In a single slide the valves of another axle may move alike by chance.
+    """
+    slides = g.share[i] < p.share
+    for start, stop in true_runs(slides):
+        others = slides.copy()
+        others[start:stop] = False
+        other = _follows(p, g, i, j, slides=others)
+        if not other > max(p.follows, _follows(p, g, i, i, slides=others)):
+            return False
+    return True
+
+
+def _follows(
+    p: Params, g: Grid, i: int, j: int, shift: int = 0, slides: Bools | None = None
+) -> float:
     """Correlation of the changes of axle i's ω̇ in slides with the pressure of axle j.
 
     0 where there is too little; the shift is a delay of the pressure, in steps of the grid.
+    `slides`, (n,), says which samples count; all slides of axle i without it.
     """
     change, release = _kink(_kink(g.rim[i])), np.full(g.rim.shape, np.nan)
     kinks = -_kink(g.clamping)
     n = len(change)
     release[:, max(-shift, 0) : n - max(shift, 0)] = kinks[:, max(shift, 0) : n - max(-shift, 0)]
-    selected = (g.share[i] < p.share) & np.isfinite(change) & np.isfinite(release).all(axis=0)
+    slides = g.share[i] < p.share if slides is None else slides
+    selected = slides & np.isfinite(change) & np.isfinite(release).all(axis=0)
     x, y = change[selected], release[j][selected]
     if len(x) < p.samples or not np.ptp(x) or np.ptp(y) <= 0.2 * float(np.nanmax(g.clamping)):
         return 0.0
