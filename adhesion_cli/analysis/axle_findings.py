@@ -123,10 +123,8 @@ def _impossible_force(
     record: AxleRecord, vehicle: Vehicle, ref: Reference
 ) -> dict[str, tuple[Severity, Bools]]:
     """Where the force is one that no rail and no brake gives."""
-    force = np.nan_to_num(np.abs(ref.force))
     surely = np.nan_to_num(np.abs(ref.force) - ref.half_width)
-    too_high = physics.coefficient(force, vehicle, record.axle) > 1.0
-    too_high |= physics.coefficient(surely, vehicle, record.axle) > _HIGHEST_COEFFICIENT
+    too_high = physics.coefficient(surely, vehicle, record.axle) > _HIGHEST_COEFFICIENT
     # Without adhesion the wheel slows by aφK, and no rail makes it slow harder.
     K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
     highest_K = float(K.max(initial=0.0))

@@ -61,7 +61,8 @@ def pressed_part(record: AxleRecord, application: slice) -> tuple[slice, bool]:
 def standing(record: AxleRecord) -> Bools:
     """Where the wheel stands, and does not merely pass through zero; shape (n,).
 
-    (1) does not hold there: the brake's friction is unknown, from 0 to φK.
+    (1) does not hold there: the brake's friction is unknown, from 0 to φK. A single reading between
+    two stands is the last tooth of a pole wheel that comes to rest.
     """
     is_slow = np.abs(record.wheel_speed) <= max(
         _CRAWL, record.wheel_speed_step / 2.0, _CUT_OFF_FACTOR * _lowest(record)
@@ -70,7 +71,11 @@ def standing(record: AxleRecord) -> Bools:
     for s in record.segments:
         for start, stop in true_runs(is_slow[s]):
             start, stop = s.start + start, s.start + stop
-            stands[start:stop] = (record.t[stop - 1] - record.t[start]) * 1e-9 >= _STOP
+            is_stop = (record.t[stop - 1] - record.t[start]) * 1e-9 >= _STOP
+            stands[start:stop] = is_stop or stop == s.stop
+        for start, stop in true_runs(~stands[s])[1:]:
+            run = slice(s.start + start, s.start + stop)
+            stands[run] |= run.stop < s.stop and not np.ptp(record.wheel_speed[run])
     return stands
 
 
