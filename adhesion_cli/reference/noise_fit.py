@@ -27,6 +27,10 @@ _FEWEST_SLICES = 40  # that show how much their means vary
 _MEDIAN_SQUARE = 0.4549  # median of the square of a standard normal value
 _JERK = 8.0  # more than the median of any motion [rad/s³]
 _CLEARLY = 1.6  # times white noise; below that its fit still finds the force
+_BLOCK_TIME = 0.5  # of a spectrum [s]
+_FEWEST_BLOCKS = 8  # whose mean is a spectrum
+_VIBRATION = 4.0, 20.0  # band of a wheelset's vibration [Hz]
+_PEAK = 2.5  # times white noise: the highest of ten bins of a mean of eight blocks is 2 by chance
 ValueAndSigma = tuple[Floats, Floats]  # a column and its 1 sigma, shape (n,)
 
 
@@ -148,8 +152,9 @@ def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
     Vibration and run-out move the means of slices of time more than white noise does. A fit of
     white noise then takes them for force. For a smoother slower than a slice, they are white noise
     whose means vary as much. A wheel that is not braked shows them best, for it has no force. Where
-    it is always braked, only means count that move more than the force moves them. The variance is
-    0 where the means do not clearly vary more.
+    it is always braked, only means count that move more than the force moves them. Vibration in a
+    narrow band can leave these means alone: there the peak of the spectrum without brake counts.
+    The variance is 0 where neither is clearly above white noise.
 
     Args:
         run: the readings.
@@ -174,7 +179,30 @@ def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
     variance = bend**2 / _MEDIAN_SQUARE / 6.0  # of a mean
     slow = size * (variance - float(np.mean(steps[samples] ** 2)) / 12.0)
     white = white_noise([(run.t[samples], z[samples])])
-    return slow - white if slow > _CLEARLY * white else 0.0
+    if slow > _CLEARLY * white:
+        return slow - white
+    peak = _spectral_peak(run) - float(np.mean(steps[samples] ** 2)) / 12.0
+    return peak - white if peak > _PEAK * white else 0.0
+
+
+def _spectral_peak(run: smoother.UnbrokenRun) -> float:
+    """Variance of the white noise as strong as the strongest vibration of a wheel without brake.
+
+    The spectrum is that of Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70, of blocks that
+    overlap by a half, each without its straight line. It is 0 where there are too few blocks.
+    """
+    interval = float(np.median(np.diff(run.t)))
+    size = round(_BLOCK_TIME / interval)
+    rests = run.u == 0.0
+    starts = range(0, len(rests) - size + 1, size // 2)
+    blocks = [run.y[i : i + size] for i in starts if rests[i : i + size].all()]
+    if len(blocks) < _FEWEST_BLOCKS:
+        return 0.0
+    y, n, window = np.array(blocks), np.arange(size) - (size - 1) / 2.0, np.hanning(size)
+    y = y - y.mean(axis=1, keepdims=True) - np.outer(y @ n / (n @ n), n)
+    power = np.mean(np.abs(np.fft.rfft(y * window)) ** 2, axis=0) / (window @ window)
+    frequency = np.fft.rfftfreq(size, interval)
+    return float(power[(frequency >= _VIBRATION[0]) & (frequency <= _VIBRATION[1])].max())
 
 
 def seconds_of(run: AxleRecord) -> Floats:
