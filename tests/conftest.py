@@ -40,4 +40,4 @@ def run(tmp_path: Path) -> Run:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest tests begin: at the end one process would wait for the other one."""
-    items.sort(key=lambda item: item.path.parent.name != "wsp")
+    items.sort(key=lambda item: item.path.parent.name not in ("tests", "wsp"))

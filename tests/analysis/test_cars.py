@@ -138,7 +138,7 @@ def test_every_screen_and_file_takes_a_train_of_cars(tmp_path: Path, run: Run) -
     lines = [f"{key} = {toml.value(table)}" for key, table in TRAIN.items()]
     (tmp_path / "train.toml").write_text("\n".join(lines))
     for command in (
-        ["analyze", "train.csv", "-a", "td", "-c", "train.toml"],
+        ["analyze", "train.csv", "-a", "td", "--axle", "2", "--axle", "3", "-c", "train.toml"],
         ["report", "train.adhesion.mcap", "-o", "page.html"],
         ["analyze", "train.adhesion.mcap", "-a", "td", "-o", "again"],
         ["calibrate", "train.csv", "-c", "train.toml", "-o", "calibrated.toml"],

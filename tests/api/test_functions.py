@@ -71,10 +71,10 @@ def test_the_figures_and_the_record_are_those_of_the_command(
     tmp_path: Path, printed: Document, name: str
 ) -> None:
     chosen = ["-a", "neso", "-a", "td", "--set", "vehicle.phi=0.28", "--reference", "butterworth"]
-    document = printed("analyze", LOGS / name, *chosen, "--from", 1, "--to", 20)
+    document = printed("analyze", LOGS / name, *chosen, "--axle", 1, "--from", 1, "--to", 20)
     run = adhesion.analyze(
         LOGS / name, algos=["neso", "td"], vehicle={"phi": 0.28}, reference="butterworth",
-        from_s=1, to_s=20,
+        axles=1, from_s=1, to_s=20,
     )  # fmt: skip
     assert without_outputs(run.document) == without_outputs(document)
     files = run.write(tmp_path / "api")

@@ -18,10 +18,11 @@ METRES_PER_DEGREE = 111_195.0
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The sample with its places: from km 7 to the north."""
+    """Every tenth row of the sample with its places: from km 7 to the north."""
     path = tmp_path_factory.mktemp("places") / "line.csv"
     with SAMPLE.open(encoding="utf-8") as file:
         head, *rows = csv.reader(file)
+    rows = rows[::10]  # those that have all values
     train = next(i for i, name in enumerate(head) if "train" in name.lower())
     factor = 1.0 / 3.6 if "km/h" in head[train] else 1.0
     metres, speed, previous = 0.0, 0.0, float(rows[0][0])
@@ -41,7 +42,19 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_analyze_says_when_and_where(run: Run, log: Path, tmp_path: Path) -> None:
     map_, table = "map.geojson", "out.parquet"
-    options = ["-a", "td", "--json", "--geojson", map_, "--table", table]
+    options = [
+        "-a",
+        "td",
+        "--axle",
+        "1",
+        "--axle",
+        "3",
+        "--json",
+        "--geojson",
+        map_,
+        "--table",
+        table,
+    ]
     shown = run("analyze", str(log), *options)
     assert shown.returncode in (0, 3), shown.stdout
     (result,) = json.loads(shown.stdout)["results"]
@@ -98,7 +111,8 @@ def test_a_map_needs_coordinates(run: Run, tmp_path: Path) -> None:
 def test_of_several_logs_the_map_has_those_with_coordinates(
     run: Run, log: Path, tmp_path: Path
 ) -> None:
-    done = run("stops", str(log), str(SAMPLE), "--geojson", "map.geojson")
+    bare = SAMPLE.with_name("service-brake.csv")
+    done = run("stops", str(log), str(bare), "--geojson", "map.geojson")
     assert done.returncode in (0, 3), done.stderr
     features = json.loads((tmp_path / "map.geojson").read_text("utf-8"))["features"]
     assert {f["properties"]["log"] for f in features} == {log.name}
@@ -121,10 +135,10 @@ def test_the_map_of_a_series_has_the_groups_of_its_plan(
 
 def test_inspect_names_places_that_jump(run: Run, log: Path, tmp_path: Path) -> None:
     head, *rows = log.read_text("utf-8").splitlines()
-    later = [row.replace(",7.", ",97.") for row in rows[1000:]]
+    later = [row.replace(",7.", ",97.") for row in rows[100:]]
     jumped = tmp_path / "jumped.csv"
-    jumped.write_text("\n".join([head, *rows[:1000], *later]) + "\n", encoding="utf-8")
+    jumped.write_text("\n".join([head, *rows[:100], *later]) + "\n", encoding="utf-8")
     (inspected,) = json.loads(run("inspect", str(jumped), "--json").stdout)["logs"]
     jump = next(f for f in inspected["findings"] if f["code"] == "position-jumps")
     assert jump["channel"] == "position [km]"
-    assert jump["values"]["largest_m"] == pytest.approx(90_000.0, abs=1.0)
+    assert jump["values"]["largest_m"] == pytest.approx(90_000.0, abs=5.0)

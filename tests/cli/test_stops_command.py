@@ -99,9 +99,10 @@ def test_a_stop_with_slides_has_a_sentence(run: Run) -> None:
     assert "slide" not in run("stops", str(SAMPLES / "service-brake.csv")).stdout
 
 
-def test_analyze_has_the_same_stops(run: Run) -> None:
-    (stop,) = json.loads(run("stops", str(STOPPED), "--json").stdout)["stops"]
-    (result,) = json.loads(run("analyze", str(STOPPED), "--json", "-a", "td").stdout)["results"]
+def test_analyze_has_the_same_stops(run: Run, plan: Path) -> None:
+    log = str(plan.with_name("one.csv"))
+    (stop,) = json.loads(run("stops", log, "--json").stdout)["stops"]
+    (result,) = json.loads(run("analyze", log, "--json", "-a", "td").stdout)["results"]
     (own,) = result["stops"]
     assert {k: stop[k] for k in own} == own
     assert stop["group"] == f"{own['nominal_speed_kmh']:g} km/h"

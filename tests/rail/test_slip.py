@@ -590,7 +590,8 @@ def test_slope_settings_are_checked() -> None:
     assert settings.load().over(settings.tree(stated, [])).slope.rho == 5.0
 
 
-def test_the_command(tmp_path: Path) -> None:
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fit, "DRAWS", 50)
     log = write(tmp_path / "stop.csv", recordings("low-adhesion"))
 
     run = functools.partial(in_process, tmp_path, "slip")

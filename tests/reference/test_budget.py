@@ -54,7 +54,7 @@ def test_first_order_is_what_drawn_vehicles_give(result: Result, of_rim: bool) -
     acceleration = w.a * (ref.force[at] - w.phi * record.clamping_force_smooth[at])
     rng = np.random.default_rng(1)
     means = []
-    for _ in range(2000):
+    for _ in range(1000):
         other = drawn(vehicle, rng)
         K = physics.clamping_force(record.pressure[at] - rng.normal(*zero), other)
         R = other.radius(1).value
