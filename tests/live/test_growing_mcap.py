@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.live_runs import LOGS, followed, running
@@ -111,16 +112,25 @@ def test_a_log_that_grows_gives_what_a_whole_one_gives(
         assert forces(open_feed(str(log), SETTINGS.read)) == whole()
 
 
-def test_a_channel_that_begins_later_is_taken_in(tmp_path: Path) -> None:
+def test_a_channel_that_begins_later_is_taken_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Axle 4 begins to send after 5 s: so do its channels in the file."""
     log, all_axles = tmp_path / "growing.mcap", whole()[0]
     begin = all_axles[1][0][0] + 5_000_000_000
     data = written(True, late="4", begin=begin)
     log.write_bytes(data[: len(data) // 16])
-    feed = open_feed(str(log), SETTINGS.read)
+    feed, begun = open_feed(str(log), SETTINGS.read), threading.Event()
+    read = feed.rows
+
+    def rows(*of: Any) -> Any:
+        begun.set()
+        return read(*of)
+
+    monkeypatch.setattr(feed, "rows", rows)
 
     def append() -> None:
-        time.sleep(2.5)
+        begun.wait(60.0)
         with log.open("ab") as file:
             file.write(data[len(data) // 16 :])
 

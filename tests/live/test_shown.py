@@ -29,7 +29,7 @@ pty = pytest.importorskip("pty", reason=NO_TERMINAL)
 termios = pytest.importorskip("termios", reason=NO_TERMINAL)
 
 # So long without a sample is silence.
-SOON = "from adhesion_cli.live import shown; shown._SILENCE = 1.5"
+SOON = "from adhesion_cli.live import shown; shown._SILENCE = 1.0"
 
 
 def shown_on_a_terminal(folder: Path, columns: int, text: Sequence[str]) -> tuple[list[str], str]:
@@ -107,7 +107,7 @@ def test_that_no_sample_comes_is_said_once(tmp_path: Path) -> None:
         said, lines = [process.stderr.readline()], list[dict[str, Any]]()
         reading = threading.Thread(target=read_all, args=(process, lines))
         reading.start()
-        for pause, begin in ((3.0, 0), (0.5, 300)):
+        for pause, begin in ((2.0, 0), (0.5, 300)):
             for k in range(begin, begin + 300):
                 sender.sendto(message(0.01 * k, 1, 80.0).encode(), ("127.0.0.1", port))
                 time.sleep(0.001)
