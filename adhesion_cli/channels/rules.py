@@ -343,7 +343,7 @@ def _ed_brake(kinds: Mapping[str, str]) -> str:
 
 def _valve(kinds: Mapping[str, str], state: str) -> str:
     """The word that calls this a WSP valve of that state, "" where none does."""
-    return _both(kinds, state, "valve")
+    return _both(kinds, state, "valve") or _both(kinds, state, "WSP")
 
 
 # Kinds that no single word decides.

@@ -312,6 +312,7 @@ def test_short_names_of_train_computers(name: str, meaning: str | None) -> None:
         ("BRAKEDEMAND_STEP1", "brake_command", None), ("brake demand [%]", "brake_command", None),
         ("WSP_Y_VV1_POP2", "vent_valve", 1), ("hold valve axle 3", "hold_valve", 3),
         ("防滑动作 1轴", "wsp_active", 1), ("WSP active", "wsp_active", None),
+        ("Gleitschutz Entlüften Achse 2", "vent_valve", 2), ("WSP hold axle 3", "hold_valve", 3),
         ("emergency brake", "emergency", None), ("Schnellbremsung", "emergency", None),
         ("Hauptbehälterleitung [bar]", RESERVOIR, None), ("总风压力(kPa)", RESERVOIR, None),
         ("BP [bar]", PIPE, None), ("Luftfederdruck [bar]", "load_pressure", None),
