@@ -150,5 +150,9 @@ def _standstill(speed: TimeSeries, slow: float) -> Parameter:
         return usual
     residual = v - slope * (t - slow) - level
     sigma = math.sqrt(float(np.sum(residual**2)) / max(len(t) - 2, 1)) / -slope
-    stop = float(np.clip(slow - level / slope, slow - STEP, slow + 1.0))
+    ending = speed.cut(slow - _STOPPING_TIME, slow + 1.0)
+    moving = np.flatnonzero(ending.value > 0.0)
+    # A train that slows harder in the last metre reads zero before the line does.
+    latest = float(ending.t[moving[-1]] - ending.value[moving[-1]] / slope) + 2.0 * sigma
+    stop = float(np.clip(slow - level / slope, slow - STEP, min(slow + 1.0, latest)))
     return Parameter(stop, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0)))

@@ -129,6 +129,16 @@ def test_of_the_brake_pipes_of_cars_the_first_to_fall_is_the_command() -> None:
     assert stop.start_s == pytest.approx(ON + 0.1, abs=0.03)
 
 
+def test_a_train_that_slows_harder_at_the_end_stands_when_its_speed_says_so() -> None:
+    x, _ = signals(a=0.3, rate=100.0)
+    t = x.speed.t
+    still = float(t[np.argmax(x.speed.value <= 0.0)])
+    harder = np.maximum(1.125 * (still - 1.1 - t), 0.0)  # as with locked wheels
+    v = np.where(t < still - 1.5, x.speed.value, np.minimum(x.speed.value, harder))
+    (braking,) = find_brakings(x._replace(speed=TimeSeries(t, v)))
+    assert braking.stop == pytest.approx(float(t[np.argmax(v <= 0.0)]), abs=0.3)
+
+
 def test_speed_alone_has_distance_and_deceleration() -> None:
     x, distance = signals(command=False)
     (stop,) = measured(x._replace(brakes={}, rims={}))
