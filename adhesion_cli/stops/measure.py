@@ -85,7 +85,8 @@ def measure_stop(
     )
     delay, equivalent = response.delay.value, math.nan if hidden else response.equivalent.value
     gradient = to_level.gradient.value
-    values = _Values(v0, distance, braking.stop - command, delay, equivalent, gradient)
+    duration = braking.stop + locked - command
+    values = _Values(v0, distance, duration, delay, equivalent, gradient)
     interval = float(np.median(np.diff(signals.speed.t)))
     standstill = math.hypot(braking.stop_sigma, locked)
     build_up = response.delay.tolerance, response.equivalent.tolerance

@@ -42,9 +42,10 @@ def smoothed_speed(speed: TimeSeries, command: float, stop: float) -> tuple[Floa
 
 
 def locked_time(speed: TimeSeries, t: Floats, v: Floats) -> float:
-    """How long all wheels may be locked before the train stands [s].
+    """How long the train moves on when all wheels read zero, and 1 sigma of that [s].
 
-    They then fall to zero from a speed from which no train stops at once.
+    They are locked, or their sensors end: they fall to zero from a speed from which no train stops
+    at once. It then slows as before; that speed may be too low, as of wheels that slide.
     """
     final = speed.cut(t[-1] - 2.0 * _FALL, t[-1] - _FALL).value
     earlier_speed = float(np.nanmax(final, initial=0.0))

@@ -139,6 +139,17 @@ def test_a_train_that_slows_harder_at_the_end_stands_when_its_speed_says_so() ->
     assert braking.stop == pytest.approx(float(t[np.argmax(v <= 0.0)]), abs=0.3)
 
 
+def test_a_train_moves_on_where_all_its_wheels_lock_at_the_end() -> None:
+    x, _ = signals(a=0.6, rate=100.0)
+    t, v = x.speed.t, x.speed.value
+    true_stop = float(t[np.argmax(v <= 0.0)])
+    rim = TimeSeries(t, np.where(v > 1.8, 0.9 * v, 0.0))  # 3 s before standstill
+    (stop,) = measured(x._replace(speed=rim, speed_from="axles", rims={1: rim}))
+    assert stop.duration_s is not None
+    assert stop.duration_s.value == pytest.approx(true_stop - ON, abs=0.8)
+    assert abs(stop.duration_s.value - (true_stop - ON)) < stop.duration_s.u95
+
+
 def test_speed_alone_has_distance_and_deceleration() -> None:
     x, distance = signals(command=False)
     (stop,) = measured(x._replace(brakes={}, rims={}))
