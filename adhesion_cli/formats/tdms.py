@@ -55,12 +55,6 @@ class _Wave(NamedTuple):
         return self.offset + (rows - self.row) * self.increment
 
 
-class _Waves(NamedTuple):
-    """Time of a channel by properties: pieces that were recorded one after the other."""
-
-    pieces: tuple[_Wave, ...]
-
-
 class _Columns(NamedTuple):
     """Time of a group by its time channels."""
 
@@ -69,6 +63,7 @@ class _Columns(NamedTuple):
     names: tuple[str, ...]
 
 
+_Waves = tuple[_Wave, ...]  # pieces that were recorded one after the other
 _Axis = _Waves | _Columns
 _Properties = dict[str, Any]  # of a channel, a group or the file, by name
 _States = list[tuple[int, _Properties]]  # properties, and the sample from which on they hold
@@ -83,8 +78,7 @@ class Reader:
         self._channels: list[tuple[Any, _Axis]] = []
         self._words: dict[tuple[Any, _Axis], tuple[str, ...]] = {}  # of channels of words
         self._texts: list[str] = []
-        findings: list[Finding] = []
-        self._findings = findings
+        findings = self._findings = list[Finding]()
         refused: dict[str, UserError] = {}  # by group
         for group in self._file.groups():
             try:
@@ -97,8 +91,7 @@ class Reader:
         starts = {self._start(axis) for _, axis in self._channels}
         start = min((s for s in starts if s >= YEAR_1990), default=0)
         if start and min(starts) < YEAR_1990:  # the two cannot be compared
-            skipped_groups = {c.group_name for c, axis in self._channels if not self._start(axis)}
-            timeless += sorted(skipped_groups)
+            timeless += sorted({c.group_name for c, x in self._channels if not self._start(x)})
             self._channels = [pair for pair in self._channels if self._start(pair[1])]
             self._words = {pair: x for pair, x in self._words.items() if self._start(pair[1])}
         if timeless:
@@ -218,7 +211,7 @@ class Reader:
         has_stated_name = stated_channel in {c.name for c in channels}
         if not waves or (stated_channel and not has_stated_name):
             return None
-        by_default = any(w.pieces[-1].increment == _DEFAULT_INCREMENT for w in waves.values())
+        by_default = any(w[-1].increment == _DEFAULT_INCREMENT for w in waves.values())
         names = [c for c in channels if _may_be_time(c, by_default)]
         if not names and not has_stated_name:
             return None
@@ -231,7 +224,7 @@ class Reader:
         steps = np.diff(self._by_clock(axis)[0]) / 1e9
         step = float(np.median(steps)) if len(steps) else 0.0
         for name, wave in list(waves.items()):
-            increment = wave.pieces[-1].increment
+            increment = wave[-1].increment
             if not has_stated_name and abs(step - increment) < 0.01 * increment:
                 continue
             if not has_stated_name and increment != _DEFAULT_INCREMENT:
@@ -268,8 +261,8 @@ class Reader:
 
     def _start(self, axis: _Axis) -> int:
         """Where an axis begins since 1970 [ns]; 0 where it counts from an unknown start."""
-        if isinstance(axis, _Waves):
-            return axis.pieces[0].start
+        if not isinstance(axis, _Columns):
+            return axis[0].start
         head, _ = self._by_clock(axis, 1)
         return int(head[0]) if axis.clock.absolute and len(head) else 0
 
@@ -284,11 +277,8 @@ class Reader:
         end_row = segments[-1].next_segment_pos if segments else 0
         if self._file.file_status.incomplete_final_segment:
             return "the last segment is not complete"
-        return (
-            f"byte {end_row}: no segment begins there"
-            if end_row < self._path.stat().st_size
-            else ""
-        )
+        is_short = end_row < self._path.stat().st_size
+        return f"byte {end_row}: no segment begins there" if is_short else ""
 
     def _count_rows(self) -> int:
         """Samples of the longest channel of each group and time, in all."""
@@ -301,7 +291,8 @@ class Reader:
     def _reason(self, start: int) -> str:
         """Which time was taken, for people."""
         axes = dict.fromkeys(axis for _, axis in self._channels)
-        by_columns = [_reason(axis.clock) for axis in axes if isinstance(axis, _Columns)]
+        reasons = (axis.clock.reason for axis in axes if isinstance(axis, _Columns))
+        by_columns = [x.replace("(units row)", "(channel's unit)") for x in reasons]
         waves = "start and increment of each channel" + (" (UTC)" if start else "; no start stated")
         descriptions = [waves] * (len(by_columns) < len(axes)) + by_columns
         return "; ".join(dict.fromkeys(descriptions))
@@ -337,13 +328,12 @@ class Reader:
         """Times [ns] of a channel of n samples, and which of them hold."""
         if isinstance(axis, _Columns):
             return self._by_clock(axis)
-        times_by_wave = []
-        for wave, end_row in zip(axis.pieces, [*(w.row for w in axis.pieces[1:]), n], strict=True):
+        pieces = []
+        for wave, end_row in zip(axis, [*(w.row for w in axis[1:]), n], strict=True):
             rows = np.arange(wave.row, max(min(end_row, n), wave.row), dtype=np.float64)
-            times_by_wave.append(nanoseconds(wave.time(rows), wave.start))
-        return np.concatenate([t for t, _ in times_by_wave]), np.concatenate(
-            [ok for _, ok in times_by_wave]
-        )
+            pieces.append(nanoseconds(wave.time(rows), wave.start))
+        t, ok = map(np.concatenate, zip(*pieces, strict=True))
+        return t, ok
 
 
 _Changes = list[tuple[dict[str, int], dict[str, _Properties]]]
@@ -386,12 +376,8 @@ def _is_saying(key: str) -> bool:
     return is_rate or key in _X_CHANNEL or _SAYING.match(key) is not None
 
 
-def _reason(clock: Clock) -> str:
-    return clock.reason.replace("(units row)", "(channel's unit)")
-
-
-def _waves(states: _States) -> _Waves | None:
-    """The time that properties state, None where they state none.
+def _waves(states: _States) -> _Waves:
+    """The time that properties state, no piece where they state none.
 
     A piece that begins where the one before ends, to half a sample, is no piece of its own.
     """
@@ -411,7 +397,7 @@ def _waves(states: _States) -> _Waves | None:
             if abs(time_shift) < wave.increment / 2.0:
                 continue
         pieces.append(wave)
-    return _Waves(tuple(pieces)) if pieces else None
+    return tuple(pieces)
 
 
 def _wave(properties: _Properties) -> _Wave | None:
