@@ -397,15 +397,14 @@ def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
 def from_digits(t: Times) -> Times | None:
     """The times [ns] of a clock whose digits, HHMMSS, are read as seconds; None where they are not.
 
-    They are where 59.98 is followed by 100.00, and no second and no minute is above 59. Digits
-    without hours, MMSS, begin anew behind 5959.98.
+    They are where 59.98 is followed by 100.00, and no second and no minute is above 59. They
+    begin anew behind 235959.98, and without hours, as MMSS, behind 5959.98.
 
     >>> from_digits(np.array([5_958, 5_959, 10_000, 10_001]) * 10**9) // 10**9
     array([3598, 3599, 3600, 3601])
     """
-    falls = np.diff(t, prepend=t[:1]) < -5_900 * 10**9
-    if falls.any() and t.max() < 6_000 * 10**9:
-        t = t + np.cumsum(falls) * (10_000 * 10**9)
+    end, turn = (6_000, 10_000) if t.max(initial=0) < 6_000 * 10**9 else (236_000, 240_000)
+    t = t + np.cumsum(np.diff(t, prepend=t[:1]) < -(end - 100) * 10**9) * (turn * 10**9)
     minutes, ns = np.divmod(t, 100 * 10**9)
     if not len(t) or t.min() < 0 or ns.max() >= 60 * 10**9 or (minutes % 100).max() >= 60:
         return None

@@ -168,8 +168,8 @@ def groups(rng: random.Random) -> Iterator[WildLog]:
 def minus(rng: random.Random) -> Iterator[WildLog]:
     """Times before the trigger with the minus of typesetting."""
     for decimal in (".", ",", ".", ",", "."):
-        before = rng.randrange(1, 9)
-        times = [f"{x - before:.3f}".replace("-", "\u2212").replace(".", decimal) for x in T]
+        before, sign = rng.randrange(1, 9), rng.choice("\u2212\u2011\u2012\uff0d")
+        times = [f"{x - before:.3f}".replace("-", sign).replace(".", decimal) for x in T]
         values = [[f"{x:.2f}".replace(".", decimal) for x in y] for y in (P, V)]
         yield WildLog("log.csv", table([["time [s]", *NAMES]], [times, *values], ";"))
 
@@ -470,7 +470,8 @@ def texts(rng: random.Random) -> Iterator[WildLog]:
     for mark, end, count in (("'", "", 3), ('="', '"', 3), ("'", "", 1), ("", "", 0)):
         marked = [[f"{mark}{x}{end}" for x in y] for y in cells[:count]] + cells[count:]
         empty = (2 * delimiter + "\n").encode() * rng.randrange(1, 5)
-        yield WildLog("log.csv", table(heads, marked, delimiter) + empty)
+        end_mark = f"Ende{2 * delimiter}\n".encode()
+        yield WildLog("log.csv", table(heads, marked, delimiter) + empty + end_mark)
 
 
 def day_clocks(rng: random.Random) -> Iterator[WildLog]:
@@ -489,12 +490,15 @@ def day_clocks(rng: random.Random) -> Iterator[WildLog]:
 
 
 def bare_minutes(rng: random.Random) -> Iterator[WildLog]:
-    """Digits MMSS, which begin anew with the hour."""
-    begin = 3_600.0 - rng.randrange(5, 25)
-    for seconds in (begin + T, begin - 45.0 + T):
-        whole = np.rint(seconds * 1000).astype(int) % 3_600_000
-        digits = [f"{ms // 60_000:02}{ms // 1000 % 60:02}.{ms % 1000:03}" for ms in whole.tolist()]
-        yield WildLog("log.csv", timed("Time", digits))
+    """Digits MMSS, which begin anew with the hour, and HHMMSS, which do with the day."""
+    for hours, name in ((1, "Time"), (1, "time"), (24, "UTC"), (24, "time")):
+        begin = 3_600.0 * hours - rng.randrange(5, 25) - 45.0 * (name == "time")
+        clock = np.rint((begin + T) * 1000).astype(int) % (3_600_000 * hours)
+        digits = [
+            f"{ms // 3_600_000:02}{ms // 60_000 % 60:02}{ms // 1000 % 60:02}.{ms % 1000:03}"
+            for ms in clock.tolist()
+        ]
+        yield WildLog("log.csv", timed(name, [x[2 * (hours == 1) :] for x in digits]))
 
 
 def waveforms(rng: random.Random) -> Iterator[WildLog]:

@@ -201,7 +201,8 @@ class Parser:
             hint = "split the log there, and read each part by itself"
             text = f"{self.table.path}: line {line} is a header of other columns or units"
             raise UserError(text, hint)
-        is_remark = len(cells) == 1 and _TEXT.fullmatch(text)
+        said = [cell for cell in cells if cell]
+        is_remark = len(said) == 1 and cells[0] and _TEXT.fullmatch(said[0])
         return "comment" if is_remark and dialect.rows[0][0][:1].isdecimal() else fault
 
 

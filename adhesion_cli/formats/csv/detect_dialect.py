@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 from ...core.errors import UserError
@@ -40,6 +41,7 @@ from .stamps import is_stamp
 _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
 _MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
+_GROUPED_BY_POINT = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
 
@@ -264,20 +266,21 @@ def _decimal(
             raise UserError(text, "state it, as `--set csv.decimal=comma`", code=2)
         return options.decimal, f"{options.decimal!r} (stated)"
     commas = 0  # columns with decimal commas, less those with decimal points
-    example = ""
+    example, doubtful = "", list[str]()
     for i in range(width):
         cells = [c for row in rows if is_number(c := row[i])]
         if group_mark(cells):
             continue
         comma, dot = ([c for c in cells if m in c] for m in ",.")
+        dot = [c for c in dot if not _GROUPED_BY_POINT.fullmatch(c)]  # which no decimals are
         if comma or dot:
             commas += 1 if len(comma) > len(dot) else -1
-        example = example or (comma[0] if comma else "")
+        example, doubtful = example or "".join(comma[:1]), doubtful or (comma and cells)
     if commas <= 0:
         return ".", "'.' (no decimal comma in most columns)"
     if not _proves_decimal(rows, width, ","):
-        hint = "state it, as `--set csv.decimal=comma` (or point)"
-        raise UserError(f"{path}: {example!r} may be a decimal comma or grouped thousands", hint)
+        text = f"{path}: {example!r} may be a decimal comma or grouped thousands"
+        raise UserError(text, _likelier(doubtful, ","))
     return ",", f"',' (as in {example!r})"
 
 
@@ -297,8 +300,21 @@ def _refuse_grouped(
         integers = [c for c in cells if c.isdigit()]
         if len(dotted) > 1 and integers and all(len(c) <= 3 for c in integers):
             text = f"{path}: column {name!r}: {dotted[0]!r} and {integers[0]!r} may be grouped "
-            hint = "if it is a decimal point, state it, as `--set csv.decimal=point`"
-            raise UserError(text + "thousands or a decimal point", hint)
+            raise UserError(text + "thousands or a decimal point", _likelier(cells, "."))
+
+
+def _likelier(cells: list[str], mark: str) -> str:
+    """How to state the decimal mark: this one, or the other where groups make smaller jumps."""
+
+    def largest_jump(grouped: bool) -> float:
+        values = [float(c.replace(mark, "" if grouped else ".")) for c in cells if is_plain(c)]
+        jumps = [abs(b - a) for a, b in pairwise(values)]
+        return max(jumps, default=0.0) / ((max(values) - min(values)) or 1.0)
+
+    is_plain = number_grammar(mark).fullmatch
+    words = ["comma", "point"] if mark == "," else ["point", "comma"]
+    likely, other = words[:: -1 if largest_jump(True) < largest_jump(False) else 1]
+    return f"state it, as `--set csv.decimal={likely}` (or {other})"
 
 
 def _proves_decimal(rows: list[list[str]], width: int, mark: str) -> bool:

@@ -111,7 +111,9 @@ _WITH_UNIT = re.compile(r"([+-]?[0-9.,][0-9.,' ]*?)\s*([^\W\d_]\S*|[%‰°]\S*)"
 TEXT_MARK = re.compile(r"""^(?:'|=")([-+.,0-9][^"]*)"?$""")  # what makes a cell a text, in Excel
 _GAP = re.compile("(?<=[0-9])[\u00a0\u202f\u2007\u2009\u2019](?=[0-9]{3}(?![0-9]))")
 _DASH = re.compile('(?<![^;,|\\s"])\u2013(?=[0-9])')  # in place of a minus
-_PLAIN = str.maketrans("\u2212\u00a0\u202f\u2007\u2009\uff1a", "-    :", "\ufeff")
+_PLAIN = str.maketrans(
+    "\u2212\u2011\u2012\uff0d\u00a0\u202f\u2007\u2009\uff1a", "----    :", "\ufeff"
+)
 
 
 def plain(text: str) -> str:

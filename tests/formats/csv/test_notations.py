@@ -1,5 +1,6 @@
 """Numbers and times as people's logs write them: each kind in seeded variants."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,36 @@ def test_no_hint_states_a_column_that_cannot_be_read(tmp_path: Path, cell: str) 
     with pytest.raises(UserError) as error:
         open_csv(path, ReadOptions())
     assert not pasted(error.value.hint)
+
+
+def test_decimal_commas_of_one_column_prove_the_points_of_others_to_be_marks(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "log.csv"
+    grouped = [f"{20 * k:,}".replace(",", ".") for k in range(99)]
+    rows = "".join(f"{x};{x};{k},25\n" for k, x in enumerate(grouped))
+    path.write_text("t [ms];p [mbar];v [km/h]\n" + rows)
+    source = open_csv(path, ReadOptions())
+    pressure, speed = source.columns(source.fields)
+    assert (pressure.value == 20 * np.arange(99)).all()
+    assert (speed.value == np.arange(99) + 0.25).all()
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+@pytest.mark.parametrize("is_grouped", [False, True])
+def test_the_hint_states_the_mark_that_makes_the_numbers_run_smoothly(
+    tmp_path: Path, mark: str, is_grouped: bool
+) -> None:
+    path = tmp_path / "log.csv"
+    values = 20 * np.arange(99)[::-1] if is_grouped else 100 + np.arange(99) * 1.003
+    cells = [f"{x:,}" if is_grouped else f"{x:.3f}".removesuffix(".000") for x in values]
+    rows = "".join(f"{k}\t{re.sub('[.,]', mark, x)}\n" for k, x in enumerate(cells))
+    path.write_text("t [s]\tp [mbar]\n" + rows)
+    with pytest.raises(UserError, match="grouped thousands") as error:
+        open_csv(path, ReadOptions())
+    stated = settings.load(assignments=pasted(error.value.hint), folder=False).read
+    (column,) = (source := open_csv(path, stated)).columns(source.fields)
+    assert np.allclose(column.value, values)
 
 
 def test_a_column_that_may_be_grouped_or_not_is_left_out_and_named(tmp_path: Path) -> None:
