@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Parameter
-from ..core.physics import BAR, G
+from ..core.physics import BAR, SLOW, G
 from ..core.summary import Measured, StopContribution, StopSummary
 from .axle_stops import axle_stops, on_time
 from .command import find_command
@@ -78,7 +78,9 @@ def measure_stop(
     v0 = float(np.interp(command, t, v))
     is_braking = t >= command - 1e-9
     distance = float(np.trapezoid(v[is_braking], t[is_braking]))
-    jerk = None if hidden else largest_jerk(t[is_braking], v[is_braking], noise)
+    jerk = None
+    if not hidden and not _is_coarse(signals, command, braking.stop):
+        jerk = largest_jerk(t[is_braking], v[is_braking], noise)
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
@@ -123,6 +125,15 @@ def measure_stop(
         budget=figures.budget(),
         speed=(t[is_braking] - command, v[is_braking]),
     )
+
+
+def _is_coarse(signals: StopSignals, start: float, stop: float) -> bool:
+    """Whether a train that moves has a slow speed without the shape of its wheels anywhere."""
+    if signals.is_coarse is None:
+        return False
+    t, v = signals.speed
+    moves = (t >= start) & (t <= stop) & (v > SLOW)
+    return bool(signals.is_coarse[moves].any())
 
 
 def _drop(reservoir: TimeSeries | None, start: float, stop: float) -> float | None:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..core.model import AxleRecord, Channel, Floats, Log, Meaning, Vehicle
+from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
 from ..core.signals import in_order, median_of_five
 
 SpeedSource = Literal["train", "axles"]
@@ -54,6 +54,7 @@ class StopSignals(NamedTuple):
     sanding: TimeSeries | None = None  # 0 or 1
     reservoir: TimeSeries | None = None  # pressure [Pa]
     by_pressure: bool = True  # whether `brakes` are pressures
+    is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
 
 
 def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> StopSignals:
@@ -79,18 +80,20 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     else:
         train = _fastest(rims, rims[base.axle].t)
     brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
+    is_coarse: Bools | None = None
     if measured:
         delay, interval = base.train_speed_late, base.train_speed_interval
         scale = UNKNOWN_SCALE
         delay_sigma = _unknown_delay(interval) if delay is None else delay.tolerance
         if interval > _FAST:
-            train = _shaped(train, rims, interval)
+            train, is_coarse = _shaped(train, rims, interval)
     else:
         radius = vehicle.radius(base.axle)
         scale, delay_sigma = radius.tolerance / radius.value, 0.0
     source: SpeedSource = "train" if measured else "axles"
     signals = StopSignals(train, source, scale, delay_sigma, rims, brakes, _commands(log))
-    signals = signals._replace(by_pressure=not any(_by_force(r) for r in records))
+    by_pressure = not any(_by_force(r) for r in records)
+    signals = signals._replace(by_pressure=by_pressure, is_coarse=is_coarse)
     return _with_states(signals, log)
 
 
@@ -211,12 +214,14 @@ def _as_train(rim: TimeSeries, train: TimeSeries) -> TimeSeries:
     return TimeSeries(rim.t, rim.value * float(np.median(ratio[rolls]))) if rolls.any() else rim
 
 
-def _shaped(train: TimeSeries, rims: Mapping[int, TimeSeries], interval: float) -> TimeSeries:
-    """A slow train speed with the shape of the fastest wheel between its samples.
+def _shaped(
+    train: TimeSeries, rims: Mapping[int, TimeSeries], interval: float
+) -> tuple[TimeSeries, Bools]:
+    """A slow train speed with the shape of the fastest wheel, and where it has none, (n,).
 
     The wheels are quick and creep; the train speed is slow and does not. The sum of the wheels'
-    speed and of the averaged difference has neither fault. Where all wheels slide, the train speed
-    is taken as it is.
+    speed and of the averaged difference has neither fault. Where all wheels slide, and as long
+    around as the average is, the train speed is taken as it is.
     """
     fastest = _fastest(rims, train.t).value
     difference = train.value - fastest
@@ -227,8 +232,10 @@ def _shaped(train: TimeSeries, rims: Mapping[int, TimeSeries], interval: float) 
     first_index = np.searchsorted(train.t, train.t - half_window)
     stop = np.searchsorted(train.t, train.t + half_window, side="right")
     total, count = (np.append(0.0, np.cumsum(x)) for x in (rolling_difference, rolls))
-    mean = (total[stop] - total[first_index]) / np.maximum(count[stop] - count[first_index], 1)
-    return TimeSeries(train.t, np.where(rolls, fastest + mean, train.value))
+    rolling, all_samples = count[stop] - count[first_index], stop - first_index
+    mean = (total[stop] - total[first_index]) / np.maximum(rolling, 1)
+    is_coarse: Bools = rolling < all_samples
+    return TimeSeries(train.t, np.where(is_coarse, train.value, fastest + mean)), is_coarse
 
 
 def _fastest(rims: Mapping[int, TimeSeries], t: Floats) -> TimeSeries:

@@ -12,6 +12,7 @@ from scipy.signal import savgol_filter
 
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
 from adhesion_cli.core.physics import G
+from adhesion_cli.core.signals import true_runs
 from adhesion_cli.core.summary import StopSummary
 from adhesion_cli.stops.command import find_command
 from adhesion_cli.stops.find import Braking, find_brakings
@@ -352,3 +353,33 @@ def test_a_slow_train_speed_beside_wheels_may_be_late_unless_they_show_it(
     made = result(1, 2000)
     record = replace(made.axles[0].record, train_speed_interval=1.0, train_speed_late=delay)
     assert of_records([record], made.log, made.vehicle).delay_sigma == sigma
+
+
+def test_a_slow_train_speed_takes_no_shape_of_wheels_that_slide() -> None:
+    made = result(2, 6000)
+    slid = replace(made.axles[1].record, train_speed_interval=1.0)
+    x = of_records([slid], made.log, made.vehicle)
+    assert x.is_coarse is not None
+    t, v = x.speed
+    slides = (t > 0.31 * t[-1]) & (t < 0.41 * t[-1])
+    assert x.is_coarse[slides].all()
+    assert slid.train_speed is not None
+    assert np.array_equal(v[slides], slid.train_speed[slides])
+    (_, edges) = true_runs(x.is_coarse)[0]
+    assert edges * 0.01 > 0.42 * t[-1] + 2.0  # so wide as the average of the difference
+    rolled = of_records(
+        [replace(made.axles[0].record, train_speed_interval=1.0)], made.log, made.vehicle
+    )
+    assert rolled.is_coarse is not None
+    assert not rolled.is_coarse[t < 0.5 * t[-1]].any()
+
+
+def test_a_coarse_speed_has_no_jerk() -> None:
+    x, _ = signals()
+    (stop,) = measured(x)
+    assert stop.jerk is not None
+    (stop,) = measured(x._replace(is_coarse=np.abs(x.speed.t - 20.0) < 1.0))
+    assert stop.jerk is None
+    assert stop.distance_m is not None
+    (stop,) = measured(x._replace(is_coarse=x.speed.t < ON - 1.0))
+    assert stop.jerk is not None
