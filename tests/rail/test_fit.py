@@ -130,14 +130,14 @@ def test_two_rails_have_no_curve(seed: int, step: float, at: float) -> None:
     """A curve that goes with the speed too would pass between them."""
     _, points, radius, scale = drawn(seed)
     mu = np.where(points.t > at * points.t[-1], step, 1.0) * points.mu
-    assert fit.fit(points, Vehicle(), radius, scale) is not None
-    assert fit.fit(points._replace(mu=mu), Vehicle(), radius, scale) is None
+    assert fit.fit(points, Vehicle(), radius, scale, 10) is not None
+    assert fit.fit(points._replace(mu=mu), Vehicle(), radius, scale, 10) is None
 
 
 def test_a_rail_that_is_nowhere_quite_the_same_has_one() -> None:
     _, points, radius, scale = drawn(1)
     mu = points.mu * (1.0 + 0.03 * np.sin(0.7 * points.t))
-    assert fit.fit(points._replace(mu=mu), Vehicle(), radius, scale) is not None
+    assert fit.fit(points._replace(mu=mu), Vehicle(), radius, scale, 10) is not None
 
 
 def magic(random: np.random.Generator) -> Callable[[Floats], Floats]:
