@@ -197,7 +197,7 @@ DATED = {  # first stamp of 2026-11-03 10:15:00 or so, the second one some secon
 }
 
 
-@pytest.mark.parametrize("apart", [1, 100_000])  # rows of a date: all in the head, and not
+@pytest.mark.parametrize("apart", [1, 60_000])  # rows of a date: all in the head, and not
 @pytest.mark.parametrize("name", DATED)
 def test_dates_decide_what_is_the_day(log, name, apart):
     first, last, date, reason = DATED[name]
@@ -369,17 +369,17 @@ def test_many_rows_of_another_width_are_counted_and_cost_little(log):
     """Half of them stand alone in blocks; 100 times as long by asking about each (32 µs)."""
     sound = "".join(f"0.{k:03};1\n" for k in range(700))
     rows = sound + "".join(f"1.{k:03};1\n1;2;3\n\n# a;b;c\nx\n" for k in range(200))
-    text = "t [s];p\n" + rows + "x;y;z\nx\n" * 400_000
+    text = "t [s];p\n" + rows + "x;y;z\nx\n" * 100_000
     began = time.process_time()
     source, columns = read(log, text)
-    assert time.process_time() - began < 8.0
+    assert time.process_time() - began < 2.5
     assert source.lines == {
-        "header": 1, "used": 900, "too many cells": 400_200, "too few cells": 400_200,
+        "header": 1, "used": 900, "too many cells": 100_200, "too few cells": 100_200,
         "comment": 200, "blank": 200,
     }  # fmt: skip
     assert sum(source.lines.values()) == text.count("\n")
     assert len(columns["p"].value) == 900
-    assert skipped(source) == [(706, "x", 400_200), (703, "1;2;3", 400_200)]
+    assert skipped(source) == [(706, "x", 100_200), (703, "1;2;3", 100_200)]
 
 
 def test_second_reading_reports_nothing_twice(log):
