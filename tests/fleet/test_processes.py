@@ -11,7 +11,14 @@ import pytest
 from helpers import logs_of_fleet
 
 from adhesion_cli.core.children import ChildDiedError
+from adhesion_cli.fleet import work
 from adhesion_cli.fleet.processes import Processes
+
+
+@pytest.fixture(autouse=True)
+def nothing_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """These processes analyse no log."""
+    monkeypatch.setattr(work, "warm", os.getpid)
 
 
 def test_the_end_leaves_no_thread_and_no_process(tmp_path: Path) -> None:
