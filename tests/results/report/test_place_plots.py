@@ -19,7 +19,7 @@ SPEED = 20.0  # [m/s]
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> ReportRun:
     path = tmp_path_factory.mktemp("run") / "one.adhesion.mcap"
-    return read(written(path, analysed()))
+    return read(written(path, analysed(axles=2, n=1500, rate=25.0)))
 
 
 def placed(run: ReportRun, *meanings: Meaning) -> ReportRun:

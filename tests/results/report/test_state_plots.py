@@ -47,7 +47,7 @@ def with_states(made: Result) -> Result:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> ReportRun:
     path = tmp_path_factory.mktemp("run") / "one.adhesion.mcap"
-    return read(written(path, with_states(analysed())))
+    return read(written(path, with_states(analysed(axles=2, n=1500, rate=25.0))))
 
 
 def test_a_result_carries_states_and_the_reservoir(run: ReportRun) -> None:
@@ -61,7 +61,9 @@ def test_a_result_carries_states_and_the_reservoir(run: ReportRun) -> None:
 
 
 def test_a_second_analysis_has_the_words_of_states(tmp_path: Path) -> None:
-    path = written(tmp_path / "one.adhesion.mcap", with_states(analysed()))
+    path = written(
+        tmp_path / "one.adhesion.mcap", with_states(analysed(axles=2, n=1500, rate=25.0))
+    )
     settings, source = open_log(path, Settings())
     log = read_log(source, settings)
     levels = {(c.meaning, c.axle): c.levels for c in log.channels if c.levels}
@@ -93,7 +95,7 @@ def test_states_stand_under_the_speeds_and_valves_with_their_axle(run: ReportRun
 
 
 def test_a_run_without_states_has_no_figure_of_them() -> None:
-    made = analysed()
+    made = analysed(axles=2, n=1500, rate=25.0)
     without, with_some = (of_result(x, summarise(x, {})) for x in (made, with_states(made)))
     assert len(with_some.states) == 4
     assert "overview-states" not in Figures().of_run(without).overview
@@ -160,7 +162,7 @@ def test_nothing_is_drawn_across_a_gap_of_the_log(tmp_path: Path) -> None:
 
 
 def test_forces_of_motors_stand_with_their_axle(tmp_path: Path) -> None:
-    made = analysed(axles=2)
+    made = analysed(axles=2, n=1500, rate=25.0)
     t = EPOCH + np.arange(100) * 10**8
     data = Column(t, np.full(100, 9e3), np.ones(100, np.bool_))
     ed_force = Channel("ED", "", "ed_force", 1, "kN", "", data)
