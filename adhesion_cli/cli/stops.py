@@ -106,7 +106,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
                 if file == geojson:
                     verified.write(place, as_text(test.maps))
                 elif file.name == _PAGE and report:
-                    title = plan.stem if plan else "Brake test"
+                    title = f"Brake test: {plan.stem}" if plan else "Brake test"
                     protocol = brake_test.protocol(test, title, braked_weight)
                     verified.write(place, page.protocol_page(protocol))
                 else:

@@ -8,7 +8,7 @@ from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
 from .result_rows import OF_MARK, row, slid_row
 from .stop_rows import NOTE as STOP_NOTE
-from .stop_rows import describe_sources, short_row
+from .stop_rows import describe_reasons, describe_sources, short_row
 from .text_tables import TitledTable, non_empty
 from .train_stops import (
     MANY_AXLES,
@@ -56,8 +56,8 @@ def stop_table(summaries: Sequence[ResultSummary]) -> list[TitledTable]:
     notes = [STOP_NOTE, describe_sources([stop for _, stop in named])]
     if len(named) > len(rows):
         notes += [f"The first {len(rows)} of {len(named)} stops; `adhesion stops LOG` shows all."]
-    if reasons := dict.fromkeys(str(s.reason) for _, s in named if not s.valid):
-        notes += [f"Without a distance: no whole stop ({', '.join(reasons)})."]
+    if reasons := describe_reasons([stop for _, stop in named]):
+        notes.append(reasons)
     return [TitledTable("Stops", rows, note="\n".join(notes))]
 
 

@@ -115,6 +115,12 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h.{ed}"
 
 
+def describe_reasons(stops: Sequence[StopSummary]) -> str:
+    """Why stops have no distance; "" where all have one."""
+    reasons = dict.fromkeys(str(stop.reason) for stop in stops if not stop.valid)
+    return f"Without a distance: no whole stop ({', '.join(reasons)})." if reasons else ""
+
+
 def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[TitledTable]:
     """The tables of a series, those with rows.
 

@@ -83,6 +83,7 @@ def run(
             progress(f"finding the vehicle of {len(paths)} logs")
             identified = identify_together(paths, stated, request.axles, request.window)
         runs: list[GroupedRun] = []  # with one vehicle
+        its_stops: list[SeriesStop] = []
         for path in paths:
             progress(f"{path.name}: stops")
             try:
@@ -98,7 +99,8 @@ def run(
             maps.append(map_._replace(group=group and group.name, label=label))
             for stop in map_.stops:
                 name = group.name if group else f"{stop.nominal_speed_kmh:g} km/h"
-                stops.append(SeriesStop(str(path), name, label, stop))
+                its_stops.append(SeriesStop(str(path), name, label, stop))
+        stops += _by_clock(its_stops)
         findings = [*find_friction_differs(runs, group_by_friction(runs), by_name=True), *findings]
     groups = group_stops(stops)
     wsp: tuple[WspSummary, ...] = ()
@@ -125,6 +127,13 @@ def _members(logs: Sequence[Path], plan: Plan) -> list[tuple[PlannedGroup | None
             text = f"group {group.name}: no log matches {', '.join(group.logs)}"
             raise UserError(text, "name its logs on the command line, or correct the plan")
     return [(group, by_name[group.name]) for group in plan.groups]
+
+
+def _by_clock(stops: Sequence[SeriesStop]) -> Sequence[SeriesStop]:
+    """Stops in the order of time, in which they may drift; as named where a log has no clock."""
+    if not all(s.stop.time for s in stops):
+        return stops
+    return sorted(stops, key=lambda s: s.stop.time or "")
 
 
 def _load_for(group: PlannedGroup | None, load: Callable[[Sequence[Path]], Settings]) -> Settings:

@@ -1,5 +1,6 @@
 """The plan of a test series: which log is of which group, pairs to compare, limits, texts."""
 
+import re
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatch
 from glob import glob
@@ -10,6 +11,7 @@ from ..core import toml
 from ..core.errors import UserError, unknown
 from ..stops.series import QUANTITIES, GroupLimit
 
+_DIGITS = re.compile(r"([0-9]+)")
 _SECTIONS = ("group", "compare", "limits", "wsp", "protocol")
 _GROUP_KEYS = {
     "logs": list, "vehicle": str, "nominal_speed": float, "rail": str, "load": str, "mode": str,
@@ -123,12 +125,17 @@ def planned_logs(plan: Plan) -> list[Path]:
     logs: list[Path] = []
     for group in plan.groups:
         patterns = [str(plan.folder / pattern) for pattern in group.logs]
-        matched = [Path(p) for pattern in patterns for p in sorted(glob(pattern))]
+        matched = [Path(p) for pattern in patterns for p in sorted(glob(pattern), key=_by_number)]
         if not matched:
             text = f"group {group.name}: no log matches {', '.join(group.logs)} in {plan.folder}"
             raise UserError(text, "name the logs on the command line, or correct the plan")
         logs += matched
     return list(dict.fromkeys(logs))
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
+    """What sorts `run_9` before `run_10`."""
+    return [(int(x) if x.isdigit() else -1, x) for x in _DIGITS.split(name)]
 
 
 def _table(path: Path, tables: toml.Table, name: str) -> toml.Table:

@@ -94,6 +94,17 @@ def test_the_screen_has_stops_statistics_and_verdicts(run: Run, plan: Path) -> N
         assert text in done.stdout, text
 
 
+def test_stops_of_logs_with_a_clock_are_in_the_order_of_time(run: Run, tmp_path: Path) -> None:
+    for name, minute in (("a.csv", 30), ("b.csv", 10)):
+        rows = [
+            f"2026-03-05 06:{minute}:{t / 2:06.3f},{max(80 - max(t / 2 - 10, 0) * 4, 0):.2f}"
+            for t in range(90)
+        ]
+        (tmp_path / name).write_text("\n".join(["time,train speed [km/h]", *rows, ""]))
+    stops = json.loads(run("stops", "a.csv", "b.csv", "--json").stdout)["stops"]
+    assert [Path(s["log"]).name for s in stops] == ["b.csv", "a.csv"]
+
+
 def test_a_stop_with_slides_has_a_sentence(run: Run) -> None:
     assert "Stop 1: 9 slides, largest slip 14 % (axle 1)." in run("stops", str(STOPPED)).stdout
     assert "slide" not in run("stops", str(SAMPLES / "service-brake.csv")).stdout

@@ -3,9 +3,13 @@
 from dataclasses import replace
 
 import pytest
+from helpers.pages import analysed
 
+from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import Measured, StopSummary
-from adhesion_cli.results.stop_rows import describe_sources, series_tables
+from adhesion_cli.results.report.page import page
+from adhesion_cli.results.report.run import of_result
+from adhesion_cli.results.stop_rows import describe_reasons, describe_sources, series_tables
 from adhesion_cli.stops.series import SeriesStop, StopSeries, group_stops
 
 STOP = StopSummary(
@@ -54,3 +58,14 @@ def test_a_group_of_one_stop_has_no_statistics() -> None:
 def test_the_source_of_the_speed_is_one_sentence(sources: list[str], text: str) -> None:
     stops = [replace(STOP, speed_from=x) for x in sources]
     assert text in describe_sources(stops)
+
+
+def test_a_page_says_below_its_table_why_a_stop_has_no_distance() -> None:
+    made = analysed(axles=1, n=400)
+    released = replace(STOP, valid=False, reason="the brake was released at 53 km/h")
+    summary = replace(summarise(made, {}), stops=(STOP, released, released))
+    text = page([of_result(made, summary)])
+    sentence = "Without a distance: no whole stop (the brake was released at 53 km/h)."
+    assert sentence in text
+    assert text.count("the brake was released at 53 km/h") == 1
+    assert describe_reasons([STOP]) == ""

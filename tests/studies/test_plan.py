@@ -99,3 +99,10 @@ def test_the_limits_of_a_published_rule_are_known_by_its_name(
     }  # fmt: skip
     assert {x.source for x in published} == {"Regulation (EU) No 1302/2014"}
     assert own == GroupLimit("jerk", 3, None)
+
+
+def test_logs_of_a_plan_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for name in ("run_10.csv", "run_9.csv", "run_9b.csv"):
+        (tmp_path / name).touch()
+    plan = Plan((PlannedGroup("all", ("run_*.csv",)),), folder=tmp_path)
+    assert [p.name for p in planned_logs(plan)] == ["run_9.csv", "run_9b.csv", "run_10.csv"]

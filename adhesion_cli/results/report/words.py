@@ -11,6 +11,7 @@ from ...rail.events import HIDDEN_TIME
 from ..result_rows import OF_MARK as OF_MARK
 from ..result_rows import ed_cell, marked, used
 from ..stop_rows import NOTE, OF_PRESSURE
+from ..stop_rows import describe_reasons as describe_reasons
 from ..stop_rows import describe_sources as describe_sources
 from ..stop_rows import stop_row as train_stop_row
 from ..text_tables import DASH, non_empty, number, when_and_where
@@ -197,9 +198,8 @@ def is_long(run: ReportRun) -> bool:
 
 
 def train_stop_rows(run: ReportRun) -> list[dict[str, str]]:
-    """The stops of the whole train, and why one is none."""
-    rows = [train_stop_row(stop) | {"Remark": stop.reason or DASH} for stop in run.summary.stops]
-    return non_empty(rows)
+    """The stops of the whole train."""
+    return non_empty([train_stop_row(stop) for stop in run.summary.stops])
 
 
 def stop_rows(run: ReportRun) -> list[dict[str, str]]:
