@@ -242,13 +242,13 @@ class Figures:
         places = [self._place(speed, "overview-speed")]
         longest = max(run.axles, key=lambda axle: len(axle.t))
         train_states = [s for s in run.states if s.axle is None]
-        places += self._states(train_states, time, "overview", decimate.gaps(longest.t))
+        places += self._states(train_states, time, "overview", longest.t)
         if any(axle.has_values("force") for axle in run.axles):
             places.append(self._place(adhesion, "overview-adhesion"))
         return places
 
     def _states(
-        self, states: Sequence[LoggedState], time: Range1d, place: str, gaps: Floats
+        self, states: Sequence[LoggedState], time: Range1d, place: str, log_times: Floats
     ) -> list[str]:
         """What the switches, valves and commands did, then forces of motors and the reservoir."""
         lanes = [s for s in states if s.meaning in state_plots.TITLES]
@@ -256,7 +256,7 @@ class Figures:
         places = []
         if lanes:
             fig = self._figure("States", state_plots.lanes_height(lanes), time)
-            _legend(fig, state_plots.draw_lanes(fig, lanes, gaps))
+            _legend(fig, state_plots.draw_lanes(fig, lanes, log_times))
             places.append(self._place(fig, f"{place}-states"))
         for state in (s for s in states if s.meaning in _CURVES):
             title, scale, name = _CURVES[state.meaning]
@@ -339,7 +339,7 @@ class Figures:
         figures[-1].height += 20
         places = [self._place(f, f"axle-{N}-{i}") for i, f in enumerate(figures)]
         states = [s for s in run.states if s.axle == N]
-        places[1:1] = self._states(states, time, f"axle-{N}", decimate.gaps(axle.t))
+        places[1:1] = self._states(states, time, f"axle-{N}", axle.t)
         if axle.has_values("slip") and axle.has_values("force"):
             places.append(self._place(self._curve(axle), f"axle-{N}-curve"))
         return places

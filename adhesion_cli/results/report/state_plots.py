@@ -9,6 +9,7 @@ from bokeh.plotting import figure
 
 from ...core.model import Floats, Meaning
 from .. import palette
+from . import decimate
 from .run import LoggedState
 
 TITLES: dict[Meaning, str] = {
@@ -24,7 +25,7 @@ _FRAME = 64  # of legend and axis
 _HIGH = 0.8  # of a lane, at the highest value
 _MOST = 2000  # stretches of a state that are drawn
 _ASIDE = 0.2  # a sample so near to an end of a gap is not in it [s]
-_NO_GAPS = np.empty((0, 2))
+_NO_TIMES = np.empty(0)
 
 
 def lanes_height(states: Sequence[LoggedState]) -> int:
@@ -33,12 +34,12 @@ def lanes_height(states: Sequence[LoggedState]) -> int:
 
 
 def draw_lanes(
-    fig: figure, states: Sequence[LoggedState], gaps: Floats = _NO_GAPS
+    fig: figure, states: Sequence[LoggedState], log_times: Floats = _NO_TIMES
 ) -> dict[str, list[Any]]:
     """A lane for each state, the first one on top: as high as its value; returns the legend."""
     items = {}
     for i, state in enumerate(states):
-        begins, stops, values = stretches(state, gaps)
+        begins, stops, values = stretches(state, log_times)
         bottom = float(len(states) - 1 - i)
         highest = float(np.max(np.abs(state.value), initial=0.0)) or 1.0
         source = ColumnDataSource(
@@ -65,18 +66,18 @@ def draw_lanes(
     return items
 
 
-def stretches(state: LoggedState, gaps: Floats = _NO_GAPS) -> tuple[Floats, Floats, Floats]:
+def stretches(state: LoggedState, log_times: Floats = _NO_TIMES) -> tuple[Floats, Floats, Floats]:
     """Begin, stop [s] and value of each stretch in which a state is not 0, shape (n,).
 
-    A sample holds until the next one, or until a gap of the log before that. Of more stretches than
-    a picture shows, the highest value of each of equal times is taken.
+    A sample holds until the next one, until a gap of the log before that, or to the end of the log.
+    Of more stretches than a picture shows, the highest value of each of equal times is taken.
 
     Args:
         state: of the log.
-        gaps: begin and end of each gap of the log, shape (k, 2) [s].
+        log_times: of the samples of its axles, shape (m,) [s].
     """
     t, value = state.t, state.value
-    ends = _ends_at_gaps(t, gaps)
+    ends = _ends_at_gaps(t, decimate.gaps(log_times))
     edges = np.flatnonzero(np.diff(value, prepend=np.nan) != 0.0)
     if len(edges) > _MOST:
         bucket = np.floor((t - t[0]) / max(t[-1] - t[0], 1e-9) * _MOST)
@@ -87,7 +88,8 @@ def stretches(state: LoggedState, gaps: Floats = _NO_GAPS) -> tuple[Floats, Floa
     lowest, highest = (f.reduceat(value, edges) for f in (np.minimum, np.maximum))
     values = np.where(highest >= -lowest, highest, lowest)
     last_rows = [*(edges[1:] - 1).tolist(), len(t) - 1]
-    stops = np.array([ends.get(row, t[min(row + 1, len(t) - 1)]) for row in last_rows])
+    following = np.append(t[1:], max(t[-1], np.max(log_times, initial=-np.inf)))
+    stops = np.array([ends.get(row, following[row]) for row in last_rows])
     is_acting = values != 0.0
     return t[edges][is_acting], stops[is_acting], values[is_acting]
 
@@ -96,7 +98,7 @@ def _ends_at_gaps(t: Floats, gaps: Floats) -> dict[int, float]:
     """The rows before the gaps in which a state has no sample, and until when they hold [s]."""
     before = np.searchsorted(t, gaps[:, 0] + _ASIDE, side="right") - 1
     after = np.searchsorted(t, gaps[:, 1] - _ASIDE)
-    undivided = (before >= 0) & (after == before + 1) & (after < len(t))
+    undivided = (before >= 0) & (after == before + 1)
     rows, first_gaps = np.unique(before[undivided], return_index=True)
     stops = np.maximum(gaps[undivided, 0][first_gaps], t[rows])
     return dict(zip(rows.tolist(), stops.tolist(), strict=True))

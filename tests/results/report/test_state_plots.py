@@ -124,17 +124,21 @@ def test_many_changes_keep_their_highest_values() -> None:
     assert highest.max() == 5.0
 
 
-def test_a_state_ends_at_a_gap_of_the_log() -> None:
-    every_row = LoggedState("sanding", None, np.array([0.0, 1.0, 5.0, 6.0]), np.ones(4))
-    begins, stops, _ = stretches(every_row, np.array([[1.0, 5.0]]))
-    assert begins.tolist() == [0.0, 5.0]
-    assert stops.tolist() == [1.0, 6.0]
-    on_change = LoggedState("sanding", None, np.array([0.0, 9.0]), np.array([1.0, 0.0]))
-    begins, stops, _ = stretches(on_change, np.array([[2.0, 5.0], [6.0, 7.0]]))
-    assert (begins.tolist(), stops.tolist()) == ([0.0], [2.0])
-    in_gap = LoggedState("sanding", None, np.arange(9.0), np.ones(9))  # only wheels have none
-    begins, stops, _ = stretches(in_gap, np.array([[1.1, 5.2]]))
-    assert (begins.tolist(), stops.tolist()) == ([0.0], [8.0])
+def test_a_state_ends_at_a_gap_of_the_log_and_holds_to_its_end() -> None:
+    times = np.arange(0.0, 10.01, 0.1)
+    log_times = times[(times < 2.05) | (times > 4.95)]
+    rows = log_times[::5]
+    every_row = LoggedState("sanding", None, rows, np.ones(len(rows)))
+    begins, stops, _ = stretches(every_row, log_times)
+    assert begins == pytest.approx([0.0, rows[rows > 4.0][0]])
+    assert stops == pytest.approx([2.0, 10.0])
+    on_change = LoggedState("sanding", None, np.array([0.0, 7.0, 9.0]), np.array([1.0, 0.0, 1.0]))
+    begins, stops, _ = stretches(on_change, log_times)
+    assert begins.tolist() == [0.0, 9.0]
+    assert stops == pytest.approx([2.0, 10.0])
+    in_gap = LoggedState("sanding", None, times[::5], np.ones(21))  # only wheels have none
+    begins, stops, _ = stretches(in_gap, log_times)
+    assert (begins.tolist(), stops.tolist()) == ([0.0], [10.0])
 
 
 def test_nothing_is_drawn_across_a_gap_of_the_log(tmp_path: Path) -> None:
