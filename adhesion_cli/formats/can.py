@@ -21,8 +21,8 @@ from ..core.text import NO_VALUE
 from .can_blf import blf_frames
 from .can_frames import Frame, Problems
 from .can_text import TextLog
-from .source import Field, ReadOptions, distinct_words
-from .tables import YEAR_1990, Columns, Contents, NamedColumn, TableSamples, fields
+from .source import YEAR_1990, Field, ReadOptions, distinct_words
+from .tables import Columns, Contents, NamedColumn, TableSamples, fields
 
 _FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no value
 _LISTED_NAMES = 6  # names of one finding

@@ -14,9 +14,8 @@ from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
 from .csv.clock import count_of
 from .csv.header_words import time_unit
-from .source import Field, ReadOptions, distinct_words
+from .source import YEAR_1990, Field, ReadOptions, distinct_words
 from .tables import (
-    YEAR_1990,
     Columns,
     Contents,
     NamedColumn,

@@ -9,6 +9,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Column
 
+YEAR_1990 = 631_152_000 * 10**9  # earlier times count from another start, or had no clock [ns]
 TAKEN_AS_UTC = "taken as UTC"  # in the reason for a clock of unknown zone
 MOST_WORDS = 16  # of a column: one with more is no state
 _LONGEST_WORD = 100  # characters

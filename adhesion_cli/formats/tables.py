@@ -17,9 +17,8 @@ from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Bools, Column, Floats, Times
 from ..core.text import distinct
-from .source import Field, ReadOptions, report
+from .source import YEAR_1990, Field, ReadOptions, report
 
-YEAR_1990 = 631_152_000 * 10**9  # a log that starts earlier had no clock [ns]
 MOST_NS = 2**62  # times beyond are no times
 
 # Names of properties that may scale numbers

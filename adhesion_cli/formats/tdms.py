@@ -15,9 +15,8 @@ from ..core.model import Bools, Times
 from . import time_columns
 from .csv.clock import Clock
 from .csv.header_words import label, time_name, time_unit
-from .source import ReadOptions, distinct_words
+from .source import YEAR_1990, ReadOptions, distinct_words
 from .tables import (
-    YEAR_1990,
     Columns,
     Contents,
     NamedColumn,

@@ -48,21 +48,8 @@ def find(
         unit or ("ns" if pa.types.is_duration(head.type) else "")
         for unit, head in zip(units, heads.values(), strict=True)
     )
-    dialect = Dialect(
-        "utf-8",
-        0,
-        ",",
-        ".",
-        len(names),
-        names,
-        (names,),
-        chosen,
-        True,
-        1,
-        {},
-        [list(row) for row in zip(*cells, strict=True)],
-        {},
-    )
+    head_rows = [list(row) for row in zip(*cells, strict=True)]
+    dialect = Dialect(len(names), names, (names,), chosen, head_rows)
     clock = find_clock(dialect, options, rows, path)
     if clock.columns and clock.may_be_digits:
         name = names[clock.columns[0]]

@@ -41,7 +41,7 @@ from .stamps import is_stamp
 _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
 _MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
-_GROUPED_BY_POINT = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")
+_GROUPED = {m: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{m}]\d{{3}}") for m in ".,"}
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
 
@@ -97,18 +97,18 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     removals = _clean(data, units, has_text_marks)
     _refuse_grouped(data, names, decimal, options, path)
     return Dialect(
-        encoding,
-        bom,
-        delimiter,
-        decimal,
         width,
         names,
         tuple(tuple(fit(h, used_width)) for h in header.names),
         tuple(units),
+        data,
+        encoding,
+        bom,
+        delimiter,
+        decimal,
         bool(header.names),
         rows[header.start][0],
         leading_lines,
-        data,
         reasons,
         removals,
         labels,
@@ -272,7 +272,7 @@ def _decimal(
         if group_mark(cells):
             continue
         comma, dot = ([c for c in cells if m in c] for m in ",.")
-        dot = [c for c in dot if not _GROUPED_BY_POINT.fullmatch(c)]  # which no decimals are
+        dot = [c for c in dot if not _GROUPED["."].fullmatch(c)]  # which no decimals are
         if comma or dot:
             commas += 1 if len(comma) > len(dot) else -1
         example, doubtful = example or "".join(comma[:1]), doubtful or (comma and cells)
@@ -320,9 +320,8 @@ def _likelier(cells: list[str], mark: str) -> str:
 def _proves_decimal(rows: list[list[str]], width: int, mark: str) -> bool:
     """Whether some number cannot be grouped digits."""
     number = number_grammar(mark)
-    grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}")
     cells = (c for row in rows for c in row[:width])
-    return any(mark in c and number.fullmatch(c) and not grouped.fullmatch(c) for c in cells)
+    return any(mark in c and number.fullmatch(c) and not _GROUPED[mark].fullmatch(c) for c in cells)
 
 
 def _has_trailing(heads: list[list[str]], data: list[list[str]], width: int) -> bool:

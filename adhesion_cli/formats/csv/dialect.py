@@ -24,21 +24,19 @@ COMMENT = re.compile(r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!|NAME\?|NUM!|NULL!)|
 class Dialect:
     """How to read one file; `reasons` gives each decision with its reason."""
 
-    encoding: str  # Python codec; UTF-8 passes through undecoded
-    bom: int  # bytes before the text
-    delimiter: str  # one character; " " stands for runs of spaces and tabs
-    decimal: str
     width: int  # cells of each data row, one more than `names` where rows end in a delimiter
     names: tuple[str, ...]  # one per column, distinct: the header text, else "column N"
-    header_cells: tuple[
-        tuple[str, ...], ...
-    ]  # cells of each header row, for headers of several rows
+    header_cells: tuple[tuple[str, ...], ...]  # of each row of the header
     units: tuple[str, ...]  # units row, "" where a cell is empty
-    headed: bool
-    first_line: int  # line of the first data row, from 1
-    leading_lines: dict[str, int]  # lines before it, by class
     rows: list[list[str]]  # data rows of the head, each as wide as `names`, without `removals`
-    reasons: dict[str, str]
+    encoding: str = "utf-8"  # Python codec; UTF-8 passes through undecoded
+    bom: int = 0  # bytes before the text
+    delimiter: str = ","  # one character; " " stands for runs of spaces and tabs
+    decimal: str = "."
+    headed: bool = True
+    first_line: int = 1  # line of the first data row, from 1
+    leading_lines: dict[str, int] = field(default_factory=dict)  # lines before it, by class
+    reasons: dict[str, str] = field(default_factory=dict)
     # what numbers do not need, by column: a pattern, of which group 1 stays
     removals: dict[int, str] = field(default_factory=dict)
     labels: dict[str, list[str]] = field(default_factory=dict)  # rows above the table, see `label`

@@ -9,10 +9,10 @@ import numpy as np
 from ...core.errors import UserError
 from ...core.finding import Finding, Severity
 from ...core.model import Column
-from ..source import Field, ReadOptions, TimeSource, report
+from ..source import YEAR_1990, Field, ReadOptions, TimeSource, report
 from .collect import Collector, deal
 from .fields import Leaf
-from .series import YEAR_1990, Owners, Series, discover, grouped
+from .series import Owners, Series, discover, grouped
 from .walk import Walk
 
 _DAY = 86_400 * 10**9

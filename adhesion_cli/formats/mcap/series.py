@@ -32,7 +32,6 @@ from .stamps import Stamp, stamp
 from .walk import Walk
 
 _NEED_SCHEMA = ("protobuf", "cdr")  # encodings
-YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
 
 
 @dataclass(slots=True)
