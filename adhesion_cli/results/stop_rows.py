@@ -18,7 +18,7 @@ from ..stops.series import (
     WspSummary,
     braked_weight_percentage,
 )
-from .text_tables import DASH, ED, TitledTable, columns_of, number, when_and_where
+from .text_tables import DASH, ED, TitledTable, columns_of, non_empty, number, when_and_where
 
 NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
@@ -26,7 +26,7 @@ NOTE = (
     "response time, which is delay and half of the build-up; level: distance on level track from "
     "the nominal speed."
 )
-OF_PRESSURE = "p: full pressure of the brake cylinders, mean of the axles."
+_OF_PRESSURE = "p: full pressure of the brake cylinders, mean of the axles."
 _OF_GROUPS = (
     "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
     "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
@@ -105,6 +105,12 @@ def with_u95(x: Measured | None, factor: float, digits: int) -> str:
     return "±".join(by_uncertainty(factor * x.value, factor * x.u95, digits))
 
 
+def describe_columns(stops: Sequence[StopSummary]) -> str:
+    """What the columns of a table of stops mean."""
+    has_pressure = any(stop.pressure_bar is not None for stop in stops)
+    return f"{NOTE} {_OF_PRESSURE}" if has_pressure else NOTE
+
+
 def describe_sources(stops: Sequence[StopSummary]) -> str:
     """What showed command and speed of the stops."""
     commands = " or ".join(_COMMAND[x] for x in dict.fromkeys(s.command_from for s in stops))
@@ -130,9 +136,8 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
         budget: whether the uncertainty budget is.
     """
     stops = x.stops
-    note = "\n".join(
-        [f"{NOTE} {OF_PRESSURE}", describe_sources([s.stop for s in stops]), *_remarks(stops)]
-    )
+    in_order = [s.stop for s in stops]
+    note = "\n".join([describe_columns(in_order), describe_sources(in_order), *_remarks(stops)])
     rows = _series_rows(stops)
     of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
     tables = [
@@ -159,7 +164,7 @@ def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
         | {"group": s.group, **stop_row(s.stop)}
         for i, s in enumerate(stops, 1)
     ]
-    return [{name: row.get(name, DASH) for name in columns_of(rows)} for row in rows]
+    return non_empty(rows)
 
 
 def _remarks(stops: Sequence[SeriesStop]) -> list[str]:

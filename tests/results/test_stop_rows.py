@@ -9,7 +9,12 @@ from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import Measured, StopSummary
 from adhesion_cli.results.report.page import page
 from adhesion_cli.results.report.run import of_result
-from adhesion_cli.results.stop_rows import describe_reasons, describe_sources, series_tables
+from adhesion_cli.results.stop_rows import (
+    describe_columns,
+    describe_reasons,
+    describe_sources,
+    series_tables,
+)
 from adhesion_cli.stops.series import SeriesStop, StopSeries, group_stops
 
 STOP = StopSummary(
@@ -58,6 +63,14 @@ def test_a_group_of_one_stop_has_no_statistics() -> None:
 def test_the_source_of_the_speed_is_one_sentence(sources: list[str], text: str) -> None:
     stops = [replace(STOP, speed_from=x) for x in sources]
     assert text in describe_sources(stops)
+
+
+def test_a_column_without_a_value_is_neither_shown_nor_explained() -> None:
+    full = replace(STOP, pressure_bar=3.0, jerk=Measured(1.0, 0.1))
+    assert {"p [bar]", "jerk [m/s³]"} <= {*tables(STOP, full)["Stops"][0]}
+    assert not {"p [bar]", "jerk [m/s³]", "µ"} & {*tables(STOP)["Stops"][0]}
+    assert "full pressure" in describe_columns([STOP, full])
+    assert "full pressure" not in describe_columns([STOP])
 
 
 def test_a_page_says_below_its_table_why_a_stop_has_no_distance() -> None:

@@ -10,7 +10,7 @@ from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
 from ..result_rows import OF_MARK as OF_MARK
 from ..result_rows import ed_cell, marked, used
-from ..stop_rows import NOTE, OF_PRESSURE
+from ..stop_rows import describe_columns as describe_columns
 from ..stop_rows import describe_reasons as describe_reasons
 from ..stop_rows import describe_sources as describe_sources
 from ..stop_rows import stop_row as train_stop_row
@@ -33,7 +33,6 @@ _NO_FORCE = ("pressure-below-spring", "pressure-unit-suspect", "brake-unknown")
 _MOST_STOPS = 100  # stops of the train in a table
 MAX_ROWS = 500  # rows of a table: more would need too much room
 _MOST_BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
-STOP_NOTE = f"{NOTE} {OF_PRESSURE}"
 _NAMED = 60  # letters for the channels of a finding in its line
 
 
