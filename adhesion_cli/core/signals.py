@@ -16,6 +16,7 @@ _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _HIGHEST = 2.5  # no sensor reads zero above it: 4 km/h [rad/s]
 _CUT_OFF_FACTOR = 1.25  # so much above a sensor's lowest speed, noise makes it read zero
 _STOP = 0.3  # and does, if it stays so for this long [s]
+_OVERDUE = 0.1  # a reading that repeats for less is rounding [s]
 _DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
 
 
@@ -62,7 +63,8 @@ def standing(record: AxleRecord) -> Bools:
     """Where the wheel stands, and does not merely pass through zero; shape (n,).
 
     (1) does not hold there: the brake's friction is unknown, from 0 to φK. A single reading between
-    two stands is the last tooth of a pole wheel that comes to rest.
+    two stands is the last tooth of a pole wheel that comes to rest, and so is the last reading of a
+    slow wheel that is kept for longer than the next tooth would take.
     """
     is_slow = np.abs(record.wheel_speed) <= max(
         _CRAWL, record.wheel_speed_step / 2.0, _CUT_OFF_FACTOR * _lowest(record)
@@ -76,7 +78,19 @@ def standing(record: AxleRecord) -> Bools:
         for start, stop in true_runs(~stands[s])[1:]:
             run = slice(s.start + start, s.start + stop)
             stands[run] |= run.stop < s.stop and not np.ptp(record.wheel_speed[run])
+        stands[_kept_to_the_end(record, s)] = True
     return stands
+
+
+def _kept_to_the_end(record: AxleRecord, segment: slice) -> slice:
+    """The samples after the last change of a slow wheel's speed, if the next one is overdue."""
+    speed, t = np.abs(record.wheel_speed[segment]), record.t[segment] * 1e-9
+    changes = np.flatnonzero(np.diff(speed)) + 1
+    if len(changes) < 2 or speed[-1] > min(_HIGHEST, float(speed.min())):
+        return slice(0, 0)
+    kept, kept_before = t[-1] - t[changes[-1]], t[changes[-1]] - t[changes[-2]]
+    is_overdue = kept > max(2.0 * kept_before, _OVERDUE)
+    return slice(segment.start + int(changes[-1]), segment.stop) if is_overdue else slice(0, 0)
 
 
 def _lowest(record: AxleRecord) -> float:
