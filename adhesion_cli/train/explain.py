@@ -23,6 +23,7 @@ from .longitudinal import (
 from .pieces import build_design, sum_by_piece, without_slope
 from .solve import Likeliest, Posterior, independent_samples, residual, search, unbent_loss
 
+_LATE = 0.2  # 1 sigma of the train speed's delay from which rolling wheels say more [s]
 _NO_DRAG = Parameter(0.0, 1e-9)  # by the gradient and γ of long pieces, in a diagnosis [1/m]
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
 CLEAR_GAIN = 12.0  # gain of another cause that is clear: twice the log of the likelihood
@@ -83,8 +84,9 @@ def explain(
     """
     if grids is None:
         return AS_STATED
-    by_train, share = grids.fine.train is not None, train.braked_share(vehicle, len(axles))
+    share = train.braked_share(vehicle, len(axles))
     rims = build_design(axles, vehicle, grids, share)
+    by_train = grids.fine.train is not None and not (rims and _may_be_late(axles))
     of_train = build_design(axles, vehicle, grids, share, by_train=True) if by_train else None
     if rims is None:
         return AS_STATED._replace(design=of_train)
@@ -97,6 +99,15 @@ def explain(
             delay_or_line=False,
         )
     return e._replace(design=of_train or rims)
+
+
+def _may_be_late(axles: Sequence[AxleChannels]) -> bool:
+    """Whether the train speed may be late by so much that wheels that roll say more of the brake.
+
+    It is where an offset of the speed explains the same as a delay.
+    """
+    late = axles[0].record.train_speed_late
+    return late is not None and late.tolerance > _LATE
 
 
 def _explain(d: Design, vehicle: Vehicle) -> Explanation:

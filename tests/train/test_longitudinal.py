@@ -1,5 +1,6 @@
 """Why a train slows otherwise than stated: the cause is found, or it is said that nothing tells."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,11 +12,12 @@ from helpers.grids import thinned
 from helpers.reference_runs import share_inside
 
 from adhesion_cli.analysis import analyze, settings
-from adhesion_cli.analysis.prepare import prepare
+from adhesion_cli.analysis.prepare import align_log, prepare
 from adhesion_cli.channels.log import read
-from adhesion_cli.core.model import AxleRecord, Channel, Column, Floats
+from adhesion_cli.core.model import AxleRecord, Channel, Column, Floats, Parameter
 from adhesion_cli.core.physics import G, clamping_force, force_line, rolling_deceleration, wheelset
 from adhesion_cli.formats.open import open_source
+from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.records.axle_channels import AxleChannels
 from adhesion_cli.train import explain, solve
 from adhesion_cli.train.explanation import AS_STATED, Explanation
@@ -129,6 +131,19 @@ def test_a_scaled_pressure_before_slides_is_no_delay(
     codes = {f.code for f in found(simulated.scaled(log, "pressure", 0, scale), tmp_path)}
     assert codes & {"vehicle-suspect", "deceleration-unit-suspect"}
     assert "pressure-delay" not in codes
+
+
+@pytest.mark.parametrize(("late_s", "by_wheels"), [(0.05, False), (0.5, True)])
+def test_wheels_say_more_of_the_brake_than_a_train_speed_that_may_be_late(
+    late_s: float, by_wheels: bool, tmp_path: Path
+) -> None:
+    path = simulated.write(tmp_path / "log.csv", simulated.recordings("low-adhesion"))
+    aligned = align_log(read(open_source(path, ReadOptions()), (), VEHICLE), VEHICLE)
+    late = Parameter(0.0, late_s)
+    axles = [a._replace(record=replace(a.record, train_speed_late=late)) for a in aligned.axles]
+    design = explain.explain(axles, aligned.grids, VEHICLE).design
+    assert design is not None
+    assert design.creeps == by_wheels
 
 
 def test_what_one_edge_cannot_tell_apart_is_said(tmp_path: Path) -> None:
