@@ -443,7 +443,7 @@ def test_of_several_logs_all_are_written_or_none_if_strict(run: Run, tmp_path: P
     (tmp_path / "empty.csv").write_text("")
     before = {p.name for p in tmp_path.iterdir()}
     for bad in ("bare.csv", "empty.csv", "missing.csv"):
-        done = run("analyze", "a.csv", bad, "b.csv", "--json", "--strict")
+        done = run("analyze", "a.csv", bad, "b.csv", "-a", "td", "--json", "--strict")
         assert done.returncode == 1
         assert bad in json.loads(done.stdout)["error"]
         assert {p.name for p in tmp_path.iterdir()} == before
