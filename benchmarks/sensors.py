@@ -34,6 +34,7 @@ import pyarrow as pa
 from diagnostics import GRAVITY, Test, log_of, stated_vehicle, write_between
 from numba import njit
 from pyarrow import csv
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import lfilter
 
 from adhesion_cli.analysis.analyze import analyze
@@ -112,6 +113,7 @@ class Truth(NamedTuple):
     slip: Floats
     valves: Bools
     near_slide: Bools
+    highest: Floats  # highest mean coefficient over `PEAK` near the sample
 
 
 @njit(cache=True)
@@ -336,7 +338,13 @@ def truth_at(t: Floats, own: Floats, motion: Motion) -> Truth:
         for column in (motion.force, motion.coefficient, motion.slip)
     )
     valves, near = longer(motion.valves > 0.0, CYCLES), longer(off, ABOUT)
-    return Truth(t, force, coefficient, slip, valves[:, nearest], near[:, nearest])
+    # Of all instants, not only of the samples: at 10 Hz these are as far apart as the time is long.
+    mean = uniform_filter1d(motion.coefficient, round(PEAK / STEP), axis=1)
+    interval = max(round(float(np.median(np.diff(t))) / STEP), 1)
+    highest = maximum_filter1d(mean, interval, axis=1)
+    return Truth(
+        t, force, coefficient, slip, valves[:, nearest], near[:, nearest], highest[:, nearest]
+    )
 
 
 def coloured(rng: np.random.Generator, n: int, f: float, d: float) -> Floats:
@@ -505,10 +513,8 @@ def applied(result: Result, truth: Truth) -> Iterator[Applied]:
     start = result.log.start_ns()
     for axle in result.axles:
         _, mu, slides, _ = at_record(axle, truth, start)
-        rate = (len(truth.t) - 1) / (truth.t[-1] - truth.t[0])
-        n = max(round(PEAK * rate), 1)
-        smooth = np.convolve(mu, np.ones(n) / n, "same")
         t = (axle.record.t - start) * 1e-9
+        smooth = np.interp(t + truth.t[0], truth.t, truth.highest[axle.record.axle - 1])
         for a in brake_applications(result)[axle.record.axle]:
             used = (t >= a.start_s - 1e-6) & (t <= a.end_s + 1e-6)
             used &= np.isfinite(axle.reference.force)

@@ -44,6 +44,7 @@ _COUNTER_SLACK: tuple[float, ...] = (2.0, 2.0, 4.5)  # the same, and of sliding,
 _RATE_SHARE = 0.75  # pressure samples per speed sample from which its rate counts as equal
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _LAGS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # by which pads may lag the pressure [s]
+_MISFIT_TIME = 0.5  # about a speed, in which ω̇ explains it [s]
 _LAG_NATS = 3.0  # by which a lag must be more likely than none
 _SHARE = 1e-3  # square of the share of φK's rise that rolling does not explain, to a factor of 10
 
@@ -315,7 +316,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             sigma,
             averaged,
             z2,
-            np.sqrt(level + run.own_variance),
+            np.maximum(np.sqrt(level + run.own_variance), np.abs(_misfit(run, rate))),
             w.phi * np.hypot(c.sigma, c.missed),
             lag,
         )
@@ -323,6 +324,20 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             forces, rates, squares, wheel, clamping, strict=True
         )
     ]
+
+
+def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:
+    """By how much each speed departs from the estimated ω̇, within half a second (n,) [rad/s].
+
+    A peak of a few samples that the smoother takes for noise departs by more than its sigma.
+    """
+    change = np.diff(run.t) * (rate[1:] + rate[:-1]) / 2.0
+    drift = run.y - np.concatenate([[0.0], np.cumsum(change)])
+    total = np.concatenate([[0.0], np.cumsum(drift)])
+    first_row = np.searchsorted(run.t, run.t - _MISFIT_TIME / 2.0)
+    last_row = np.searchsorted(run.t, run.t + _MISFIT_TIME / 2.0, side="right")
+    misfit: Floats = drift - (total[last_row] - total[first_row]) / (last_row - first_row)
+    return misfit
 
 
 class _Judged(NamedTuple):

@@ -157,6 +157,16 @@ def test_vibration_is_not_taken_for_force(
     assert math.sqrt(np.mean(error**2)) < 0.02 * np.mean(record.truth[braked])
 
 
+def test_a_peak_that_is_taken_for_noise_departs_from_the_estimate() -> None:
+    """Its speeds are less sure than the others', so the band of the highest force is wider."""
+    t, zero = np.arange(500) / 100.0, np.zeros(500)
+    jump = np.where((t > 2.0) & (t < 2.05), 0.4, 0.0)
+    run = smoother.UnbrokenRun(t, 60.0 - 2.0 * t + jump, zero, zero, zero, zero, zero)
+    misfit = force._misfit(run, np.full(500, -2.0))
+    assert np.abs(misfit[jump > 0.0]).min() > 0.3
+    assert np.abs(misfit[jump == 0.0]).max() < 0.05
+
+
 def test_a_long_level_beside_dither_counts_once() -> None:
     """A wheel that turns back near the edge of a step: its level of a second is no white noise."""
     y = np.repeat([18.0, 19.0, 20.0, 19.0, 20.0, 19.0, 18.0], [30, 57, 2, 1, 26, 44, 20])
