@@ -39,6 +39,7 @@ def served(names: list[str]) -> tuple[dict[str, list[int | None]], list[Finding]
         (["AI 3/BC pressure [bar]"], [[None]]),
         (["p_BC SN12 [bar]"], [[None]]),
         (["WSP2_BCP [bar]"], [[None]]),
+        (["Ciśnienie cylindra hamulcowego [bar]"], [[None]]),
         (["BCU1.BCP1 [bar]", "BCU1.BCP2 [bar]"], [[1], [2]]),
         (["Pressure1 DB12 [bar]", "Pressure2 DB12 [bar]"], [[1], [2]]),
         ([r"BCP1\CAN-Monitoring:3", r"BCP2\CAN-Monitoring:3"], [[1], [2]]),
