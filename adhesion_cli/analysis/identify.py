@@ -198,7 +198,8 @@ def find_prior(
         lines = {i: line for i, line in lines.items() if not line.mixed}
         prior = replace(prior, differing=mixed)
     stops = {logs[i].path: _differing_stops(logs[i], line) for i, line in lines.items()}
-    prior = replace(prior, differing_stops=stops)
+    effects = {logs[i].path: line.speed_effect for i, line in lines.items()}
+    prior = replace(prior, differing_stops=stops, speed_effects=effects)
     if not lines or _single_pressure(logs) or len(_kinds(logs)) > 1:
         return _unknown(prior), {}
     line = _most_rolling(lines)

@@ -524,6 +524,15 @@ class DifferingStop(NamedTuple):
     share: float  # its deceleration over the expected one
 
 
+class SpeedEffect(NamedTuple):
+    """How the brake force per pressure changes with the speed, as one log shows it."""
+
+    ratio: float  # at the low speed over that at the high one
+    sigma: float  # 1 sigma of its logarithm, by the gradient
+    low: float  # [m/s]
+    high: float  # [m/s]
+
+
 class CarBrake(NamedTuple):
     """What the brake of a car does per bar; a train of equal axles is one car."""
 
@@ -553,6 +562,7 @@ class IdentifiedVehicle:
     doubt: tuple[float, float] | None = None
     # stops that the brake of all does not explain, after the start of the log, by its path
     differing_stops: Mapping[str, tuple[DifferingStop, ...]] = field(default_factory=dict)
+    speed_effects: Mapping[str, SpeedEffect | None] = field(default_factory=dict)  # by the path
     differing: tuple[str, ...] = ()  # paths of logs that brake otherwise than all together
     other_brake: bool = False  # whether a brake without a pressure in the logs slows the train, too
     mean_axle: tuple[Vehicle, Vehicle] | None = None  # as stated, and as identified

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import Bools, DifferingStop, Floats, Parameter
+from ..core.model import Bools, DifferingStop, Floats, Parameter, SpeedEffect
 from ..core.physics import CRAWL, GRADIENT, NO_FORCE, RELEASED_SHARE, STANDING
 from ..core.signals import robust_sigma, true_runs
 from ..records.axle_channels import AxleChannels
@@ -47,6 +47,7 @@ _LARGEST_SLIP, _LARGEST_DIFFERENCE = 0.02, 0.25  # of wheels that roll [-], [m/s
 _ROLLING_SHARE = 0.2  # of the braking: less rolling says little of it
 _FRICTION_SCATTER = 0.05  # 1 sigma of the friction from stop to stop, by heat
 _SURE_SIGMAS = 4.0  # from which a stop differs from the others
+_STRONG_SHARE = 0.5  # of the strongest braking: with less, the gradient says more than the friction
 _SHORTEST_STOP = 2.0  # a shorter one has no mean [s]
 _SHORTEST_MIXED = 0.9  # less deceleration for a shorter time is no other brake [s]
 _ROUNDS = 20  # of the weights
@@ -64,6 +65,7 @@ class BrakeLine(NamedTuple):
     rolling: bool  # whether all axles roll in it
     # stops that the line does not explain, after the first time of the grid
     differing: tuple[DifferingStop, ...] = ()
+    speed_effect: SpeedEffect | None = None  # None where too little rolls slowly or fast
     mixed: bool = False  # whether wheels slow much less than it says: another brake acted as well
 
 
@@ -138,6 +140,9 @@ def find_brake_line(
         # Wheels that slide together recover together in between.
         and bool(np.min(rim_slowing[slows_less]) > GRADIENT / 2.0),
         differing=tuple(_differing_stops(grid, acting, by_brake[braked], stops, line)),
+        speed_effect=_speed_effect(
+            grid, line.slope * acting.excess(line.zero), by_brake[braked], v[braked], len(stops)
+        ),
     )
 
 
@@ -227,6 +232,32 @@ def _differing_stops(
         if seconds > _SHORTEST_STOP and abs(deceleration - force) > _SURE_SIGMAS * sigma:
             span = start * grid.step, (stop - 1) * grid.step
             yield DifferingStop(*span, float(deceleration / force))
+
+
+def _speed_effect(
+    grid: Grid, expected: Floats, by_brake: Floats, v: Floats, stops: int
+) -> SpeedEffect | None:
+    """How much harder the brake slows at low than at high speed, over what the line says.
+
+    Low is the lowest third of the speeds, high the highest.
+
+    Args:
+        grid: of all axles.
+        expected: deceleration by the line, (n,) [m/s²].
+        by_brake: as measured, (n,) [m/s²].
+        v: speed, (n,) [m/s].
+        stops: brake applications. The gradient of each is one error.
+    """
+    is_strong = expected > _STRONG_SHARE * np.max(expected)
+    low, high = (is_strong & mask for mask in (v < np.max(v) / 3.0, v > np.max(v) / 1.5))
+    if min(low.sum(), high.sum()) < FEWEST:
+        return None
+    slowing = [(np.mean(by_brake[mask]), np.mean(expected[mask])) for mask in (low, high)]
+    by_low, by_high = (float(measured / line) for measured, line in slowing)
+    if not min(by_low, by_high) > 0.0:
+        return None
+    sigma = grid.gradient_sigma / math.sqrt(stops) * math.hypot(*(1.0 / x for x, _ in slowing))
+    return SpeedEffect(by_low / by_high, sigma, float(np.mean(v[low])), float(np.mean(v[high])))
 
 
 def _coasting_deceleration(slowing: Floats) -> float:

@@ -229,6 +229,23 @@ def test_a_stop_under_another_brake_is_told_where_it_is(tmp_path: Path) -> None:
     assert 58.0 < begin < end < 84.0
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_friction_that_rises_as_the_train_gets_slower_is_told(seed: int, tmp_path: Path) -> None:
+    iron = replace(METRO, friction_fade=Parameter(-0.012, 0.0), friction_speed=Parameter(20.0, 0.0))
+    codes = {}
+    for name, vehicle in {"pads": METRO, "iron": iron}.items():
+        result = run(log(tmp_path / f"{name}.csv", vehicle, seed, applications=5))
+        codes[name] = [f for f in result.findings if f.code == "friction-over-speed"]
+    assert not codes["pads"]
+    (finding,) = codes["iron"]
+    assert finding.severity == "warning"
+    assert finding.values["factor"] > 1.3
+    assert 0.0 < finding.values["low_kmh"] < finding.values["high_kmh"]
+    stated = {"friction_fade": -0.012, "friction_speed": 20.0}
+    path = tmp_path / "iron.csv"
+    assert all(f.code != "friction-over-speed" for f in run(path, stated).findings)
+
+
 def test_the_line_says_what_is_known(tmp_path: Path) -> None:
     paths = [log(tmp_path / f"{i}.csv", METRO, applications=n) for i, n in enumerate((3, 0))]
     lines = []
