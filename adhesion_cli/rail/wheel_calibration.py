@@ -157,7 +157,8 @@ def with_reference_speed(
     findings = [Finding("reference-speed", "info", values={"axles": len(all_records)})]
     if not known:
         findings.append(Finding("common-slides-unknown", "info"))
-    sliding = (fastest < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
+    step = max(r.wheel_speed_step * vehicle.radius(r.axle).value for r in all_records)
+    sliding = (fastest + step < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
     if sliding.any():
         findings.append(_slide_together(sliding, (t - start_ns) * 1e-9))
     completed = [

@@ -378,6 +378,18 @@ def test_without_a_train_speed_the_fastest_axle_is_the_train() -> None:
     )
 
 
+def test_a_step_of_rounded_speeds_is_no_slide_of_all_axles() -> None:
+    t = np.arange(0, 20 * 10**9, 2 * 10**7)
+    seconds = t * 1e-9
+    step = 1.0 / 3.6 / 0.42  # whole km/h
+    speed = (20.0 - 1.0 * np.maximum(seconds - 3.0, 0.0)) / 0.42
+    speed = step * np.round(speed / step)
+    K = np.where(seconds > 3.0, 25000.0, 0.0)
+    records = [AxleRecord(n, t, K, K, speed, (slice(0, len(t)),), step) for n in (1, 2)]
+    _, findings = wheel_calibration.with_reference_speed(records, records, Vehicle(), 0)
+    assert [f.code for f in findings] == ["reference-speed"]
+
+
 def test_all_axles_sliding_is_told() -> None:
     t = np.arange(0, 20 * 10**9, 2 * 10**7)
     seconds = t * 1e-9
