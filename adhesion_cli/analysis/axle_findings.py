@@ -124,16 +124,16 @@ def _impossible_force(
 ) -> dict[str, tuple[Severity, Bools]]:
     """Where the force is one that no rail and no brake gives."""
     surely = np.nan_to_num(np.abs(ref.force) - ref.half_width)
-    too_high = physics.coefficient(surely, vehicle, record.axle) > _HIGHEST_COEFFICIENT
+    impossible = physics.coefficient(surely, vehicle, record.axle) > _HIGHEST_COEFFICIENT
     # Without adhesion the wheel slows by aφK, and no rail makes it slow harder.
     K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
     highest_K = float(K.max(initial=0.0))
     negative = np.nan_to_num(ref.upper) < -_MODEL_ERROR * w.phi * highest_K
-    negative &= (physics.RELEASED_SHARE * highest_K < K) & ~too_high
+    negative &= (physics.RELEASED_SHARE * highest_K < K) & ~impossible
     slowing = w.a * (w.phi * K - np.nan_to_num(ref.force)) * vehicle.radius(record.axle).value
     locks = slowing > physics.LOCKING
     return {
-        "coefficient-too-high": ("warning", too_high),
+        "coefficient-too-high": ("warning", impossible),
         "speed-signal-loss": ("warning", negative & locks),
         "force-negative": ("warning", negative & ~locks),
     }

@@ -92,11 +92,13 @@ def _friction_over_speed(
     effect = identified.speed_effects.get(log.path)
     if effect is None or identified.other_brake:
         return []
-    low, high = (
+    share_at_low, share_at_high = (
         1.0 + stated.friction_fade.value * (v - stated.friction_speed.value)
         for v in (effect.low, effect.high)
     )
-    unexplained = abs(math.log(effect.ratio * max(high, _LEAST_FADE) / max(low, _LEAST_FADE)))
+    unexplained = abs(
+        math.log(effect.ratio * max(share_at_high, _LEAST_FADE) / max(share_at_low, _LEAST_FADE))
+    )
     if unexplained < max(_SPEED_SIGMAS * effect.sigma, math.log(_SPEED_FACTOR)):
         return []
     values = {"factor": effect.ratio, "low_kmh": 3.6 * effect.low, "high_kmh": 3.6 * effect.high}

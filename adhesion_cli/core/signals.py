@@ -88,8 +88,8 @@ def _kept_to_the_end(record: AxleRecord, segment: slice) -> slice:
     changes = np.flatnonzero(np.diff(speed)) + 1
     if len(changes) < 2 or speed[-1] > min(_HIGHEST, float(speed.min())):
         return slice(0, 0)
-    kept, kept_before = t[-1] - t[changes[-1]], t[changes[-1]] - t[changes[-2]]
-    is_overdue = kept > max(2.0 * kept_before, _OVERDUE)
+    kept_time, earlier_kept_time = t[-1] - t[changes[-1]], t[changes[-1]] - t[changes[-2]]
+    is_overdue = kept_time > max(2.0 * earlier_kept_time, _OVERDUE)
     return slice(segment.start + int(changes[-1]), segment.stop) if is_overdue else slice(0, 0)
 
 
@@ -157,12 +157,14 @@ def _released(record: AxleRecord) -> Bools:
 
 def _gains_speed(t: Floats, v: Floats) -> Bools:
     """Where a speed gains more than on a gradient over 2 s, and less than after a slide; (n,)."""
-    known = np.isfinite(v)
-    if not known.any():
-        return known
-    earlier, later = np.maximum(t - 1.0, t[0]), np.minimum(t + 1.0, t[-1])
-    gain = np.interp(later, t[known], v[known]) - np.interp(earlier, t[known], v[known])
-    duration = later - earlier
+    has_speed = np.isfinite(v)
+    if not has_speed.any():
+        return has_speed
+    earlier_time, later_time = np.maximum(t - 1.0, t[0]), np.minimum(t + 1.0, t[-1])
+    gain = np.interp(later_time, t[has_speed], v[has_speed]) - np.interp(
+        earlier_time, t[has_speed], v[has_speed]
+    )
+    duration = later_time - earlier_time
     gains: Bools = (gain > GRADIENT * duration) & (gain < RISE * duration) & (duration >= 1.0)
     return gains
 

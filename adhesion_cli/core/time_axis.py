@@ -403,8 +403,12 @@ def from_digits(t: Times) -> Times | None:
     >>> from_digits(np.array([5_958, 5_959, 10_000, 10_001]) * 10**9) // 10**9
     array([3598, 3599, 3600, 3601])
     """
-    end, turn = (6_000, 10_000) if t.max(initial=0) < 6_000 * 10**9 else (236_000, 240_000)
-    t = t + np.cumsum(np.diff(t, prepend=t[:1]) < -(end - 100) * 10**9) * (turn * 10**9)
+    last_digits, digits_of_turn = (
+        (6_000, 10_000) if t.max(initial=0) < 6_000 * 10**9 else (236_000, 240_000)
+    )
+    t = t + np.cumsum(np.diff(t, prepend=t[:1]) < -(last_digits - 100) * 10**9) * (
+        digits_of_turn * 10**9
+    )
     minutes, ns = np.divmod(t, 100 * 10**9)
     if not len(t) or t.min() < 0 or ns.max() >= 60 * 10**9 or (minutes % 100).max() >= 60:
         return None

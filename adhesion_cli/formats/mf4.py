@@ -212,15 +212,15 @@ class Reader:
             if master.scale == 1.0 and step > _LONGEST_STEP and not self._options.time_unit:
                 usual = (x for x in _FINER if step * _FINER[x] <= _LONGEST_STEP / 10.0)
                 finer[g] = next(usual, "s")
-        known = max((x for g, x in lengths.items() if g not in finer), default=0.0)
+        longest_known = max((x for g, x in lengths.items() if g not in finer), default=0.0)
         for g, unit in ((g, x) for g, x in finer.items() if x in _FINER):
             name = self._names[g]
-            if not known:
+            if not longest_known:
                 text = f"{self._path}: the time of {name!r} says s, and has steps of more than "
                 text += f"{_LONGEST_STEP:g} s: the log would be {lengths[g]:g} s long"
                 line = f"channels.time.unit = {toml.quoted(unit)}"
                 raise UserError(text, f"state its unit, as {toml.option(line)} (or s)")
-            if 0.5 < lengths[g] * _FINER[unit] / known < 2.0:
+            if 0.5 < lengths[g] * _FINER[unit] / longest_known < 2.0:
                 master = self._masters[g]
                 turn = master.turn * _FINER[unit]
                 self._masters[g] = master._replace(scale=_FINER[unit], turn=turn)

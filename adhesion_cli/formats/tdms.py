@@ -276,8 +276,8 @@ class Reader:
         end_row = segments[-1].next_segment_pos if segments else 0
         if self._file.file_status.incomplete_final_segment:
             return "the last segment is not complete"
-        is_short = end_row < self._path.stat().st_size
-        return f"byte {end_row}: no segment begins there" if is_short else ""
+        is_cut_off = end_row < self._path.stat().st_size
+        return f"byte {end_row}: no segment begins there" if is_cut_off else ""
 
     def _count_rows(self) -> int:
         """Samples of the longest channel of each group and time, in all."""

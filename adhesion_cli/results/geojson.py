@@ -73,16 +73,16 @@ def as_text(maps: Iterable[MapOfLog]) -> str:
 
 def _features(one: MapOfLog) -> list[Json]:
     names = {"log": utf8(Path(one.log).name), "group": one.group, "label": one.label}
-    stated = {key: name for key, name in names.items() if name is not None}
+    stated_names = {key: name for key, name in names.items() if name is not None}
     features = [
-        _feature("LineString", line[:, ::-1].tolist(), {"kind": "run", **stated})
+        _feature("LineString", line[:, ::-1].tolist(), {"kind": "run", **stated_names})
         for line in one.lines
     ]
     for stop in one.stops:
         values_of_stop = {name: as_json(getattr(stop, name)) for name in _OF_STOP}
-        features += _point(stop, {"kind": "stop", **stated, **_flat(values_of_stop)})
+        features += _point(stop, {"kind": "stop", **stated_names, **_flat(values_of_stop)})
     for axle, slide in one.slides:
-        features += _point(slide, {"kind": "slide", **stated, "axle": axle, **as_json(slide)})
+        features += _point(slide, {"kind": "slide", **stated_names, "axle": axle, **as_json(slide)})
     return features
 
 

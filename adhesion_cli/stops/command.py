@@ -59,9 +59,9 @@ def _first_fall(pipe: TimeSeries, start: float) -> tuple[float, float] | None:
     small, large = -x > threshold, -x > 2.0 * threshold
     if not threshold or not large.any() or small[0]:
         return None
-    k, later = int(np.argmax(small)), int(np.argmax(large))
+    k, large_index = int(np.argmax(small)), int(np.argmax(large))
     interval = float(t[k] - t[k - 1])
-    slope = float(x[k - 1] - x[later]) / float(t[later] - t[k - 1])
+    slope = float(x[k - 1] - x[large_index]) / float(t[large_index] - t[k - 1])
     fallen = max(float(-x[k]) / slope, 0.5 * interval)  # time of the fall so far
     return float(t[k]) - fallen, math.hypot(interval, fallen, noise / slope) / math.sqrt(12.0)
 

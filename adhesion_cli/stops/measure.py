@@ -132,8 +132,8 @@ def _is_coarse(signals: StopSignals, start: float, stop: float) -> bool:
     if signals.is_coarse is None:
         return False
     t, v = signals.speed
-    moves = (t >= start) & (t <= stop) & (v > SLOW)
-    return bool(signals.is_coarse[moves].any())
+    is_moving = (t >= start) & (t <= stop) & (v > SLOW)
+    return bool(signals.is_coarse[is_moving].any())
 
 
 def _drop(reservoir: TimeSeries | None, start: float, stop: float) -> float | None:

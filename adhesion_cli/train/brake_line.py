@@ -249,15 +249,24 @@ def _speed_effect(
         stops: brake applications. The gradient of each is one error.
     """
     is_strong = expected > _STRONG_SHARE * np.max(expected)
-    low, high = (is_strong & mask for mask in (v < np.max(v) / 3.0, v > np.max(v) / 1.5))
-    if min(low.sum(), high.sum()) < FEWEST:
+    low_speed, high_speed = (
+        is_strong & mask for mask in (v < np.max(v) / 3.0, v > np.max(v) / 1.5)
+    )
+    if min(low_speed.sum(), high_speed.sum()) < FEWEST:
         return None
-    slowing = [(np.mean(by_brake[mask]), np.mean(expected[mask])) for mask in (low, high)]
-    by_low, by_high = (float(measured / line) for measured, line in slowing)
-    if not min(by_low, by_high) > 0.0:
+    slowing = [
+        (np.mean(by_brake[mask]), np.mean(expected[mask])) for mask in (low_speed, high_speed)
+    ]
+    factor_at_low, factor_at_high = (float(measured / line) for measured, line in slowing)
+    if not min(factor_at_low, factor_at_high) > 0.0:
         return None
     sigma = grid.gradient_sigma / math.sqrt(stops) * math.hypot(*(1.0 / x for x, _ in slowing))
-    return SpeedEffect(by_low / by_high, sigma, float(np.mean(v[low])), float(np.mean(v[high])))
+    return SpeedEffect(
+        factor_at_low / factor_at_high,
+        sigma,
+        float(np.mean(v[low_speed])),
+        float(np.mean(v[high_speed])),
+    )
 
 
 def _coasting_deceleration(slowing: Floats) -> float:

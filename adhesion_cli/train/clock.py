@@ -223,8 +223,12 @@ def _start(s: _ClockSamples, v: Floats) -> Floats:
     place = np.where(coasts, 0.5, 0.3) * np.maximum(count - 1, 0)  # of the median, and of 30 %
     lower = place.astype(np.int64)[..., None]
     upper = np.minimum(lower + 1, np.maximum(count - 1, 0)[..., None])
-    below, above = (np.take_along_axis(ratios, i, axis=-1)[..., 0] for i in (lower, upper))
-    c = np.where(count > 0, below + (place - lower[..., 0]) * (above - below) - 1.0, 0.0)
+    ratio_below, ratio_above = (
+        np.take_along_axis(ratios, i, axis=-1)[..., 0] for i in (lower, upper)
+    )
+    c = np.where(
+        count > 0, ratio_below + (place - lower[..., 0]) * (ratio_above - ratio_below) - 1.0, 0.0
+    )
     x = np.append(c, np.full((len(v), 1), _CREEPAGE[0]), axis=-1)
     inside: Floats = np.clip(x, -3.0 * _WORN, 3.0 * _WORN)
     return inside
@@ -274,8 +278,8 @@ def _solved(s: _ClockSamples, rolling: Bools, d: Floats) -> Floats:
     k, c, q = len(s.rim), s.by_radius * rolling, s.by_creep * rolling
     expected = np.append(np.zeros(k), _CREEPAGE[0])
     weights = (s.noise / np.array([*([_WORN] * k), _CREEPAGE[1]])) ** 2  # as numbers of samples
-    A, each = np.zeros((len(d), k + 1, k + 1)), np.arange(k)
-    A[:, each, each] = (c * c).sum(axis=-1)
+    A, delay_index = np.zeros((len(d), k + 1, k + 1)), np.arange(k)
+    A[:, delay_index, delay_index] = (c * c).sum(axis=-1)
     A[:, k, k] = (q * q).sum(axis=(1, 2))
     A[:, k, :k] = A[:, :k, k] = (c * q).sum(axis=-1)  # two axles share no sample
     b = np.append((c * d).sum(axis=-1), (q * d).sum(axis=(1, 2))[:, None], axis=-1)

@@ -23,7 +23,7 @@ from .longitudinal import (
 from .pieces import build_design, sum_by_piece, without_slope
 from .solve import Likeliest, Posterior, independent_samples, residual, search, unbent_loss
 
-_LATE = 0.2  # 1 sigma of the train speed's delay from which rolling wheels say more [s]
+_LATE_SIGMA = 0.2  # 1 sigma of the train speed's delay from which rolling wheels say more [s]
 _NO_DRAG = Parameter(0.0, 1e-9)  # by the gradient and γ of long pieces, in a diagnosis [1/m]
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
 CLEAR_GAIN = 12.0  # gain of another cause that is clear: twice the log of the likelihood
@@ -106,8 +106,8 @@ def _may_be_late(axles: Sequence[AxleChannels]) -> bool:
 
     It is where an offset of the speed explains the same as a delay.
     """
-    late = axles[0].record.train_speed_late
-    return late is not None and late.tolerance > _LATE
+    delay = axles[0].record.train_speed_late
+    return delay is not None and delay.tolerance > _LATE_SIGMA
 
 
 def _explain(d: Design, vehicle: Vehicle) -> Explanation:

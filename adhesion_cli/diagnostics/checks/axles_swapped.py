@@ -69,10 +69,10 @@ def _in_every_slide(p: Params, g: Grid, i: int, j: int) -> bool:
     """
     slides = g.share[i] < p.share
     for start, stop in true_runs(slides):
-        others = slides.copy()
-        others[start:stop] = False
-        other = _follows(p, g, i, j, slides=others)
-        if not other > max(p.follows, _follows(p, g, i, i, slides=others)):
+        other_slides = slides.copy()
+        other_slides[start:stop] = False
+        other_correlation = _follows(p, g, i, j, slides=other_slides)
+        if not other_correlation > max(p.follows, _follows(p, g, i, i, slides=other_slides)):
             return False
     return True
 

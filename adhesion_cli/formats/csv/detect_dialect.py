@@ -307,14 +307,14 @@ def _likelier(cells: list[str], mark: str) -> str:
     """How to state the decimal mark: this one, or the other where groups make smaller jumps."""
 
     def largest_jump(grouped: bool) -> float:
-        values = [float(c.replace(mark, "" if grouped else ".")) for c in cells if is_plain(c)]
+        values = [float(c.replace(mark, "" if grouped else ".")) for c in cells if is_number(c)]
         jumps = [abs(b - a) for a, b in pairwise(values)]
         return max(jumps, default=0.0) / ((max(values) - min(values)) or 1.0)
 
-    is_plain = number_grammar(mark).fullmatch
-    words = ["comma", "point"] if mark == "," else ["point", "comma"]
-    likely, other = words[:: -1 if largest_jump(True) < largest_jump(False) else 1]
-    return f"state it, as `--set csv.decimal={likely}` (or {other})"
+    is_number = number_grammar(mark).fullmatch
+    mark_names = ["comma", "point"] if mark == "," else ["point", "comma"]
+    likely, unlikely = mark_names[:: -1 if largest_jump(True) < largest_jump(False) else 1]
+    return f"state it, as `--set csv.decimal={likely}` (or {unlikely})"
 
 
 def _proves_decimal(rows: list[list[str]], width: int, mark: str) -> bool:

@@ -57,7 +57,10 @@ def open_csv(path: Path, options: ReadOptions, name: str = "") -> "CsvSource":
             clock = find_clock(dialect, options, rows, path)
         except UserError:
             pairs = [] if options.time_channel else find_pairs(dialect, rows, path)
-            tables = [CsvTable(path, options, dialect, clock, its) for clock, its in pairs]
+            tables = [
+                CsvTable(path, options, dialect, clock, table_fields)
+                for clock, table_fields in pairs
+            ]
             if not tables:
                 raise
             first_source, *others = [CsvSource(table, name) for table in tables]
@@ -184,11 +187,15 @@ class CsvSource:
                 `ReadOptions.strict` also where a row or cell cannot.
         """
         with _named(self.table.path, self._name):
-            own = [f for f in wanted if f in self.places]
-            columns = dict(zip(own, self._columns(own), strict=True)) if own else {}
+            own_fields = [f for f in wanted if f in self.places]
+            columns = (
+                dict(zip(own_fields, self._columns(own_fields), strict=True)) if own_fields else {}
+            )
         for other in self.others:
-            its = [f for f in wanted if f in other.places]
-            columns |= zip(its, other.columns(its) if its else (), strict=True)
+            table_fields = [f for f in wanted if f in other.places]
+            columns |= zip(
+                table_fields, other.columns(table_fields) if table_fields else (), strict=True
+            )
             self.rows = max(self.rows, other.rows)
             for finding in other.findings:
                 self._report(finding)

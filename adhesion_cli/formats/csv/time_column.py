@@ -376,8 +376,8 @@ class _ClockSearch:
         columns = range(len(self.dialect.names)) if i is None else [i]
         for k in (k for k in columns if k not in without):
             numbers = values or (self.dialect.numbers(k) if _rises(self.dialect, k) else [])
-            shown = self._shown_unit(k, [*numbers], None) if numbers else None
-            units = [shown[0]] if shown else []
+            shown_unit = self._shown_unit(k, [*numbers], None) if numbers else None
+            units = [shown_unit[0]] if shown_unit else []
             units = units or self._usual_units(numbers) or self._usual_units(numbers, 0.0)
             if units:
                 other_units = f" (or {', '.join(units[1:])})" * (len(units) > 1)
