@@ -1,6 +1,5 @@
 """What must be reported about the vehicle: defaults, and diameters."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 from ..core.finding import Finding, merge_spans
 from ..core.model import AxleResult, IdentifiedVehicle, Log, Result, Vehicle, quantities
 from ..core.units import UNITS
+from ..diagnostics import friction_over_speed
 from ..diagnostics.checks.vehicle import remedy_names
 from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from .prepare import AlignedLog, Prepared, diagnose_log
@@ -18,11 +18,6 @@ from .settings import Settings
 _CALIBRATED = "wheel-calibrated"
 _FEW_DEFAULTS = 3  # defaults that the line of a finding names
 _LINE_LETTERS = 50  # letters that it has for them with their values
-
-
-_SPEED_SIGMAS = 2.5  # from which the friction changes with the speed
-_SPEED_FACTOR = 1.25  # and by how much at least: gradients that change on the way look alike
-_LEAST_FADE = 0.1  # of the friction at any speed
 
 _OF_FORCE = {
     "coefficient-too-high",
@@ -74,35 +69,13 @@ def find_vehicle_findings(
         findings.append(Finding("stops-differ", "warning", "", len(stops), spans, values))
     if not identified.known:
         return findings
-    findings += _friction_over_speed(settings.vehicle, identified, log)
+    effect = None if identified.other_brake else identified.speed_effects.get(log.path)
+    findings += friction_over_speed.check(settings.vehicle, effect)
     if identified.source == "log":
         by_log = Finding("vehicle-by-log", "info", values={"stops": identified.stops})
         return [*findings, by_log]
     by_pressure = any(a.record.pressure is not None for a in log.axles)
     return findings + default_parameters(settings, by_pressure)
-
-
-def _friction_over_speed(
-    stated: Vehicle, identified: IdentifiedVehicle, log: AlignedLog
-) -> list[Finding]:
-    """Whether the friction changes with the speed by more than is stated.
-
-    A straight line over the speed, as the log shows one, is no friction of cast iron.
-    """
-    effect = identified.speed_effects.get(log.path)
-    if effect is None or identified.other_brake:
-        return []
-    share_at_low, share_at_high = (
-        1.0 + stated.friction_fade.value * (v - stated.friction_speed.value)
-        for v in (effect.low, effect.high)
-    )
-    unexplained = abs(
-        math.log(effect.ratio * max(share_at_high, _LEAST_FADE) / max(share_at_low, _LEAST_FADE))
-    )
-    if unexplained < max(_SPEED_SIGMAS * effect.sigma, math.log(_SPEED_FACTOR)):
-        return []
-    values = {"factor": effect.ratio, "low_kmh": 3.6 * effect.low, "high_kmh": 3.6 * effect.high}
-    return [Finding("friction-over-speed", "warning", values=values)]
 
 
 def diagnose_with(

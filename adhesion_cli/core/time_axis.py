@@ -14,6 +14,7 @@ import numpy as np
 from .finding import Finding, Severity, Span, merge_spans
 from .model import Bools, Channel, Column, Floats, Times
 
+_FIRST_STAMPS = 100_000  # of a log, in which most clocks count seconds above 59
 _HOUR, _HOURLESS = 3600 * 10**9, "clock without hours"
 WRAPS_NS = {
     "32-bit millisecond counter": 2**32 * 10**6,
@@ -403,6 +404,9 @@ def from_digits(t: Times) -> Times | None:
     >>> from_digits(np.array([5_958, 5_959, 10_000, 10_001]) * 10**9) // 10**9
     array([3598, 3599, 3600, 3601])
     """
+    # Seconds above 59 among the first stamps spare copies of all of them.
+    if (t[:_FIRST_STAMPS] % (100 * 10**9) >= 60 * 10**9).any():
+        return None
     last_digits, digits_of_turn = (
         (6_000, 10_000) if t.max(initial=0) < 6_000 * 10**9 else (236_000, 240_000)
     )
