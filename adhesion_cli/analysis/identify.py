@@ -198,7 +198,7 @@ def find_prior(
         lines = {i: line for i, line in lines.items() if not line.mixed}
         prior = replace(prior, differing=mixed)
     stops = {logs[i].path: _differing_stops(logs[i], line) for i, line in lines.items()}
-    effects = {logs[i].path: line.speed_effect for i, line in lines.items()}
+    effects = {logs[i].path: x for i, line in lines.items() if (x := line.speed_effect)}
     prior = replace(prior, differing_stops=stops, speed_effects=effects)
     if not lines or _single_pressure(logs) or len(_kinds(logs)) > 1:
         return _unknown(prior), {}

@@ -562,7 +562,7 @@ class IdentifiedVehicle:
     doubt: tuple[float, float] | None = None
     # stops that the brake of all does not explain, after the start of the log, by its path
     differing_stops: Mapping[str, tuple[DifferingStop, ...]] = field(default_factory=dict)
-    speed_effects: Mapping[str, SpeedEffect | None] = field(default_factory=dict)  # by the path
+    speed_effects: Mapping[str, SpeedEffect] = field(default_factory=dict)  # by the path
     differing: tuple[str, ...] = ()  # paths of logs that brake otherwise than all together
     other_brake: bool = False  # whether a brake without a pressure in the logs slows the train, too
     mean_axle: tuple[Vehicle, Vehicle] | None = None  # as stated, and as identified

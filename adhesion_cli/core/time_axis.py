@@ -81,7 +81,7 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     t, wraps = unwrapped(column.t)
     report = _Report(name, t, start_ns)
     for counter, wrapped in wraps.items():
-        report("time-wrapped", wrapped, counter=counter)
+        report("time-wrapped", wrapped, "info", counter=counter)
     t = _spread(report, column.value)
     t = _without_rounding(report, column.value) if t is report.t else t
     usable = column.valid & np.isfinite(column.value)
@@ -112,8 +112,8 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     limit = max_gap_ns or gap_limit(steps[in_piece])
     gaps = np.flatnonzero(in_piece & (steps > limit))
     longest = float(steps[gaps].max(initial=0)) / 1e9
-    values = {"longest_s": longest, "limit_s": math.floor(longest) + 1.0}
-    report.stretches("gap", data.t[gaps], data.t[gaps + 1], len(gaps), **values)
+    begin, stop, limit_s = data.t[gaps], data.t[gaps + 1], math.floor(longest) + 1.0
+    report.stretches("gap", begin, stop, len(gaps), longest_s=longest, limit_s=limit_s)
     interval = int(np.median(steps[in_piece])) if in_piece.any() else 0
     return TimeAxis(
         data,
@@ -136,21 +136,28 @@ class _Report:
     start_ns: int
     findings: list[Finding] = field(default_factory=list)
 
-    def __call__(self, code: str, mask: Bools, **data: float | str) -> None:
+    def __call__(
+        self, code: str, mask: Bools, severity: Severity = "warning", **data: float | str
+    ) -> None:
         """Reports the samples of a mask, if there are any; each run of them is a span."""
         edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
         start, stop = self.t[edges[::2]], self.t[edges[1::2] - 1]
-        self.stretches(code, start, stop, int(np.count_nonzero(mask)), **data)
+        self.stretches(code, start, stop, int(np.count_nonzero(mask)), severity, **data)
 
     def stretches(
-        self, code: str, start: Times, stop: Times, count: int, **data: float | str
+        self,
+        code: str,
+        start: Times,
+        stop: Times,
+        count: int,
+        severity: Severity = "warning",
+        **data: float | str,
     ) -> None:
         """Reports stretches of time [ns], if there are any, with the numbers and names given."""
         if count:
             spans = spans_of(np.minimum(start, stop), np.maximum(start, stop), self.start_ns)
             values = {key: x for key, x in data.items() if not isinstance(x, str)}
             names = {key: x for key, x in data.items() if isinstance(x, str)}
-            severity: Severity = "info" if code == "time-wrapped" else "warning"
             self.findings.append(Finding(code, severity, self.channel, count, spans, values, names))
 
 
@@ -286,18 +293,9 @@ def _spread(report: _Report, value: Floats) -> Times:
 
 def _report_spread(report: _Report, t: Times, tick: float, period: float) -> None:
     """Notes that samples got even times: no data is lost."""
-    spans = spans_of(t[:1], t[-1:], report.start_ns)
-    values = {"apart_s": tick / 1e9, "rate_hz": float(f"{1e9 / period:.3g}")}
-    report.findings.append(
-        Finding(
-            "time-coarse-spread",
-            "info",
-            channel=report.channel,
-            count=len(t),
-            spans=spans,
-            values=values,
-        )
-    )
+    apart_s, rate_hz = tick / 1e9, float(f"{1e9 / period:.3g}")
+    code, begin, final = "time-coarse-spread", t[:1], t[-1:]
+    report.stretches(code, begin, final, len(t), "info", apart_s=apart_s, rate_hz=rate_hz)
 
 
 def _without_rounding(report: _Report, value: Floats) -> Times:

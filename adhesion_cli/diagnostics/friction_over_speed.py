@@ -6,13 +6,14 @@ one, is no friction of cast iron: the highest µ at the end of a stop is not in 
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
+from ..core import physics
 from ..core.finding import Finding
 from ..core.model import SpeedEffect, Vehicle
 
 _SIGMAS = 2.5  # from which the friction changes with the speed
 _FACTOR = 1.25  # and by how much at least: gradients that change on the way look alike
-_LEAST_SHARE = 0.1  # of the friction at any speed
 
 
 def check(stated: Vehicle, effect: SpeedEffect | None) -> Iterator[Finding]:
@@ -24,9 +25,9 @@ def check(stated: Vehicle, effect: SpeedEffect | None) -> Iterator[Finding]:
     """
     if effect is None:
         return
+    without_table = replace(stated, friction_table=None)
     share_at_low, share_at_high = (
-        max(1.0 + stated.friction_fade.value * (v - stated.friction_speed.value), _LEAST_SHARE)
-        for v in (effect.low, effect.high)
+        physics.friction_share(v, 0.0, without_table) for v in (effect.low, effect.high)
     )
     unexplained = abs(math.log(effect.ratio * share_at_high / share_at_low))
     if unexplained > max(_SIGMAS * effect.sigma, math.log(_FACTOR)):

@@ -177,11 +177,12 @@ def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
     if samples.all() and bend < _JERK * _SLICE**2:
         return 0.0
     variance = bend**2 / _MEDIAN_SQUARE / 6.0  # of a mean
-    slow = size * (variance - float(np.mean(steps[samples] ** 2)) / 12.0)
+    rounding = float(np.mean(steps[samples] ** 2)) / 12.0
+    slow = size * (variance - rounding)
     white = white_noise([(run.t[samples], z[samples])])
     if slow > _CLEARLY * white:
         return slow - white
-    peak = _spectral_peak(run) - float(np.mean(steps[samples] ** 2)) / 12.0
+    peak = _spectral_peak(run) - rounding
     return peak - white if peak > _PEAK * white else 0.0
 
 

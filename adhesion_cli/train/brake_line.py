@@ -249,14 +249,10 @@ def _speed_effect(
         stops: brake applications. The gradient of each is one error.
     """
     is_strong = expected > _STRONG_SHARE * np.max(expected)
-    low_speed, high_speed = (
-        is_strong & mask for mask in (v < np.max(v) / 3.0, v > np.max(v) / 1.5)
-    )
-    if min(low_speed.sum(), high_speed.sum()) < FEWEST:
+    is_slow, is_fast = (is_strong & mask for mask in (v < np.max(v) / 3.0, v > np.max(v) / 1.5))
+    if min(is_slow.sum(), is_fast.sum()) < FEWEST:
         return None
-    slowing = [
-        (np.mean(by_brake[mask]), np.mean(expected[mask])) for mask in (low_speed, high_speed)
-    ]
+    slowing = [(np.mean(by_brake[mask]), np.mean(expected[mask])) for mask in (is_slow, is_fast)]
     factor_at_low, factor_at_high = (float(measured / line) for measured, line in slowing)
     if not min(factor_at_low, factor_at_high) > 0.0:
         return None
@@ -264,8 +260,8 @@ def _speed_effect(
     return SpeedEffect(
         factor_at_low / factor_at_high,
         sigma,
-        float(np.mean(v[low_speed])),
-        float(np.mean(v[high_speed])),
+        float(np.mean(v[is_slow])),
+        float(np.mean(v[is_fast])),
     )
 
 

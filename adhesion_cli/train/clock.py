@@ -278,8 +278,8 @@ def _solved(s: _ClockSamples, rolling: Bools, d: Floats) -> Floats:
     k, c, q = len(s.rim), s.by_radius * rolling, s.by_creep * rolling
     expected = np.append(np.zeros(k), _CREEPAGE[0])
     weights = (s.noise / np.array([*([_WORN] * k), _CREEPAGE[1]])) ** 2  # as numbers of samples
-    A, delay_index = np.zeros((len(d), k + 1, k + 1)), np.arange(k)
-    A[:, delay_index, delay_index] = (c * c).sum(axis=-1)
+    A, axle_index = np.zeros((len(d), k + 1, k + 1)), np.arange(k)
+    A[:, axle_index, axle_index] = (c * c).sum(axis=-1)
     A[:, k, k] = (q * q).sum(axis=(1, 2))
     A[:, k, :k] = A[:, :k, k] = (c * q).sum(axis=-1)  # two axles share no sample
     b = np.append((c * d).sum(axis=-1), (q * d).sum(axis=(1, 2))[:, None], axis=-1)

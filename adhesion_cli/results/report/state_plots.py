@@ -77,19 +77,19 @@ def stretches(state: LoggedState, log_times: Floats = _NO_TIMES) -> tuple[Floats
         log_times: of the samples of its axles, shape (m,) [s].
     """
     t, value = state.t, state.value
-    edge_times = _ends_at_gaps(t, decimate.gaps(log_times))
+    end_by_row = _ends_at_gaps(t, decimate.gaps(log_times))
     edges = np.flatnonzero(np.diff(value, prepend=np.nan) != 0.0)
     if len(edges) > _MOST:
         bucket = np.floor((t - t[0]) / max(t[-1] - t[0], 1e-9) * _MOST)
         edges = np.flatnonzero(np.diff(bucket, prepend=np.nan) != 0.0)
     if not len(edges):
         return t, t, value
-    edges = np.union1d(edges, np.fromiter(edge_times, np.int64) + 1)
+    edges = np.union1d(edges, np.fromiter(end_by_row, np.int64) + 1)
     lowest, highest = (f.reduceat(value, edges) for f in (np.minimum, np.maximum))
     values = np.where(highest >= -lowest, highest, lowest)
     last_rows = [*(edges[1:] - 1).tolist(), len(t) - 1]
     following = np.append(t[1:], max(t[-1], np.max(log_times, initial=-np.inf)))
-    stops = np.array([edge_times.get(row, following[row]) for row in last_rows])
+    stops = np.array([end_by_row.get(row, following[row]) for row in last_rows])
     is_acting = values != 0.0
     return t[edges][is_acting], stops[is_acting], values[is_acting]
 
