@@ -43,7 +43,7 @@ from ..reference.calibrated_vehicle import Evidence, MeanBrake
 from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
-from ..train.explain import explain
+from ..train.deceleration_cause import explain_deceleration
 from ..train.mean_axle import mean_axle, move_axles
 from .prepare import AlignedLog, Window, align_log
 from .request import load_vehicle, open_log, read_log
@@ -404,7 +404,7 @@ def _evidence(log: AlignedLog, vehicle: Vehicle, setting: _Setting) -> Evidence:
     """What the rolling brake applications of a log say, with a vehicle near its own."""
     log = log.clamped_by(vehicle)
     assert log.grids is not None
-    explanation = explain(log.axles, log.grids, vehicle, setting.train)
+    explanation = explain_deceleration(log.axles, log.grids, vehicle, setting.train)
     record = log.axles[0].record
     applications = find_applications(record)
     start_ns = log.grids.coarse.start_ns

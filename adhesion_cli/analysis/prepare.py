@@ -26,7 +26,7 @@ from ..records.other_brakes import other_brake_findings
 from ..records.resample import resample
 from ..records.screen import screen
 from ..train.align import align
-from ..train.explain import explain
+from ..train.deceleration_cause import explain_deceleration
 from ..train.grid import Grids, build_grids, on_gradient
 from ..train.mean_axle import mass_at_rim, mean_axle
 from ..train.track import Gradient, find_gradient
@@ -136,7 +136,7 @@ def diagnose_log(
     log = log.clamped_by(vehicle)
     mean = mean_axle(vehicle, log.numbers)
     equal_axles = log.as_mean_axles(mean)
-    explanation = explain(equal_axles.axles, equal_axles.grids, mean, train)
+    explanation = explain_deceleration(equal_axles.axles, equal_axles.grids, mean, train)
     delay = explanation.pressure_delay
     axles = [a._replace(record=replace(a.record, pressure_late=delay)) for a in log.axles]
     requested = [a for a in axles if a.record.axle in log.requested]

@@ -28,11 +28,11 @@ class Design(NamedTuple):
     """The pieces of one log, and its clamping force all along."""
 
     t: Floats  # even, (n,) [s]
-    K: Floats  # as a straight line of the pressure, below zero too, over its highest value; (n,)
+    K: Floats  # straight line of the pressure, below zero too, over the highest K; (n,)
     relative_speed: Floats  # u − ū (n,) [m/s]
     top: float  # the highest K [N]
     samples: NDArray[np.int64]  # samples of the pieces, (m,)
-    piece_start: NDArray[np.int64]  # place of each piece's first one in `at`, (p,)
+    piece_start: NDArray[np.int64]  # place of each piece's first sample in `samples`, (p,)
     size: Floats  # how many each has, (p,)
     gradient_covariance: Floats  # prior covariance of the pieces' gradients, (p, p) [m²/s⁴]
     has_quadratic: bool  # whether pieces have γ

@@ -141,7 +141,7 @@ def _motor_covariance(d: Design) -> Floats:
 
 
 def _with_pieces(d: Design, piece_start: NDArray[np.int64]) -> Design:
-    """The design with pieces that begin at these places in `at`."""
+    """The design with pieces that begin at these places in `samples`."""
     d = d._replace(
         piece_start=piece_start, size=np.diff(piece_start, append=len(d.samples)).astype(np.float64)
     )

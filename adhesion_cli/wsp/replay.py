@@ -43,7 +43,7 @@ from ..rail.creep_law import Condition, condition
 from ..rail.events import Slide
 from ..rail.fit import RailFit
 from ..train import mean_axle
-from ..train.explain import STATED_SIGMAS
+from ..train.deceleration_cause import STATED_SIGMAS
 from ..train.grid import GRADIENT_SIGMA
 from ..train.longitudinal import DRAG_OF_TRAINS, RESISTANCE_OF_TRAINS, tolerance
 from . import closed_loop, replay_rail

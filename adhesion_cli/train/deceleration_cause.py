@@ -1,0 +1,283 @@
+"""What explains the deceleration of the train: the stated vehicle, a late pressure, another force.
+
+The longitudinal model of `longitudinal.py` is fitted four times to the pieces of one log:
+
+| fit | delay τ of the pressure | factor s and offset o of the force line |
+|---|---|---|
+| stated | by its prior | by their priors |
+| delayed | free | by their priors |
+| other line | by its prior | free |
+| both | free | free |
+
+The cost of a fit is −2 ln of its likelihood and prior. A cause counts if it lowers the cost by
+`CLEAR_GAIN`. A late pressure and another force line can have nearly the same cost. Then the log
+cannot tell which of the two it is, and the explanation says so.
+
+Symbols are those of `longitudinal.py`: x holds the shared parameters in the order of its `UNITS`,
+u is the loss of speed by the brake for s = 1, v the measured speed. Both are without a straight
+slope in each piece, because the gradient of the track is free.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model import Floats, Parameter, Train, Vehicle
+from ..records.axle_channels import AxleChannels
+from .explanation import AS_STATED, Design, Explanation, OtherForceLine, Piece
+from .grid import Grids
+from .longitudinal import (
+    DELAY,
+    DRAG,
+    LARGEST_DELAY,
+    OFFSET,
+    SCALE,
+    SHARED,
+    line_prior,
+    spring_share,
+    tolerance,
+)
+from .pieces import build_design, sum_by_piece, without_slope
+from .solve import Likeliest, Posterior, independent_samples, residual, search, unbent_loss
+
+_LATE_SIGMA = 0.2  # 1 sigma of the train speed's delay from which rolling wheels say more [s]
+_NO_DRAG = Parameter(0.0, 1e-9)  # long pieces have it in their gradient and γ [1/m]
+_FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))  # values of s that are tried
+_OFFSETS = -0.3, -0.1, 0.1, 0.3, 0.5  # values of o that are tried, of the highest K
+CLEAR_GAIN = 12.0  # gain in cost from which a cause is clear
+EQUAL_GAIN = 8.0  # two causes whose costs differ by less cannot be told apart
+STATED_SIGMAS = 3.5  # times the stated tolerance: within it the vehicle is as stated
+_NOISE_RATIO = 2.0  # a residual below so many times the noise is explained
+_SURE_SIGMAS = 4.0  # a delay of so many sigma is sure
+_LEAST_DELAY = 0.1  # a shorter delay is the caliper's own [s]
+_INTERVAL_SHARE = 0.75  # of the longer sampling interval: a shorter delay may be the sampling's
+_SMALL_OFFSET = 0.05  # of the highest K: a smaller offset hardly shows in the force
+_OFFSET_SIGMA = 0.15  # 1 sigma of a free offset, of the highest K
+_LARGEST_RESIDUAL = 0.2  # share of the speed's square: with more left, nothing is explained
+_SEVERAL_PIECES = 3  # from so many pieces on, a common line is more than their gradients
+_LITTLE_SPEED = 0.1  # a smaller change of speed shows little of a brake [m/s]
+_ANY_FACTOR = 25.0  # s or 1/s above this is no other vehicle
+
+
+def _start_points(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
+    """The points at which a search begins: a grid over each parameter that is free."""
+    base = np.array([prior[i].value for i in range(SHARED)])
+    reach = min(LARGEST_DELAY, float(d.t[-1]) / 4.0)
+    delays = np.linspace(-reach, reach, 41) if math.isinf(prior[DELAY].tolerance) else [0.0]
+    scale_is_free = math.isinf(prior[SCALE].tolerance)
+    points = [(delay, 0.0) for delay in delays]
+    points += [(0.0, offset) for offset in _OFFSETS] * scale_is_free
+    starts = []
+    for delay, offset in points:
+        x = base.copy()
+        x[DELAY], x[OFFSET] = delay, offset
+        if scale_is_free:
+            x[SCALE] = _likeliest_scale(d, x)
+        starts.append(x)
+    return starts
+
+
+def _likeliest_scale(d: Design, x: Floats) -> float:
+    """The ln s that fits best with any gradients: each piece leaves Σ (v + s u)²."""
+    u, v = without_slope(d, unbent_loss(d, x)), without_slope(d, d.v)
+    vv, vu, uu = sum_by_piece(d, v * v), sum_by_piece(d, v * u), sum_by_piece(d, u * u)
+    s = _FACTORS[:, None]
+    squares = np.maximum(vv + 2.0 * s * vu + s * s * uu, 0.0) / d.size + d.floor**2
+    return math.log(float(_FACTORS[np.argmin(np.log(squares) @ d.size)]))
+
+
+def explain_deceleration(
+    axles: Sequence[AxleChannels],
+    grids: Grids | None,
+    vehicle: Vehicle,
+    train: Train = Train(),  # noqa: B008 (a value that cannot change)
+) -> Explanation:
+    """The best explanation of how the train slows; the stated vehicle where the log shows none.
+
+    Args:
+        axles: all axles of the log, each on one clock.
+        grids: these axles on one time axis; None where they have none in common.
+        vehicle: the stated vehicle.
+        train: its other cars.
+    """
+    if grids is None:
+        return AS_STATED
+    braked_share = train.braked_share(vehicle, len(axles))
+    rim_design = build_design(axles, vehicle, grids, braked_share)
+    uses_train_speed = grids.fine.train is not None and not (rim_design and _may_be_late(axles))
+    train_design = (
+        build_design(axles, vehicle, grids, braked_share, by_train=True)
+        if uses_train_speed
+        else None
+    )
+    if rim_design is None:
+        return AS_STATED._replace(design=train_design)
+    explanation = _explain_design(rim_design, vehicle)
+    # A wheel on its way into a slide slows harder than by its brake. The train does not.
+    if explanation.line and uses_train_speed:
+        train_line = _explain_design(train_design, vehicle).line if train_design else None
+        if train_line is None:
+            explanation = _without_line(explanation)
+    return explanation._replace(design=train_design or rim_design)
+
+
+def _without_line(explanation: Explanation) -> Explanation:
+    """The explanation without another force line, and without a delay that may be one."""
+    delay = explanation.pressure_delay
+    if explanation.delay_or_line:
+        delay = AS_STATED.pressure_delay
+    return explanation._replace(line=None, pressure_delay=delay, delay_or_line=False)
+
+
+def _may_be_late(axles: Sequence[AxleChannels]) -> bool:
+    """Whether the delay of the train speed is so uncertain that rolling wheels show more.
+
+    It is uncertain where an offset of the speed explains the same as a delay.
+    """
+    delay = axles[0].record.train_speed_late
+    return delay is not None and delay.tolerance > _LATE_SIGMA
+
+
+class _Fits(NamedTuple):
+    """The likeliest point of each cause, see the table above."""
+
+    stated: Likeliest
+    delayed: Likeliest
+    line: Likeliest
+    both: Likeliest
+    sample_counts: Floats  # independent samples of each piece, (p,)
+
+
+def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
+    """What explains the speed of one design, that of the wheels or that of the train.
+
+    The train speed only has to agree with the wheels. There half of the gain is clear.
+    """
+    clear_gain = CLEAR_GAIN if d.creeps else CLEAR_GAIN / 2.0
+    stated_prior = line_prior(vehicle, d.top, d.mean, d.interval) | {DRAG: _NO_DRAG}
+    offset = Parameter(0.0, max(_OFFSET_SIGMA, spring_share(d.top, vehicle).value))
+    delay_prior = stated_prior | {DELAY: Parameter(0.0, math.inf)}
+    force_prior = stated_prior | {SCALE: Parameter(0.0, math.inf), OFFSET: offset}
+    both_prior = delay_prior | {i: force_prior[i] for i in (SCALE, OFFSET)}
+    start = np.array([stated_prior[i].value for i in range(SHARED)])
+    first_fit = search([d], [d.size], stated_prior, [start])
+    pieces = _gradients(d, first_fit.posterior())
+    near_fit = search([d], [d.size], both_prior, [first_fit.mean])
+    mean_squares = (
+        sum_by_piece(d, residual(d, first_fit.mean, first_fit.mean[SHARED:]) ** 2) / d.size
+    )
+    noise = _NOISE_RATIO * math.hypot(d.noise, d.floor)
+    if first_fit.cost - near_fit.cost < clear_gain and (mean_squares < noise**2).all():
+        return AS_STATED._replace(pieces=pieces)
+    both_starts = _start_points(d, both_prior)
+    free_fit = search([d], [d.size], both_prior, both_starts)
+    counts = independent_samples(
+        d, without_slope(d, residual(d, free_fit.mean, np.zeros(len(d.size))))
+    )
+    stated = search([d], [counts], stated_prior, _start_points(d, stated_prior))
+    delayed, line = (
+        _best(d, counts, prior, _start_points(d, prior), [stated])
+        for prior in (delay_prior, force_prior)
+    )
+    both = _best(d, counts, both_prior, [*both_starts, free_fit.mean], [stated, delayed, line])
+    fits = _Fits(stated, delayed, line, both, counts)
+    return _judge(d, fits, vehicle, clear_gain)._replace(pieces=pieces)
+
+
+def _best(
+    d: Design,
+    sample_counts: Floats,
+    prior: Mapping[int, Parameter],
+    starts: Sequence[Floats],
+    contained_fits: Sequence[Likeliest],
+) -> Likeliest:
+    """The best fit from the best of `starts` and from each fit with fewer unknowns.
+
+    A model is never less likely than one that it contains, but one search may end at a local
+    maximum. Of few pieces the gradients explain as much as a line does, and a better fit shows
+    nothing.
+    """
+    start_sets = [starts]
+    if len(d.size) >= _SEVERAL_PIECES:
+        start_sets += [[fit.mean] for fit in contained_fits]
+    fits = [search([d], [sample_counts], prior, points) for points in start_sets]
+    return min(fits, key=lambda fit: fit.cost)
+
+
+def _gradients(d: Design, posterior: Posterior) -> tuple[Piece, ...]:
+    """The gradient that each piece needs with this vehicle."""
+    pieces = []
+    for i, (piece_start, size) in enumerate(zip(d.piece_start, d.size.astype(int), strict=True)):
+        start, stop = (float(d.t[d.samples[k]]) for k in (piece_start, piece_start + size - 1))
+        gradient = Parameter(float(posterior.mean[SHARED + i]), posterior.sigma(SHARED + i))
+        pieces.append(Piece(start, stop, gradient))
+    return tuple(pieces)
+
+
+def _judge(d: Design, fits: _Fits, vehicle: Vehicle, clear_gain: float) -> Explanation:
+    """The explanation that the costs of all fits support together."""
+    delayed, line = fits.delayed, fits.line
+    single_cost = min(delayed.cost, line.cost)
+    simplest_cost = min(fits.stated.cost, _cost_without_brake(d, fits.sample_counts))
+    if min(single_cost, fits.both.cost) > simplest_cost - clear_gain:
+        return AS_STATED
+    needs_both = fits.both.cost < single_cost - clear_gain
+    if needs_both:
+        delayed = line = fits.both
+    delay = delayed.posterior().delay
+    s, o = math.exp(line.mean[SCALE]), float(line.mean[OFFSET])
+    is_delayed = abs(delay.value) > max(
+        _LEAST_DELAY, _INTERVAL_SHARE * d.interval, _SURE_SIGMAS * delay.tolerance
+    )
+    line_differs = _line_differs(s, o, d.top, vehicle)
+    if not needs_both:
+        # One cause is as likely and within what is stated: then the other one is in doubt.
+        if abs(delayed.cost - line.cost) < EQUAL_GAIN:
+            is_delayed = line_differs = is_delayed and line_differs
+        elif delayed.cost < line.cost:
+            line_differs = False
+        else:
+            is_delayed = False
+    # Where all wheels slide from the first moment on, they slow harder than by their brakes.
+    may_slide = not d.shows_slides and s > 1.0 and math.sqrt(d.v @ d.v / len(d.v)) < _LITTLE_SPEED
+    is_no_line = line_differs and (may_slide or not 1.0 / _ANY_FACTOR < s < _ANY_FACTOR)
+    single_fit = min(delayed, line, key=lambda fit: fit.cost)
+    if is_no_line or _residual_share(d, fits.sample_counts, single_fit) > _LARGEST_RESIDUAL:
+        return AS_STATED
+    return Explanation(
+        delay if is_delayed else AS_STATED.pressure_delay,
+        OtherForceLine(s, o * d.top, s * (1.0 - o)) if line_differs else None,
+        is_delayed and line_differs and not needs_both,
+    )
+
+
+def _line_differs(s: float, o: float, top: float, vehicle: Vehicle) -> bool:
+    """Whether the force line s (K − o) is outside of what is stated.
+
+    Args:
+        s: its factor.
+        o: its offset, of the highest K.
+        top: the highest K [N].
+        vehicle: the stated vehicle.
+    """
+    offset_limit = STATED_SIGMAS * spring_share(top, vehicle).tolerance
+    factor_limit = math.log1p(math.hypot(STATED_SIGMAS * tolerance(vehicle), offset_limit))
+    largest_factor = max(abs(math.log(s)), abs(math.log(s * max(1.0 - o, 1e-3))))
+    return abs(o) > max(_SMALL_OFFSET, offset_limit) or largest_factor > factor_limit
+
+
+def _cost_without_brake(d: Design, sample_counts: Floats) -> float:
+    """Cost of gradients alone, comparable with that of a fit."""
+    mean_squares = sum_by_piece(d, without_slope(d, d.v) ** 2) / d.size
+    return float(sample_counts @ np.log(mean_squares + d.floor**2))
+
+
+def _residual_share(d: Design, sample_counts: Floats, fit: Likeliest) -> float:
+    """Share of the speed's square that a fit leaves, without rounding."""
+    mean_squares = sum_by_piece(d, residual(d, fit.mean, fit.mean[SHARED:]) ** 2) / d.size
+    total_squares = sum_by_piece(d, without_slope(d, d.v) ** 2) / d.size
+    return float(
+        sample_counts @ np.maximum(mean_squares - d.floor**2, 0.0) / (sample_counts @ total_squares)
+    )
