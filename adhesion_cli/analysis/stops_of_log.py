@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.model import AxleResult, Floats, Log, Parameter, Result, Vehicle
-from ..core.physics import G, wheelset
-from ..core.summary import AxleStop, BrakeApplication, Measured, StopSummary
-from ..rail.locks import locks_of_axle
+from ..core.model import Log, Parameter, Result, Vehicle
+from ..core.physics import wheelset
+from ..core.summary import BrakeApplication, Measured, StopSummary
+from ..rail.stop_slides import add_slides
 from ..records.faults import Window
 from ..records.route import find_route
 from ..reference.brake_work import brake_work, motor_share
@@ -20,7 +20,6 @@ from ..stops.signals import StopSignals, TimeSeries, of_log, of_records
 from ..train.track import Gradient, find_gradient
 from .settings import Settings
 
-_BEGIN = 0.1  # over which the initial adhesion is a mean [s]
 _UNKNOWN_GRADIENT = Parameter(0.0, 3.0)  # of a line of which nothing is stated [‰]
 
 
@@ -40,7 +39,7 @@ def stops_of_result(
     stops = _measured(signals, result.vehicle, settings, gradient, result.log.start_ns())
     by_axle = list(applications)
     placed = (_with_adhesion(stop, by_axle) for stop in _placed(stops, result.log))
-    stops_with_slides = (_with_slides(stop, result, by_axle, settings) for stop in placed)
+    stops_with_slides = (add_slides(stop, result, by_axle, settings.locks) for stop in placed)
     return tuple(replace(stop, ed_share=_ed_share(stop, result)) for stop in stops_with_slides)
 
 
@@ -137,79 +136,3 @@ def _ed_share(stop: StopSummary, result: Result) -> Measured | None:
             pieces += [slice(int(first_row), int(last_row))] if last_row - first_row > 1 else []
         works.append(brake_work(axle.record, result.vehicle, pieces))
     return motor_share(works, result.vehicle)
-
-
-def _with_slides(
-    stop: StopSummary,
-    result: Result,
-    applications: Sequence[Sequence[BrakeApplication]],
-    settings: StopSettings,
-) -> StopSummary:
-    """A stop with the adhesion and the energy of each axle's slides."""
-    by_axle = {row.axle: row for row in stop.axles}
-    for axle, of_axle in zip(result.axles, applications, strict=True):
-        row = by_axle.get(axle.record.axle)
-        inside = [
-            a for a in of_axle if a.slides and a.start_s < stop.end_s and a.end_s > stop.start_s
-        ]
-        if row is not None and inside:
-            by_axle[row.axle] = _slides_of_axle(row, stop, result, axle, inside, settings)
-    return replace(stop, axles=tuple(by_axle.values()))
-
-
-def _slides_of_axle(
-    row: AxleStop,
-    stop: StopSummary,
-    result: Result,
-    axle: AxleResult,
-    applications: Sequence[BrakeApplication],
-    settings: StopSettings,
-) -> AxleStop:
-    """An axle of a stop with initial adhesion, utilisation and energies of its slides."""
-    record, vehicle = axle.record, result.vehicle.of_axle(axle.record.axle)
-    radius = result.vehicle.radius(record.axle).value
-    assert record.train_speed is not None  # there is no slide without
-    t = (record.t - result.log.start_ns()) * np.float64(1e-9)
-    spans = [
-        (x.start_s, x.start_s + x.duration_s)
-        for a in applications
-        for x in a.slide_list
-        if stop.start_s <= x.start_s <= stop.end_s
-    ]
-    force = _over_locks(t, axle.reference.force)
-    power = force * np.maximum(record.train_speed - record.wheel_speed * radius, 0.0)
-    energies = [_integral(t, power, *span) for span in spans]
-    used = [(a.utilisation, a.slide_s) for a in applications if a.utilisation is not None]
-    inside = [
-        x
-        for x in locks_of_axle(record, radius, settings.locks)
-        if stop.start_s <= t[x.samples.start] <= stop.end_s
-    ]
-    longest = max(inside, key=lambda x: x.duration, default=None)
-    first_start = min((start for start, _ in spans), default=math.nan)
-    begin = (t >= first_start) & (t <= first_start + _BEGIN) & np.isfinite(axle.reference.force)
-    mean = float(np.mean(axle.reference.force[begin])) if begin.any() else None
-    weight = vehicle.axle_mass.value * G
-    return row._replace(
-        initial_coefficient=mean and mean / weight,
-        utilisation=sum(u * s for u, s in used) / sum(s for _, s in used) if used else None,
-        energy_j=sum(energies) if spans and all(map(math.isfinite, energies)) else None,
-        lock_energy_j=None
-        if longest is None
-        else _finite(_integral(t, power, *t[[longest.samples.start, longest.samples.stop - 1]])),
-    )
-
-
-def _over_locks(t: Floats, force: Floats) -> Floats:
-    """A force with straight lines where it is not known: a locked wheel does not show it [N]."""
-    known = np.isfinite(force)
-    return np.interp(t, t[known], force[known]) if known.any() else force
-
-
-def _integral(t: Floats, x: Floats, start: float, stop: float) -> float:
-    inside = (t >= start) & (t <= stop)
-    return float(np.trapezoid(x[inside], t[inside]))
-
-
-def _finite(x: float) -> float | None:
-    return x if math.isfinite(x) else None

@@ -17,6 +17,7 @@ G = 9.80665  # standard gravity [m/s²]
 BAR = 1e5  # [Pa]
 NORMAL_PRESSURE = 101_325.0 * 293.15 / 273.15  # of normal air (DIN 1343) at 20 °C [Pa]
 HARDER = 1.2  # brakes may decelerate by this factor more than their parameters say
+DRY_RAIL = 0.4  # adhesion coefficient that a clean, dry rail gives at most, about
 GRADIENT = 0.4  # deceleration by a gradient of 4 %, the steepest of ordinary lines [m/s²]
 LOCKING = 30.0  # no brake decelerates a wheel harder, even without adhesion [m/s²]
 RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]

@@ -185,11 +185,15 @@ class AxleStop(NamedTuple):
         Quantity("-", "share of the time with slip to 5, 10, 20, 50 and 100 %"),
     ] = None
     initial_coefficient: Annotated[
-        Number, Quantity("-", "adhesion coefficient at the begin of the first slide")
+        Number, Quantity("-", "mean adhesion coefficient of 0.1 s at the begin of the first slide")
     ] = None
+    initial_coefficient_u95: Annotated[Number, Quantity("-", "its expanded uncertainty (95 %)")] = (
+        None
+    )
     utilisation: Annotated[
         Number, Quantity("-", "mean adhesion in the slides over the highest that the rail gives")
     ] = None
+    utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")] = None
     energy_j: Annotated[
         Number, Quantity("J", "friction energy of wheel and rail in the slides")
     ] = None

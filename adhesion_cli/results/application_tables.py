@@ -9,7 +9,7 @@ from ..rail.events import HIDDEN_TIME
 from .result_rows import OF_MARK, row, slid_row
 from .stop_rows import NOTE as STOP_NOTE
 from .stop_rows import describe_reasons, describe_sources, short_row
-from .text_tables import TitledTable, non_empty
+from .text_tables import TitledTable, describe_not_known, non_empty
 from .train_stops import (
     MANY_AXLES,
     MANY_ROWS,
@@ -22,8 +22,8 @@ from .train_stops import (
 
 _NOTE = (
     "One row per brake application; at: seconds after the start of the log. µ, F: adhesion "
-    "coefficient and force, mean from build-up to release and highest, with expanded uncertainty "
-    "(95\N{NO-BREAK SPACE}%)."
+    "coefficient and force, mean from build-up to release and highest mean over 0.1 s, or as "
+    "`analysis.peak_time` states, with expanded uncertainty (95\N{NO-BREAK SPACE}%)."
 )
 _OF_STOPS = (
     "One row per stop; at: seconds after the start of the log. µ mean: mean adhesion coefficient "
@@ -118,7 +118,8 @@ def _by_application(logs: _Logs) -> list[TitledTable]:
     ]
     rows = [name | row(axle, a) for name, axle, a in keyed]
     marked = any(a.other_brake for *_, a in keyed)
-    tables = [TitledTable(_TITLE, rows, note=f"{_NOTE} {OF_MARK}" if marked else _NOTE)]
+    notes = [_NOTE, OF_MARK * marked, describe_not_known(rows)]
+    tables = [TitledTable(_TITLE, rows, note=" ".join(filter(None, notes)))]
     if slid := [name | slid_row(axle, a) for name, axle, a in keyed if a.slides]:
         has_bounds = any(a.at_least for *_, a in keyed if a.slides)
         note = f"{_OF_SLIDES} {_BOUND}" if has_bounds else _OF_SLIDES

@@ -5,7 +5,17 @@ from collections.abc import Sequence
 from ..core.model import Score
 from ..core.summary import BrakeApplication, Contribution
 from ..core.text import by_uncertainty
-from .text_tables import DASH, ED, bounded_number, non_empty, number, when_and_where
+from .text_tables import (
+    DASH,
+    ED,
+    NOT_KNOWN,
+    bounded_number,
+    is_not_known,
+    non_empty,
+    number,
+    share_with_interval,
+    when_and_where,
+)
 
 MARK = "*"  # behind a µ without the force of another brake that acts
 _OF_SHARES = (
@@ -15,6 +25,11 @@ _OF_SHARES = (
 OF_MARK = "*: without the force of another brake that acts (`other-brake`)."
 
 
+def has_known_highest(a: BrakeApplication) -> bool:
+    """Whether the highest µ and force of a brake application say anything."""
+    return a.coefficient is None or not is_not_known(a.coefficient.max, a.coefficient.max_u95)
+
+
 def marked(a: BrakeApplication) -> str:
     """The mark of a brake application in which another brake acts, too."""
     return MARK if a.other_brake else ""
@@ -22,7 +37,8 @@ def marked(a: BrakeApplication) -> str:
 
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """A brake application: when, how fast, adhesion coefficient and force."""
-    mu, force = a.coefficient, a.force_n
+    mu, force, knows_highest = a.coefficient, a.force_n, has_known_highest(a)
+    highest, highest_force = (x and (x.max, x.max_u95) for x in (mu, force))
     return {
         "axle": axle,
         "at [s]": number(a.start_s, 1),
@@ -30,9 +46,9 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "for [s]": number(a.end_s - a.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
         "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3) + marked(a),
-        "µ max": _with_u95(mu and (mu.max, mu.max_u95), 1.0, 3),
+        "µ max": _with_u95(highest, 1.0, 3) if knows_highest else NOT_KNOWN,
         "F [kN]": _with_u95(force and (force.mean, force.mean_u95), 1e-3),
-        "Fmax [kN]": _with_u95(force and (force.max, force.max_u95), 1e-3),
+        "Fmax [kN]": _with_u95(highest_force, 1e-3) if knows_highest else NOT_KNOWN,
         **ed_cell(a),
     }
 
@@ -72,11 +88,7 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
 
 def used(a: BrakeApplication) -> str:
     """The share of the available adhesion that its slides used [%], with its 95 % interval."""
-    text = number(a.utilisation if a.utilisation is None else 100.0 * a.utilisation)
-    if a.utilisation is None or a.utilisation_ci is None:
-        return text
-    lower, upper = (number(100.0 * x) for x in a.utilisation_ci)
-    return f"{text} ({lower}–{upper})"
+    return share_with_interval(a.utilisation, a.utilisation_ci)
 
 
 def score_row(s: Score) -> dict[str, str]:

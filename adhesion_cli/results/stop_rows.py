@@ -18,7 +18,19 @@ from ..stops.series import (
     WspSummary,
     braked_weight_percentage,
 )
-from .text_tables import DASH, ED, TitledTable, columns_of, non_empty, number, when_and_where
+from .text_tables import (
+    DASH,
+    ED,
+    NOT_KNOWN,
+    TitledTable,
+    columns_of,
+    describe_not_known,
+    is_not_known,
+    non_empty,
+    number,
+    share_with_interval,
+    when_and_where,
+)
 
 NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
@@ -44,8 +56,11 @@ _OF_BUDGET = (
     "The gradient changes the distance on level track only."
 )
 _OF_WSP = (
-    "max slip, locked: the largest of the stops; valve actions: of all stops. used, energy: their "
-    "relative uncertainty, which is not shown, is at least that of µ."
+    "max slip, locked: the largest of the stops; valve actions: of all stops. initial µ: mean over "
+    "0.1 s from the begin of the first slide, mean of the stops, with expanded uncertainty "
+    "(95\N{NO-BREAK SPACE}%). used: mean µ of the slides over the highest that the rail gives, "
+    "with its 95\N{NO-BREAK SPACE}% interval. -: no slide, or the slides do not show it. energy: "
+    "its relative uncertainty, which is not shown, is at least that of µ."
 )
 _WSP = "Wheel slide protection"
 _COMMAND = {
@@ -270,7 +285,8 @@ def _describe_wsp(x: WspSummary) -> str:
 
 def _wsp_note(x: WspSummary) -> str:
     """What stands below the axles of the wet stops."""
-    return f"{_describe_wsp(x)}\n{_OF_WSP}" if x.axles else _describe_wsp(x)
+    notes = [_OF_WSP, describe_not_known(_wsp_rows(x))] if x.axles else []
+    return "\n".join([_describe_wsp(x), *filter(None, notes)])
 
 
 def _air(x: WspSummary) -> str:
@@ -289,13 +305,21 @@ def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
             "longest": number(a.longest_lock_s, 2),
             "lock [kJ]": number(a.lock_energy_j and 1e-3 * a.lock_energy_j, 1),
             "valve actions": str(a.valve_actions),
-            "initial µ": number(a.initial_coefficient, 3),
-            "used [%]": number(a.utilisation and 100.0 * a.utilisation, 0),
+            "initial µ": _initial(a),
+            "used [%]": share_with_interval(a.utilisation, a.utilisation_ci),
             "energy [kJ]": number(a.energy_j and 1e-3 * a.energy_j, 0),
             **_bands(a),
         }
         for a in x.axles
     ]
+
+
+def _initial(a: WspAxle) -> str:
+    """The initial adhesion with its uncertainty; a dash without a slide."""
+    value, u95 = a.initial_coefficient, a.initial_coefficient_u95
+    if value is None or u95 is None:
+        return DASH
+    return NOT_KNOWN if is_not_known(value, u95) else "±".join(by_uncertainty(value, u95, 3))
 
 
 def _bands(a: WspAxle) -> dict[str, str]:

@@ -3,15 +3,21 @@
 import io
 import shutil
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
+from ..core.physics import DRY_RAIL
 from ..core.text import printable
 
 NARROW = 80  # columns where there is no terminal, and in a recording
 DASH = "-"  # where a number is not known
 ED = "ED [%]"  # the column of the share of the ED brake
 _TEXT = 16  # columns that a text keeps
+NOT_KNOWN = "not known"
+_OF_NOT_KNOWN = (
+    f"{NOT_KNOWN}: the interval holds every µ from 0 to {DRY_RAIL}. While a wheel slides, an error "
+    "of the brake force goes whole into µ. A stated vehicle makes the interval narrower."
+)
 
 
 class TitledTable(NamedTuple):
@@ -129,3 +135,22 @@ def number(value: float | None, digits: int = 0) -> str:
 def bounded_number(value: float | None, digits: int, bound: bool) -> str:
     """A number, marked if it is a lower bound."""
     return "≥ " * (bound and value is not None) + number(value, digits)
+
+
+def share_with_interval(share: float | None, interval: tuple[float, float] | None) -> str:
+    """A share with its interval [%]; a dash where it is not known."""
+    text = number(share if share is None else 100.0 * share)
+    if share is None or interval is None:
+        return text
+    lower, upper = (number(100.0 * x) for x in interval)
+    return f"{text} ({lower}–{upper})"
+
+
+def is_not_known(coefficient: float, u95: float) -> bool:
+    """Whether an interval of µ holds all that a rail can give, so that a number says nothing."""
+    return coefficient - u95 <= 0.0 and coefficient + u95 >= DRY_RAIL
+
+
+def describe_not_known(rows: Iterable[Mapping[str, str]]) -> str:
+    """Why cells are not known; "" where none is."""
+    return _OF_NOT_KNOWN if any(NOT_KNOWN in row.values() for row in rows) else ""

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..core.model import Floats, Quantity
 from ..core.physics import NORMAL_PRESSURE
-from ..core.summary import Measured, Number, StopSummary
+from ..core.summary import AxleStop, Measured, Number, StopSummary
 
 QUANTITIES = {  # of a stop, with the heading of its column and the unit
     "initial_speed_mps": ("v0", "m/s"),
@@ -134,6 +134,10 @@ class WspAxle(NamedTuple):
     valve_actions: Annotated[int, Quantity("", "releases by the WSP, all stops")]
     initial_coefficient: Annotated[Number, Quantity("-", "mean µ at the first slide")]
     utilisation: Annotated[Number, Quantity("-", "mean utilisation of the rail's adhesion")]
+    initial_coefficient_u95: Annotated[Number, Quantity("-", "its expanded uncertainty (95 %)")] = (
+        None
+    )
+    utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")] = None
     energy_j: Annotated[Number, Quantity("J", "largest friction energy of one stop")] = None
     longest_lock_s: Annotated[Number, Quantity("s", "the longest lock")] = None
     lock_energy_j: Annotated[Number, Quantity("J", "friction energy of one lock, the largest")] = (
@@ -395,17 +399,43 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
     def values(name: str) -> list[float]:
         return [x for a in rows if (x := getattr(a, name)) is not None]
 
-    initial, utilisations = values("initial_coefficient"), values("utilisation")
+    initial = _statistic(
+        [
+            Measured(a.initial_coefficient, u95, u95)  # one vehicle: its errors are common
+            for a in rows
+            if a.initial_coefficient is not None and (u95 := a.initial_coefficient_u95) is not None
+        ]
+    )
+    used, used_ci = _mean_utilisation(rows)
     bands = [a.slip_bands for a in rows if a.slip_bands]
     return WspAxle(
         axle,
         max(values("max_slip"), default=None),
         max(values("locked_s"), default=None),
         sum(a.valve_actions for a in rows),
-        float(np.mean(initial)) if initial else None,
-        float(np.mean(utilisations)) if utilisations else None,
+        initial and initial.mean,
+        used,
+        initial and initial.u95,
+        used_ci,
         max(values("energy_j"), default=None),
         max(values("longest_lock_s"), default=None),
         max(values("lock_energy_j"), default=None),
         tuple(np.mean(bands, axis=0).tolist()) if bands else None,
     )
+
+
+def _mean_utilisation(
+    rows: Sequence[AxleStop],
+) -> tuple[float, tuple[float, float]] | tuple[None, None]:
+    """Mean utilisation of an axle's stops, with its 95 % interval.
+
+    The errors of the stops are taken as common; the scatter between the stops adds to them.
+    """
+    known = [(a.utilisation, *a.utilisation_ci) for a in rows if a.utilisation_ci]
+    if not known:
+        return None, None
+    values, lowers, uppers = np.array(known).T
+    mean, n = float(np.mean(values)), len(known)
+    scatter = _student(n - 1) * float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
+    lower, upper = float(np.mean(values - lowers)), float(np.mean(uppers - values))
+    return mean, (mean - math.hypot(lower, scatter), min(mean + math.hypot(upper, scatter), 1.0))

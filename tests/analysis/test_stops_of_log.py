@@ -2,46 +2,13 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
-from adhesion_cli.analysis.stops_of_log import _over_locks
 from adhesion_cli.analysis.summarise import summarise
-from adhesion_cli.core.physics import G
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
-
-
-def test_slides_of_a_stop_have_their_initial_adhesion_and_energy() -> None:
-    result = analyze(
-        SAMPLES / "low-adhesion.csv", settings.load(None, ["analysis.vehicle=stated"]), ["td"]
-    )
-    summary = summarise(result, {})
-    (stop,) = summary.stops
-    axle, row = result.axles[0], stop.axles[0]
-    record, t = axle.record, (axle.record.t - result.log.start_ns()) * 1e-9
-    assert record.truth is not None
-    assert record.train_speed is not None
-    radius, weight = result.vehicle.radius(1).value, result.vehicle.axle_mass.value * G
-    spans = [
-        (x.start_s, x.start_s + x.duration_s)
-        for a in summary.axles[0].applications
-        for x in a.slide_list
-    ]
-    first = (t >= spans[0][0]) & (t <= spans[0][0] + 0.1)
-    assert row.initial_coefficient == pytest.approx(
-        np.nanmean(record.truth[first]) / weight, rel=0.1
-    )
-    power = record.truth * (record.train_speed - radius * record.wheel_speed)
-    inside = np.any([(t >= a) & (t <= b) for a, b in spans], axis=0) & np.isfinite(power)
-    interval = float(np.median(np.diff(t)))
-    assert row.energy_j == pytest.approx(float(np.sum(power[inside])) * interval, rel=0.1)
-    assert row.utilisation == summary.axles[0].applications[0].utilisation
-    assert (row.locked_s, row.lock_energy_j) == (0.0, None)
-    rolled = stop.axles[2]
-    assert (rolled.initial_coefficient, rolled.energy_j) == (None, None)
 
 
 def test_command_valves_and_sanding_of_a_log_are_read(tmp_path: Path) -> None:
@@ -62,10 +29,3 @@ def test_command_valves_and_sanding_of_a_log_are_read(tmp_path: Path) -> None:
     first, second, *_ = stop.axles
     assert (first.valves_from, second.valves_from) == ("valves", "pressure")
     assert first.vented_s == pytest.approx(0.5 * first.valve_actions, rel=0.1)
-
-
-def test_a_lock_has_the_force_before_and_after_it() -> None:
-    t = np.arange(5.0)
-    force = np.array([1.0, np.nan, np.nan, 4.0, np.nan])
-    assert _over_locks(t, force).tolist() == [1.0, 2.0, 3.0, 4.0, 4.0]
-    assert np.isnan(_over_locks(t, np.full(5, np.nan))).all()

@@ -8,7 +8,8 @@ from adhesion_cli.core.summary import (
     Coverage,
     MeanAndHighest,
 )
-from adhesion_cli.results.result_rows import combined, slid_row
+from adhesion_cli.results.result_rows import combined, row, slid_row
+from adhesion_cli.results.text_tables import describe_not_known
 
 
 def application(**values: Any) -> BrakeApplication:
@@ -35,3 +36,15 @@ def test_a_share_above_100_percent_is_explained() -> None:
 
     assert "correlated" in combined(budget(1.4, -0.4))
     assert "correlated" not in combined(budget(0.9, 0.1))
+
+
+def test_a_highest_value_that_may_be_all_that_a_rail_gives_is_not_known() -> None:
+    of_force = MeanAndHighest(5000.0, 500.0, 9000.0, 20000.0)
+    wide = application(coefficient=MeanAndHighest(0.09, 0.013, 0.18, 0.41), force_n=of_force)
+    cells = row("1", wide)
+    assert (cells["µ mean"], cells["µ max"]) == ("0.090±0.013", "not known")
+    assert cells["Fmax [kN]"] == "not known"
+    assert "0 to 0.4" in describe_not_known([cells])
+    narrow = row("1", application(coefficient=MeanAndHighest(0.09, 0.013, 0.05, 0.08)))
+    assert narrow["µ max"] == "0.050±0.080"  # says that µ was below 0.13
+    assert not describe_not_known([narrow])

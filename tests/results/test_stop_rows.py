@@ -15,7 +15,7 @@ from adhesion_cli.results.stop_rows import (
     describe_sources,
     series_tables,
 )
-from adhesion_cli.stops.series import SeriesStop, StopSeries, group_stops
+from adhesion_cli.stops.series import SeriesStop, StopSeries, WspAxle, WspSummary, group_stops
 
 STOP = StopSummary(
     start_s=1.0, end_s=30.0, command_from="channel", speed_from="train", nominal_speed_kmh=80.0,
@@ -82,3 +82,16 @@ def test_a_page_says_below_its_table_why_a_stop_has_no_distance() -> None:
     assert sentence in text
     assert text.count("the brake was released at 53 km/h") == 1
     assert describe_reasons([STOP]) == ""
+
+
+def test_initial_adhesion_and_utilisation_have_their_intervals() -> None:
+    axles = [
+        WspAxle(1, 0.2, 0.0, 3, 0.049, 0.95, 0.012, (0.93, 0.97)),
+        WspAxle(2, 0.2, 0.0, 3, 0.1, None, 0.5, None),
+        WspAxle(3, 0.0, 0.0, 0, None, None),
+    ]
+    wsp = WspSummary("wet", None, None, None, tuple(axles))
+    (table,) = series_tables(StopSeries((), (), (), (), (wsp,)), False, False)
+    assert [row["initial µ"] for row in table.rows] == ["0.049±0.012", "not known", "-"]
+    assert [row["used [%]"] for row in table.rows] == ["95 (93–97)", "-", "-"]
+    assert "not known: the interval holds every µ" in table.note

@@ -112,7 +112,7 @@ def test_a_limit_is_kept_or_broken_by_the_whole_interval(limit: float, verdict: 
 def test_the_extension_is_that_of_the_distance_after_the_response() -> None:
     dry, wet = [SeriesStop("d", "dry", None, stop(320.0))], []
     for slip in (0.1, 0.3):
-        axle = AxleStop(1, slip, 0.5, 0.5, 7, None, 0.08, 0.9)
+        axle = AxleStop(1, slip, 0.5, 0.5, 7, None, 0.08, 0.02, 0.9, (0.85, 0.94))
         slid = replace(stop(420.0), response_time_s=None, axles=(axle,))
         wet.append(SeriesStop("w", "wet", None, slid))
     x = compare_wet([*dry, *wet], "dry", "wet")
@@ -121,6 +121,8 @@ def test_the_extension_is_that_of_the_distance_after_the_response() -> None:
     assert x.k_wet == pytest.approx(0.75)
     (axle_row,) = x.axles
     assert axle_row[:6] == (1, 0.3, 0.5, 14, 0.08, 0.9)
+    assert axle_row.initial_coefficient_u95 == pytest.approx(0.02)
+    assert axle_row.utilisation_ci == pytest.approx((0.85, 0.94))
 
 
 def test_wet_stops_of_another_nominal_speed_have_no_extension() -> None:

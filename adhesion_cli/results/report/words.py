@@ -9,12 +9,12 @@ from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, Me
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
 from ..result_rows import OF_MARK as OF_MARK
-from ..result_rows import ed_cell, marked, used
+from ..result_rows import ed_cell, has_known_highest, marked, used
 from ..stop_rows import describe_columns as describe_columns
 from ..stop_rows import describe_reasons as describe_reasons
 from ..stop_rows import describe_sources as describe_sources
 from ..stop_rows import stop_row as train_stop_row
-from ..text_tables import DASH, non_empty, number, when_and_where
+from ..text_tables import DASH, NOT_KNOWN, describe_not_known, non_empty, number, when_and_where
 from ..train_stops import (
     MANY_AXLES,
     MANY_ROWS,
@@ -61,8 +61,11 @@ def _mean(x: MeanAndHighest | None, factor: float, digits: int) -> str:
     return " ± ".join(by_uncertainty(factor * x.mean, factor * x.mean_u95, digits)) if x else DASH
 
 
-def _highest(x: MeanAndHighest | None) -> str:
+def _highest(a: BrakeApplication) -> str:
     """The same of the highest value."""
+    x = a.coefficient
+    if not has_known_highest(a):
+        return NOT_KNOWN
     return " ± ".join(by_uncertainty(x.max, x.max_u95, 3)) if x else DASH
 
 
@@ -227,6 +230,11 @@ def has_other_brakes(runs: Sequence[ReportRun]) -> bool:
     return any(a.other_brake for run in runs for axle in run.axles for a in axle.applications)
 
 
+def why_not_known(runs: Sequence[ReportRun]) -> str:
+    """Why a highest µ is not known; "" where each one is."""
+    return describe_not_known(cells for run in runs for _, cells in application_rows(run))
+
+
 def has_bounds(runs: Sequence[ReportRun]) -> bool:
     """Whether some numbers of slides are lower bounds."""
     axles = [axle for run in runs for axle in run.axles]
@@ -250,7 +258,7 @@ def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
         **{name.capitalize(): cell for name, cell in when_and_where(a.time).items()},
         "Speed [km/h]": "–".join(number(v and 3.6 * v) for v in (a.from_mps, a.to_mps)),
         "Adhesion coefficient, mean": _mean(a.coefficient, 1.0, 3) + marked(a),
-        "highest": _highest(a.coefficient),
+        "highest": _highest(a),
         "Force, mean [kN]": _mean(a.force_n, 1e-3, 2),
         **ed_cell(a),
         "Slides": str(a.slides) if a.slides or _is_observed(axle, a) else "?",

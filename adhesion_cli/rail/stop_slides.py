@@ -1,0 +1,142 @@
+"""The slides of one axle in one stop: initial adhesion, utilisation, energies.
+
+The initial adhesion is the mean µ of the first `_BEGIN` seconds of the first slide, as EN 15595
+means it (its text was not at hand). Its expanded uncertainty is that of the force there. Errors of
+neighbouring samples are taken as the same, so the mean has their mean uncertainty. While the
+brake force is larger than the adhesion force, the wheel's deceleration shows only the difference
+of both, and an error of the brake force goes whole into the adhesion force: without a stated
+vehicle the interval is wide.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.model import Z95, AxleResult, Floats, Result, Vehicle
+from ..core.physics import G
+from ..core.summary import AxleStop, BrakeApplication, StopSummary
+from ..reference.budget import coefficient_u95
+from .locks import LockLimits, locks_of_axle
+
+_BEGIN = 0.1  # over which the initial adhesion is a mean [s]
+
+
+def add_slides(
+    stop: StopSummary,
+    result: Result,
+    applications: Sequence[Sequence[BrakeApplication]],
+    limits: LockLimits,
+) -> StopSummary:
+    """A stop with what the slides of each axle show.
+
+    Args:
+        stop: with its axles.
+        result: the analysed log.
+        applications: the brake applications of each axle of the result.
+        limits: from when on a standing wheel is locked.
+    """
+    rows = {row.axle: row for row in stop.axles}
+    for axle, of_axle in zip(result.axles, applications, strict=True):
+        row = rows.get(axle.record.axle)
+        inside = [
+            a for a in of_axle if a.slides and a.start_s < stop.end_s and a.end_s > stop.start_s
+        ]
+        if row is not None and inside:
+            t = (axle.record.t - result.log.start_ns()) * np.float64(1e-9)
+            own = _Slides(t, (stop.start_s, stop.end_s), axle, result.vehicle, inside)
+            rows[row.axle] = _with_slides(row, own, limits)
+    return replace(stop, axles=tuple(rows.values()))
+
+
+class _Slides(NamedTuple):
+    """An axle of a stop, and its brake applications with slides."""
+
+    t: Floats  # of its record, after the log's start [s]
+    span: tuple[float, float]  # of the stop [s]
+    axle: AxleResult
+    vehicle: Vehicle  # of the log
+    applications: Sequence[BrakeApplication]
+
+
+def _with_slides(row: AxleStop, x: _Slides, limits: LockLimits) -> AxleStop:
+    """An axle of a stop with initial adhesion, utilisation and energies of its slides."""
+    t, (begin, end), axle, vehicle, applications = x
+    record, radius = axle.record, vehicle.radius(axle.record.axle).value
+    assert record.train_speed is not None  # there is no slide without
+    spans = [
+        (slide.start_s, slide.start_s + slide.duration_s)
+        for a in applications
+        for slide in a.slide_list
+        if begin <= slide.start_s <= end
+    ]
+    force = _over_locks(t, axle.reference.force)
+    power = force * np.maximum(record.train_speed - record.wheel_speed * radius, 0.0)
+    energies = [_integral(t, power, *span) for span in spans]
+    locks = [
+        lock
+        for lock in locks_of_axle(record, radius, limits)
+        if begin <= t[lock.samples.start] <= end
+    ]
+    longest = max(locks, key=lambda lock: lock.duration, default=None)
+    first_start = min((start for start, _ in spans), default=math.nan)
+    initial, initial_u95 = _initial_coefficient(t, first_start, axle, vehicle)
+    used, used_ci = _utilisation(applications)
+    return row._replace(
+        initial_coefficient=initial,
+        initial_coefficient_u95=initial_u95,
+        utilisation=used,
+        utilisation_ci=used_ci,
+        energy_j=sum(energies) if spans and all(map(math.isfinite, energies)) else None,
+        lock_energy_j=None
+        if longest is None
+        else _finite(_integral(t, power, *t[[longest.samples.start, longest.samples.stop - 1]])),
+    )
+
+
+def _initial_coefficient(
+    t: Floats, start: float, axle: AxleResult, train: Vehicle
+) -> tuple[float, float] | tuple[None, None]:
+    """Mean µ at the begin of a slide, and its expanded uncertainty."""
+    reference, vehicle = axle.reference, train.of_axle(axle.record.axle)
+    rows = np.flatnonzero(
+        (t >= start) & (t <= start + _BEGIN) & np.isfinite(reference.force + reference.sigma)
+    )
+    if not len(rows):
+        return None, None
+    begin, weight = reference.rows(rows), vehicle.axle_mass.value * G
+    force = float(np.mean(begin.force))
+    u95 = Z95 * math.hypot(float(np.mean(begin.sigma)), float(np.mean(begin.tolerance)))
+    together = 0.0 if begin.mass is None else float(np.mean(begin.mass))
+    return force / weight, coefficient_u95(u95, force, vehicle, together) / weight
+
+
+def _utilisation(
+    applications: Sequence[BrakeApplication],
+) -> tuple[float, tuple[float, float]] | tuple[None, None]:
+    """Mean utilisation with its 95 % interval, over the time of the slides that show it."""
+    known = [
+        (a.utilisation, *a.utilisation_ci, a.slide_s) for a in applications if a.utilisation_ci
+    ]
+    if not known:
+        return None, None
+    value, lower, upper, seconds = np.array(known).T
+    mean, low, high = (float(np.average(x, weights=seconds)) for x in (value, lower, upper))
+    return mean, (low, high)
+
+
+def _over_locks(t: Floats, force: Floats) -> Floats:
+    """A force with straight lines where it is not known: a locked wheel does not show it [N]."""
+    known = np.isfinite(force)
+    return np.interp(t, t[known], force[known]) if known.any() else force
+
+
+def _integral(t: Floats, x: Floats, start: float, stop: float) -> float:
+    inside = (t >= start) & (t <= stop)
+    return float(np.trapezoid(x[inside], t[inside]))
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
