@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ..core.errors import UserError
 from ..core.finding import Finding
-from .as_text import open_text
+from .as_text import open_text, write_table
 from .csv.header_words import time_name
 from .csv.reader import CsvSource
 from .isolated import Library
@@ -31,12 +32,13 @@ def open_mat(path: Path, options: ReadOptions) -> CsvSource:
         UserError: where it cannot be read, or holds no numbers over time.
     """
     other_variables: list[str] = []
-    source = open_text(
-        "mat",
-        path,
-        lambda path, text: other_variables.extend(_LIBRARY.call(path, write_text, text)),
-        options,
-    )
+
+    def write(text: Path) -> list[str]:
+        names, others = _LIBRARY.call(path, write_text, text)
+        other_variables.extend(others)
+        return [""] * len(names)
+
+    source = open_text("mat", path, write, "", options)
     if other_variables:
         reason = "they are no vectors of the length that the time has"
         names = {"groups": ", ".join(other_variables[:6]), "reason": reason}
@@ -46,11 +48,11 @@ def open_mat(path: Path, options: ReadOptions) -> CsvSource:
     return source
 
 
-def write_text(path: Path, text: Path) -> list[str]:
+def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
     """Writes the variables as columns; those of the time's length, else of the usual one.
 
     Returns:
-        The other variables of more than one number, each with its size.
+        The names of the columns; and the other variables of more than one number, with the size.
 
     Raises:
         UserError: where there are none.
@@ -82,13 +84,12 @@ def write_text(path: Path, text: Path) -> list[str]:
             f"{path}: no two variables of numbers have one length (variables: {listed_names})",
             "save the time and the channels as vectors of one length",
         )
-    table = np.column_stack([columns[name] for name in names])
-    quoted = ",".join('"' + name.replace('"', "'") + '"' for name in names)
-    np.savetxt(text, table, "%.17g", ",", header=quoted, comments="", encoding="utf-8")
+    write_table({name: pa.array(columns[name]) for name in names}, text)
     other_variables = [
         (name, x.shape) for name, x in arrays.items() if name not in names and x.size > 1
     ]
-    return [f"{name} ({' x '.join(map(str, shape))})" for name, shape in other_variables]
+    others = [f"{name} ({' x '.join(map(str, shape))})" for name, shape in other_variables]
+    return names, others
 
 
 def _counted(columns: dict[str, Any]) -> dict[str, Any]:

@@ -2,34 +2,25 @@
 
 import ast
 import re
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from ..core import units
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.text import distinct
-from . import time_columns
-from .as_text import open_text
-from .csv.clock import Clock
-from .csv.dialect import is_number
-from .csv.header_words import SIGNAL, is_named
+from .as_text import open_text, write_table
 from .csv.reader import CsvSource
-from .source import Field, ReadOptions, Source, distinct_words
-from .tables import Columns, Contents, TableSamples, TableSource, open_scale
-from .time_columns import HEAD
-from .words import numbered
+from .source import ReadOptions
+from .tables import open_scale
 
 _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
 _READ_ERRORS = (pa.ArrowException, OSError, ValueError)  # of damaged files
 _UNIT_KEYS = (b"unit", b"units", b"Unit", b"Units")  # of a field's metadata
-
-
 _MOST_ELEMENTS = 64  # of a list, of which each is a channel
 
 
@@ -38,62 +29,57 @@ class _ParquetColumn(NamedTuple):
 
     name: str  # its place in the file, distinct from others: "axle.speed", "speeds[0]"
     title: str
-    path: str  # place in a list: "[0]"; "" without one
     unit: str
-    type: Any
 
 
-def open_parquet(path: Path, options: ReadOptions) -> Source:
-    """Opens a Parquet log; rows of several signals or devices are read as those of a text log.
+def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
+    """Opens a Parquet log: its columns are read as those of a text log.
 
     Raises:
         UserError: where the file is damaged or cut off, or no column is a time.
     """
-    if options.group_channel and (text := _as_text(path, options)):
-        return text
     try:
-        reader = Reader(path, options)
-    except _TimeError:
-        if text := _as_text(path, options):
-            return text
-        raise
-    if reader.has_numbers_as_texts and (text := _as_text(path, options)):
-        return text
-    if reader.may_be_long:
-        text = _as_text(path, options)
-        if text and text.keys.columns:
-            return text
-    return TableSource(path, "parquet", options, reader)
+        file = _open_file(path)
+    except _READ_ERRORS as error:
+        raise _damaged(path, _first_line(error)) from None
+    schema, meta = file.schema_arrow, file.metadata
+    if len(set(schema.names)) < len(schema.names):
+        hint = "give each column a name of its own"
+        raise UserError(f"{path}: two columns have the same name", hint)
+    _check_size(path, meta.num_rows, len(schema.names))
+    table = _read_table(path, file)
+    arrays = _arrays(table)
+    columns, nested = _columns(table.schema, arrays)
+    raw = {f.name: problem for f in table.schema if (problem := _open_scale(f))}
+    columns = [c for c in columns if c.name not in raw]
+    findings = [*_not_read(nested, raw)]
+
+    def write(text: Path) -> list[str]:
+        write_table({c.title: arrays.pop(c.name) for c in columns}, text)
+        return [c.unit for c in columns]
+
+    if not columns or not meta.num_rows:
+        raise _nothing(path, findings)
+    source = open_text("parquet", path, write, "field metadata", options)
+    if not source.fields:
+        raise _nothing(path, findings)
+    source.findings += findings
+    source.reasons |= {
+        "columns": len(schema.names),
+        "row groups": meta.num_row_groups,
+        "written by": meta.created_by or "",
+    }
+    return source
 
 
-class _TimeError(UserError):
-    """No column is the time of all others."""
-
-
-def _as_text(path: Path, options: ReadOptions) -> CsvSource | None:
-    """The log opened as a text log, None where its text is none.
-
-    Raises:
-        UserError: where the file is damaged.
-    """
-    table = _read_table(path, _open_file(path))
-    try:
-        return open_text("parquet", path, lambda _, text: _write_text(table, text), options)
-    except (UserError, pa.ArrowException):
-        if options.group_channel:
-            raise
-        return None
-
-
-def _write_text(table: Any, text: Path) -> None:
-    """Writes the columns of a table as a text log."""
-    import pyarrow.csv
-
-    arrays, _ = _arrays(table)
-    columns, _ = _columns(table.schema, arrays)
-    names = [f"{c.title}{c.path}" + (f" [{c.unit}]" if c.unit else "") for c in columns]
-    cells = [arrays[c.name] for c in columns]
-    pyarrow.csv.write_csv(pa.Table.from_arrays(cells, names), text)
+def _nothing(path: Path, findings: Sequence[Finding]) -> UserError:
+    """The refusal of a log without numbers, for the first of these reasons."""
+    text = f"{path}: the log holds no numbers over time"
+    if not findings:
+        return UserError(text, "check that the logger recorded anything")
+    cause = findings[0]
+    reason = f"{cause.channel!r}: {cause.message}" if cause.channel else cause.message
+    return UserError(f"{text}; {reason}".removesuffix("."), cause.hint or "")
 
 
 def _not_read(nested: Sequence[str], raw: Mapping[str, str]) -> Iterator[Finding]:
@@ -105,184 +91,40 @@ def _not_read(nested: Sequence[str], raw: Mapping[str, str]) -> Iterator[Finding
         yield Finding("channel-not-read", "warning", name, 1, names={"reason": reason})
 
 
-class Reader:
-    """A Parquet file. A damaged one is refused: its checksums show where, and a copy is sound."""
+def _check_size(path: Path, rows: int, columns: int) -> None:
+    """Refuses a file that says it holds much more than it can.
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._path = path
-        try:
-            self._file = _open_file(path)
-        except _READ_ERRORS as error:
-            raise _damaged(path, _first_line(error)) from None
-        schema, meta = self._file.schema_arrow, self._file.metadata
-        self._rows = meta.num_rows
-        if len(set(schema.names)) < len(schema.names):
-            raise UserError(
-                f"{path}: two columns have the same name", "give each column a name of its own"
-            )
-        self._check_size(2)
-        first_rows = self._first_rows()
-        head, _ = _arrays(first_rows)
-        self._columns, nested = _columns(first_rows.schema, head)
-        raw = {f.name: problem for f in schema if (problem := _open_scale(f))}
-        self._columns = [c for c in self._columns if c.name not in raw]
-        self._elements = Counter(c.name.removesuffix(c.path) for c in self._columns if c.path)
-        self._clock, self._times, findings = self._find_time(head, options)
-        self.may_be_long = self._may_be_long(head)
-        time_names = {c.name for c in self._times}
-        numbers = [c for c in self._columns if c.name not in time_names and _is_number(c.type)]
-        cells = {
-            c: head[c.name].drop_null().to_pylist()
-            for c in self._columns
-            if not c.path and c.name not in time_names and _is_text(c.type)
-        }
-        self.has_numbers_as_texts = any(
-            cells[c] and all(map(is_number, cells[c]))
-            for c in cells
-            if units.unit(c.unit or units.in_name(c.title)[1])
-        )
-        words = {c: cell_words for c in cells if (cell_words := distinct_words(cells[c]))}
-        self._series = [*numbers, *words]
-        fields = [
-            Field(c.title, path=c.path, unit=c.unit, unit_from="field metadata" if c.unit else "")
-            for c in numbers
-        ]
-        used = {*time_names, *(c.name for c in numbers)}
-        skipped = [*(c.title for c in self._columns if c.name not in used), *nested]
-        reasons = {
-            "columns": len(schema.names),
-            "row groups": meta.num_row_groups,
-            "written by": meta.created_by or "",
-            "time column": str(self._times[0].type),
-            "not numeric": ", ".join(skipped),
-        }
-        self.contents = Contents(
-            fields,
-            2**62 if self._clock.absolute else 0,  # only whether it has one counts
-            self._clock.reason.replace("(units row)", "(field metadata)"),
-            self._rows,
-            reasons,
-            findings=[*findings, *_not_read(nested, raw)],
-            texts=[Field(c.title, words=words[c]) for c in words],
-        )
-
-    def _may_be_long(self, head: dict[str, pa.Array]) -> bool:
-        """Whether rows may be of several signals or devices, which texts tell apart."""
-        times, _ = time_columns.times([head[c.name] for c in self._times], self._clock)
-        has_signals = any(is_named(c.title, SIGNAL) and _is_text(c.type) for c in self._columns)
-        return has_signals or len(times) > 1.5 * len(set(times.tolist()))
-
-    def _find_time(
-        self, head: dict[str, pa.Array], options: ReadOptions
-    ) -> tuple[Clock, list[_ParquetColumn], tuple[Finding, ...]]:
-        """The time of all columns, the columns that hold it, and what there is to say of it.
-
-        Raises:
-            _TimeError: where no column is a time, or several are.
-        """
-        by_title = {c.title: c for c in self._columns if not c.path}
-        heads = {title: head[c.name] for title, c in by_title.items()}
-        unit_texts = [c.unit for c in by_title.values()]
-
-        def read(title: str) -> Any:
-            name = by_title[title].name
-            return _arrays(_read_table(self._path, self._file, [name]))[0][name]
-
-        try:
-            clock, findings = time_columns.find(
-                heads, unit_texts, self._rows, options, self._path, read
-            )
-        except UserError as error:
-            raise _TimeError(error.text, error.hint, error.code) from error
-        columns = [*by_title.values()]
-        return clock, [columns[i] for i in clock.columns], findings
-
-    def _check_size(self, columns: int) -> None:
-        """Refuses a file that says it holds much more than it can.
-
-        Raises:
-            UserError: where these columns would take too much memory.
-        """
-        smallest, per_byte = _MOST_BYTES
-        limit = max(smallest, per_byte * self._path.stat().st_size)
-        if 9 * self._rows * columns > limit:
-            raise UserError(
-                f"{self._path}: states {self._rows} rows, more than a file of this size holds",
-                "write the file again with the program that made it",
-            )
-
-    def _first_rows(self) -> Any:
-        """The first rows, as a table without structures."""
-        try:
-            head = next(self._file.iter_batches(HEAD), None)
-            table = pa.Table.from_batches([head] if head else [], self._file.schema_arrow)
-            return _without_structures(table)
-        except _READ_ERRORS as error:
-            raise _damaged(self._path, _first_line(error)) from None
-
-    def read(self, wanted: Sequence[int]) -> Columns:
-        """See `tables.Reader`."""
-        columns = [self._series[i] for i in wanted]
-        self._check_size(len(columns) + len(self._times))
-        names = {c.name.removesuffix(c.path) for c in (*columns, *self._times)}
-        arrays, longer = _arrays(_read_table(self._path, self._file, names), self._elements)
-        findings, series = list[Finding](), []
-        if longer:
-            said = {"columns": ", ".join(f"{x} from [{self._elements[x]}] on" for x in longer)}
-            findings.append(Finding("nested-columns", "info", "", len(longer), names=said))
-        t, ok = time_columns.times([arrays[c.name] for c in self._times], self._clock)
-        if untimed := int(np.count_nonzero(~ok)):
-            findings.append(Finding("time-unreadable", "warning", "", untimed))
-        for column in columns:
-            array = arrays.get(column.name, pa.nulls(self._rows, pa.float64()))
-            words = list[str]()
-            if _is_text(column.type):
-                value = numbered(array, words)
-            else:
-                value = np.asarray(array.cast(pa.float64(), safe=False).fill_null(np.nan))
-            masks = {"value-missing": np.asarray(array.is_null())[ok]}
-            series.append(TableSamples(0, value[ok], masks, tuple(words)))
-        return Columns([t[ok]], series, findings)
+    Raises:
+        UserError: where these columns would take too much memory.
+    """
+    smallest, per_byte = _MOST_BYTES
+    if 9 * rows * columns > max(smallest, per_byte * path.stat().st_size):
+        text = f"{path}: states {rows} rows, more than a file of this size holds"
+        raise UserError(text, "write the file again with the program that made it")
 
 
-def _read_table(path: Path, file: Any, names: Collection[str] | None = None) -> Any:
-    """Whole columns of a file without structures, all of them where none are named.
+def _read_table(path: Path, file: Any) -> Any:
+    """The columns of a file, the fields of structures in it as columns.
 
     Raises:
         UserError: where one is damaged.
     """
     try:
-        table = file.read(None if names is None else list(names))
+        table = file.read()
         table.validate(full=True)
     except _READ_ERRORS as error:
         raise _damaged(path, _first_line(error)) from None
-    return _without_structures(table)
-
-
-def _without_structures(table: Any) -> Any:
-    """The table, the fields of structures in it as columns."""
     while any(pa.types.is_struct(f.type) for f in table.schema):
         table = table.flatten()
     return table
 
 
-def _arrays(
-    table: Any, elements: Mapping[str, int] | None = None
-) -> tuple[dict[str, pa.Array], list[str]]:
+def _arrays(table: Any) -> dict[str, pa.Array]:
     """Each column as one array, by name: elements of lists, too.
 
     A list that is shorter than others of its column has nulls behind its end.
-
-    Args:
-        table: the columns, without structures.
-        elements: how many are taken of each column of lists; None for all, if not too many.
-
-    Returns:
-        The arrays; and the columns of lists that have more elements than are taken.
     """
-    import pyarrow.compute as pc
-
-    arrays, longer = {}, []
+    arrays = {}
     for name, column in zip(table.column_names, table.columns, strict=True):
         array = column.combine_chunks()
         if pa.types.is_dictionary(array.type):
@@ -291,15 +133,10 @@ def _arrays(
             arrays[name] = array
             continue
         longest = pc.max(pc.list_value_length(array)).as_py() or 0
-        count = longest if longest <= _MOST_ELEMENTS else 0
-        if elements is not None:
-            count = elements.get(name, 0)
-        if count:
-            padded = pc.list_slice(array, 0, count, return_fixed_size_list=True)
-            arrays |= {f"{name}[{k}]": pc.list_element(padded, k) for k in range(count)}
-        if 0 < count < longest:
-            longer.append(name)
-    return arrays, longer
+        if 0 < longest <= _MOST_ELEMENTS:
+            padded = pc.list_slice(array, 0, longest, return_fixed_size_list=True)
+            arrays |= {f"{name}[{k}]": pc.list_element(padded, k) for k in range(longest)}
+    return arrays
 
 
 def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetColumn], list[str]]:
@@ -308,15 +145,13 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetCol
     titles = distinct([_pair(f.name)[0] or "(no name)" for f in schema])
     for f, title in zip(schema, titles, strict=True):
         unit = _unit(f) or _pair(f.name)[1]
-        kind = arrays[f.name].type if f.name in arrays else f.type  # not that of a dictionary
-        if _is_scalar(kind):
-            columns.append(_ParquetColumn(f.name, title, "", unit, kind))
+        if f.name in arrays and _is_scalar(arrays[f.name].type):  # not that of a dictionary
+            columns.append(_ParquetColumn(f.name, title, unit))
         elif _is_list(f.type) and _is_number(f.type.value_type) and f"{f.name}[0]" in arrays:
             count = sum(name.rpartition("[")[0] == f.name for name in arrays)
-            kind = f.type.value_type
-            columns += [
-                _ParquetColumn(f"{f.name}[{k}]", title, f"[{k}]", unit, kind) for k in range(count)
-            ]
+            places = (f"[{k}]" for k in range(count))
+            unit = unit or units.in_name(title)[1]  # which the place would hide
+            columns += [_ParquetColumn(f.name + x, title + x, unit) for x in places]
         else:
             nested.append(f.name)
     return columns, nested
@@ -396,6 +231,8 @@ def _open_scale(field: Any) -> str:
 
 
 def _unit(field: Any) -> str:
-    """The unit that a field's metadata state, "" for none."""
+    """The unit that a field's metadata state, "" for none; a duration is written in ns."""
+    if pa.types.is_duration(field.type):
+        return "ns"
     metadata = field.metadata or {}
     return next((metadata[k].decode("utf-8", "replace") for k in _UNIT_KEYS if k in metadata), "")

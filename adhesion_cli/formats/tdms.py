@@ -12,9 +12,12 @@ from ..core import toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
 from ..core.model import Bools, Times
-from . import time_columns
+from ..core.time_axis import from_digits
+from .as_text import HEAD, printable
 from .csv.clock import Clock
+from .csv.dialect import Dialect, fit
 from .csv.header_words import label, time_name, time_unit
+from .csv.time_column import find_clock
 from .source import YEAR_1990, ReadOptions, distinct_words
 from .tables import (
     Columns,
@@ -157,7 +160,7 @@ class Reader:
         for c in texts:
             alike = (x for x in self._channels if x[0].group_name == c.group_name)
             axis = next((axis for x, axis in alike if len(x) == len(c)), None)
-            if axis and (words := distinct_words(c[: time_columns.HEAD])):
+            if axis and (words := distinct_words(c[:HEAD])):
                 self._words[c, axis] = words
 
     def _readable(self, group: Any) -> dict[str, tuple[Any, _States]]:
@@ -242,21 +245,22 @@ class Reader:
         Raises:
             UserError: where no channel is a time.
         """
-        heads = {c.name: _array(c[: time_columns.HEAD]) for c in channels if c.dtype is not None}
-        units = [_unit(c) for c in channels if c.name in heads]
-        rows = max(map(len, channels))
-        clock, findings = time_columns.find(
-            heads,
-            units,
-            rows,
-            self._options,
-            self._path,
-            lambda name: _array(self._file[group][name][:]),
+        heads = {c.name: _cells(c[:HEAD]) for c in channels if c.dtype is not None}
+        channel_units = tuple(_unit(c) for c in channels if c.name in heads)
+        longest = max(map(len, heads.values()), default=0)
+        columns = [fit(cells.to_pylist(), longest) for cells in heads.values()]
+        rows = [list(row) for row in zip(*columns, strict=True)]
+        names = tuple(heads)
+        dialect = Dialect(
+            len(names), names, (names,), channel_units, rows, unit_source="channel's unit"
         )
-        self._findings += (
-            f for f in findings if f.code == "time-digits" and f not in self._findings
-        )
-        return _Columns(group, clock, tuple(list(heads)[i] for i in clock.columns))
+        clock = find_clock(dialect, self._options, max(map(len, channels)), self._path)
+        axis = _Columns(group, clock, tuple(names[i] for i in clock.columns))
+        t, ok = self._numbers(axis)
+        if clock.may_be_digits and from_digits(t[ok]) is not None:
+            clock = clock.in_digits(axis.names[0], columns[clock.columns[0]][0])
+            self._findings += [f for f in clock.findings if f not in self._findings]
+        return axis._replace(clock=clock)
 
     def _start(self, axis: _Axis) -> int:
         """Where an axis begins since 1970 [ns]; 0 where it counts from an unknown start."""
@@ -267,8 +271,17 @@ class Reader:
 
     def _by_clock(self, axis: _Columns, rows: int | None = None) -> tuple[Times, Bools]:
         """Times of a group by its time channels [ns], and which of them hold; shape (n,)."""
-        time_channels = [self._file[axis.group][name][:rows] for name in axis.names]
-        return time_columns.times([_array(values) for values in time_channels], axis.clock)
+        t, ok = self._numbers(axis, rows)
+        if axis.clock.may_be_digits and (time_of_day := from_digits(t[ok])) is not None:
+            t = np.zeros_like(t)
+            t[ok] = time_of_day
+        return t, ok
+
+    def _numbers(self, axis: _Columns, rows: int | None = None) -> tuple[Times, Bools]:
+        """The times as the numbers say, and which of them hold."""
+        return axis.clock.nanoseconds(
+            [_cells(self._file[axis.group][name][:rows]) for name in axis.names]
+        )
 
     def _damage(self) -> str:
         """What is wrong at the end of the file, which the library passes over; "" for nothing."""
@@ -290,8 +303,7 @@ class Reader:
     def _reason(self, start: int) -> str:
         """Which time was taken, for people."""
         axes = dict.fromkeys(axis for _, axis in self._channels)
-        reasons = (axis.clock.reason for axis in axes if isinstance(axis, _Columns))
-        by_columns = [x.replace("(units row)", "(channel's unit)") for x in reasons]
+        by_columns = [axis.clock.reason for axis in axes if isinstance(axis, _Columns)]
         waves = "start and increment of each channel" + (" (UTC)" if start else "; no start stated")
         descriptions = [waves] * (len(by_columns) < len(axes)) + by_columns
         return "; ".join(dict.fromkeys(descriptions))
@@ -525,6 +537,11 @@ def _array(values: Any) -> Any:
         stamps = _stamps(np.asarray(values["seconds"]), np.asarray(values["second_fractions"]))
         return pa.array(stamps, pa.timestamp("ns", "UTC"))
     return pa.array(np.asarray(values))
+
+
+def _cells(values: Any) -> Any:
+    """Values of a channel as the cells of a text log have them."""
+    return printable(_array(values)).cast(pa.string())
 
 
 def _unit(channel: Any) -> str:

@@ -10,7 +10,7 @@ import pytest
 
 from adhesion_cli.channels.log import needed
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.formats import time_columns
+from adhesion_cli.formats import as_text
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
@@ -65,19 +65,19 @@ def test_the_time_column(tmp_path: Path, time: Any, unit: str, absolute: bool) -
 
 def test_the_text_of_a_time_needs_no_database_of_time_zones() -> None:
     """Some versions of Windows have none, and a text in local time needs one."""
-    text = time_columns._cells(ns("ns", "Asia/Shanghai"))
+    text = as_text.printable(ns("ns", "Asia/Shanghai")).to_pylist()
     assert text[:2] == [x + "Z" for x in ns("ns")[:2].cast(pa.string()).to_pylist()]
 
 
-def test_a_null_is_no_sample_and_nan_is_one(tmp_path: Path) -> None:
+def test_a_null_and_nan_are_no_samples(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     value = pa.array([1.0, None, np.nan, 4.0])
     pq.write_table(pa.table({"time [s]": pa.array([0.0, 0.1, 0.2, 0.3]), "p [bar]": value}), path)
     source = open_source(path, ReadOptions())
     [column] = source.columns(source.fields)
-    assert column.valid.tolist() == [True, False, True, True]
-    [finding] = [f for f in source.findings if f.code == "value-missing"]
-    assert (finding.count, finding.spans, finding.severity) == (1, ((0.1, 0.1),), "info")
+    assert column.valid.tolist() == [True, False, False, True]
+    [finding] = [f for f in source.findings if f.code == "csv-missing-cells"]
+    assert (finding.count, finding.spans, finding.severity) == (2, ((0.1, 0.2),), "info")
 
 
 def test_rows_without_a_time_are_reported(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_rows_without_a_time_are_reported(tmp_path: Path) -> None:
     columns = source.columns(source.fields)
     assert [len(c.t) for c in columns] == [N - 5] * 2
     [finding] = source.findings
-    assert (finding.code, finding.count, finding.severity) == ("time-unreadable", 5, "warning")
+    assert (finding.code, finding.count, finding.severity) == ("csv-rows-skipped", 5, "warning")
 
 
 def test_a_damaged_page_is_refused(tmp_path: Path) -> None:
@@ -190,16 +190,16 @@ def test_structures_and_lists(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("length", [3, 100])
-def test_lists_that_become_longer_are_reported(tmp_path: Path, length: int) -> None:
-    rows = time_columns.HEAD
-    lists = [[1.0, 2.0]] * rows + [[1.0] * length] * rows
-    table = {"time_s": np.arange(2 * rows) / 100, "v": lists}
+@pytest.mark.parametrize(("length", "names"), [(3, ["v[0]", "v[1]", "v[2]"]), (100, [])])
+def test_lists_that_become_longer(tmp_path: Path, length: int, names: list[str]) -> None:
+    lists = [[1.0, 2.0]] * 2000 + [[1.0] * length] * 2000
+    table = {"time_s": np.arange(4000) / 100, "v": lists, "w": np.arange(4000)}
     found, source = columns(tmp_path / "a.parquet", table)
-    assert list(found) == ["v[0]", "v[1]"]
-    assert found["v[1]"].valid.all()
-    [finding] = source.findings
-    assert (finding.code, finding.names["columns"]) == ("nested-columns", "v from [2] on")
+    assert list(found) == [*names, "w"]
+    assert not names or np.count_nonzero(found["v[2]"].valid) == 2000
+    assert [f.code for f in source.findings if f.code != "csv-missing-cells"] == (
+        [] if names else ["nested-columns"]
+    )
 
 
 @pytest.mark.parametrize("times", [{}, {"time": np.arange(4000) // 2 / 100}])

@@ -53,6 +53,25 @@ def open_csv(path: Path, options: ReadOptions, name: str = "") -> "CsvSource":
         if not dialect.headed and options.time_channel is None:
             raise _headerless(dialect, path)
         rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
+    return open_table(path, dialect, rows, options, name)
+
+
+def open_table(
+    path: Path, dialect: Dialect, rows: float, options: ReadOptions, name: str = ""
+) -> "CsvSource":
+    """Opens a text log whose dialect is known.
+
+    Args:
+        path: the log.
+        dialect: how it is written.
+        rows: of the whole file, estimated.
+        options: what the user stated.
+        name: of the log in messages, if it is not its path.
+
+    Raises:
+        UserError: where no column is a time, or it can be read in more than one way.
+    """
+    with _named(path, name):
         try:
             clock = find_clock(dialect, options, rows, path)
         except UserError:
@@ -146,7 +165,7 @@ class CsvSource:
                 if series.signal and len(numeric) > 1:
                     channel += f" {name}"
                 unit = self._dialect.units[i]
-                source = "cells" if i in self._dialect.removals else "units row"
+                source = "cells" if i in self._dialect.removals else self._dialect.unit_source
                 if series.unit:
                     unit, source = series.unit, "units column"
                 unit_from = source if unit else ""

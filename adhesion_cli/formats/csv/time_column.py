@@ -402,7 +402,7 @@ class _ClockSearch:
         if self.unit:
             return self.unit, "stated"
         name, named = self.dialect.names[i], _named(self.dialect, i)
-        said = {"units row": time_unit(self.dialect.units[i])}
+        said = {self.dialect.unit_source: time_unit(self.dialect.units[i])}
         said["header"] = (named[1] if named else None) or time_unit(units.in_name(name)[1])
         sources = {unit: source for source, unit in said.items() if unit}
         if len(sources) > 1:
