@@ -2,8 +2,10 @@
 
 import hashlib
 import re
+import unicodedata
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
+from math import log10
 from pathlib import Path
 
 from ..core import time_axis, toml, units
@@ -24,6 +26,7 @@ from ..core.model import (
     Meaning,
     Vehicle,
 )
+from ..core.text import listed
 from ..formats.memory import MemorySource
 from ..formats.source import TAKEN_AS_UTC, Source
 from .meaning import Mapping, Meant, name, understood
@@ -48,6 +51,10 @@ _USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
     "ed_force": "kN",
     "traction_force": "kN",
 }
+# A unit with a factor behind it, as "bar x 100".
+_FACTOR_BEHIND = re.compile(r"(.*?[^\W\d_].*?)\s*([x×*·/])\s*(10\^?-\d|0[.,]0*1|10*)")
+_USUAL_STEP = {"pressure": 1e3, "speed": 1e-2, "angular speed": 1e-2, "force": 10.0}  # SI
+_STATED: dict[str, Meaning] = {"speed": "wheel_speed", "pressure": "pressure"}  # by key
 _OPTIONAL: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
 
 
@@ -74,11 +81,27 @@ def read(
     chosen, findings = needed(source, mappings, further)
     log = _log(source, chosen, findings, lambda m, c, t0: channel(m, c, vehicle, t0, max_gap_ns))
     log = _judged(log, chosen, vehicle)
-    _refuse_pipe_alone(log, chosen)
+    proposals = {}
+    if not {"speed", "brake"} <= {_NEEDED.get(c.meaning) for c in log.channels}:
+        proposals = _proposals(_understood(source, mappings)[0])
+    _refuse_pipe_alone(log, chosen, proposals.get("pressure"))
     wanted = {*INPUTS, *further}
-    return without_empty(
-        replace(log, channels=tuple(c for c in log.channels if c.meaning in wanted))
-    )
+    channels = tuple(c for c in log.channels if c.meaning in wanted)
+    return without_empty(replace(log, channels=channels, proposals=proposals))
+
+
+def _proposals(meant: Sequence[Meant]) -> dict[str, str]:
+    """By key in [channels] an option that gives it the likeliest channel without a meaning."""
+    unused = [m for m in meant if m.meaning is None and not m.field.words]
+    proposals = {}
+    for key, meaning in _STATED.items():
+        fitting = [m for m in unused if units.unit_for(m.unit, meaning)]
+        if m := next(iter(fitting or (m for m in unused if not m.unit)), None):
+            address = {"channel": m.field.channel, "field": m.field.path, "group": m.field.group}
+            entry = toml.table({**address, "unit": m.unit or _USUAL[meaning]})
+            place = '."axle 1"' if key == "speed" else ""
+            proposals[key] = toml.option(f"channels.{key}{place} = {entry}")
+    return proposals
 
 
 def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log:
@@ -94,8 +117,13 @@ def _judged(log: Log, meant: Sequence[Meant], vehicle: Vehicle) -> Log:
     return replace(log, channels=tuple(channels), findings=(*log.findings, *findings))
 
 
-def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant]) -> None:
+def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant], proposal: str | None) -> None:
     """Refuses a log whose only pressure acts as that of a brake pipe, and is not named so.
+
+    Args:
+        log: the log.
+        chosen: what its channels mean by their names.
+        proposal: an option that states the brake cylinder's.
 
     Raises:
         UserError: names it.
@@ -104,11 +132,13 @@ def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant]) -> None:
     pipes = [c for c in log.channels if c.meaning == "brake_pipe" and c.name not in named]
     pipe = next(iter(pipes), None)
     if pipe and not any(_NEEDED.get(c.meaning) == "brake" for c in log.channels):
-        line = 'channels.pressure."axle 1" = {channel = "NAME", unit = "bar"}'
+        hint = "log the pressure of a brake cylinder, too"
+        if proposal:
+            hint = f"if the log has the brake cylinder's, state it, as {proposal}"
         raise UserError(
             f"{log.path}: no channel is a brake-cylinder pressure; {pipe.title!r} is a brake "
             f"pipe's: it {pipe.reason}",
-            f"state the brake cylinder's, if the log has it, as {toml.option(line)}",
+            hint,
         )
 
 
@@ -145,12 +175,17 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
         for c in with_samples
         if c.levels
     ]
-    findings = (*log.findings, *empty, *numbered, *_not_copied(source))
+    findings = (*log.findings, *empty, *numbered, *_not_copied(source, with_samples))
     return replace(log, channels=with_samples, findings=findings)
 
 
-def _not_copied(source: Source) -> Iterator[Finding]:
-    """What a copy of a log does not hold, or holds only as a guess."""
+def _not_copied(source: Source, channels: Sequence[Channel]) -> Iterator[Finding]:
+    """What a copy of a log with these channels does not hold, or holds only as a guess."""
+    copied = {c.name for c in channels}
+    texts = [*str(source.reasons.get("not numeric", "")).split(", "), *map(name, source.texts)]
+    if columns := [x for x in dict.fromkeys(texts) if x and x not in copied]:
+        names = {"columns": listed(columns)}
+        yield Finding("texts-not-copied", "info", "", len(columns), names=names)
     if source.absolute and TAKEN_AS_UTC in source.time_reason:
         yield Finding("zone-not-stated", "info")
     if lines := source.reasons.get("preamble"):
@@ -316,19 +351,40 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
     One line does for all of them where nothing is stated yet and they have the same unit.
     """
     same_meaning = [c for c in chosen if c.meaning == m.meaning]
-    usual = _USUAL.get(m.meaning, "m/s")
-    if re.search(r"[x×*·/]\s*\d", _lacks(m)):  # a factor behind the unit
-        usual = f"0.01 {usual}"
+    usual, *other_units = _example_units(m)
     key = "speed" if m.meaning == "wheel_speed" else m.meaning
+    alternative = f" (or {', '.join(map(repr, other_units))})" if other_units else ""
     if len({c.unit for c in same_meaning}) == 1 and "[channels]" not in m.reason:
         entry = toml.table({"unit": m.unit or usual, "teeth": teeth})
-        return toml.option(f"channels.{key} = {entry}")
+        return toml.option(f"channels.{key} = {entry}") + alternative
     entries = {}
     for c in same_meaning:
         address = {"channel": c.field.channel, "field": c.field.path, "group": c.field.group}
         entries[c.axle] = toml.table({**address, "unit": c.unit or usual, "teeth": teeth})
     all_entries = ", ".join(f'"axle {axle or 1}" = {entry}' for axle, entry in entries.items())
     return toml.option(f"channels.{key} = {entries.get(None, f'{{{all_entries}}}')}")
+
+
+def _example_units(m: Meant) -> list[str]:
+    """Units for a hint: the usual one, or those that a factor behind a unit in the name may mean.
+
+    "mbar/10" is a tenth of it, rarely ten. Else the likelier one gives the usual step.
+    """
+    for text in (m.field.path, m.field.label, m.field.channel):
+        plain_text = unicodedata.normalize("NFKC", units.unknown_in(text)).replace("\u2212", "-")
+        match = _FACTOR_BEHIND.fullmatch(plain_text)
+        unit = match and units.unit(match[1])
+        if match and unit:
+            power = re.fullmatch(r"10\^?(-\d)", match[3])
+            number = 10.0 ** int(power[1]) if power else float(match[3].replace(",", "."))
+            step = _USUAL_STEP.get(unit.dimension, unit.factor)
+            factors = sorted(
+                (number, 1.0 / number), key=lambda x: abs(log10(x * unit.factor / step))
+            )
+            if match[2] == "/":
+                factors = [1.0 / number, number]
+            return [f"{factor:g} {match[1]}" for factor in factors]
+    return [_USUAL.get(m.meaning, "m/s")]
 
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:

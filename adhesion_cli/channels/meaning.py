@@ -161,7 +161,7 @@ def _apply_statements(
         matching = [i for i in named if m.axle in (None, meant[i].axle)]
         if named and not matching:
             key = f"channels.{_key(m.meaning, m.axle)}"
-            line = f'{key}.channel = "NAME"'
+            line = f"{key}.channel = {toml.quoted(meant[named[-1]].field.channel)}"
             hint = f"name it, as {toml.option(line)}"
             raise UserError(f"{key} names no channel, and no name says this axle", hint, code=2)
         for i in matching:
@@ -381,7 +381,7 @@ def _spread_finding(m: Meant, axles: Sequence[int]) -> Finding:
 def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """Of several channels that would be the same thing the first is taken; that is reported."""
     first_of: dict[tuple[str, int | None], Meant] = {}
-    repeats: dict[tuple[str, int | None], list[str]] = {}
+    repeats: dict[tuple[str, int | None], list[Field]] = {}
     for i in guesses:
         m = meant[i]
         if not m.meaning or m.meaning not in INPUTS or m.meaning in OTHER_BRAKES:
@@ -390,21 +390,27 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if (holder := first_of.setdefault(key, m)) is not m:
             reason = f"{holder.title} is taken as the {m.meaning} already"
             meant[i] = replace(m, meaning=None, reason=reason)
-            repeats.setdefault(key, []).append(m.title)
+            repeats.setdefault(key, []).append(m.field)
     return [
         Finding(
             "channel-ambiguous",
             "info" if meaning == "train_speed" else "warning",
-            channel=", ".join(titles[:_MOST_NAMED]),
-            count=len(titles),
+            channel=", ".join(map(title, others[:_MOST_NAMED])),
+            count=len(others),
             names={
                 "first": first_of[meaning, axle].title,
                 "meaning": first_of[meaning, axle].describe,
-                "key": _key(meaning, axle),
+                "option": _option(meaning, axle, others[0]),
             },
         )
-        for (meaning, axle), titles in repeats.items()
+        for (meaning, axle), others in repeats.items()
     ]
+
+
+def _option(meaning: str, axle: int | None, field: Field) -> str:
+    """How a user states that a field has this meaning."""
+    address = {"channel": field.channel, "field": field.path, "group": field.group}
+    return toml.option(f"channels.{_key(meaning, axle)} = {toml.table(address)}")
 
 
 def name(field: Field) -> str:

@@ -207,6 +207,8 @@ class Log:
     channels: tuple[Channel, ...]
     findings: tuple[Finding, ...]
     account: Mapping[str, str] = field(default_factory=dict)  # losses of the MCAP, see RECOVERED
+    # by key in [channels] the option that takes a channel without a meaning for what is missing
+    proposals: Mapping[str, str] = field(default_factory=dict)
 
     def find(self, meaning: Meaning, axle: int) -> Channel | None:
         """The axle's channel, else the one without an axle: a train may have one pressure."""

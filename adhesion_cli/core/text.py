@@ -7,6 +7,7 @@ import shlex
 import sys
 import unicodedata
 from collections import Counter
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -105,6 +106,13 @@ def by_uncertainty(value: float, u: float, max_decimals: int = 15) -> tuple[str,
 def iso(t_ns: int) -> str:
     """A time stamp as ISO 8601, UTC, to the microsecond."""
     return datetime.fromtimestamp(t_ns // 1000 / 1e6, UTC).isoformat().replace("+00:00", "Z")
+
+
+def listed(names: Iterable[str], limit: int = 6) -> str:
+    """Names as a message lists them: the first ones, and how many there are."""
+    quoted_names = [repr(n) for n in names]
+    suffix = f", … ({len(quoted_names)})" if len(quoted_names) > limit else ""
+    return ", ".join(quoted_names[:limit]) + suffix
 
 
 def distinct(names: list[str]) -> list[str]:

@@ -9,9 +9,9 @@ from tempfile import TemporaryDirectory
 
 from ..core.errors import UserError
 from ..core.finding import Finding
+from ..core.text import listed
 from .as_text import as_log
 from .csv.reader import CsvSource, open_csv
-from .csv.time_column import listed
 from .isolated import Library
 from .sheet_text import SheetText, option, write_text
 from .source import ReadOptions

@@ -1,9 +1,8 @@
 """Which channels of a log the records are made of, or why there are none."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from ..core import toml
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Channel, Log, Meaning
@@ -78,7 +77,9 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
         if c.meaning and len(c.data.t) and not c.is_rate:
             channels.setdefault((c.meaning, c.axle), c)
     try:
-        numbers = axle_numbers(log.path, channels, axles, [c.title for c in log.channels])
+        numbers = axle_numbers(
+            log.path, channels, axles, [c.title for c in log.channels], log.proposals
+        )
     except UserError as error:
         causes = [f for f in log.findings if f.code in _NOT_READ]
         if causes:
@@ -98,7 +99,11 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
 
 
 def axle_numbers(
-    path: str, keys: Collection[Key], axles: Sequence[int], titles: Sequence[str]
+    path: str,
+    keys: Collection[Key],
+    axles: Sequence[int],
+    titles: Sequence[str],
+    proposals: Mapping[str, str] | None = None,
 ) -> list[int]:
     """Numbers of the axles of which a log has anything; a log without numbers is of axle 1.
 
@@ -107,6 +112,7 @@ def axle_numbers(
         keys: what its channels mean.
         axles: those that are asked for, all if empty.
         titles: names of its channels.
+        proposals: options for what is missing, see `Log`.
 
     Raises:
         UserError: where a needed channel is missing, or an axle asked for is not there.
@@ -114,9 +120,9 @@ def axle_numbers(
     meanings = {meaning for meaning, _ in keys}
     error = None
     if "wheel_speed" not in meanings:
-        error = _missing(path, titles, "wheel speed", "speed", "km/h")
+        error = _missing(path, titles, "wheel speed", (proposals or {}).get("speed"))
     elif not meanings & {"pressure", "clamping_force"}:
-        error = _missing(path, titles, "brake-cylinder pressure", "pressure", "bar")
+        error = _missing(path, titles, "brake-cylinder pressure", (proposals or {}).get("pressure"))
     if error:
         if meanings & {"wheel_speed", "train_speed"}:
             error.hint = (
@@ -149,12 +155,12 @@ def find(keys: Collection[Key], meaning: Meaning, axle: int | None) -> Key | Non
     return next((k for k in candidates if k in keys), None)
 
 
-def _missing(path: str, titles: Sequence[str], quantity: str, key: str, unit: str) -> UserError:
+def _missing(path: str, titles: Sequence[str], quantity: str, proposal: str | None) -> UserError:
     names = ", ".join(map(repr, titles[:8])) or "none"
+    remedy = f"if it is another one, state it, as {proposal}" if proposal else "log it, too"
     return UserError(
         f"{path}: no channel is a {quantity} (recognised: {names})",
-        "`adhesion inspect` lists the channels; state one, as "
-        + toml.option(f'channels.{key}."axle 1" = {{channel = "NAME", unit = "{unit}"}}'),
+        f"`adhesion inspect` lists the channels; {remedy}",
     )
 
 

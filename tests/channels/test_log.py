@@ -244,6 +244,11 @@ def test_a_copy_says_what_it_lacks_and_what_it_assumes(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(f"Train;A7\nRoute;north\ntime,p [bar]\n{rows}")
     copied = unchanged(open_source(tmp_path / "a.csv", ReadOptions()), ())
     assert {f.code for f in copied.findings} == {"zone-not-stated", "preamble-not-copied"}
+    remarks = "".join(f"{line},note {k}\n" for k, line in enumerate((rows * 3).splitlines()))
+    (tmp_path / "a.csv").write_text(f"time,p [bar],remark\n{remarks}")
+    copied = unchanged(open_source(tmp_path / "a.csv", ReadOptions()), ())
+    [left_out] = [f for f in copied.findings if f.code == "texts-not-copied"]
+    assert left_out.names["columns"] == "'remark'"
     zoned = rows.replace(",", "+01:00,")
     (tmp_path / "a.csv").write_text(f"time,p [bar]\n{zoned}")
     assert not unchanged(open_source(tmp_path / "a.csv", ReadOptions()), ()).findings

@@ -372,9 +372,11 @@ def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:
     (finding,) = findings
     assert (finding.code, finding.severity, finding.count) == ("channel-ambiguous", "warning", 1)
     assert finding.channel == "wheel speed right [km/h]"
-    assert finding.names == {
-        "first": "wheel speed left [km/h]", "meaning": "wheel speed", "key": "wheel_speed"
-    }  # fmt: skip
+    assert (finding.names["first"], finding.names["meaning"]) == (
+        "wheel speed left [km/h]",
+        "wheel speed",
+    )
+    assert pasted(finding.hint) == ["channels.wheel_speed.channel=wheel speed right [km/h]"]
 
 
 def test_many_channels_for_the_same_thing_are_one_finding() -> None:
@@ -515,7 +517,7 @@ def test_a_zero_is_that_of_the_channel_whose_name_says_the_axle() -> None:
     assert [m.zero for m in meant] == [None, zero]
     with pytest.raises(UserError, match=r"channels\.pressure\.axle3 names no channel") as error:
         understood(names, [Mapping(PRESSURE, 3, "", zero=zero)])
-    assert pasted(error.value.hint) == ["channels.pressure.axle3.channel=NAME"]
+    assert pasted(error.value.hint) == ["channels.pressure.axle3.channel=BCP 2 [bar]"]
 
 
 def test_the_index_of_a_list_is_no_unit() -> None:

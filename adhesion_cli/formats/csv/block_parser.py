@@ -18,11 +18,13 @@ from ..source import ReadOptions
 from .cells import floats, is_missing
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment, split
+from .header_words import STATISTICS, is_named
 from .lines import LineBlock, Rows
 
 _MOST_READ = 10_000  # lines of a block without a row that may be a header
 _NONE: Rows = np.empty(0, np.int64)
-_TEXT = re.compile(r'(?=.*[^\W\d_]{3})[^"\d\s][^"]{0,200}')  # a line as "End of measurement"
+# a line as "End of measurement"; one that begins with a stamp has two words
+_TEXT = re.compile(r'(?=[^"\d\s].*[^\W\d_]{3}|(?:.*\b[^\W\d_]{3,}\b){2})[^"]{0,200}')
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,8 +196,12 @@ class Parser:
         if is_comment(text):
             return "comment"
         cells = split(text, dialect.delimiter)
+        if text.strip() in dialect.preamble:
+            return "preamble"
         if dialect.repeats_header(cells):
             return "header"
+        if is_named(cells[0].strip(":"), STATISTICS):
+            return "statistics"
         is_row = len(cells) == dialect.width or cells[0] in dialect.segments
         if is_row and dialect.is_another_header(cells):
             hint = "split the log there, and read each part by itself"

@@ -42,6 +42,7 @@ class Dialect:
     labels: dict[str, list[str]] = field(default_factory=dict)  # rows above the table, see `label`
     has_remarks: bool = False  # a row may have a comment behind its cells
     segments: tuple[str, ...] = ()  # first cells of a header that comes again, as in LVM files
+    preamble: frozenset[str] = frozenset()  # lines above the header, which may come again
     unit_source: str = "units row"  # where the units stand
 
     def number(self) -> re.Pattern[str]:

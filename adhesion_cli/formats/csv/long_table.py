@@ -14,11 +14,12 @@ from ...core import toml
 from ...core.errors import UserError
 from ...core.finding import Finding, Severity
 from ...core.model import Times
+from ...core.text import listed
 from .block_parser import CsvTable
 from .dialect import Dialect
 from .header_words import GROUP, SIGNAL, UNITS, is_named, is_units_row
 from .rows import Key, read_rows
-from .time_column import column_index, listed
+from .time_column import column_index
 
 _MAX_GROUPS = 64  # devices or axles of one log
 _MAX_SIGNALS = 1_000

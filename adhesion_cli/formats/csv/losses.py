@@ -124,6 +124,8 @@ class Losses:
             spans, values = _spans(loss, t, start, between_rows=True), {"line": loss.line}
             names = {"reason": SKIPPED[kind], "example": quoted(loss.text)}
             yield Finding("csv-rows-skipped", "warning", "", loss.count, spans, values, names)
+        if count := self.lines["statistics"]:
+            yield Finding("statistics-rows", "info", "", count)
         for (i, k), loss in sorted(self.cells.items()):
             code, severity = _CELLS[k]
             empty = self.cells.get((i, NO_VALUE))

@@ -3,7 +3,7 @@
 import math
 import re
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -151,14 +151,6 @@ def column_index(dialect: Dialect, name: str, path: Path) -> int:
             return cells.index(name)
     hint = f'columns: {", ".join(map(repr, names[:20]))}; or by number, as "column 1"'
     raise UserError(f"{path}: no column {name!r}", hint)
-
-
-def listed(names: Iterable[str], limit: int = 6) -> str:
-    """Names as a message lists them: the first ones, and how many there are."""
-    quoted_names = [repr(n) for n in names]
-    return ", ".join(quoted_names[:limit]) + (
-        f", … ({len(quoted_names)})" if len(quoted_names) > limit else ""
-    )
 
 
 def _stated_time(channel: str, unit: str = "s") -> str:

@@ -318,15 +318,30 @@ def test_infinity_is_a_value_lost(log, cell):
     assert lost.values["line"] == 9
 
 
+@pytest.mark.parametrize(
+    ("lines", "codes"),
+    [
+        ("\nStatistik;\nMin;0,5\nMittelwert:;3,25\nMax.;6\n", {"statistics-rows": 3}),
+        ("24.11.2026 10:15 - Aufzeichnung gestoppt\n", {}),
+        ("Logger;GL840\nRate 50;\nt [s];p\n20;3,5\n", {}),
+        ("20.5\n", {"csv-rows-skipped": 1}),
+    ],
+)
+def test_lines_of_a_program_among_the_rows_are_no_loss(log, lines, codes):
+    rows = "".join(f"{k};{k % 7},5\n" for k in range(20))
+    source, _ = read(log, "Logger;GL840\nRate 50;\nt [s];p\n" + rows + lines)
+    assert {f.code: f.count for f in source.findings if f.code != "time-unit-guessed"} == codes
+
+
 def test_rows_left_out_are_counted_by_class_and_located(log):
     text = "t [s];p\n0;1\n1;2;3\n2\nabc;4\n;5\n# note; x\n\n3;6\nMaximum;6\n"
     source, columns = read(log, text)
     assert columns["p"].value.tolist() == [1, 6]
     assert source.lines == {
-        "header": 1, "used": 2, "too many cells": 1, "too few cells": 1, "time unreadable": 2,
-        "time missing": 1, "comment": 1, "blank": 1,
+        "header": 1, "used": 2, "too many cells": 1, "too few cells": 1, "time unreadable": 1,
+        "statistics": 1, "time missing": 1, "comment": 1, "blank": 1,
     }  # fmt: skip
-    assert skipped(source) == [(4, "2", 1), (3, "1;2;3", 1), (6, ";5", 1), (5, "abc;4", 2)]
+    assert skipped(source) == [(4, "2", 1), (3, "1;2;3", 1), (6, ";5", 1), (5, "abc;4", 1)]
     spans = [f.spans for f in source.findings if f.code == "csv-rows-skipped"]
     assert spans == [((0.0, 3.0),)] * 4
 
