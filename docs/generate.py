@@ -59,7 +59,7 @@ _TEXTS = {
     "key of `time`": {
         "channel": "column that holds the time",
         "unit": "`s`, `ms`, `us`, `ns`, `min`, `h`, `d`, `excel`, `datenum`, `julian`, `1904`, "
-        "`filetime`, `ticks`; of dates `iso`, `ymd`, `dmy` or `mdy`",
+        "`filetime`, `ticks`, `gps`, `gps_ms`; of dates `iso`, `ymd`, `dmy` or `mdy`",
         "source": "clock of MCAP messages: `log`, `publish` or `header`",
     },
     "key of `group`": {

@@ -16,7 +16,7 @@ from .csv.reader import CsvSource, open_table
 from .source import ReadOptions
 
 HEAD = 1_000  # rows that show which column is the time
-_OF_TEXT = ("encoding", "delimiter", "decimal", "header")  # decisions that such a log does not need
+_OF_TEXT = ("encoding", "delimiter", "decimal")  # decisions that such a log does not need
 
 
 def open_text(

@@ -18,6 +18,7 @@ from . import cells, stamps
 from .header_words import NS_PER_UNIT
 
 _DAY, _S = NS_PER_UNIT["d"], NS_PER_UNIT["s"]
+_GPS_S = 315_964_800 - 18  # of 1970 to 1980-01-06, and leap seconds since 2017
 
 
 class Count(NamedTuple):
@@ -59,7 +60,10 @@ COUNTS = {unit: Count(ns) for unit, ns in NS_PER_UNIT.items()} | {
     "1904": Count(_S, 2_082_844_800, "seconds since 1904"),
     "filetime": Count(100, 116_444_736_000_000_000, "100 ns since 1601"),
     "ticks": Count(100, 621_355_968_000_000_000, "100 ns since the year 1"),
+    "gps": Count(_S, -_GPS_S, "GPS seconds since 1980, less 18 leap seconds"),
+    "gps_ms": Count(_S // 1_000, -_GPS_S * 1_000, "GPS milliseconds since 1980"),
 }
+GPS = {"s": "gps", "ms": "gps_ms"}  # what numbers of these units may count instead
 
 
 @dataclass(frozen=True, slots=True)

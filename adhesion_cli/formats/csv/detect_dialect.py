@@ -94,7 +94,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
     has_text_marks = any(_MARKED.search(text) for text in texts)
-    removals = _clean(data, units, has_text_marks)
+    proven_mark = decimal if _proves_decimal(data, used_width, decimal) else ""
+    removals = _clean(data, units, has_text_marks, proven_mark)
     _refuse_grouped(data, names, decimal, options, path)
     return Dialect(
         width,
@@ -139,14 +140,17 @@ def _units_row(
     return [], ""
 
 
-def _clean(rows: list[list[str]], units: list[str], has_text_marks: bool) -> dict[int, str]:
+def _clean(
+    rows: list[list[str]], units: list[str], has_text_marks: bool, decimal: str
+) -> dict[int, str]:
     """Takes what numbers do not need out of the cells; returns its pattern by column.
 
     A unit behind the numbers of a column without one is its unit. Both lists are changed in place.
+    `decimal` is the decimal mark, where some number proves it, else "".
     """
     removals = {}
     for i in range(len(units)):
-        suffix, pattern = _needless([c for row in rows if not is_null(c := row[i])])
+        suffix, pattern = _needless([c for row in rows if not is_null(c := row[i])], decimal)
         units[i] = units[i] or suffix
         if has_text_marks and not pattern:
             removals[i] = TEXT_MARK.pattern
@@ -157,17 +161,37 @@ def _clean(rows: list[list[str]], units: list[str], has_text_marks: bool) -> dic
     return removals
 
 
-def _needless(cells: list[str]) -> tuple[str, str]:
+def _needless(cells: list[str], decimal: str) -> tuple[str, str]:
     """The unit behind the numbers of a column, and the pattern of what these do not need.
 
-    It is the unit, where at least half of the cells have it; or marks between groups of digits of a
-    clock, which cannot wait until all cells of the column are known.
+    It is the unit, where at least half of the cells have it; or marks between groups of digits: of
+    a clock, which cannot wait until all cells of the column are known, or the decimal mark itself.
     """
     suffix, count = Counter(map(unit_behind, cells)).most_common(1)[0] if cells else ("", 0)
     if suffix and count >= len(cells) / 2:
         return suffix, rf"()\s*{re.escape(suffix)}\s*$"
-    mark = group_mark(cells)
+    mark = group_mark(cells) or (decimal if decimal and _has_groups(cells, decimal) else "")
     return "", rf"{re.escape(mark)}([0-9]{{3}})\b" if mark else ""
+
+
+def _has_groups(cells: list[str], mark: str) -> bool:
+    """Whether a mark groups digits in a column, even if it is the decimal mark of others.
+
+    Each number from 1000 on has it, none below, and so the column has smaller jumps.
+    """
+    marked = [c for c in cells if mark in c]
+    small = [c for c in cells if re.fullmatch(r"[+-]?[0-9]{1,3}", c)]
+    if not marked or not small or len(marked) + len(small) < len(cells):
+        return False
+    is_grouped = all(map(re.compile(rf"[+-]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+").fullmatch, marked))
+    return is_grouped and _largest_jump(cells, mark, "") < _largest_jump(cells, mark, ".")
+
+
+def _largest_jump(cells: list[str], mark: str, replacement: str) -> float:
+    """The largest jump of numbers with the mark replaced, as a share of their range."""
+    values = [float(c.replace(mark, replacement, 1 if replacement else -1)) for c in cells]
+    jumps = [abs(b - a) for a, b in pairwise(values)]
+    return max(jumps, default=0.0) / ((max(values) - min(values)) or 1.0)
 
 
 def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], list[Line]]:
@@ -306,15 +330,10 @@ def _refuse_grouped(
 
 def _likelier(cells: list[str], mark: str) -> str:
     """How to state the decimal mark: this one, or the other where groups make smaller jumps."""
-
-    def largest_jump(grouped: bool) -> float:
-        values = [float(c.replace(mark, "" if grouped else ".")) for c in cells if is_number(c)]
-        jumps = [abs(b - a) for a, b in pairwise(values)]
-        return max(jumps, default=0.0) / ((max(values) - min(values)) or 1.0)
-
-    is_number = number_grammar(mark).fullmatch
+    numbers = list(filter(number_grammar(mark).fullmatch, cells))
+    is_grouped = _largest_jump(numbers, mark, "") < _largest_jump(numbers, mark, ".")
     mark_names = ["comma", "point"] if mark == "," else ["point", "comma"]
-    likely, unlikely = mark_names[:: -1 if largest_jump(True) < largest_jump(False) else 1]
+    likely, unlikely = mark_names[:: -1 if is_grouped else 1]
     return f"state it, as `--set csv.decimal={likely}` (or {unlikely})"
 
 

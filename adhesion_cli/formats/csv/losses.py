@@ -1,5 +1,6 @@
 """What a pass over a text log leaves out: rows and cells, counted, located and timed."""
 
+import operator
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -95,6 +96,9 @@ class Losses:
         """
         losses = {k: self.cells.pop((i, k), None) for k in (OTHER_MARK, IN_GROUPS, DIGITS)}
         if not any(losses.values()):
+            if all(map(str.isdecimal, self._dialect.column(i))) and (row := _first_group(value)):
+                self.unread[i] = _Loss(0, f"{value[row]:.3f}")
+                value[:] = np.nan
             return
         rows = {k: np.concatenate(loss.places) for k, loss in losses.items() if loss}
         marked = np.concatenate([*rows.values(), np.empty(0, np.int64)]).astype(np.int64)
@@ -138,6 +142,24 @@ class Losses:
         for i, loss in self.unread.items():
             names = {"example": quoted(loss.text)}
             yield Finding("csv-no-numbers", "warning", self._dialect.names[i], len(t), names=names)
+
+
+def _first_group(value: Floats) -> int:
+    """The first row with a number that seems to be thousands, as 1.020 after 990; 0 for none.
+
+    In its head the column has whole numbers only. As groups of digits it has smaller jumps.
+    """
+    numbers = np.nan_to_num(value)
+    has_fraction = numbers % 1.0 != 0.0
+    if not has_fraction.any():
+        return 0
+    thousands = np.where(has_fraction, 1e3 * numbers, numbers)
+    whole, parts = np.abs(numbers[~has_fraction]), np.abs(thousands[has_fraction])
+    if not 100.0 <= whole.max(initial=0.0) < 1e3 or not 1e3 < parts.min() <= parts.max() < 1e6:
+        return 0
+    jumps = (np.abs(np.diff(x)).max() / np.ptp(x) for x in (numbers, thousands))
+    is_whole = bool((np.abs(parts - np.rint(parts)) < 1e-6).all())
+    return int(np.argmax(has_fraction)) if is_whole and operator.gt(*jumps) else 0
 
 
 def _joined(loss: _Loss | None, other: _Loss) -> _Loss:

@@ -37,6 +37,7 @@ def _joined(date: str, clock: str) -> str:
 
 DATES: dict[str, str] = {k: x for k, x in _FORMS["dates"].items() if "CLOCK" not in x}
 CLOCKS: dict[str, str] = _with_zone("clocks") | _FORMS["alone"]
+DIGITS: dict[str, str] = _FORMS["after_date"]  # a clock only beside a date or milliseconds
 STAMPS: dict[str, str] = {  # date and clock, by the name of each
     f"{clock} {date}": _joined(_FORMS["dates"][date], pattern)
     for date in _FORMS["dates"]

@@ -3,6 +3,7 @@
 import math
 import re
 import statistics
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -15,13 +16,14 @@ from ...core import toml, units
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import TAKEN_AS_UTC, ReadOptions
-from .clock import COUNTS, Clock, count_of
+from .clock import COUNTS, GPS, Clock, count_of
 from .dialect import Dialect, is_null, number_grammar, unit_behind
-from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_part, time_unit
+from .header_words import NS_PER_UNIT, label, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
 from .stamps import (
     CLOCKS,
     DATES,
+    DIGITS,
     READABLE,
     STAMPS,
     decided,
@@ -223,7 +225,7 @@ class _ClockSearch:
             return None
         is_numeric = len(self.dialect.numbers(i)) >= READABLE * len(cells)
         if is_numeric and not forms_of(cells, STAMPS):  # digits may be a date and a time
-            return self._of_numbers(i, reason)
+            return self._of_digits(i, reason) or self._of_numbers(i, reason)
         return self._of_stamps(i, reason)
 
     def counted(self) -> Clock | None:
@@ -337,6 +339,13 @@ class _ClockSearch:
             return None
         unit_source = self._shown_unit(i, values, said) or said
         unit, source = unit_source or self._plausible_unit(i, values)
+        notes: tuple[Finding, ...] = ()
+        if not unit_source:
+            names = {"column": repr(name), "unit": unit, "reason": source}
+            notes = (Finding("time-unit-guessed", "info", name, names=names),)
+        if source != "stated" and (gps := self._gps(name, unit, values[0])):
+            unit, note = gps
+            notes = (*notes, note)
         count = count_of(unit)
         absolute = bool(count.at_1970) or count.seconds(values[0]) >= _EPOCH_S[0]
         epoch = "Unix epoch, " if absolute else ""
@@ -344,10 +353,25 @@ class _ClockSearch:
         if count.seconds(values[0]) > (2**62 / _S if source == "stated" else _EPOCH_S[1]):
             text = f"times in column {name!r} in {unit} ({source}) would lie beyond the year "
             raise self._refusal(i, f"{text}2060 ({dialect.column(i)[0]})", values)
-        names = {"column": repr(name), "unit": unit, "reason": source}
-        note = Finding("time-unit-guessed", "info", name, names=names)
-        notes = () if unit_source else (note,)
         return Clock((i,), unit, "", dialect.mark(i), absolute, reason, notes)
+
+    def _gps(self, name: str, unit: str, first: float) -> tuple[str, Finding] | None:
+        """The count of times that may be those of GPS, and a note; None where they are not.
+
+        Ten years lie between both. What would lie in the future counts from 1970.
+        """
+        if unit not in GPS or not _EPOCH_S[0] <= COUNTS[unit].seconds(first):
+            return None
+        if COUNTS[GPS[unit]].seconds(first) > time.time():
+            return None
+        is_gps = "gps" in name.casefold() and "utc" not in name.casefold()
+        taken, other = (GPS[unit], unit) if is_gps else (unit, GPS[unit])
+        names = {
+            "taken": "GPS time" if is_gps else "Unix time",
+            "other": "Unix time" if is_gps else "GPS time",
+            "option": toml.option(f"channels.time.unit = {toml.quoted(other)}"),
+        }
+        return taken, Finding("time-gps", "info", name, names=names)
 
     def _refusal(self, i: int, text: str, values: Sequence[float]) -> UserError:
         return UserError(f"{self.path}: {text}", self.proposal(i, values))
@@ -413,6 +437,8 @@ class _ClockSearch:
         for unit, count in COUNTS.items():
             if said and (said[1] == "stated" or count.ns != count_of(said[0]).ns):
                 continue
+            if unit in GPS.values():  # nothing but a name tells them from Unix time
+                continue
             is_day = count.ns == NS_PER_UNIT["d"]
             is_possible = count.at_1970 if is_day else count.ns <= _S
             if not is_possible or (is_day and not said and fine_cells <= len(cells) / 2):
@@ -465,9 +491,8 @@ class _ClockSearch:
         Raises:
             UserError: where day/month and month/day are possible.
         """
-        dialect, cells = self.dialect, self.dialect.column(i)
+        cells, forms = self.dialect.column(i), STAMPS
         columns: tuple[int, ...] = (i,)
-        forms = STAMPS
         if forms_of(cells, DATES) and (k := self._partner(i, i + 1, CLOCKS)) is not None:
             columns = (i, k)
         elif forms_of(cells, CLOCKS):
@@ -475,6 +500,35 @@ class _ClockSearch:
                 columns = (k, i)
             else:
                 forms = CLOCKS
+        return self._stamped(columns, forms, choice)
+
+    def _of_digits(self, i: int, choice: str) -> Clock | None:
+        """The clock of digits, HHMMSS, beside a date, or of whole seconds beside milliseconds."""
+        cells, names = self.dialect.column(i), self.dialect.names
+        is_clock = bool(forms_of(cells, DIGITS))
+        date = next((k for k, name in enumerate(names) if k != i and label(name) == "date"), i)
+        if is_clock and date != i and forms_of(self._joined((date, i)), STAMPS):
+            return self._stamped((date, i), STAMPS, choice)
+        said = self._said_unit(i)
+        pattern = DIGITS["digits"] if is_clock and not said else "(?P<S>[0-9]{1,10})"
+        columns, pattern = self._with_fraction((i,), pattern)
+        t = read(self._joined(columns), pattern)
+        is_whole = len(columns) > 1 and len(set(cells)) < len(cells)
+        if not is_whole or (said and said[0] != "s") or (np.diff(t) < 0).any():
+            return None
+        absolute = bool(t[0] >= _EPOCH_S[0] * _S)
+        reason = f"{choice}; with a fraction in {names[columns[1]]!r}"
+        return Clock(columns, "", pattern, self.dialect.decimal, absolute, reason)
+
+    def _stamped(
+        self, columns: tuple[int, ...], forms: Mapping[str, str], choice: str
+    ) -> Clock | None:
+        """The clock of stamps in these columns, joined; None where they are none.
+
+        Raises:
+            UserError: where day/month and month/day are possible.
+        """
+        dialect = self.dialect
         form_names = forms_of(self._joined(columns), forms, self.unit)
         if not form_names:
             return None

@@ -165,3 +165,72 @@ def test_a_list_of_channels_above_the_table_is_no_other_table(tmp_path: Path) ->
     assert [f.channel for f in source.fields] == ["p [bar]", "v [km/h]"]
     source.columns(source.fields)
     assert source.lines == {"preamble": 4, "blank": 1, "header": 1, "used": 3}
+
+
+def numbers_of(path: Path, text: str, options: ReadOptions | None = None) -> tuple:
+    path.write_text(text, "utf-8")
+    source = open_csv(path, options or ReadOptions())
+    return source, source.columns(source.fields)
+
+
+@pytest.mark.parametrize("begin", [0, 700])
+def test_a_point_that_is_both_decimal_mark_and_group_mark(tmp_path: Path, begin: int) -> None:
+    """Where the head shows it, the numbers are right; else the column is left out and named."""
+    values = np.maximum(0, np.arange(900) - begin) * 10
+    cells = [f"{x:,}".replace(",", ".") for x in values]
+    rows = "".join(f"{k / 50:.3f};{c};70.5\n" for k, c in enumerate(cells))
+    source, (p, v) = numbers_of(tmp_path / "a.csv", f"t [s];p [mbar];v [km/h]\n{rows}")
+    assert (v.value == 70.5).all()
+    codes = {f.code: f.channel for f in source.findings}
+    if begin:
+        assert codes == {"csv-no-numbers": "p [mbar]"}
+        assert not p.valid.any()
+    else:
+        assert not codes
+        assert np.array_equal(p.value, values)
+
+
+@pytest.mark.parametrize(
+    ("header", "first", "start"),
+    [
+        ("Time;ms", "101500", "1970-01-01T10:15:00"),
+        ("Time;ms", "1795515300", "2026-11-24T10:15:00"),
+        ("Date;Time", "20261124;101500", "2026-11-24T10:15:00"),
+    ],
+)
+def test_parts_of_the_time_in_digits(tmp_path: Path, header: str, first: str, start: str) -> None:
+    part = ".{:03d};" if "Date" in header else ";{};"
+    rows = [
+        f"{first[:-2]}{k // 50:02d}" + part.format(20 * (k % 50)) + f"{k % 7}" for k in range(500)
+    ]
+    source, (p, *_) = numbers_of(tmp_path / "a.csv", f"{header};p [bar]\n" + "\n".join(rows) + "\n")
+    assert np.array_equal(p.t, np.datetime64(start, "ns").astype(int) + np.arange(500) * 20_000_000)
+    assert source.absolute == ("1970" not in start)
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "date"),
+    [
+        ("GPS time [s]", 1479550518, "2026-11-24"),
+        ("GPS time [ms]", 1479550518000, "2026-11-24"),
+        ("time [s]", 1479550518, "2016-11-19"),
+        ("GPS time [s]", 1795515300, "2026-11-24"),
+        ("UTC GPS time", 1479550518, "2016-11-19"),
+    ],
+)
+def test_gps_time_is_no_unix_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, number: int, date: str
+) -> None:
+    monkeypatch.setattr("time.time", lambda: 1_795_700_000.0)
+    step = 100 if "ms" in name else 0.1
+    text = f"{name},p [bar]\n" + "".join(f"{number + k * step:.1f},{k % 7}\n" for k in range(200))
+    source, (p,) = numbers_of(tmp_path / "a.csv", text)
+    assert str(p.t[0].astype("datetime64[ns]"))[:10] == date
+    notes = [f for f in source.findings if f.code == "time-gps"]
+    assert len(notes) == (number < 1_500_000_000 or number > 10**12)
+    for note in notes:  # the other reading, as the hint states it
+        stated = settings.load(assignments=pasted(note.hint), folder=False).read
+        other, (p,) = numbers_of(tmp_path / "a.csv", text, stated)
+        dates = {date, str(p.t[0].astype("datetime64[ns]"))[:10]}
+        assert dates == {"2016-11-19", "2026-11-24"}
+        assert not [f for f in other.findings if f.code == "time-gps"]
