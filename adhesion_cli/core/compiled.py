@@ -193,18 +193,30 @@ def _lower(f: FunctionType, lowered: dict[FunctionType, Any]) -> Any:
         f: the function.
         lowered: what was lowered before, by function; receives more.
     """
+    if f not in lowered:
+        named = {name: f.__globals__.get(name) for name in f.__code__.co_names}
+        constants = {name: x for name, x in named.items() if isinstance(x, int | float | tuple)}
+        functions = {
+            name: _lower(x, lowered) for name, x in named.items() if isinstance(x, FunctionType)
+        }
+        lowered[f] = _inner(f, tuple(functions.items()), repr(constants))
+    return lowered[f]
+
+
+@cache
+def _inner(f: FunctionType, functions: tuple[tuple[str, Any], ...], constants: str) -> Any:
+    """A function that only compiled code calls: all loops of this process share what it compiles.
+
+    Args:
+        f: the plain function.
+        functions: those that it calls, for numba, by name.
+        constants: the values that it names, as text: other ones give other machine code.
+    """
     from numba import njit
 
-    if f not in lowered:
-        names = dict(f.__globals__)
-        for name in f.__code__.co_names:
-            if isinstance(names.get(name), FunctionType):
-                names[name] = _lower(names[name], lowered)
-        copy = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
-        # Only compiled code calls it.
-        inner: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        lowered[f] = njit(error_model="numpy", **inner)(copy)
-    return lowered[f]
+    copy = FunctionType(f.__code__, f.__globals__ | dict(functions), f.__name__, f.__defaults__)
+    options: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return njit(error_model="numpy", **options)(copy)
 
 
 class _Cache:
