@@ -4,6 +4,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 
 from ...core.units import in_name, unit
@@ -146,6 +147,7 @@ def group_mark(cells: Sequence[str]) -> str:
     return ""
 
 
+@lru_cache(1 << 14)  # the same cells are judged several times
 def is_number(cell: str) -> bool:
     """Whether a cell is a number: with either decimal mark, in groups of digits, with a unit."""
     return _NUMBER.fullmatch(cell) is not None or unit_behind(cell) != ""
@@ -157,6 +159,8 @@ def unit_behind(cell: str) -> str:
     >>> unit_behind("69.98 km/h"), unit_behind("0.020s"), unit_behind("5 apples")
     ('km/h', 's', '')
     """
+    if _NUMBER.fullmatch(cell):
+        return ""
     match = _WITH_UNIT.fullmatch(cell)
     is_measured = match and unit(match[2]) and _NUMBER.fullmatch(match[1])
     return match[2] if match and is_measured else ""
@@ -187,9 +191,11 @@ def split(line: str, delimiter: str) -> list[str]:
             delimiter=delimiter,
             skipinitialspace=True,
         )
-        cells = [TEXT_MARK.sub(r"\1", c.strip()) for c in next(rows, [])]
+        cells = [c.strip() for c in next(rows, [])]
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return [line]
+    if "'" in line or "=" in line:
+        cells = [TEXT_MARK.sub(r"\1", c) for c in cells]
     return [re.sub(r"\s*\n\s*", " ", c) for c in cells] if "\n" in line else cells
 
 

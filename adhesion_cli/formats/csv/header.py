@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from dataclasses import dataclass
+from functools import cache
 from itertools import accumulate, groupby
 from pathlib import Path
 
@@ -97,7 +98,9 @@ def _first_data(table: FirstRows) -> int | None:
         if said and sum(map(typed, said)) >= 0.5 * len(said):
             numeric.append(i)
 
-    def resembles_data(cells: list[str]) -> bool:
+    @cache
+    def resembles_data(row: int) -> bool:
+        cells = table.rows[row][1]
         if is_units_row(cells):
             return False
         remark = len(cells) == width + 1 and not is_null(cells[-1]) and not typed(cells[-1])
@@ -112,10 +115,13 @@ def _first_data(table: FirstRows) -> int | None:
     def names_time(cells: list[str]) -> bool:
         return any(map(time_name, cells)) and not any(map(typed, cells))
 
-    flags = [resembles_data(cells) for _, cells in table.rows]
+    end = len(table.rows)
     header = next((i for i, (_, cells) in enumerate(table.rows) if names_time(cells)), 0)
-    windows = ((i, flags[i : i + 6]) for i in range(header, len(flags)))
-    return next((i for i, f in windows if f[0] and sum(f) >= 0.3 * len(f)), None)
+    for first in filter(resembles_data, range(header, end)):
+        flags = [resembles_data(row) for row in range(first, min(first + 6, end))]
+        if sum(flags) >= 0.3 * len(flags):
+            return first
+    return None
 
 
 def _text_above(table: FirstRows, start: int) -> Header:

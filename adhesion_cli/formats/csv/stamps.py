@@ -55,7 +55,7 @@ _ANY = [_any_of(forms) for forms in (CLOCKS | {"": "[0-9]{1,3}:[0-9]{2}"}, DATES
 
 def is_stamp(cell: str) -> bool:
     """Whether a cell reads like a date, a time of day or both."""
-    return any(form.fullmatch(cell) for form in _ANY)
+    return cell != "" and any(form.fullmatch(cell) for form in _ANY)
 
 
 def month_number(name: str) -> int:
