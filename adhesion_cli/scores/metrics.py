@@ -55,11 +55,11 @@ class EstimateAndTarget:
             return None
         longest = max(float(t[-1] - t[0]) for t in self.t)
         reach = min(_LAG, longest / 2.0)
-        coarse_stride, fine_stride = (
-            max(len(target) // n, 1) for n in (5_000, 50_000)
+        coarse, fine = (
+            _SampledFit(self, max(len(target) // n, 1)) for n in (5_000, 50_000)
         )  # take every so many
         lags = np.linspace(-reach, reach, 201)
-        unexplained_shares = [_unexplained(self, float(lag), coarse_stride)[0] for lag in lags]
+        unexplained_shares = [coarse.unexplained(lag)[0] for lag in lags.tolist()]
         minima = [
             i
             for i in range(1, len(lags) - 1)
@@ -74,28 +74,36 @@ class EstimateAndTarget:
         ]
         best = min(fitting, key=lambda i: (lags[i] < -_EARLIEST_LAG, unexplained_shares[i]))
         lag = _golden(
-            lambda x: _unexplained(self, x, fine_stride)[0],
+            lambda x: fine.unexplained(x)[0],
             float(lags[best - 1]),
             float(lags[best + 1]),
         )
-        unexplained, gain = _unexplained(self, lag, fine_stride)
+        unexplained, gain = fine.unexplained(lag)
         return (lag, gain) if unexplained < 0.5 else None
 
 
-def _unexplained(c: EstimateAndTarget, lag: float, stride: int) -> tuple[float, float]:
-    """Share of the estimate's variance that the target shifted by `lag` leaves, and the gain.
+class _SampledFit:
+    """An estimate, at every so many of its samples, against its target with any lag."""
 
-    What goes against the target explains nothing.
-    """
-    delayed = [
-        np.interp(t[::stride] - lag, t, target) for t, target in zip(c.t, c.target, strict=True)
-    ]
-    x, y = np.concatenate(delayed), np.concatenate([e[::stride] for e in c.estimate])
-    x, y = x - np.mean(x), y - np.mean(y)
-    xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
-    if xx == 0.0 or yy == 0.0 or xy <= 0.0:
-        return 1.0, 0.0
-    return 1.0 - xy * xy / (xx * yy), xy / xx
+    def __init__(self, c: EstimateAndTarget, stride: int) -> None:
+        self._target, self._t = c.target, c.t
+        self._sampled_t = [t[::stride] for t in c.t]
+        estimate = np.concatenate([x[::stride] for x in c.estimate])
+        self._estimate: Floats = estimate - np.mean(estimate)
+        self._variation = float(self._estimate @ self._estimate)
+
+    def unexplained(self, lag: float) -> tuple[float, float]:
+        """Share of the estimate's variance that the target shifted by `lag` leaves, and the gain.
+
+        What goes against the target explains nothing.
+        """
+        signals = zip(self._sampled_t, self._t, self._target, strict=True)
+        x = np.concatenate([np.interp(samples - lag, t, target) for samples, t, target in signals])
+        x -= np.mean(x)
+        xx, xy, yy = float(x @ x), float(x @ self._estimate), self._variation
+        if xx == 0.0 or yy == 0.0 or xy <= 0.0:
+            return 1.0, 0.0
+        return 1.0 - xy * xy / (xx * yy), xy / xx
 
 
 def _golden(f: Callable[[float], float], lower: float, upper: float) -> float:
