@@ -12,6 +12,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
 from .core.errors import UserError, as_user_error
+from .core.imports import refuse_pandas
 from .core.text import drop_output, printable, utf8
 
 if TYPE_CHECKING:
@@ -29,16 +30,6 @@ class _Terminated(BaseException):
     """The system asks the run to end."""
 
 
-class _WithoutPandas:
-    """Arrow loads pandas where it is installed, a fifth of a run; only Bokeh needs it here."""
-
-    @staticmethod
-    def find_spec(name: str, *_: object) -> None:
-        """As a finder of modules does."""
-        if name == "pandas" and "bokeh" not in sys.modules:
-            raise ModuleNotFoundError("not loaded", name=name)
-
-
 _ENDS: dict[type[BaseException], tuple[signal.Signals, str]] = {
     KeyboardInterrupt: (signal.SIGINT, "interrupted"),
     _Terminated: (signal.SIGTERM, "terminated"),
@@ -54,7 +45,7 @@ def main() -> NoReturn:
     gc.set_threshold(100_000)
     # OpenBLAS adds in an order that depends on the number of its threads, and these wait busily.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    sys.meta_path.insert(0, _WithoutPandas)
+    refuse_pandas()
     _fit_memory()
     try:
         signal.signal(signal.SIGTERM, _terminated)

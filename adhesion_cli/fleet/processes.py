@@ -8,6 +8,7 @@ from typing import Any
 
 from ..core.children import Child, ChildDiedError
 from ..core.errors import UserError
+from ..core.imports import refuse_pandas
 from . import work
 
 
@@ -57,10 +58,11 @@ class Processes:
     def _start_child(self) -> Child:
         """A new process; the first compiles what the others then find compiled."""
         self._started.append(child := Child())
-        if len(self._started) == 1:
-            try:
+        try:
+            child.call(refuse_pandas)
+            if len(self._started) == 1:
                 child.call(work.call_prepared, work.warm)
-            except ChildDiedError as error:
-                text = "a process died before it had a log"
-                raise UserError(text, "free memory, or lower --workers") from error
+        except ChildDiedError as error:
+            text = "a process died before it had a log"
+            raise UserError(text, "free memory, or lower --workers") from error
         return child

@@ -1,5 +1,6 @@
 """Processes that are busy, stuck or dead when a run ends."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -47,6 +48,16 @@ def test_an_error_comes_back_and_the_process_works_on() -> None:
         with pytest.raises(FileNotFoundError):
             processes.submit(os.stat, "/no such file").result()
         assert processes.submit(os.getpid).result() == first
+    finally:
+        processes.close()
+
+
+def test_a_process_does_not_load_pandas_which_arrow_would() -> None:
+    pytest.importorskip("pandas")
+    processes = Processes(1)
+    try:
+        with pytest.raises(ModuleNotFoundError):
+            processes.submit(importlib.import_module, "pandas").result()
     finally:
         processes.close()
 
