@@ -51,13 +51,12 @@ class Decoded:
         said: units and names that later messages must repeat.
         words: of texts that are wanted, whose numbers count these.
         iso: the one of `numbers` that is a time as text.
-        layouts: what a decoder learns of the messages.
         values: of shape (len(numbers), rows), NaN where a message has no such number.
         faults: the messages that have each fault.
     """
 
     def __init__(self, tree: Tree, leaves: Sequence[Leaf], stamp: Stamp | None, rows: int) -> None:
-        self.shape, self.layouts = tree, list[Any]()
+        self.shape = tree
         places = [leaf.steps for leaf in leaves]
         places += [steps for steps in (stamp.places if stamp else ()) if steps not in places]
         self.numbers: Sequence[Steps] = places

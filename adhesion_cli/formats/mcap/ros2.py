@@ -1,18 +1,11 @@
-"""ROS 2 messages (CDR) with a ros2msg schema.
-
-One message is read front to back. It shows where the wanted numbers stand in all messages with
-the same lengths inside. Their columns are taken at once.
-"""
+"""ROS 2 messages (CDR) with a ros2msg schema, each read front to back."""
 
 import re
 import struct
 from dataclasses import dataclass
 
-import numpy as np
-
-from .blocks import Offsets, load
-from .columns import Decoded, Decoder, Spread
-from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError, node_at
+from .columns import Decoder
+from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
 _CODES = {  # of struct and numpy
     "bool": "?",
@@ -40,8 +33,6 @@ _UNIT = re.compile(r"\[([^][,\d][^][,]*)\]")  # as rosidl reads units: "# ... [b
 _MOST_ELEMENTS = 4096  # of an array of messages or strings, which is read one by one
 _MOST_MESSAGES = 16384  # inside one message
 _SPARE = 8  # bytes after a message that alignment does not explain
-_MOST_DECISIVE = 256  # lengths and strings in a message that others are compared with
-_MOST_LAYOUTS = 256  # of one channel; messages of further ones are read one by one
 _TIME = "uint32 sec\nuint32 nanosec"
 
 
@@ -96,13 +87,11 @@ class Ros2Decoder(Decoder):
                 self._check(member.type, (*ancestors, kind), checked)
         checked.add(kind)
 
-    def parse(self, message: bytes) -> "_Message":
-        """See Decoder."""
-        return _Message(self._types, self._root, message)
-
-    def tree(self, message: bytes) -> Tree:
+    def parse(self, message: bytes) -> Tree:
         """One message as plain values; long arrays are cut after LONG_ARRAY + 1 elements."""
-        return self.parse(message).tree
+        return _Message(self._types, self._root, message).tree
+
+    tree = parse
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit in square brackets in the comment after a field, as rosidl reads it."""
@@ -115,39 +104,12 @@ class Ros2Decoder(Decoder):
                 kind, unit = member.type, member.unit
         return unit, "schema comment" if unit else ""
 
-    def fill(
-        self, decoded: Decoded, first_row: int, data: bytes, start: Offsets, stop: Offsets
-    ) -> None:
-        """See Decoder. Messages of a layout that is known are taken at once."""
-        pending = np.arange(len(start))
-        for layout in decoded.layouts:
-            pending = layout.take(decoded, first_row, data, start, stop, pending)
-        while len(pending):
-            k, row = int(pending[0]), first_row + int(pending[0])
-            pending = pending[1:]
-            try:
-                message = self.parse(data[start[k] : stop[k]])
-            except UndecodableError as e:
-                decoded.refuse(row, str(e))
-                continue
-            Spread(decoded).walk([message.tree], np.array([row]), decoded.shape)
-            decisive_count = len(message.lengths) + len(decoded.said) + len(decoded.words)
-            if decisive_count <= _MOST_DECISIVE and len(decoded.layouts) < _MOST_LAYOUTS:
-                decoded.layouts.append(layout := _layout(message, decoded, row))
-                pending = layout.take(decoded, first_row, data, start, stop, pending)
-
 
 class _Message:
     """One message, read front to back.
 
     Attributes:
-        raw: its bytes.
         tree: its values; long arrays are cut after LONG_ARRAY + 1 elements.
-        order: "<" or ">", of its bytes.
-        size: bytes that the schema explains.
-        lengths: offsets of the lengths in it, which are 4 bytes each.
-        texts: offset and size of its strings.
-        numbers: struct's code, offset and count of its numbers and arrays of numbers.
 
     Raises:
         UndecodableError: where the schema does not fit.
@@ -156,33 +118,29 @@ class _Message:
     def __init__(self, types: _Types, root: str, raw: bytes) -> None:
         if len(raw) < 4 or raw[1] > 1:  # of the encapsulation: 0 big-endian, 1 little-endian
             raise UndecodableError("no plain CDR encapsulation")
-        self._types, self.raw = types, raw
-        self.order = "<" if raw[1] else ">"
-        self.size = 4  # alignment counts from here
+        self._types, self._raw = types, raw
+        self._order = "<" if raw[1] else ">"
+        self._size = 4  # bytes that the schema explains; alignment counts from here
         self._messages = 0
-        self.lengths: list[int] = []
-        self.texts: dict[Steps, tuple[int, int]] = {}
-        self.numbers: dict[Steps, tuple[str, int, int]] = {}
-        self.tree = self._members(root, ())
-        if len(raw) - self.size >= _SPARE:
+        self.tree = self._members(root)
+        if len(raw) - self._size >= _SPARE:
             raise UndecodableError("message is longer than its schema says")
 
     def _take(self, size: int, count: int = 1) -> int:
         """Moves on over `count` aligned numbers of a size; returns where they start."""
         if not count:
-            return self.size  # no padding before no element
-        begin = self.size + -(self.size - 4) % size
-        if begin + size * count > len(self.raw):
+            return self._size  # no padding before no element
+        begin = self._size + -(self._size - 4) % size
+        if begin + size * count > len(self._raw):
             raise UndecodableError("message is shorter than its schema says")
-        self.size = begin + size * count
+        self._size = begin + size * count
         return begin
 
     def _length(self) -> int:
-        self.lengths.append(self._take(4))
-        length: int = struct.unpack_from(f"{self.order}I", self.raw, self.lengths[-1])[0]
+        length: int = struct.unpack_from(f"{self._order}I", self._raw, self._take(4))[0]
         return length
 
-    def _members(self, kind: str, steps: Steps) -> dict[str, Tree]:
+    def _members(self, kind: str) -> dict[str, Tree]:
         self._messages += 1
         if self._messages > _MOST_MESSAGES:
             raise UndecodableError("too many messages in a message")
@@ -191,10 +149,9 @@ class _Message:
             self._take(1)  # rosidl gives an empty message one byte
         tree = {}
         for member in members:
-            path = (*steps, member.name)
             if member.size is None:
-                tree[member.name] = self._value(member.type, path)
-            elif (array := self._values(member, path)) or self._numeric(member.type):
+                tree[member.name] = self._value(member.type)
+            elif (array := self._values(member)) or self._numeric(member.type):
                 tree[member.name] = array
         return tree
 
@@ -202,103 +159,26 @@ class _Message:
         """Whether a type holds a number."""
         return kind in _CODES or any(self._numeric(m.type) for m in self._types.get(kind, ()))
 
-    def _value(self, kind: str, steps: Steps) -> Tree:
+    def _value(self, kind: str) -> Tree:
         if kind == "string":
             length = self._length()
             begin = self._take(1, length)
-            self.texts[steps] = begin, length
             # What is not UTF-8 stays distinct and printable.
-            return self.raw[begin : begin + max(length - 1, 0)].decode(errors="backslashreplace")
-        if code := _CODES.get(kind):
-            return self._numbers(code, 1, steps)[0]
-        return self._members(kind, steps)
+            return self._raw[begin : begin + max(length - 1, 0)].decode(errors="backslashreplace")
+        return self._numbers(code, 1)[0] if (code := _CODES.get(kind)) else self._members(kind)
 
-    def _numbers(self, code: str, count: int, steps: Steps) -> list[Tree]:
-        begin = self._take(struct.calcsize(f"{self.order}{code}"), count)
-        self.numbers[steps] = code, begin, count
+    def _numbers(self, code: str, count: int) -> list[Tree]:
+        begin = self._take(struct.calcsize(f"{self._order}{code}"), count)
         length = min(count, LONG_ARRAY + 1)
-        return list(struct.unpack_from(f"{self.order}{length}{code}", self.raw, begin))
+        return list(struct.unpack_from(f"{self._order}{length}{code}", self._raw, begin))
 
-    def _values(self, member: _Member, steps: Steps) -> list[Tree]:
+    def _values(self, member: _Member) -> list[Tree]:
         count = member.size or self._length()
         if code := _CODES.get(member.type):
-            return self._numbers(code, count, steps)
-        if count > min(_MOST_ELEMENTS, len(self.raw)):  # each has at least one byte
+            return self._numbers(code, count)
+        if count > min(_MOST_ELEMENTS, len(self._raw)):  # each has at least one byte
             raise UndecodableError(f"too many elements in an array of {member.type}")
-        values = [self._value(member.type, (*steps, k)) for k in range(count)]
-        return values[: LONG_ARRAY + 1]
-
-
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """Where the wanted numbers stand in messages that have the same lengths inside."""
-
-    size: int  # bytes that the schema explains
-    decisive: dict[int, bytes]  # byte order, lengths, strings that must not change; by offset
-    numbers: dict[int, tuple[str, int]]  # numpy's type and offset, by column
-    words: dict[int, float]  # the number of the word that a string is, by column
-    lengths: list[Steps]  # the arrays that have another length than at first
-    texts: list[Steps]  # the strings that are other units or names than at first
-
-    def take(
-        self,
-        decoded: Decoded,
-        first_row: int,
-        data: bytes,
-        start: Offsets,
-        stop: Offsets,
-        pending: Offsets,
-    ) -> Offsets:
-        """Takes the messages of `pending` that are laid out so; returns the others."""
-        excess = stop[pending] - start[pending] - self.size
-        fits = (excess >= 0) & (excess < _SPARE)
-        for offset, expected in self.decisive.items():
-            actual = load(data, start[pending[fits]] + offset, f"V{len(expected)}")
-            fits[fits] = actual == np.void(expected)
-        begin, rows = start[pending[fits]], first_row + pending[fits]
-        for column, (kind, offset) in self.numbers.items():
-            is_bool = kind[1:] == "?"  # one of 2 is true
-            values = load(data, begin + offset, "u1" if is_bool else kind)
-            decoded.values[column, rows] = values != 0 if is_bool else values
-        for column, number in self.words.items():
-            decoded.values[column, rows] = number
-        for steps in self.lengths:
-            decoded.note_length(steps, rows)
-        for steps in self.texts:
-            decoded.note_text(steps, rows)
-        return pending[~fits]
-
-
-def _layout(message: _Message, decoded: Decoded, row: int) -> _Layout:
-    """How a message is laid out whose numbers stand in a row."""
-    texts = decoded.said.keys() | decoded.words.keys()
-    places = [(1, 1), *((offset, 4) for offset in message.lengths)]  # the first: byte order
-    places += [place for steps, place in message.texts.items() if steps in texts]
-    for steps in decoded.said.keys() & message.numbers.keys():
-        code, begin, _ = message.numbers[steps]
-        places.append((begin, struct.calcsize(f"{message.order}{code}")))
-    decisive = {a: message.raw[a : a + size] for a, size in places if size}
-    numbers: dict[int, tuple[str, int]] = {}
-    for column, steps in enumerate(decoded.numbers):
-        array, k = (steps[:-1], steps[-1]) if isinstance(steps[-1], int) else (steps, 0)
-        code, begin, count = message.numbers.get(array, ("", 0, 0))
-        if k < count:
-            kind = message.order + code
-            numbers[column] = kind, begin + k * struct.calcsize(kind)
-    columns = [decoded.numbers.index(steps) for steps in decoded.words]
-    words = {column: float(decoded.values[column, row]) for column in columns}
-    arrays = {steps: node_at(message.tree, steps) for steps in decoded.lengths}
-    lengths = [
-        steps
-        for steps, array in arrays.items()
-        if isinstance(array, list) and len(array) != decoded.lengths[steps]
-    ]
-    differing = [
-        steps
-        for steps, said in decoded.said.items()
-        if node_at(message.tree, steps) not in ("", None, said.value)
-    ]
-    return _Layout(message.size, decisive, numbers, words, lengths, differing)
+        return [self._value(member.type) for _ in range(count)][: LONG_ARRAY + 1]
 
 
 def _short_name(name: str) -> str:

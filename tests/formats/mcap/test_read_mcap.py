@@ -145,12 +145,7 @@ def test_names_that_change_take_their_numbers_out(tmp_path: Path) -> None:
     assert codes(source) == [("mcap-text-change", 1), ("mcap-text-change", 2)]
 
 
-@pytest.mark.parametrize("layouts", [256, 1])
-def test_messages_laid_out_alike_and_otherwise_in_one_block(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, layouts: int
-) -> None:
-    """Read by layouts or one by one: the numbers and the faults are the same."""
-    monkeypatch.setattr("adhesion_cli.formats.mcap.ros2._MOST_LAYOUTS", layouts)
+def test_messages_laid_out_alike_and_otherwise_in_one_block(tmp_path: Path) -> None:
     two = {"position": [1.5, 2.5], "velocity": [0.0, -1.0]}
     plain = joints(START, ["left", "r"], **two)
     text = plain.index(b"wagon\0") + 6
