@@ -31,18 +31,28 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
     """
     folder = TemporaryDirectory(prefix="adhesion-", ignore_cleanup_errors=True)
     text = Path(folder.name) / "sheet.txt"
-    sheet: SheetText = _LIBRARY.call(path, write_text, text, options.sheet)
     of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=options.decimal or ".")
+    sheet: SheetText = _LIBRARY.call(path, write_text, text, options.sheet)
     others = sheet.other_sheets if options.sheet is None else []
-    try:
-        source = open_csv(text, of_text, f"{path}: sheet {sheet.name!r}")
-    except UserError as error:
+    refusal: UserError | None = None
+    for name in [sheet.name, *others]:  # a list of channels may stand before the samples
+        try:
+            if refusal:
+                sheet = _LIBRARY.call(path, write_text, text, name)
+            source = open_csv(text, of_text, f"{path}: sheet {sheet.name!r}")
+            if source.fields or not others:
+                break
+        except UserError as error:
+            refusal = refusal or error
+    else:
+        refusal = refusal or UserError(f"{path}: no sheet is a log", "state one")
         if others:
-            error.hint = f"{error.hint}; or state another sheet ({listed(others)}), as "
-            error.hint += option(others[0])
-        raise
+            refusal.hint += f"; or state another sheet ({listed(others)}), as {option(others[0])}"
+        raise refusal
+    others = sheet.other_sheets if options.sheet is None else []
     as_log(source, "xlsx", path, folder)
-    reason = "stated" if options.sheet is not None else "the first with columns of numbers"
+    reason = "the first that is a log" if refusal else "the first with columns of numbers"
+    reason = "stated" if options.sheet is not None else reason
     source.reasons = {"sheet": f"{sheet.name!r} ({reason})", **source.reasons}
     if others:
         names = {"sheet": repr(sheet.name), "others": listed(others), "option": option(others[0])}

@@ -441,12 +441,17 @@ def test_an_empty_sheet(tmp_path: Path) -> None:
     assert "sheet 'leer' is empty" in refusal(path, sheet="leer").text
 
 
-def test_a_sheet_that_is_no_log_names_the_others(tmp_path: Path) -> None:
+def test_a_sheet_that_is_no_log_gives_way_to_the_next(tmp_path: Path) -> None:
+    """As a list of channels does, which Dewesoft writes before the samples."""
     table: Rows = [["Parameter", "Wert", "Toleranz"], *(["m", 40.0 + k, 1.5] for k in range(9))]
-    path = write(tmp_path / "a.xlsx", {"Parameter": table, "Messung": log()})
+    source = opened(write(tmp_path / "a.xlsx", {"Parameter": table, "Messung": log()}))
+    assert source.reasons["sheet"] == "'Messung' (the first that is a log)"
+    [finding] = source.findings
+    assert (finding.code, finding.names["others"]) == ("one-sheet-read", "'Parameter'")
+    path = write(tmp_path / "b.xlsx", {"Parameter": table, "Liste": table})
     error = refusal(path)
     assert error.text.startswith(f"{path}: sheet 'Parameter': no column is a time")
-    assert "`--set xlsx.sheet=Messung`" in str(error.hint)
+    assert "`--set xlsx.sheet=Liste`" in str(error.hint)
 
 
 def test_an_encrypted_workbook(tmp_path: Path) -> None:

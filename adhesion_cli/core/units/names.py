@@ -109,6 +109,7 @@ def in_name(name: str) -> tuple[str, str]:
             and tail
             and (tail_found := unit(tail[-1]))
             and not (separator is _SEPARATORS[-1] and tail_found.name == "N" and tail[-1] != "N")
+            and not (separator is _SEPARATORS[-1] and tail[-1] == "Rad")  # a wheel, in German
         ):
             return head.strip(), tail[-1].strip()
     # after an underscore, perhaps with the axle's number: v_kmh, speed_km_h, wheel_speed_rpm1

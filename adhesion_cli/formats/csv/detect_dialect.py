@@ -78,6 +78,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     if not header.names and "names" in labels:
         header.names = [["", *labels["names"][1:]]]
     data = table.of_width(header.start)
+    header.names = [["", *x] if _lacks_row_names(x, data) else x for x in header.names]
     used_width = width - _has_trailing(header.names, data, width)
     refuse_table_above(table, header.top)
     refuse_width(table, header, used_width)
@@ -126,6 +127,13 @@ def _cells(text: str, delimiter: str, width: int) -> list[str]:
         aligned = re.split(r"[ \t]{2,}|\t", text.strip())
         return aligned if len(aligned) == width else cells
     return cells
+
+
+def _lacks_row_names(names: list[str], data: list[list[str]]) -> bool:
+    """Whether a header has no name for the first column, which numbers the rows, as R writes."""
+    firsts = [row[0] for row in data]
+    is_counted = firsts == [str(k) for k in range(1, len(firsts) + 1)]
+    return is_counted and len(data) > 2 and len(names) == len(data[0]) - 1
 
 
 def _units_row(

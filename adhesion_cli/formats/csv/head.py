@@ -67,6 +67,10 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
         _decodes(head, "gb18030") or (pairs > 0.9 * high_bytes and high_bytes > 50)
     ):
         return "gb18030", "not UTF-8; high bytes come in pairs"
+    # first bytes of Japanese kana and signs; cp1252 has rare marks there
+    leads = len(re.findall(rb"[\x81-\x9f][\x40-\xfc]", head))
+    if 3 * leads > high_bytes and _decodes(head, "cp932"):
+        return "cp932", "not UTF-8; high bytes as in Shift-JIS"
     return "cp1252", "not UTF-8; high bytes stand alone"
 
 

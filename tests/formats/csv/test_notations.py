@@ -234,3 +234,38 @@ def test_gps_time_is_no_unix_time(
         dates = {date, str(p.t[0].astype("datetime64[ns]"))[:10]}
         assert dates == {"2016-11-19", "2026-11-24"}
         assert not [f for f in other.findings if f.code == "time-gps"]
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "encoding", "names"),
+    [
+        (
+            "時間[s],BC圧力[kPa],車輪速度[km/h]",
+            "{t:.2f},{k},70.5",
+            "cp932",
+            ["BC圧力[kPa]", "車輪速度[km/h]"],
+        ),
+        ('"time_s" "p_bar" "v_kmh"', '"{n}" {t:.2f} {k} 70.5', "utf-8", ["p_bar", "v_kmh"]),
+        ("Time,p [bar]", "Tue Nov 24 10:15:{k:02d} GMT+01:00 2026,{k}", "utf-8", ["p [bar]"]),
+    ],
+)
+def test_exports_of_other_countries_and_programs(
+    tmp_path: Path, head: str, row: str, encoding: str, names: list[str]
+) -> None:
+    """Shift-JIS of Japan; R, whose header has no name for its numbers of rows; Java's dates."""
+    rows = "\n".join(row.format(t=k / 50, k=k, n=k + 1) for k in range(60))
+    path = tmp_path / "a.csv"
+    path.write_bytes(f"{head}\n{rows}\n".encode(encoding))
+    source = open_csv(path, ReadOptions())
+    fields = [f for f in source.fields if f.channel != "column 1"]
+    assert [f.channel for f in fields] == names
+    column, *_ = source.columns(fields)
+    assert column.value.tolist() == list(range(60))
+    assert (
+        not source.absolute or str(column.t[0].astype("datetime64[ns]"))[:16] == "2026-11-24T09:15"
+    )
+
+
+def test_rad_is_a_wheel_in_german_where_no_bracket_says_a_unit() -> None:
+    assert in_name("v Rad") == ("v Rad", "")
+    assert in_name("angle rad") == ("angle", "rad")
