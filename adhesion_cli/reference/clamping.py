@@ -9,11 +9,10 @@ from ..core.signals import true_runs, white_noise
 from . import smoother
 from .noise_fit import (
     NO_BRAKING,
-    START_PROBABILITIES,
-    SWITCHING_RATES,
     line_error,
     median_step,
     seconds_of,
+    switching_regimes,
     take_samples,
 )
 
@@ -49,7 +48,7 @@ def smooth_clamping(runs: list[AxleRecord]) -> list[SmoothedClamping]:
     if sum(len(r.t) for r in all_pieces) < _FEW:
         variance, decades = min(variance, _noise_of_bends(all_pieces)), 0.5
     guess = smoother.MeasurementNoise(max(variance, floor), 0.0, rough)
-    regimes = smoother.Regimes(np.zeros(3), SWITCHING_RATES, START_PROBABILITIES, 3.0 * scale)
+    regimes = switching_regimes(np.zeros(3), 3.0 * scale)
     prior = smoother.Prior(guess, [decades, 0.0, 2.0, 2.0, 0.0], floor)
     noise, _ = smoother.fit(take_samples(all_pieces), regimes, prior)
     clamping = []

@@ -284,7 +284,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         slack, white = SLACK, wheel
     noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
     prior = smoother.MeasurementNoise(
-        noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0])
+        noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0, 10.0])
     )
     fitted, regimes = fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
     slides = len(regimes.start) > 1 and not counts

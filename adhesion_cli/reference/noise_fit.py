@@ -17,11 +17,19 @@ _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEAR_NATS = 15.0  # nats by which slides must be more likely
 _NATS = 3.0  # of a likelihood without correlated errors that count as one
 NEVER, LIKELY = 1e-3, 0.8  # probabilities below which, and above which, a case is taken as sure
-SWITCHING_RATES = np.array(
-    [[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]]
-)  # regimes [1/s]
-START_PROBABILITIES = np.array([0.9, 0.05, 0.05])
-_DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)  # 1 sigma of the prior of noise, coupling, each roughness
+# Rates of switching from row to column [1/s]: rolling, sliding, changing, leaping.
+_RATES = np.array(
+    [
+        [0.0, 0.02, 0.05, 0.001],
+        [0.02, 0.0, 1.0, 0.03],
+        [10.0, 10.0, 0.0, 0.03],
+        [10.0, 10.0, 0.0, 0.0],
+    ]
+)
+_FOLLOW = np.array([0.0, 1.0, 1.0, 1.0])  # of these for a wheel, see `smoother.Regimes`
+_START_PROBABILITIES = np.array([0.9, 0.05, 0.05, 0.001])
+# 1 sigma of the prior of noise, coupling, each roughness; the leaps' is not fitted
+_DECADES = (2.0, 1.0, 2.0, 1.5, 0.7, 0.0)
 _SLICE = 0.05  # half a period of vibration of 10 Hz [s]
 _FEWEST_SLICES = 40  # that show how much their means vary
 _MEDIAN_SQUARE = 0.4549  # median of the square of a standard normal value
@@ -95,21 +103,31 @@ def fit_regimes(
     """Noise levels for a wheel that only rolls, or also slides if that is clearly more likely.
 
     A slow log only rolls: a slide of a few samples cannot be recognised.
+
+    A wheel that slides may also leap: as it grips again, the force changes by all of φK within
+    0.1 s. A log has few leaps. A fit takes them for noise, so their roughness is that of the prior.
     """
     sample = take_samples(runs)
-    rolling_only = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
+    spread = scale + 1.0
+    rolling_only = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), spread)
     rolling_noise, rolling_value = _fit(sample, rolling_only, prior, slack)
     if interval > _SLOWEST:
         return rolling_noise, rolling_only
-    switching = smoother.Regimes(
-        np.array([0.0, 1.0, 1.0]), SWITCHING_RATES, START_PROBABILITIES, scale + 1.0
-    )
-    switching_noise, switching_value = _fit(sample, switching, prior, slack)
-    return (
-        (switching_noise, switching)
-        if switching_value - rolling_value > _CLEAR_NATS
-        else (rolling_noise, rolling_only)
-    )
+    sliding = switching_regimes(_FOLLOW[:3], spread)
+    sliding_noise, sliding_value = _fit(sample, sliding, prior, slack)
+    if sliding_value - rolling_value <= _CLEAR_NATS:
+        return rolling_noise, rolling_only
+    with_leaps = sliding_noise._replace(rough=np.append(sliding_noise.rough, prior.rough[3]))
+    return with_leaps, switching_regimes(_FOLLOW, spread)
+
+
+def switching_regimes(follow: Floats, spread: float) -> smoother.Regimes:
+    """Rolling, sliding, changing and, where `follow` has a fourth, leaping.
+
+    Arguments as of `smoother.Regimes`.
+    """
+    count, start = len(follow), _START_PROBABILITIES[: len(follow)]
+    return smoother.Regimes(follow, _RATES[:count, :count].copy(), start / start.sum(), spread)
 
 
 def fit_again(
