@@ -28,8 +28,9 @@ _RATES = np.array(
 )
 _FOLLOW = np.array([0.0, 1.0, 1.0, 1.0])  # of these for a wheel, see `smoother.Regimes`
 _START_PROBABILITIES = np.array([0.9, 0.05, 0.05, 0.001])
-# 1 sigma of the prior of noise, coupling, each roughness; the leaps' is not fitted
-_DECADES = (2.0, 1.0, 2.0, 1.5, 0.7, 0.0)
+_FITTED = 3  # regimes whose roughness is fitted
+# 1 sigma of the prior of noise, coupling, and each roughness but that of leaps.
+_DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)
 _SLICE = 0.05  # half a period of vibration of 10 Hz [s]
 _FEWEST_SLICES = 40  # that show how much their means vary
 _MEDIAN_SQUARE = 0.4549  # median of the square of a standard normal value
@@ -72,7 +73,7 @@ def probability_of_means(
     instant_likelihood = smoother.likelihood(instant_sample, regimes, noise)
     if smoother.likelihood(mean_sample, regimes, noise) < instant_likelihood - _CLEAR_NATS:
         return 0.0, noise
-    noise, _ = _fit(mean_sample, regimes, prior, SLACK, noise)
+    noise = _fit(mean_sample, regimes, prior, SLACK, noise)
     gain = smoother.likelihood(mean_sample, regimes, noise) - instant_likelihood
     return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise
 
@@ -108,17 +109,14 @@ def fit_regimes(
     0.1 s. A log has few leaps. A fit takes them for noise, so their roughness is that of the prior.
     """
     sample = take_samples(runs)
-    spread = scale + 1.0
-    rolling_only = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), spread)
-    rolling_noise, rolling_value = _fit(sample, rolling_only, prior, slack)
+    rolling, sliding, leaping = (switching_regimes(_FOLLOW[:n], scale + 1.0) for n in (1, 3, 4))
+    rolling_noise, rolling_value = smoother.fit(sample, rolling, _prior(1, prior, slack))
     if interval > _SLOWEST:
-        return rolling_noise, rolling_only
-    sliding = switching_regimes(_FOLLOW[:3], spread)
-    sliding_noise, sliding_value = _fit(sample, sliding, prior, slack)
+        return rolling_noise, rolling
+    sliding_noise, sliding_value = smoother.fit(sample, sliding, _prior(3, prior, slack))
     if sliding_value - rolling_value <= _CLEAR_NATS:
-        return rolling_noise, rolling_only
-    with_leaps = sliding_noise._replace(rough=np.append(sliding_noise.rough, prior.rough[3]))
-    return with_leaps, switching_regimes(_FOLLOW, spread)
+        return rolling_noise, rolling
+    return sliding_noise._replace(rough=np.append(sliding_noise.rough, prior.rough[3])), leaping
 
 
 def switching_regimes(follow: Floats, spread: float) -> smoother.Regimes:
@@ -138,7 +136,7 @@ def fit_again(
     noise: smoother.MeasurementNoise,
 ) -> smoother.MeasurementNoise:
     """Noise levels of runs that changed a little since `noise` was fitted."""
-    return _fit(take_samples(runs), regimes, prior, slack, noise)[0]
+    return _fit(take_samples(runs), regimes, prior, slack, noise)
 
 
 def _fit(
@@ -146,14 +144,22 @@ def _fit(
     regimes: smoother.Regimes,
     prior: smoother.MeasurementNoise,
     slack: tuple[float, ...],
-    start_noise: smoother.MeasurementNoise | None = None,
-) -> tuple[smoother.MeasurementNoise, float]:
-    """Noise levels of these regimes, the first of the prior, and their log posterior."""
-    M = len(regimes.start)
-    guess = prior._replace(rough=prior.rough[:M])
-    return smoother.fit(
-        runs, regimes, smoother.Prior(guess, _DECADES[: 2 + M], FLOOR, slack), start_noise
-    )
+    start_noise: smoother.MeasurementNoise,
+) -> smoother.MeasurementNoise:
+    """Noise levels of these regimes, without leaps: a fit takes a leap for noise."""
+    count = min(len(regimes.start), _FITTED)
+    fitted = switching_regimes(_FOLLOW[:count], regimes.spread)
+    start_noise = start_noise._replace(rough=start_noise.rough[:count])
+    noise, _ = smoother.fit(runs, fitted, _prior(count, prior, slack), start_noise)
+    return noise._replace(rough=np.append(noise.rough, prior.rough[count : len(regimes.start)]))
+
+
+def _prior(
+    count: int, prior: smoother.MeasurementNoise, slack: tuple[float, ...]
+) -> smoother.Prior:
+    """The prior of the first `count` regimes."""
+    guess = prior._replace(rough=prior.rough[:count])
+    return smoother.Prior(guess, _DECADES[: 2 + count], FLOOR, slack)
 
 
 def line_error(t: Floats, knots: Floats, x: Floats) -> Floats:
