@@ -102,6 +102,25 @@ def test_sigma_is_right_where_the_log_is_coarse(name: str, case: dict[str, float
     assert rms((F.force - record.truth)[used]) < most * best_butterworth(record, used)
 
 
+@pytest.mark.parametrize(("rate", "variance", "gain", "duration"), [
+    (50.0, 0.03, 1.2, 0.08), (100.0, 0.01, 1.0, 0.05),
+])  # fmt: skip
+def test_a_short_peak_in_a_slow_slide_is_no_noise(
+    rate: float, variance: float, gain: float, duration: float
+) -> None:
+    """For a moment the rail grips, and the wheel that slides gains speed."""
+    w, start = physics.wheelset(VEHICLE, 1), 20.3
+    record, _ = logged("low-adhesion", rate, noise=variance, pressure_noise=500.0)
+    assert record.truth is not None
+    t = (record.t - record.t[0]) * 1e-9
+    gained = gain * np.clip((t - start) / duration, 0.0, 1.0)
+    F = force.compute(replace(record, wheel_speed=record.wheel_speed + gained), VEHICLE)
+    peak = (t > start) & (t < start + duration)
+    highest = record.truth[peak].mean() + gain / duration / w.a
+    assert abs(F.force[peak].mean() - highest) < 1.96 * F.sigma[peak].mean()
+    assert F.force[peak].max() > 0.8 * highest
+
+
 @pytest.mark.parametrize("name", ["service-brake", "four-axles"])
 def test_a_wheel_that_rolls_shows_the_pressure_between_its_samples(name: str) -> None:
     record, _ = logged(name, 50.0, pressure_rate=1.0, pressure_noise=500.0)
