@@ -186,7 +186,7 @@ def test_refusals_name_the_place_and_the_remedy() -> None:
     pressure, speed = channel("pressure", t, p), channel("wheel_speed", t, y)
     with pytest.raises(UserError, match="wheel speed") as error:
         records(log(pressure), Vehicle())
-    assert "--set channels.speed." in error.value.hint
+    assert "`adhesion inspect` lists the channels" in error.value.hint
     with pytest.raises(UserError, match="brake-cylinder pressure"):
         records(log(speed), Vehicle())
     with pytest.raises(UserError, match="share no time"):

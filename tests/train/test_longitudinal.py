@@ -19,7 +19,7 @@ from adhesion_cli.core.physics import G, clamping_force, force_line, rolling_dec
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.records.axle_channels import AxleChannels
-from adhesion_cli.train import explain, solve
+from adhesion_cli.train import deceleration_cause, solve
 from adhesion_cli.train.explanation import AS_STATED, Explanation
 from adhesion_cli.train.grid import build_grids
 
@@ -83,7 +83,7 @@ def axle(
 
 
 def told(one: AxleChannels) -> Explanation:
-    e = explain.explain([one], build_grids([one], VEHICLE), VEHICLE)
+    e = deceleration_cause.explain_deceleration([one], build_grids([one], VEHICLE), VEHICLE)
     return e._replace(pieces=(), design=None)
 
 
@@ -141,7 +141,7 @@ def test_wheels_say_more_of_the_brake_than_a_train_speed_that_may_be_late(
     aligned = align_log(read(open_source(path, ReadOptions()), (), VEHICLE), VEHICLE)
     late = Parameter(0.0, late_s)
     axles = [a._replace(record=replace(a.record, train_speed_late=late)) for a in aligned.axles]
-    design = explain.explain(axles, aligned.grids, VEHICLE).design
+    design = deceleration_cause.explain_deceleration(axles, aligned.grids, VEHICLE).design
     assert design is not None
     assert design.creeps == by_wheels
 
