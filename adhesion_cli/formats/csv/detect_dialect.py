@@ -84,14 +84,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     refuse_width(table, header, used_width)
     names = column_names(header.names, used_width)
     leading_lines = lines_before(table, header)
-    reasons["header"] = _why_header(table, header, options)
     units, units_reason = _units_row(rows, header, labels)
-    if units_reason:
-        reasons["units row"] = units_reason
-    if comment := next((m[1] for _, text in lines if (m := COMMENT.match(text))), ""):
-        reasons["comments"] = f"lines starting with {comment!r} (seen in the head)"
-    if count := leading_lines.get("preamble"):
-        reasons["preamble"] = f"{count} lines (before the header)"
+    reasons |= _header_reasons(table, header, options, units_reason, leading_lines.get("preamble"))
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
     has_text_marks = any(_MARKED.search(text) for text in texts)
@@ -356,6 +350,24 @@ def _has_trailing(heads: list[list[str]], data: list[list[str]], width: int) -> 
     """Whether a delimiter at the end of each row makes an empty column."""
     unnamed = not heads or len(heads[-1]) < width or not heads[-1][-1]
     return width > 2 and unnamed and all(not row[-1] for row in data)
+
+
+def _header_reasons(
+    table: FirstRows,
+    header: Header,
+    options: ReadOptions,
+    units_reason: str,
+    preamble_count: int | None,
+) -> dict[str, str]:
+    """What the lines above the data are, and why."""
+    comment = next((m[1] for _, text in table.lines if (m := COMMENT.match(text))), "")
+    reasons = {
+        "header": _why_header(table, header, options),
+        "units row": units_reason,
+        "comments": comment and f"lines starting with {comment!r} (seen in the head)",
+        "preamble": f"{preamble_count} lines (before the header)" if preamble_count else "",
+    }
+    return {name: reason for name, reason in reasons.items() if reason}
 
 
 def _why_header(table: FirstRows, header: Header, options: ReadOptions) -> str:
