@@ -25,8 +25,15 @@ likelihood of each a, and each gets that share of the draws for the peak. The co
 Results. A constant is reported if its 95 % interval is narrower than a factor of `_WIDEST_FACTOR`.
 So are slip and μ of the peak, at the median speed of the slides, if points lie beyond the peak. The
 slip also needs points before it; without them only an upper limit is reported. μ needs none before
-it if the rail is likely (3), as its friction law leads back to the peak. There is no fit if the
-residuals are too large, or if a step of μ at some time explains them: then the rail changed.
+it if the rail is likely (3), as its friction law leads back to the peak. The utilisation is
+reported if its interval is narrower than `_WIDEST_UTILISATION`, wherever the peak is. There is no
+fit if the residuals are too large, or if a step of μ at some time explains them: then the rail
+changed.
+
+A brake force is wrong by its tolerance and, as pressure and speed need not be sampled at one time,
+by what it changes in half an interval. What is not a factor of all μ is wrong by more in one part
+of a slide than in another. Each draw of the utilisation has such errors: they move the curve, to
+first order, and the mean. Those of the constants and of the peak are without.
 
 Adhesion utilisation, a term of EN 15595 (its text was not at hand), is the mean μ of the slides
 over the mean of the largest μ at the same speeds. Radius and delay also change where a slide begins
@@ -58,6 +65,7 @@ _WIDEST_FACTOR = 3.0  # widest interval of a constant that is reported, high ove
 _PRIOR_RAIL = Condition(k_a=0.5, k_s=0.2, f0=0.1, A=0.4, B=0.3)
 _PRIOR_SIGMA = 1.3, 1.3, 1.5, 1.3, 1.3
 _LARGEST_RESIDUAL = 0.15  # largest rms residual, over the largest μ
+_WIDEST_UTILISATION = 0.25  # widest interval of an adhesion utilisation that is reported
 _CLEAR_STEP = 0.1, 5.0  # least step of ln μ that is another rail, and its least number of sigma
 _SMALLEST_SIDE = 0.1  # least share of the points on each side of the step
 _EVALUATIONS = 50
@@ -70,6 +78,7 @@ _COMPARED = 40  # points, and draws, by which two rails are compared
 _SPEEDS = 8  # at which the peak is found
 _SLIP_QUANTILES = 0.01, 0.98  # quantiles of slip between which the points show the curve
 _SLIPS = 1e-4, 1.0  # range of slip in which the peak is found
+_NOISE_LIMIT = 2.0  # sigma by which noise may lift a point above the largest μ
 _MU_NOISE = 0.02  # expected noise of μ, over the largest μ; the least of short slides
 _NODES = (1.0 / 6.0, -math.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, math.sqrt(3.0))
 _CLEAR_NOISE = 0.3  # largest noise of slip over slip of a point that is used
@@ -117,6 +126,7 @@ class Points(NamedTuple):
     noise: Floats  # σ_s, 1 sigma of the slip's noise
     swing: Floats  # 1 sigma of μ by the reference; larger between two readings of a pressure
     clock: Floats  # 1 sigma of slip by the train speed's delay and drift, one error for all
+    doubt: Floats  # 1 sigma of μ by errors that are each one for all, shape (n, errors)
     sliding: Bools  # the others lie between slides
 
 
@@ -258,6 +268,13 @@ def _peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats, peaks: Floats
             peaks[i, j, 0], peaks[i, j, 1] = math.exp(log_peak), highest
 
 
+def _find_peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats) -> Floats:
+    """Slip and μ of the largest adhesion, shape (rails, speeds, 2)."""
+    peaks = np.empty((len(rails), len(speed), 2))
+    compiled.function(_peaks)(rails, patch, bend, speed, peaks)
+    return peaks
+
+
 def curve(rail: Condition, speed: float, slip: Floats, vehicle: Vehicle) -> Floats:
     """μ at a train speed [m/s] and each slip, shape of `slip`."""
     patch = Contact().patch(vehicle.axle_mass.value * G)
@@ -316,13 +333,15 @@ def fit(
         weight=1.0 / math.sqrt(max(_correlated_points(p.t, best.residuals), setup.correlated))
     )
     local_search = _LocalSearch(weighted, sigma, best.x)
+    doubts = np.random.default_rng(1).standard_normal((draws, points.doubt.shape[1]))
     straight_draws = np.array([local_search.draw(random) for _ in range(draws)])
-    curves = _draw_curves(search, sigma, straight_draws, best.x, random)
-    if curves is None:
+    pair = _draw_curves(search, sigma, straight_draws, doubts, best.x, random)
+    if pair is None:
         return None
-    for x in (straight_draws, curves):
+    for x in (straight_draws, *pair):
         x[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
-    return _summarise_draws(points, setup, _rail(best.x), straight_draws, curves, scales)
+    rails = _Draws(straight_draws, *pair, scales, doubts)
+    return _summarise_draws(points, setup, _rail(best.x), sigma, rails)
 
 
 def _best(search: "_FitSearch") -> "tuple[_Optimum, float] | None":
@@ -345,19 +364,32 @@ def _largest_mu(p: Points) -> float:
     return max(float(np.quantile(np.abs(p.mu), 0.9)), 1e-6)
 
 
-def _summarise_draws(
-    points: Points, setup: Setup, best: Condition, draws: Floats, curves: Floats, scales: Floats
-) -> RailFit:
-    """What the draws show, shape (draws, unknowns): `draws` among curves (3), `curves` among all.
+class _Draws(NamedTuple):
+    """Rails that are likely, and the errors of μ that each is for."""
 
-    `points` are all points, `setup` those that were fitted.
+    straight: Floats  # curves (3), shape (draws, unknowns)
+    curves: Floats  # among all curves, shape (draws, unknowns)
+    doubtful: Floats  # the same curves for the errors of `doubts`, shape (draws, unknowns)
+    scales: Floats  # true over computed μ, shape (draws,)
+    doubts: Floats  # errors of `Points.doubt`, in sigma, shape (draws, errors)
+
+
+def _summarise_draws(
+    points: Points, setup: Setup, best: Condition, sigma: float, rails_drawn: _Draws
+) -> RailFit:
+    """What the draws show.
+
+    `points` are all points, `setup` those that were fitted, with 1 sigma of μ.
     """
+    draws, curves, doubtful, scales, _ = rails_drawn
     rails = tuple(_rail(x) for x in draws)
     spreads = {n: _interval([getattr(rail, n) for rail in rails]) for n in Condition._fields}
     slides = points.speed[points.sliding]
     speed, speeds = float(np.median(slides)), np.linspace(slides.min(), slides.max(), _SPEEDS)
-    peaks = np.empty((len(curves), 1 + _SPEEDS, 2))
-    compiled.function(_peaks)(curves, setup.patch, setup.shape, np.append(speed, speeds), peaks)
+    at_speeds = np.append(speed, speeds)
+    peaks, doubtful_peaks = (
+        _find_peaks(x, setup.patch, setup.shape, at_speeds) for x in (curves, doubtful)
+    )
     peak_slip, mu = (_interval(peaks[:, 0, i]) for i in (0, 1))
     lowest, highest = np.quantile(setup.p.slip, _SLIP_QUANTILES).tolist()
     slip_limit = max(peak_slip.upper, lowest)  # of less slip there are no points
@@ -369,7 +401,10 @@ def _summarise_draws(
         and 100.0 * np.mean(is_bent & (peaks[:, 0, 0] < lowest)) > _PERCENTILES[0]
     )
     shows_peak_mu = beyond_peak and _narrow(mu) and not lacks_points_before
-    utilisation = _utilisation(points, curves, scales, setup.radius, speeds, peaks[:, 1:, 1])
+    shares_used = _utilisation(
+        points, rails_drawn, setup.radius, sigma, speeds, doubtful_peaks[:, 1:, 1]
+    )
+    used = _interval(np.minimum(shares_used, 1.0))
     return RailFit(
         best,
         rails,
@@ -378,7 +413,7 @@ def _summarise_draws(
         slip_limit if beyond_peak else None,
         peak_slip if beyond_peak and lowest < peak_slip.value and _narrow(peak_slip) else None,
         mu if shows_peak_mu else None,
-        _interval(utilisation) if shows_peak_mu else None,
+        used if used.upper - used.lower < _WIDEST_UTILISATION else None,
         speed,
         setup.p,
     )
@@ -406,23 +441,30 @@ def contradicts(rail_a: RailFit, rail_b: RailFit, vehicle: Vehicle) -> bool:
 
 
 def _utilisation(
-    p: Points, draws: Floats, scales: Floats, radius: float, speeds: Floats, largest_mu: Floats
+    p: Points, rails: _Draws, radius: float, sigma: float, speeds: Floats, largest_mu: Floats
 ) -> Floats:
     """Mean μ of the slides over that of the largest at the same speeds, by each draw; (draws,).
 
-    A draw's radius and delay change the slip, and where slides begin and end. `largest_mu` is the
-    largest μ at these speeds, shape (draws, speeds).
+    A draw's radius and delay change the slip, and where slides begin and end. Its errors of the
+    brake force change μ as they did for the curve. A point above the largest μ, by more than noise
+    of 1 sigma `sigma` explains, is on another rail, as where a slide ends: it counts as the
+    largest.
+
+    `largest_mu` is the largest μ at these speeds, shape (draws, speeds).
     """
-    utilisation, h = np.empty(len(draws)), _durations(p)
-    for j, x in enumerate(draws):
+    utilisation, h = np.empty(len(rails.doubtful)), _durations(p)
+    for j, (x, scale, doubt) in enumerate(
+        zip(rails.doubtful, rails.scales, rails.doubts, strict=True)
+    ):
         slip = 1.0 - (1.0 - p.slip) * (1.0 + radius * x[_RADIUS]) + p.clock * x[_DELAY]
         inside = np.zeros(len(h), dtype=np.bool_)
         for a, b in true_runs(slip > END_SLIP):
             inside[a:b] = p.sliding[a:b].any()
         inside = inside if inside.any() else p.sliding
         largest = np.interp(p.speed[inside], speeds, largest_mu[j])
-        weight = h[inside]
-        utilisation[j] = scales[j] * (p.mu[inside] @ weight) / (largest @ weight)
+        weight, highest = h[inside], largest / scale + _NOISE_LIMIT * sigma
+        mu = np.minimum(p.mu[inside] + p.doubt[inside] @ doubt, highest)
+        utilisation[j] = scale * (mu @ weight) / (largest @ weight)
     return utilisation
 
 
@@ -542,6 +584,17 @@ class _LocalSearch:
             self.solve(prior_mean, random.standard_normal(len(setup.p.t)))[0], *_UNKNOWN_RANGE
         )
 
+    def shifts(self, doubts: Floats) -> Floats:
+        """By how much errors of μ move the unknowns, to first order; shape (draws, unknowns).
+
+        Args:
+            doubts: errors of `Points.doubt`, in sigma, shape (draws, errors).
+        """
+        errors = self._search.weight * (self._search.setup.p.doubt @ doubts.T)
+        stacked = np.zeros((self._first_slopes.shape[1], len(doubts)))
+        stacked[: len(self.noise)] = errors / self.noise[:, None]
+        return np.asarray(-np.linalg.lstsq(self._first_slopes.T, stacked)[0].T, np.float64)
+
 
 def _search(setup: Setup) -> _FitSearch:
     """The search among curves (3)."""
@@ -563,12 +616,14 @@ def _draw_curves(
     straight_search: _FitSearch,
     sigma: float,
     draws: Floats,
+    doubts: Floats,
     best: Floats,
     random: np.random.Generator,
-) -> Floats | None:
+) -> tuple[Floats, Floats] | None:
     """Draws among all curves, (3) or not, shape (draws, unknowns); None for points of two rails.
 
-    As many `draws` of curves (3) are kept as the points make likely.
+    As many `draws` of curves (3) are kept as the points make likely. The second of the pair are the
+    same curves for errors of `Points.doubt`.
     """
     t = straight_search.setup.p.t
     bend_zeros = np.zeros(len(straight_search.setup.shape.bumps) + _BY_SPEED)
@@ -589,11 +644,14 @@ def _draw_curves(
     count = len(draws)
     chosen = np.searchsorted(np.cumsum(share) / share.sum(), (np.arange(count) + 0.5) / count)
     curves = np.pad(draws, ((0, 0), (0, len(bend_zeros))))
-    for k in range(1, len(searches)):
+    shifts = np.zeros_like(curves)
+    for k in range(len(searches)):
         local_search = _LocalSearch(searches[k], sigma, optima[k].x)
-        for j in np.flatnonzero(chosen == k).tolist():
+        its_draws = np.flatnonzero(chosen == k)
+        for j in its_draws.tolist() if k else ():
             curves[j] = local_search.draw(random)
-    return curves
+        shifts[its_draws, : len(optima[k].x)] = local_search.shifts(doubts[its_draws])
+    return curves, np.clip(curves + shifts, *_UNKNOWN_RANGE)
 
 
 def _has_step(t: Floats, f: _Optimum, weight: float) -> bool:

@@ -155,6 +155,13 @@ class AxleContext:
         return physics.coefficient(sigma, self.vehicle, record.axle)
 
     @cached_property
+    def half_changes(self) -> Floats:
+        """What the brake force at the rim changes in half an interval [N], (n,)."""
+        record = self.axle.record
+        brake_force = physics.wheelset(self.vehicle, record.axle).phi * record.clamping_force
+        return np.nan_to_num(np.gradient(brake_force)) / math.sqrt(12.0)
+
+    @cached_property
     def creep(self) -> list[slice]:
         """Where it creeps, as `find_creep`."""
         assert self.axle.slip is not None
@@ -249,7 +256,8 @@ def points(context: AxleContext, axle_slides: Sequence[Slide]) -> tuple[fit.Poin
     mu = physics.coefficient(ref.force[indices], vehicle, axle.record.axle)
     force, mass = np.maximum(ref.force[indices], 1.0), vehicle.axle_mass
     common = 0.0 if ref.mass is None else ref.mass[indices] / force  # error of force and mass
-    scale = (ref.tolerance[indices] / force) ** 2 - 2.0 * common
+    share = ref.tolerance[indices] / force
+    scale = share**2 - 2.0 * common
     variance = (float(np.median(scale)) if len(indices) else 0.0) + (
         mass.tolerance / mass.value
     ) ** 2
@@ -257,7 +265,11 @@ def points(context: AxleContext, axle_slides: Sequence[Slide]) -> tuple[fit.Poin
     t = (record.t[indices] - record.t[0]) * 1e-9
     v = record.train_speed[indices]
     noise = context.noise[indices] / v  # of (2)
-    columns = context.swing[indices], context.clock[indices], sliding[indices]
+    typical = float(np.median(share)) if len(indices) else 0.0
+    half_changes = context.half_changes[indices]
+    errors = np.column_stack([ref.tolerance[indices] - typical * force, half_changes])
+    doubt = physics.coefficient(errors, vehicle, record.axle)
+    columns = context.swing[indices], context.clock[indices], doubt, sliding[indices]
     return fit.Points(t, v, axle.slip[indices], mu, noise, *columns), error
 
 

@@ -58,9 +58,10 @@ _OF_BUDGET = (
 _OF_WSP = (
     "max slip, locked: the largest of the stops; valve actions: of all stops. initial µ: mean over "
     "0.1 s from the begin of the first slide, mean of the stops, with expanded uncertainty "
-    "(95\N{NO-BREAK SPACE}%). used: mean µ of the slides over the highest that the rail gives, "
-    "with its 95\N{NO-BREAK SPACE}% interval. -: no slide, or the slides do not show it. energy: "
-    "its relative uncertainty, which is not shown, is at least that of µ."
+    "(95\N{NO-BREAK SPACE}%). used: mean µ of the slides over the highest that the rail gives; "
+    "its 95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and other shapes "
+    "of the slip-adhesion curve. -: no slide, or the slides do not show it. energy: its relative "
+    "uncertainty, which is not shown, is at least that of µ."
 )
 _WSP = "Wheel slide protection"
 _COMMAND = {

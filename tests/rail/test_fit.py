@@ -63,7 +63,7 @@ def logged(
     measured = mu + 0.01 * mu.mean() * np.interp(t, own, random.standard_normal(len(own)))
     measured /= 1.0 + scale * random.standard_normal()
     sigma = math.sqrt(2.0 / 3.0) * speed_noise / v
-    points = fit.Points(t, v, seen, measured, sigma, 0.0 * t, clock, t >= 0.0)
+    points = fit.Points(t, v, seen, measured, sigma, 0.0 * t, clock, 0.0 * t[:, None], t >= 0.0)
     return points, radius, scale
 
 
@@ -194,3 +194,45 @@ def test_the_peak_holds_on_rails_of_other_laws(
     assert slips
     assert likely(slips)
     assert likely(heights)
+
+
+def straight(seed: int, doubt: float) -> tuple[fit.Points, float, Vehicle]:
+    """Points of a curve that falls by a straight line beyond its peak, their utilisation.
+
+    A brake force that is wrong lifts the points of much slip: there the pressure is high.
+    """
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, 12.0, 0.02)
+    slip = 0.075 + 0.06 * np.sin(2.0 * math.pi * t / 1.3)
+    share = 1.0 - 0.15 * (slip - 0.015) / 0.2
+    profile = doubt * (slip - 0.075) / 0.06
+    mu = 0.05 * share + profile + 1e-4 * random.standard_normal(len(t))
+    zero = 0.0 * t
+    columns = zero + 1e-4, zero, zero, profile[:, None], t >= 0.0
+    return fit.Points(t, zero + 20.0, slip, mu, *columns), float(share.mean()), Vehicle()
+
+
+def test_the_utilisation_of_another_curve_lies_in_its_interval() -> None:
+    points, share, vehicle = straight(1, 0.0)
+    certain = fit.fit(points, vehicle, 1e-4, 0.02, 40)
+    assert certain is not None
+    assert certain.utilisation is not None
+    assert certain.utilisation.lower < share < certain.utilisation.upper
+
+
+def test_the_utilisation_holds_an_error_of_the_brake_force() -> None:
+    points, share, vehicle = straight(2, 7e-4)
+    rail = fit.fit(points, vehicle, 1e-4, 0.02, 40)
+    assert rail is not None
+    assert rail.utilisation is not None
+    assert rail.utilisation.lower < share < rail.utilisation.upper
+
+
+def test_the_end_of_a_slide_on_a_better_rail_is_not_used_adhesion() -> None:
+    points, share, vehicle = straight(3, 0.0)
+    mu, swing = points.mu.copy(), points.swing.copy()
+    mu[-15:], swing[-15:] = 0.25, 0.05  # the smoother does not know the step
+    rail = fit.fit(points._replace(mu=mu, swing=swing), vehicle, 1e-4, 0.02, 40)
+    assert rail is not None
+    assert rail.utilisation is not None
+    assert rail.utilisation.value == pytest.approx(share, abs=0.01)

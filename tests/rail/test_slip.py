@@ -176,7 +176,9 @@ def test_points_on_one_side_of_the_peak_tell_no_peak() -> None:
     patch, wet = creep_law.Contact().patch(load), creep_law.condition("wet")
     mu = np.array([creep_law.creep_force(s * 15.0, 15.0, wet, patch)[0] / load for s in creep])
     mu += np.random.default_rng(1).normal(0.0, 1e-3, len(mu))
-    points = fit.Points(t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
+    points = fit.Points(
+        t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), 0.0 * t[:, None], t >= 0.0
+    )
     found = fit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.peak_slip is None
@@ -195,7 +197,9 @@ def test_points_beyond_the_peak_alone_bound_it(name: str) -> None:
         [creep_law.creep_force(s * speed, speed, condition, patch)[0] / load for s in creep]
     )
     mu += np.random.default_rng(1).normal(0.0, 5e-4, len(mu))
-    points = fit.Points(t, np.full(len(t), speed), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
+    points = fit.Points(
+        t, np.full(len(t), speed), creep, mu, *(3 * [0.0 * t]), 0.0 * t[:, None], t >= 0.0
+    )
     found = fit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.peak_slip is None
@@ -226,7 +230,7 @@ def test_forces_known_to_err_where_the_brake_turns_move_no_peak() -> None:
     seen = np.where(turns, 0.9, 1.0) * mu + noise
     swing = np.where(turns, 0.1, 0.0) * mu
     zero = 0.0 * t
-    points = fit.Points(t, zero + 15.0, creep, seen, zero, swing, zero, creep > 0.01)
+    points = fit.Points(t, zero + 15.0, creep, seen, zero, swing, zero, zero[:, None], creep > 0.01)
     found = fit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.peak_slip is not None
@@ -240,7 +244,9 @@ def test_utilisation_knows_that_slides_may_begin_and_end_elsewhere() -> None:
     clock, zero = 0.01, 0.0 * t
     seen = creep - clock + np.random.default_rng(3).normal(0.0, 5e-4, len(t))
     slides = seen - 2.0 * clock > 0.01  # as slides are found
-    points = fit.Points(t, zero + 15.0, seen, mu, zero + 5e-4, zero, zero + clock, slides)
+    points = fit.Points(
+        t, zero + 15.0, seen, mu, zero + 5e-4, zero, zero + clock, zero[:, None], slides
+    )
     found = fit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.utilisation is not None
@@ -254,7 +260,9 @@ def test_a_rail_that_changes_has_no_curve() -> None:
     t = np.arange(0.0, 20.0, 0.02)
     creep = 0.05 + 0.04 * np.sin(3.0 * t)
     mu = np.where(np.sin(t) > 0.0, 0.05, 0.3)
-    points = fit.Points(t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
+    points = fit.Points(
+        t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), 0.0 * t[:, None], t >= 0.0
+    )
     assert fit.clear_time(points) >= fit.SHORTEST
     assert fit.fit(points, Vehicle(), 0.0, 0.0) is None
     assert fit.clear_time(fit.Points._make(x[: int(7.0 / 0.02)] for x in points)) < fit.SHORTEST
@@ -697,7 +705,9 @@ def rail_fit(f0: float, seed: int) -> fit.RailFit:
     condition = creep_law.condition("low")._replace(f0=f0)
     mu = fit.curve(condition, 15.0, creep, Vehicle())
     mu *= 1.0 + 0.02 * random.standard_normal(len(t))
-    points = fit.Points(t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
+    points = fit.Points(
+        t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), 0.0 * t[:, None], t >= 0.0
+    )
     rail = fit.fit(points, Vehicle(), 1e-3, 0.05, 40)
     assert rail
     return rail
