@@ -5,6 +5,7 @@ command. So signals, exit codes, limits, streams and what a kill leaves behind a
 holds of the start itself, as of what is imported, needs `subprocess`.
 """
 
+import atexit
 import json
 import os
 import select
@@ -13,6 +14,7 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -155,7 +157,28 @@ def _become(request: dict[str, Any], streams: list[int]) -> None:
     os.environ.update(request["environ"])
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
     sys.argv = ["adhesion", *request["arguments"]]
-    exec(_STARTS + request["code"] + "\n__main__.main()", {"__name__": "adhesion"})
+    try:
+        exec(_STARTS + request["code"] + "\n__main__.main()", {"__name__": "adhesion"})
+    except SystemExit as ended:
+        _end(ended)
+        raise
+
+
+def _end(ended: SystemExit) -> None:
+    """Ends as Python does, without taking all that is imported apart: 0.2 s of each command.
+
+    Returns where Python has more to say: a text as exit code, or an output that nobody takes.
+    """
+    if not isinstance(ended.code, int | None):
+        return
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        return
+    os._exit(ended.code or 0)
 
 
 if __name__ == "__main__":
