@@ -1,5 +1,6 @@
 """Logs of a metro whose ED brake and motors act beside the friction brake, with known force."""
 
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -60,6 +61,7 @@ class Blended(NamedTuple):
         return path
 
 
+@cache
 def blended(
     fastest: tuple[float, ...] = (60.0, 70.0, 80.0),
     decelerations: tuple[float, ...] = (0.7, 0.9, 1.1),
