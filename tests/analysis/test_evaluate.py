@@ -26,6 +26,11 @@ def train_log(tmp_path: Path) -> Path:
     return path
 
 
+def test_a_wrong_estimator_is_refused_before_the_log_is_read(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="unknown algorithm 'nesso'"):
+        evaluate(tmp_path / "none.csv", Settings(), ["nesso"], (), (None, None))
+
+
 def test_a_log_that_has_no_axle_is_read_once(
     train_log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
