@@ -35,7 +35,15 @@ from ..core.model import (
     Vehicle,
     VehicleSource,
 )
-from ..core.physics import BAR, braked, clamping, force_line, piston_area, wheelset
+from ..core.physics import (
+    BAR,
+    braked,
+    clamping,
+    force_line,
+    friction_change,
+    piston_area,
+    wheelset,
+)
 from ..formats.memory import Signals
 from ..records.brake_applications import find_applications
 from ..reference import calibrated_vehicle
@@ -56,6 +64,7 @@ _STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
 _ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
 _MASS = Parameter(12e3, 3e3)  # of an axle, where it is not stated [kg]
 _FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
+_FADE_SIGMAS = 2.0  # from which a fitted fade is not zero
 _LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
 _LARGEST_LN = 50.0  # of a force over that of a vehicle without one
 _ALIKE = 0.01  # share by which axles differ that are shown as one car
@@ -113,6 +122,8 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
     """
     logs, mean = as_equal_axles(logs, settings)
     identified = _identify(logs, replace(settings, vehicle=mean))
+    if not settings.stated & {"friction_fade", "friction_table"}:
+        identified = _with_friction_change(identified, mean)
     return of_all_axles(identified, mean, settings.vehicle, logs[0].numbers[0])
 
 
@@ -168,6 +179,23 @@ def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehic
         prior = replace(prior, vehicle=vehicle, source="log")
         identified, _ = _posterior(prior, logs, lines, setting)
     return identified
+
+
+def _with_friction_change(identified: IdentifiedVehicle, stated: Vehicle) -> IdentifiedVehicle:
+    """The vehicle with the change of friction over speed that its logs show, if it is a clear one.
+
+    A straight line is not the friction of cast iron, so its slope is as uncertain as it is large.
+    """
+    changes = [friction_change(effect, stated) for effect in identified.speed_effects.values()]
+    slope = max(changes, key=abs, default=0.0)
+    if not slope or identified.other_brake or not identified.known:
+        return identified
+    vehicle, fade = identified.vehicle, identified.vehicle.friction_fade
+    is_fitted = abs(fade.value) > _FADE_SIGMAS * fade.tolerance  # to the wheels that roll
+    fade = Parameter(fade.value if is_fitted else slope, max(abs(fade.value), abs(slope)))
+    own_errors = tuple(x for x in vehicle.correlation if "friction_fade" not in x)
+    vehicle = replace(vehicle, friction_fade=fade, correlation=own_errors)
+    return replace(identified, vehicle=vehicle)
 
 
 def _most_rolling(lines: dict[int, BrakeLine]) -> BrakeLine:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .model import AxleRecord, Floats, FrictionTable, Vehicle, Wheelset
+from .model import AxleRecord, Floats, FrictionTable, SpeedEffect, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
 BAR = 1e5  # [Pa]
@@ -23,6 +23,8 @@ LOCKING = 30.0  # no brake decelerates a wheel harder, even without adhesion [m/
 RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]
 CRAWL = 1.0  # below it a wheel may stand, and a slip is mostly an error of the speeds [m/s]
 RELEASED_SHARE = 0.05  # share of the highest clamping force: less is no braking
+_EFFECT_SIGMAS = 2.5  # of an effect of the speed on the brake, from which the friction changes
+_EFFECT_FACTOR = 1.25  # by which it changes at least: gradients that change look alike
 LEAST_SHARE = 0.1  # of friction that every pad keeps at any speed
 NO_FORCE = 60.0  # clamping force that does not brake: the pads just touch [N]
 SLOW = 1.39  # jerk and locks are judged above: 5 km/h [m/s]
@@ -74,6 +76,21 @@ def friction_share(rim: Any, K: Any, vehicle: Vehicle) -> Any:
     faster = rim - vehicle.friction_speed.value
     fade = np.maximum(1.0 + vehicle.friction_fade.value * faster, LEAST_SHARE)
     return fade * table_share(rim, K, vehicle.friction_table)
+
+
+def friction_change(effect: SpeedEffect, stated: Vehicle) -> float:
+    """Slope of ln φ over the speed that a log shows beyond what is stated [s/m]; 0 if not clear.
+
+    Args:
+        effect: as the log shows it, without what a friction table says.
+        stated: the vehicle with its `friction_fade`.
+    """
+    without_table = replace(stated, friction_table=None)
+    at_low, at_high = (friction_share(v, 0.0, without_table) for v in (effect.low, effect.high))
+    change = math.log(effect.ratio * at_high / at_low)
+    if abs(change) <= max(_EFFECT_SIGMAS * effect.sigma, math.log(_EFFECT_FACTOR)):
+        return 0.0
+    return change / (effect.low - effect.high)
 
 
 def table_share(rim: Any, K: Any, table: FrictionTable | None) -> Any:

@@ -140,7 +140,7 @@ def _may_be_late(axles: Sequence[AxleChannels]) -> bool:
     return delay is not None and delay.tolerance > _LATE_SIGMA
 
 
-class _Fits(NamedTuple):
+class _CauseFits(NamedTuple):
     """The likeliest point of each cause, see the table above."""
 
     stated: Likeliest
@@ -182,7 +182,7 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
         for prior in (delay_prior, force_prior)
     )
     both = _best(d, counts, both_prior, [*both_starts, free_fit.mean], [stated, delayed, line])
-    fits = _Fits(stated, delayed, line, both, counts)
+    fits = _CauseFits(stated, delayed, line, both, counts)
     return _judge(d, fits, vehicle, clear_gain)._replace(pieces=pieces)
 
 
@@ -216,7 +216,7 @@ def _gradients(d: Design, posterior: Posterior) -> tuple[Piece, ...]:
     return tuple(pieces)
 
 
-def _judge(d: Design, fits: _Fits, vehicle: Vehicle, clear_gain: float) -> Explanation:
+def _judge(d: Design, fits: _CauseFits, vehicle: Vehicle, clear_gain: float) -> Explanation:
     """The explanation that the costs of all fits support together."""
     delayed, line = fits.delayed, fits.line
     single_cost = min(delayed.cost, line.cost)
