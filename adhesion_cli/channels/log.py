@@ -53,6 +53,7 @@ _USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
 }
 # A unit with a factor behind it, as "bar x 100".
 _FACTOR_BEHIND = re.compile(r"(.*?[^\W\d_].*?)\s*([x×*·/])\s*(10\^?-\d|0[.,]0*1|10*)")
+_PREFIXES = {"m": 1e-3, "c": 1e-2, "d": 0.1, "h": 100.0, "k": 1e3}
 _USUAL_STEP = {"pressure": 1e3, "speed": 1e-2, "angular speed": 1e-2, "force": 10.0}  # SI
 _STATED: dict[str, Meaning] = {"speed": "wheel_speed", "pressure": "pressure"}  # by key
 _OPTIONAL: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
@@ -299,7 +300,8 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
     if not m.unit:
         raise UserError(
             f"{path}: channel {m.title!r} looks like the {m.describe}, but {_lacks(m)}",
-            f"state it, as {_option(m, chosen)}; units: {', '.join(units.known_units(m.meaning))}",
+            f"{_condition(m)}state it, as {_option(m, chosen)}; "
+            f"units: {', '.join(units.known_units(m.meaning))}",
         )
     unit = units.stated_unit(m.unit, m.meaning, m.title)
     if unit.dimension in ("pulse rate", "count") and not m.teeth:
@@ -345,6 +347,13 @@ def _lacks(m: Meant) -> str:
     return "its unit is not stated"
 
 
+def _condition(m: Meant) -> str:
+    """When a hint on an unknown unit holds; "" where it shows that unit, or there is none."""
+    is_usual = _example_units(m) == [_USUAL.get(m.meaning, "m/s")]
+    stated = re.search(r"unknown unit (.*)", _lacks(m))
+    return f"if {stated[1]} is {_example_units(m)[0]}, " if stated and is_usual else ""
+
+
 def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
     """The option by which a user states the unit of a channel and of the others of its meaning.
 
@@ -368,7 +377,8 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
 def _example_units(m: Meant) -> list[str]:
     """Units for a hint: the usual one, or those that a factor behind a unit in the name may mean.
 
-    "mbar/10" is a tenth of it, rarely ten. Else the likelier one gives the usual step.
+    "mbar/10" is a tenth of it, rarely ten. Else the likelier one gives the usual step. Of a unit
+    that is known with another prefix, as "mm/s", it is the known one with a factor.
     """
     for text in (m.field.path, m.field.label, m.field.channel):
         plain_text = unicodedata.normalize("NFKC", units.unknown_in(text)).replace("\u2212", "-")
@@ -384,6 +394,8 @@ def _example_units(m: Meant) -> list[str]:
             if match[2] == "/":
                 factors = [1.0 / number, number]
             return [f"{factor:g} {match[1]}" for factor in factors]
+        if plain_text[:1] in _PREFIXES and units.unit(plain_text[1:]):
+            return [f"{_PREFIXES[plain_text[0]]:g} {plain_text[1:]}"]
     return [_USUAL.get(m.meaning, "m/s")]
 
 

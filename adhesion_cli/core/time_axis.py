@@ -15,12 +15,13 @@ from .finding import Finding, Severity, Span, merge_spans
 from .model import Bools, Channel, Column, Floats, Times
 
 _FIRST_STAMPS = 100_000  # of a log, in which most clocks count seconds above 59
-_HOUR, _HOURLESS = 3600 * 10**9, "clock without hours"
+_HOUR, _HOURLESS, _HALF_DAY = 3600 * 10**9, "clock without hours", "12-hour clock"
 WRAPS_NS = {
     "32-bit millisecond counter": 2**32 * 10**6,
     "32-bit microsecond counter": 2**32 * 10**3,
     "16-bit millisecond counter": 2**16 * 10**6,
     "24-hour clock": 24 * 3600 * 10**9,
+    _HALF_DAY: 12 * 3600 * 10**9,
     _HOURLESS: _HOUR,
 }
 _LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
@@ -381,8 +382,9 @@ def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
     steps = np.diff(t)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     hourless = t.min() >= 0 and t.max() < _HOUR  # else it is the end of summer time
+    is_half_day = t.min() >= _HOUR and t.max() < 13 * _HOUR
     for width, wrap_ns in WRAPS_NS.items():
-        if width == _HOURLESS and not hourless:
+        if (width == _HOURLESS and not hourless) or (width == _HALF_DAY and not is_half_day):
             continue
         fall = np.diff(t, prepend=t[:1])
         tolerance = max(wrap_ns // 1000, min(2.0 * usual, wrap_ns // 100))

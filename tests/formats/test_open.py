@@ -17,6 +17,7 @@ from adhesion_cli.analysis.settings import load
 from adhesion_cli.channels.log import needed, read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
+from adhesion_cli.core.units import in_name, unit
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.records.choose import choose
@@ -127,6 +128,7 @@ def test_the_remedy_of_each_hint_works(
         ("[mbar/10]", "0.1 mbar"),
         ("[hPa x 10]", "10 hPa"),
         ("[Pa*1000]", "1000 Pa"),
+        ("[dPa]", "0.1 Pa"),
     ],
 )
 def test_a_factor_behind_a_unit_is_asked_for_by_the_likely_one(
@@ -139,7 +141,30 @@ def test_a_factor_behind_a_unit_is_asked_for_by_the_likely_one(
     settings = load(assignments=pasted(error.value.hint), folder=False)
     meant, _ = needed(open_source(path, settings.read), settings.mappings)
     assert meant[0].unit == factor
-    assert "(or " in error.value.hint
+    assert ("(or " in error.value.hint) == (unit != "[dPa]")
+
+
+def test_a_unit_that_nobody_knows_is_not_said_to_be_the_usual_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    table("time [s]", "BC pressure [foo]", "v [km/h]")(path)
+    with pytest.raises(UserError, match="unknown unit") as error:
+        needed(open_source(path, ReadOptions()), ())
+    assert error.value.hint.startswith(
+        "if 'foo' is bar, state it, as `--set channels.pressure.unit=bar`"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "factor"),
+    [
+        ("MPa(g)", 1e6), ("kPa (rel)", 1e3), ("bar rel.", 1e5), ("kN/m²", 1e3), ("mmHg", 133.322),
+        ("km.h-1", 1 / 3.6), ("kilometers per hour", 1 / 3.6), ("m/min", 1 / 60),
+    ],
+)  # fmt: skip
+def test_units_of_other_trades(text: str, factor: float) -> None:
+    known = unit(in_name(f"x [{text}]")[1])
+    assert known is not None
+    assert known.factor == pytest.approx(factor, rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from functools import lru_cache
 from ..model import Meaning
 from .spelling import IN_NAMES, NUMBER, TIMES, unit, unit_for
 
-_BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))?)\s*[\])）】}>]")
+_BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\((?:[ag]|rel)\))?)\s*[\])）】}>]")
 
 # Units of what is not asked for, with the letters of names: volts are no v, kelvins no K.
 _OTHER_QUANTITIES = re.compile(

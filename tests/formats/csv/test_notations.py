@@ -269,3 +269,15 @@ def test_exports_of_other_countries_and_programs(
 def test_rad_is_a_wheel_in_german_where_no_bracket_says_a_unit() -> None:
     assert in_name("v Rad") == ("v Rad", "")
     assert in_name("angle rad") == ("angle", "rad")
+
+
+def test_a_clock_of_twelve_hours_goes_on_behind_noon(tmp_path: Path) -> None:
+    seconds = [46_790 + k / 10 for k in range(200)]  # from 12:59:50
+    times = [
+        f"{int(s // 3600 - 1) % 12 + 1:02d}:{int(s // 60) % 60:02d}:{s % 60:04.1f}" for s in seconds
+    ]
+    rows = "".join(f"{t},{k % 7}\n" for k, t in enumerate(times))
+    _, (column,) = numbers_of(tmp_path / "a.csv", f"Time,p [bar]\n{rows}")
+    axis = clean("p", column, int(column.t.min()))
+    assert [f.code for f in axis.findings] == ["time-wrapped"]
+    assert np.array_equal(axis.data.t, np.rint(np.array(seconds) * 10) * 100_000_000)
