@@ -29,7 +29,7 @@ from ..core.model import (
 from ..core.text import listed
 from ..formats.memory import MemorySource
 from ..formats.source import TAKEN_AS_UTC, Source
-from .meaning import Mapping, Meant, name, understood
+from .meaning import Mapping, Meant, entry_of, name, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
 from .rules import ED_WITHOUT_UNIT
@@ -98,8 +98,7 @@ def _proposals(meant: Sequence[Meant]) -> dict[str, str]:
     for key, meaning in _STATED.items():
         fitting = [m for m in unused if units.unit_for(m.unit, meaning)]
         if m := next(iter(fitting or (m for m in unused if not m.unit)), None):
-            address = {"channel": m.field.channel, "field": m.field.path, "group": m.field.group}
-            entry = toml.table({**address, "unit": m.unit or _USUAL[meaning]})
+            entry = toml.table(entry_of(m.field, unit=m.unit or _USUAL[meaning]))
             place = '."axle 1"' if key == "speed" else ""
             proposals[key] = toml.option(f"channels.{key}{place} = {entry}")
     return proposals
@@ -329,8 +328,7 @@ def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
         own_axles = axles[i * axles_per_pressure : (i + 1) * axles_per_pressure] or list(
             bogie_axles(i + 1)
         )
-        address = {"channel": m.field.channel, "field": m.field.path, "group": m.field.group}
-        stated = {k: v for k, v in {**address, "unit": m.unit}.items() if v}
+        stated = {k: v for k, v in entry_of(m.field, unit=m.unit).items() if v}
         entries[f"bogie {i + 1}"] = {**stated, "axles": own_axles}
     titles = ", ".join(repr(m.title) for m in pressures[:8])
     return UserError(
@@ -368,8 +366,7 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
         return toml.option(f"channels.{key} = {entry}") + alternative
     entries = {}
     for c in same_meaning:
-        address = {"channel": c.field.channel, "field": c.field.path, "group": c.field.group}
-        entries[c.axle] = toml.table({**address, "unit": c.unit or usual, "teeth": teeth})
+        entries[c.axle] = toml.table(entry_of(c.field, unit=c.unit or usual, teeth=teeth))
     all_entries = ", ".join(f'"axle {axle or 1}" = {entry}' for axle, entry in entries.items())
     return toml.option(f"channels.{key} = {entries.get(None, f'{{{all_entries}}}')}")
 

@@ -409,8 +409,12 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
 
 def _option(meaning: str, axle: int | None, field: Field) -> str:
     """How a user states that a field has this meaning."""
-    address = {"channel": field.channel, "field": field.path, "group": field.group}
-    return toml.option(f"channels.{_key(meaning, axle)} = {toml.table(address)}")
+    return toml.option(f"channels.{_key(meaning, axle)} = {toml.table(entry_of(field))}")
+
+
+def entry_of(field: Field, **stated: str | int) -> dict[str, str | int]:
+    """The entry of [channels] that names a field, with what else is stated of it."""
+    return {"channel": field.channel, "field": field.path, "group": field.group, **stated}
 
 
 def name(field: Field) -> str:

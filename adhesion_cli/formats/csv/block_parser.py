@@ -24,7 +24,7 @@ from .lines import LineBlock, Rows
 _MOST_READ = 10_000  # lines of a block without a row that may be a header
 _NONE: Rows = np.empty(0, np.int64)
 # a line as "End of measurement"; one that begins with a stamp has two words
-_TEXT = re.compile(r'(?=[^"\d\s].*[^\W\d_]{3}|(?:.*\b[^\W\d_]{3,}\b){2})[^"]{0,200}')
+_TEXT = re.compile(r'(?:(?!\d)(?=.*[^\W\d_]{3})|(?=(?:.*\b[^\W\d_]{3,}\b){2}))[^"\s][^"]{0,200}')
 
 
 @dataclass(frozen=True, slots=True)

@@ -322,7 +322,7 @@ def test_infinity_is_a_value_lost(log, cell):
     ("lines", "codes"),
     [
         ("\nStatistik;\nMin;0,5\nMittelwert:;3,25\nMax.;6\n", {"statistics-rows": 3}),
-        ("24.11.2026 10:15 - Aufzeichnung gestoppt\n", {}),
+        ("24.11.2026 10:15 - Aufzeichnung gestoppt\nEOF\n", {}),
         ("Logger;GL840\nRate 50;\nt [s];p\n20;3,5\n", {}),
         ("20.5\n", {"csv-rows-skipped": 1}),
     ],
