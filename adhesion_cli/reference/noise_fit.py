@@ -31,6 +31,7 @@ _START_PROBABILITIES = np.array([0.9, 0.05, 0.05, 0.001])
 _FITTED = 3  # regimes whose roughness is fitted
 # 1 sigma of the prior of noise, coupling, and each roughness but that of leaps.
 _DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)
+_SLIDE_SLICE = 0.25  # longer than a period of vibration, shorter than most slides [s]
 _SLICE = 0.05  # half a period of vibration of 10 Hz [s]
 _FEWEST_SLICES = 40  # that show how much their means vary
 _MEDIAN_SQUARE = 0.4549  # median of the square of a standard normal value
@@ -254,6 +255,13 @@ def take_samples(runs: list[smoother.UnbrokenRun]) -> list[smoother.UnbrokenRun]
         for i in range(0, len(r.t), _BLOCK)
     ]
     count = min(_FITTED_SAMPLES // _BLOCK // 2, len(blocks))
-    roughest = np.argsort([-np.sum(np.diff(b.y, 2) ** 2) for b in blocks], kind="stable")[:count]
+    roughest = np.argsort([-_roughness(b) for b in blocks], kind="stable")[:count]
     spread = np.linspace(0, len(blocks) - 1, count).astype(int)
     return [blocks[i] for i in sorted({*roughest, *spread})]
+
+
+def _roughness(run: smoother.UnbrokenRun) -> float:
+    """By how much the slope of a run changes from slice to slice: vibration has no part in it."""
+    starts = np.flatnonzero(np.diff(np.floor(run.t / _SLIDE_SLICE), prepend=-1.0))
+    means = np.add.reduceat(run.y, starts) / np.diff(starts, append=len(run.y))
+    return float(np.sum(np.diff(means, 2) ** 2))
