@@ -104,7 +104,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         with atomic_files.outputs(files, shared.force, inputs=read) as places:
             for file, place in zip(files, places, strict=True):
                 if file == geojson:
-                    verified.write(place, as_text(test.maps))
+                    verified.write(place, as_text(log.map for log in test.logs))
                 elif file.name == _PAGE and report:
                     title = f"Brake test: {plan.stem}" if plan else "Brake test"
                     protocol = brake_test.protocol(test, title, braked_weight)
@@ -119,10 +119,10 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         print(dumps(document))
     else:
         print(_text(test, braked_weight, budget))
-        terminal.show(test.findings, shared.quiet)
+        _show_findings(test, shared.quiet)
         if files:
             print(terminal.wrote(*files))
-    lossy = terminal.lossy(test.findings)
+    lossy = terminal.lossy([finding for _, finding in test.findings_by_log])
     return 3 if lossy or test.failed else 0
 
 
@@ -138,10 +138,23 @@ def _check_report(shared: Shared, logs: Sequence[Path]) -> None:
 def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
     """What the screen shows of a series."""
     from ..results.stop_rows import series_tables
+    from ..results.text_tables import folded
 
     if not test.series.stops:
         return "No stop."
-    texts = [x.text() for x in series_tables(test.series, braked_weight, budget)]
+    texts = ["\n".join(map(folded, test.vehicle_lines))] if test.vehicle_lines else []
+    texts += [x.text() for x in series_tables(test.series, braked_weight, budget)]
     if not any(s.stop.valid for s in test.series.stops):
         texts.append("No valid stop.")
     return "\n\n".join(texts)
+
+
+def _show_findings(test: "BrakeTest", quiet: bool) -> None:
+    """Those on the series, then those of its logs, each with the names of its logs."""
+    from . import terminal
+
+    if len(test.logs) == 1:
+        terminal.show([finding for _, finding in test.findings_by_log], quiet)
+        return
+    terminal.show(test.findings, quiet)
+    terminal.show_of_logs([(Path(x.path).name, x.findings) for x in test.logs], quiet)

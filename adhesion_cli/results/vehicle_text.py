@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from ..core.model import Z95, LogBrake
 from ..core.summary import AxleSummary, CarSummary, ResultSummary, VehicleSummary
 
 _UNKNOWN = (
@@ -63,6 +64,18 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
     if len(vehicle.cars) > 1 and vehicle.force_per_bar_n:
         used = f"{vehicle.force_per_bar_n / vehicle.stated_force_per_bar_n:.3f} times that"
     return f"Vehicle: {words}{stated} Used: {used}, with {evidence}."
+
+
+def describe_scatter(brakes: Sequence[LogBrake]) -> str:
+    """How far the brakes differ that logs of one vehicle show, each by itself; "" for one log."""
+    if len(brakes) < 2:
+        return ""
+    shares = [100.0 * (brake.ratio - 1.0) for brake in brakes]
+    u95 = 100.0 * Z95 * max(brake.sigma for brake in brakes)
+    return (
+        f"Brake force per mass by each log alone: {min(shares):+.0f} to {max(shares):+.0f} % of "
+        f"that used, each ± {u95:.0f} % or less."
+    )
 
 
 def _brakes(cars: Sequence[CarSummary]) -> str:

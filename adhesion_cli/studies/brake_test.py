@@ -11,14 +11,15 @@ from ..analysis.identify import identify_together
 from ..analysis.prepare import Window
 from ..analysis.settings import Settings
 from ..core.annotated import Json, as_json
-from ..core.document import findings_document, tagged
+from ..core.document import tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import IdentifiedVehicle, LogBrake
-from ..core.summary import FailedLog, summarise_finding
+from ..core.summary import AxleSummary, FailedLog, VehicleSummary, summarise_finding
 from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from ..results.geojson import MapOfLog, map_of_log
 from ..results.report.protocol import Protocol
+from ..results.vehicle_text import describe_scatter, describe_vehicle
 from ..stops.series import (
     GroupDifference,
     SeriesStop,
@@ -42,14 +43,51 @@ class Request(NamedTuple):
     window: Window = (None, None)
 
 
+class TestedLog(NamedTuple):
+    """What a series needs of a log besides its stops."""
+
+    path: str
+    group: str  # of the plan; "" without one
+    findings: tuple[Finding, ...]
+    vehicle: VehicleSummary
+    axles: tuple[AxleSummary, ...]
+    brake: LogBrake | None  # by the deceleration of this log alone
+    map: MapOfLog
+
+
 class BrakeTest(NamedTuple):
     """A series with its results."""
 
     series: StopSeries
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # those on the series
+    logs: tuple[TestedLog, ...]  # those that did not fail
     failed: tuple[FailedLog, ...]
     plan: Plan
-    maps: tuple[MapOfLog, ...] = ()  # of the logs that did not fail
+
+    @property
+    def findings_by_log(self) -> list[tuple[str, Finding]]:
+        """All findings, each after the path of its log, or after "" if it is on the series."""
+        of_logs = [(log.path, finding) for log in self.logs for finding in log.findings]
+        return [*(("", finding) for finding in self.findings), *of_logs]
+
+    @property
+    def vehicle_lines(self) -> list[str]:
+        """The vehicle of the series, or those of its groups, in a line each."""
+        logs_of_vehicle: dict[tuple[str, VehicleSummary], list[TestedLog]] = {}
+        for log in self.logs:
+            if log.axles:
+                logs_of_vehicle.setdefault((log.group, log.vehicle), []).append(log)
+        groups_of_line: dict[str, list[str]] = {}
+        for (group, vehicle), logs in logs_of_vehicle.items():
+            line = describe_vehicle(vehicle, [axle for log in logs for axle in log.axles])
+            scatter = describe_scatter([log.brake for log in logs if log.brake])
+            groups_of_line.setdefault(f"{line} {scatter}".rstrip(), []).append(group)
+        if len(groups_of_line) < 2:
+            return [*groups_of_line]
+        return [
+            f"Group {', '.join(dict.fromkeys(groups))}: {line}" if groups[0] else line
+            for line, groups in groups_of_line.items()
+        ]
 
 
 def run(
@@ -74,8 +112,8 @@ def run(
     members = _members(logs, plan)
     stops: list[SeriesStop] = []
     findings: list[Finding] = []
+    tested: list[TestedLog] = []
     failed: list[FailedLog] = []
-    maps: list[MapOfLog] = []
     for group, paths in members:
         stated = _load_for(group, load)
         identified = None
@@ -87,21 +125,19 @@ def run(
         for path in paths:
             progress(f"{path.name}: stops")
             try:
-                map_, its_findings, brake = _map(path, stated, request, identified)
+                log = _test_log(path, group, stated, request, identified)
             except UserError as error:
                 failed.append(FailedLog(str(path), error.text, error.hint))
                 if len(failed) == len(logs):
                     raise
                 continue
-            findings += its_findings
-            runs.append(GroupedRun(str(path), brake))
-            label = group.label or None if group else None
-            maps.append(map_._replace(group=group and group.name, label=label))
-            for stop in map_.stops:
-                name = group.name if group else f"{stop.nominal_speed_kmh:g} km/h"
-                its_stops.append(SeriesStop(str(path), name, label, stop))
+            tested.append(log)
+            runs.append(GroupedRun(log.path, log.brake))
+            for stop in log.map.stops:
+                name = log.group or f"{stop.nominal_speed_kmh:g} km/h"
+                its_stops.append(SeriesStop(log.path, name, log.map.label, stop))
         stops += _by_clock(its_stops)
-        findings = [*find_friction_differs(runs, group_by_friction(runs), by_name=True), *findings]
+        findings += find_friction_differs(runs, group_by_friction(runs), by_name=True)
     groups = group_stops(stops)
     wsp: tuple[WspSummary, ...] = ()
     if plan.dry:
@@ -112,7 +148,7 @@ def run(
             findings.append(Finding("wet-speeds-differ", "warning", names=names))
     compared, limits = differences(groups, plan.pairs), judge(groups, plan.limits)
     series = StopSeries(tuple(stops), tuple(groups), tuple(compared), tuple(limits), wsp)
-    return BrakeTest(series, tuple(dict.fromkeys(findings)), tuple(failed), plan, tuple(maps))
+    return BrakeTest(series, tuple(findings), tuple(tested), tuple(failed), plan)
 
 
 def _members(logs: Sequence[Path], plan: Plan) -> list[tuple[PlannedGroup | None, list[Path]]]:
@@ -145,15 +181,23 @@ def _load_for(group: PlannedGroup | None, load: Callable[[Sequence[Path]], Setti
     return replace(settings, stops=stops) if group.nominal_speed else settings
 
 
-def _map(
-    path: Path, settings: Settings, request: Request, identified: IdentifiedVehicle | None
-) -> tuple[MapOfLog, Sequence[Finding], LogBrake | None]:
-    """The stops of a log with their places, by its axles or else by what it has; its brake."""
+def _test_log(
+    path: Path,
+    group: PlannedGroup | None,
+    settings: Settings,
+    request: Request,
+    identified: IdentifiedVehicle | None,
+) -> TestedLog:
+    """A log with its stops and their places, by its axles or else by what it has."""
     axles, window = request
     evaluated = evaluate(path, settings, [_ALGO], axles, window, identified=identified)
     log, summary, result = evaluated
+    map_ = map_of_log(log, summary.stops, summary.axles)
+    if group:
+        map_ = map_._replace(group=group.name, label=group.label or None)
     brake = result.brake if result else None
-    return map_of_log(log, summary.stops, summary.axles), evaluated.findings, brake
+    name, findings = group.name if group else "", evaluated.findings
+    return TestedLog(str(path), name, findings, summary.vehicle, summary.axles, brake, map_)
 
 
 def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protocol:
@@ -167,14 +211,12 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
     }
     stated = {f"{g.name}": _stated(g) for g in test.plan.groups}
     about |= {f"Group {name}": text for name, text in stated.items() if text}
-    return Protocol(
-        title,
-        test.plan.protocol,
-        test.series,
-        [summarise_finding(f) for f in test.findings],
-        about,
-        braked_weight,
-    )
+    findings = [
+        (Path(log).name if len(test.logs) > 1 else "", summarise_finding(finding))
+        for log, finding in test.findings_by_log
+    ]
+    vehicle = test.vehicle_lines
+    return Protocol(title, test.plan.protocol, test.series, findings, about, braked_weight, vehicle)
 
 
 def _stated(group: PlannedGroup) -> str:
@@ -207,8 +249,20 @@ def document(test: BrakeTest) -> Json:
         differences=[_difference(x) for x in series.differences],
         limits=as_json(series.limits),
         wsp=as_json(series.wsp),
+        logs=[
+            {
+                "path": x.path,
+                "group": x.group or None,
+                "vehicle": as_json(x.vehicle),
+                "brake": as_json(x.brake),
+            }
+            for x in test.logs
+        ],
         failed=as_json(test.failed),
-        findings=findings_document(test.findings),
+        findings=[
+            {"log": log or None, **as_json(summarise_finding(finding))}
+            for log, finding in test.findings_by_log
+        ],
     )
 
 

@@ -110,6 +110,26 @@ def test_a_stop_with_slides_has_a_sentence(run: Run) -> None:
     assert "slide" not in run("stops", str(SAMPLES / "service-brake.csv")).stdout
 
 
+def test_a_series_names_its_vehicle_and_the_logs_of_its_findings(run: Run, plan: Path) -> None:
+    done = run("stops", "one.csv", "two.csv", "--json")
+    document = json.loads(done.stdout)
+    assert [Path(x["path"]).name for x in document["logs"]] == ["one.csv", "two.csv"]
+    assert all(x["vehicle"]["logs"] == 2 for x in document["logs"])
+    of_vehicle = [Path(f["log"]).name for f in document["findings"] if "vehicle" in f["code"]]
+    assert of_vehicle == ["one.csv", "two.csv"]
+    done = run("stops", "one.csv", "two.csv")
+    assert done.stdout.startswith("Vehicle: ")
+    assert "by each log alone" in " ".join(done.stdout.split())
+    assert done.stderr.count("vehicle-default") == 1
+    assert "all 2 logs" in done.stderr
+    by_group = " ".join(run("stops", "--plan", str(plan)).stdout.split())
+    assert "Group first: Vehicle: " in by_group
+    assert "Group second: Vehicle: " in by_group
+    assert run("stops", "one.csv", "-o", "out", "--report", "-q").returncode == 0
+    page = Path(plan.parent, "out", "stops.html").read_text(encoding="utf-8")
+    assert "<p>Vehicle: " in page
+
+
 def test_analyze_has_the_same_stops(run: Run, plan: Path) -> None:
     log = str(plan.with_name("one.csv"))
     (stop,) = json.loads(run("stops", log, "--json").stdout)["stops"]

@@ -76,6 +76,7 @@ def protocol_page(protocol: Protocol) -> str:
     figures = Figures()
     context = {
         "protocol": protocol,
+        "findings": words.finding_groups_of_logs(protocol.findings),
         "headline": headline,
         "parts": parts(protocol),
         "tables": series_tables(protocol.series, protocol.braked_weight, budget=True),
@@ -132,8 +133,11 @@ def _text(value: object) -> str:
 
 
 def _prose(content: str) -> Markup:
-    """Plain text whose parts between backticks are code."""
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(_text(content)))))
+    """Plain text whose parts between backticks are code; a number stays with its ± and %."""
+    text = re.sub(
+        r"(?<=\w) (?=± )|(?<=±) (?=\d)|(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", _text(content)
+    )
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def _packed(content: str) -> str:

@@ -23,9 +23,10 @@ class Protocol(NamedTuple):
     title: str
     texts: Mapping[str, str]  # of the fields, and of others that the plan states
     series: StopSeries
-    findings: Sequence[FindingSummary]
+    findings: Sequence[tuple[str, FindingSummary]]  # after the name of the log, "" for one log
     about: Mapping[str, str]  # how it was made, by the name of the fact
     braked_weight: bool = False
+    vehicle: Sequence[str] = ()  # the vehicle, or those of groups, in a line each
 
 
 def headline(p: Protocol) -> tuple[str, str]:

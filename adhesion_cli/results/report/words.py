@@ -33,6 +33,7 @@ _NO_FORCE = ("pressure-below-spring", "pressure-unit-suspect", "brake-unknown")
 _MOST_STOPS = 100  # stops of the train in a table
 MAX_ROWS = 500  # rows of a table: more would need too much room
 _MOST_BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
+_NAMED_LOGS = 2  # logs of a finding in its line
 _NAMED = 60  # letters for the channels of a finding in its line
 
 
@@ -312,33 +313,55 @@ class FindingGroup:
     title: str
     sections: list[tuple[str, str]]  # heading, text
     lines: Sequence[Cells]  # each with channel, time and message
+    logs: Sequence[str] = ()  # names of those that have it, of several
 
 
 def finding_groups(findings: Sequence[FindingSummary]) -> list[FindingGroup]:
     """The findings by code, errors first; as the result has them where a code is not known."""
-    by_code: dict[tuple[str, str], list[FindingSummary]] = {}
-    for f in sorted(findings, key=lambda f: ("error", "warning", "info").index(f.severity)):
-        by_code.setdefault((f.severity, f.code), []).append(f)
+    return finding_groups_of_logs([("", finding) for finding in findings])
+
+
+def finding_groups_of_logs(findings: Sequence[tuple[str, FindingSummary]]) -> list[FindingGroup]:
+    """The same of several logs; a line that several logs have names them all.
+
+    Args:
+        findings: each after the name of its log, "" where there is one log.
+    """
+    order = ("error", "warning", "info")
+    by_code: dict[tuple[str, str], list[tuple[str, FindingSummary]]] = {}
+    for log, f in sorted(findings, key=lambda pair: order.index(pair[1].severity)):
+        by_code.setdefault((f.severity, f.code), []).append((log, f))
     groups = []
     for (severity, code), group in by_code.items():
-        lines = [{"Channel": f.channel, "Time": _times_text(f), "What": f.message} for f in group]
-        remedy = " ".join(dict.fromkeys(f.hint for f in group if f.hint))
-        groups.append(FindingGroup(code, severity, *explained(code, remedy), lines))
+        logs_of_line: dict[tuple[str, str, str], list[str]] = {}
+        for log, f in group:
+            logs_of_line.setdefault((f.channel, _times_text(f), f.message), []).append(log)
+        lines = [
+            ({"Log": ", ".join(dict.fromkeys(logs))} if any(logs) else {})
+            | {"Channel": channel, "Time": time, "What": message}
+            for (channel, time, message), logs in logs_of_line.items()
+        ]
+        remedy = " ".join(dict.fromkeys(f.hint for _, f in group if f.hint))
+        logs = [log for log in dict.fromkeys(log for log, _ in group) if log]
+        groups.append(FindingGroup(code, severity, *explained(code, remedy), lines, logs))
     return groups
 
 
 def summary_line(group: FindingGroup) -> str:
     """What and where, in one line."""
-    columns = zip(*(line.values() for line in group.lines), strict=True)
-    channels, times, messages = (list(dict.fromkeys(x)) for x in columns)
-    channels = [c for c in channels if c]
+    channels, times, messages = (
+        list(dict.fromkeys(line[name] for line in group.lines if line[name]))
+        for name in ("Channel", "Time", "What")
+    )
     channel_text = listed(channels) if channels else ""
     if len(channel_text) > _NAMED:
         channel_text = f"{channels[0].partition(', ')[0]} and others"
     spans = [t for t in times if t.endswith((" s", "more"))]
     span_text = f"{spans[0]}{' and others' * (len(spans) > 1)}" if spans else ""
     message = messages[0] if len(messages) == 1 else f"{group.title}."
-    place = ", ".join(text for text in (channel_text, span_text) if text)
+    logs = group.logs
+    log_text = listed(logs) if 0 < len(logs) <= _NAMED_LOGS else f"{len(logs)} logs" * bool(logs)
+    place = ", ".join(text for text in (log_text, channel_text, span_text) if text)
     return f"{place}: {message}" if place else message
 
 

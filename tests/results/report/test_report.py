@@ -171,6 +171,17 @@ def test_findings_stand_with_their_explanation(run: ReportRun, text: str) -> Non
     assert "#finding-no-application" not in links
 
 
+def test_the_findings_of_several_logs_name_them(run: ReportRun) -> None:
+    (gap,) = [f for f in run.summary.findings if f.code == "gap"]
+    other = replace(gap, channel="speed 9")
+    pairs = [("a.csv", gap), ("b.csv", gap), ("b.csv", other)]
+    (group,) = words.finding_groups_of_logs(pairs)
+    assert [(line["Log"], line["Channel"]) for line in group.lines] == [
+        ("a.csv, b.csv", gap.channel), ("b.csv", "speed 9"),
+    ]  # fmt: skip
+    assert words.summary_line(group).startswith("a.csv and b.csv, ")
+
+
 def test_the_first_screen_says_where_a_warning_is(run: ReportRun) -> None:
     def said(*findings: FindingSummary) -> str:
         return "".join(map(words.summary_line, words.finding_groups(findings)))
