@@ -10,6 +10,7 @@ from .faults import View
 
 Key = tuple[Meaning, int | None]  # what a channel means, and of which axle; None: of the train
 Channels = dict[Key, Channel]
+BRAKES: tuple[Meaning, ...] = ("pressure", "clamping_force")
 SHORTEST = 3  # samples: fewer give no derivative with an error
 _LEAVE_OUT = {
     "axle-incomplete",
@@ -147,6 +148,11 @@ def incomplete(axle: int, title: str, has_speed: bool) -> Finding:
 def brake_of(keys: Collection[Key], axle: int) -> Key | None:
     """The key of an axle's pressure, else of its clamping force."""
     return find(keys, "pressure", axle) or find(keys, "clamping_force", axle)
+
+
+def channels_of(channels: Channels, meaning: Meaning, but: Key | None = None) -> list[Channel]:
+    """The channels of a meaning, except one."""
+    return [c for k, c in channels.items() if k[0] == meaning and k != but]
 
 
 def find(keys: Collection[Key], meaning: Meaning, axle: int | None) -> Key | None:

@@ -6,6 +6,7 @@ can have passed through in their order. The rest are outliers.
 """
 
 import math
+from collections.abc import Callable
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 
 from ..core import time_axis
 from ..core.methods import About
-from ..core.model import Bools, Channel, Floats, Quantity, Times
+from ..core.model import Bools, Channel, Floats, Meaning, Quantity, Times
 from ..core.signals import edges, robust_sigma, true_runs, white_noise
+from .choose import BRAKES, Channels, Key
 from .faults import Fault
 
 ABOUT = About("Outliers", "limits of wheels, valves and trains as stated for each parameter")
@@ -73,6 +75,21 @@ def brake_limits(p: Params, share: float = 1.0) -> Limits:
     """What a cylinder can do [Pa], or another brake quantity with a share of its values."""
     steps = share * p.pressure_steps
     return Limits(share * p.fills, share * p.dumps, steps, steps, p.pressure_lasts, p.rests)
+
+
+def find_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
+    """The outliers of every brake, wheel and train speed; each is judged alone."""
+    checks: dict[tuple[Meaning, ...], Callable[[Params, Channel], list[Fault]]] = {
+        BRAKES: brake_faults,
+        ("wheel_speed",): wheel_faults,
+        ("train_speed",): train_faults,
+    }
+    return {
+        key: check(p, channel)
+        for meanings, check in checks.items()
+        for key, channel in channels.items()
+        if key[0] in meanings
+    }
 
 
 def wheel_faults(p: Params, speed: Channel) -> list[Fault]:

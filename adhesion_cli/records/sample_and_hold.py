@@ -10,10 +10,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import time_axis
+from ..core.finding import Finding
 from ..core.model import Channel, Floats
+from .choose import BRAKES, Channels
+from .faults import View
 
 _FEWEST_HOLDS = 4  # stands of equal length that show how often a channel is sampled
 _SLOWEST = 2.0  # a longer interval is not a sensor's but a test's programme [s]
+
+
+def remove_repeats(channels: Channels, view: View) -> tuple[Channels, list[Finding]]:
+    """The channels as they were measured: what a table repeats is no measurement."""
+    measured, findings = {}, []
+    for key, c in channels.items():
+        measured[key] = c
+        of_speed = key[0] in ("wheel_speed", "train_speed")
+        seconds = interval(c) if of_speed or key[0] in BRAKES else 0.0
+        if seconds:
+            measured[key] = readings(c, seconds)
+            start, stop = view.seconds(c.data.t[[0, -1]])
+            repeats = len(c.data.t) - len(measured[key].data.t)
+            findings.append(
+                Finding(
+                    "speed-repeated" if of_speed else "pressure-repeated",
+                    "info",
+                    channel=c.title,
+                    count=repeats,
+                    spans=((float(start), float(stop)),),
+                    values={"interval_s": seconds},
+                )
+            )
+    return measured, findings
 
 
 def interval(channel: Channel) -> float:

@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity
+from .choose import BRAKES, Channels, Key, channels_of
 from .faults import Fault
 from .repeats import RepeatedRuns, runs
 
@@ -40,16 +41,17 @@ class Standing(NamedTuple):
     saturated: Bools  # at its highest value, the end of its range
 
 
-def brake_faults(p: Params, brake: Channel, other_brakes: Sequence[Channel]) -> list[Fault]:
-    """A stuck and a saturated pressure [Pa] or K [N].
-
-    Args:
-        p: thresholds.
-        brake: of one axle.
-        other_brakes: the other axles'.
-    """
-    stuck, saturated = standing(p, brake, other_brakes)
-    return [Fault("pressure-stuck", stuck), Fault("pressure-saturated", saturated, False)]
+def find_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
+    """Where each pressure [Pa] or K [N] is stuck or saturated, also by those of the other axles."""
+    faults = {}
+    for key, brake in channels.items():
+        if key[0] in BRAKES:
+            stuck, saturated = standing(p, brake, channels_of(channels, key[0], but=key))
+            faults[key] = [
+                Fault("pressure-stuck", stuck),
+                Fault("pressure-saturated", saturated, False),
+            ]
+    return faults
 
 
 def standing(p: Params, brake: Channel, other_brakes: Sequence[Channel] = ()) -> Standing:

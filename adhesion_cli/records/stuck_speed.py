@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from ..core import time_axis
 from ..core.methods import About
-from ..core.model import Bools, Channel, Floats, Quantity
+from ..core.model import Bools, Channel, Floats, Quantity, Vehicle
+from ..core.physics import clamping_force
+from .choose import AxleKeys, Channels, Key, channels_of
 from .faults import Fault
 from .outliers import noise
 from .repeats import RepeatedRuns, runs
@@ -38,35 +40,38 @@ class Params(NamedTuple):
     rollers: Annotated[float, Quantity("-", "of its speed: rollers slow it by less")] = 0.35
 
 
-def wheel_faults(
-    p: Params, speed: Channel, clamping: Floats, other_speeds: Sequence[Channel]
-) -> list[Fault]:
-    """A stuck wheel speed.
+def find_wheel_faults(
+    p: Params, channels: Channels, axles: Sequence[AxleKeys], vehicle: Vehicle
+) -> dict[Key, list[Fault]]:
+    """Where the wheel speed of each axle is stuck.
 
     Args:
         p: thresholds.
-        speed: wheel speed [rad/s].
-        clamping: K at its times, shape (n,) [N].
-        other_speeds: speeds of the other wheels and of the train.
+        channels: of the log, without other faults.
+        axles: which channels are which axle's.
+        vehicle: for the force line.
     """
-    return [Fault("speed-stuck", stuck(p, speed, clamping, other_speeds))]
+    faults = {}
+    for axle in reversed(axles):
+        speed, brake = channels.get(axle.speed), channels.get(axle.brake)
+        if speed and brake:
+            other_speeds = [
+                *channels_of(channels, "wheel_speed", but=axle.speed),
+                *channels_of(channels, "train_speed"),
+            ]
+            force = _held_force(speed, brake, vehicle.of_axle(axle.axle))
+            faults[axle.speed] = [Fault("speed-stuck", stuck(p, speed, force, other_speeds))]
+    return {key: faults[key] for key in channels if key in faults}
 
 
-def train_faults(p: Params, train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
-    """A stuck train speed [m/s], by the wheel speeds [rad/s].
-
-    The last value may be the end of a log whose train speed is early, or that of rollers.
-    """
-    frozen = stuck(p, train, np.zeros(len(train.data.t)), wheels, np.nanmin)
-    equal_runs = runs(train)
-    if equal_runs.value[-1] > p.slow and frozen[equal_runs.start[-1] :].any():
-        final_run = equal_runs.start[-1:], equal_runs.final[-1:]
-        smallest_change = min(
-            (_relative_change(train, *final_run, w)[0] for w in wheels), default=0.0
-        )
-        if equal_runs.seconds[-1] < p.early or not smallest_change > p.rollers:
-            frozen[equal_runs.start[-1] :] = False
-    return [Fault("train-speed-stuck", frozen)]
+def find_train_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
+    """Where a train speed [m/s] is stuck, by the wheel speeds [rad/s]."""
+    wheels = channels_of(channels, "wheel_speed")
+    return {
+        key: [Fault("train-speed-stuck", _stuck_train(p, c, wheels))]
+        for key, c in channels.items()
+        if key[0] == "train_speed"
+    }
 
 
 def stuck(
@@ -139,6 +144,31 @@ def stuck(
     if constant and is_stuck.any():
         return np.ones(len(y), dtype=np.bool_)
     return equal_runs.repeated(is_stuck)
+
+
+def _stuck_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> Bools:
+    """Samples at which a train speed repeats its last value, shape (n,).
+
+    The last value may be the end of a log whose train speed is early, or that of rollers.
+    """
+    frozen = stuck(p, train, np.zeros(len(train.data.t)), wheels, np.nanmin)
+    equal_runs = runs(train)
+    if equal_runs.value[-1] > p.slow and frozen[equal_runs.start[-1] :].any():
+        final_run = equal_runs.start[-1:], equal_runs.final[-1:]
+        smallest_change = min(
+            (_relative_change(train, *final_run, w)[0] for w in wheels), default=0.0
+        )
+        if equal_runs.seconds[-1] < p.early or not smallest_change > p.rollers:
+            frozen[equal_runs.start[-1] :] = False
+    return frozen
+
+
+def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:
+    """K at the times of a wheel speed, by the last sample of the brake, shape (n,) [N]."""
+    last_value = np.concatenate(
+        [time_axis.hold_last(instants, brake)[0] for instants in time_axis.instants_of(speed)]
+    )
+    return clamping_force(last_value, vehicle) if brake.meaning == "pressure" else last_value
 
 
 def _usual_run_length(y: Floats) -> float:
