@@ -331,7 +331,8 @@ def _headerless(dialect: Dialect, path: Path) -> UserError:
     """The refusal of a table without names of columns, with the mapping to write."""
     first_row = dialect.rows[0]
     key = interleaved(dialect, (0,))
-    group, channels = "", list(range(2, len(first_row) + 1))
+    group = ""
+    channels = [k for k, cell in enumerate(first_row, 1) if k > 1 and is_number(cell)] or [2]
     lines = ["channels.time = {channel = 1, unit = 's'}"]
     if key:
         group = f"; column {key.channel!r} seems to hold devices: {key.names['groups']}"
