@@ -343,7 +343,14 @@ def _ed_brake(kinds: Mapping[str, str]) -> str:
 
 def _valve(kinds: Mapping[str, str], state: str) -> str:
     """The word that calls this a WSP valve of that state, "" where none does."""
-    return _both(kinds, state, "valve") or _both(kinds, state, "WSP")
+    seconds = ("valve", "WSP", "WSP letters")
+    return next(filter(None, (_both(kinds, state, second) for second in seconds)), "")
+
+
+def _wsp(kinds: Mapping[str, str]) -> str:
+    """The word that calls this the WSP: letters that may mean more need another word for it."""
+    by_letters = _both(kinds, "WSP letters", "valve") or _both(kinds, "WSP letters", "state")
+    return kinds.get("WSP", "") or by_letters
 
 
 # Kinds that no single word decides.
@@ -355,6 +362,7 @@ _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
     "own ED brake": lambda name: _ed_brake(name.own_kinds),
     "own vent valve": lambda name: _valve(name.own_kinds, "vent"),
     "own hold valve": lambda name: _valve(name.own_kinds, "hold"),
+    "own WSP": lambda name: _wsp(name.own_kinds),
     "own magnetic braking": lambda name: _both(name.own_kinds, "magnetic", "braking"),
     "own braking demand": lambda name: _both(name.own_kinds, "braking", "demand"),
 }

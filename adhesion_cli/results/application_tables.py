@@ -33,11 +33,11 @@ _OF_STOPS = (
 )
 _OF_GROUPS = "Groups of axles; axle, at: where the most slip was."
 _OF_SLIDES = (
-    "Slides of each brake application: number, time and distance together, largest slip, energy "
-    "of friction between wheel and rail, and share of the available adhesion that was used (- "
-    "where the slides do not show the available one). Its 95\N{NO-BREAK SPACE}% interval holds "
-    "noise, tolerances of the vehicle, and other shapes of the slip-adhesion curve. The energy has "
-    "at least the relative uncertainty of F."
+    "Slides of each brake application; at: begin of the first slide. Number, time and distance "
+    "together, largest slip, energy of friction between wheel and rail, and share of the available "
+    "adhesion that was used (- where the slides do not show the available one). Its "
+    "95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and other shapes of "
+    "the slip-adhesion curve. The energy has at least the relative uncertainty of F."
 )
 _TITLE, _SLIDES = "Brake applications", "Slides"
 _BOUND = "≥: the true value is at least this."

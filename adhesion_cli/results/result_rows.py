@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from ..core.model import Score
-from ..core.summary import BrakeApplication, Contribution
+from ..core.summary import BrakeApplication, Contribution, SlideSummary
 from ..core.text import by_uncertainty
 from .text_tables import (
     DASH,
@@ -70,13 +70,14 @@ def _with_u95(pair: tuple[float, float] | None, factor: float, digits: int | Non
 
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
-    """The slides of a brake application, together."""
+    """The slides of a brake application, together; their time is the begin of the first."""
     energy, bound = a.slide_energy_j, a.at_least
     highest = min(100.0 * (a.max_slip or 0.0), 100.0)
+    first: SlideSummary | BrakeApplication = a.slide_list[0] if a.slide_list else a
     return {
         "axle": axle,
-        "at [s]": number(a.start_s, 1),
-        **when_and_where(a.time),
+        "at [s]": number(first.start_s, 1),
+        **when_and_where(first.time),
         "slides": str(a.slides),
         "for [s]": bounded_number(a.slide_s, 1, bound),
         "distance [m]": bounded_number(a.slide_distance_m, 0, bound),

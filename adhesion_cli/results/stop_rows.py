@@ -35,8 +35,9 @@ from .text_tables import (
 NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
     "uncertainties (95\N{NO-BREAK SPACE}%). a: mean deceleration v0²/(2s); a equiv.: without the "
-    "response time, which is delay and half of the build-up; level: distance on level track from "
-    "the nominal speed."
+    "response time, which is delay and half of the build-up. With a slow build-up it is some "
+    "percent above every deceleration of the train. level: distance on level track from the "
+    "nominal speed."
 )
 _OF_PRESSURE = "p: full pressure of the brake cylinders, mean of the axles."
 _OF_GROUPS = (
@@ -45,6 +46,7 @@ _OF_GROUPS = (
     "does not average out; scatter: range over mean; drift: change from stop to stop; outliers: "
     "stops that Grubbs' test rejects (5\N{NO-BREAK SPACE}%)."
 )
+_EQUIVALENT = "equivalent_deceleration"
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
 _OF_LAMBDA = (
     "λ = C/s − D by constants of a secondary source, for the distance on level track from the "
@@ -62,6 +64,15 @@ _OF_WSP = (
     "its 95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and other shapes "
     "of the slip-adhesion curve. -: no slide, or the slides do not show it. energy: its relative "
     "uncertainty, which is not shown, is at least that of µ."
+)
+_DOUBT = "?"  # behind a µ
+_OF_DOUBT = (
+    f"{_DOUBT}: the log contradicts its vehicle. µ, initial µ and energy may be wrong with it. The "
+    "findings say more."
+)
+_OF_EQUIVALENT = (
+    "A limit of a equiv. may be kept by a train that never decelerates so hard: compare a, its "
+    "mean deceleration."
 )
 _WSP = "Wheel slide protection"
 _COMMAND = {
@@ -160,7 +171,7 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
         TitledTable("Stops", rows, 1 + [*rows[0]].index("group") if rows else 2, note),
         TitledTable("Statistics", _group_rows(x.groups), 2, of_groups),
         TitledTable("Differences", _difference_rows(x.differences), 3),
-        TitledTable("Limits", _limit_rows(x.limits), 3, _OF_LIMITS),
+        TitledTable("Limits", _limit_rows(x), 3, _limits_note(x)),
         *(TitledTable(_WSP, _wsp_rows(w), 1, _wsp_note(w)) for w in x.wsp),
     ]
     if braked_weight:
@@ -180,6 +191,8 @@ def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
         | {"group": s.group, **stop_row(s.stop)}
         for i, s in enumerate(stops, 1)
     ]
+    for row, s in zip(rows, stops, strict=True):
+        row["µ"] += _DOUBT * (s.doubtful and row["µ"] != DASH)
     return non_empty(rows)
 
 
@@ -195,6 +208,8 @@ def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
         if level and energy and abs(level.value - energy.value) > level.u95:
             text = with_u95(energy, 1.0, 1)
             sentences.append(f"Stop {i}: {text} m on level track without its response time.")
+    if any(s.doubtful and s.stop.coefficient for s in stops):
+        sentences.append(_OF_DOUBT)
     return sentences
 
 
@@ -258,19 +273,35 @@ def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, s
     return rows
 
 
-def _limit_rows(verdicts: Sequence[LimitVerdict]) -> list[dict[str, str]]:
-    """Each limit with its verdict."""
-    return [
-        {
-            "group": x.group,
-            "quantity": f"{QUANTITIES[x.quantity][0]} [{QUANTITIES[x.quantity][1]}]",
-            "limit": f"{x.kind} {x.limit:g}",
-            "mean": _pair(x.value, x.u95),
-            "verdict": x.verdict,
-            **({"limit of": x.source} if x.source else {}),
-        }
-        for x in verdicts
-    ]
+def _limits_note(x: StopSeries) -> str:
+    """What stands below the limits."""
+    has_equivalent = any(verdict.quantity == _EQUIVALENT for verdict in x.limits)
+    return f"{_OF_LIMITS} {_OF_EQUIVALENT}" if has_equivalent else _OF_LIMITS
+
+
+def _mean_beside(verdict: LimitVerdict, groups: Sequence[Group]) -> dict[str, str]:
+    """The mean deceleration of the group of a limit of the equivalent one."""
+    means = {group.name: group.statistics.get("mean_deceleration") for group in groups}
+    mean = means.get(verdict.group) if verdict.quantity == _EQUIVALENT else None
+    return {"a [m/s²]": _pair(mean.mean, mean.u95)} if mean else {}
+
+
+def _limit_rows(series: StopSeries) -> list[dict[str, str]]:
+    """Each limit with its verdict; one of the equivalent deceleration with the mean one."""
+    return non_empty(
+        [
+            {
+                "group": x.group,
+                "quantity": f"{QUANTITIES[x.quantity][0]} [{QUANTITIES[x.quantity][1]}]",
+                "limit": f"{x.kind} {x.limit:g}",
+                "mean": _pair(x.value, x.u95),
+                **_mean_beside(x, series.groups),
+                "verdict": x.verdict,
+                **({"limit of": x.source} if x.source else {}),
+            }
+            for x in series.limits
+        ]
+    )
 
 
 def _describe_wsp(x: WspSummary) -> str:

@@ -60,6 +60,7 @@ class SeriesStop:
     group: Annotated[str, Quantity("", "group of the series")]
     label: Annotated[str | None, Quantity("", "label of the plan")]
     stop: StopSummary
+    doubtful: bool = False  # whether the log contradicts the vehicle that µ is of
 
     def measured(self, quantity: str) -> Measured | None:
         """A quantity of a stop that is valid."""

@@ -33,6 +33,7 @@ from ..stops.series import (
 )
 from .plan import Plan, PlannedGroup
 
+_DOUBTS = ("vehicle-in-doubt", "vehicle-suspect")  # findings that say so
 _ALGO = "td"  # the quickest estimator: stops need the reference only
 
 
@@ -53,6 +54,11 @@ class TestedLog(NamedTuple):
     axles: tuple[AxleSummary, ...]
     brake: LogBrake | None  # by the deceleration of this log alone
     map: MapOfLog
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the log contradicts its vehicle."""
+        return any(f.code in _DOUBTS and f.severity != "info" for f in self.findings)
 
 
 class BrakeTest(NamedTuple):
@@ -135,7 +141,7 @@ def run(
             runs.append(GroupedRun(log.path, log.brake))
             for stop in log.map.stops:
                 name = log.group or f"{stop.nominal_speed_kmh:g} km/h"
-                its_stops.append(SeriesStop(log.path, name, log.map.label, stop))
+                its_stops.append(SeriesStop(log.path, name, log.map.label, stop, log.is_doubtful))
         stops += _by_clock(its_stops)
         findings += find_friction_differs(runs, group_by_friction(runs), by_name=True)
     groups = group_stops(stops)

@@ -7,6 +7,7 @@ from adhesion_cli.core.summary import (
     Contribution,
     Coverage,
     MeanAndHighest,
+    SlideSummary,
 )
 from adhesion_cli.results.result_rows import combined, row, slid_row
 from adhesion_cli.results.text_tables import describe_not_known
@@ -48,3 +49,10 @@ def test_a_highest_value_that_may_be_all_that_a_rail_gives_is_not_known() -> Non
     narrow = row("1", application(coefficient=MeanAndHighest(0.09, 0.013, 0.05, 0.08)))
     assert narrow["µ max"] == "0.050±0.080"  # says that µ was below 0.13
     assert not describe_not_known([narrow])
+
+
+def test_slides_stand_at_the_begin_of_the_first_one() -> None:
+    slide = SlideSummary(7.5, 1.0, 20.0, 0.2, None, at_least=False, time="2026-03-05T06:00:07Z")
+    shown = application(slide_list=(slide,), time="2026-03-05T06:00:02Z")
+    cells = slid_row("1", shown)
+    assert (cells["at [s]"], cells["clock"]) == ("7.5", "06:00:07")

@@ -15,7 +15,14 @@ from adhesion_cli.results.stop_rows import (
     describe_sources,
     series_tables,
 )
-from adhesion_cli.stops.series import SeriesStop, StopSeries, WspAxle, WspSummary, group_stops
+from adhesion_cli.stops.series import (
+    LimitVerdict,
+    SeriesStop,
+    StopSeries,
+    WspAxle,
+    WspSummary,
+    group_stops,
+)
 
 STOP = StopSummary(
     start_s=1.0, end_s=30.0, command_from="channel", speed_from="train", nominal_speed_kmh=80.0,
@@ -95,3 +102,24 @@ def test_initial_adhesion_and_utilisation_have_their_intervals() -> None:
     assert [row["initial µ"] for row in table.rows] == ["0.049±0.012", "not known", "-"]
     assert [row["used [%]"] for row in table.rows] == ["95 (93–97)", "-", "-"]
     assert "not known: the interval holds every µ" in table.note
+
+
+def test_a_limit_of_the_equivalent_deceleration_has_the_mean_one_beside_it() -> None:
+    stops = [SeriesStop("a", "a", None, replace(STOP, mean_deceleration=Measured(0.8, 0.02)))]
+    groups = tuple(group_stops(stops))
+    limits = [
+        LimitVerdict("a", name, 1.0, "min", 1.1, 0.02, "pass")
+        for name in ("equivalent_deceleration", "distance_m")
+    ]
+    tables = series_tables(StopSeries((), groups, (), tuple(limits), ()), False, False)
+    (table,) = (x for x in tables if x.title == "Limits")
+    assert [row["a [m/s²]"] for row in table.rows] == ["0.800±0.020", "-"]
+    assert "never decelerates so hard" in table.note
+
+
+def test_a_coefficient_whose_vehicle_the_log_contradicts_is_marked() -> None:
+    stop = replace(STOP, coefficient=Measured(0.1, 0.02))
+    stops = [SeriesStop("a", "a", None, stop, doubtful) for doubtful in (True, False)]
+    table, *_ = series_tables(StopSeries(tuple(stops), (), (), (), ()), False, False)
+    assert [row["µ"] for row in table.rows] == ["0.100±0.020?", "0.100±0.020"]
+    assert "?: the log contradicts its vehicle" in table.note
