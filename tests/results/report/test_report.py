@@ -171,6 +171,10 @@ def test_findings_stand_with_their_explanation(run: ReportRun, text: str) -> Non
     assert "#finding-no-application" not in links
 
 
+def test_a_number_stays_on_the_line_of_its_signs() -> None:
+    assert page._prose("µ ± 14 % of `F`") == "µ\xa0±\xa014\xa0% of <code>F</code>"
+
+
 def test_the_findings_of_several_logs_name_them(run: ReportRun) -> None:
     (gap,) = [f for f in run.summary.findings if f.code == "gap"]
     other = replace(gap, channel="speed 9")
