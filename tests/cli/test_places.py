@@ -93,7 +93,9 @@ def test_analyze_says_when_and_where(run: Run, log: Path, tmp_path: Path) -> Non
 
 
 def test_screens_show_the_clock_and_the_kilometres(run: Run, log: Path) -> None:
-    lines = run("stops", str(log)).stdout.splitlines()
+    vehicle, table, *_ = run("stops", str(log)).stdout.split("\n\n")
+    assert vehicle.startswith("Vehicle: ")
+    lines = table.splitlines()
     assert lines[0].split()[:6] == ["stop", "group", "at", "[s]", "clock", "km"]
     assert "06:30:" in lines[2]
 
