@@ -56,6 +56,7 @@ class Walk:
         self._first_messages = FirstMessages()
         self._data_end = 0
         self._all_checked = False  # by the CRC of the data section
+        self._sought = 0  # how far chunks after damage were looked for
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
         with self._open_file() as self._file:
@@ -174,7 +175,7 @@ class Walk:
         """Walks the file up to its footer.
 
         Damage of one whole record does not end the walk. Where a record has no end, the walk goes
-        on in the summary.
+        on at the next whole chunk, or in the summary if there is none.
         """
         offset, opcode = len(MAGIC), 0
         while opcode != Opcode.FOOTER:
@@ -182,7 +183,7 @@ class Walk:
                 opcode, length = self._file.head(offset)
             except DamageError as damage:
                 self._note(damage)
-                if self._data_end or not (offset := self._find_summary()):
+                if self._data_end or not (offset := self._after_damage()):
                     break
                 continue
             next_record = offset + HEADER.size + length
@@ -196,9 +197,16 @@ class Walk:
             except DamageError as damage:
                 self._note(damage)
             offset = next_record
+            if opcode == Opcode.FOOTER and not self._data_end and (offset := self._after_damage()):
+                opcode = 0  # a wrong length led over chunks
 
-    def _find_summary(self) -> int:
-        """Where the summary begins, 0 where there is none."""
+    def _after_damage(self) -> int:
+        """Where the next whole chunk or else the summary begins, 0 where there is neither."""
+        # The length of a chunk may be wrong, and whole ones stand before its end.
+        met = (b.offset + 1 if b.chunk else b.stop for b in self.blocks)
+        if block := self._reader.next_chunk(max([self._sought, *met])):
+            self._sought = block.offset + 1  # even if it is refused afterwards
+            return block.offset
         footer = self._file.size - _FOOTER.size
         if footer >= len(MAGIC):
             opcode, _, start, _, crc, magic = _FOOTER.unpack(self._file.read(footer, _FOOTER.size))
