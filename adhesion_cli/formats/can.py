@@ -1,11 +1,9 @@
 """CAN logs with the DBC of the vehicle; runs in a process of its own.
 
-python-can reads the frames of a BLF log and of an MF4 of a bus, `can_text` those of text. cantools
+Frames are in BLF, in text (`can_text`), or in an MF4 of a bus, which python-can reads. cantools
 reads the DBC. The signals are decoded here, a message at a time.
 """
 
-import struct
-import zlib
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +18,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
 from ..core.text import NO_VALUE
+from .can_blf import blf_frames
 from .can_frames import Frame, Problems
 from .can_text import TextLog
 from .source import YEAR_1990, Field, ReadOptions, distinct_words
@@ -159,9 +158,13 @@ class Reader:
             time_reason = "time stamp of each frame, to the microsecond; no start stated"
         findings = list(self._findings(problems, rows))
         events = []
-        if problems.errors:
-            finding = Finding("can-error-frames", "warning", count=len(problems.errors))
-            events.append((finding, _ticks(np.array(problems.errors), self._start)))
+        for code, times in (
+            ("can-error-frames", problems.errors),
+            ("can-frames-lost", problems.losses),
+        ):
+            if times:
+                finding = Finding(code, "warning", count=len(times))
+                events.append((finding, _ticks(np.array(times), self._start)))
         numbers = self._fields()
         by_signal = dict(zip(self._signals, numbers, strict=True))
         texts = [
@@ -419,37 +422,23 @@ def _open_frames(path: Path, problems: Problems) -> tuple[Iterator[Frame], Calla
     with path.open("rb") as file:
         head = file.read(8)
     if head.startswith(b"LOGG"):
-        blf = can.BLFReader(path)
-        return _blf_frames(blf, path.stat().st_size, problems), lambda: blf.start_timestamp
+        start = can.BLFReader(path).start_timestamp
+        return blf_frames(path, problems), lambda: start
     if head.startswith((b"MDF", b"UnFinMF")):
-        mf4 = can.MF4Reader(path)
-        start = mf4._start_timestamp
-        return (_frame(m, start, 1) for m in mf4), lambda: start
+        reader = can.MF4Reader(path)
+        start = reader._start_timestamp
+        return _mf4_frames(reader, start), lambda: start
     log = TextLog(path, problems)
     return iter(log), lambda: log.start
 
 
-def _blf_frames(reader: Any, size: int, problems: Problems) -> Iterator[Frame]:
-    """The frames of a BLF log up to its end, or to the first damage, which is noted."""
-    from can.io.blf import BLFParseError
-
-    place = 0
-    try:
-        for m in reader:
-            place = reader.file.tell()
-            yield _frame(m, reader.start_timestamp, 0)
-    except (BLFParseError, struct.error, zlib.error) as error:
-        problems.note(f"byte {place}: {str(error) or 'no object begins there'}")
-    if reader._tail.strip(b"\0"):
-        problems.note(f"byte {size}: the last frame is cut off")
-
-
-def _frame(m: Any, start: float, first_bus: int) -> Frame:
-    """A message of python-can; `first_bus` is the number of the first bus there."""
-    bus = m.channel - first_bus if isinstance(m.channel, int) else 0
-    kind = "error" if m.is_error_frame else "remote" if m.is_remote_frame else "data"
-    t = m.timestamp - start
-    return Frame(t, bus, m.arbitration_id, m.is_extended_id, bytes(m.data), kind)
+def _mf4_frames(reader: Any, start: float) -> Iterator[Frame]:
+    """The frames of an MF4 log of a bus."""
+    for m in reader:
+        bus = m.channel if isinstance(m.channel, int) else 1
+        kind = "error" if m.is_error_frame else "remote" if m.is_remote_frame else "data"
+        t = m.timestamp - start
+        yield Frame(t, bus - 1, m.arbitration_id, m.is_extended_id, bytes(m.data), kind)
 
 
 def _ticks(seconds: Floats, start: int) -> Times:

@@ -24,6 +24,7 @@ class Problems:
     lines: list[int] = field(default_factory=list)  # that hold a frame which cannot be read
     example: str = ""  # the first of them
     errors: list[float] = field(default_factory=list)  # times of error frames, after the start [s]
+    losses: list[float] = field(default_factory=list)  # times at which the logger notes a loss [s]
 
     def note(self, damage: str) -> None:
         """Notes damage; the first is the one that people are shown."""
