@@ -22,6 +22,7 @@ from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
 
 _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
     Opcode.CHUNK: "_chunk",
+    Opcode.ATTACHMENT: "_attachment",
     Opcode.METADATA: "_metadata",
     Opcode.DATA_END: "_end_of_data",
 }
@@ -51,7 +52,7 @@ class Walk:
         self.times = (1 << 63, -1)  # first and last log time
         self.profile = self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
-        self.attachments = 0  # which nothing here reads
+        self.attachments = 0  # whole ones
         self._definitions = Definitions(options.max_part)
         self._first_messages = FirstMessages()
         self._data_end = 0
@@ -225,8 +226,6 @@ class Walk:
         elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:
             header = Header.read(self._file.content(offset, length))
             self.profile, self.library = header.profile, header.library
-        elif opcode == Opcode.ATTACHMENT:
-            self.attachments += 1
         elif opcode == Opcode.STATISTICS:
             self._statistics = offset, Statistics.read(self._file.content(offset, length))
         elif opcode == Opcode.FOOTER:
@@ -278,6 +277,20 @@ class Walk:
         if length <= self._options.max_part:  # larger ones are not ours
             record = Metadata.read(self._file.content(offset, length))
             self.metadata.setdefault(name, {}).update(record.metadata)
+
+    def _attachment(self, offset: int, length: int) -> None:
+        place, stop = offset + HEADER.size, offset + HEADER.size + length
+        content = self._file.content(offset, min(length, PIECE))
+        content.read8(), content.read8()  # log time, time of creation
+        content.read_prefixed_string(), content.read_prefixed_string()  # name, media type
+        size = content.read8()
+        crc_offset = place + content.count + size
+        if crc_offset + 4 > stop:
+            raise DamageError(offset, "an attachment's data does not fit into its record")
+        crc = int.from_bytes(self._file.read(crc_offset, 4), "little")
+        if crc and self._file.crc(place, crc_offset) != crc:
+            raise DamageError(offset, "attachment has another CRC than it says")
+        self.attachments += 1
 
     # ------------------------------------------------------------------ blocks
 
