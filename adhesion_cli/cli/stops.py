@@ -110,8 +110,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
                     protocol = brake_test.protocol(test, title, braked_weight)
                     verified.write(place, page.protocol_page(protocol))
                 else:
-                    rows = ((s.log, s.group, s.label, s.stop) for s in test.series.stops)
-                    sheets = {"stops": tables.stops_of_series(rows)}
+                    sheets = {"stops": tables.stops_of_series(test.series.stops)}
                     tables.write(place, tables.kind(file), sheets)
     if shared.json:
         document = brake_test.document(test)
@@ -150,11 +149,11 @@ def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
 
 
 def _show_findings(test: "BrakeTest", quiet: bool) -> None:
-    """Those on the series, then those of its logs, each with the names of its logs."""
+    """Those on the series and those of its logs, each with the names of its logs."""
     from . import terminal
 
     if len(test.logs) == 1:
         terminal.show([finding for _, finding in test.findings_by_log], quiet)
         return
-    terminal.show(test.findings, quiet)
-    terminal.show_of_logs([(Path(x.path).name, x.findings) for x in test.logs], quiet)
+    of_logs = [(Path(x.path).name, x.findings) for x in test.logs]
+    terminal.show_of_logs(of_logs, quiet, test.findings)

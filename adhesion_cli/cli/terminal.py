@@ -101,17 +101,20 @@ def show_commands(findings_shown: Sequence[Finding], quiet: bool) -> None:
         message(f"{hint}\n", quiet)
 
 
-def show_of_logs(logs: Sequence[tuple[str, Sequence[Finding]]], quiet: bool) -> None:
+def show_of_logs(
+    logs: Sequence[tuple[str, Sequence[Finding]]], quiet: bool, series: Sequence[Finding] = ()
+) -> None:
     """The findings of several logs on stderr, each code once for all logs that have it.
 
     Args:
         logs: the name of each, and its findings.
         quiet: whether nothing is shown.
+        series: findings on all logs together.
     """
     lines: list[str] = []
     for severity, heading in _HEADINGS.items():
         by_code: dict[str, dict[str, list[Finding]]] = {}
-        for name, findings_of_log in logs:
+        for name, findings_of_log in (("the series", series), *logs):
             for f in findings_of_log:
                 if f.severity == severity:
                     by_code.setdefault(f.code, {}).setdefault(name, []).append(f)

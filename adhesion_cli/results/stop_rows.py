@@ -192,7 +192,7 @@ def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
         for i, s in enumerate(stops, 1)
     ]
     for row, s in zip(rows, stops, strict=True):
-        row["µ"] += _DOUBT * (s.doubtful and row["µ"] != DASH)
+        row["µ"] += _DOUBT * (s.vehicle_in_doubt and row["µ"] != DASH)
     return non_empty(rows)
 
 
@@ -208,7 +208,7 @@ def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
         if level and energy and abs(level.value - energy.value) > level.u95:
             text = with_u95(energy, 1.0, 1)
             sentences.append(f"Stop {i}: {text} m on level track without its response time.")
-    if any(s.doubtful and s.stop.coefficient for s in stops):
+    if any(s.vehicle_in_doubt and s.stop.coefficient for s in stops):
         sentences.append(_OF_DOUBT)
     return sentences
 

@@ -33,6 +33,7 @@ from ..core.summary import (
 )
 from ..core.text import printable, utf8
 from ..reference.calibrated_vehicle import CalibratedParameter
+from ..stops.series import SeriesStop
 from . import names, verified
 from .workbook import workbook
 
@@ -85,7 +86,7 @@ ESTIMATORS = _schema(Score, log=str, sha256=str, axle=int)
 FINDINGS = _schema(FindingSummary, log=str, sha256=str)
 LOGS = _schema(LogRow)
 STOPS = _schema(StopSummary, log=str, sha256=str)
-SERIES = _schema(StopSummary, log=str, group=str, label=str)
+SERIES = _schema(StopSummary, log=str, group=str, label=str, vehicle_in_doubt=bool)
 SLIDES = _schema(SlideSummary, log=str, axle=int)
 RAILS = _schema(SlipSummary)
 CHANNELS = _schema(InspectedChannel)
@@ -110,11 +111,17 @@ def stops(results: Iterable[ResultSummary]) -> Any:
     return _table(rows, STOPS)
 
 
-def stops_of_series(stops: Iterable[tuple[str, str, str | None, StopSummary]]) -> Any:
-    """A row per stop of a series, from log, group, label and stop; the schema is `SERIES`."""
+def stops_of_series(stops: Iterable[SeriesStop]) -> Any:
+    """A row per stop of a series; the schema is `SERIES`."""
     rows = (
-        {"log": utf8(log), "group": group, "label": label, **flat(stop)}
-        for log, group, label, stop in stops
+        {
+            "log": utf8(s.log),
+            "group": s.group,
+            "label": s.label,
+            "vehicle_in_doubt": s.vehicle_in_doubt,
+            **flat(s.stop),
+        }
+        for s in stops
     )
     return _table(rows, SERIES)
 

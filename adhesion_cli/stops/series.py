@@ -60,7 +60,9 @@ class SeriesStop:
     group: Annotated[str, Quantity("", "group of the series")]
     label: Annotated[str | None, Quantity("", "label of the plan")]
     stop: StopSummary
-    doubtful: bool = False  # whether the log contradicts the vehicle that µ is of
+    vehicle_in_doubt: Annotated[
+        bool, Quantity("", "whether the log contradicts the vehicle that µ is of")
+    ] = False
 
     def measured(self, quantity: str) -> Measured | None:
         """A quantity of a stop that is valid."""
@@ -439,4 +441,5 @@ def _mean_utilisation(
     mean, n = float(np.mean(values)), len(known)
     scatter = _student(n - 1) * float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
     lower, upper = float(np.mean(values - lowers)), float(np.mean(uppers - values))
-    return mean, (mean - math.hypot(lower, scatter), min(mean + math.hypot(upper, scatter), 1.0))
+    interval = mean - math.hypot(lower, scatter), mean + math.hypot(upper, scatter)
+    return mean, (max(interval[0], 0.0), min(interval[1], 1.0))

@@ -245,7 +245,13 @@ def document(test: BrakeTest) -> Json:
     return tagged(
         "stops",
         stops=[
-            {"log": s.log, "group": s.group, "label": s.label, **as_json(s.stop)}
+            {
+                "log": s.log,
+                "group": s.group,
+                "label": s.label,
+                "vehicle_in_doubt": s.vehicle_in_doubt,
+                **as_json(s.stop),
+            }
             for s in series.stops
         ],
         groups=[

@@ -103,6 +103,18 @@ def test_stops_of_logs_with_a_clock_are_in_the_order_of_time(run: Run, tmp_path:
         (tmp_path / name).write_text("\n".join(["time,train speed [km/h]", *rows, ""]))
     stops = json.loads(run("stops", "a.csv", "b.csv", "--json").stdout)["stops"]
     assert [Path(s["log"]).name for s in stops] == ["b.csv", "a.csv"]
+    assert not any(s["vehicle_in_doubt"] for s in stops)
+
+
+def test_a_stop_whose_log_contradicts_its_vehicle_says_so_in_json_and_table(
+    run: Run, tmp_path: Path
+) -> None:
+    log = str(SAMPLES / "service-brake.csv")
+    done = run("stops", log, "--set", "vehicle.phi=0.15", "--json", "-o", "out")
+    (stop,) = json.loads(done.stdout)["stops"]
+    assert stop["vehicle_in_doubt"] is True
+    (row,) = csv.DictReader((tmp_path / "out" / "stops.csv").read_text().splitlines())
+    assert row["vehicle_in_doubt"].lower() == "true"
 
 
 def test_a_stop_with_slides_has_a_sentence(run: Run) -> None:

@@ -119,7 +119,7 @@ def test_a_limit_of_the_equivalent_deceleration_has_the_mean_one_beside_it() -> 
 
 def test_a_coefficient_whose_vehicle_the_log_contradicts_is_marked() -> None:
     stop = replace(STOP, coefficient=Measured(0.1, 0.02))
-    stops = [SeriesStop("a", "a", None, stop, doubtful) for doubtful in (True, False)]
+    stops = [SeriesStop("a", "a", None, stop, in_doubt) for in_doubt in (True, False)]
     table, *_ = series_tables(StopSeries(tuple(stops), (), (), (), ()), False, False)
     assert [row["µ"] for row in table.rows] == ["0.100±0.020?", "0.100±0.020"]
     assert "?: the log contradicts its vehicle" in table.note

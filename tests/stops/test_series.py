@@ -123,6 +123,16 @@ def test_the_extension_is_that_of_the_distance_after_the_response() -> None:
     assert axle_row[:6] == (1, 0.3, 0.5, 14, 0.08, 0.9)
     assert axle_row.initial_coefficient_u95 == pytest.approx(0.02)
     assert axle_row.utilisation_ci == pytest.approx((0.85, 0.94))
+    # Two stops far apart say nothing of their mean. A share is still from 0 to 1.
+    unlike = [
+        replace(wet[0], stop=replace(wet[0].stop, axles=(axle._replace(**used),)))
+        for used in (
+            {"utilisation": 0.6, "utilisation_ci": (0.55, 0.65)},
+            {"utilisation": 0.9, "utilisation_ci": (0.85, 0.95)},
+        )
+    ]
+    (axle_row,) = compare_wet([*dry, *unlike], "dry", "wet").axles
+    assert axle_row.utilisation_ci == (0.0, 1.0)
 
 
 def test_wet_stops_of_another_nominal_speed_have_no_extension() -> None:
