@@ -55,7 +55,7 @@ _USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
 _FACTOR_BEHIND = re.compile(r"(.*?[^\W\d_].*?)\s*([x×*·/])\s*(10\^?-\d|0[.,]0*1|10*)")
 _PREFIXES = {"m": 1e-3, "c": 1e-2, "d": 0.1, "h": 100.0, "k": 1e3}
 _USUAL_STEP = {"pressure": 1e3, "speed": 1e-2, "angular speed": 1e-2, "force": 10.0}  # SI
-_STATED: dict[str, Meaning] = {"speed": "wheel_speed", "pressure": "pressure"}  # by key
+_PROPOSED_KEYS: dict[str, Meaning] = {"speed": "wheel_speed", "pressure": "pressure"}  # by key
 _OPTIONAL: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
 
 
@@ -95,7 +95,7 @@ def _proposals(meant: Sequence[Meant]) -> dict[str, str]:
     """By key in [channels] an option that gives it the likeliest channel without a meaning."""
     unused = [m for m in meant if m.meaning is None and not m.field.words]
     proposals = {}
-    for key, meaning in _STATED.items():
+    for key, meaning in _PROPOSED_KEYS.items():
         fitting = [m for m in unused if units.unit_for(m.unit, meaning)]
         if m := next(iter(fitting or (m for m in unused if not m.unit)), None):
             entry = toml.table(entry_of(m.field, unit=m.unit or _USUAL[meaning]))
@@ -171,7 +171,7 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
         if not c.data.valid.any()
     ]
     numbered = [
-        Finding("words-as-numbers", "info", c.title, names={"words": _words(c.levels)})
+        Finding("words-as-numbers", "info", c.title, names={"words": _describe_levels(c.levels)})
         for c in with_samples
         if c.levels
     ]
@@ -227,10 +227,10 @@ def needed(
             entry = {"channel": m.field.channel, "field": m.field.path, "unit": "kN"}
             names = {"setting": toml.option(f"channels.ed_force = {toml.table(entry)}")}
             findings.append(Finding("ed-force-unit", "warning", channel=m.title, names=names))
-    return [*chosen, *_further(meant, further)], findings
+    return [*chosen, *_choose_further(meant, further)], findings
 
 
-def _further(meant: Sequence[Meant], further: Collection[Meaning]) -> list[Meant]:
+def _choose_further(meant: Sequence[Meant], further: Collection[Meaning]) -> list[Meant]:
     """What is asked for beside the inputs, where its unit is known."""
     without_unit = ("latitude", "longitude", *STATES)
     short_units = ("mm", "cm")  # places of a piston or a valve, not of a train
@@ -328,8 +328,8 @@ def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
         own_axles = axles[i * axles_per_pressure : (i + 1) * axles_per_pressure] or list(
             bogie_axles(i + 1)
         )
-        stated = {k: v for k, v in entry_of(m.field, unit=m.unit).items() if v}
-        entries[f"bogie {i + 1}"] = {**stated, "axles": own_axles}
+        statement = {k: v for k, v in entry_of(m.field, unit=m.unit).items() if v}
+        entries[f"bogie {i + 1}"] = {**statement, "axles": own_axles}
     titles = ", ".join(repr(m.title) for m in pressures[:8])
     return UserError(
         f"{path}: which axles these pressures serve is not known: {titles}",
@@ -348,8 +348,8 @@ def _lacks(m: Meant) -> str:
 def _condition(m: Meant) -> str:
     """When a hint on an unknown unit holds; "" where it shows that unit, or there is none."""
     is_usual = _example_units(m) == [_USUAL.get(m.meaning, "m/s")]
-    stated = re.search(r"unknown unit (.*)", _lacks(m))
-    return f"if {stated[1]} is {_example_units(m)[0]}, " if stated and is_usual else ""
+    unknown_unit = re.search(r"unknown unit (.*)", _lacks(m))
+    return f"if {unknown_unit[1]} is {_example_units(m)[0]}, " if unknown_unit and is_usual else ""
 
 
 def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
@@ -441,13 +441,13 @@ def _log(
         if m.meaning and (level_words := provenance.get(words_key(m.meaning, m.axle))):
             levels = tuple(level_words.split("\n"))
         if levels:
-            reason = f"{channel.reason}; {_words(levels)}"
+            reason = f"{channel.reason}; {_describe_levels(levels)}"
             channel = replace(channel, levels=levels, reason=reason)
         if m.meaning == "wheel_speed" and (unit := provenance.get(f"wheel_speed_{m.axle}")):
             channel = replace(channel, first_unit=unit)
         if m.meaning in MOTOR_FORCES:
-            stated = m.mapping.tolerance if m.mapping else MOTOR_TOLERANCE
-            share = float(provenance.get(f"{m.meaning}_tolerance", stated))
+            tolerance = m.mapping.tolerance if m.mapping else MOTOR_TOLERANCE
+            share = float(provenance.get(f"{m.meaning}_tolerance", tolerance))
             channel = replace(channel, tolerance=share)
         channels.append(channel)
         indexed_findings += ((clock, f) for f in its_findings)
@@ -464,7 +464,7 @@ def _log(
     )
 
 
-def _words(levels: Sequence[str]) -> str:
+def _describe_levels(levels: Sequence[str]) -> str:
     """Which number each word of a state is, for people."""
     return ", ".join(f"{word!r} is {k}" for k, word in enumerate(levels) if word)
 

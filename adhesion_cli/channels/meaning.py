@@ -77,7 +77,7 @@ class Meant:
         return (self.meaning or "").replace("_", " ").replace("ed f", "ED f")
 
 
-_IN_WORDS: tuple[Meaning | None, ...] = (*STATES, *OTHER_BRAKES)  # which words may state
+_WORDED_MEANINGS: tuple[Meaning | None, ...] = (*STATES, *OTHER_BRAKES)  # which words may state
 _MOST_NAMED = 20  # channels that one finding names
 
 
@@ -101,8 +101,8 @@ def understood(
     meant: list[Meant] = []
     guesses: list[int] = []
     for field in fields:
-        if stated := by_hand.get(field):
-            meant += [_as_stated(field, m) for m in stated]
+        if mappings_of_field := by_hand.get(field):
+            meant += [_as_stated(field, m) for m in mappings_of_field]
             continue
         if field.words and not _is_state(field):
             continue
@@ -133,19 +133,19 @@ def understood(
 
 def _each_once(fields: Sequence[Field]) -> Sequence[Field]:
     """The fields; of numbers that have words the words where they are a state, else the numbers."""
-    with_words = {replace(f, words=()): f for f in fields if f.words}
-    twice = with_words.keys() & set(fields)
+    worded_field = {replace(f, words=()): f for f in fields if f.words}
+    repeated_fields = worded_field.keys() & set(fields)
 
     def is_read(field: Field) -> bool:
         number = replace(field, words=()) if field.words else field
-        return number not in twice or bool(field.words) == _is_state(with_words[number])
+        return number not in repeated_fields or bool(field.words) == _is_state(worded_field[number])
 
     return list(filter(is_read, fields))
 
 
 def _is_state(field: Field) -> bool:
     """Whether the words of a field are those of a state."""
-    return guess(field).meaning in _IN_WORDS and says_state(field.words)
+    return guess(field).meaning in _WORDED_MEANINGS and says_state(field.words)
 
 
 def _apply_statements(
@@ -350,18 +350,18 @@ def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     for i, m in enumerate(list(meant)):
         if m.meaning not in MOTOR_FORCES or m.axle is not None:
             continue
-        stated = m.mapping if i not in guesses else None
-        if stated and stated.place:
-            axles = stated.axles or all_axles
-        elif stated or _is_of_each(m):
+        mapping = m.mapping if i not in guesses else None
+        if mapping and mapping.place:
+            axles = mapping.axles or all_axles
+        elif mapping or _is_of_each(m):
             continue
         else:
             axles = all_axles
-        if len(axles) < 2 and not stated:
+        if len(axles) < 2 and not mapping:
             continue
         rows = [replace(m, axle=axle, share=1.0 / len(axles)) for axle in axles]
         meant[i] = rows[0]
-        if not stated:
+        if not mapping:
             guesses += range(len(meant), len(meant) + len(rows) - 1)
             findings.append(_spread_finding(m, axles))
         meant += rows[1:]
@@ -380,14 +380,14 @@ def _spread_finding(m: Meant, axles: Sequence[int]) -> Finding:
 
 def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """Of several channels that would be the same thing the first is taken; that is reported."""
-    first_of: dict[tuple[str, int | None], Meant] = {}
+    holders: dict[tuple[str, int | None], Meant] = {}
     repeats: dict[tuple[str, int | None], list[Field]] = {}
     for i in guesses:
         m = meant[i]
         if not m.meaning or m.meaning not in INPUTS or m.meaning in OTHER_BRAKES:
             continue
         key = (m.meaning, m.axle)
-        if (holder := first_of.setdefault(key, m)) is not m:
+        if (holder := holders.setdefault(key, m)) is not m:
             reason = f"{holder.title} is taken as the {m.meaning} already"
             meant[i] = replace(m, meaning=None, reason=reason)
             repeats.setdefault(key, []).append(m.field)
@@ -395,15 +395,15 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         Finding(
             "channel-ambiguous",
             "info" if meaning == "train_speed" else "warning",
-            channel=", ".join(map(title, others[:_MOST_NAMED])),
-            count=len(others),
+            channel=", ".join(map(title, repeated_fields[:_MOST_NAMED])),
+            count=len(repeated_fields),
             names={
-                "first": first_of[meaning, axle].title,
-                "meaning": first_of[meaning, axle].describe,
-                "option": _option(meaning, axle, others[0]),
+                "first": holders[meaning, axle].title,
+                "meaning": holders[meaning, axle].describe,
+                "option": _option(meaning, axle, repeated_fields[0]),
             },
         )
-        for (meaning, axle), others in repeats.items()
+        for (meaning, axle), repeated_fields in repeats.items()
     ]
 
 
@@ -436,7 +436,7 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
         lambda channel: channel.strip().casefold() in (folded, f"column {folded}"),
         lambda channel: units.in_name(channel)[0].casefold() == folded,
     )
-    fields = [f for f in fields if not f.words or m.meaning in _IN_WORDS]
+    fields = [f for f in fields if not f.words or m.meaning in _WORDED_MEANINGS]
     named = ([f for f in fields if spelling(f.channel)] for spelling in spellings)
     matching = next((fields for fields in named if fields), [])
     if not matching:

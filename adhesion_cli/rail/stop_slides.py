@@ -46,12 +46,12 @@ def add_slides(
         ]
         if row is not None and inside:
             t = (axle.record.t - result.log.start_ns()) * np.float64(1e-9)
-            own = _Slides(t, (stop.start_s, stop.end_s), axle, result.vehicle, inside)
-            rows[row.axle] = _with_slides(row, own, limits)
+            slides = _SlidesOfAxle(t, (stop.start_s, stop.end_s), axle, result.vehicle, inside)
+            rows[row.axle] = _with_slides(row, slides, limits)
     return replace(stop, axles=tuple(rows.values()))
 
 
-class _Slides(NamedTuple):
+class _SlidesOfAxle(NamedTuple):
     """An axle of a stop, and its brake applications with slides."""
 
     t: Floats  # of its record, after the log's start [s]
@@ -61,9 +61,9 @@ class _Slides(NamedTuple):
     applications: Sequence[BrakeApplication]
 
 
-def _with_slides(row: AxleStop, x: _Slides, limits: LockLimits) -> AxleStop:
+def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> AxleStop:
     """An axle of a stop with initial adhesion, utilisation and energies of its slides."""
-    t, (begin, end), axle, vehicle, applications = x
+    t, (begin, end), axle, vehicle, applications = slides
     record, radius = axle.record, vehicle.radius(axle.record.axle).value
     assert record.train_speed is not None  # there is no slide without
     spans = [
@@ -83,12 +83,12 @@ def _with_slides(row: AxleStop, x: _Slides, limits: LockLimits) -> AxleStop:
     longest = max(locks, key=lambda lock: lock.duration, default=None)
     first_start = min((start for start, _ in spans), default=math.nan)
     initial, initial_u95 = _initial_coefficient(t, first_start, axle, vehicle)
-    used, used_ci = _utilisation(applications)
+    utilisation, utilisation_ci = _utilisation(applications)
     return row._replace(
         initial_coefficient=initial,
         initial_coefficient_u95=initial_u95,
-        utilisation=used,
-        utilisation_ci=used_ci,
+        utilisation=utilisation,
+        utilisation_ci=utilisation_ci,
         energy_j=sum(energies) if spans and all(map(math.isfinite, energies)) else None,
         lock_energy_j=None
         if longest is None
@@ -117,20 +117,20 @@ def _utilisation(
     applications: Sequence[BrakeApplication],
 ) -> tuple[float, tuple[float, float]] | tuple[None, None]:
     """Mean utilisation with its 95 % interval, over the time of the slides that show it."""
-    known = [
+    rated_applications = [
         (a.utilisation, *a.utilisation_ci, a.slide_s) for a in applications if a.utilisation_ci
     ]
-    if not known:
+    if not rated_applications:
         return None, None
-    value, lower, upper, seconds = np.array(known).T
-    mean, low, high = (float(np.average(x, weights=seconds)) for x in (value, lower, upper))
-    return mean, (low, high)
+    *columns, seconds = np.array(rated_applications).T
+    mean, lower, upper = (float(np.average(x, weights=seconds)) for x in columns)
+    return mean, (lower, upper)
 
 
 def _over_locks(t: Floats, force: Floats) -> Floats:
     """A force with straight lines where it is not known: a locked wheel does not show it [N]."""
-    known = np.isfinite(force)
-    return np.interp(t, t[known], force[known]) if known.any() else force
+    is_finite = np.isfinite(force)
+    return np.interp(t, t[is_finite], force[is_finite]) if is_finite.any() else force
 
 
 def _integral(t: Floats, x: Floats, start: float, stop: float) -> float:

@@ -52,7 +52,7 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
     """
     channels, findings = sample_and_hold.remove_repeats(choice.channels, view)
 
-    def without(faults: Mapping[Key, Sequence[Fault]]) -> Channels:
+    def remove_faults(faults: Mapping[Key, Sequence[Fault]]) -> Channels:
         """The channels without their faults, which are reported."""
         sound = dict(channels)
         for key, of_channel in faults.items():
@@ -65,19 +65,19 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
                 sound[key] = remove_samples(c, excluded)
         return {key: sound[key] for key in channels if key in sound}
 
-    channels = without(outliers.find_faults(p.outliers, channels))
-    channels = without(_reversals(channels))
+    channels = remove_faults(outliers.find_faults(p.outliers, channels))
+    channels = remove_faults(_reversals(channels))
     channels = {k: _unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
-    channels = without(stuck_speed.find_train_faults(p.stuck_speed, channels))
+    channels = remove_faults(stuck_speed.find_train_faults(p.stuck_speed, channels))
     brake_faults = stuck_pressure.find_faults(p.stuck_pressure, channels)
     ranges = {
         key: float(channels[key].data.value.max())
         for key, faults in brake_faults.items()
         if any(f.code == "pressure-saturated" and f.mask.any() for f in faults)
     }
-    channels = without(brake_faults)
+    channels = remove_faults(brake_faults)
     wheel_faults = stuck_speed.find_wheel_faults(p.stuck_speed, channels, choice.axles, vehicle)
-    return Screened(without(wheel_faults), ranges, findings)
+    return Screened(remove_faults(wheel_faults), ranges, findings)
 
 
 def _reversals(channels: Channels) -> dict[Key, list[Fault]]:

@@ -129,10 +129,10 @@ def stuck(
         is_train = np.array([c.meaning == "train_speed" for c in other_speeds])
         # All wheel sensors may be stuck together, by the unit that sends them.
         smallest_change = np.maximum(p.steps * speed.coarsest, p.moves * value)
-        none_moves = np.all(np.nan_to_num(relative_change[~is_train]) <= smallest_change, axis=0)
+        all_constant = np.all(np.nan_to_num(relative_change[~is_train]) <= smallest_change, axis=0)
         for of_train in relative_change[is_train]:
-            alone = comparable & none_moves & np.isfinite(of_train)
-            expected[alone] = of_train[alone]
+            is_train_only = comparable & all_constant & np.isfinite(of_train)
+            expected[is_train_only] = of_train[is_train_only]
             at_range_end = comparable & np.isfinite(of_train) & (value >= y.max())
             expected[at_range_end] = of_train[at_range_end]  # all wheels may be at that end
     constant = not np.ptp(y)
@@ -188,10 +188,10 @@ def _relative_change(
     lowest, highest = (extreme.reduceat(x, start) for extreme in (np.fmin, np.fmax))
     change = np.abs(x[final] - x[start])
     fast = 0.1 * np.max(other_speed.data.value)
-    share, within = np.full((2, len(change)), np.nan)
+    share, inner_share = np.full((2, len(change)), np.nan)
     np.divide(change, x[start], out=share, where=x[start] > fast)
-    np.divide(highest - lowest - noise(other_speed), highest, out=within, where=highest > fast)
-    change_share: Floats = np.fmax(share, np.fmax(within, 0.0))
+    np.divide(highest - lowest - noise(other_speed), highest, out=inner_share, where=highest > fast)
+    change_share: Floats = np.fmax(share, np.fmax(inner_share, 0.0))
     return change_share
 
 

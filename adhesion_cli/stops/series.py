@@ -409,7 +409,7 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
             if a.initial_coefficient is not None and (u95 := a.initial_coefficient_u95) is not None
         ]
     )
-    used, used_ci = _mean_utilisation(rows)
+    utilisation, utilisation_ci = _mean_utilisation(rows)
     bands = [a.slip_bands for a in rows if a.slip_bands]
     return WspAxle(
         axle,
@@ -417,9 +417,9 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
         max(values("locked_s"), default=None),
         sum(a.valve_actions for a in rows),
         initial and initial.mean,
-        used,
+        utilisation,
         initial and initial.u95,
-        used_ci,
+        utilisation_ci,
         max(values("energy_j"), default=None),
         max(values("longest_lock_s"), default=None),
         max(values("lock_energy_j"), default=None),
@@ -434,11 +434,11 @@ def _mean_utilisation(
 
     The errors of the stops are taken as common; the scatter between the stops adds to them.
     """
-    known = [(a.utilisation, *a.utilisation_ci) for a in rows if a.utilisation_ci]
-    if not known:
+    utilisations = [(a.utilisation, *a.utilisation_ci) for a in rows if a.utilisation_ci]
+    if not utilisations:
         return None, None
-    values, lowers, uppers = np.array(known).T
-    mean, n = float(np.mean(values)), len(known)
+    values, lowers, uppers = np.array(utilisations).T
+    mean, n = float(np.mean(values)), len(utilisations)
     scatter = _student(n - 1) * float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
     lower, upper = float(np.mean(values - lowers)), float(np.mean(uppers - values))
     interval = mean - math.hypot(lower, scatter), mean + math.hypot(upper, scatter)

@@ -121,17 +121,17 @@ def run(
     tested: list[TestedLog] = []
     failed: list[FailedLog] = []
     for group, paths in members:
-        stated = _load_for(group, load)
+        settings_of_group = _load_for(group, load)
         identified = None
         if len(paths) > 1:
             progress(f"finding the vehicle of {len(paths)} logs")
-            identified = identify_together(paths, stated, request.axles, request.window)
+            identified = identify_together(paths, settings_of_group, request.axles, request.window)
         runs: list[GroupedRun] = []  # with one vehicle
         its_stops: list[SeriesStop] = []
         for path in paths:
             progress(f"{path.name}: stops")
             try:
-                log = _test_log(path, group, stated, request, identified)
+                log = _test_log(path, group, settings_of_group, request, identified)
             except UserError as error:
                 failed.append(FailedLog(str(path), error.text, error.hint))
                 if len(failed) == len(logs):
@@ -215,8 +215,8 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
         **{f"Not evaluated: {x.path}": x.error for x in test.failed},
         "Expanded uncertainties": "coverage factor 2, about 95 %",
     }
-    stated = {f"{g.name}": _stated(g) for g in test.plan.groups}
-    about |= {f"Group {name}": text for name, text in stated.items() if text}
+    group_texts = {f"{g.name}": _describe_group(g) for g in test.plan.groups}
+    about |= {f"Group {name}": text for name, text in group_texts.items() if text}
     findings = [
         (Path(log).name if len(test.logs) > 1 else "", summarise_finding(finding))
         for log, finding in test.findings_by_log
@@ -225,7 +225,7 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
     return Protocol(title, test.plan.protocol, test.series, findings, about, braked_weight, vehicle)
 
 
-def _stated(group: PlannedGroup) -> str:
+def _describe_group(group: PlannedGroup) -> str:
     """What the plan states of a group."""
     vehicle = group.vehicle and group.vehicle.name
     speed = f"{group.nominal_speed:g} km/h" if group.nominal_speed else ""
