@@ -17,9 +17,10 @@ from ...core.model import Bools, Floats, Times
 from ..source import ReadOptions
 from .cells import floats, is_missing
 from .clock import Clock
-from .dialect import NULLS, Dialect, is_comment, split
+from .dialect import NULLS, Dialect, is_comment, is_number, split
 from .header_words import STATISTICS, is_named
 from .lines import LineBlock, Rows
+from .stamps import is_stamp
 
 _MOST_READ = 10_000  # lines of a block without a row that may be a header
 _NONE: Rows = np.empty(0, np.int64)
@@ -200,7 +201,9 @@ class Parser:
             return "preamble"
         if dialect.repeats_header(cells):
             return "header"
-        if is_named(cells[0].strip(":"), STATISTICS):
+        first_cell = dialect.rows[0][0]
+        has_words = not (is_number(first_cell) or is_stamp(first_cell))  # as names of brake steps
+        if is_named(cells[0].strip(":"), STATISTICS) and not has_words:
             return "statistics"
         is_row = len(cells) == dialect.width or cells[0] in dialect.segments
         if is_row and dialect.is_another_header(cells):

@@ -14,6 +14,11 @@ _CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
 FORMATS = "CSV, MCAP, Parquet, Excel, MATLAB, MDF 4, TDMS, CAN (BLF, ASC, TRC, candump, BUSMASTER)"
 READABLE = f"give a log in one of the formats: {FORMATS}"
 Line = tuple[int, str]  # number, from 1, and text
+# Shift-JIS: kana and kanji that no European text has as two bytes, then any kanji. Two neighbours
+# are a word; one alone may be a dash, an apostrophe or a per mille sign of cp1252 and what follows.
+_OWN = rb"(?:\x82[\x9f-\xf1]|\x83[\x40-\x7e\x80-\x96]|[\x88-\x9f][\x80-\xfc])"
+_ANY = rb"(?:\x81\x5b|\x82[\x9f-\xf1]|[\x83\x88-\x9f][\x40-\x7e\x80-\xfc])"
+_JAPANESE = re.compile(rb"%b%b+|%b%b+" % (_OWN, _ANY, _ANY, _OWN))
 
 
 def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, int, str]:
@@ -67,10 +72,9 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
         _decodes(head, "gb18030") or (pairs > 0.9 * high_bytes and high_bytes > 50)
     ):
         return "gb18030", "not UTF-8; high bytes come in pairs"
-    # first bytes of Japanese kana and signs; cp1252 has rare marks there
-    leads = len(re.findall(rb"[\x81-\x9f][\x40-\xfc]", head))
-    if 3 * leads > high_bytes and _decodes(head, "cp932"):
-        return "cp932", "not UTF-8; high bytes as in Shift-JIS"
+    in_words = sum(map(len, _JAPANESE.findall(head)))  # bytes
+    if 2 * in_words > high_bytes and _decodes(head, "cp932"):
+        return "cp932", "not UTF-8; words of Shift-JIS"
     return "cp1252", "not UTF-8; high bytes stand alone"
 
 

@@ -3,7 +3,6 @@
 import math
 import re
 import statistics
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -37,6 +36,7 @@ TIME_UNITS = (*COUNTS, *_DATES)
 
 _S = 1_000_000_000
 _EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
+_GPS_END_S = 1_893_456_000.0  # 2030: what would be later as GPS time counts from 1970
 _STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit is not stated
 _SPAN_S = (3.0, 100_000.0)  # and their lengths
 _LATEST_S = 1e6  # of times in minutes, hours or days from any start
@@ -358,13 +358,15 @@ class _ClockSearch:
     def _gps(self, name: str, unit: str, first: float) -> tuple[str, Finding] | None:
         """The count of times that may be those of GPS, and a note; None where they are not.
 
-        Ten years lie between both. What would lie in the future counts from 1970.
+        Ten years lie between both.
         """
         if unit not in GPS or not _EPOCH_S[0] <= COUNTS[unit].seconds(first):
             return None
-        if COUNTS[GPS[unit]].seconds(first) > time.time():
+        is_named = "gps" in name.casefold() and "utc" not in name.casefold()
+        is_possible = COUNTS[GPS[unit]].seconds(first) < _GPS_END_S
+        if not is_named and not is_possible:
             return None
-        is_gps = "gps" in name.casefold() and "utc" not in name.casefold()
+        is_gps = is_named and is_possible
         taken, other = (GPS[unit], unit) if is_gps else (unit, GPS[unit])
         names = {
             "taken": "GPS time" if is_gps else "Unix time",

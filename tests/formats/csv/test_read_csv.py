@@ -333,6 +333,14 @@ def test_lines_of_a_program_among_the_rows_are_no_loss(log, lines, codes):
     assert {f.code: f.count for f in source.findings if f.code != "time-unit-guessed"} == codes
 
 
+def test_lost_rows_whose_first_cell_is_a_word_are_no_statistics(log):
+    rows = "".join(
+        f"{'Max' if k > 9 else 'hold'};{'x' if k == 12 else k};{k % 7}\n" for k in range(20)
+    )
+    source, _ = read(log, "brake step;t [s];p\n" + rows)
+    assert skipped(source) == [(14, "Max;x;5", 1)]
+
+
 def test_rows_left_out_are_counted_by_class_and_located(log):
     text = "t [s];p\n0;1\n1;2;3\n2\nabc;4\n;5\n# note; x\n\n3;6\nMaximum;6\n"
     source, columns = read(log, text)
