@@ -53,6 +53,7 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
     raw = {f.name: problem for f in table.schema if (problem := _open_scale(f))}
     columns = [c for c in columns if c.name not in raw]
     findings = [*_not_read(nested, raw)]
+    durations = {c.title for c in columns if pa.types.is_duration(arrays[c.name].type)}
 
     def write(text: Path) -> list[str]:
         write_table({c.title: arrays.pop(c.name) for c in columns}, text)
@@ -61,6 +62,7 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
     if not columns or not meta.num_rows:
         raise _nothing(path, findings)
     source = open_text("parquet", path, write, "field metadata", options)
+    source.fields = [f for f in source.fields if f.channel not in durations]
     if not source.fields:
         raise _nothing(path, findings)
     source.findings += findings

@@ -59,8 +59,35 @@ def test_the_time_column(tmp_path: Path, time: Any, unit: str, absolute: bool) -
     assert source.absolute is absolute
     assert speed.t is pressure.t
     assert np.array_equal(speed.t, start + np.arange(N) * 10**7)
-    assert np.array_equal(speed.value, (72 - SECONDS).astype(np.float32).astype(float))
+    assert np.array_equal(speed.value, np.round(72 - SECONDS, 2))
     assert [f.unit for f in source.fields] == ["km/h", ""]
+
+
+def test_a_time_of_single_precision_keeps_its_steps(tmp_path: Path) -> None:
+    source = log(tmp_path / "a.parquet", pa.array(3000 + SECONDS, pa.float32()), "s")
+    speed, _ = source.columns(source.fields)
+    assert np.array_equal(np.diff(speed.t), np.full(N - 1, 10**7))
+
+
+def test_a_line_end_in_a_name_is_no_row(tmp_path: Path) -> None:
+    table = pa.table(
+        {"time [s]": SECONDS, "BC pressure\n[bar]": SECONDS, "BC pressure [bar]": SECONDS}
+    )
+    pq.write_table(table, tmp_path / "a.parquet")
+    source = open_source(tmp_path / "a.parquet", ReadOptions())
+    source.columns(source.fields)
+    names = [f.channel for f in source.fields]
+    assert names == ["BC pressure [bar]", "BC pressure [bar] (2)"]
+    assert (source.rows, source.findings) == (N, [])
+
+
+def test_a_duration_that_is_not_the_time_is_no_channel(tmp_path: Path) -> None:
+    delay = pa.array(np.arange(N) * 10**7, pa.duration("ns"))
+    pq.write_table(
+        pa.table({"time [s]": SECONDS, "delay": delay, "p [bar]": SECONDS}), tmp_path / "a.parquet"
+    )
+    source = open_source(tmp_path / "a.parquet", ReadOptions())
+    assert [f.channel for f in source.fields] == ["p [bar]"]
 
 
 def test_the_text_of_a_time_needs_no_database_of_time_zones() -> None:
