@@ -138,9 +138,17 @@ def _not_lost(raised: "UnraisableHookArgs") -> None:
     if raised.exc_type not in _ENDS:
         sys.__unraisablehook__(raised)
         return
-    timer = threading.Timer(_SOON, signal.raise_signal, [_ENDS[raised.exc_type][0]])
+    timer = threading.Timer(_SOON, _signal_main_thread, [_ENDS[raised.exc_type][0]])
     timer.daemon = True
     timer.start()
+
+
+def _signal_main_thread(number: signal.Signals) -> None:
+    """Raises a signal where the main thread gets it, though it waits in a call of the system."""
+    if sys.platform == "win32":
+        signal.raise_signal(number)
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
 
 
 def _failed(text: str, hint: str, code: int) -> int:
