@@ -8,13 +8,16 @@ from itertools import dropwhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..core import toml
+from ..core import toml, units
 from ..core.errors import UserError, unknown
+from .csv.header_words import time_name
 
 _OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
 # A text that is a time, a duration, or a number with a decimal comma.
 _TYPED = re.compile(r"\s*[0-9]{1,4}[-./:][0-9]{1,2}[-./:]|PT[0-9]|[+-]?[0-9]*,?[0-9]+$")
+_HEAD_ROWS = 60  # in which names and units stand
+_MEASURED = ("pressure", "speed", "angular speed")
 _FIRST_DATE = datetime(1906, 1, 1)  # earlier ones are times of day, or durations
 _DAY_ZERO = datetime(1904, 1, 1), datetime(1899, 12, 31)  # of Excel's two date systems
 
@@ -24,9 +27,12 @@ class SheetText(NamedTuple):
 
     name: str
     other_sheets: list[str]
+    has_channels: bool  # a column of numbers is a time, or has the unit of a pressure or speed
 
 
-def write_text(path: Path, target: Path, sheet_name: str | None) -> SheetText:
+def write_text(
+    path: Path, target: Path, sheet_name: str | None, passed: Sequence[str] = ()
+) -> SheetText | None:
     """Writes the cells of a sheet as lines; row N of the sheet is line N.
 
     Args:
@@ -34,6 +40,10 @@ def write_text(path: Path, target: Path, sheet_name: str | None) -> SheetText:
         target: the file to write; tabs are between its cells, the decimal mark is a point, in
             texts as they have it.
         sheet_name: as stated; None for the first visible one with columns of numbers.
+        passed: sheets that are no log.
+
+    Returns:
+        What was written; None where no other sheet than those passed has columns of numbers.
 
     Raises:
         UserError: where the workbook cannot be read, or has no such sheet.
@@ -45,12 +55,15 @@ def write_text(path: Path, target: Path, sheet_name: str | None) -> SheetText:
         error = unknown("sheet", sheet_name, names)
         raise UserError(f"{path}: {error.text}", error.hint)
     visible = [x.name for x in book.sheets_metadata if str(x.visible).endswith(".Visible")]
-    for name in names if sheet_name is None else [sheet_name]:
+    unread = [x for x in names if x in visible and x not in passed]
+    for name in unread if sheet_name is None else [sheet_name]:
         columns = _columns(book.get_sheet_by_name(name).to_python(skip_empty_area=False))
         numeric = sum(map(_is_of_numbers, columns))
-        if sheet_name is not None or (name in visible and numeric > 1):
+        if sheet_name is not None or numeric > 1:
             break
     else:
+        if passed:
+            return None
         sheets = ", ".join(repr(x) + " (hidden)" * (x not in visible) for x in names)
         hint = f"state the sheet, as {option(names[0])}; sheets: {sheets}"
         raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
@@ -62,7 +75,7 @@ def write_text(path: Path, target: Path, sheet_name: str | None) -> SheetText:
         lines = csv.writer(file, delimiter="\t", lineterminator="\n")
         for row in zip(*map(_texts, columns), strict=True):
             lines.writerow(row if any(row) else ())
-    return SheetText(name, others)
+    return SheetText(name, others, any(map(_is_channel, columns)))
 
 
 def option(name: str) -> str:
@@ -111,6 +124,14 @@ def _is_of_numbers(cells: Sequence[Any]) -> bool:
         for cell in cells
     )
     return bool(typed >= max(2, _count(cells) / 2))
+
+
+def _is_channel(cells: Sequence[Any]) -> bool:
+    """Whether a column of numbers is a time by its head, or has the unit of a brake log."""
+    heads = [cell for cell in cells[:_HEAD_ROWS] if isinstance(cell, str) and cell]
+    found_units = (units.unit(x) or units.unit(units.in_name(x)[1]) for x in heads)
+    is_measured = any(x is not None and x.dimension in _MEASURED for x in found_units)
+    return _is_of_numbers(cells) and (is_measured or any(time_name(x) for x in heads))
 
 
 def _texts(cells: Sequence[Any]) -> list[str]:

@@ -32,26 +32,28 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
     folder = TemporaryDirectory(prefix="adhesion-", ignore_cleanup_errors=True)
     text = Path(folder.name) / "sheet.txt"
     of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=options.decimal or ".")
-    sheet: SheetText = _LIBRARY.call(path, write_text, text, options.sheet)
-    others = sheet.other_sheets if options.sheet is None else []
-    refusal: UserError | None = None
-    for name in [sheet.name, *others]:  # a list of channels may stand before the samples
+    refusals: dict[str, UserError] = {}  # a list of channels may stand before the samples
+    while True:
+        sheet: SheetText | None = _LIBRARY.call(path, write_text, text, options.sheet, [*refusals])
+        if sheet is None:
+            raise next(iter(refusals.values()))
+        others = sheet.other_sheets if options.sheet is None else []
+        place = f"{path}: sheet {sheet.name!r}"
         try:
-            if refusal:
-                sheet = _LIBRARY.call(path, write_text, text, name)
-            source = open_csv(text, of_text, f"{path}: sheet {sheet.name!r}")
-            if source.fields or not others:
+            source = open_csv(text, of_text, place)
+            if source.fields or sheet.has_channels or not others:
                 break
-        except UserError as error:
-            refusal = refusal or error
-    else:
-        refusal = refusal or UserError(f"{path}: no sheet is a log", "state one")
+            error = UserError(f"{place}: holds no numbers over time", "give a sheet with a log")
+        except UserError as refusal:
+            error = refusal
         if others:
-            refusal.hint += f"; or state another sheet ({listed(others)}), as {option(others[0])}"
-        raise refusal
-    others = sheet.other_sheets if options.sheet is None else []
+            error.hint = f"{error.hint}; or state another sheet ({listed(others)}), as "
+            error.hint += option(others[0])
+        if sheet.has_channels or not others:
+            raise error
+        refusals[sheet.name] = error
     as_log(source, "xlsx", path, folder)
-    reason = "the first that is a log" if refusal else "the first with columns of numbers"
+    reason = "the first that is a log" if refusals else "the first with columns of numbers"
     reason = "stated" if options.sheet is not None else reason
     source.reasons = {"sheet": f"{sheet.name!r} ({reason})", **source.reasons}
     if others:

@@ -450,6 +450,23 @@ def test_a_sheet_that_is_no_log_gives_way_to_the_next(tmp_path: Path) -> None:
     assert "`--set xlsx.sheet=Liste`" in str(error.hint)
 
 
+def test_a_log_in_doubt_does_not_give_way_to_another(tmp_path: Path) -> None:
+    stamps = [f"05/03/2026 10:15:{k:02d}" for k in range(20)]
+    doubtful = log(head=["time", "p [bar]", "v [km/h]"])
+    for row, stamp in zip(doubtful[1:], stamps, strict=True):
+        row[0] = stamp
+    error = refusal(write(tmp_path / "a.xlsx", {"Messung": doubtful, "Probe": log()}))
+    assert "sheet 'Messung'" in error.text
+    assert "may be" in error.text
+
+
+def test_a_hidden_sheet_is_not_read_for_one_that_is_no_log(tmp_path: Path) -> None:
+    table: Rows = [["Parameter", "Wert", "Toleranz"], *(["m", 40.0 + k, 1.5] for k in range(9))]
+    sheets = {"Parameter": table, "alt": log(30), "Messung": log()}
+    source = opened(write(tmp_path / "a.xlsx", sheets, hidden=["alt"]))
+    assert source.reasons["sheet"] == "'Messung' (the first that is a log)"
+
+
 def test_an_encrypted_workbook(tmp_path: Path) -> None:
     path = tmp_path / "a.xlsx"
     path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(1024)
