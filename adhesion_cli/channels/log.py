@@ -337,19 +337,25 @@ def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
     )
 
 
+def _unknown_units(m: Meant) -> list[str]:
+    """The units in the names of a channel that are not known."""
+    texts = (m.field.path, m.field.label, m.field.channel)
+    return list(filter(None, map(units.unknown_in, texts)))
+
+
 def _lacks(m: Meant) -> str:
     """What is wrong with the unit of a channel without one."""
-    for text in (m.field.path, m.field.label, m.field.channel):
-        if unknown_unit := units.unknown_in(text):
-            return f"its name states an unknown unit {unknown_unit!r}"
+    for unknown_unit in _unknown_units(m):
+        return f"its name states an unknown unit {unknown_unit!r}"
     return "its unit is not stated"
 
 
 def _condition(m: Meant) -> str:
     """When a hint on an unknown unit holds; "" where it shows that unit, or there is none."""
-    is_usual = _example_units(m) == [_USUAL.get(m.meaning, "m/s")]
-    unknown_unit = re.search(r"unknown unit (.*)", _lacks(m))
-    return f"if {unknown_unit[1]} is {_example_units(m)[0]}, " if unknown_unit and is_usual else ""
+    unknown_units, usual = _unknown_units(m), _USUAL.get(m.meaning, "m/s")
+    if not unknown_units or _example_units(m) != [usual]:
+        return ""
+    return f"if {unknown_units[0]!r} is {usual}, "
 
 
 def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
@@ -377,8 +383,8 @@ def _example_units(m: Meant) -> list[str]:
     "mbar/10" is a tenth of it, rarely ten. Else the likelier one gives the usual step. Of a unit
     that is known with another prefix, as "mm/s", it is the known one with a factor.
     """
-    for text in (m.field.path, m.field.label, m.field.channel):
-        plain_text = unicodedata.normalize("NFKC", units.unknown_in(text)).replace("\u2212", "-")
+    for unknown_unit in _unknown_units(m):
+        plain_text = unicodedata.normalize("NFKC", unknown_unit).replace("\u2212", "-")
         match = _FACTOR_BEHIND.fullmatch(plain_text)
         unit = match and units.unit(match[1])
         if match and unit:

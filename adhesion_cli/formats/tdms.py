@@ -256,10 +256,11 @@ class Reader:
         )
         clock = find_clock(dialect, self._options, max(map(len, channels)), self._path)
         axis = _Columns(group, clock, tuple(names[i] for i in clock.columns))
-        t, ok = self._numbers(axis)
-        if clock.may_be_digits and from_digits(t[ok]) is not None:
-            clock = clock.in_digits(axis.names[0], columns[clock.columns[0]][0])
-            self._findings += [f for f in clock.findings if f not in self._findings]
+        if clock.may_be_digits:  # all times show it
+            t, ok = self._numbers(axis)
+            if from_digits(t[ok]) is not None:
+                clock = clock.in_digits(axis.names[0], columns[clock.columns[0]][0])
+                self._findings += [f for f in clock.findings if f not in self._findings]
         return axis._replace(clock=clock)
 
     def _start(self, axis: _Axis) -> int:

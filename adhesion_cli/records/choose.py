@@ -122,7 +122,7 @@ def axle_numbers(
     error = None
     if "wheel_speed" not in meanings:
         error = _missing(path, titles, "wheel speed", (proposals or {}).get("speed"))
-    elif not meanings & {"pressure", "clamping_force"}:
+    elif meanings.isdisjoint(BRAKES):
         error = _missing(path, titles, "brake-cylinder pressure", (proposals or {}).get("pressure"))
     if error:
         if meanings & {"wheel_speed", "train_speed"}:
@@ -130,7 +130,7 @@ def axle_numbers(
                 f"`adhesion stops` gives distance and deceleration without it. {error.hint}"
             )
         raise error
-    of_axles: tuple[Meaning, ...] = ("wheel_speed", "pressure", "clamping_force")
+    of_axles: tuple[Meaning, ...] = ("wheel_speed", *BRAKES)
     numbers = sorted({a for meaning, a in keys if a and meaning in of_axles}) or [1]
     if unknown := set(axles) - set(numbers):
         available = f"the log has axles {', '.join(map(str, numbers))}"

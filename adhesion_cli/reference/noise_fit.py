@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.model import AxleRecord, Floats
 from ..core.signals import white_noise
@@ -187,12 +188,11 @@ def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
     """
     gained = np.diff(run.t) * (run.u[1:] + run.u[:-1]) / 2.0
     z = run.y - np.concatenate([[0.0], np.cumsum(gained)])
-    starts = np.flatnonzero(np.diff(np.floor(run.t / _SLICE), prepend=-1.0))
-    readings = np.diff(starts, append=len(z))
-    size = float(np.median(readings))
+    starts, sizes = _slices(run.t, _SLICE)
+    size = float(np.median(sizes))
     if len(starts) < _FEWEST_SLICES or size < 2.0:
         return 0.0
-    bends = np.abs(np.diff(np.add.reduceat(z, starts) / readings, 2))
+    bends = np.abs(np.diff(np.add.reduceat(z, starts) / sizes, 2))
     rests = np.logical_and.reduceat(run.u == 0.0, starts)
     rests = rests[2:] & rests[1:-1] & rests[:-2]
     samples = np.full(len(z), True)
@@ -209,6 +209,12 @@ def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
         return slow - white
     peak = _spectral_peak(run) - rounding
     return peak - white if peak > _PEAK * white else 0.0
+
+
+def _slices(t: Floats, duration: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First sample and number of samples of each slice of so many seconds; (k,) each."""
+    starts = np.flatnonzero(np.diff(np.floor(t / duration), prepend=-1.0))
+    return starts, np.diff(starts, append=len(t))
 
 
 def _spectral_peak(run: smoother.UnbrokenRun) -> float:
@@ -262,6 +268,5 @@ def take_samples(runs: list[smoother.UnbrokenRun]) -> list[smoother.UnbrokenRun]
 
 def _roughness(run: smoother.UnbrokenRun) -> float:
     """By how much the slope of a run changes from slice to slice: vibration has no part in it."""
-    starts = np.flatnonzero(np.diff(np.floor(run.t / _SLIDE_SLICE), prepend=-1.0))
-    means = np.add.reduceat(run.y, starts) / np.diff(starts, append=len(run.y))
-    return float(np.sum(np.diff(means, 2) ** 2))
+    starts, sizes = _slices(run.t, _SLIDE_SLICE)
+    return float(np.sum(np.diff(np.add.reduceat(run.y, starts) / sizes, 2) ** 2))

@@ -172,7 +172,7 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
         TitledTable("Statistics", _group_rows(x.groups), 2, of_groups),
         TitledTable("Differences", _difference_rows(x.differences), 3),
         TitledTable("Limits", _limit_rows(x), 3, _limits_note(x)),
-        *(TitledTable(_WSP, _wsp_rows(w), 1, _wsp_note(w)) for w in x.wsp),
+        *map(_wsp_table, x.wsp),
     ]
     if braked_weight:
         tables.append(TitledTable("Braked weight", _braked_weight_rows(stops), 2, _OF_LAMBDA))
@@ -315,10 +315,11 @@ def _describe_wsp(x: WspSummary) -> str:
     return head + f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5).{_air(x)}"
 
 
-def _wsp_note(x: WspSummary) -> str:
-    """What stands below the axles of the wet stops."""
-    notes = [_OF_WSP, describe_not_known(_wsp_rows(x))] if x.axles else []
-    return "\n".join([_describe_wsp(x), *filter(None, notes)])
+def _wsp_table(x: WspSummary) -> TitledTable:
+    """The axles in the wet stops, and what stands below them."""
+    rows = _wsp_rows(x)
+    notes = [_OF_WSP, describe_not_known(rows)] if rows else []
+    return TitledTable(_WSP, rows, 1, "\n".join([_describe_wsp(x), *filter(None, notes)]))
 
 
 def _air(x: WspSummary) -> str:
