@@ -126,7 +126,7 @@ class Points(NamedTuple):
     noise: Floats  # σ_s, 1 sigma of the slip's noise
     swing: Floats  # 1 sigma of μ by the reference; larger between two readings of a pressure
     clock: Floats  # 1 sigma of slip by the train speed's delay and drift, one error for all
-    doubt: Floats  # 1 sigma of μ by errors that are each one for all, shape (n, errors)
+    common_errors: Floats  # 1 sigma of μ by errors that are each one for all, shape (n, errors)
     sliding: Bools  # the others lie between slides
 
 
@@ -333,14 +333,14 @@ def fit(
         weight=1.0 / math.sqrt(max(_correlated_points(p.t, best.residuals), setup.correlated))
     )
     local_search = _LocalSearch(weighted, sigma, best.x)
-    doubts = np.random.default_rng(1).standard_normal((draws, points.doubt.shape[1]))
+    error_draws = np.random.default_rng(1).standard_normal((draws, points.common_errors.shape[1]))
     straight_draws = np.array([local_search.draw(random) for _ in range(draws)])
-    pair = _draw_curves(search, sigma, straight_draws, doubts, best.x, random)
-    if pair is None:
+    all_curves = _draw_curves(search, sigma, straight_draws, error_draws, best.x, random)
+    if all_curves is None:
         return None
-    for x in (straight_draws, *pair):
+    for x in (straight_draws, *all_curves):
         x[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
-    rails = _Draws(straight_draws, *pair, scales, doubts)
+    rails = _Draws(straight_draws, *all_curves, scales, error_draws)
     return _summarise_draws(points, setup, _rail(best.x), sigma, rails)
 
 
@@ -369,9 +369,11 @@ class _Draws(NamedTuple):
 
     straight: Floats  # curves (3), shape (draws, unknowns)
     curves: Floats  # among all curves, shape (draws, unknowns)
-    doubtful: Floats  # the same curves for the errors of `doubts`, shape (draws, unknowns)
+    curves_with_errors: (
+        Floats  # the same curves for the errors `error_draws`, shape (draws, unknowns)
+    )
     scales: Floats  # true over computed μ, shape (draws,)
-    doubts: Floats  # errors of `Points.doubt`, in sigma, shape (draws, errors)
+    error_draws: Floats  # errors of `Points.common_errors`, in sigma, shape (draws, errors)
 
 
 def _summarise_draws(
@@ -381,14 +383,14 @@ def _summarise_draws(
 
     `points` are all points, `setup` those that were fitted, with 1 sigma of μ.
     """
-    draws, curves, doubtful, scales, _ = rails_drawn
+    draws, curves, curves_with_errors, scales, _ = rails_drawn
     rails = tuple(_rail(x) for x in draws)
     spreads = {n: _interval([getattr(rail, n) for rail in rails]) for n in Condition._fields}
     slides = points.speed[points.sliding]
     speed, speeds = float(np.median(slides)), np.linspace(slides.min(), slides.max(), _SPEEDS)
     at_speeds = np.append(speed, speeds)
-    peaks, doubtful_peaks = (
-        _find_peaks(x, setup.patch, setup.shape, at_speeds) for x in (curves, doubtful)
+    peaks, peaks_with_errors = (
+        _find_peaks(x, setup.patch, setup.shape, at_speeds) for x in (curves, curves_with_errors)
     )
     peak_slip, mu = (_interval(peaks[:, 0, i]) for i in (0, 1))
     lowest, highest = np.quantile(setup.p.slip, _SLIP_QUANTILES).tolist()
@@ -402,7 +404,7 @@ def _summarise_draws(
     )
     shows_peak_mu = beyond_peak and _narrow(mu) and not lacks_points_before
     shares_used = _utilisation(
-        points, rails_drawn, setup.radius, sigma, speeds, doubtful_peaks[:, 1:, 1]
+        points, rails_drawn, setup.radius, sigma, speeds, peaks_with_errors[:, 1:, 1]
     )
     used = _interval(np.minimum(shares_used, 1.0))
     return RailFit(
@@ -452,9 +454,9 @@ def _utilisation(
 
     `largest_mu` is the largest μ at these speeds, shape (draws, speeds).
     """
-    utilisation, h = np.empty(len(rails.doubtful)), _durations(p)
-    for j, (x, scale, doubt) in enumerate(
-        zip(rails.doubtful, rails.scales, rails.doubts, strict=True)
+    utilisation, h = np.empty(len(rails.curves_with_errors)), _durations(p)
+    for j, (x, scale, error) in enumerate(
+        zip(rails.curves_with_errors, rails.scales, rails.error_draws, strict=True)
     ):
         slip = 1.0 - (1.0 - p.slip) * (1.0 + radius * x[_RADIUS]) + p.clock * x[_DELAY]
         inside = np.zeros(len(h), dtype=np.bool_)
@@ -463,7 +465,7 @@ def _utilisation(
         inside = inside if inside.any() else p.sliding
         largest = np.interp(p.speed[inside], speeds, largest_mu[j])
         weight, highest = h[inside], largest / scale + _NOISE_LIMIT * sigma
-        mu = np.minimum(p.mu[inside] + p.doubt[inside] @ doubt, highest)
+        mu = np.minimum(p.mu[inside] + p.common_errors[inside] @ error, highest)
         utilisation[j] = scale * (mu @ weight) / (largest @ weight)
     return utilisation
 
@@ -584,14 +586,14 @@ class _LocalSearch:
             self.solve(prior_mean, random.standard_normal(len(setup.p.t)))[0], *_UNKNOWN_RANGE
         )
 
-    def shifts(self, doubts: Floats) -> Floats:
+    def shifts(self, error_draws: Floats) -> Floats:
         """By how much errors of μ move the unknowns, to first order; shape (draws, unknowns).
 
         Args:
-            doubts: errors of `Points.doubt`, in sigma, shape (draws, errors).
+            error_draws: errors of `Points.common_errors`, in sigma, shape (draws, errors).
         """
-        errors = self._search.weight * (self._search.setup.p.doubt @ doubts.T)
-        stacked = np.zeros((self._first_slopes.shape[1], len(doubts)))
+        errors = self._search.weight * (self._search.setup.p.common_errors @ error_draws.T)
+        stacked = np.zeros((self._first_slopes.shape[1], len(error_draws)))
         stacked[: len(self.noise)] = errors / self.noise[:, None]
         return np.asarray(-np.linalg.lstsq(self._first_slopes.T, stacked)[0].T, np.float64)
 
@@ -616,14 +618,14 @@ def _draw_curves(
     straight_search: _FitSearch,
     sigma: float,
     draws: Floats,
-    doubts: Floats,
+    error_draws: Floats,
     best: Floats,
     random: np.random.Generator,
 ) -> tuple[Floats, Floats] | None:
     """Draws among all curves, (3) or not, shape (draws, unknowns); None for points of two rails.
 
-    As many `draws` of curves (3) are kept as the points make likely. The second of the pair are the
-    same curves for errors of `Points.doubt`.
+    As many `draws` of curves (3) are kept as the points make likely. The second are the
+    same curves for errors of `Points.common_errors`.
     """
     t = straight_search.setup.p.t
     bend_zeros = np.zeros(len(straight_search.setup.shape.bumps) + _BY_SPEED)
@@ -650,7 +652,7 @@ def _draw_curves(
         its_draws = np.flatnonzero(chosen == k)
         for j in its_draws.tolist() if k else ():
             curves[j] = local_search.draw(random)
-        shifts[its_draws, : len(optima[k].x)] = local_search.shifts(doubts[its_draws])
+        shifts[its_draws, : len(optima[k].x)] = local_search.shifts(error_draws[its_draws])
     return curves, np.clip(curves + shifts, *_UNKNOWN_RANGE)
 
 

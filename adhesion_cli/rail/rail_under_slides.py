@@ -268,8 +268,8 @@ def points(context: AxleContext, axle_slides: Sequence[Slide]) -> tuple[fit.Poin
     typical = float(np.median(share)) if len(indices) else 0.0
     half_changes = context.half_changes[indices]
     errors = np.column_stack([ref.tolerance[indices] - typical * force, half_changes])
-    doubt = physics.coefficient(errors, vehicle, record.axle)
-    columns = context.swing[indices], context.clock[indices], doubt, sliding[indices]
+    common_errors = physics.coefficient(errors, vehicle, record.axle)
+    columns = context.swing[indices], context.clock[indices], common_errors, sliding[indices]
     return fit.Points(t, v, axle.slip[indices], mu, noise, *columns), error
 
 
