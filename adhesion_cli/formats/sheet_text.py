@@ -1,12 +1,20 @@
-"""The cells of a sheet as lines of text, by calamine; runs in a process of its own."""
+"""The cells of a sheet as lines of text, by fastexcel; runs in a process of its own.
 
-import csv
+fastexcel rounds what it gives as text: numbers to nine decimals, times to milliseconds. As a number
+it gives each cell as the file holds it, but none of a time. So a workbook is read twice, the second
+time without its styles, which alone say that a number is a time.
+"""
+
 import re
-from collections.abc import Iterable, Sequence
-from datetime import date, datetime, time, timedelta
-from itertools import dropwhile
+import zipfile
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from ..core import toml, units
 from ..core.errors import UserError, unknown
@@ -14,12 +22,21 @@ from .csv.header_words import time_name
 
 _OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
-# A text that is a time, a duration, or a number with a decimal comma.
-_TYPED = re.compile(r"\s*[0-9]{1,4}[-./:][0-9]{1,2}[-./:]|PT[0-9]|[+-]?[0-9]*,?[0-9]+$")
+_STYLES = re.compile(rb"(?s)(PK\x03\x04.{26}|PK\x01\x02.{42})xl/styles\.")  # heads of a ZIP file
+_MOST_BYTES = 4 << 30  # of all parts, unpacked
+
+_TIME = r"^[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]+)?$"
+_ANY_TIME = r"^\s*[0-9]{1,4}[-./:][0-9]{1,2}[-./:]"  # also as a text
+_NUMBER = r"^-?[0-9]+(\.[0-9]+)?$"  # a text that Arrow reads as a number
+_WITH_COMMA = r"^[+-]?[0-9]*,[0-9]+$"  # a text that may be a number
+_DETAIL = re.compile(r"(?:(Error)|DurationIso)\(\"?(?:PT)?(\w+)(?:\.(\d+)S)?")
+_ERRORS = {"Div0": "#DIV/0!", "NA": "#N/A", "Name": "#NAME?", "Null": "#NULL!", "Num": "#NUM!"}
+
+_DAY = 86_400_000_000  # [µs]
+_DAY_1899, _DAY_1904, _DAY_1906 = -25_568, -24_107, -23_376  # 31 December, 1 January; from 1970
+_ROWS = 1 << 16  # written at once
 _HEAD_ROWS = 60  # in which names and units stand
 _MEASURED = ("pressure", "speed", "angular speed")
-_FIRST_DATE = datetime(1906, 1, 1)  # earlier ones are times of day, or durations
-_DAY_ZERO = datetime(1904, 1, 1), datetime(1899, 12, 31)  # of Excel's two date systems
 
 
 class SheetText(NamedTuple):
@@ -28,6 +45,30 @@ class SheetText(NamedTuple):
     name: str
     other_sheets: list[str]
     has_channels: bool  # a column of numbers is a time, or has the unit of a pressure or speed
+
+
+class _Column(NamedTuple):
+    """The cells of a column, Arrow arrays of shape (n,), null where a cell is empty."""
+
+    text: Any
+    number: Any  # also of texts that are one; of a time the days
+    is_time: Any
+
+    @property
+    def is_of_numbers(self) -> bool:
+        """Whether at least half of the cells are numbers or times, and two are."""
+        is_typed = _matches(self.text, f"{_ANY_TIME}|{_WITH_COMMA}")
+        is_typed = pc.or_(pc.is_valid(self.number), is_typed)
+        cell_count = len(self.text) - self.text.null_count
+        return bool((pc.sum(is_typed).as_py() or 0) >= max(2, cell_count / 2))
+
+    @property
+    def is_channel(self) -> bool:
+        """Whether it has numbers, and by its head is a time or has the unit of a brake log."""
+        heads = self.text.slice(0, _HEAD_ROWS).drop_null().to_pylist()
+        found_units = (units.unit(x) or units.unit(units.in_name(x)[1]) for x in heads)
+        is_measured = any(x is not None and x.dimension in _MEASURED for x in found_units)
+        return self.is_of_numbers and (is_measured or any(map(time_name, heads)))
 
 
 def write_text(
@@ -47,35 +88,38 @@ def write_text(
 
     Raises:
         UserError: where the workbook cannot be read, or has no such sheet.
-        ValueError: where it is damaged.
     """
-    book = _open_book(path)
-    names = book.sheet_names
-    if sheet_name is not None and sheet_name not in names:
-        error = unknown("sheet", sheet_name, names)
+    book = _Book(path)
+    if sheet_name is not None and sheet_name not in book.names:
+        error = unknown("sheet", sheet_name, book.names)
         raise UserError(f"{path}: {error.text}", error.hint)
-    visible = [x.name for x in book.sheets_metadata if str(x.visible).endswith(".Visible")]
-    unread = [x for x in names if x in visible and x not in passed]
+    hidden_sheets = []
+    unread = [x for x in book.names if x not in passed]
     for name in unread if sheet_name is None else [sheet_name]:
-        columns = _columns(book.get_sheet_by_name(name).to_python(skip_empty_area=False))
-        numeric = sum(map(_is_of_numbers, columns))
-        if sheet_name is not None or numeric > 1:
+        columns, is_visible = book.columns(name)
+        if sheet_name is not None or (is_visible and sum(c.is_of_numbers for c in columns) > 1):
             break
+        hidden_sheets += [name] * (not is_visible)
     else:
         if passed:
             return None
-        sheets = ", ".join(repr(x) + " (hidden)" * (x not in visible) for x in names)
-        hint = f"state the sheet, as {option(names[0])}; sheets: {sheets}"
+        sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
+        hint = f"state the sheet, as {option(book.names[0])}; sheets: {sheets}"
         raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
-    others = [x for x in names if x != name]
+    place = f"{path}: sheet {name!r}"
     if not columns:
-        hint = f"state another sheet, as {option(others[0])}" if others else "give one with a log"
-        raise UserError(f"{path}: sheet {name!r} is empty", hint)
-    with target.open("w", encoding="utf-8", newline="") as file:
-        lines = csv.writer(file, delimiter="\t", lineterminator="\n")
-        for row in zip(*map(_texts, columns), strict=True):
-            lines.writerow(row if any(row) else ())
-    return SheetText(name, others, any(map(_is_channel, columns)))
+        others = [x for x in book.names if x != name]
+        hint = "give a workbook with a log"
+        if others:
+            hint = f"state another sheet, as {option(others[0])}"
+        raise UserError(f"{place} is empty", hint)
+    while len(columns) > 2 and len(columns[-1].text) - columns[-1].text.null_count < 2:
+        columns.pop()  # a cell far from the table is no channel
+    cells = [_quoted(_cells(column)) for column in columns]
+    with target.open("wb") as file:
+        file.writelines(_lines(cells))
+    others = [x for x in book.names if x != name]
+    return SheetText(name, others, any(column.is_channel for column in columns))
 
 
 def option(name: str) -> str:
@@ -83,76 +127,161 @@ def option(name: str) -> str:
     return toml.option(f"xlsx.sheet = {toml.quoted(name)}")
 
 
-def _open_book(path: Path) -> Any:
-    """The workbook.
+class _Book:
+    """An opened workbook.
 
     Raises:
-        UserError: where it is encrypted, or no workbook.
+        UserError: where it is encrypted, no workbook, or too large.
         ValueError: where it is damaged.
     """
-    import python_calamine as calamine
 
-    with path.open("rb") as file:
-        if file.read(4) == _OLE and _ENCRYPTED in file.read():
+    def __init__(self, path: Path) -> None:
+        import fastexcel
+
+        data = path.read_bytes()
+        if not data.startswith(_OLE):
+            _check_parts(path)
+        elif _ENCRYPTED in data:
             hint = "open it in Excel, and save it without a password"
             raise UserError(f"{path}: the workbook is encrypted", hint)
+        unstyled = _STYLES.sub(rb"\1xl/styles_", data)
+        self._has_serials = unstyled != data
+        self._text, self._number = fastexcel.read_excel(data), fastexcel.read_excel(unstyled)
+        self.names = self._text.sheet_names
+
+    def columns(self, name: str) -> tuple[list[_Column], bool]:
+        """The columns of a sheet from its first filled one on, and whether people see it."""
+        sheet = self._text.load_sheet(name, header_row=None, skip_rows=0, dtypes="string")
+        texts, errors = sheet.to_arrow_with_errors()
+        details: dict[int, dict[int, str]] = defaultdict(dict)  # by column and row
+        for error in errors.errors if errors else ():
+            row, column = error.offset_position
+            details[column][row] = _detail(error.detail)
+        is_visible = sheet.visible == "visible"
+        del sheet  # one of the two in memory is enough
+        sheet = self._number.load_sheet(name, header_row=None, skip_rows=0, dtypes="float")
+        pairs = zip(texts.columns, sheet.to_arrow().columns, strict=True)
+        columns = [self._column(_with(x, details[k]), n) for k, (x, n) in enumerate(pairs)]
+        return columns, is_visible
+
+    def _column(self, text: Any, number: Any) -> _Column:
+        text = pc.if_else(pc.equal(text, ""), None, text)
+        number = pc.if_else(pc.is_finite(number), number, None)
+        is_time = _matches(text, _TIME)
+        if self._has_serials:  # else nothing tells a time from its text
+            is_time = pc.and_(is_time, pc.is_valid(number))
+        return _Column(text, number, is_time)
+
+
+def _check_parts(path: Path) -> None:
+    """Refuses a ZIP file that is no workbook, unpacks to too much, or is damaged.
+
+    Raises:
+        UserError: it is no workbook, or too large.
+        ValueError: a part of it is damaged.
+    """
     try:
-        return calamine.CalamineWorkbook.from_path(path)
-    except calamine.CalamineError as error:
-        if "Cannot detect" in str(error):
-            hint = "unpack it, and name the log that is in it"
-            raise UserError(f"{path}: a ZIP archive, not a workbook", hint) from None
+        with zipfile.ZipFile(path) as archive:
+            if not any(x.startswith("xl/") or x == "content.xml" for x in archive.namelist()):
+                hint = "unpack it, and name the log that is in it"
+                raise UserError(f"{path}: a ZIP archive, not a workbook", hint)
+            size = sum(member.file_size for member in archive.infolist())
+            if size > _MOST_BYTES:
+                text = f"{path}: unpacks to {size >> 30} GiB, more than {_MOST_BYTES >> 30}"
+                raise UserError(text, "delete the sheets that are not needed, or export it as CSV")
+            damaged_member = archive.testzip()
+    except zipfile.BadZipFile as error:
         raise ValueError(str(error)) from None
+    if damaged_member:
+        raise ValueError(f"its part {damaged_member} has changed")
 
 
-def _columns(rows: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
-    """The columns from the first filled one on, without single cells behind the table."""
-    columns = list(dropwhile(lambda cells: not _count(cells), zip(*rows, strict=True)))
-    while columns and _count(columns[-1]) < (2 if len(columns) > 2 else 1):
-        columns.pop()
-    return columns
+def _matches(text: Any, pattern: str) -> Any:
+    return pc.fill_null(pc.match_substring_regex(text, pattern), False)
 
 
-def _count(cells: Iterable[Any]) -> int:
-    return sum(cell != "" for cell in cells)  # "" is an empty one, or an error
+def _detail(detail: str) -> str:
+    """The cell that fastexcel describes where it gives no text: an error, or a time of LibreOffice.
+
+    >>> _detail("Expected string but got 'Error(Div0)'")
+    '#DIV/0!'
+    >>> _detail("Expected string but got 'DurationIso(PT26H00M01.25S)'")
+    '26:00:01.25'
+    """
+    match = _DETAIL.search(detail)
+    if match is None:
+        return ""
+    if match[1]:
+        return _ERRORS.get(match[2], f"#{match[2].upper()}!")
+    return ":".join(re.findall("[0-9]+", match[2])) + (f".{match[3]}" if match[3] else "")
 
 
-def _is_of_numbers(cells: Sequence[Any]) -> bool:
-    """Whether at least half of the cells are numbers or times, and two are."""
-    typed = sum(
-        cell != "" and (not isinstance(cell, str) or _TYPED.match(cell) is not None)
-        for cell in cells
+def _with(text: Any, rows: dict[int, str]) -> Any:
+    """The text with other cells in some rows."""
+    if not rows:
+        return text
+    mask = np.zeros(len(text), np.bool_)
+    mask[list(rows)] = True
+    return pc.replace_with_mask(text, mask, pa.array([rows[k] for k in sorted(rows)], text.type))
+
+
+def _cells(column: _Column) -> Any:
+    """The cells of a column as a text log has them, each number with all its digits."""
+    text, number, is_time = column
+    is_number = pc.and_(pc.is_valid(number), _matches(text, _NUMBER))
+    text_value = pc.cast(pc.if_else(is_number, text, None), pa.float64())
+    is_rounded = pc.and_(
+        is_number, pc.not_equal(pc.fill_null(text_value, 0.0), pc.fill_null(number, 0.0))
     )
-    return bool(typed >= max(2, _count(cells) / 2))
+    cells = pc.if_else(is_rounded, pc.cast(number, pa.string()), text)
+    return pc.if_else(is_time, _times(column), cells) if pc.any(is_time).as_py() else cells
 
 
-def _is_channel(cells: Sequence[Any]) -> bool:
-    """Whether a column of numbers is a time by its head, or has the unit of a brake log."""
-    heads = [cell for cell in cells[:_HEAD_ROWS] if isinstance(cell, str) and cell]
-    found_units = (units.unit(x) or units.unit(units.in_name(x)[1]) for x in heads)
-    is_measured = any(x is not None and x.dimension in _MEASURED for x in found_units)
-    return _is_of_numbers(cells) and (is_measured or any(time_name(x) for x in heads))
+def _times(column: _Column) -> Any:
+    """The times of a column as text: dates, times of day, or both, to the microsecond."""
+    text, number, is_time = column
+    stamps = pc.utf8_slice_codeunits(pc.replace_substring(text, "T", " "), 0, 26)
+    try:
+        t = pc.cast(pc.if_else(is_time, stamps, None), pa.timestamp("us")).cast(pa.int64())
+    except pa.ArrowInvalid:  # a text that is no date
+        return text
+    us, days = np.asarray(t.fill_null(0)), np.asarray(number.fill_null(0.0))
+    has_serial = np.asarray(pc.and_(is_time, pc.is_valid(number)))
+    whole_days = np.floor(days)
+    serial = whole_days.astype(np.int64) * _DAY + np.rint((days - whole_days) * _DAY).astype(
+        np.int64
+    )
+    # the text shows to which of Excel's two date systems the number belongs
+    us = np.where(has_serial, serial + np.rint((us - serial) / _DAY).astype(np.int64) * _DAY, us)
+    day_zero = np.where(us < _DAY_1904 * _DAY, _DAY_1899, _DAY_1904)
+    elapsed_us = np.where(has_serial, serial, us - day_zero * _DAY)
+    is_date = us >= _DAY_1906 * _DAY
+    cells = pa.array(np.where(is_date, us, elapsed_us), pa.timestamp("us")).cast(pa.string())
+    hours = pc.utf8_lpad(pc.cast(pa.array(elapsed_us // (_DAY // 24)), pa.string()), 2, "0")
+    clock = pc.binary_join_element_wise(hours, pc.utf8_slice_codeunits(cells, 13), "")
+    is_day = is_date & (us % _DAY == 0)
+    if 2 * np.count_nonzero(is_day) > np.count_nonzero(is_date & np.asarray(is_time)):
+        cells = pc.if_else(is_day, pc.utf8_slice_codeunits(cells, 0, 10), cells)
+    return pc.if_else(is_date, cells, clock)
 
 
-def _texts(cells: Sequence[Any]) -> list[str]:
-    """The cells of a column as a text log has them; times as dates, where most are whole days."""
-    days = sum(type(cell) is date for cell in cells)
-    is_day = 2 * days > sum(isinstance(cell, date) for cell in cells)
-    return [_text(cell, is_day) for cell in cells]
+def _quoted(cells: Any) -> Any:
+    """The cells without tabs and line ends; with the quotes that a text log needs."""
+    cells = pc.fill_null(cells, "")
+    if pc.any(pc.match_substring_regex(cells, r"[\t\r\n]")).as_py():
+        cells = pc.replace_substring_regex(cells, r"[\t\r\n]+", " ")
+    has_quote = pc.match_substring(cells, '"')
+    if pc.any(has_quote).as_py():
+        quotes_doubled = pc.replace_substring(cells, '"', '""')
+        cells = pc.if_else(
+            has_quote, pc.binary_join_element_wise('"', quotes_doubled, '"', ""), cells
+        )
+    return cells
 
 
-def _text(cell: Any, is_day: bool) -> str:
-    if isinstance(cell, str):
-        return re.sub(r"[\t\r\n]+", " ", cell)
-    if isinstance(cell, bool):
-        return str(cell).lower()
-    if type(cell) is date and not is_day:
-        cell = datetime(cell.year, cell.month, cell.day)
-    if isinstance(cell, datetime) and cell < _FIRST_DATE:
-        cell -= _DAY_ZERO[cell < _DAY_ZERO[0]]
-    if isinstance(cell, timedelta):
-        minutes, seconds = divmod(cell, timedelta(minutes=1))
-        return f"{minutes // 60:02d}:{minutes % 60:02d}:{seconds.total_seconds():09.6f}"
-    if isinstance(cell, time | datetime | date):
-        return str(cell)
-    return repr(cell).removesuffix(".0")
+def _lines(cells: Sequence[Any]) -> Iterator[bytes]:
+    """The rows as lines; one without a filled cell is empty."""
+    for begin in range(0, len(cells[0]), _ROWS):
+        rows = pc.binary_join_element_wise(*(c.slice(begin, _ROWS) for c in cells), "\t")
+        rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)
+        yield ("\n".join(rows.to_pylist()) + "\n").encode()
