@@ -296,6 +296,7 @@ class AxleRecord:
     true_slip: Floats | None = None  # NaN where not known
     clamping_force_step: float = 0.0  # quantisation step of K [N]
     train_speed_interval: float = 0.0  # between the train speed's own samples [s]
+    train_speed_step: float = 0.0  # quantisation step of the train speed [m/s]
     train_speed_sigma: Floats | None = None  # standard uncertainty, if it was integrated [m/s]
     # its delay, removed from the stamps [s]; None: not known
     train_speed_late: Parameter | None = None

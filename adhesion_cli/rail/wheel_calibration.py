@@ -17,7 +17,25 @@ _DRIVING_RATE = 0.1  # and largest acceleration: a driven wheel creeps [m/s²]
 _CALIBRATION_SPEED = 3.0  # least speed of a calibration, below which (2) is mostly noise [m/s]
 _SHORTEST_COASTING = 2.0  # least time of coasting for a calibration [s]
 _LARGEST_CORRECTION = 0.1  # largest correction of a wheel radius: beyond it, a unit is wrong
+_ROUNDED_SHARE = 0.3  # of the readings' spread: rounding that is more needs least squares
 _SLIDING_SHARE = 0.03  # where all axles are this far below the reference speed, all slide
+
+
+def _of_rounded(runs: Sequence[tuple[Floats, Floats]], step: float) -> tuple[float, float]:
+    """The ratio of rounded train speeds to a wheel's by least squares, and its 1 sigma.
+
+    Rounding errs by as much at each speed. Readings of one level all have one error; over n levels
+    that a train coasts through, the mean of the errors is n times smaller.
+
+    Args:
+        runs: of coasting: train speed and rim speed, each of shape (n,), [m/s].
+        step: to which the train speed is rounded [m/s].
+    """
+    squares, error = sum(float(rim @ rim) for _, rim in runs), step / math.sqrt(12.0)
+    ratio = sum(float(v @ rim) for v, rim in runs) / squares
+    means = [error * min(1.0, error / max(float(np.std(v)), 1e-9)) for v, _ in runs]
+    errors = (x * float(rim.sum()) for x, (_, rim) in zip(means, runs, strict=True))
+    return ratio, math.hypot(*errors) / squares
 
 
 def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
@@ -30,6 +48,7 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
         return None
     v, rim = record.train_speed, record.wheel_speed * radius
     ratios, delay_errors, seconds = [], [], 0.0
+    runs: list[tuple[Floats, Floats]] = []
     error_by_delay = delay_error(record, DELAY_SIGMA)
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
@@ -40,6 +59,7 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
             & (change < _DRIVING_RATE)
         )
         coasting &= (rim[s] > _CALIBRATION_SPEED) & (v[s] > _CALIBRATION_SPEED)
+        runs += [(v[s][a:b], rim[s][a:b]) for a, b in signals.true_runs(coasting)]
         ratios.append(v[s][coasting] / rim[s][coasting])
         delay_errors.append(error_by_delay[s][coasting])
         seconds += float(np.diff(t, prepend=t[0])[coasting].sum())
@@ -52,9 +72,11 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
     sigma *= signals.coverage_factor(max(seconds / max(interval, step) - 1.0, 1.0)) / Z95
     sigma /= math.sqrt(max(seconds / max(interval, 1.0), 1.0))
-    return float(np.median(ratio)), math.hypot(
-        sigma, float(np.median(np.concatenate(delay_errors)))
-    )
+    by_delay = float(np.median(np.concatenate(delay_errors)))
+    rounded_ratio, by_rounding = _of_rounded(runs, record.train_speed_step)
+    if by_rounding > _ROUNDED_SHARE * sigma:
+        return rounded_ratio, math.hypot(sigma, by_rounding, by_delay)
+    return float(np.median(ratio)), math.hypot(sigma, by_delay)
 
 
 def calibrate_radius(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Finding]]:

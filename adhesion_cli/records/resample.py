@@ -100,6 +100,7 @@ def _axle(
         true_slip=_interpolated(speed, slip)[in_segment] if slip else None,
         clamping_force_step=brake.step,
         train_speed_interval=1.0 / train.rate_hz if train and train.rate_hz else 0.0,
+        train_speed_step=train.step if train else 0.0,
         of_totals=unit is not None and to_si.is_total(unit),
         of_rim=unit is not None and to_si.is_rim(unit),
         saturated=last_value >= limit if limit is not None else None,

@@ -351,6 +351,25 @@ def test_a_wheel_is_no_other_than_stated_by_few_readings_of_the_train() -> None:
     assert 0.91 < np.mean(inside) < 0.98
 
 
+def test_a_wheel_is_no_other_than_stated_by_readings_in_whole_miles_per_hour() -> None:
+    t, random, step = np.arange(0.0, 60.0, 0.02), np.random.default_rng(7), 0.44704
+    K = np.where((t > 20.0) & (t < 40.0), 5000.0, 0.0)  # the train coasts before and after
+    inside, errors = [], []
+    for _ in range(100):
+        v = np.interp(t, [20.0, 40.0], random.uniform([10.0, 4.0], [25.0, 9.0]))
+        columns = np.round(t * 1e9).astype(np.int64), K, K, v / 0.42
+        train = np.round((v + random.normal(0.0, 0.03, len(t))) / step) * step
+        record = AxleRecord(
+            1, *columns, (slice(0, len(t)),), train_speed=train, train_speed_step=step
+        )
+        measured = wheel_calibration.calibration(record, 0.42)
+        assert measured is not None
+        errors.append(abs(measured[0] - 1.0))
+        inside.append(errors[-1] < 1.96 * measured[1])
+    assert np.mean(inside) > 0.93  # 0.05 where the readings count as independent
+    assert np.mean(errors) < 0.008
+
+
 def test_the_noise_of_the_speeds_is_not_that_of_a_train_that_stands() -> None:
     t = np.arange(0.0, 90.0, 0.02)
     true = np.maximum(20.0 - 0.8 * np.maximum(t - 3.0, 0.0), 0.0)  # stands after 28 s
