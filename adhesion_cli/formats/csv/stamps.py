@@ -38,11 +38,14 @@ def _joined(date: str, clock: str) -> str:
 DATES: dict[str, str] = {k: x for k, x in _FORMS["dates"].items() if "CLOCK" not in x}
 CLOCKS: dict[str, str] = _with_zone("clocks") | _FORMS["alone"]
 DIGITS: dict[str, str] = _FORMS["after_date"]  # a clock only beside a date or milliseconds
-STAMPS: dict[str, str] = {  # date and clock, by the name of each
-    f"{clock} {date}": _joined(_FORMS["dates"][date], pattern)
-    for date in _FORMS["dates"]
-    for clock, pattern in (_with_zone("clocks") | _with_zone("after_date")).items()
-}
+STAMPS, SHORT_STAMPS = (  # date and clock, by the name of each
+    {
+        f"{clock} {date}": _joined(_FORMS[kind][date], pattern)
+        for date in _FORMS[kind]
+        for clock, pattern in (_with_zone("clocks") | _with_zone("after_date")).items()
+    }
+    for kind in ("dates", "short_dates")
+)
 _MONTHS = {name: int(k) for k, names in _FORMS["months"].items() for name in names.split()}
 
 
@@ -88,7 +91,7 @@ def forms_of(cells: Sequence[str], forms: Mapping[str, str], order: str | None =
     return [name for name, n in count.items() if is_readable and n == largest]
 
 
-def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str] | None:
+def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str, str] | None:
     """The only form in which the log is no longer than some days, and why; None for several.
 
     With one date, all forms give the same times after the log's start.
@@ -96,6 +99,9 @@ def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str] |
     Args:
         cells: of the first rows and the last ones.
         forms: more than one, as `forms_of` names them.
+
+    Returns:
+        The form, the reason, and another form that gives another date, "" for none.
     """
     days = {name: read(cells, pattern) // _DAY for name, pattern in forms.items()}
     length = {name: int(np.ptp(numbers)) for name, numbers in days.items()}
@@ -103,11 +109,12 @@ def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str] |
         names = list(forms)
         american = re.search(r"(?i)[ap]\.?\s?m", cells[0])
         form = next((x for x in names if x.endswith("mdy") and american), names[0])
-        first_field = "month" if form.endswith("mdy") else "day"
-        return form, f"the log has one date, read with the {first_field} first"
+        first_field = {"mdy": "month", "ymd": "year"}.get(form[-3:], "day")
+        other = next((x for x in names if days[x][0] != days[form][0]), "")
+        return form, f"the log has one date, read with the {first_field} first", other
     plausible = [name for name, n in length.items() if n <= _LONGEST_LOG]
     if len(plausible) == 1:
-        return plausible[0], "the only order in which the dates are near"
+        return plausible[0], "the only order in which the dates are near", ""
     return None
 
 

@@ -24,6 +24,7 @@ from .stamps import (
     DATES,
     DIGITS,
     READABLE,
+    SHORT_STAMPS,
     STAMPS,
     decided,
     forms_of,
@@ -87,7 +88,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         text = f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})"
         raise UserError(text, search.proposal())
     search.refuse_another(clock)
-    return search.begun(clock)
+    return search.with_date(search.begun(search.counted_on(clock)))
 
 
 def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, range]]:
@@ -258,6 +259,34 @@ class _ClockSearch:
         start = int(read([f"{date} {time}"], STAMPS[forms[0]])[0])
         reason = f"{clock.reason}; start {date} {time} above the table, {TAKEN_AS_UTC}"
         return replace(clock, start=start, absolute=True, reason=reason)
+
+    def counted_on(self, clock: Clock) -> Clock:
+        """The clock; of stamps that rows share, a time in a known unit that counts on from them."""
+        dialect, stamped = self.dialect, self._joined(clock.columns)
+        if not clock.pattern or 2 * len(set(stamped)) > len(stamped):
+            return clock
+        for i, name in enumerate(dialect.names):
+            if not _rises(dialect, i) or not _says_time(dialect, i) or not self._said_unit(i):
+                continue
+            relative = self._of_numbers(i, f"column named {name!r}")
+            stamps, ok = clock.nanoseconds([pa.array(dialect.column(k)) for k in clock.columns])
+            if not relative or relative.absolute or not ok.all() or len(ok) < len(stamped):
+                continue
+            times, _ = relative.nanoseconds([pa.array(dialect.column(i))])
+            if len(times) == len(stamps) and np.ptp(apart := stamps - times) <= _S:
+                reason = f"{relative.reason}; start by {clock.reason}"
+                start = int(apart.max())  # the stamps are rounded down
+                return replace(relative, start=start, absolute=clock.absolute, reason=reason)
+        return clock
+
+    def with_date(self, clock: Clock) -> Clock:
+        """The clock; with a note where a date is lost that no form reads."""
+        for i, name in enumerate(self.dialect.names):
+            cells = self.dialect.column(i)
+            if label(name) == "date" and cells and i not in clock.columns and not clock.absolute:
+                note = Finding("date-not-read", "info", name, names={"example": cells[0][:40]})
+                return replace(clock, findings=(*clock.findings, note))
+        return clock
 
     def of_parts(self) -> Clock | None:
         """The clock of columns from year to second, or of seconds and a fraction of them."""
@@ -501,16 +530,22 @@ class _ClockSearch:
             if (k := self._partner(i, i - 1, DATES)) is not None:
                 columns = (k, i)
             else:
-                forms = CLOCKS
+                return self._beside_date(i, choice) or self._stamped(columns, CLOCKS, choice)
         return self._stamped(columns, forms, choice)
+
+    def _beside_date(self, i: int, choice: str) -> Clock | None:
+        """The clock of a time of day beside a column named as a date; None where there is none."""
+        names = self.dialect.names
+        k = next((k for k, name in enumerate(names) if k != i and label(name) == "date"), i)
+        clocks = (self._stamped((k, i), forms, choice) for forms in (STAMPS, SHORT_STAMPS))
+        return next(filter(None, clocks), None) if k != i else None
 
     def _of_digits(self, i: int, choice: str) -> Clock | None:
         """The clock of digits, HHMMSS, beside a date, or of whole seconds beside milliseconds."""
         cells, names = self.dialect.column(i), self.dialect.names
         is_clock = bool(forms_of(cells, DIGITS))
-        date = next((k for k, name in enumerate(names) if k != i and label(name) == "date"), i)
-        if is_clock and date != i and forms_of(self._joined((date, i)), STAMPS):
-            return self._stamped((date, i), STAMPS, choice)
+        if is_clock and (dated := self._beside_date(i, choice)):
+            return dated
         said = self._said_unit(i)
         pattern = DIGITS["digits"] if is_clock and not said else "(?P<S>[0-9]{1,10})"
         columns, pattern = self._with_fraction((i,), pattern)
@@ -534,19 +569,33 @@ class _ClockSearch:
         form_names = forms_of(self._joined(columns), forms, self.unit)
         if not form_names:
             return None
-        form, order = self._order(columns, form_names, forms)
+        form, order, other = self._order(columns, form_names, forms)
         names = " + ".join(repr(dialect.names[k]) for k in columns)
         reason = f"{choice}; time of day in {names}, without a date"
         pattern = with_counted_fraction(self._joined(columns), forms[form])
-        if forms is STAMPS:
+        is_dated = forms is not CLOCKS
+        if is_dated:
             matches = (re.fullmatch(pattern, c) for c in self._joined(columns))
             is_zoned = all(m.groupdict().get("z") for m in matches if m)
             zone = "" if is_zoned else f"; {TAKEN_AS_UTC} where no zone is stated"
             date = form.split()[1].replace("yymd", "ymd")
             reason = f"{choice}; date and time in {names} ({date}{order}{zone})"
+        notes = self._dates(columns[0], form, other) if other else ()
         columns, pattern = self._with_fraction(columns, pattern)
-        is_dated = forms is STAMPS
-        return Clock(columns, "", pattern, dialect.decimal, is_dated, reason)
+        return Clock(columns, "", pattern, dialect.decimal, is_dated, reason, notes)
+
+    def _dates(self, i: int, form: str, other: str) -> tuple[Finding, ...]:
+        """The note that a date may be another one."""
+        taken_order, other_order = (
+            _ORDERS.get(x.split()[1], "year/month/day") for x in (form, other)
+        )
+        names = {
+            "example": self.dialect.column(i)[0],
+            "taken": taken_order,
+            "other": other_order,
+            "option": toml.option(f"channels.time.unit = {toml.quoted(other[-3:])}"),
+        }
+        return (Finding("date-order-guessed", "info", self.dialect.names[i], names=names),)
 
     def _with_fraction(self, columns: tuple[int, ...], pattern: str) -> tuple[tuple[int, ...], str]:
         """The columns and pattern of stamps; with a column of their milliseconds, if there is one.
@@ -570,8 +619,8 @@ class _ClockSearch:
 
     def _order(
         self, columns: Sequence[int], names: list[str], forms: Mapping[str, str]
-    ) -> tuple[str, str]:
-        """The form of the stamps in these columns, and what decided between several.
+    ) -> tuple[str, str, str]:
+        """The form of the stamps in these columns, what decided between several, and another.
 
         Raises:
             UserError: where nothing does.
@@ -582,9 +631,9 @@ class _ClockSearch:
             cells += [" ".join(row) for row in rows if not any(map(is_null, row))]
             names = [name for name in forms_of(cells, forms, self.unit) if name in names] or names
         if len(names) < 2:
-            return names[0], ""
+            return names[0], "", ""
         if decided_form := decided(cells, {name: forms[name] for name in names}):
-            return decided_form[0], f": {decided_form[1]}"
+            return decided_form[0], f": {decided_form[1]}", decided_form[2]
         column, dates = self.dialect.names[columns[0]], [name.split()[-1] for name in names]
         alternatives = " or ".join(toml.quoted(date[-3:]) for date in dates[1:])
         readings = " or ".join(_ORDERS.get(date, date) for date in dates)

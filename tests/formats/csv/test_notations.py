@@ -236,6 +236,51 @@ def test_gps_time_is_no_unix_time(
         assert not [f for f in other.findings if f.code == "time-gps"]
 
 
+@pytest.mark.parametrize(
+    ("date", "clock", "day", "other"),
+    [
+        ("241126", "101500.{:02d}", "2026-11-24", "2024-11-26"),
+        ("261124", "10:15:00.{:02d}", "2024-11-26", "2026-11-24"),
+        ("113126", "101500.{:02d}", None, ""),
+        ("112426", "101500.{:02d}", "2026-11-24", ""),
+        ("10/11/2026", "10:15:00.{:02d}", "2026-11-10", "2026-10-11"),
+        ("11/11/2026", "10:15:00.{:02d}", "2026-11-11", ""),
+        ("24/11/2026", "10:15:00.{:02d}", "2026-11-24", ""),
+        ("week 48", "10:15:00.{:02d}", None, ""),
+    ],
+)
+def test_a_date_in_few_digits_is_read_and_another_order_is_named(
+    tmp_path: Path, date: str, clock: str, day: str | None, other: str
+) -> None:
+    rows = (f"{date};{clock.format(k)};{k % 7}\n" for k in range(100))
+    text = "Date;Time;p [bar]\n" + "".join(rows)
+    source, (*_, p) = numbers_of(tmp_path / "a.csv", text)
+    codes = {f.code: f for f in source.findings}
+    assert ("date-not-read" in codes) is (day is None)
+    assert ("date-order-guessed" in codes) is bool(other)
+    assert source.absolute is (day is not None)
+    if day:
+        assert str(p.t[0].astype("datetime64[ns]")) == f"{day}T10:15:00.000000000"
+    assert np.ptp(p.t) == 990_000_000
+    if other:  # as the hint states it
+        stated = settings.load(assignments=pasted(codes["date-order-guessed"].hint), folder=False)
+        source, (*_, p) = numbers_of(tmp_path / "a.csv", text, stated.read)
+        assert str(p.t[0].astype("datetime64[ns]"))[:10] == other
+        assert not [f for f in source.findings if f.code == "date-order-guessed"]
+
+
+def test_a_fine_time_counts_on_from_coarse_stamps(tmp_path: Path) -> None:
+    elapsed = np.cumsum(np.random.default_rng(4).choice([0.02, 0.05, 0.31], 400)).round(2)
+    stamps = np.datetime64("2026-11-24T10:15:00") + elapsed.astype("timedelta64[s]")
+    rows = (f"{t};{e:.2f};{k % 7}\n" for k, (t, e) in enumerate(zip(stamps, elapsed, strict=True)))
+    text = "Time;Elapsed [s];p [bar]\n" + "".join(rows)
+    source, (*_, p) = numbers_of(tmp_path / "a.csv", text)
+    begin = np.datetime64("2026-11-24T10:15:00", "ns").astype(np.int64)
+    assert np.abs(p.t - begin - np.rint(elapsed * 1e9)).max() <= 50_000_000
+    assert np.array_equal(np.diff(p.t), np.rint(np.diff(elapsed) * 1e9))
+    assert source.absolute
+
+
 def test_unix_time_of_today_has_no_note_on_gps(tmp_path: Path) -> None:
     text = "time [s],p [bar]\n" + "".join(f"{1795515300 + k / 10},{k % 7}\n" for k in range(200))
     source, _ = numbers_of(tmp_path / "a.csv", text)
