@@ -5,13 +5,15 @@ brake. `train.brake_line` reads it from the log alone. Then
 
 | stated | and the log | the vehicle is |
 |---|---|---|
-| the brake, or nothing | agrees | the posterior of stated tolerances and log |
+| the brake, part of it, or nothing | agrees | the posterior of stated tolerances and log |
 | the brake | differs by more than 4 sigma | the stated one, and `vehicle-suspect` says so |
 | the brake | slows more, and not by the pressure | the stated one, and `other-brake` says so |
-| nothing | differs from the default by more than 3 sigma | the log's, by any brake |
-| nothing | shows no brake | not known: the log has no adhesion in newtons or as µ |
+| part or nothing | differs by more than 3 sigma | the log's, by any brake |
+| part or nothing | shows no brake | not known: the log has no adhesion in newtons or as µ |
 
-A parameter without tolerance never moves. `[analysis] vehicle = "stated"` keeps the stated one.
+The brake is stated where all is that scales its force per mass: `Settings.unstated_brake`. Parts
+that nobody stated are those of the default vehicle, or the log's. A parameter without tolerance
+never moves. `[analysis] vehicle = "stated"` keeps the stated one.
 
 Sources: JCGM 102, 6.2; `reference.calibrated_vehicle`.
 """
@@ -62,7 +64,7 @@ _DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
 _DOUBT_SIGMAS = 2.0  # from which what is stated is in doubt
 _STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
 _ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
-_MASS = Parameter(12e3, 3e3)  # of an axle, where it is not stated [kg]
+_MASS = Parameter(12e3, 5.4e3)  # of an axle not stated; the heaviest ones have 22.5 t [kg]
 _FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
 _FADE_SIGMAS = 2.0  # from which a fitted fade is not zero
 _LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
@@ -122,7 +124,7 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
     """
     logs, mean = as_equal_axles(logs, settings)
     identified = _identify(logs, replace(settings, vehicle=mean))
-    if not settings.stated & {"friction_fade", "friction_table"}:
+    if "friction_fade" not in settings.stated and not mean.friction_table:
         identified = _with_friction_change(identified, mean)
     return of_all_axles(identified, mean, settings.vehicle, logs[0].numbers[0])
 
@@ -213,13 +215,14 @@ def find_prior(
     nothing is known but the line. Arguments as of `identify`.
     """
     setting, vehicle = _setting(logs, settings), settings.vehicle
-    is_stated = settings.states_brake(setting.by_pressure)
-    source: VehicleSource = "stated" if is_stated else "default"
+    unstated = settings.unstated_brake(setting.by_pressure)
+    source: VehicleSource = "default" if unstated else "stated"
+    unstated = unstated if settings.stated else ()
     force = force_per_bar(vehicle) if setting.by_pressure else None
     if settings.analysis.vehicle == "stated":  # by the user, or a result that carries its vehicle
         source = "stated" if vehicle != Vehicle() else source
         return IdentifiedVehicle(vehicle, source, force, force), {}
-    prior = IdentifiedVehicle(vehicle, source, force, force)
+    prior = IdentifiedVehicle(vehicle, source, force, force, unstated=unstated)
     lines = {i: line for i, log in enumerate(logs) if (line := _find_line(log, settings))}
     mixed = tuple(logs[i].path for i, line in lines.items() if line.mixed)
     if mixed and len(mixed) < len(lines):  # the others show the brake without another one
@@ -399,7 +402,7 @@ def _any_vehicle(
     correlation = []
     if "axle_mass" not in stated:
         changed["axle_mass"] = _MASS
-    if "friction_fade" not in stated:
+    if "friction_fade" not in stated and not vehicle.friction_table:
         changed["friction_fade"] = _FADE
     mass, R = changed.get("axle_mass", vehicle.axle_mass), vehicle.radius(1).value
     if "wheelset_inertia" not in stated:

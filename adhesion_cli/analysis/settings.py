@@ -93,8 +93,10 @@ MEANINGS = _SPEED | _BY_NAME  # the meaning of each key of [channels]
 
 
 VEHICLE_USES = ("log", "stated")
-# parameters of the brake
-BRAKE = ("friction", *CHAIN, "cylinder_diameter", "spring_force")
+# Parameters that scale the force per mass by K, and those that do by pressure as well. The others
+# are alike in all vehicles, or have little weight.
+_BY_FORCE = ("friction", "axle_mass")
+_BY_PRESSURE = (*(name for name in CHAIN if name != "efficiency"), "cylinder_diameter")
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +155,10 @@ class Settings:
         names = {name for table in every for name in table} - {"axles"}
         return frozenset(names | ({"axle_mass"} if "load" in names else set()))
 
-    def states_brake(self, by_pressure: bool) -> bool:
-        """Whether any of the brake is stated; only the friction counts where K is logged."""
-        return bool(self.stated & set(BRAKE if by_pressure else BRAKE[:1]))
+    def unstated_brake(self, by_pressure: bool) -> tuple[str, ...]:
+        """The parameters that scale the force per mass, and that nobody stated."""
+        names = (*_BY_FORCE, *(_BY_PRESSURE if by_pressure else ()))
+        return tuple(name for name in names if name not in self.stated)
 
     def over(self, carried: Tables) -> "Settings":
         """These settings over those that a result file carries.

@@ -51,6 +51,9 @@ def find_vehicle_findings(
         names = {"reason": "Train decelerates more than the pressure explains"}
         findings.append(Finding("other-brake", "warning", values=values, names=names))
     findings += log.other_brakes
+    if identified.unstated and (identified.source == "log" or not identified.known):
+        names = {"unstated": ", ".join(identified.unstated)}
+        findings.append(Finding("vehicle-incomplete", "warning", names=names))
     if not identified.known:
         findings.append(Finding("vehicle-unknown", "warning"))
     if identified.factor is not None and not identified.other_brake:
@@ -98,7 +101,7 @@ def diagnose_with(
 
 def live_findings(settings: Settings, by_pressure: bool) -> list[Finding]:
     """What must be said of the vehicle where there is no log to find its brake in."""
-    needed = [] if settings.states_brake(by_pressure) else [Finding("vehicle-needed", "warning")]
+    needed = [Finding("vehicle-needed", "warning")] if settings.unstated_brake(by_pressure) else []
     return needed + default_parameters(settings, by_pressure)
 
 

@@ -570,6 +570,7 @@ class IdentifiedVehicle:
     other_brake: bool = False  # whether a brake without a pressure in the logs slows the train, too
     mean_axle: tuple[Vehicle, Vehicle] | None = None  # as stated, and as identified
     cars: tuple[CarBrake, ...] = ()  # as stated; empty where K is logged
+    unstated: tuple[str, ...] = ()  # parameters that scale the brake, where others are stated
 
 
 class LogBrake(NamedTuple):

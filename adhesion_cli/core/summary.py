@@ -354,6 +354,10 @@ class VehicleSummary:
     cars: Annotated[
         tuple[CarSummary, ...], Quantity("", "the brake of each car as stated; none with K")
     ] = ()
+    unstated: Annotated[
+        tuple[str, ...],
+        Quantity("", "parameters that scale the brake and lack, where others are stated"),
+    ] = ()
 
 
 class AxleSummary(NamedTuple):
@@ -536,4 +540,5 @@ def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
             )
             for c in x.cars
         ),
+        x.unstated,
     )

@@ -202,9 +202,10 @@ def _coefficient(
     force: MeanAndHighest, weight: float, vehicle: Vehicle, together: float
 ) -> MeanAndHighest:
     """A force over the weight of the axle; `together` is from `_mass`."""
+    per_force = together / force.mean if force.mean else 0.0  # a share of the brake force
 
     def half_width(x: float, u95: float) -> float:
-        return budget.coefficient_u95(u95, x, vehicle, together) / weight
+        return budget.coefficient_u95(u95, x, vehicle, per_force * x) / weight
 
     return MeanAndHighest(
         force.mean / weight,

@@ -8,8 +8,8 @@ from ..core.model import Z95, LogBrake
 from ..core.summary import AxleSummary, CarSummary, ResultSummary, VehicleSummary
 
 _UNKNOWN = (
-    "Vehicle: not stated, and the log cannot show its brake. Adhesion force and µ are not known. "
-    "State the vehicle with -c FILE.toml."
+    "Vehicle: {stated}, and the log cannot show its brake. Adhesion force and µ are not known. "
+    "State the {whole}vehicle with -c FILE.toml."
 )
 _MOST_CARS = 4  # that the line names one by one
 
@@ -31,8 +31,10 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         vehicle: that was used.
         axles: of the result, whose µ has an uncertainty.
     """
+    stated = "stated in part" if vehicle.unstated else "not stated"
+    whole = "whole " if vehicle.unstated else ""
     if not vehicle.known:
-        return _UNKNOWN
+        return _UNKNOWN.format(stated=stated, whole=whole)
     evidence = _evidence(vehicle)
     if vehicle.source == "log":
         shares = [
@@ -43,11 +45,11 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         ]
         accuracy = f", µ ± {np.median(shares):.0f} %" if shares else ""
         return (
-            "Vehicle: not stated. Its brake force per mass is found from "
-            f"{evidence}{accuracy}. State the vehicle (-c FILE.toml) for newtons and a narrower "
-            "band."
+            f"Vehicle: {stated}. Its brake force per mass is found from {evidence}{accuracy}. "
+            f"State the {whole}vehicle (-c FILE.toml) for newtons and a narrower band."
         )
-    words = "as stated" if vehicle.source == "stated" else "not stated, the default one"
+    rest = ", the rest by default" if vehicle.unstated else ", the default one"
+    words = "as stated" if vehicle.source == "stated" else stated + rest
     stated, used = _brakes(vehicle.cars), _force(vehicle.force_per_bar_n, vehicle.u95)
     if vehicle.other_brake:
         return (

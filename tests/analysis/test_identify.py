@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from helpers import simulated
 from helpers.commands import Run
-from helpers.vehicle_logs import STATED, blended_log, log, true
+from helpers.vehicle_logs import STATED, WHOLE, blended_log, log, true
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.identify import identify_together
+from adhesion_cli.analysis.stated_friction import friction_table
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Parameter, Result, Vehicle, quantities
-from adhesion_cli.core.physics import G, force_line, wheelset
+from adhesion_cli.core.physics import G, force_line, friction_share, wheelset
 from adhesion_cli.core.summary import MeanAndHighest
 from adhesion_cli.results.vehicle_text import describe_vehicle
 from adhesion_cli.studies.calibrate import calibrate
@@ -27,7 +28,7 @@ METRO = replace(
     Vehicle(), lever_ratio=Parameter(8.0, 0.0), axle_mass=Parameter(14e3, 0.0),
     spring_force=Parameter(600.0, 0.0),
 )  # fmt: skip
-STATEMENT = {"friction": 0.3, "lever_ratio": 2.4}
+STATEMENT = {**WHOLE, "lever_ratio": 2.4}
 
 
 def run(path: Path, vehicle: dict[str, object] | None = None, **sections: object) -> Result:
@@ -117,7 +118,7 @@ def test_a_stated_vehicle_that_the_log_contradicts_stays_and_is_the_first_findin
 
 
 # Of the force per bar that the stop at 2.2 bar shows: what engineers would state.
-BLENDED = {"friction": 0.3, "lever_ratio": 4.0, "axle_mass": 12e3, "spring_force": 200}
+BLENDED = {**WHOLE, "lever_ratio": 4.0, "axle_mass": 12e3, "spring_force": 200}
 
 
 @pytest.mark.parametrize("stated", [None, BLENDED])
@@ -177,6 +178,37 @@ def test_stated_parts_are_kept_where_the_brake_is_not_stated(tmp_path: Path) -> 
     force = summarise(result, {}).axles[0].applications[0].force_n
     assert force
     assert force.mean_u95 < 0.25 * force.mean
+
+
+IRON = {"speed": [0.0, 4.0, 10.0, 20.0, 45.0], "value": [0.26, 0.17, 0.13, 0.1, 0.08]}
+
+
+def test_a_friction_over_speed_alone_takes_its_level_from_the_log(tmp_path: Path) -> None:
+    """The rest of the vehicle is nobody's: the paper's would give a tenth of the force."""
+    (friction, table), loaded = friction_table({**IRON, "tolerance": 0.05}), Parameter(18e3, 0.0)
+    iron = replace(METRO, friction=friction, friction_table=table, axle_mass=loaded)
+    path = log(tmp_path / "log.csv", iron, applications=5)
+    result = run(path, {"friction": {**IRON, "tolerance": 0.1}})
+    assert (result.identified.source, first(result).code) == ("log", "vehicle-incomplete")
+    assert "axle_mass" in first(result).names["unstated"]
+    assert result.vehicle.friction_table
+    assert "stated in part" in describe_vehicle(summarise(result, {}).vehicle)
+    (axle,) = result.axles
+    w, line, record = wheelset(iron, 1), force_line(iron), axle.record
+    assert record.pressure is not None
+    K = np.maximum(line.per_pascal * record.pressure - line.at_zero, 0.0)
+    rim = record.wheel_speed * w.radius
+    force = w.rolling * w.phi * K * friction_share(rim, K, iron)
+    applications = summarise(result, {}).axles[0].applications
+    for s, a in zip(axle.applications, applications, strict=True):
+        c, newtons = a.coefficient, a.force_n
+        assert c
+        assert newtons
+        mean = float(np.mean(force[s][np.isfinite(axle.reference.force[s])]))
+        assert c.mean == pytest.approx(mean / w.mass / G, abs=c.mean_u95)
+        assert c.mean_u95 < 0.25 * c.mean
+        assert newtons.mean == pytest.approx(mean, abs=newtons.mean_u95)  # 18 t are in the band
+        assert c.max_u95 < 0.3 * c.max  # the mass has no part in µ
 
 
 def test_without_a_brake_in_the_log_nothing_is_known(run_in: Run, tmp_path: Path) -> None:
@@ -260,7 +292,7 @@ def test_the_line_says_what_is_known(tmp_path: Path) -> None:
         lines.append(describe_vehicle(summary.vehicle, summary.axles))
     assert "3 brake applications of this log" in lines[0]
     assert "not known" in lines[1]
-    stated = summarise(run(paths[0], {"friction": 0.3, "lever_ratio": 8.0, "axle_mass": 14e3}), {})
+    stated = summarise(run(paths[0], {**WHOLE, "lever_ratio": 8.0, "axle_mass": 14e3}), {})
     kilonewtons = 0.3 * 1e5 * force_line(METRO).per_pascal / 1e3
     assert f"{kilonewtons:.3g} kN" in describe_vehicle(stated.vehicle, stated.axles)
 

@@ -11,6 +11,7 @@ from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Result
 from helpers import simulated
 from helpers.simulated import Recordings
+from helpers.vehicle_logs import WHOLE
 
 # What good logs of the scenarios are accused of, with reason.
 TRUE = {
@@ -51,7 +52,7 @@ CODES = {
 
 
 DEFAULT = settings.load()
-STATED = settings.load(None, ["vehicle.friction=0.3"])  # the same vehicle, as somebody states it
+STATED = settings.load({"vehicle": WHOLE})  # the same vehicle, as somebody states it
 
 
 VEHICLES = {

@@ -9,6 +9,13 @@ from adhesion_cli.core.model import Parameter, Vehicle
 from adhesion_cli.core.physics import G, braked, clamping_force, friction_share, wheelset
 
 STATED = replace(Vehicle(), lever_ratio=Parameter(2.4, 0.0))
+# Everything that scales the brake, of the default vehicle, as somebody states it.
+WHOLE: dict[str, object] = {
+    name: getattr(Vehicle(), name).value
+    for name in (
+        "friction", "axle_mass", "discs", "lever_ratio", "radius_ratio", "cylinder_diameter",
+    )
+}  # fmt: skip
 
 
 def true(friction: float = 1.0, mass: float = 1.0, **more: Parameter) -> Vehicle:
