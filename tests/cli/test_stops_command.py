@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from helpers.commands import Run
 from helpers.pages import figures
+from helpers.vehicle_logs import WHOLE
 
 from adhesion_cli.core import bundled
 from adhesion_cli.results.report.protocol import FIELDS
@@ -110,7 +111,9 @@ def test_a_stop_whose_log_contradicts_its_vehicle_says_so_in_json_and_table(
     run: Run, tmp_path: Path
 ) -> None:
     log = str(SAMPLES / "service-brake.csv")
-    done = run("stops", log, "--set", "vehicle.phi=0.15", "--json", "-o", "out")
+    values = {**WHOLE, "friction": 0.15}
+    stated = [text for name, x in values.items() for text in ("--set", f"vehicle.{name}={x}")]
+    done = run("stops", log, *stated, "--json", "-o", "out")
     (stop,) = json.loads(done.stdout)["stops"]
     assert stop["vehicle_in_doubt"] is True
     (row,) = csv.DictReader((tmp_path / "out" / "stops.csv").read_text().splitlines())
