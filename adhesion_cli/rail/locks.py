@@ -7,6 +7,7 @@ import numpy as np
 from ..core.model import AxleRecord, Floats
 from ..core.physics import SLOW, STANDING
 from ..core.signals import true_runs
+from .speed_errors import CLEAR_SIGMAS, speed_error
 
 SHORTEST_LOCK = 0.4  # a wheel that stands for a shorter time is not locked [s]
 
@@ -44,7 +45,7 @@ def find_locks(t: Floats, v: Floats, rim: Floats, limits: LockLimits) -> list[Lo
 
 
 def locks_of_axle(record: AxleRecord, radius: float, limits: LockLimits) -> list[Lock]:
-    """The locks of an axle; none reaches across its segments.
+    """The locks of an axle; none reaches across its segments, none is an error of the train speed.
 
     Args:
         record: of the axle.
@@ -53,11 +54,13 @@ def locks_of_axle(record: AxleRecord, radius: float, limits: LockLimits) -> list
     """
     if record.train_speed is None:
         return []
+    with np.errstate(invalid="ignore"):  # a train that stands has no slip, nor an error of it
+        least_speed = record.train_speed * (1.0 - CLEAR_SIGMAS * speed_error(record))
     locks = []
     for s in record.segments:
         seconds: Floats = (record.t[s] - record.t[s.start]) * np.float64(1e-9)
         rim = record.wheel_speed[s] * radius
-        for x in find_locks(seconds, record.train_speed[s], rim, limits):
+        for x in find_locks(seconds, least_speed[s], rim, limits):
             samples = slice(s.start + x.samples.start, s.start + x.samples.stop)
             locks.append(x._replace(samples=samples))
     return locks

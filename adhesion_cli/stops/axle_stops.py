@@ -26,14 +26,15 @@ def axle_stops(
         slip = locked = longest = bands = None
         if axle in signals.rims:
             rim = signals.rims[axle].cut(command, braking.stop)
-            v = signals.speed.interpolated(rim.t)
+            v, least_v = signals.speed.interpolated(rim.t), signals.least_speed(rim.t)
+            v = v if signals.knows_delay else least_v
             has_slip = np.isfinite(v) & np.isfinite(rim.value) & (v > WORKING)
             slips = 1.0 - rim.value[has_slip] / v[has_slip]
             if len(slips):
                 slip = float(np.max(median_of_five(slips)))
                 shares, _ = np.histogram(slips, [-np.inf, *SLIP_BANDS])
                 bands = tuple((shares / len(slips)).tolist())
-            locks = [x.duration for x in find_locks(rim.t, v, rim.value, settings.locks)]
+            locks = [x.duration for x in find_locks(rim.t, least_v, rim.value, settings.locks)]
             locked, longest = sum(locks, 0.0), max(locks, default=0.0)
             slip = 1.0 if locks else slip
         actions, vented = 0, None

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
 from ..core.signals import in_order, median_of_five
+from ..rail.speed_errors import CLEAR_SIGMAS, has_slow_receiver
 
 SpeedSource = Literal["train", "axles"]
 _FAST = 0.25  # a train speed with longer intervals gets its shape from the wheels [s]
@@ -55,6 +56,12 @@ class StopSignals(NamedTuple):
     reservoir: TimeSeries | None = None  # pressure [Pa]
     by_pressure: bool = True  # whether `brakes` are pressures
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
+    knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
+
+    def least_speed(self, t: Floats) -> Floats:
+        """The least speed [m/s] of a braked train at times t, by its possible delay; (m,)."""
+        later: Floats = np.minimum(t + CLEAR_SIGMAS * self.delay_sigma, self.speed.t[-1])
+        return np.minimum(self.speed.interpolated(t), self.speed.interpolated(later))
 
 
 def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> StopSignals:
@@ -93,7 +100,11 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     source: SpeedSource = "train" if measured else "axles"
     signals = StopSignals(train, source, scale, delay_sigma, rims, brakes, _commands(log))
     by_pressure = not any(_by_force(r) for r in records)
-    signals = signals._replace(by_pressure=by_pressure, is_coarse=is_coarse)
+    signals = signals._replace(
+        by_pressure=by_pressure,
+        is_coarse=is_coarse,
+        knows_delay=not (measured and has_slow_receiver(base)),
+    )
     return _with_states(signals, log)
 
 

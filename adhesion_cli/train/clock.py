@@ -15,6 +15,11 @@ axles fit. Slides that a controller repeats all along fit as well. They need a q
 has, or a c that the wheels do not show without brake, and then nothing is reported. The error of τ
 follows from the curvature of what is left. The noise of the train speed is slow and the same for
 every axle.
+
+Where all wheels slide all along, wheel-slide protection lets them come back to the train's speed
+again and again. Then only the moment of each two seconds counts at which a wheel is nearest to the
+train, with c_i from the time without brake. What is left there is a slip κ of 0 to 3 %. Its error
+κ v falls with the speed, that of a delay does not: T(t + τ) − (1 + c_i) ωR = κ ωR.
 """
 
 import math
@@ -39,12 +44,15 @@ _NO_CREEP = 3.0  # sigma of q: a fit farther off is one of slides
 _SLOWING = 0.2  # a train that does is braked [m/s²]
 _SLIDE_MARGIN = 1.0  # before and behind a slide creep is no straight line of force [s]
 _SHORTEST_ROLLING = 3.0  # shortest rolling of a braked wheel [s]
+_RETURN_SLIP = 0.008, 0.008  # κ and its 1 sigma [-]
+_RETURN_TIME = 2.0  # within it some wheel comes back to the train's speed, where all slide [s]
 _SHARE = 0.5  # and for this share of the braking
 # of the time that the best axle rolls: an axle that rolls less does not count
 _ROLLING_SHARE = 0.85
 _NOISE_TIME = 1.5  # a receiver's noise is as slow as this, or as three of its samples [s]
 # 1 sigma of τ by creep that does not go with the force; with more, unknown [s]
 _DELAY_SIGMAS = 0.015, 0.2
+_RETURN_DELAY_SIGMAS = 0.05, 0.2  # the same by returns, whose slip is not quite a share of speed
 _OFFSET_SIGMAS = 0.05, 0.3  # the same two of o: by what a slow wheel's sensor leaves out [m/s]
 _CERTAIN = 3.0  # sigma from zero is an offset
 # nearest other τ or o [s, m/s], and its loss over the best one's
@@ -67,6 +75,7 @@ class _ClockSamples(NamedTuple):
     fast: Bools  # where it is not slow for its axle (axles, n)
     by_radius: Floats  # factor of c, 0 where not known (axles, n)
     by_creep: Floats  # factor of q, likewise
+    creepage: tuple[float, float] = _CREEPAGE  # q and its 1 sigma
 
     def select(self, axles: Bools) -> "_ClockSamples":
         """Those of some axles."""
@@ -121,7 +130,20 @@ def compare_clocks(g: Grid, interval: float, resolution: float = 0.0) -> ClockOf
     s = _samples(
         g, sample_t, stride, noise, max(1.0, max(_NOISE_TIME, 3.0 * interval) / (g.step * stride))
     )
-    delay = _likeliest(s, _TAUS, read_train, *_DELAY_SIGMAS)
+    clocks = _compare(s, read_train, resolution)
+    if clocks.delay or clocks.offset:
+        return clocks
+    return ClockOffset(_compare_returns(s, read_train, resolution))
+
+
+def _compare(
+    s: _ClockSamples,
+    read_train: Callable[[float], Floats],
+    resolution: float,
+    delay_sigmas: tuple[float, float] = _DELAY_SIGMAS,
+) -> ClockOffset:
+    """The offset that some samples show, by the train speed at each delay."""
+    delay = _likeliest(s, _TAUS, read_train, *delay_sigmas)
     train_speed = read_train(0.0)
     offset = _likeliest(s, _OFFSETS, lambda o: train_speed - o, *_OFFSET_SIGMAS)
     clear_delay = delay.value if delay and delay.clear else None
@@ -132,6 +154,50 @@ def compare_clocks(g: Grid, interval: float, resolution: float = 0.0) -> ClockOf
         return ClockOffset(None, sure_offset if offset.clear else None)
     both_fit = clear_delay and _CLEAR_RATIO * delay.loss > offset.loss
     return ClockOffset(clear_delay, sure_offset if both_fit else None)
+
+
+def _compare_returns(
+    s: _ClockSamples, read_train: Callable[[float], Floats], resolution: float
+) -> Parameter | None:
+    """The delay by one wheel in place of all: the nearest to the train within each two seconds.
+
+    None where it is not clear, or no axle has a time without brake.
+    """
+    train = read_train(0.0)
+    coasting = s.usable & s.released & ~s.train_slows & np.isfinite(train)
+    known = coasting.sum(axis=1) >= FEWEST
+    if not known.any():
+        return None
+    s, ratios = (
+        s.select(known),
+        np.where(coasting[known], train / np.maximum(s.rim[known], CRAWL), np.nan),
+    )
+    rim = s.rim * np.nanmedian(ratios, axis=1, keepdims=True)
+    gap = np.where(s.usable & np.isfinite(train), train - rim, math.inf)
+    width = max(1, round(_RETURN_TIME / (s.t[1] - s.t[0])))
+    starts = np.arange(0, len(train) - width + 1, width)
+    places = starts + gap.min(axis=0)[: len(starts) * width].reshape(-1, width).argmin(axis=1)
+    axles = gap[:, places].argmin(axis=0)
+    nearest, usable, train_slows = (
+        rim[axles, places],
+        s.usable[axles, places],
+        s.train_slows[places],
+    )
+    returns = s._replace(
+        t=s.t[starts],
+        rim=nearest[None],
+        released=s.released[axles, places][None],
+        train_slows=train_slows,
+        correlated=max(1.0, s.correlated / width),
+        usable=usable[None],
+        fast=s.fast[axles, places][None],
+        by_radius=np.zeros((1, len(starts))),
+        by_creep=np.where(usable & train_slows, nearest, 0.0)[None],
+        creepage=_RETURN_SLIP,
+    )
+    return _compare(
+        returns, lambda tau: read_train(tau)[places], resolution, _RETURN_DELAY_SIGMAS
+    ).delay
 
 
 def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -> _ClockSamples:
@@ -196,7 +262,7 @@ def _likeliest(
     loss = float(f.loss)
     sigma = math.hypot(math.sqrt(loss / (bend * telling)), model_sigma)
     rolling = s.released & np.isfinite(speed_by(value)) & (s.rim > CRAWL)
-    slides = abs(f.x[-1] - _CREEPAGE[0]) > _NO_CREEP * _CREEPAGE[1]
+    slides = abs(f.x[-1] - s.creepage[0]) > _NO_CREEP * s.creepage[1]
     slides |= 2 * f.rolling[rolling].sum() < rolling.sum()
     other_losses = losses[np.abs(candidates - value) > _SEPARATION]
     clear = not (other_losses.min() < _LOSS_RATIO * losses[place] or slides or sigma > unknown)
@@ -229,7 +295,7 @@ def _start(s: _ClockSamples, v: Floats) -> Floats:
     c = np.where(
         count > 0, ratio_below + (place - lower[..., 0]) * (ratio_above - ratio_below) - 1.0, 0.0
     )
-    x = np.append(c, np.full((len(v), 1), _CREEPAGE[0]), axis=-1)
+    x = np.append(c, np.full((len(v), 1), s.creepage[0]), axis=-1)
     inside: Floats = np.clip(x, -3.0 * _WORN, 3.0 * _WORN)
     return inside
 
@@ -276,8 +342,8 @@ def _solved(s: _ClockSamples, rolling: Bools, d: Floats) -> Floats:
         Shape (m, axles + 1).
     """
     k, c, q = len(s.rim), s.by_radius * rolling, s.by_creep * rolling
-    expected = np.append(np.zeros(k), _CREEPAGE[0])
-    weights = (s.noise / np.array([*([_WORN] * k), _CREEPAGE[1]])) ** 2  # as numbers of samples
+    expected = np.append(np.zeros(k), s.creepage[0])
+    weights = (s.noise / np.array([*([_WORN] * k), s.creepage[1]])) ** 2  # as numbers of samples
     A, axle_index = np.zeros((len(d), k + 1, k + 1)), np.arange(k)
     A[:, axle_index, axle_index] = (c * c).sum(axis=-1)
     A[:, k, k] = (q * q).sum(axis=(1, 2))

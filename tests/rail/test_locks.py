@@ -1,9 +1,11 @@
 """Locks: a wheel that stands while the train is fast, and not only in the last metres."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from adhesion_cli.core.model import AxleRecord
+from adhesion_cli.core.model import AxleRecord, Parameter
 from adhesion_cli.rail.locks import LockLimits, find_locks, locks_of_axle
 
 T = np.arange(0.0, 40.0, 0.01)
@@ -41,3 +43,15 @@ def test_no_lock_reaches_across_segments_or_is_known_without_a_train_speed() -> 
     assert [x.samples for x in locks] == [slice(1000, 1100), slice(1100, 1200)]
     unknown = AxleRecord(1, t, K, K, stands(10.0, 12.0) / 0.5, parts)
     assert not locks_of_axle(unknown, 0.5, LIMITS)
+
+
+def test_a_standing_wheel_is_not_locked_where_a_slow_receiver_may_be_late() -> None:
+    t, K = (T * 1e9).astype(np.int64), np.full(len(T), 1e4)
+    late_v = np.minimum(V + 1.0, 20.0)  # by two seconds
+    record = AxleRecord(
+        1, t, K, K, stands(37.0, 40.0) / 0.5, (slice(0, len(T)),), train_speed=late_v
+    )
+    assert len(locks_of_axle(record, 0.5, LIMITS)) == 1
+    slow = replace(record, train_speed_interval=1.0)
+    assert not locks_of_axle(slow, 0.5, LIMITS)
+    assert locks_of_axle(replace(slow, train_speed_late=Parameter(0.0, 0.05)), 0.5, LIMITS)

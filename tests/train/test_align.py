@@ -73,3 +73,31 @@ def test_a_brake_without_beginning_tells_no_offset_from_a_late_clock(
     name, unit = ("delay", "s") if way == "late" else ("offset", "mps")
     doubt = told.values[f"{name}_u95_{unit}"]
     assert told.values[f"{name}_{unit}"] == pytest.approx(1.0, abs=0.05 + doubt)
+
+
+@pytest.mark.parametrize(("least_slip", "is_shown"), [(0.006, True), (0.05, False)])
+def test_a_delay_is_shown_by_wheels_that_slide_and_come_back_to_the_trains_speed(
+    least_slip: float, is_shown: bool, tmp_path: Path
+) -> None:
+    rng, t, path = np.random.default_rng(1), np.arange(0.0, 55.0, 0.02), tmp_path / "log.csv"
+    slowing = np.where(t < 9.0, 0.02, np.where(t < 11.0, 0.02 + 0.3 * (t - 9.0), 0.62))
+    v = np.maximum(27.8 - np.cumsum(slowing) * 0.02, 0.0)
+    phase = (t[:, None] / 1.2 + np.arange(4) / 4.0) % 1.0
+    slip = np.where(t[:, None] < 11.0, 0.001, least_slip + 0.3 * np.minimum(phase, 1.0 - phase))
+    wheels = 3.6 * v[:, None] * (1.0 - slip) + rng.normal(0.0, 0.06, slip.shape)
+    wheels = np.where(v[:, None] > 1.0, wheels, 0.0)
+    late = 3.6 * np.interp(t - 0.6, t, v) + rng.normal(0.0, 0.1, len(t))
+    p = 2.5 * np.clip((t - 9.0) / 2.0, 0.0, 1.0)
+    received = [f"{x:.2f}" if k % 50 == 0 else "" for k, x in enumerate(np.maximum(late, 0.0))]
+    rows = (
+        f"{time:.2f},{train}," + ",".join(f"{pressure:.3f},{w:.2f}" for w in rims) + "\n"
+        for time, train, pressure, rims in zip(t, received, p, wheels, strict=True)
+    )
+    axles = ",".join(f"BC pressure {i} [bar],wheel speed {i} [km/h]" for i in range(1, 5))
+    path.write_text(f"time [s],train speed [km/h],{axles}\n" + "".join(rows))
+    log = read(open_source(path, ReadOptions()), (), Vehicle())
+    delays = [f for f in prepare(log, Vehicle()).findings if f.code.startswith("train-speed")]
+    assert [f.code for f in delays if "delay_s" in f.values] == ["train-speed-delay"] * is_shown
+    if is_shown:
+        assert delays[0].values["delay_s"] == pytest.approx(0.6, abs=0.1)
+        assert 0.05 < delays[0].values["delay_u95_s"] < 0.2
