@@ -12,7 +12,7 @@ from .slope import REGION_TITLES
 
 HIDDEN_TIME = 0.5  # a slide may be hidden in as long a time without slip [s]
 END_SLIP = 0.01  # slip at which a slide is over
-_SHORTEST_SLIDE = 0.1  # least duration of a slide [s]
+SHORTEST_SLIDE = 0.1  # least duration of a slide [s]
 _SHORTEST_REGION = 0.5  # least duration of a region that is an event [s]
 
 
@@ -63,7 +63,7 @@ def slides(  # noqa: PLR0913 (one column each)
         samples = slice(segment.start + start, segment.start + stop)
         seconds = (t[samples] - t[samples.start]) * 1e-9
         deep: Bools = certain_slip[samples] > SLIDE + (0.0 if noise is None else noise[samples])
-        if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < _SHORTEST_SLIDE:
+        if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < SHORTEST_SLIDE:
             continue
         fast = v[samples] > WORKING
         heat = F[samples] * s[samples] * v[samples]  # v − ωR = s v

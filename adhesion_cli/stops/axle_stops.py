@@ -1,13 +1,15 @@
 """Each axle in one stop: slip, locks, releases of its brake."""
 
+import math
 from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
 
-from ..core.physics import WORKING
+from ..core.physics import SLIDE, WORKING
 from ..core.signals import median_of_five, true_runs
 from ..core.summary import AxleStop
+from ..rail.events import SHORTEST_SLIDE
 from ..rail.locks import find_locks
 from .brake_levels import DROP, brake_levels
 from .find import Braking
@@ -47,6 +49,18 @@ def axle_stops(
             actions, source = _releases(signals.brakes[axle], braking), "pressure"
         row = AxleStop(axle, slip, locked, longest, actions, bands)
         yield row._replace(valves_from=source, vented_s=vented)
+
+
+def all_axles_slide(signals: StopSignals, start: float) -> bool:
+    """Whether each axle slides at some time after that: none shows the train's speed all along."""
+    slides = []
+    for rim in signals.rims.values():
+        run = rim.cut(start, math.inf)
+        v = signals.speed.interpolated(run.t)
+        with np.errstate(invalid="ignore"):
+            deep = (v > WORKING) & (run.value < (1.0 - SLIDE) * v)
+        slides.append(any(run.t[b - 1] - run.t[a] > SHORTEST_SLIDE for a, b in true_runs(deep)))
+    return bool(slides) and all(slides)
 
 
 def on_time(state: TimeSeries) -> float:

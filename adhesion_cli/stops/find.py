@@ -154,5 +154,9 @@ def _standstill(speed: TimeSeries, slow: float) -> Parameter:
     moving = np.flatnonzero(ending.value > 0.0)
     # A train that slows harder in the last metre reads zero before the line does.
     latest = float(ending.t[moving[-1]] - ending.value[moving[-1]] / slope) + 2.0 * sigma
-    stop = float(np.clip(slow - level / slope, slow - STEP, min(slow + 1.0, latest)))
-    return Parameter(stop, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0)))
+    by_line = min(float(slow - level / slope), latest)
+    stop = min(max(by_line, slow - STEP), slow + 1.0)
+    beyond = max(by_line - stop, 0.0)  # the wheels read zero long before
+    return Parameter(
+        stop, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0), beyond)
+    )

@@ -25,7 +25,7 @@ import numpy as np
 from ..core.model import Parameter
 from ..core.physics import BAR, SLOW, G
 from ..core.summary import Measured, StopContribution, StopSummary
-from .axle_stops import axle_stops, on_time
+from .axle_stops import all_axles_slide, axle_stops, on_time
 from .command import find_command
 from .find import Braking
 from .response import BrakeResponse, find_response
@@ -70,7 +70,7 @@ def measure_stop(
     if source == "pressure":
         command -= settings.dead_time
     t, v, noise = smoothed_speed(signals.speed, command, braking.stop)
-    hidden = locked = 0.0
+    hidden, locked = 0.0, Parameter(0.0, 0.0)
     if signals.speed_from == "axles":
         locked = locked_time(signals.speed, t, v)
         v, hidden = over_slides(t, v)
@@ -79,7 +79,8 @@ def measure_stop(
     is_braking = t >= command - 1e-9
     distance = float(np.trapezoid(v[is_braking], t[is_braking]))
     jerk = None
-    if not hidden and not _is_coarse(signals, command, braking.stop):
+    by_sliding_wheels = signals.speed_from == "axles" and all_axles_slide(signals, command)
+    if not (hidden or by_sliding_wheels or _is_coarse(signals, command, braking.stop)):
         jerk = largest_jerk(t[is_braking], v[is_braking], noise)
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
@@ -87,10 +88,10 @@ def measure_stop(
     )
     delay, equivalent = response.delay.value, math.nan if hidden else response.equivalent.value
     gradient = to_level.gradient.value
-    duration = braking.stop + locked - command
+    duration = braking.stop + locked.value - command
     values = _Values(v0, distance, duration, delay, equivalent, gradient)
     interval = float(np.median(np.diff(signals.speed.t)))
-    standstill = math.hypot(braking.stop_sigma, locked)
+    standstill = math.hypot(braking.stop_sigma, locked.tolerance)
     build_up = response.delay.tolerance, response.equivalent.tolerance
     dead_time = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
     sigmas = _Sigmas(noise, interval, command_u, standstill, dead_time, hidden, *build_up)

@@ -12,7 +12,7 @@ from .signals import TimeSeries
 
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _RESAMPLED = 0.02  # step of the smoothed speed [s]
-_FALL, _LOCKING = 0.3, 1.0  # a train that is faster that long before standstill has slid [s], [m/s]
+_FALL = 0.3  # a speed that falls to zero within twice that time is judged [s]
 _GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 
 
@@ -41,19 +41,18 @@ def smoothed_speed(speed: TimeSeries, command: float, stop: float) -> tuple[Floa
     return t, np.maximum(smooth, 0.0), math.hypot(noise, steps / math.sqrt(12.0))
 
 
-def locked_time(speed: TimeSeries, t: Floats, v: Floats) -> float:
+def locked_time(speed: TimeSeries, t: Floats, v: Floats) -> Parameter:
     """How long the train moves on when all wheels read zero, and 1 sigma of that [s].
 
     They are locked, or their sensors end: they fall to zero from a speed from which no train stops
     at once. It then slows as before; that speed may be too low, as of wheels that slide.
     """
     final = speed.cut(t[-1] - 2.0 * _FALL, t[-1] - _FALL).value
-    earlier_speed = float(np.nanmax(final, initial=0.0))
-    return (
-        earlier_speed * float(t[-1] - t[0]) / max(float(v[0]), 1e-9)
-        if earlier_speed > _LOCKING
-        else 0.0
-    )
+    mean_deceleration = max(float(v[0]), 1e-9) / float(t[-1] - t[0])
+    needed = float(np.nanmax(final, initial=0.0)) / mean_deceleration
+    if needed < 4.0 * _FALL:  # twice what it took
+        return Parameter(0.0, 0.0)
+    return Parameter(needed - 2.0 * _FALL, needed / 2.0)
 
 
 def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:

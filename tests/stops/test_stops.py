@@ -140,15 +140,28 @@ def test_a_train_that_slows_harder_at_the_end_stands_when_its_speed_says_so() ->
     assert braking.stop == pytest.approx(float(t[np.argmax(v <= 0.0)]), abs=0.3)
 
 
-def test_a_train_moves_on_where_all_its_wheels_lock_at_the_end() -> None:
-    x, _ = signals(a=0.6, rate=100.0)
+@pytest.mark.parametrize(("a", "from_speed"), [(0.6, 1.8), (0.65, 1.0)])
+def test_a_train_moves_on_where_all_its_wheels_lock_at_the_end(a: float, from_speed: float) -> None:
+    x, _ = signals(a=a, rate=100.0)
     t, v = x.speed.t, x.speed.value
     true_stop = float(t[np.argmax(v <= 0.0)])
-    rim = TimeSeries(t, np.where(v > 1.8, 0.9 * v, 0.0))  # 3 s before standstill
+    rim = TimeSeries(t, np.where(v > from_speed, 0.95 * v, 0.0))  # seconds before standstill
     (stop,) = measured(x._replace(speed=rim, speed_from="axles", rims={1: rim}))
     assert stop.duration_s is not None
-    assert stop.duration_s.value == pytest.approx(true_stop - ON, abs=0.8)
+    assert stop.duration_s.value == pytest.approx(true_stop - ON, abs=0.5)
     assert abs(stop.duration_s.value - (true_stop - ON)) < stop.duration_s.u95
+
+
+def test_wheels_that_all_slide_in_turn_show_no_jerk_of_the_train() -> None:
+    x, _ = signals(a=0.7)
+    t, v = x.speed.t, x.speed.value
+    slips = [0.12 * ((t % 4.0 > k) & (t % 4.0 < k + 1.5) & (t > ON + 2.0)) for k in (0.0, 2.0)]
+    rims = {i: TimeSeries(t, v * (1.0 - slip)) for i, slip in enumerate(slips, 1)}
+    by_wheels = x._replace(rims=rims, speed_from="axles")
+    (in_turn,) = measured(by_wheels)
+    (one_rolls,) = measured(by_wheels._replace(rims=rims | {3: x.speed}))
+    assert in_turn.jerk is None
+    assert one_rolls.jerk is not None
 
 
 def test_speed_alone_has_distance_and_deceleration() -> None:
