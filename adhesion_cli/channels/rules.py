@@ -401,6 +401,16 @@ def guess(field: Field) -> Guess:
     return Guess(None, axle, name.unit, "no name we know")
 
 
+def names_brake(column: str) -> bool:
+    """Whether a column of this name is a speed, a brake pressure or a clamping force.
+
+    >>> names_brake("BC pressure"), names_brake("Temperatur"), names_brake("3.5")
+    (True, False, False)
+    """
+    meanings = ("wheel_speed", "train_speed", "pressure", "clamping_force")
+    return guess(Field(column)).meaning in meanings
+
+
 def _own_message(field: Field) -> Guess:
     """What a field of a result of this program means."""
     place = re.search(r"/axle/(\d+)/", field.channel)

@@ -8,7 +8,7 @@ time without its styles, which alone say that a number is a time.
 import re
 import zipfile
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,7 +44,8 @@ class SheetText(NamedTuple):
 
     name: str
     other_sheets: list[str]
-    has_channels: bool  # a column of numbers is a time, or has the unit of a pressure or speed
+    reason: str  # why this one
+    has_channels: bool  # a column of numbers is a time, or one of a brake
 
 
 class _Column(NamedTuple):
@@ -62,17 +63,18 @@ class _Column(NamedTuple):
         cell_count = len(self.text) - self.text.null_count
         return bool((pc.sum(is_typed).as_py() or 0) >= max(2, cell_count / 2))
 
-    @property
-    def is_channel(self) -> bool:
-        """Whether it has numbers, and by its head is a time or has the unit of a brake log."""
+    def is_headed(self, says: Callable[[str], object]) -> bool:
+        """Whether it has numbers, and a cell of its head says what is asked."""
         heads = self.text.slice(0, _HEAD_ROWS).drop_null().to_pylist()
-        found_units = (units.unit(x) or units.unit(units.in_name(x)[1]) for x in heads)
-        is_measured = any(x is not None and x.dimension in _MEASURED for x in found_units)
-        return self.is_of_numbers and (is_measured or any(map(time_name, heads)))
+        return self.is_of_numbers and any(map(says, heads))
 
 
 def write_text(
-    path: Path, target: Path, sheet_name: str | None, passed: Sequence[str] = ()
+    path: Path,
+    target: Path,
+    sheet_name: str | None,
+    names_brake: Callable[[str], bool] | None = None,
+    passed: Sequence[str] = (),
 ) -> SheetText | None:
     """Writes the cells of a sheet as lines; row N of the sheet is line N.
 
@@ -80,7 +82,9 @@ def write_text(
         path: the workbook.
         target: the file to write; tabs are between its cells, the decimal mark is a point, in
             texts as they have it.
-        sheet_name: as stated; None for the first visible one with columns of numbers.
+        sheet_name: as stated; None for the first visible one with columns of numbers, of which one
+            is a brake's by name or unit, else the first with columns of numbers.
+        names_brake: whether a column of this name is a brake's.
         passed: sheets that are no log.
 
     Returns:
@@ -93,19 +97,34 @@ def write_text(
     if sheet_name is not None and sheet_name not in book.names:
         error = unknown("sheet", sheet_name, book.names)
         raise UserError(f"{path}: {error.text}", error.hint)
-    hidden_sheets = []
+
+    def says_brake(head: str) -> bool:
+        unit = units.unit(head) or units.unit(units.in_name(head)[1])
+        is_measured = unit is not None and unit.dimension in _MEASURED
+        return is_measured or (names_brake is not None and names_brake(head))
+
+    numeric_sheets, is_of_brake, reason = [], False, "stated"
     unread = [x for x in book.names if x not in passed]
     for name in unread if sheet_name is None else [sheet_name]:
         columns, is_visible = book.columns(name)
-        if sheet_name is not None or (is_visible and sum(c.is_of_numbers for c in columns) > 1):
+        is_of_brake = any(c.is_headed(says_brake) for c in columns)
+        if sheet_name is not None:
             break
-        hidden_sheets += [name] * (not is_visible)
+        if is_visible and sum(c.is_of_numbers for c in columns) > 1:
+            numeric_sheets.append(name)
+            if is_of_brake:
+                reason = "the first with a speed or a brake pressure"
+                break
     else:
-        if passed:
+        if passed and not numeric_sheets:
             return None
-        sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
-        hint = f"state the sheet, as {option(book.names[0])}; sheets: {sheets}"
-        raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
+        if not numeric_sheets:
+            hidden_sheets = [x for x in book.names if not book.columns(x)[1]]
+            sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
+            hint = f"state the sheet, as {option(book.names[0])}; sheets: {sheets}"
+            raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
+        name, reason = numeric_sheets[0], "the first with columns of numbers"
+        columns, _ = book.columns(name)
     place = f"{path}: sheet {name!r}"
     if not columns:
         others = [x for x in book.names if x != name]
@@ -119,7 +138,8 @@ def write_text(
     with target.open("wb") as file:
         file.writelines(_lines(cells))
     others = [x for x in book.names if x != name]
-    return SheetText(name, others, any(column.is_channel for column in columns))
+    has_channels = is_of_brake or any(column.is_headed(time_name) for column in columns)
+    return SheetText(name, others, reason, has_channels)
 
 
 def option(name: str) -> str:

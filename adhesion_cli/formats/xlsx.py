@@ -34,7 +34,9 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
     of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=options.decimal or ".")
     refusals: dict[str, UserError] = {}  # a list of channels may stand before the samples
     while True:
-        sheet: SheetText | None = _LIBRARY.call(path, write_text, text, options.sheet, [*refusals])
+        sheet: SheetText | None = _LIBRARY.call(
+            path, write_text, text, options.sheet, options.names_brake, [*refusals]
+        )
         if sheet is None:
             raise next(iter(refusals.values()))
         others = sheet.other_sheets if options.sheet is None else []
@@ -53,10 +55,16 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
             raise error
         refusals[sheet.name] = error
     as_log(source, "xlsx", path, folder)
-    reason = "the first that is a log" if refusals else "the first with columns of numbers"
-    reason = "stated" if options.sheet is not None else reason
+    reason = "the first that is a log" if refusals else sheet.reason
     source.reasons = {"sheet": f"{sheet.name!r} ({reason})", **source.reasons}
     if others:
-        names = {"sheet": repr(sheet.name), "others": listed(others), "option": option(others[0])}
+        for passed_over in refusals.values():
+            reason += f" ({passed_over.text.removeprefix(f'{path}: ')})"
+        names = {
+            "sheet": repr(sheet.name),
+            "reason": reason,
+            "others": listed(others),
+            "option": option(others[0]),
+        }
         source.findings.append(Finding("one-sheet-read", "info", names=names))
     return source

@@ -11,10 +11,13 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import numpy as np
 import openpyxl
 import pytest
+from helpers.pasted import pasted
 from helpers.workbooks import Cell, Error, Formula, Serial, write
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from adhesion_cli.analysis.settings import load as settings_of
+from adhesion_cli.channels.rules import names_brake
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats import sheet_text
 from adhesion_cli.formats.open import kind, open_source
@@ -346,7 +349,8 @@ def test_a_workbook_of_openpyxl(tmp_path: Path) -> None:
     assert (name, len(values)) == ("C-Druck [bar] []", 20)
     assert source.absolute
     (finding,) = source.findings
-    assert finding.message == "Sheet 'Messung 1' is read; the workbook also has 'Deckblatt'."
+    assert finding.message.startswith("Sheet 'Messung 1' is read, the first with a speed")
+    assert finding.message.endswith("The workbook also has 'Deckblatt'.")
 
 
 # --------------------------------------------------------------------------------- other workbooks
@@ -413,7 +417,7 @@ def test_the_first_visible_sheet_with_columns_of_numbers_is_read(tmp_path: Path)
     source = opened(path)
     source.columns(source.fields)
     assert source.rows == 20
-    assert source.reasons["sheet"] == "'Messung' (the first with columns of numbers)"
+    assert source.reasons["sheet"] == "'Messung' (the first with a speed or a brake pressure)"
     (finding,) = source.findings
     assert finding.code == "one-sheet-read"
     stated = opened(path, sheet="alt")
@@ -441,17 +445,42 @@ def test_an_empty_sheet(tmp_path: Path) -> None:
     assert "sheet 'leer' is empty" in refusal(path, sheet="leer").text
 
 
-def test_a_sheet_that_is_no_log_gives_way_to_the_next(tmp_path: Path) -> None:
-    """As a list of channels does, which Dewesoft writes before the samples."""
-    table: Rows = [["Parameter", "Wert", "Toleranz"], *(["m", 40.0 + k, 1.5] for k in range(9))]
-    source = opened(write(tmp_path / "a.xlsx", {"Parameter": table, "Messung": log()}))
+LIST: Rows = [["Parameter", "Wert", "Toleranz"], *(["m", 40.0 + k, 1.5] for k in range(9))]
+
+
+def test_a_sheet_with_a_speed_or_a_brake_pressure_is_read_before_others(tmp_path: Path) -> None:
+    """As a list of channels, which Dewesoft writes before the samples, or other measurements."""
+    warm = log(head=["Zeit [s]", "T1 [°C]", "T2 [°C]"])
+    by_name = log(30, head=["Zeit [s]", "BC pressure", "wheel speed"])
+    path = write(tmp_path / "a.xlsx", {"Liste": LIST, "warm": warm, "Messung": by_name, "b": log()})
+    source = opened(path, names_brake=names_brake)
+    assert len(read(source)["BC pressure []"]) == 30
+    [finding] = source.findings
+    assert finding.message.startswith("Sheet 'Messung' is read, the first with a speed or a brake")
+    [setting] = pasted(finding.hint)
+    stated = settings_of(assignments=[setting], folder=False).read.sheet
+    assert "sheet 'Liste': no column is a time" in refusal(path, sheet=stated).text
+
+
+def test_a_sheet_that_is_no_log_gives_way_to_the_next_and_the_note_says_why(tmp_path: Path) -> None:
+    other = log(head=["Zeit [s]", "T1 [°C]", "T2 [°C]"])
+    source = opened(write(tmp_path / "a.xlsx", {"Parameter": LIST, "Messung": other}))
     assert source.reasons["sheet"] == "'Messung' (the first that is a log)"
     [finding] = source.findings
     assert (finding.code, finding.names["others"]) == ("one-sheet-read", "'Parameter'")
-    path = write(tmp_path / "b.xlsx", {"Parameter": table, "Liste": table})
+    assert "sheet 'Parameter': no column is a time" in finding.message
+    path = write(tmp_path / "b.xlsx", {"Parameter": LIST, "Liste": LIST})
     error = refusal(path)
     assert error.text.startswith(f"{path}: sheet 'Parameter': no column is a time")
     assert "`--set xlsx.sheet=Liste`" in str(error.hint)
+
+
+def test_a_brake_without_a_time_does_not_give_way_to_other_measurements(tmp_path: Path) -> None:
+    timeless = log(head=["run", "BC pressure", "wheel speed"])
+    warm = log(head=["Zeit [s]", "T1 [°C]", "T2 [°C]"])
+    path = write(tmp_path / "a.xlsx", {"Messung": timeless, "warm": warm})
+    error = refusal(path, names_brake=names_brake)
+    assert error.text.startswith(f"{path}: sheet 'Messung': no column is a time")
 
 
 def test_a_log_in_doubt_does_not_give_way_to_another(tmp_path: Path) -> None:
@@ -462,10 +491,9 @@ def test_a_log_in_doubt_does_not_give_way_to_another(tmp_path: Path) -> None:
 
 
 def test_a_hidden_sheet_is_not_read_for_one_that_is_no_log(tmp_path: Path) -> None:
-    table: Rows = [["Parameter", "Wert", "Toleranz"], *(["m", 40.0 + k, 1.5] for k in range(9))]
-    sheets = {"Parameter": table, "alt": log(30), "Messung": log()}
+    sheets = {"Parameter": LIST, "alt": log(30), "Messung": log()}
     source = opened(write(tmp_path / "a.xlsx", sheets, hidden=["alt"]))
-    assert source.reasons["sheet"] == "'Messung' (the first that is a log)"
+    assert len(read(source)["p [bar] []"]) == 20
 
 
 def test_an_encrypted_workbook(tmp_path: Path) -> None:

@@ -335,7 +335,7 @@ class _ClockSearch:
             similar = _unnumbered(name) == _unnumbered(dialect.names[i])
             if similar and (named or _rises(dialect, k)):
                 differs = True
-            elif named or speaks_of_time(name):
+            elif named or (speaks_of_time(name) and _says_time(dialect, k)):  # no temperature
                 differs = _runs_apart(dialect, i, k, not (named or _named(dialect, i)))
             else:
                 continue

@@ -281,6 +281,13 @@ def test_a_fine_time_counts_on_from_coarse_stamps(tmp_path: Path) -> None:
     assert source.absolute
 
 
+def test_a_temperature_that_rises_is_no_second_time(tmp_path: Path) -> None:
+    rows = (f"{k / 50},{40 + k**1.1:.3f},{k % 7}\n" for k in range(50))
+    source, columns = numbers_of(tmp_path / "a.csv", "Time [s],T1 [°C],p [bar]\n" + "".join(rows))
+    assert [f.channel for f in source.fields] == ["T1 [°C]", "p [bar]"]
+    assert columns[0].t[-1] == 980_000_000
+
+
 def test_unix_time_of_today_has_no_note_on_gps(tmp_path: Path) -> None:
     text = "time [s],p [bar]\n" + "".join(f"{1795515300 + k / 10},{k % 7}\n" for k in range(200))
     source, _ = numbers_of(tmp_path / "a.csv", text)
