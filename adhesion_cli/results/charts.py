@@ -22,8 +22,7 @@ _NO_DATE: dict[str, _Options] = {
     ".pdf": {"CreationDate": None},
 }
 _LEGEND_COLUMNS, _LEGEND_ROW, _TITLE_PAD = 3, 13.0, 5.0  # entries of a row; heights [points]
-_PANEL = (4.4, 3.3)  # width and height [inch]
-_VECTOR_POINTS = 300  # more points become one image, else each is an element in SVG
+_PANEL, _COLUMNS = (4.4, 3.3), 3  # width and height [inch]; charts in a row
 _STYLE: _Options = {
     "svg.hashsalt": "adhesion",  # names inside the file are the same at each run
     "svg.fonttype": "none",  # text stays text
@@ -51,8 +50,8 @@ class Line:
     y: Floats
     colour: str
     dashed: bool = False
-    dots: float = 0.0  # diameter of its points, which are then not joined
-    bars: Floats | None = None  # half the length of each point's vertical bar; None for none
+    bars: Floats | None = None  # half a vertical bar of each point; points are then not joined
+    dots: float = 4.0  # diameter of these points
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +65,6 @@ class Panel:
     log_x: bool = False
     log_y: bool = False
     y_range: tuple[float, float] | None = None  # None: all data
-    x_range: tuple[float, float] | None = None
     x_names: Sequence[str] = ()  # of x 0, 1, 2 … instead of numbers
 
 
@@ -83,16 +81,13 @@ def kind(path: Path) -> str:
     return suffix
 
 
-def write(
-    path: Path, title: str, panels: Sequence[Panel], columns: int = 3, suffix: str = ".svg"
-) -> None:
+def write(path: Path, title: str, panels: Sequence[Panel], suffix: str = ".svg") -> None:
     """Write the panels row by row under a title; the same panels give the same bytes.
 
     Args:
         path: file to write; its old content is lost.
         title: above all panels.
         panels: the charts.
-        columns: charts in a row.
         suffix: the format, from `kind`.
 
     Raises as `verified.verified`.
@@ -101,7 +96,7 @@ def write(
     from matplotlib import style
     from matplotlib.figure import Figure
 
-    columns = min(columns, len(panels))
+    columns = min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
     image = io.BytesIO()
     with style.context(["default", _STYLE]), warnings.catch_warnings():
@@ -118,15 +113,12 @@ def _draw(axes: "Axes", panel: Panel) -> None:
     for line in panel.lines:
         # Matplotlib leaves names that begin with "_" out of the legend.
         style: _Options = {"color": line.colour, "label": line.name or "_"}
-        dots: _Options = {"markersize": line.dots, "markeredgewidth": 0}
-        if line.bars is not None:
-            bars: _Options = {"elinewidth": 0.9, "capsize": 1.5, "capthick": 0.9}
-            axes.errorbar(line.x, line.y, line.bars, fmt="o", **style, **dots, **bars)
-        elif line.dots:
-            is_image = len(line.x) > _VECTOR_POINTS
-            axes.plot(line.x, line.y, "o", rasterized=is_image, **style, **dots)
-        else:
+        if line.bars is None:
             axes.plot(line.x, line.y, "--" if line.dashed else "-", linewidth=1.1, **style)
+            continue
+        style |= {"markersize": line.dots, "markeredgewidth": 0}
+        style |= {"elinewidth": 0.9, "capsize": 1.5, "capthick": 0.9}
+        axes.errorbar(line.x, line.y, line.bars, fmt="o", **style)
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     for is_log, set_scale, axis in (
         (panel.log_x, axes.set_xscale, axes.xaxis),
@@ -136,7 +128,6 @@ def _draw(axes: "Axes", panel: Panel) -> None:
             set_scale("log", nonpositive="mask")
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("")
-    axes.set_xlim(panel.x_range)
     axes.set_ylim(panel.y_range)
     if panel.x_names:
         axes.set_xticks(range(len(panel.x_names)), panel.x_names, rotation=35, ha="right")

@@ -57,7 +57,7 @@ _CAUSES = {
     ("running_resistance", "any"): "the track has a gradient, or a motor drives",
     ("air_drag", "any"): "the track has a gradient, or a motor drives",
 }
-_DOT = 4.0  # diameter of a point in the picture
+_SMALL_DOT = 2.8  # diameter of a point of the gradient in the picture
 _SIDE_STEP = 0.22  # what one application shows in several points is drawn so far aside
 _NAMES, _LETTERS = 16, 18  # of logs that have room under the picture, and of each
 
@@ -514,15 +514,15 @@ def panels(braked: Sequence[ApplicationDeceleration]) -> list[Panel]:
         predicted, u = (
             np.array([getattr(a, f"{name}{kind}_mps2") for a in braked]) for kind in ("", "_u")
         )
-        predicted_lines.append(Line(name, measured, predicted, colour, dots=_DOT, bars=Z95 * u))
+        predicted_lines.append(Line(name, measured, predicted, colour, bars=Z95 * u))
         difference_lines.append(
-            Line(name, place + offset, predicted - measured, colour, dots=_DOT, bars=Z95 * u)
+            Line(name, place + offset, predicted - measured, colour, bars=Z95 * u)
         )
     gradient, u = (
         np.array([getattr(a, f"gradient{kind}_mps2") for a in braked]) for kind in ("", "_u")
     )
     difference_lines.append(
-        Line("fitted gradient", place + _SIDE_STEP, gradient, ORANGE, dots=0.7 * _DOT, bars=Z95 * u)
+        Line("fitted gradient", place + _SIDE_STEP, gradient, ORANGE, bars=Z95 * u, dots=_SMALL_DOT)
     )
     return [
         Panel(

@@ -14,7 +14,7 @@ PANEL = charts.Panel(
     "a $title$ & <b>", "x", "y", [
         charts.Line("line", X, np.where(X % 100 == 0, np.nan, X), "#123456"),
         charts.Line("", X, -X, palette.GREY, dashed=True),
-        charts.Line("dots", X, X % 7, palette.BLACK, dots=2.0),
+        charts.Line("dots", X[:9], X[:9] % 7, palette.BLACK, bars=np.ones(9)),
     ],
 )  # fmt: skip
 STARTS = {".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF"}
