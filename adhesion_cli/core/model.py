@@ -269,7 +269,7 @@ def without_motors(K: Floats, motor_clamping: Floats | None) -> Floats:
     return np.where(friction > rounding, friction, 0.0)
 
 
-def _columns_at(x: Any, rows: slice | NDArray[np.int64]) -> dict[str, Any]:
+def columns_at(x: Any, rows: slice | NDArray[np.int64] | Bools) -> dict[str, Any]:
     """The columns of a dataclass at some rows, by name."""
     columns = ((f.name, getattr(x, f.name)) for f in fields(x))
     return {name: column[rows] for name, column in columns if isinstance(column, np.ndarray)}
@@ -333,7 +333,7 @@ class AxleRecord:
 
     def extract(self, s: slice) -> "AxleRecord":
         """An uninterrupted part as a separate record."""
-        return replace(self, segments=(slice(0, s.stop - s.start),), **_columns_at(self, s))
+        return replace(self, segments=(slice(0, s.stop - s.start),), **columns_at(self, s))
 
 
 class Wheelset(NamedTuple):
@@ -638,7 +638,7 @@ class Reference:
 
     def rows(self, selection: slice | NDArray[np.int64]) -> "Reference":
         """Some rows of it."""
-        return replace(self, **_columns_at(self, selection))
+        return replace(self, **columns_at(self, selection))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 import zstandard
@@ -29,9 +29,6 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from ..formats.mcap.records import MAGIC, written
-
-if TYPE_CHECKING:
-    pass
 
 Offsets = NDArray[np.int64]
 
@@ -93,7 +90,7 @@ class Container:
         offset, length = self._append(written(Metadata(name=name, metadata=entries)))
         self._metadata.append(MetadataIndex(offset, length, name))
 
-    def chunk(self, packed: "Packed") -> None:
+    def chunk(self, packed: Packed) -> None:
         """Adds a chunk of messages."""
         chunk, index = packed
         start, length = self._append(written(chunk))

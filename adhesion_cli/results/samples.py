@@ -1,9 +1,9 @@
 """New samples of an axle that is measured now."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from ..core.model import Bools, Floats, Times
+from ..core.model import Bools, Floats, Times, columns_at
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,12 +21,5 @@ class Samples:
 
     def rows(self, rows: slice | Bools) -> "Samples":
         """Some of them."""
-        return Samples(
-            self.t[rows],
-            self.pressure[rows],
-            self.clamping[rows],
-            self.wheel_speed[rows],
-            self.train_speed[rows],
-            self.slip[rows],
-            {algo: (F[rows], s[rows], u[rows]) for algo, (F, s, u) in self.estimates.items()},
-        )
+        estimates = {a: (F[rows], s[rows], u[rows]) for a, (F, s, u) in self.estimates.items()}
+        return replace(self, estimates=estimates, **columns_at(self, rows))

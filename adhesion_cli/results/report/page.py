@@ -18,10 +18,10 @@ from markupsafe import Markup, escape
 from ... import __version__
 from ...core.model import Vehicle, quantities
 from ...core.text import printable, utf8
-from .. import result_rows
+from .. import result_rows, stop_rows
 from ..carried_vehicle import is_of_vehicle
-from ..stop_rows import series_tables
-from ..text_tables import DASH
+from ..text_tables import DASH, non_empty
+from ..vehicle_text import describe_motors
 from . import comparison, words
 from .campaign import Campaign
 from .protocol import Protocol, headline, parts
@@ -79,7 +79,7 @@ def protocol_page(protocol: Protocol) -> str:
         "findings": words.finding_groups_of_logs(protocol.findings),
         "headline": headline,
         "parts": parts(protocol),
-        "tables": series_tables(protocol.series, protocol.braked_weight, budget=True),
+        "tables": stop_rows.series_tables(protocol.series, protocol.braked_weight, budget=True),
         "places": figures.of_stops(protocol.series.stops),
         "about": _pairs(protocol.about.items(), "Fact"),
     }
@@ -92,6 +92,8 @@ def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:
         "run": run,
         "plots": figures.of_run(run),
         "about": _about(run),
+        "motors": describe_motors([run.summary]),
+        "stops": non_empty(list(map(stop_rows.stop_row, run.summary.stops))),
         "channels": words.channel_rows(run.summary.channels),
         "vehicle": _vehicle(run.settings),
         "settings": _pairs(sorted(run.settings.items()), "Setting"),
@@ -122,7 +124,8 @@ def _templates() -> Environment:
         undefined=StrictUndefined,
         finalize=_text,
     )
-    environment.globals |= {"version": __version__, "result_rows": result_rows, "words": words}
+    modules = {"result_rows": result_rows, "stop_rows": stop_rows, "words": words}
+    environment.globals |= {"version": __version__, **modules}
     environment.filters |= {"prose": _prose, "budget_row": result_rows.budget_row}
     return environment
 

@@ -8,12 +8,7 @@ from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
-from ..result_rows import OF_MARK as OF_MARK
 from ..result_rows import ed_cell, has_known_highest, marked, used
-from ..stop_rows import describe_columns as describe_columns
-from ..stop_rows import describe_reasons as describe_reasons
-from ..stop_rows import describe_sources as describe_sources
-from ..stop_rows import stop_row as train_stop_row
 from ..text_tables import DASH, NOT_KNOWN, describe_not_known, non_empty, number, when_and_where
 from ..train_stops import (
     MANY_AXLES,
@@ -24,7 +19,6 @@ from ..train_stops import (
     slide_severity,
     stop_row,
 )
-from ..vehicle_text import describe_motors as describe_motors
 from .run import ReportAxle, ReportRun
 
 Mark = Literal["good", "slid", "locked", "unknown"]
@@ -198,11 +192,6 @@ def application_rows(run: ReportRun) -> list[tuple[Mark, Cells]]:
 def is_long(run: ReportRun) -> bool:
     """Whether a row per stop stands above those of all axles."""
     return len(run.axles) > 1 and sum(len(a.applications) for a in run.axles) > MANY_ROWS
-
-
-def train_stop_rows(run: ReportRun) -> list[dict[str, str]]:
-    """The stops of the whole train."""
-    return non_empty([train_stop_row(stop) for stop in run.summary.stops])
 
 
 def stop_rows(run: ReportRun) -> list[dict[str, str]]:
