@@ -43,6 +43,27 @@ class Slices(NamedTuple):
     means: float  # their number without interruption
 
 
+class Latest(NamedTuple):
+    """The last reading."""
+
+    y: float
+    age: float  # time since the first reading [s]
+    same: float  # time for which it has been the same [s]
+    z: float  # it less its known changes
+    dz: float  # last change of z
+    h: float  # in this interval; 0: no reading before
+
+
+class Blocks(NamedTuple):
+    """Totals of z over a few readings."""
+
+    readings: float  # their number
+    total: float  # in this block
+    last: float  # total of the block before
+    first: float  # and of the one before that
+    variance: float  # of such a total
+
+
 class Noise(NamedTuple):
     """What is known of the noise, and the readings that come into it."""
 
@@ -51,72 +72,33 @@ class Noise(NamedTuple):
     n: float  # readings that the variance is a mean of
     step: float  # least change of a reading, inf: none seen
     tick: float  # least change of its inverse, inf: none seen
-    y: float  # last reading
-    age: float  # time since the first reading [s]
-    same: float  # time for which it has been the same [s]
-    z: float  # last reading less its known changes
-    dz: float  # last change of z
-    h: float  # in this interval; 0: no reading before
-    readings: float  # their number
-    total: float  # of z in the block
-    before: float  # total of the last block
-    first: float  # and of the one before it
-    blocks: float  # variance of such a total
+    latest: Latest
+    blocks: Blocks
     slices: Slices
 
 
 def initial_noise(sigma: float, y: float) -> Noise:
     """Before the first change: a guess of the noise, and a reading."""
     v = sigma * sigma
-    return Noise(
-        v,
-        v,
-        0.0,
-        math.inf,
-        math.inf,
-        y,
-        0.0,
-        0.0,
-        y,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        _BLOCK * _BLOCK * v,
-        Slices(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    )
+    latest = Latest(y, 0.0, 0.0, y, 0.0, 0.0)
+    blocks = Blocks(0.0, 0.0, 0.0, 0.0, _BLOCK * _BLOCK * v)
+    slices = Slices(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Noise(v, v, 0.0, math.inf, math.inf, latest, blocks, slices)
 
 
 def pause(x: Noise, y: float, constant_time: float) -> Noise:
     """After a reading that has no noise: nothing is learned across it."""
-    return Noise(
-        x.variance,
-        x.guess,
-        x.n,
-        x.step,
-        x.tick,
-        y,
-        x.age,
-        constant_time,
-        y,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        x.blocks,
-        Slices(x.slices.variance, x.slices.n, x.slices.size, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    )
+    latest = Latest(y, x.latest.age, constant_time, y, 0.0, 0.0)
+    blocks = Blocks(0.0, 0.0, 0.0, 0.0, x.blocks.variance)
+    slices = Slices(x.slices.variance, x.slices.n, x.slices.size, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Noise(x.variance, x.guess, x.n, x.step, x.tick, latest, blocks, slices)
 
 
 def safe_variance(x: Noise) -> float:
     """The variance, and not less than the guess as long as it or a rounding step is not known."""
     if x.n < _VARIANCE_READINGS:
         return max(x.variance, x.guess)
-    repeats = x.same > 0.0 and x.step == math.inf
+    repeats = x.latest.same > 0.0 and x.step == math.inf
     return max(x.variance, _SILENT * x.guess) if repeats else x.variance
 
 
@@ -135,7 +117,8 @@ def rounding(x: Noise) -> float:
     """Rounding step of the last reading."""
     if x.step == math.inf:
         return 0.0
-    return max(x.step, min(x.tick * x.y * x.y, abs(x.y)))
+    y = x.latest.y
+    return max(x.step, min(x.tick * y * y, abs(y)))
 
 
 def is_informative(x: Noise) -> bool:
@@ -147,7 +130,8 @@ def is_informative(x: Noise) -> bool:
     square = squared(rounding(x))
     if square < 12.0 * x.variance or square < _SILENT * x.guess:
         return True
-    return math.floor(x.age / _READING_TIME) > math.floor((x.age - x.h) / _READING_TIME)
+    age = x.latest.age
+    return math.floor(age / _READING_TIME) > math.floor((age - x.latest.h) / _READING_TIME)
 
 
 def new_step(x: Noise, previous: Noise) -> float:
@@ -161,7 +145,7 @@ def is_counter(x: Noise) -> bool:
     The error of a slice's total is that of one reading: periods of single teeth may look alike over
     four readings, but not over many.
     """
-    if x.readings < _COUNTER_READINGS or x.blocks >= 2.0 * x.variance:
+    if x.blocks.readings < _COUNTER_READINGS or x.blocks.variance >= 2.0 * x.variance:
         return False
     has_slices = x.slices.n >= _VARIANCE_READINGS
     return not has_slices or x.slices.size * x.slices.variance < 4.0 * x.variance
@@ -178,36 +162,21 @@ def learn(x: Noise, y: float, h: float, u: float, memory: float, known: float) -
         memory: time over which the variance is a mean [s].
         known: probability that u is all of the change but noise; weight of a slice.
     """
-    step, tick, change, constant_time = x.step, x.tick, abs(y - x.y), x.same + h
-    if y != x.y:
+    last, step, tick, constant_time = x.latest, x.step, x.tick, x.latest.same + h
+    if y != last.y:
         constant_time = 0.0
     elif y == 0.0 and constant_time > _STANDSTILL_TIME:
         return pause(x, y, constant_time)
-    if x.same > 0.0 and constant_time == 0.0 and x.y != 0.0:
-        step = min(step, change)
-        tick = min(tick, change / max(abs(y * x.y), _LOWEST))
-    dz = y - x.y - u
-    z, readings = x.z + dz, x.readings + 1.0
-    noise = Noise(
-        x.variance,
-        x.guess,
-        x.n,
-        step,
-        tick,
-        y,
-        x.age + h,
-        constant_time,
-        z,
-        dz,
-        h,
-        readings,
-        x.total + z,
-        x.before,
-        x.first,
-        x.blocks,
-        _with_slice(x.slices, z, h, known, memory, _OUTLIER * safe_variance(x)),
-    )
-    return _average(noise, x, memory) if x.h > 0.0 else noise
+    if last.same > 0.0 and constant_time == 0.0 and last.y != 0.0:
+        step = min(step, abs(y - last.y))
+        tick = min(tick, abs(y - last.y) / max(abs(y * last.y), _LOWEST))
+    dz = y - last.y - u
+    latest = Latest(y, last.age + h, constant_time, last.z + dz, dz, h)
+    b = x.blocks
+    blocks = Blocks(b.readings + 1.0, b.total + latest.z, b.last, b.first, b.variance)
+    slices = _with_slice(x.slices, latest.z, h, known, memory, _OUTLIER * safe_variance(x))
+    noise = Noise(x.variance, x.guess, x.n, step, tick, latest, blocks, slices)
+    return _average(noise, last, memory) if last.h > 0.0 else noise
 
 
 def _with_slice(
@@ -226,38 +195,25 @@ def _with_slice(
     return Slices(variance, n, readings, 0.0, 0.0, 0.0, mean, x.last, x.means + 1.0)
 
 
-def _average(x: Noise, previous: Noise, memory: float) -> Noise:
+def _average(x: Noise, previous: Latest, memory: float) -> Noise:
     """With one more square in the variance, and one more total if the block is full."""
-    step = rounding(x)
-    share = previous.h / (previous.h + x.h)
-    deviation = (1.0 - share) * previous.dz - share * x.dz
+    step, latest = rounding(x), x.latest
+    share = previous.h / (previous.h + latest.h)
+    deviation = (1.0 - share) * previous.dz - share * latest.dz
     square = deviation * deviation / (1.0 + share * share + (1.0 - share) * (1.0 - share))
-    n = min(x.n + 1.0, _SMALLEST_MEMORY + memory / x.h)
+    n = min(x.n + 1.0, _SMALLEST_MEMORY + memory / latest.h)
     largest_square = _OUTLIER * safe_variance(x) + step * step
     variance = max(x.variance + (min(square, largest_square) - x.variance) / n, _FLOOR * x.guess)
-    total, last_total, earlier_total, blocks = x.total, x.before, x.first, x.blocks
-    block = x.readings / _BLOCK
-    if block == math.floor(block):
-        if x.readings >= 3.0 * _BLOCK:
-            square = squared(last_total - 0.5 * (earlier_total + total)) / 1.5
-            blocks += (min(square, _BLOCK * largest_square) - blocks) / (n / _BLOCK + 1.0)
-        total, last_total, earlier_total = 0.0, total, last_total
-    return Noise(
-        variance,
-        x.guess,
-        n,
-        x.step,
-        x.tick,
-        x.y,
-        x.age,
-        x.same,
-        x.z,
-        x.dz,
-        x.h,
-        x.readings,
-        total,
-        last_total,
-        earlier_total,
-        blocks,
-        x.slices,
-    )
+    blocks = _with_total(x.blocks, n, largest_square)
+    return Noise(variance, x.guess, n, x.step, x.tick, latest, blocks, x.slices)
+
+
+def _with_total(x: Blocks, n: float, largest_square: float) -> Blocks:
+    """With one more total in the variance, and an empty block, if the block is full."""
+    count, variance = x.readings / _BLOCK, x.variance
+    if count != math.floor(count):
+        return x
+    if x.readings >= 3.0 * _BLOCK:
+        square = squared(x.last - 0.5 * (x.first + x.total)) / 1.5
+        variance += (min(square, _BLOCK * largest_square) - variance) / (n / _BLOCK + 1.0)
+    return Blocks(x.readings, 0.0, x.total, x.last, variance)

@@ -449,7 +449,8 @@ def _update_clamping(p: Params, s: Clamping, h: float, K: float, scale: float) -
     """K one sample on: held and moving, mixed as the regimes of the wheel."""
     if K <= 0.0:
         return _initial_clamping(pause(s.noise, K, 0.0), K, scale)
-    noise = learn(s.noise, K, h, 0.0, p.memory, 1.0) if s.noise.y > 0.0 else pause(s.noise, K, 0.0)
+    begins = s.noise.latest.y <= 0.0
+    noise = pause(s.noise, K, 0.0) if begins else learn(s.noise, K, h, 0.0, p.memory, 1.0)
     largest_sigma = LARGEST_NOISE * scale
     reading = Reading(
         K,

@@ -118,7 +118,7 @@ def test_periods_of_single_teeth_are_no_counter(teeth, speed):
     noise = _noise.initial_noise(0.02, speed)
     for y in (speed * pitch / width).tolist():
         noise = _noise.learn(noise, y, 0.002, 0.0, P.memory, 1.0)
-    assert noise.blocks < 2.0 * noise.variance
+    assert noise.blocks.variance < 2.0 * noise.variance
     assert not _noise.is_counter(noise)
 
 
