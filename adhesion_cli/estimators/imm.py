@@ -82,10 +82,8 @@ HELD_TO_MOVING, MOVING_TO_HELD = 0.3, 0.1
 
 SLIPPERY_TIME = 2.0  # time for which a rail is probably as it was [s]
 BRAKED_SHARE = 0.02  # F over m g at which a slide is half as likely as at large F
-FIRST_SLIDE_SHARE, FIRST_SLIDE_SIGMA = (
-    0.9,
-    0.15,
-)  # first F of a slide over that of a rolling wheel, and 1 sigma
+FIRST_SLIDE_SHARE = 0.9  # first F of a slide over that of a rolling wheel
+FIRST_SLIDE_SIGMA = 0.15  # and 1 sigma of it
 LEAP_SIGMA = 0.05  # 1 sigma of a sudden change of F, over m g
 TRAIN_SIGMA = 0.12  # 1 sigma of the deceleration of the train, if the wheel does not show it [m/s²]
 CREEPAGE_SIGMA = 0.01  # 1 sigma of V/R over ω, for a wheel that rolled
@@ -166,17 +164,23 @@ class Pads(NamedTuple):
     odds: float  # logarithm of the odds that they lag
 
 
+class Surroundings(NamedTuple):
+    """What is known besides the regimes of the wheel."""
+
+    noise: Noise  # of the wheel speed [rad/s]
+    clamping: Clamping
+    creep: Creep
+    train: TrainMotion
+    pads: Pads
+
+
 class State(NamedTuple):
     """The regimes of the wheel, with level ω [rad/s] and rate F [N], K and noise."""
 
     rolling: Gaussian
     sliding: Gaussian
     changing: Gaussian
-    noise: Noise  # of the wheel speed [rad/s]
-    clamping: Clamping
-    creep: Creep
-    train: TrainMotion
-    pads: Pads
+    known: Surroundings
     slippery: float  # probability that the rail is as in the last slide
     sigma: float  # standard uncertainty of F [N]
     F: float  # [N]
@@ -189,11 +193,7 @@ class Prediction(NamedTuple):
     sliding: Gaussian
     changing: Gaussian
     reading: Reading
-    noise: Noise
-    clamping: Clamping
-    creep: Creep
-    train: TrainMotion
-    pads: Pads
+    known: Surroundings
 
 
 def init(p: Params, w: Wheelset, K: float, y: float) -> State:
@@ -204,19 +204,15 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
         y, v, rolling_force, squared(FIRST_SLIDING_SIGMA * rolling_force + gradient_force), 0.05
     )
     sigma = FIRST_ROLLING_SIGMA * rolling_force + gradient_force
-    return State(
-        uncorrelated(y, v, rolling_force, sigma * sigma, 0.9),
-        sliding,
-        sliding,
+    rolling = uncorrelated(y, v, rolling_force, sigma * sigma, 0.9)
+    known = Surroundings(
         initial_noise(SPEED_NOISE, y),
         _initial_clamping(initial_noise(FORCE_NOISE * weight / w.phi, K), K, weight / w.phi),
         Creep(K, 0.0, 0.0),
         TrainMotion(y, abs(y) + 1.0, rolling_deceleration(w) * K),
         Pads(K, FIRST_ODDS),
-        0.0,
-        sigma,
-        rolling_force,
     )
+    return State(rolling, sliding, sliding, known, 0.0, sigma, rolling_force)
 
 
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
@@ -229,31 +225,17 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     mu_r, mu_s = rolling.p * math.exp(smallest - d_r), sliding.p * math.exp(smallest - d_s)
     mu_c = changing.p * math.exp(smallest - d_c)
     total = mu_r + mu_s + mu_c
-    rolling, sliding = (
-        with_probability(rolling, mu_r / total),
-        with_probability(sliding, mu_s / total),
-    )
+    rolling = with_probability(rolling, mu_r / total)
+    sliding = with_probability(sliding, mu_s / total)
     changing = with_probability(changing, mu_c / total)
     F = rolling.p * rolling.r + sliding.p * sliding.r + changing.p * changing.r
     variance = rolling.p * (rolling.rr + squared(rolling.r - F))
     variance += sliding.p * (sliding.rr + squared(sliding.r - F))
     variance += changing.p * (changing.rr + squared(changing.r - F))
-    K_variance = q.clamping.variance + squared(p.lag * q.creep.rate)
+    K_variance = q.known.clamping.variance + squared(p.lag * q.known.creep.rate)
     sigma = math.sqrt(variance + squared(w.rolling * w.phi) * K_variance)
     slippery = max(sliding.p, s.slippery * SLIPPERY_TIME / (SLIPPERY_TIME + h))
-    return State(
-        rolling,
-        sliding,
-        changing,
-        q.noise,
-        q.clamping,
-        q.creep,
-        q.train,
-        q.pads,
-        slippery,
-        sigma,
-        F,
-    )
+    return State(rolling, sliding, changing, q.known, slippery, sigma, F)
 
 
 def nis(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> float:
@@ -269,22 +251,20 @@ def nis(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> float
 
 def _tail_probabilities(q: Prediction, y: float) -> tuple[float, float]:
     """Probability of a reading below y, and of one above it, by all regimes together."""
-    a, b, d = (
-        tail_probabilities(q.rolling, q.reading, y),
-        tail_probabilities(q.sliding, q.reading, y),
-        tail_probabilities(q.changing, q.reading, y),
-    )
+    a = tail_probabilities(q.rolling, q.reading, y)
+    b = tail_probabilities(q.sliding, q.reading, y)
+    d = tail_probabilities(q.changing, q.reading, y)
     total = q.rolling.p + q.sliding.p + q.changing.p
     return (a[0] + b[0] + d[0]) / total, (a[1] + b[1] + d[1]) / total
 
 
 def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Prediction:
     """The regimes before they take the reading; the reading; what is learned from it."""
-    weight, K_before = w.mass * G, s.clamping.K
-    clamping = _update_clamping(p, s.clamping, h, K, weight / w.phi)
+    past, weight, K_before = s.known, w.mass * G, s.known.clamping.K
+    clamping = _update_clamping(p, past.clamping, h, K, weight / w.phi)
     mean, dK = 0.5 * (K_before + clamping.K), clamping.K - K_before
     rolls = max(s.rolling.p, LEAST_ROLLING)
-    noise = learn(s.noise, y, h, -h * rolling_deceleration(w) * mean, p.memory, rolls)
+    noise = learn(past.noise, y, h, -h * rolling_deceleration(w) * mean, p.memory, rolls)
     counts = is_counter(noise)
     white = safe_variance(noise)
     # The force of a rolling wheel is slower than a slice of the noise, that of a slide is not.
@@ -294,11 +274,11 @@ def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> 
     reading = Reading(y, r, 0.0 if counts else rounding(noise), 1.0 if counts else 0.0)
     creep = _delay_by_creep(w, s, h, clamping.K)
     force_share = w.rolling * w.phi
-    bend = STIFFNESS_SIGMA * creep.delay * force_share * (creep.rate - s.creep.rate)
+    bend = STIFFNESS_SIGMA * creep.delay * force_share * (creep.rate - past.creep.rate)
 
     u, a = -h * w.a * w.phi * mean, w.a * h
     input_sigma = INPUT_SIGMA * a * w.phi * dK
-    step_sigma = new_step(noise, s.noise)
+    step_sigma = new_step(noise, past.noise)
     load = max(w.phi * clamping.K, abs(s.F)) + p.least * weight
     rolling, sliding, changing, train = _mix(w, s, h)
     rolling = predict(
@@ -306,30 +286,32 @@ def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> 
         a,
         u,
         (1.0 - w.rolling) * input_sigma + step_sigma,
-        force_share * (creep.K - s.creep.K),
+        force_share * (creep.K - past.creep.K),
         squared(p.rolling * weight) * h + bend * bend,
     )  # (1)
-    K_late = _follow(s.pads.K, K_before, clamping.K, h, LAG)
-    late = a * w.phi * (mean - 0.5 * (s.pads.K + K_late))  # of u, if the pads lag
-    u += late / (1.0 + math.exp(-s.pads.odds))
+    K_late = _follow(past.pads.K, K_before, clamping.K, h, LAG)
+    late = a * w.phi * (mean - 0.5 * (past.pads.K + K_late))  # of u, if the pads lag
+    u += late / (1.0 + math.exp(-past.pads.odds))
     sliding = predict(sliding, a, u, input_sigma + step_sigma, 0.0, squared(p.sliding * load) * h)
     changing = predict(
         changing, a, u, input_sigma + step_sigma, 0.0, squared(p.changing * load) * h
     )
-    odds = s.pads.odds
+    odds = past.pads.odds
     if not counts:
         nu_late = y - sliding.x - late / (1.0 + math.exp(odds))
         S = sliding.xx + r + squared(rounding(noise)) / 12.0
         odds += s.sliding.p * late * (nu_late + 0.5 * late) / S
     pads = Pads(K_late, min(max(odds, -LARGEST_ODDS), LARGEST_ODDS))
-    return Prediction(rolling, sliding, changing, reading, noise, clamping, creep, train, pads)
+    known = Surroundings(noise, clamping, creep, train, pads)
+    return Prediction(rolling, sliding, changing, reading, known)
 
 
 def _delay_by_creep(w: Wheelset, s: State, h: float, K: float) -> Creep:
     """The clamping force with the delay of creep."""
     delay = w.inertia * abs(s.rolling.x) / (w.radius * w.mass * G * STIFFNESS) + 1e-9
-    K_delayed = _follow(s.creep.K, s.clamping.K, K, h, delay)
-    return Creep(K_delayed, (K_delayed - s.creep.K) / h, delay)
+    K_before, previous = s.known.clamping.K, s.known.creep.K
+    K_delayed = _follow(previous, K_before, K, h, delay)
+    return Creep(K_delayed, (K_delayed - previous) / h, delay)
 
 
 def _follow(delayed: float, before: float, now: float, h: float, delay: float) -> float:
@@ -340,34 +322,25 @@ def _follow(delayed: float, before: float, now: float, h: float, delay: float) -
 
 def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian, TrainMotion]:
     """Each regime as a mixture of what may have become it within `h`, at most one change."""
-    rolling, sliding, changing = s.rolling, s.sliding, s.changing
-    weight, braked = w.mass * G, w.phi * s.clamping.K
+    rolling, sliding, changing, motion = s.rolling, s.sliding, s.changing, s.known.train
+    weight, braked = w.mass * G, w.phi * s.known.clamping.K
     normal = w.rolling * braked
-    slips = (
-        (ROLLING_TO_SLIDING + TO_SLIDING_AGAIN * s.slippery)
-        * normal
-        / (normal + BRAKED_SHARE * weight)
-    )
-    z_sticks = SLIDING_TO_ROLLING + STICKING_RATE * _probability_as_fast(sliding, s.train)
-    c_sticks = CHANGING_TO_ROLLING + STICKING_RATE * _probability_as_fast(changing, s.train)
+    slips = (ROLLING_TO_SLIDING + TO_SLIDING_AGAIN * s.slippery) * normal
+    slips /= normal + BRAKED_SHARE * weight
+    z_sticks = SLIDING_TO_ROLLING + STICKING_RATE * _probability_as_fast(sliding, motion)
+    c_sticks = CHANGING_TO_ROLLING + STICKING_RATE * _probability_as_fast(changing, motion)
     time_x = rolling.p * _change_time(ROLLING_TO_CHANGING + slips, h)
     time_z = sliding.p * _change_time(SLIDING_TO_CHANGING + z_sticks, h)
     time_c = changing.p * _change_time(CHANGING_TO_SLIDING + c_sticks, h)
-    x_leaves, z_stays = (
-        (ROLLING_TO_CHANGING + slips) * time_x,
-        sliding.p - (SLIDING_TO_CHANGING + z_sticks) * time_z,
-    )
+    x_leaves = (ROLLING_TO_CHANGING + slips) * time_x
+    z_stays = sliding.p - (SLIDING_TO_CHANGING + z_sticks) * time_z
     c_stays = changing.p - (CHANGING_TO_SLIDING + c_sticks) * time_c
 
-    rolling_rate = rolling_deceleration(w) * s.clamping.K
-    train_rate, difference = (
-        0.5 * (rolling_rate + s.train.slows),
-        0.5 * (rolling_rate - s.train.slows),
-    )
-    F, FF = (
-        braked - train_rate / w.a,
-        squared(abs(difference) + TRAIN_SIGMA / w.radius) / (w.a * w.a),
-    )
+    rolling_rate = rolling_deceleration(w) * s.known.clamping.K
+    train_rate = 0.5 * (rolling_rate + motion.slows)
+    difference = 0.5 * (rolling_rate - motion.slows)
+    F = braked - train_rate / w.a
+    FF = squared(abs(difference) + TRAIN_SIGMA / w.radius) / (w.a * w.a)
     slip = _with_force(rolling, FIRST_SLIDE_SHARE * normal, squared(FIRST_SLIDE_SIGMA * normal))
     leap = squared(LEAP_SIGMA * weight)
     return (
@@ -402,13 +375,17 @@ def _update_train(
     w: Wheelset, s: State, h: float, weight_stopped: float, weight_earlier: float
 ) -> TrainMotion:
     """The train one interval on, for wheels that stop rolling, and those that did before."""
-    rolling, train, share = s.rolling, s.train, weight_stopped / (weight_stopped + weight_earlier)
+    rolling, train, share = (
+        s.rolling,
+        s.known.train,
+        weight_stopped / (weight_stopped + weight_earlier),
+    )
     speed = train.speed + share * (rolling.x - train.speed)
     variance = (1.0 - share) * (squared(train.doubt) + squared(train.speed - speed))
     variance += share * (
         rolling.xx + squared(CREEPAGE_SIGMA * rolling.x) + squared(rolling.x - speed)
     )
-    rate = train.slows + share * (w.a * (w.phi * s.clamping.K - rolling.r) - train.slows)
+    rate = train.slows + share * (w.a * (w.phi * s.known.clamping.K - rolling.r) - train.slows)
     return TrainMotion(speed - h * rate, math.sqrt(variance) + h * TRAIN_SIGMA / w.radius, rate)
 
 
@@ -458,10 +435,8 @@ def _update_clamping(p: Params, s: Clamping, h: float, K: float, scale: float) -
         0.0,
         0.0,
     )
-    p_leaves, p_stops = (
-        HELD_TO_MOVING * _change_time(HELD_TO_MOVING, h),
-        MOVING_TO_HELD * _change_time(MOVING_TO_HELD, h),
-    )
+    p_leaves = HELD_TO_MOVING * _change_time(HELD_TO_MOVING, h)
+    p_stops = MOVING_TO_HELD * _change_time(MOVING_TO_HELD, h)
     a, b = s.held, s.moving
     mu_stays, mu_back = a.p * (1.0 - p_leaves), b.p * p_stops
     x = (mu_stays * a.x + mu_back * b.x) / (mu_stays + mu_back)
@@ -484,10 +459,8 @@ def _update_clamping(p: Params, s: Clamping, h: float, K: float, scale: float) -
 
     smallest = min(d_h, d_m)
     mu_h, mu_m = held_posterior.p * math.exp(smallest - d_h), moving.p * math.exp(smallest - d_m)
-    held_posterior, moving = (
-        with_probability(held_posterior, mu_h / (mu_h + mu_m)),
-        with_probability(moving, mu_m / (mu_h + mu_m)),
-    )
+    held_posterior = with_probability(held_posterior, mu_h / (mu_h + mu_m))
+    moving = with_probability(moving, mu_m / (mu_h + mu_m))
     x = held_posterior.p * held_posterior.x + moving.p * moving.x
     variance = held_posterior.p * (held_posterior.xx + squared(held_posterior.x - x)) + moving.p * (
         moving.xx + squared(moving.x - x)
