@@ -1,7 +1,6 @@
 """Logs that become a text log: units, time and devices are found by the rules of CSV."""
 
 import csv
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -12,7 +11,6 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ..core.text import distinct
 from .csv.dialect import Dialect
 from .csv.reader import CsvSource, open_table
 from .source import ReadOptions
@@ -73,8 +71,7 @@ def write_table(arrays: dict[str, Any], text: Path) -> None:
     import pyarrow.csv
 
     cells = [printable(array) for array in arrays.values()]
-    names = distinct([re.sub(r"\s*[\r\n]\s*", " ", name) for name in arrays])
-    pyarrow.csv.write_csv(pa.Table.from_arrays(cells, names), text)
+    pyarrow.csv.write_csv(pa.Table.from_arrays(cells, [*arrays]), text)
 
 
 def printable(array: Any) -> Any:

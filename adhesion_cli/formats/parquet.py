@@ -144,7 +144,8 @@ def _arrays(table: Any) -> dict[str, pa.Array]:
 def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetColumn], list[str]]:
     """The columns that hold one value in a row; and the names of those that are not read."""
     columns, nested = [], []
-    titles = distinct([_pair(f.name)[0] or "(no name)" for f in schema])
+    pair_names = (re.sub(r"\s*[\r\n]\s*", " ", _pair(f.name)[0]) for f in schema)
+    titles = distinct([name or "(no name)" for name in pair_names])
     for f, title in zip(schema, titles, strict=True):
         unit = _unit(f) or _pair(f.name)[1]
         if f.name in arrays and _is_scalar(arrays[f.name].type):  # not that of a dictionary

@@ -1,7 +1,7 @@
 """What a log format must offer: named scalar fields first, columns of the wanted ones after."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -56,7 +56,7 @@ class ReadOptions:
     encoding: str | None = None
     sheet: str | None = None  # of a workbook; None: decided
     # whether a column of this name is one of a brake: of several sheets, one that has it is read
-    names_brake: Callable[[str], bool] | None = None
+    names_brake: Callable[[str], bool] | None = field(default=None, compare=False)
     dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding
     max_unpacked: int = 1 << 32  # bytes of one compressed text log; it is read in blocks

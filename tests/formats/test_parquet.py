@@ -83,9 +83,8 @@ def test_a_line_end_in_a_name_is_no_row(tmp_path: Path) -> None:
 
 def test_a_duration_that_is_not_the_time_is_no_channel(tmp_path: Path) -> None:
     delay = pa.array(np.arange(N) * 10**7, pa.duration("ns"))
-    pq.write_table(
-        pa.table({"time [s]": SECONDS, "delay": delay, "p [bar]": SECONDS}), tmp_path / "a.parquet"
-    )
+    columns = {"time [s]": SECONDS, "delay": delay, "delay of\nthe bus": delay, "p [bar]": SECONDS}
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     source = open_source(tmp_path / "a.parquet", ReadOptions())
     assert [f.channel for f in source.fields] == ["p [bar]"]
 

@@ -46,6 +46,7 @@ STAMPS, SHORT_STAMPS = (  # date and clock, by the name of each
     }
     for kind in ("dates", "short_dates")
 )
+_ISO = STAMPS["colons ymd"], STAMPS["colons ymd"].replace("(?P<l>[0-9]{3})", _COUNTS[0])
 _MONTHS = {name: int(k) for k, names in _FORMS["months"].items() for name in names.split()}
 
 
@@ -140,6 +141,8 @@ def with_counted_fraction(cells: Sequence[str], pattern: str) -> str:
 
 def parse(text: Any, pattern: str) -> tuple[Times, Bools]:
     """Times [ns] of stamps that match the pattern, and which do; `stamps.toml` names its groups."""
+    if pattern in _ISO and (iso := _of_iso(text)):
+        return iso
     groups = _Groups(text, pattern)
     ns, ok = _time_of_day(groups)
     if "y" in groups.names:
@@ -152,6 +155,24 @@ def parse(text: Any, pattern: str) -> tuple[Times, Bools]:
     ns = ns - np.where(np.asarray(pc.starts_with(zone, "-")), -shift, shift)
     ok &= groups.ok
     return np.where(ok, ns, 0), ok
+
+
+def _of_iso(text: Any) -> tuple[Times, Bools] | None:
+    """Times [ns] of stamps as 2026-11-21 13:05:07.25, all with Z or none; None where some are not.
+
+    Arrow reads them ten times as fast as a pattern does.
+    """
+    zones = pc.ends_with(text, "Z")
+    has_zone = bool(pc.any(zones).as_py())
+    if (pc.min(pc.utf8_length(text)).as_py() or 0) < 19 + has_zone:  # without seconds
+        return None
+    if has_zone and not pc.all(zones).as_py():
+        return None
+    try:
+        t = pc.cast(text, pa.timestamp("ns", "UTC" if has_zone else None)).cast(pa.int64())
+    except pa.ArrowInvalid:
+        return None
+    return np.asarray(pc.fill_null(t, 0)), np.asarray(t.is_valid())
 
 
 class _Groups:

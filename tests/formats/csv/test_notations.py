@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from helpers import wild_logs
 from helpers.pasted import pasted
@@ -13,6 +14,7 @@ from adhesion_cli.analysis import settings
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.time_axis import clean
 from adhesion_cli.core.units import in_name, unit
+from adhesion_cli.formats.csv import stamps
 from adhesion_cli.formats.csv.reader import open_csv
 from adhesion_cli.formats.source import ReadOptions
 
@@ -279,6 +281,35 @@ def test_a_fine_time_counts_on_from_coarse_stamps(tmp_path: Path) -> None:
     assert np.abs(p.t - begin - np.rint(elapsed * 1e9)).max() <= 50_000_000
     assert np.array_equal(np.diff(p.t), np.rint(np.diff(elapsed) * 1e9))
     assert source.absolute
+
+
+@pytest.mark.parametrize(
+    "cell",
+    [
+        "2026-11-21 13:05:07",
+        "2026-11-21T13:05:07.123456789Z",
+        "2026-11-21 13:05:07.1234567890",
+        "2026-11-21 13:05:07+01:00",
+        "2026-11-21 13:05:07,25",
+        "2026-11-21 13:05:60",
+        "2026-11-21 24:00:00",
+        "2026-11-21 13:05",
+        "2026-11-21 13:05+01:00",
+        "2026-11-21T13:05Z",
+        "2026-02-30 13:05:07",
+        "2262-12-01 00:00:00",
+        "-2026-11-21 13:05:07",
+        "",
+        None,
+    ],
+)
+def test_stamps_of_iso_8601_say_the_same_beside_other_cells(cell: str | None) -> None:
+    """All such stamps together are read by Arrow, others by their pattern."""
+    pattern = stamps.STAMPS["colons ymd"]
+    alone = stamps.parse(pa.array([cell, cell], pa.string()), pattern)
+    beside = stamps.parse(pa.array([cell, "2026-11-21 13:05:07 Uhr"]), pattern)
+    assert (alone[0][0], alone[1][0]) == (beside[0][0], beside[1][0])
+    assert beside[1][1]
 
 
 def test_a_temperature_that_rises_is_no_second_time(tmp_path: Path) -> None:
