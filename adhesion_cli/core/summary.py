@@ -22,6 +22,12 @@ from .model import (
 )
 
 Number = float | None
+# The definition that tables, JSON and pages repeat.
+JERK = (
+    "largest jerk from the command to 5 km/h: second derivative of third-degree polynomials over "
+    "1 s, of a speed smoothed by second-degree polynomials over 1 s (Savitzky-Golay), less the "
+    "excess by noise"
+)
 
 
 class MeanAndHighest(NamedTuple):
@@ -272,9 +278,7 @@ class StopSummary:
     equivalent_deceleration: Annotated[
         Measured | None, Quantity("m/s²", "v0² / (2 (s − v0 t_e)), without the response time")
     ]
-    jerk: Annotated[
-        Measured | None, Quantity("m/s³", "largest jerk above 5 km/h, smoothed over 1 s (1 Hz)")
-    ]
+    jerk: Annotated[Measured | None, Quantity("m/s³", JERK)]
     corrected_distance_m: Annotated[
         Measured | None, Quantity("m", "distance on level track from the nominal speed")
     ]

@@ -44,7 +44,8 @@ _OF_GROUPS = (
     "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
     "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
     "does not average out; scatter: range over mean; drift: change from stop to stop; outliers: "
-    "stops that Grubbs' test rejects (5\N{NO-BREAK SPACE}%)."
+    "stops that Grubbs' test rejects, two-sided. Of 20 groups of sound stops, one has an outlier "
+    "in any quantity."
 )
 _EQUIVALENT = "equivalent_deceleration"
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."

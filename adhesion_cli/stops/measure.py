@@ -81,7 +81,7 @@ def measure_stop(
     jerk = None
     by_sliding_wheels = signals.speed_from == "axles" and all_axles_slide(signals, command)
     if not (hidden or by_sliding_wheels or _is_coarse(signals, command, braking.stop)):
-        jerk = largest_jerk(t[is_braking], v[is_braking], noise)
+        jerk = largest_jerk(t, v, noise, command)
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))

@@ -14,7 +14,8 @@ A limit is kept, or broken, where the interval mean ± U lies wholly on one side
 not decided.
 
 Sources: JCGM 100, 4.2, 5.2. JCGM 106, 8.3 (guarded acceptance, guard band U). Outliers: F. E.
-Grubbs, Technometrics 11 (1969), two-sided, 5 %. Extension and K_wet: SUBSET-040, 4.4.1.5.
+Grubbs, Technometrics 11 (1969), two-sided, 5 % for all quantities of a group together (Bonferroni):
+of twenty groups of sound stops, one has an outlier. Extension and K_wet: SUBSET-040, 4.4.1.5.
 """
 
 import math
@@ -47,7 +48,7 @@ BRAKED_WEIGHT = {
     160: (176714.0, 11.6), 180: (228219.0, 11.6), 200: (287620.0, 11.6),
 }  # fmt: skip
 _FEWEST = 3  # stops that show an outlier or a drift
-_LEVEL = 0.05  # of the test for outliers
+_LEVEL = 0.05  # of the tests for outliers of a group, all together
 _SAME_SPEED = 0.1  # mean speeds of dry and wet stops that differ by less can be compared
 Verdict = Literal["pass", "fail", "undecided"]
 
@@ -80,7 +81,7 @@ class Statistic(NamedTuple):
     common_u95: Annotated[float, Quantity("", "the part of it that is the same in every stop")]
     scatter: Annotated[float, Quantity("-", "range over mean")]
     outliers: Annotated[
-        tuple[int, ...], Quantity("", "stops, from 1, that Grubbs' test rejects (5 %)")
+        tuple[int, ...], Quantity("", "stops, from 1, that Grubbs' test rejects (5 % of groups)")
     ]
     drift: Annotated[Number, Quantity("", "change from stop to stop, by a line")]
     drift_u95: Annotated[Number, Quantity("", "its expanded uncertainty")]
@@ -183,17 +184,25 @@ def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
     groups = []
     for name in dict.fromkeys(s.group for s in stops):
         members = [s for s in stops if s.group == name and s.stop.valid]
+        columns = {quantity: [s.measured(quantity) for s in members] for quantity in QUANTITIES}
+        tests = sum(any(x is not None for x in measured) for measured in columns.values())
+        level = _LEVEL / max(tests, 1)
         statistics = {
             quantity: statistic
-            for quantity in QUANTITIES
-            if (statistic := _statistic([s.measured(quantity) for s in members]))
+            for quantity, measured in columns.items()
+            if (statistic := _statistic(measured, level))
         }
         groups.append(Group(name, len(members), statistics))
     return groups
 
 
-def _statistic(measured: Sequence[Measured | None]) -> Statistic | None:
-    """Statistics of the stops that have a quantity; None where none has it."""
+def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> Statistic | None:
+    """Statistics of the stops that have a quantity; None where none has it.
+
+    Args:
+        measured: the quantity of each stop.
+        level: of the test for outliers.
+    """
     places = [i for i, x in enumerate(measured, 1) if x is not None]
     known_values = [x for x in measured if x is not None]
     if not known_values:
@@ -206,7 +215,7 @@ def _statistic(measured: Sequence[Measured | None]) -> Statistic | None:
         return Statistic(1, mean, None, known_values[0].u95, common, scatter, (), None, None)
     sd = float(np.std(values, ddof=1))
     u95 = math.hypot(_student(n - 1) * sd / math.sqrt(n), common)
-    outliers = tuple(places[i] for i in _outliers(values))
+    outliers = tuple(places[i] for i in _outliers(values, level))
     drift, drift_u95 = _drift(np.array(places, dtype=np.float64), values)
     return Statistic(n, mean, sd, u95, common, scatter, outliers, drift, drift_u95)
 
@@ -218,8 +227,8 @@ def _student(freedom: float) -> float:
     return float(stdtrit(freedom, 0.975))
 
 
-def _outliers(values: Floats) -> list[int]:
-    """Places of the values that Grubbs' test rejects, one after the other."""
+def _outliers(values: Floats, level: float) -> list[int]:
+    """Places of the values that Grubbs' test rejects at a level, one after the other."""
     from scipy.special import stdtrit
 
     places, rejected = list(range(len(values))), list[int]()
@@ -227,7 +236,7 @@ def _outliers(values: Floats) -> list[int]:
         x = values[places]
         sd = float(np.std(x, ddof=1))
         k = int(np.argmax(np.abs(x - np.mean(x))))
-        quantile = float(stdtrit(n - 2, 1.0 - _LEVEL / (2.0 * n)))
+        quantile = float(stdtrit(n - 2, 1.0 - level / (2.0 * n)))
         limit = (n - 1) / math.sqrt(n) * math.sqrt(quantile**2 / (n - 2 + quantile**2))
         if not sd or abs(x[k] - np.mean(x)) <= limit * sd:
             break

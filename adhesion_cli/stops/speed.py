@@ -1,4 +1,8 @@
-"""The smoothed speed of a braking, its jerk, and what slides of all axles hide of it."""
+"""The smoothed speed of a braking, its jerk, and what slides of all axles hide of it.
+
+Source of the highest of n normal errors: G. Blom, Statistical estimates and transformed
+beta-variables (1958).
+"""
 
 import math
 
@@ -12,6 +16,7 @@ from .signals import TimeSeries
 
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _RESAMPLED = 0.02  # step of the smoothed speed [s]
+_JERK_NOISE = 0.25  # in which the noise of a jerk has lost two thirds of its correlation [s]
 _FALL = 0.3  # a speed that falls to zero within twice that time is judged [s]
 _GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 
@@ -76,21 +81,45 @@ def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
     return train, float(np.trapezoid(train - v, t)) / 2.0
 
 
-def largest_jerk(t: Floats, v: Floats, noise: float) -> Parameter | None:
-    """Largest |dv²/dt²| above 5 km/h and its standard uncertainty [m/s³]; None for a slow log.
+def largest_jerk(t: Floats, v: Floats, noise: float, command: float) -> Parameter | None:
+    """Largest |dv²/dt²| from the command to 5 km/h, with 1 sigma [m/s³]; None for a slow log.
 
-    Of polynomials of third degree over one second, which pass up to about 1 Hz.
+    The highest of several values has the highest of their errors as well. How many there are is the
+    time near the highest value, over the time in which the noise changes: at most as much as that
+    many normal errors have, and half of it is subtracted. Polynomials at the end of the smoothed
+    speed have more noise, so it has to begin before the command.
+
+    Args:
+        t: times [s].
+        v: speed, from `smoothed_speed` [m/s].
+        noise: standard uncertainty of one sample of the speed, before it was smoothed [m/s].
+        command: time of the command [s].
     """
-    fast = v > SLOW
-    if len(t) < 5 or fast.sum() < 5:
+    from scipy.special import ndtri  # slow to import
+
+    judged = (v > SLOW) & (t >= command - 1e-9)
+    if len(t) < 5 or judged.sum() < 5:
         return None
     step = float(t[1] - t[0])
     window = 2 * round(FIT / step / 2.0) + 1
     if window < 5 or len(v) <= window:
         return None
-    jerk = local_polynomial(v, window, 3, derivative=2) / step**2
-    sigma = noise * math.sqrt(720.0 / window**5) / step**2
-    return Parameter(float(np.max(np.abs(jerk[fast]))), sigma)
+    jerk = np.abs(_third_degree(v, window))[judged] / step**2
+    impulse = np.zeros(4 * window + 1)
+    impulse[2 * window] = 1.0
+    answer = _third_degree(local_polynomial(impulse, window, 2), window)
+    sigma = noise * float(np.linalg.norm(answer)) / step**2
+    highest = float(np.max(jerk))
+    near = float(np.sum(jerk > highest - 2.0 * sigma)) * step
+    n = 1.0 + near / _JERK_NOISE
+    excess = sigma * float(ndtri((n - 0.375) / (n + 0.25)))  # of n normal errors, by Blom
+    half = 0.5 * max(excess, 0.0)
+    return Parameter(max(highest - half, 0.0), math.hypot(sigma, half))
+
+
+def _third_degree(v: Floats, window: int) -> Floats:
+    """Second derivative of a speed by polynomials of third degree, per step²."""
+    return local_polynomial(v, window, 3, derivative=2)
 
 
 def local_polynomial(x: Floats, window: int, degree: int, derivative: int = 0) -> Floats:

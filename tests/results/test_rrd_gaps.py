@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.made_results import result
 from helpers.recordings import batches, column, static
+from helpers.vehicle_logs import WHOLE
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
@@ -21,9 +22,7 @@ SECOND = 10**9
 
 def analysed(path: Path, lines: list[str]) -> Result:
     path.write_text("".join([SAMPLE[0], *lines]))
-    return analyze(
-        path, settings.load(None, ["vehicle.friction=0.3"], folder=False), ("neso", "imm")
-    )
+    return analyze(path, settings.load({"vehicle": WHOLE}, folder=False), ("neso", "imm"))
 
 
 def seconds(line: str) -> float:

@@ -9,6 +9,7 @@ from scipy import stats
 
 from adhesion_cli.core.summary import AxleStop, Measured, StopSummary
 from adhesion_cli.stops.series import (
+    QUANTITIES,
     GroupLimit,
     SeriesStop,
     braked_weight_percentage,
@@ -64,6 +65,18 @@ def test_stops_that_are_not_valid_do_not_count() -> None:
     rows[1] = replace(rows[1], stop=replace(rows[1].stop, valid=False, reason="cut"))
     (group,) = group_stops(rows)
     assert (group.n, group.statistics["distance_m"].n) == (1, 1)
+
+
+def test_of_twenty_groups_of_sound_stops_one_has_an_outlier() -> None:
+    rng, groups, accused = np.random.default_rng(3), 300, 0
+    for _ in range(groups):
+        rows = []
+        for numbers in rng.normal(100.0, 1.0, (12, len(QUANTITIES))):
+            quantities = {q: Measured(x, 4.0) for q, x in zip(QUANTITIES, numbers, strict=True)}
+            rows.append(SeriesStop("a.csv", "a", None, replace(stop(1.0), **quantities)))
+        (group,) = group_stops(rows)
+        accused += any(x.outliers for x in group.statistics.values())
+    assert 0.02 < accused / groups < 0.09
 
 
 def test_an_outlier_and_a_drift_are_named() -> None:

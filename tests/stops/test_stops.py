@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from scipy.signal import savgol_filter
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
 from adhesion_cli.core.physics import G
 from adhesion_cli.core.signals import true_runs
-from adhesion_cli.core.summary import StopSummary
+from adhesion_cli.core.summary import JERK, StopSummary
 from adhesion_cli.stops.command import find_command
 from adhesion_cli.stops.find import Braking, find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
@@ -385,6 +386,27 @@ def test_a_slow_train_speed_takes_no_shape_of_wheels_that_slide() -> None:
     )
     assert rolled.is_coarse is not None
     assert not rolled.is_coarse[t < 0.5 * t[-1]].any()
+
+
+def test_the_jerk_is_that_of_the_train_whatever_the_noise() -> None:
+    """The highest of noisy values is higher than the highest value."""
+    x, _ = signals()
+    (exact,) = measured(x)
+    assert exact.jerk is not None
+    rng, errors, inside = np.random.default_rng(5), [], 0
+    for _ in range(40):
+        noisy = x.speed.value + rng.normal(0.0, 0.03, len(x.speed.t)) * (x.speed.value > 0.0)
+        (stop,) = measured(x._replace(speed=TimeSeries(x.speed.t, noisy)))
+        assert stop.jerk is not None
+        errors.append(stop.jerk.value - exact.jerk.value)
+        inside += abs(errors[-1]) < stop.jerk.u95
+    assert inside >= 37
+    assert abs(np.mean(errors)) < 0.2 * stop.jerk.u95
+
+
+def test_pages_repeat_the_definition_of_the_jerk() -> None:
+    for page in ("glossary.md", "howto/brake-test.md"):
+        assert JERK in (Path(__file__).parents[2] / "docs" / page).read_text("utf-8")
 
 
 def test_a_coarse_speed_has_no_jerk() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.vehicle_logs import STATED, log, true
+from helpers.vehicle_logs import STATED, WHOLE, log, true
 
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.core.errors import UserError
@@ -245,8 +245,7 @@ def test_a_vehicle_far_from_the_stated_one_is_refused_with_what_is_wrong(
     tmp_path: Path, friction: float, cause: str
 ) -> None:
     path = log(tmp_path / "other.csv", true(friction=friction))
-    tables = {"vehicle": {"friction": STATED.friction.value}}
-    stated = settings.Settings(vehicle=STATED, train=Train(alike=0.0), tables=tables)
+    stated = settings.Settings(vehicle=STATED, train=Train(alike=0.0), tables={"vehicle": WHOLE})
     with pytest.raises(UserError, match=cause) as raised:
         calibrate.calibrate([path], stated)
     assert "adhesion vehicle" in (raised.value.hint or "")
