@@ -332,16 +332,18 @@ def _headerless(dialect: Dialect, path: Path) -> UserError:
     first_row = dialect.rows[0]
     key = interleaved(dialect, (0,))
     group = ""
-    channels = [k for k, cell in enumerate(first_row, 1) if k > 1 and is_number(cell)] or [2]
+    channels = [k for k, cell in enumerate(first_row, 1) if k > 1 and is_number(cell)]
+    place = f"(line {dialect.first_line}: {', '.join(first_row[:4])}{', …' * (len(first_row) > 4)})"
+    if not channels:
+        hint = "export the log as a table with a row of names"
+        return UserError(f"{path}: has no header row and no columns of numbers {place}", hint)
     lines = ["channels.time = {channel = 1, unit = 's'}"]
     if key:
         group = f"; column {key.channel!r} seems to hold devices: {key.names['groups']}"
         lines.append(key.names["line"])
         channels = [k for k in channels if key.channel != f"column {k}"]
-    lines.append(f"channels.pressure = {{channel = {channels[0]}, unit = 'bar'}}")
-    lines.append(f"channels.speed = {{channel = {channels[-1]}, unit = 'km/h'}}")
-    return UserError(
-        f"{path}: has no header row (line {dialect.first_line} is numbers: "
-        f"{', '.join(first_row[:4])}{', …' if len(first_row) > 4 else ''}){group}",
-        f"state its columns by number, as {toml.option(*lines)}",
-    )
+    keys = ("pressure", "bar"), ("speed", "km/h")
+    for (name, unit), k in zip(keys, dict.fromkeys((channels[0], channels[-1])), strict=False):
+        lines.append(f"channels.{name} = {{channel = {k}, unit = '{unit}'}}")
+    hint = f"state its columns by number, as {toml.option(*lines)}"
+    return UserError(f"{path}: has no header row {place}{group}", hint)

@@ -397,3 +397,35 @@ def test_a_clock_of_twelve_hours_goes_on_behind_noon(tmp_path: Path) -> None:
     axis = clean("p", column, int(column.t.min()))
     assert [f.code for f in axis.findings] == ["time-wrapped"]
     assert np.array_equal(axis.data.t, np.rint(np.array(seconds) * 10) * 100_000_000)
+
+
+def test_the_hint_for_a_table_without_names_has_each_column_of_numbers_once(tmp_path: Path) -> None:
+    text = "".join(f"{k / 50:.2f};{k % 7}.5\n" for k in range(50))
+    with pytest.raises(UserError) as error:
+        numbers_of(tmp_path / "a.csv", text)
+    stated = settings.load(assignments=pasted(error.value.hint), folder=False)
+    assert [m.meaning for m in stated.mappings] == ["pressure"]
+    _, (p,) = numbers_of(tmp_path / "a.csv", text, stated.read)
+    assert p.value[1] == 1.5
+
+
+def test_lines_of_a_program_without_columns_of_numbers_get_no_columns_to_state(
+    tmp_path: Path,
+) -> None:
+    rows = (f"2026-11-24 10:15:{k:02d}.000 INFO bcp={k}.5 bar\n" for k in range(50))
+    with pytest.raises(UserError, match="no header row and no columns of numbers") as error:
+        numbers_of(tmp_path / "a.log", "".join(rows))
+    assert error.value.hint == "export the log as a table with a row of names"
+
+
+def test_values_of_a_car_scanner_are_known_by_the_names_of_their_signals(tmp_path: Path) -> None:
+    text = '"SECONDS";"PID";"VALUE";"UNITS"\n' + "".join(
+        f'"{36900 + k / 50:.3f}";"{name}";"{k % 7}.5";"{unit}";\n'
+        for k in range(50)
+        for name, unit in (("BC pressure", "bar"), ("Wheel speed", "km/h"))
+    )
+    source, _ = numbers_of(tmp_path / "a.csv", text)
+    assert [(f.channel, f.unit) for f in source.fields] == [
+        ("BC pressure", "bar"),
+        ("Wheel speed", "km/h"),
+    ]
