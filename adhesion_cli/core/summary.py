@@ -6,7 +6,7 @@ Names are those of the JSON. None is what the log does not show.
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from .finding import Finding
 from .model import (
@@ -16,6 +16,7 @@ from .model import (
     IdentifiedVehicle,
     LogBrake,
     Nis,
+    Parameter,
     Quantity,
     Score,
     VehicleSource,
@@ -526,23 +527,14 @@ def summarise_finding(f: Finding) -> FindingSummary:
 
 def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
     """A vehicle with the force of its brake, at 95 %."""
-    used, stated = x.force_per_bar, x.stated_force_per_bar
-    return VehicleSummary(
-        x.source,
-        x.known,
-        used and used.value,
-        used and Z95 * used.tolerance,
-        stated and stated.value,
-        stated and Z95 * stated.tolerance,
-        x.stops,
-        x.logs,
-        x.factor,
-        x.other_brake,
-        tuple(
-            CarSummary(
-                c.name, c.axles, c.force.value, Z95 * c.force.tolerance, c.deceleration.value
-            )
-            for c in x.cars
-        ),
-        x.unstated,
+    forces = *_expanded(x.force_per_bar), *_expanded(x.stated_force_per_bar)
+    cars = tuple(
+        CarSummary(c.name, c.axles, *_expanded(c.force), c.deceleration.value) for c in x.cars
     )
+    evidence = x.stops, x.logs, x.factor, x.other_brake
+    return VehicleSummary(x.source, x.known, *forces, *evidence, cars, x.unstated)
+
+
+def _expanded(x: Parameter | None) -> tuple[Any, Any]:
+    """A value and its expanded uncertainty (95 %); None for both where it is not known."""
+    return (x.value, Z95 * x.tolerance) if x else (None, None)

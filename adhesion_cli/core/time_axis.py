@@ -116,16 +116,8 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     begin, stop, limit_s = data.t[gaps], data.t[gaps + 1], math.floor(longest) + 1.0
     report.stretches("gap", begin, stop, len(gaps), longest_s=longest, limit_s=limit_s)
     interval = int(np.median(steps[in_piece])) if in_piece.any() else 0
-    return TimeAxis(
-        data,
-        starts,
-        interval,
-        limit,
-        len(gaps),
-        int(duplicated.sum()),
-        int(out_of_order.sum()) + len(restarts) - 1,
-        tuple(report.findings),
-    )
+    counts = len(gaps), int(duplicated.sum()), int(out_of_order.sum()) + len(restarts) - 1
+    return TimeAxis(data, starts, interval, limit, *counts, tuple(report.findings))
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,10 +262,8 @@ def _spread(report: _Report, value: Floats) -> Times:
     longest = max(stretches, key=len)[1:]  # the first stamp may have begun before the log
     if len(longest) < _LEAST_STAMPS - 1:
         return t
-    sample_count, since = (
-        first_sample[longest] - first_sample[longest[0]],
-        stamps[longest] - stamps[longest[0]],
-    )
+    sample_count = first_sample[longest] - first_sample[longest[0]]
+    since = stamps[longest] - stamps[longest[0]]
     period = float(np.polyfit(sample_count, since, 1)[0])
     per_stamp = round(tick / period)
     if per_stamp < _LEAST_SHARED or _alternates(value, per_stamp):

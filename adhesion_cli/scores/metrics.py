@@ -55,29 +55,18 @@ class EstimateAndTarget:
             return None
         longest = max(float(t[-1] - t[0]) for t in self.t)
         reach = min(_LAG, longest / 2.0)
-        coarse, fine = (
-            _SampledFit(self, max(len(target) // n, 1)) for n in (5_000, 50_000)
-        )  # take every so many
+        coarse, fine = (_SampledFit(self, max(len(target) // n, 1)) for n in (5_000, 50_000))
         lags = np.linspace(-reach, reach, 201)
-        unexplained_shares = [coarse.unexplained(lag)[0] for lag in lags.tolist()]
-        minima = [
-            i
-            for i in range(1, len(lags) - 1)
-            if unexplained_shares[i] <= min(unexplained_shares[i - 1], unexplained_shares[i + 1])
-        ]
+        shares = [coarse.unexplained(lag)[0] for lag in lags.tolist()]
+        inner = range(1, len(lags) - 1)
+        minima = [i for i in inner if shares[i] <= min(shares[i - 1], shares[i + 1])]
         if not minima:
             return None
-        fitting = [
-            i
-            for i in minima
-            if unexplained_shares[i] <= min(unexplained_shares[i] for i in minima) + _EQUAL_FIT
-        ]
-        best = min(fitting, key=lambda i: (lags[i] < -_EARLIEST_LAG, unexplained_shares[i]))
-        lag = _golden(
-            lambda x: fine.unexplained(x)[0],
-            float(lags[best - 1]),
-            float(lags[best + 1]),
-        )
+        least = min(shares[i] for i in minima)
+        fitting = [i for i in minima if shares[i] <= least + _EQUAL_FIT]
+        best = min(fitting, key=lambda i: (lags[i] < -_EARLIEST_LAG, shares[i]))
+        earlier, later = lags[[best - 1, best + 1]].tolist()
+        lag = _golden(lambda x: fine.unexplained(x)[0], earlier, later)
         unexplained, gain = fine.unexplained(lag)
         return (lag, gain) if unexplained < 0.5 else None
 
@@ -367,17 +356,8 @@ def pool_scores(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
             blocks_there = [s.blocks for s in algo_scores if s.blocks is not None]
             joined = (np.concatenate(x) for x in zip(*blocks_there, strict=True))
             blocks = (next(joined), next(joined)) if len(blocks_there) == len(algo_scores) else None
-            pooled.append(
-                Score(
-                    algo,
-                    against,
-                    rms,
-                    float(np.mean(bias)),
-                    largest,
-                    band_n=band,
-                    within=mean_within,
-                    blocks=blocks,
-                )
-            )
+            errors = rms, float(np.mean(bias)), largest
+            score = Score(algo, against, *errors, band_n=band, within=mean_within, blocks=blocks)
+            pooled.append(score)
         pooled_scores += rank(pooled)
     return tuple(pooled_scores)

@@ -175,18 +175,9 @@ def observed(  # noqa: PLR0913 (compiled: plain floats)
     rate = w.radius**2 / w.inertia * (w.phi * K - F) - (1.0 - s) * slowing  # (1)
     if y <= 0.0 and rate > 0.0:
         rate = 0.0  # the wheel stands
-    v, mu = max(train.v, JUDGED_FROM), F / (w.mass * G)
-    return Observed(
-        y * w.radius,
-        s,
-        speed_noise / v,
-        train.doubt / v,
-        rate / v,
-        mu,
-        k.slope,
-        k.confidence,
-        at_least,
-    )
+    v, rim, mu = max(train.v, JUDGED_FROM), y * w.radius, F / (w.mass * G)
+    noise, doubt, rate = speed_noise / v, train.doubt / v, rate / v
+    return Observed(rim, s, noise, doubt, rate, mu, k.slope, k.confidence, at_least)
 
 
 def start(
