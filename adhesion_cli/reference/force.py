@@ -15,7 +15,7 @@ from ..core import innovations
 from ..core.errors import unknown
 from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
 from ..core.physics import CHAIN, piston_area, rolling_deceleration, wheelset
-from ..core.signals import driven, moving, white_noise
+from ..core.signals import driven, moving, true_runs, white_noise
 from . import run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
 from .noise_fit import (
@@ -44,6 +44,8 @@ _COUNTER_SLACK: tuple[float, ...] = (2.0, 2.0, 4.5)  # the same, and of sliding,
 _RATE_SHARE = 0.75  # pressure samples per speed sample from which its rate counts as equal
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _LAGS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # by which pads may lag the pressure [s]
+_SHORTEST_SLIDE = 0.15  # a shorter one may be a disturbed reading of the speed [s]
+_ONSET_TIME = 0.2  # before and behind a slide the innovations are not judged [s]
 _MISFIT_TIME = 0.5  # about a speed, in which ω̇ explains it [s]
 _LAG_NATS = 3.0  # by which a lag must be more likely than none
 _SHARE = 1e-3  # square of the share of φK's rise that rolling does not explain, to a factor of 10
@@ -56,7 +58,7 @@ class RunEstimate(NamedTuple):
     acceleration: Floats  # ω̇ [rad/s²]
     sigma: Floats  # 1 sigma of φK + ω̇/a from noise alone [N]
     averaged: float = 0.0  # probability that a speed is the mean since the last one
-    squares: Floats | None = None  # normalised innovations squared, where the filter has a sample
+    squares: Floats | None = None  # normalised innovations squared, of a wheel that rolls (m,)
     speed_sigma: Floats | None = None  # 1 sigma of a speed as measured, without rounding [rad/s]
     clamping_sigma: Floats | None = None  # 1 sigma of φK from noise alone [N]
     pad_lag: float = 0.0  # by which the pads lag the pressure, as the slides show it [s]
@@ -302,7 +304,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         if mean_rates:
             rates = [mix_estimates(*pair, averaged) for pair in zip(rates, mean_rates, strict=True)]
         judged = means if averaged > LIKELY else judged
-    squares = [smoother.innovations(run, regimes, judged.noise) ** 2 for run in judged.runs]
+    squares = [_rolling_squares(run, regimes, judged.noise) for run in judged.runs]
     rolls = len(regimes.start) == 1 and _sparse(runs)
     forces = [
         _between_samples(*pair, w) if rolls else _noise(*pair, w)
@@ -324,6 +326,23 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             forces, rates, squares, wheel, clamping, strict=True
         )
     ]
+
+
+def _rolling_squares(
+    run: smoother.UnbrokenRun, regimes: smoother.Regimes, noise: smoother.MeasurementNoise
+) -> Floats:
+    """Normalised innovations squared of a wheel that rolls, (m,).
+
+    Where a slide begins or ends, the rail decides them and not the noise of the speed.
+    """
+    scores, rolling = smoother.innovations(run, regimes, noise)
+    t, judged = run.t[1:], np.ones(len(scores), dtype=np.bool_)
+    for start, stop in true_runs(rolling < 0.5):
+        if t[stop - 1] - t[start] > _SHORTEST_SLIDE:
+            around = np.searchsorted(t, [t[start] - _ONSET_TIME, t[stop - 1] + _ONSET_TIME])
+            judged[slice(*around)] = False
+    squares: Floats = scores[judged] ** 2
+    return squares
 
 
 def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:

@@ -127,11 +127,16 @@ def likelihood(runs: Sequence[UnbrokenRun], regimes: Regimes, noise: Measurement
     return sum(_forward(run, regimes, noise, None) for run in runs)
 
 
-def innovations(run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise) -> Floats:
-    """Each sample as a standard normal value, by what the samples before it predict; (n − 1,)."""
-    scores = np.empty(len(run.t))
-    _forward(run, regimes, noise, None, scores)
-    return scores[1:]
+def innovations(
+    run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise
+) -> tuple[Floats, Floats]:
+    """Each sample as a standard normal value, by what the samples before it predict; (n − 1,).
+
+    And the probability that the wheel rolls there, by the samples up to it, likewise.
+    """
+    scores, states = np.empty(len(run.t)), np.empty((len(run.t), len(regimes.follow), 6))
+    _forward(run, regimes, noise, states, scores)
+    return scores[1:], states[1:, 0, 5]
 
 
 def smooth(run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise) -> Smooth:

@@ -34,7 +34,7 @@ from adhesion_cli.core.model import (
     quantities,
 )
 from adhesion_cli.records import brake_applications
-from adhesion_cli.reference import force, pulses, smoother
+from adhesion_cli.reference import force, noise_fit, pulses, smoother
 
 
 def averaged(record: AxleRecord, name: str, seed: int = 1) -> AxleRecord:
@@ -706,16 +706,35 @@ def test_compiled_and_plain_loops_agree() -> None:
     found = smoother.smooth(run, two, noise)
     assert found.level == pytest.approx(plain[:, 0], rel=1e-12)
     assert found.rate - run.u == pytest.approx(plain[:, 2], rel=1e-9)
-    assert smoother.innovations(run, two, noise) == pytest.approx(scores[1:], rel=1e-9)
+    z, rolling = smoother.innovations(run, two, noise)
+    assert z == pytest.approx(scores[1:], rel=1e-9)
+    assert rolling == pytest.approx(plain_kept[1:, 0, 5], rel=1e-9)
 
 
 def test_innovations_of_a_right_model_are_white_and_of_variance_one() -> None:
     run, _ = random_run(1, 4000, 0.01, 0.5)
-    right = smoother.innovations(run, ONE, smoother.MeasurementNoise(0.01, 0.0, np.array([0.5])))
+    fitting = smoother.MeasurementNoise(0.01, 0.0, np.array([0.5]))
+    right, _ = smoother.innovations(run, ONE, fitting)
     assert np.mean(right**2) == pytest.approx(1.0, abs=0.07)
     assert abs(np.mean(right[1:] * right[:-1])) < 0.05
-    sure = smoother.innovations(run, ONE, smoother.MeasurementNoise(0.0025, 0.0, np.array([0.125])))
+    too_sure = smoother.MeasurementNoise(0.0025, 0.0, np.array([0.125]))
+    sure, _ = smoother.innovations(run, ONE, too_sure)
     assert np.mean(sure**2) == pytest.approx(4.0, abs=0.3)
+
+
+def test_slides_that_a_wsp_repeats_do_not_count_as_noise_of_the_speed() -> None:
+    t, random = np.arange(0.0, 60.0, 0.02), np.random.default_rng(3)
+    since, zero = t % 1.5, np.zeros(len(t))
+    rate = np.where((since < 0.5) & (t > 10.0), -20.0 * np.sin(4.0 * np.pi * since), 0.0)
+    y = 50.0 + 0.02 * np.cumsum(rate) + random.normal(0.0, 0.03, len(t))
+    run = smoother.UnbrokenRun(t, y, zero, zero, zero, zero, zero)
+    regimes = noise_fit.switching_regimes(np.array([0.0, 1.0, 1.0]), 30.0)
+    noise = smoother.MeasurementNoise(0.0009, 1e-4, np.array([1e-3, 10.0, 1e3]))
+    every, _ = smoother.innovations(run, regimes, noise)
+    judged = force._rolling_squares(run, regimes, noise)
+    assert np.mean(every**2) > 1.2
+    assert 0.8 < np.mean(judged) < 1.0
+    assert len(judged) > 1000
 
 
 @pytest.mark.parametrize("case", [{"kmh": 0.1}, {"noise": 1e-4}])
