@@ -125,9 +125,10 @@ def with_parameters(vehicle: Table) -> Table:
     if "rotating_mass" in vehicle:
         parameters["wheelset_inertia"] = _inertia(vehicle)
     if "friction" in parameters:
-        faces = clamping_faces(vehicle)
-        ratio = parameters.get("radius_ratio", {}).get("value", 1.0) if stated else 1.0
-        friction = stated_friction.per_axle(parameters["friction"], faces * ratio)
+        faces = None
+        if stated:
+            faces = clamping_faces(vehicle) * parameters["radius_ratio"]["value"]
+        friction = stated_friction.per_axle(parameters["friction"], faces)
         parameters["friction"] = friction
     return parameters
 

@@ -16,6 +16,7 @@ V [km/h]:
 and with phosphorus 0.5 (16 F + 100)/(52 F + 100) for its first part. Single blocks differ from it.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -45,6 +46,17 @@ class Material(NamedTuple):
     speeds: Sequence[float] = ()  # of the table [km/h]; empty: φ is one number
     forces: Sequence[float] = ()  # of one block [kN]
 
+    def over_speed(self) -> Table:
+        """`friction` of a vehicle over the speed alone: the force of one block is not known.
+
+        It is that between a light and a heavy one; the tolerance has both.
+        """
+        light, heavy = (F / G for F in _BLOCK_FORCES)
+        column = [math.sqrt(self.friction(V, light) * self.friction(V, heavy)) for V in self.speeds]
+        by_force = math.log(self.friction(0.0, light) / self.friction(0.0, heavy)) / math.sqrt(12.0)
+        tolerance = math.hypot(self.tolerance, by_force)
+        return {"speed": [V / 3.6 for V in self.speeds], "value": column, "tolerance": tolerance}
+
     def stated_table(self) -> Table:
         """The same as `friction` of a vehicle."""
         if not self.speeds:
@@ -65,6 +77,7 @@ def _over_speed(V: float) -> float:
 # Between these points a straight line is within 1 % of the formula.
 _CAST_IRON_SPEEDS = (0, 3, 6, 10, 14, 19, 25, 32, 41, 52, 66, 83, 105, 134, 160)
 _CAST_IRON_FORCES = (0, 1, 3, 5, 7, 10, 13, 17, 22, 28, 35, 44, 55, 69, 80)
+_BLOCK_FORCES = (5.0, 40.0)  # of one block, light and heavy brakes [kN]
 MATERIALS: Mapping[str, Material] = {
     "organic": Material(
         "organic disc pads",
@@ -101,12 +114,13 @@ MATERIALS: Mapping[str, Material] = {
 }  # fmt: skip
 
 
-def per_axle(entry: Any, faces: float) -> Any:
+def per_axle(entry: Any, faces: float | None) -> Any:
     """`friction` with a material's name as its table, and block forces as those of an axle.
 
     Args:
         entry: as stated.
-        faces: pads or blocks of an axle times the ratio of radii; 0 where nobody states them.
+        faces: pads or blocks of an axle times the ratio of radii; 0 where nobody states them. None
+            where no brake is stated: a material then changes over the speed only.
 
     Raises:
         UserError: an unknown name; a table over the block force without the number of blocks.
@@ -116,12 +130,19 @@ def per_axle(entry: Any, faces: float) -> Any:
         if entry.lower() not in names:
             text = f"vehicle.friction = {entry!r} is no material"
             raise UserError(text, f"write a number, or one of {', '.join(MATERIALS)}", code=2)
-        return per_axle(MATERIALS[names[entry.lower()]].stated_table(), faces)
+        material = MATERIALS[names[entry.lower()]]
+        if faces is None and material.speeds:
+            return material.over_speed()
+        return per_axle(material.stated_table(), faces)
     if not (isinstance(entry, dict) and "block_force" in entry):
         return entry
     if not faces:
         text = "vehicle.friction depends on the force of one block, and the blocks are not stated"
-        hint = "state vehicle.tread_brake.blocks of one axle, or [vehicle.disc_brake]"
+        hint = "state vehicle.tread_brake.blocks of one axle"
+        if faces is None:
+            hint = (
+                "state the brake, as the [vehicle.tread_brake] that `adhesion vehicle wagon` prints"
+            )
         raise UserError(text, hint, code=2)
     if "clamping_force" in entry:
         text = "vehicle.friction states block_force and clamping_force"

@@ -269,7 +269,7 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcom
     outputs = dict(zip(kinds, map(str, paths), strict=True))
     document = {**outcome.document, "outputs": outputs}
     print(dumps(document) if shared.json else f"{outcome.text}\n{terminal.wrote(*paths)}")
-    terminal.show(outcome.findings, shared.quiet or shared.json)
+    terminal.show([] if shared.json else outcome.findings, shared.quiet)
     return results.finished(shared, paths[0], outcome.findings)
 
 

@@ -91,8 +91,9 @@ def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str
 
 
 def show(findings_shown: Sequence[Finding], quiet: bool, heading: str = "") -> None:
-    """The findings on stderr, if there are any."""
-    message(heading + findings(findings_shown), quiet or not findings_shown)
+    """The findings on stderr, if there are any; of a quiet run those that set exit code 3."""
+    shown = [f for f in findings_shown if f.lossy or not quiet]
+    message(heading + findings(shown), quiet=not shown)
 
 
 def show_commands(findings_shown: Sequence[Finding], quiet: bool) -> None:
@@ -108,7 +109,7 @@ def show_of_logs(
 
     Args:
         logs: the name of each, and its findings.
-        quiet: whether nothing is shown.
+        quiet: whether only those are shown that set exit code 3.
         series: findings on all logs together.
     """
     lines: list[str] = []
@@ -116,7 +117,7 @@ def show_of_logs(
         by_code: dict[str, dict[str, list[Finding]]] = {}
         for name, findings_of_log in (("the series", series), *logs):
             for f in findings_of_log:
-                if f.severity == severity:
+                if f.severity == severity and (f.lossy or not quiet):
                     by_code.setdefault(f.code, {}).setdefault(name, []).append(f)
         common_first = sorted(by_code.items(), key=lambda item: -len(item[1]))
         width = max(map(len, by_code), default=0)
@@ -129,7 +130,7 @@ def show_of_logs(
             cells = filter(None, (code.ljust(width), place, _channels(group), printable(text)))
             line = _shorten("  " + "  ".join(cells), 2 * _WIDEST)
             lines.append(folded(line, " " * 6, _columns()))
-    message("\n".join([*lines, _EXPLAINS]), quiet or not lines)
+    message("\n".join([*lines, _EXPLAINS]), quiet=not lines)
 
 
 def _which_logs(names: Sequence[str], count: int) -> str:

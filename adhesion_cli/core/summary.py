@@ -189,7 +189,7 @@ class AxleStop(NamedTuple):
     valve_actions: Annotated[int, Quantity("", "releases of the brake by the WSP")]
     slip_bands: Annotated[
         tuple[float, ...] | None,
-        Quantity("-", "share of the time with slip to 5, 10, 20, 50 and 100 %"),
+        Quantity("-", "shares of the time above 10 km/h with slip to 5, 10, 20, 50 and 100 %"),
     ] = None
     initial_coefficient: Annotated[
         Number, Quantity("-", "mean adhesion coefficient of 0.1 s at the begin of the first slide")
@@ -213,6 +213,10 @@ class AxleStop(NamedTuple):
     ] = None
     vented_s: Annotated[
         Number, Quantity("s", "time in which the vent valve is open; null without its channel")
+    ] = None
+    rolling_u95: Annotated[
+        Number,
+        Quantity("-", "expanded uncertainty of the share with slip to 5 %, by the speeds (95 %)"),
     ] = None
 
 

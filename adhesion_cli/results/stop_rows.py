@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from ..core.summary import Measured, StopSummary
@@ -64,7 +65,9 @@ _OF_WSP = (
     "(95\N{NO-BREAK SPACE}%). used: mean µ of the slides over the highest that the rail gives; "
     "its 95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and other shapes "
     "of the slip-adhesion curve. -: no slide, or the slides do not show it. energy: its relative "
-    "uncertainty, which is not shown, is at least that of µ."
+    "uncertainty, which is not shown, is at least that of µ. slip a–b %: share of the time above "
+    "10 km/h with a slip of a to b %, in %. All below 5 % is in the first. Its uncertainty is that "
+    "by noise and delay of the speeds."
 )
 _DOUBT = "?"  # behind a µ
 _OF_DOUBT = (
@@ -357,11 +360,14 @@ def _initial(a: WspAxle) -> str:
 
 
 def _bands(a: WspAxle) -> dict[str, str]:
-    """The slip histogram: share of the time by the upper limit of each band."""
-    shares = a.slip_bands or [None] * len(SLIP_BANDS)
+    """The slip histogram: share of the time in each band, the first with its uncertainty."""
+    shares = [number(100.0 * x, 0) for x in a.slip_bands or ()] or [DASH] * len(SLIP_BANDS)
+    if a.slip_bands and a.rolling_u95 is not None:
+        shares[0] = _pair(100.0 * a.slip_bands[0], max(100.0 * a.rolling_u95, 1.0))
+    limits = [f"{100.0 * x:g}" for x in (0.0, *SLIP_BANDS)]
     return {
-        f"{'slip to ' * (not i)}{100.0 * top:g} %": number(x and 100.0 * x, 0)
-        for i, (top, x) in enumerate(zip(SLIP_BANDS, shares, strict=True))
+        f"slip {low}–{high} %": share
+        for (low, high), share in zip(pairwise(limits), shares, strict=True)
     }
 
 

@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 
+from ..core.model import Floats
 from ..core.physics import SLIDE, WORKING
-from ..core.signals import median_of_five, true_runs
+from ..core.signals import median_of_five, robust_sigma, true_runs
 from ..core.summary import AxleStop
 from ..rail.events import SHORTEST_SLIDE
 from ..rail.locks import find_locks
@@ -25,7 +26,7 @@ def axle_stops(
 ) -> Iterator[AxleStop]:
     """Slip, locks and valve actions of each axle."""
     for axle in sorted({*signals.rims, *signals.brakes}):
-        slip = locked = longest = bands = None
+        slip = locked = longest = bands = bands_u95 = None
         if axle in signals.rims:
             rim = signals.rims[axle].cut(command, braking.stop)
             v, least_v = signals.speed.interpolated(rim.t), signals.least_speed(rim.t)
@@ -36,6 +37,7 @@ def axle_stops(
                 slip = float(np.max(median_of_five(slips)))
                 shares, _ = np.histogram(slips, [-np.inf, *SLIP_BANDS])
                 bands = tuple((shares / len(slips)).tolist())
+                bands_u95 = _rolling_u95(rim.t[has_slip], v[has_slip], slips, signals.delay_sigma)
             locks = [x.duration for x in find_locks(rim.t, least_v, rim.value, settings.locks)]
             locked, longest = sum(locks, 0.0), max(locks, default=0.0)
             slip = 1.0 if locks else slip
@@ -48,7 +50,7 @@ def axle_stops(
         elif axle in signals.brakes:
             actions, source = _releases(signals.brakes[axle], braking), "pressure"
         row = AxleStop(axle, slip, locked, longest, actions, bands)
-        yield row._replace(valves_from=source, vented_s=vented)
+        yield row._replace(valves_from=source, vented_s=vented, rolling_u95=bands_u95)
 
 
 def all_axles_slide(signals: StopSignals, start: float) -> bool:
@@ -61,6 +63,25 @@ def all_axles_slide(signals: StopSignals, start: float) -> bool:
             deep = (v > WORKING) & (run.value < (1.0 - SLIDE) * v)
         slides.append(any(run.t[b - 1] - run.t[a] > SHORTEST_SLIDE for a, b in true_runs(deep)))
     return bool(slides) and all(slides)
+
+
+def _rolling_u95(t: Floats, v: Floats, slips: Floats, delay_sigma: float) -> float:
+    """Expanded uncertainty of the share of the time in the first band [-].
+
+    Noise of the speeds moves a slip over the limit of the band, and a train speed with a delay
+    moves all of them. Both are larger the slower the train is.
+
+    Args:
+        t: times [s].
+        v: speed of the train [m/s].
+        slips: of the wheel [-].
+        delay_sigma: standard uncertainty of the delay of the train speed [s].
+    """
+    noise = robust_sigma((slips - median_of_five(slips)) * v)
+    slowing = abs(float(v[0] - v[-1])) / max(float(t[-1] - t[0]), 1e-9)
+    error = 2.0 * math.hypot(noise, delay_sigma * slowing) / v
+    lowest, highest = (float(np.mean(slips <= SLIP_BANDS[0] + x)) for x in (-error, error))
+    return (highest - lowest) / 2.0
 
 
 def on_time(state: TimeSeries) -> float:

@@ -149,7 +149,10 @@ class WspAxle(NamedTuple):
     )
     slip_bands: Annotated[
         tuple[float, ...] | None,
-        Quantity("-", "share of the time with slip to 5, 10, 20, 50 and 100 %"),
+        Quantity("-", "shares of the time above 10 km/h with slip to 5, 10, 20, 50 and 100 %"),
+    ] = None
+    rolling_u95: Annotated[
+        Number, Quantity("-", "expanded uncertainty of the first share, by the speeds (95 %)")
     ] = None
 
 
@@ -433,6 +436,7 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
         max(values("longest_lock_s"), default=None),
         max(values("lock_energy_j"), default=None),
         tuple(np.mean(bands, axis=0).tolist()) if bands else None,
+        float(np.mean(errors)) if (errors := values("rolling_u95")) else None,
     )
 
 

@@ -18,6 +18,7 @@ _AVERAGED = 5  # intervals of a slow train speed over which its difference to th
 _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
 _RATIO_SPEED = 3.0  # the ratio of train and rim is measured above [m/s]
+_RELEASED, _LONG_ENOUGH = 0.1, 1.0  # share of the brake's range, and time without a brake [s]
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
 UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
 UNKNOWN_DELAY = 0.1  # 1 sigma of a train speed's delay that the log does not show [s]
@@ -80,13 +81,13 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         axle: TimeSeries(rim.t, rim.value * vehicle.radius(axle).value)
         for axle, rim in rims.items()
     }
+    brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
     measured = base.train_speed is not None and not base.train_speed_made
     if measured and base.train_speed is not None:
         train = TimeSeries(*in_order(t, base.train_speed))
-        rims = {axle: _as_train(rim, train) for axle, rim in rims.items()}
+        rims = {axle: _as_train(rim, train, brakes[axle].value) for axle, rim in rims.items()}
     else:
         train = _fastest(rims, rims[base.axle].t)
-    brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
     is_coarse: Bools | None = None
     if measured:
         delay, interval = base.train_speed_late, base.train_speed_interval
@@ -216,12 +217,20 @@ def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> TimeSeries:
     return TimeSeries(*in_order(np.concatenate(times), np.concatenate(values)))
 
 
-def _as_train(rim: TimeSeries, train: TimeSeries) -> TimeSeries:
-    """A rim speed on the train's scale: their usual ratio while the wheel rolls is taken off."""
+def _as_train(rim: TimeSeries, train: TimeSeries, brake: Floats) -> TimeSeries:
+    """A rim speed on the train's scale: their usual ratio while the wheel rolls is taken off.
+
+    A braked wheel creeps, the more the less the rail gives: the released brake counts, if the log
+    has a second of it.
+    """
     v = train.interpolated(rim.t)
+    lowest, highest = np.nanmin(brake, initial=np.inf), np.nanmax(brake, initial=-np.inf)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = v / rim.value
         rolls = (v > _RATIO_SPEED) & (np.abs(ratio - 1.0) < 2.0 * _ROLLING)
+        released = rolls & (brake < lowest + _RELEASED * (highest - lowest))
+    if released.sum() * np.median(np.diff(rim.t)) > _LONG_ENOUGH:
+        rolls = released
     return TimeSeries(rim.t, rim.value * float(np.median(ratio[rolls]))) if rolls.any() else rim
 
 

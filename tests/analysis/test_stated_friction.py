@@ -102,9 +102,23 @@ def test_a_table_that_does_not_fit_is_an_error(change: dict[str, Any], says: str
 
 def test_a_table_without_the_number_of_blocks_names_the_key() -> None:
     with pytest.raises(UserError, match="blocks are not stated") as error:
-        settings.load({"vehicle": {**AXLE, "friction": "cast-iron"}}, folder=False)
-    assert error.value.hint is not None
-    assert "vehicle.tread_brake.blocks" in error.value.hint
+        settings.load({"vehicle": {**AXLE, "friction": TABLE}}, folder=False)
+    assert "adhesion vehicle wagon" in (error.value.hint or "")
+    no_blocks = {"rigging_ratio": 5.0, "piston_diameter": 0.3}
+    tables = {"vehicle": {**AXLE, "friction": TABLE, "tread_brake": no_blocks}}
+    with pytest.raises(UserError, match="blocks are not stated") as error:
+        settings.load(tables, folder=False)
+    assert "vehicle.tread_brake.blocks" in (error.value.hint or "")
+
+
+def test_a_material_without_a_brake_changes_over_the_speed() -> None:
+    vehicle = settings.load(assignments=["vehicle.friction=cast-iron"], folder=False).vehicle
+    low, high = (phi(vehicle, V / 3.6, 20e3) for V in (10.0, 100.0))
+    assert low / high == pytest.approx((110 / 150) / (200 / 600), rel=0.01)
+    assert phi(vehicle, 10.0 / 3.6, 5e3) == pytest.approx(low)
+    band = 2.0 * vehicle.friction.tolerance / vehicle.friction.value
+    of_light, of_heavy = (phi(stated("cast-iron").vehicle, 10.0 / 3.6, F) for F in (5e3, 40e3))
+    assert low * (1.0 - band) < of_heavy < low < of_light < low * (1.0 + band)
 
 
 def test_a_table_and_a_fade_are_speed_twice() -> None:

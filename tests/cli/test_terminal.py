@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+import pytest
 from helpers import made_results
 from hypothesis import given
 from hypothesis import strategies as st
 
 from adhesion_cli.analysis.summarise import summarise
-from adhesion_cli.cli.terminal import findings, scores, show_of_logs, table
+from adhesion_cli.cli.terminal import findings, scores, show, show_of_logs, table
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Score
 from adhesion_cli.core.summary import ChannelSummary
@@ -118,3 +119,21 @@ def test_forces_of_motors_are_named_where_the_log_has_them_and_force_is_known() 
     assert text(channel) == "Force and µ include the ED force of the log."
     assert text(channel, known=False) == ""
     assert "the ED force and the traction force of" in text(traction, channel)
+
+
+def test_a_quiet_run_shows_what_sets_its_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+    gap = {"longest_s": 2.0}
+    of_log = [
+        Finding("gap", "warning", values=gap),
+        Finding("gap", "info", values=gap),
+        Finding("no-position", "warning"),
+    ]
+    show(of_log, quiet=True)
+    of_one = capsys.readouterr().err
+    show_of_logs([("a.csv", of_log)], quiet=True)
+    for text in (of_one, capsys.readouterr().err):
+        assert text.count("  gap") == 1
+        assert "notes:" not in text
+        assert "no-position" not in text
+    show(of_log[1:], quiet=True)
+    assert not capsys.readouterr().err

@@ -15,6 +15,7 @@ from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Param
 from adhesion_cli.core.physics import G
 from adhesion_cli.core.signals import true_runs
 from adhesion_cli.core.summary import JERK, StopSummary
+from adhesion_cli.stops import signals as stop_signals
 from adhesion_cli.stops.command import find_command
 from adhesion_cli.stops.find import Braking, find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
@@ -273,6 +274,31 @@ def test_a_wheel_is_locked_where_the_train_is_fast_and_not_in_the_last_metres() 
     assert axle.longest_lock_s == pytest.approx(2.0, abs=0.05)
     assert axle.slip_bands is not None
     assert sum(axle.slip_bands) == pytest.approx(1.0)
+    assert axle.rolling_u95 == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.4])
+def test_time_without_a_slide_is_as_sure_as_noise_leaves_it(noise: float) -> None:
+    """A slip of 4 % has no part above 5 %; noise of a speed counts as slip."""
+    x, _ = signals()
+    t, v = x.speed
+    rim = v * np.where((t > 14.0) & (t < 25.0), 0.96, 1.0)
+    rim += np.random.default_rng(2).normal(0.0, noise, len(t)) * (v > 0.0)
+    (stop,) = measured(x._replace(rims={1: TimeSeries(t, rim)}))
+    (axle,) = stop.axles
+    assert axle.slip_bands is not None
+    assert axle.rolling_u95 is not None
+    assert axle.slip_bands[0] == pytest.approx(1.0, abs=axle.rolling_u95 + 0.01)
+    assert (axle.rolling_u95 > 0.05) == (noise > 0.0)
+
+
+def test_a_wheel_that_creeps_under_the_brake_keeps_its_slip() -> None:
+    """What differs from the train without a brake is the diameter; under it, the slip."""
+    t = np.arange(0.0, 40.0, 0.05)
+    v, brake = np.clip(30.0 - 0.8 * np.maximum(t - ON, 0.0), 0.0, None), np.where(t > ON, 3e5, 1e3)
+    rim = 1.01 * v * np.where(t > ON, 0.97, 1.0)
+    scaled = stop_signals._as_train(TimeSeries(t, rim), TimeSeries(t, v), brake).value
+    np.testing.assert_allclose(scaled, rim / 1.01)
 
 
 def test_releases_by_the_valves_are_counted() -> None:
