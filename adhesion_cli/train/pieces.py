@@ -263,7 +263,7 @@ def sum_by_piece(d: Design, x: Floats) -> Floats:
 
 def repeat_by_piece(d: Design, x: Floats) -> Floats:
     """What each piece has, for each of its samples."""
-    return np.repeat(x, d.size.astype(int), axis=-1)
+    return x.repeat(d.size.astype(int), axis=-1)
 
 
 def without_bend(d: Design, x: Floats) -> Floats:
@@ -287,7 +287,8 @@ def _bend(d: Design) -> Floats:
 def integral(d: Design, k: Floats) -> Floats:
     """∫ k dt, (n,) [s]."""
     step = float(d.t[1] - d.t[0])
-    area: Floats = np.concatenate([[0.0], np.cumsum((k[1:] + k[:-1]) * (0.5 * step))])
+    area = np.zeros(len(k))
+    ((k[1:] + k[:-1]) * (0.5 * step)).cumsum(out=area[1:])
     return area
 
 

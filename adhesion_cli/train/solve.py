@@ -80,9 +80,9 @@ def residual(d: Design, x: Floats, gradients: Floats) -> Floats:
 
 def _motor_creep(d: Design, x: Floats) -> Floats | float:
     """How much slower than the train a wheel turns by the motors' force, (m,) [m/s]."""
-    by_motors = d.by_motors[d.samples]
-    if not d.creeps or not by_motors.any():
+    if not d.creeps or not d.by_motors.any():
         return 0.0
+    by_motors = d.by_motors[d.samples]
     return without_bend(d, d.speed * by_motors / (G * math.exp(x[STIFFNESS])))
 
 
