@@ -16,6 +16,8 @@ gc.set_threshold(100_000)
 # Else every process of a test compiles the package anew, and each run of the tests these: 20 s.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# As the program has it: threads of OpenBLAS wait busily, and each core has a process of tests.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Typer builds all commands anew for each call of one: a tenth of a short one.
 typer.main.get_command = functools.cache(typer.main.get_command)
 settings.register_profile("deterministic", derandomize=True, deadline=None)
