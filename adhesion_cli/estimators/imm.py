@@ -375,11 +375,8 @@ def _update_train(
     w: Wheelset, s: State, h: float, weight_stopped: float, weight_earlier: float
 ) -> TrainMotion:
     """The train one interval on, for wheels that stop rolling, and those that did before."""
-    rolling, train, share = (
-        s.rolling,
-        s.known.train,
-        weight_stopped / (weight_stopped + weight_earlier),
-    )
+    rolling, train = s.rolling, s.known.train
+    share = weight_stopped / (weight_stopped + weight_earlier)
     speed = train.speed + share * (rolling.x - train.speed)
     variance = (1.0 - share) * (squared(train.doubt) + squared(train.speed - speed))
     variance += share * (

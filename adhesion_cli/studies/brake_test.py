@@ -21,6 +21,7 @@ from ..results.geojson import MapOfLog, map_of_log
 from ..results.report.protocol import Protocol
 from ..results.vehicle_text import describe_scatter, describe_vehicle
 from ..stops.series import (
+    Group,
     GroupDifference,
     SeriesStop,
     StopSeries,
@@ -244,20 +245,8 @@ def document(test: BrakeTest) -> Json:
     series = test.series
     return tagged(
         "stops",
-        stops=[
-            {
-                "log": s.log,
-                "group": s.group,
-                "label": s.label,
-                "vehicle_in_doubt": s.vehicle_in_doubt,
-                **as_json(s.stop),
-            }
-            for s in series.stops
-        ],
-        groups=[
-            {"name": g.name, "n": g.n, **{q: as_json(x) for q, x in g.statistics.items()}}
-            for g in series.groups
-        ],
+        stops=[_unfolded(s, "stop") for s in series.stops],
+        groups=[_unfolded(g, "statistics") for g in series.groups],
         differences=[_difference(x) for x in series.differences],
         limits=as_json(series.limits),
         wsp=as_json(series.wsp),
@@ -276,6 +265,13 @@ def document(test: BrakeTest) -> Json:
             for log, finding in test.findings_by_log
         ],
     )
+
+
+def _unfolded(x: SeriesStop | Group, name: str) -> Json:
+    """The fields of a stop or a group, and after them those of its table of this name."""
+    keys = as_json(x)
+    inner = keys.pop(name)
+    return {**keys, **inner}
 
 
 def _difference(x: GroupDifference) -> Json:

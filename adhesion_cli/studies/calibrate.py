@@ -341,39 +341,32 @@ def _applications(
 ) -> tuple[ApplicationDeceleration, ...]:
     """All brake applications, in the order of the logs."""
     rows: list[ApplicationDeceleration] = []
-    place = n = len(model.UNITS)
-    log_to_log = np.zeros(n)
-    log_to_log[[*reference.LOG_TO_LOG]] = [sigma**2 for sigma in reference.LOG_TO_LOG.values()]
-    prior_covariance = np.diag(posterior.prior_sigma**2)
-    posterior_covariance = posterior.covariance[:n, :n] + np.diag(log_to_log)
+    place = len(model.UNITS)
     for used_log, d in zip(logs, designs, strict=True):
-        rows_of_log = slice(place, place + len(d.size))
-        fitted_log = _FittedLog(
-            posterior.mean[rows_of_log],
-            posterior.covariance[rows_of_log, rows_of_log],
-            prior_covariance,
-            posterior_covariance,
-        )
-        rows += _decelerations(used_log, d, posterior, fitted_log)
-        place = rows_of_log.stop
+        rows += _decelerations(used_log, d, posterior, slice(place, place + len(d.size)))
+        place += len(d.size)
     return tuple(rows)
 
 
-class _FittedLog(NamedTuple):
-    """What a posterior says of one log."""
-
-    gradients: Floats  # (p,) [m/s²]
-    gradient_covariance: Floats  # covariance of these
-    prior_covariance: Floats  # covariance of the shared parameters before, of the brake only
-    posterior_covariance: Floats  # the same of the posterior
-
-
 def _decelerations(
-    u: UsedLog, d: Design, posterior: solve.Posterior, fitted_log: _FittedLog
+    u: UsedLog, d: Design, posterior: solve.Posterior, pieces_of_log: slice
 ) -> list[ApplicationDeceleration]:
-    """The decelerations of each brake application, by straight lines through its samples."""
-    x = posterior.mean[: len(model.UNITS)]
+    """The decelerations of each brake application, by straight lines through its samples.
+
+    Args:
+        u: the log.
+        d: its design.
+        posterior: of all logs.
+        pieces_of_log: the places of the log's gradients in it.
+    """
+    n = len(model.UNITS)
+    x = posterior.mean[:n]
     of_brake = [model.SCALE, model.OFFSET, model.FADE]
+    stated_covariance = np.diag(posterior.prior_sigma[of_brake] ** 2)
+    log_to_log = np.zeros(n)
+    log_to_log[[*reference.LOG_TO_LOG]] = [sigma**2 for sigma in reference.LOG_TO_LOG.values()]
+    covariance = posterior.covariance[:n, :n] + np.diag(log_to_log)
+    gradient_covariance = posterior.covariance[pieces_of_log, pieces_of_log]
     stated_mean = x.copy()
     stated_mean[of_brake] = posterior.prior[of_brake]
     t, piece = d.t[d.samples], np.repeat(np.arange(len(d.size)), d.size.astype(int))
@@ -388,8 +381,6 @@ def _decelerations(
             slopes(y) for y in (loss_stated, loss_calibrated)
         )
         share = np.bincount(piece[samples], minlength=len(d.size)) / len(samples)
-        by_brake = np.array(gradient_stated)[of_brake]
-        brake_covariance = fitted_log.prior_covariance[np.ix_(of_brake, of_brake)]
         rows.append(
             ApplicationDeceleration(
                 u.log.path,
@@ -397,11 +388,11 @@ def _decelerations(
                 float(d.measured[samples].mean()),
                 -float(slopes(d.measured[None])[0]),
                 float(rate_stated),
-                _sigma(by_brake, brake_covariance),
+                _sigma(np.array(gradient_stated)[of_brake], stated_covariance),
                 float(rate_calibrated),
-                _sigma(np.array(gradient_calibrated), fitted_log.posterior_covariance),
-                float(share @ fitted_log.gradients),
-                _sigma(share, fitted_log.gradient_covariance),
+                _sigma(np.array(gradient_calibrated), covariance),
+                float(share @ posterior.mean[pieces_of_log]),
+                _sigma(share, gradient_covariance),
             )
         )
     return rows
@@ -505,24 +496,18 @@ def panels(braked: Sequence[ApplicationDeceleration]) -> list[Panel]:
 
     Bars are expanded uncertainties (95 %). The first application of each log names the log.
     """
-    measured = np.array([a.measured_mps2 for a in braked])
+    column = {n: np.array([getattr(a, n) for a in braked]) for n in ApplicationDeceleration._fields}
+    measured = column["measured_mps2"]
     place, limits = np.arange(float(len(braked))), np.array([0.0, 1.1 * float(np.max(measured))])
     predicted_lines, difference_lines = [Line("equal", limits, limits, BLACK, dashed=True)], []
-    for offset, (name, colour) in zip(
-        (-_SIDE_STEP, 0.0), (("stated", GREY), ("calibrated", BLUE)), strict=True
-    ):
-        predicted, u = (
-            np.array([getattr(a, f"{name}{kind}_mps2") for a in braked]) for kind in ("", "_u")
-        )
-        predicted_lines.append(Line(name, measured, predicted, colour, bars=Z95 * u))
-        difference_lines.append(
-            Line(name, place + offset, predicted - measured, colour, bars=Z95 * u)
-        )
-    gradient, u = (
-        np.array([getattr(a, f"gradient{kind}_mps2") for a in braked]) for kind in ("", "_u")
-    )
+    for name, offset, colour in (("stated", -_SIDE_STEP, GREY), ("calibrated", 0.0, BLUE)):
+        predicted, bars = column[f"{name}_mps2"], Z95 * column[f"{name}_u_mps2"]
+        predicted_lines.append(Line(name, measured, predicted, colour, bars=bars))
+        difference = predicted - measured
+        difference_lines.append(Line(name, place + offset, difference, colour, bars=bars))
+    gradient, bars = column["gradient_mps2"], Z95 * column["gradient_u_mps2"]
     difference_lines.append(
-        Line("fitted gradient", place + _SIDE_STEP, gradient, ORANGE, bars=Z95 * u, dots=_SMALL_DOT)
+        Line("fitted gradient", place + _SIDE_STEP, gradient, ORANGE, bars=bars, dots=_SMALL_DOT)
     )
     return [
         Panel(

@@ -129,12 +129,7 @@ def reproduce(
     """
     progress("constant adhesion")
     alternatives = [
-        {
-            "reading": r.text,
-            "condition": "constant",
-            "algo": algo,
-            **_measure_constant(r, algo, seeds[:10]),
-        }
+        _alternative(r.text, "constant", algo, _measure_constant(r, algo, seeds[:10]))
         for r in ALTERNATIVES
         for algo in r.algos
     ]
@@ -142,6 +137,7 @@ def reproduce(
     progress("varying adhesion")
     varying = {algo: _measure_varying(algo, seeds[:5]) for algo in PUBLISHED}
     progress("analysing one log of each")
+    field_test = simulate.load("service-brake")
     with tempfile.TemporaryDirectory() as folder:
         exact = AnalysisSettings(vehicle="stated")  # a simulation knows its vehicle
         as_printed = {algo: printed(algo, INTERVAL) for algo in PUBLISHED}
@@ -150,20 +146,12 @@ def reproduce(
             _analyze_scenario(Path(folder) / "constant.mcap", _constant(DELAY), printed_settings),
             _analyze_scenario(Path(folder) / "varying.mcap", _swinging(0.5), printed_settings),
             _analyze_scenario(
-                Path(folder) / "field-test.mcap",
-                simulate.load("service-brake"),
-                Settings(analysis=exact),
+                Path(folder) / "field-test.mcap", field_test, Settings(analysis=exact)
             ),
         )
-    with_process_noise = _measure_varying("kalman", seeds[:5], {"q": 1e-5})
-    alternatives.append(
-        {
-            "reading": "kept alive by process noise q = 1e-5",
-            "condition": "varying",
-            "algo": "kalman",
-            **with_process_noise,
-        }
-    )
+    measured = _measure_varying("kalman", seeds[:5], {"q": 1e-5})
+    text = "kept alive by process noise q = 1e-5"
+    alternatives.append(_alternative(text, "varying", "kalman", measured))
     document = {
         **tagged("reproduce", source=PAPER),
         "seeds": len(seeds),
@@ -176,29 +164,22 @@ def reproduce(
     return Reproduction(document, results)
 
 
+def _alternative(text: str, condition: str, algo: str, measured: Json) -> Json:
+    return {"reading": text, "condition": condition, "algo": algo, **measured}
+
+
 def printed(algo: str, interval: float) -> dict[str, float]:
     """Table 1 and what the text prints; b and R per sample, which ours are per 1 ms."""
     per_ms = interval / 1e-3
-    return {
-        "td": {"r": 100.0, "h0": 0.0, "from_zero": 1.0, "euler": 1.0},
-        "leso": {"beta1": 216.0, "beta2": 216.0, "euler": 1.0},
-        "neso": {
-            "beta1": 216.0,
-            "beta2": 216.0,
-            "alpha1": 1.0,
-            "alpha2": 0.5,
-            "delta": 0.02,
-            "euler": 1.0,
-        },
-        "gradient": {"lam": 4.0, "p": 10.0, "euler": 1.0},
-        "kalman": {
-            "b": 0.95 ** (1.0 / per_ms),
-            "q": 0.0,
-            "R": POWER * per_ms,
-            "P0": 10.0,
-            "euler": 1.0,
-        },
-    }[algo]
+    observer = {"beta1": 216.0, "beta2": 216.0}
+    parameters = {
+        "td": {"r": 100.0, "h0": 0.0, "from_zero": 1.0},
+        "leso": observer,
+        "neso": observer | {"alpha1": 1.0, "alpha2": 0.5, "delta": 0.02},
+        "gradient": {"lam": 4.0, "p": 10.0},
+        "kalman": {"b": 0.95 ** (1.0 / per_ms), "q": 0.0, "R": POWER * per_ms, "P0": 10.0},
+    }
+    return parameters[algo] | {"euler": 1.0}
 
 
 # --- constant condition -------------------------------------------------------------------------
@@ -235,15 +216,10 @@ def _measure_constant(reading: PaperReading, algo: str, seeds: Sequence[int]) ->
         error, band = F - steady[-1], _RESPONSE_BAND * steady[-1]
         final_error = error[t > t[-1] - reading.error_seconds]
         errors.append(float(final_error[np.argmax(np.abs(final_error))]))
-        is_near = np.abs(error) <= band if settled else error >= -band
-        first_index = int(np.argmax(is_near))
-        if settled:
-            first_index = int(np.flatnonzero(~is_near)[-1]) + 1 if not is_near.all() else 0
-        responses.append(
-            float(t[first_index] - t[0])
-            if first_index < len(is_near) and is_near[first_index]
-            else np.inf
-        )
+        reached = error >= -band
+        if settled:  # and for good
+            reached = np.logical_and.accumulate((np.abs(error) <= band)[::-1])[::-1]
+        responses.append(float(t[np.argmax(reached)] - t[0]) if reached.any() else np.inf)
     if len({e > 0.0 for e in errors}) > 1:
         errors = [abs(e) for e in errors]
     always = bool(np.isfinite(responses).all())

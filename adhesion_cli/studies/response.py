@@ -58,16 +58,11 @@ def responses(
     measured = np.array([[_answer(est, p, w, x, A) / A for x in f] for A in AMPLITUDES])
     difference = float(np.max(np.abs(np.diff(measured, axis=0)) / np.abs(measured[1:]).clip(1e-9)))
     amplitudes: Sequence[float | None] = AMPLITUDES if difference > LINEAR else (None,)
+    gain, delay = np.abs(measured), -np.unwrap(np.angle(measured)) / (2.0 * math.pi * f)
+    noise_gain = gain * 2.0 * math.pi * f / w.a
     return [
-        FrequencyResponse(
-            est.name,
-            A,
-            f,
-            np.abs(ratio),
-            -np.unwrap(np.angle(ratio)) / (2.0 * math.pi * f),
-            np.abs(ratio) * 2.0 * math.pi * f / w.a,
-        )
-        for A, ratio in zip(amplitudes, measured, strict=False)
+        FrequencyResponse(est.name, A, f, gain[i], delay[i], noise_gain[i])
+        for i, A in enumerate(amplitudes)
     ]
 
 
@@ -84,31 +79,21 @@ def harmonic(t: Floats, x: Floats, frequency: float) -> complex:
 
 def panels(responses: Sequence[FrequencyResponse]) -> list[Panel]:
     """Gain, delay and noise gain over frequency; larger amplitudes are dashed."""
-    columns = (
-        ("Gain of the force", "gain", [r.gain for r in responses]),
-        ("Delay of the force", "delay [ms]", [1e3 * r.delay_s for r in responses]),
-        ("Noise of the wheel speed", "N per rad/s", [r.noise_gain for r in responses]),
-    )
+    gains = [_line(r, r.gain) for r in responses]
+    delays = [_line(r, 1e3 * r.delay_s) for r in responses]
+    noise_gains = [_line(r, r.noise_gain) for r in responses]
+    f, noise = "frequency [Hz]", "Noise of the wheel speed"
     return [
-        Panel(
-            title,
-            "frequency [Hz]",
-            unit,
-            [
-                Line(
-                    r.algo if r.amplitude_n is None else f"{r.algo} {r.amplitude_n:.0f} N",
-                    r.frequency_hz,
-                    y,
-                    of_method(r.algo),
-                    dashed=r.amplitude_n not in (None, AMPLITUDES[0]),
-                )
-                for r, y in zip(responses, values, strict=True)
-            ],
-            log_x=True,
-            log_y=unit != "delay [ms]",
-        )
-        for title, unit, values in columns
+        Panel("Gain of the force", f, "gain", gains, log_x=True, log_y=True),
+        Panel("Delay of the force", f, "delay [ms]", delays, log_x=True),
+        Panel(noise, f, "N per rad/s", noise_gains, log_x=True, log_y=True),
     ]
+
+
+def _line(r: FrequencyResponse, y: Floats) -> Line:
+    name = r.algo if r.amplitude_n is None else f"{r.algo} {r.amplitude_n:.0f} N"
+    dashed = r.amplitude_n not in (None, AMPLITUDES[0])
+    return Line(name, r.frequency_hz, y, of_method(r.algo), dashed=dashed)
 
 
 def _answer(est: Estimator, p: Any, w: Wheelset, f: float, A: float) -> complex:

@@ -233,22 +233,15 @@ class _Space:
     """
 
     def __init__(self, est: Estimator, default_parameters: Any) -> None:
-        quantity_by_name = quantities(est.Params)
-        searched = [name for name in quantity_by_name if getattr(est.Params(), name) != 0.0]
+        all_quantities = quantities(est.Params).items()
+        searched = {n: q for n, q in all_quantities if getattr(est.Params(), n) != 0.0}
         self._est, self._defaults = est, default_parameters
-        self._highest = {name: quantity_by_name[name].maximum for name in searched}
-        self._widths = {
-            name: quantity_by_name[name].maximum > 1.0 for name in searched
-        }  # else a share
-        self.low = self._coded(
-            {n: max(quantity_by_name[n].minimum, 1e-12 * self._widths[n]) for n in searched}
-        )
-        self.high = self._coded(self._highest)
-        self.start = np.clip(
-            self._coded({n: max(getattr(default_parameters, n), 1e-12) for n in searched}),
-            self.low,
-            self.high,
-        )
+        self._highest = {n: q.maximum for n, q in searched.items()}
+        self._widths = {n: highest > 1.0 for n, highest in self._highest.items()}  # else a share
+        lowest = {n: max(q.minimum, 1e-12 * self._widths[n]) for n, q in searched.items()}
+        start = {n: max(getattr(default_parameters, n), 1e-12) for n in searched}
+        self.low, self.high = self._coded(lowest), self._coded(self._highest)
+        self.start = np.clip(self._coded(start), self.low, self.high)
         spans_decades = np.array(list(self._widths.values()))
         self.spread = np.where(spans_decades, _DECADE, _SHARE * (self.high - self.low))
 
