@@ -22,6 +22,10 @@ _CODES = {  # of struct and numpy
     "float32": "f",
     "float64": "d",
 }
+_NUMBERS = {  # how to read one of each type, by the byte of the encapsulation that says the order
+    mark: {kind: struct.Struct(f"{order}{code}") for kind, code in _CODES.items()}
+    for mark, order in enumerate("><")
+}
 _FIELD = re.compile(
     r"(?P<type>[A-Za-z][\w/]*)(?:(?<=\bstring)<=\d+)?"
     r"(?P<array>\[(?P<bound><=)?(?P<size>\d{0,10})\])?"
@@ -89,7 +93,10 @@ class Ros2Decoder(Decoder):
 
     def parse(self, message: bytes) -> Tree:
         """One message as plain values; long arrays are cut after LONG_ARRAY + 1 elements."""
-        return _Message(self._types, self._root, message).tree
+        try:
+            return _Message(self._types, self._root, message).tree
+        except struct.error:
+            raise UndecodableError("message is shorter than its schema says") from None
 
     tree = parse
 
@@ -113,13 +120,14 @@ class _Message:
 
     Raises:
         UndecodableError: where the schema does not fit.
+        struct.error: where the message is too short.
     """
 
     def __init__(self, types: _Types, root: str, raw: bytes) -> None:
         if len(raw) < 4 or raw[1] > 1:  # of the encapsulation: 0 big-endian, 1 little-endian
             raise UndecodableError("no plain CDR encapsulation")
         self._types, self._raw = types, raw
-        self._order = "<" if raw[1] else ">"
+        self._order, self._number_of = "><"[raw[1]], _NUMBERS[raw[1]]
         self._size = 4  # bytes that the schema explains; alignment counts from here
         self._messages = 0
         self.tree = self._members(root)
@@ -136,8 +144,13 @@ class _Message:
         self._size = begin + size * count
         return begin
 
+    def _number(self, number: struct.Struct) -> Tree:
+        begin = self._size + -(self._size - 4) % number.size
+        self._size = begin + number.size
+        return number.unpack_from(self._raw, begin)[0]
+
     def _length(self) -> int:
-        length: int = struct.unpack_from(f"{self._order}I", self._raw, self._take(4))[0]
+        length: int = self._number(self._number_of["uint32"])
         return length
 
     def _members(self, kind: str) -> dict[str, Tree]:
@@ -160,22 +173,22 @@ class _Message:
         return kind in _CODES or any(self._numeric(m.type) for m in self._types.get(kind, ()))
 
     def _value(self, kind: str) -> Tree:
+        if number := self._number_of.get(kind):
+            return self._number(number)
         if kind == "string":
             length = self._length()
             begin = self._take(1, length)
             # What is not UTF-8 stays distinct and printable.
             return self._raw[begin : begin + max(length - 1, 0)].decode(errors="backslashreplace")
-        return self._numbers(code, 1)[0] if (code := _CODES.get(kind)) else self._members(kind)
-
-    def _numbers(self, code: str, count: int) -> list[Tree]:
-        begin = self._take(struct.calcsize(f"{self._order}{code}"), count)
-        length = min(count, LONG_ARRAY + 1)
-        return list(struct.unpack_from(f"{self._order}{length}{code}", self._raw, begin))
+        return self._members(kind)
 
     def _values(self, member: _Member) -> list[Tree]:
         count = member.size or self._length()
-        if code := _CODES.get(member.type):
-            return self._numbers(code, count)
+        if number := self._number_of.get(member.type):
+            begin, length = self._take(number.size, count), min(count, LONG_ARRAY + 1)
+            return list(
+                struct.unpack_from(f"{self._order}{length}{number.format[1:]}", self._raw, begin)
+            )
         if count > min(_MOST_ELEMENTS, len(self._raw)):  # each has at least one byte
             raise UndecodableError(f"too many elements in an array of {member.type}")
         return [self._value(member.type) for _ in range(count)][: LONG_ARRAY + 1]
