@@ -29,6 +29,7 @@ JERK = (
     "1 s, of a speed smoothed by second-degree polynomials over 1 s (Savitzky-Golay), less the "
     "excess by noise"
 )
+SLIDE_SPAN = "from 1 % of slip to 1 % of slip, with more than 5 % for 0.1 s or more between"
 
 
 class MeanAndHighest(NamedTuple):
@@ -76,7 +77,7 @@ class SlideSummary(NamedTuple):
     """One slide of one axle."""
 
     start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
-    duration_s: Annotated[float, Quantity("s", "duration of the slide")]
+    duration_s: Annotated[float, Quantity("s", SLIDE_SPAN)]
     distance_m: Annotated[float, Quantity("m", "distance of the train in it")]
     max_slip: Annotated[float, Quantity("-", "the largest slip")]
     energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]

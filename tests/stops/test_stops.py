@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
-from adhesion_cli.core.physics import G
+from adhesion_cli.core.physics import SLIDE, G
 from adhesion_cli.core.signals import true_runs
-from adhesion_cli.core.summary import JERK, StopSummary
+from adhesion_cli.core.summary import JERK, SLIDE_SPAN, StopSummary
+from adhesion_cli.rail.events import END_SLIP, SHORTEST_SLIDE
 from adhesion_cli.stops import signals as stop_signals
 from adhesion_cli.stops.command import find_command
 from adhesion_cli.stops.find import Braking, find_brakings
@@ -430,9 +431,21 @@ def test_the_jerk_is_that_of_the_train_whatever_the_noise() -> None:
     assert abs(np.mean(errors)) < 0.2 * stop.jerk.u95
 
 
-def test_pages_repeat_the_definition_of_the_jerk() -> None:
-    for page in ("glossary.md", "howto/brake-test.md"):
-        assert JERK in (Path(__file__).parents[2] / "docs" / page).read_text("utf-8")
+@pytest.mark.parametrize(
+    ("definition", "pages"),
+    [
+        (JERK, ("glossary.md", "howto/brake-test.md")),
+        (SLIDE_SPAN, ("glossary.md", "howto/a-slide.md")),
+    ],
+)
+def test_pages_repeat_the_definitions(definition: str, pages: tuple[str, ...]) -> None:
+    for page in pages:
+        assert definition in (Path(__file__).parents[2] / "docs" / page).read_text("utf-8")
+
+
+def test_a_slide_is_what_its_definition_says() -> None:
+    numbers = f"{END_SLIP:.0%}", f"{SLIDE:.0%}", f"{SHORTEST_SLIDE:g} s"
+    assert all(text.replace("%", " %") in SLIDE_SPAN for text in numbers)
 
 
 def test_a_coarse_speed_has_no_jerk() -> None:
