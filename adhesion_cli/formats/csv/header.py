@@ -75,6 +75,7 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
         return Header([], None, start, start)
     text_above = _text_above(table, start)
     if text_above.names:
+        text_above.start += _numbers_columns(table, start)
         return text_above
     if has_header:
         if start + 1 >= len(table.rows):
@@ -82,6 +83,13 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
         return Header([table.rows[start][1]], None, start, start + 1)
     text_above.names = _commented_header(table, table.rows[start][0])
     return text_above
+
+
+def _numbers_columns(table: FirstRows, row: int) -> bool:
+    """Whether a row numbers the columns, 1, 2, 3, as AiM writes: the times begin below 1."""
+    cells, *following = (x for _, x in table.rows[row : row + 2])
+    is_counted = cells == [str(k) for k in range(1, table.width + 1)]
+    return is_counted and bool(following) and "" < following[0][0] < "1"
 
 
 def _first_data(table: FirstRows) -> int | None:

@@ -215,9 +215,9 @@ class Decoder(ABC):
             UndecodableError: where the message breaks its encoding.
         """
 
-    @abstractmethod
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit the schema states for a number, and where; "" for none."""
+        return "", ""
 
     def names(self, steps: Steps) -> Mapping[int, str]:
         """The names that the schema gives the numbers at a place; none where it gives none."""

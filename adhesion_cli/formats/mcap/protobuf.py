@@ -76,12 +76,6 @@ class ProtobufDecoder(Decoder):
             self._class = GetMessageClass(self._type)
         except RecursionError:  # the library goes into each type within a type
             raise UndecodableError(f"types in {name} nest too deep") from None
-        try:
-            self._options = GetMessageClass(
-                pool.FindMessageTypeByName("google.protobuf.FieldOptions")
-            )
-        except KeyError:
-            self._options = None
 
     def parse(self, message: bytes) -> Any:
         """See Decoder."""
@@ -93,18 +87,6 @@ class ProtobufDecoder(Decoder):
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; messages inside that are absent show their defaults."""
         return _tree(self.parse(message), (self._type,), [_MOST_FIELDS])
-
-    def unit(self, steps: Steps) -> tuple[str, str]:
-        """The unit a custom field option named `unit` states."""
-        option = self._field(steps)
-        if option is None or self._options is None:
-            return "", ""
-        for extension, value in self._options.FromString(
-            option.GetOptions().SerializeToString()
-        ).ListFields():
-            if extension.name in ("unit", "units") and isinstance(value, str):
-                return value, f"field option {extension.full_name}"
-        return "", ""
 
     def names(self, steps: Steps) -> Mapping[int, str]:
         """See Decoder; without what all names of an enum begin with, as style guides ask for."""

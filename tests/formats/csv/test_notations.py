@@ -429,3 +429,13 @@ def test_values_of_a_car_scanner_are_known_by_the_names_of_their_signals(tmp_pat
         ("BC pressure", "bar"),
         ("Wheel speed", "km/h"),
     ]
+
+
+def test_a_row_that_numbers_the_columns_is_no_sample(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 50:.2f},{k % 7}.5,70\n" for k in range(50))
+    text = f"Time,BC Pressure,Wheel Speed\nsec,bar,km/h\n1,2,3\n\n{rows}"
+    source, (p, _) = numbers_of(tmp_path / "a.csv", text)
+    assert (source.rows, p.t[0], p.value[0]) == (50, 0, 0.5)
+    text = text.replace("1,2,3\n\n" + rows, "".join(f"{k},{k + 1},{k + 2}\n" for k in range(1, 50)))
+    source, (p, _) = numbers_of(tmp_path / "a.csv", text)
+    assert (source.rows, p.value[0]) == (49, 2.0)
