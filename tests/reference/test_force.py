@@ -20,7 +20,6 @@ from helpers.reference_runs import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal
 
 from adhesion_cli.channels.to_si import period_tick
 from adhesion_cli.core import physics, signals
@@ -159,6 +158,8 @@ def test_vibration_is_not_taken_for_force(
     rate: float, sigma: float, white: float, frequency: float
 ) -> None:
     """Its neighbouring readings have nearly the same error, which no white noise has."""
+    from scipy import signal  # a second of import, which each process of tests would take
+
     record, _ = logged("service-brake", rate=rate)
     t = (record.t - record.t[0]) * 1e-9
     rng = np.random.default_rng(6)
