@@ -32,7 +32,7 @@ from ..formats.source import TAKEN_AS_UTC, Source
 from .meaning import Mapping, Meant, entry_of, name, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
-from .rules import ED_WITHOUT_UNIT
+from .rules import ED_WITHOUT_UNIT, UNCLEAR_VALVE
 from .state_words import as_levels, words_key
 from .to_si import channel
 
@@ -227,6 +227,11 @@ def needed(
             entry = {"channel": m.field.channel, "field": m.field.path, "unit": "kN"}
             names = {"setting": toml.option(f"channels.ed_force = {toml.table(entry)}")}
             findings.append(Finding("ed-force-unit", "warning", channel=m.title, names=names))
+        elif m.reason == UNCLEAR_VALVE:
+            valve = toml.table(entry_of(m.field))
+            line = f'channels.vent_valve."axle {m.axle or 1}" = {valve}'
+            names = {"setting": toml.option(line)}
+            findings.append(Finding("valve-unclear", "info", channel=m.title, names=names))
     return [*chosen, *_choose_further(meant, further)], findings
 
 

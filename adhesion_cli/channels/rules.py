@@ -50,6 +50,7 @@ _SHOWN = "stops use it"
 _PLACED = "stops and slides have their place by it"
 _ON = "above zero it acts"
 ED_WITHOUT_UNIT = "an ED brake, but no unit of a force, a torque or a share (%) is stated"
+UNCLEAR_VALVE = "a valve, but the name does not say whether it vents or holds"
 
 RULES = (
     Rule("any", "own never", None, "not a quantity we use"),
@@ -120,6 +121,7 @@ RULES = (
     Rule("temperature", "?own temperature", "temperature", _NAMED),
     Rule("state", "own temperature", "temperature", _NAMED),
     Rule("any", "own temperature", None, "not a quantity we use"),
+    Rule("state", "own valve", None, UNCLEAR_VALVE),
 )
 
 _QUANTITY: dict[str, tuple[str, ...]] = {  # dimension of a stated unit: what it may be

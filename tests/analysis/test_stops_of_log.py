@@ -1,5 +1,6 @@
 """Stops of an analysed log: the adhesion and the energy of their slides, against truth."""
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -29,3 +30,19 @@ def test_command_valves_and_sanding_of_a_log_are_read(tmp_path: Path) -> None:
     first, second, *_ = stop.axles
     assert (first.valves_from, second.valves_from) == ("valves", "pressure")
     assert first.vented_s == pytest.approx(0.5 * first.valve_actions, rel=0.1)
+
+
+def test_a_valve_of_an_unknown_kind_is_reported_with_a_setting_that_works(tmp_path: Path) -> None:
+    head, *lines = (SAMPLES / "low-adhesion.csv").read_text().splitlines()
+    opened = [float(line.split(",")[0]) % 2.0 < 0.5 for line in lines]
+    columns = [f"{line},{x:d},20" for line, x in zip(lines, opened, strict=True)]
+    log = tmp_path / "valves.csv"
+    log.write_text("\n".join([f"{head},Ventil 2,Ventil Temperatur [°C]", *columns, ""]))
+    result = analyze(log, settings.load(folder=False), ["td"])
+    (finding,) = [f for f in result.findings if f.code == "valve-unclear"]
+    assert (finding.severity, finding.channel) == ("info", "Ventil 2")
+    _, setting = shlex.split(finding.names["setting"].strip("`"))
+    again = analyze(log, settings.load(None, [setting], folder=False), ["td"])
+    assert "valve-unclear" not in {f.code for f in again.findings}
+    (stop,) = summarise(again, {}).stops
+    assert stop.axles[1].valves_from == "valves"
