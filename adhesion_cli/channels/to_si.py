@@ -14,6 +14,7 @@ from .meaning import Meant, name
 
 _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
 _ON_GRID = 0.9  # mean cosine of phases that lie on one
+_COARSE_SPEED, _LEAST_LEVELS = 0.2, 8  # a speed rounded to more is reported [m/s]; values of it
 _LARGE_ZERO = 0.5e5  # a smaller one is no mistake, though no brake is applied in the log [Pa]
 
 
@@ -51,6 +52,11 @@ def channel(
         data = replace(data, value=factor * data.value + (unit.offset - zero_pa))
         tick = period_tick(values, step) / factor if m.meaning == "wheel_speed" else 0.0
         step *= factor
+        is_train = m.meaning == "train_speed" and unit.dimension == "speed"
+        # a few levels show no rounding
+        if is_train and step > _COARSE_SPEED and len(np.unique(values)) >= _LEAST_LEVELS:
+            rounded = {"step_mps": step}
+            findings.append(Finding("train-speed-rounded", "info", m.title, values=rounded))
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
     place = m.field.channel if m.field.encoding else m.field.folder or m.field.signal
     row_of = (place, m.field.group)

@@ -252,3 +252,19 @@ def test_a_copy_says_what_it_lacks_and_what_it_assumes(tmp_path: Path) -> None:
     zoned = rows.replace(",", "+01:00,")
     (tmp_path / "a.csv").write_text(f"time,p [bar]\n{zoned}")
     assert not unchanged(open_source(tmp_path / "a.csv", ReadOptions()), ()).findings
+
+
+@pytest.mark.parametrize(("decimals", "is_reported"), [(0, True), (1, False)])
+def test_a_train_speed_in_whole_units_is_reported(
+    tmp_path: Path, decimals: int, is_reported: bool
+) -> None:
+    rows = (
+        f"{k / 10},{min(k, 30) / 10},{80 - k / 7:.2f},{80 - k / 7:.{decimals}f}" for k in range(200)
+    )
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "t [s],bc pressure [bar],wheel speed [km/h],GPS speed [km/h]\n" + "\n".join(rows) + "\n"
+    )
+    log = survey(open_source(path, ReadOptions()), (), Vehicle())
+    notes = [f for f in log.findings if f.code == "train-speed-rounded"]
+    assert [f.message for f in notes] == ["Train speed is rounded to 1 km/h."] * is_reported
