@@ -24,7 +24,8 @@ class Params(NamedTuple):
     """Thresholds."""
 
     nis: Annotated[
-        float, Quantity("-", "of speeds with the noise that the filter assumes: 1", 1.0, 1e6)
+        float,
+        Quantity("-", "of a filter whose noise is fitted in steps of 20 %: up to 1.1", 1.0, 1e6),
     ] = 1.1
     widths: Annotated[
         float, Quantity("-", "of the 95 % interval about 1, so that it is no chance", 0.0, 1e6)
@@ -42,7 +43,7 @@ def check(p: Params, channel: str, nis_by_filter: Mapping[str, Nis | None]) -> I
     contradicted = {
         name: x
         for name, x in nis_by_filter.items()
-        if x is not None and x.mean > p.nis and x.mean - 1.0 > p.widths * (x.high - 1.0)
+        if x is not None and x.mean > p.nis * (1.0 + p.widths * (x.high - 1.0))
     }
     if contradicted:
         name = max(contradicted, key=lambda name: contradicted[name].mean)
