@@ -26,6 +26,7 @@ _VARIANCE_READINGS = 8.0  # readings that show a variance
 _SILENT = 1e-2  # variance over the guess, as long as all readings were the same
 _OUTLIER = 10.0  # a square counts at most so many times the variance
 _LOWEST = 1e-9  # product of readings below which their inverse shows nothing
+_DITHER = 4.0 * math.pi * math.pi
 _FLOOR = 1e-12  # least variance over the guess
 
 
@@ -106,11 +107,16 @@ def slow_variance(x: Noise) -> float:
     """Variance of white noise as strong as this one for a filter that is slower than a slice.
 
     Rounding is not in it: a step bounds its errors, and they vary by up to a quarter of its square.
+    Noise makes them white: of that, neighbours have exp(−4π²σ²/step²) in common (B. Widrow,
+    I. Kollár: Quantization Noise, Cambridge 2008).
     """
-    white = safe_variance(x)
+    white, square = safe_variance(x), squared(rounding(x))
     if x.slices.n < _VARIANCE_READINGS or x.slices.size < 2.0:
         return white
-    return max(white, x.slices.variance - x.slices.size * squared(rounding(x)) / 4.0)
+    common = square / 4.0
+    if square > 0.0:
+        common *= math.exp(-_DITHER * max(white / square - 1.0 / 12.0, 0.0))
+    return max(white, x.slices.variance - x.slices.size * common)
 
 
 def rounding(x: Noise) -> float:

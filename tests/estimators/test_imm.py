@@ -73,6 +73,15 @@ def test_noise_that_neighbours_have_in_common_counts_more():
     assert _noise.slow_variance(learned((np.round(ramp() / 0.32) * 0.32).tolist())) < 0.32**2
 
 
+def test_rounding_does_not_hide_vibration_of_readings_with_noise():
+    random, step = np.random.default_rng(2), 0.05
+    t = H * np.arange(len(ramp()))
+    y = ramp() + 0.04 * np.sin(2.0 * np.pi * 9.0 * t) + random.normal(0.0, 0.6 * step, len(t))
+    exact, rounded = (learned(x.tolist()) for x in (y, np.round(y / step) * step))
+    assert _noise.slow_variance(exact) > 2.0 * exact.variance
+    assert _noise.slow_variance(rounded) > 0.9 * _noise.slow_variance(exact)
+
+
 def test_vibration_at_500_hz_is_no_slide():
     t = np.arange(0.0, 12.0, 0.002)
     K, y, F = rolling_brake(t)
