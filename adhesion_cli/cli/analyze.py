@@ -133,7 +133,7 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
     """Tables, findings, scores, files; of several logs what they have in common once."""
     from ..results.application_tables import application_tables, stop_table
     from ..results.vehicle_text import describe_vehicle
-    from . import applications, terminal
+    from . import terminal
 
     is_single = len(results) == 1
     findings = [
@@ -155,7 +155,7 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
     print("\n" + "\n\n".join(x.text() for x in tables) + "\n", flush=True)
     for summary in summaries if shown.budget else ():
         name = f"{summary.log.path}:\n" * (not is_single)
-        print(f"{name}{applications.budgets(summary.axles)}")
+        print(f"{name}{terminal.budgets(summary.axles)}")
     if is_single:
         terminal.show(results[0].findings, shown.quiet)
     else:

@@ -11,7 +11,7 @@ from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Score
 from ..core.summary import AxleSummary, ResultSummary
 from ..core.text import printable
-from ..results.result_rows import newtons, score_row
+from ..results.result_rows import budget_row, combined, newtons, score_row
 from ..results.text_tables import NARROW as NARROW
 from ..results.text_tables import folded as folded
 from ..results.text_tables import non_empty as non_empty
@@ -28,6 +28,11 @@ _CHANNEL = 28  # of these for names of channels
 _INSTANT = 0.005  # a shorter span is one time [s]
 _HEADINGS: dict[Severity, str] = {"error": "errors", "warning": "warnings", "info": "notes"}
 _EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
+_OF_BUDGETS = (
+    "Uncertainty budget of the mean force by JCGM 100 (GUM). Type A: from the samples; type B: "
+    "tolerances of the vehicle, stated or left by the log. u: standard uncertainty, in the unit "
+    "of the value; noise in N. u(F): what it adds to the force; share: of the variance."
+)
 _FEW_LOGS = 2  # logs that a line on a finding names
 _LISTED_ALIKE = 3  # messages of one code that are shown one by one
 
@@ -68,6 +73,18 @@ def _bands(scores: Sequence[Score]) -> list[str]:
 def _range(values: Sequence[float]) -> str:
     lowest, highest = f"{min(values):.0f}", f"{max(values):.0f}"
     return lowest if lowest == highest else f"{lowest} to {highest}"
+
+
+def budgets(axles: Sequence[AxleSummary]) -> str:
+    """The uncertainty budget of each brake application's mean force."""
+    lines = []
+    for axle in axles:
+        for a in axle.applications:
+            if a.budget:
+                lines += [f"Axle {axle.axle}, brake application at {a.start_s:.1f} s:"]
+                lines += [records([budget_row(c) for c in a.budget], text_columns=3)]
+                lines += [folded(combined(a)), ""]
+    return "\n".join([*lines, folded(_OF_BUDGETS), ""]) if lines else ""
 
 
 def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str:

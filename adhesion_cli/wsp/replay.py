@@ -25,6 +25,7 @@ intervals do not contain the errors of the assumptions above.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from statistics import NormalDist
 from typing import Literal, NamedTuple
@@ -354,13 +355,8 @@ def _logged(result: Result, braking: _Braking, slides: Sequence[Sequence[Slide]]
     line, columns = physics.force_line(vehicle), list[tuple[Floats, Floats, Floats]]()
     for axle, axle_slides in zip(result.axles, slides, strict=True):
         record = axle.record
-        v, rim = (
-            _column(t, record.t, x)
-            for x in (
-                record.train_speed,
-                record.wheel_speed * result.vehicle.radius(record.axle).value,
-            )
-        )
+        rim_speed = record.wheel_speed * result.vehicle.radius(record.axle).value
+        v, rim = _column(t, record.t, record.train_speed), _column(t, record.t, rim_speed)
         slip = np.clip(1.0 - rim / np.maximum(v, STANDING), 0.0, 1.0)
         force = _column(t, record.t, axle.reference.force)
         for x in axle_slides:
@@ -500,11 +496,7 @@ def _brake(result: Result, slides: Sequence[Sequence[Slide]], instant: int) -> t
     A WSP may dump every cylinder, but while a wheel slides and for a short time. A release lasts,
     and no wheel slides.
     """
-    spans = [
-        (x.start, x.start + round(x.duration * 1e9))
-        for slides_of_axle in slides
-        for x in slides_of_axle
-    ]
+    spans = [(x.start, x.start + round(x.duration * 1e9)) for x in chain.from_iterable(slides)]
     for a in result.axles:
         spans += [(int(a.record.t[s.start]), int(a.record.t[s.stop - 1])) for s in a.applications]
     spans.sort()

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from adhesion_cli.cli.applications import budgets
+from adhesion_cli.cli.terminal import budgets
 from adhesion_cli.core.summary import (
     AxleSummary,
     BrakeApplication,
