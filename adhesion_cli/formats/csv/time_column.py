@@ -263,14 +263,19 @@ class _ClockSearch:
     def counted_on(self, clock: Clock) -> Clock:
         """The clock; of stamps that rows share, a time in a known unit that counts on from them."""
         dialect, stamped = self.dialect, self._joined(clock.columns)
-        if not clock.pattern or 2 * len(set(stamped)) > len(stamped):
+        columns = [dialect.column(k) for k in clock.columns]
+        is_whole = all(len(cells) == len(stamped) for cells in columns)
+        if not clock.pattern or not is_whole or 2 * len(set(stamped)) > len(stamped):
             return clock
+        stamps, ok = clock.nanoseconds([pa.array(cells) for cells in columns])
         for i, name in enumerate(dialect.names):
-            if not _rises(dialect, i) or not _says_time(dialect, i) or not self._said_unit(i):
+            if not _rises(dialect, i) or not _says_time(dialect, i):
                 continue
-            relative = self._of_numbers(i, f"column named {name!r}")
-            stamps, ok = clock.nanoseconds([pa.array(dialect.column(k)) for k in clock.columns])
-            if not relative or relative.absolute or not ok.all() or len(ok) < len(stamped):
+            try:
+                relative = self._said_unit(i) and self._of_numbers(i, f"column named {name!r}")
+            except UserError:  # its unit is in doubt
+                continue
+            if not relative or relative.absolute or not ok.all():
                 continue
             times, _ = relative.nanoseconds([pa.array(dialect.column(i))])
             if len(times) == len(stamps) and np.ptp(apart := stamps - times) <= _S:

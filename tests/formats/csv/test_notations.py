@@ -281,6 +281,14 @@ def test_a_fine_time_counts_on_from_coarse_stamps(tmp_path: Path) -> None:
     assert np.abs(p.t - begin - np.rint(elapsed * 1e9)).max() <= 50_000_000
     assert np.array_equal(np.diff(p.t), np.rint(np.diff(elapsed) * 1e9))
     assert source.absolute
+    doubtful = text.replace("p [bar]\n", "p [bar]\n-;ms;bar\n")  # the header says seconds
+    source, _ = numbers_of(tmp_path / "b.csv", doubtful)
+    assert source.time_reason.startswith("column named 'Time'")
+    blank = (
+        f"{'24.11.2026' * (k % 3 > 0)};10:15:{k // 9:02d};{k / 9:.2f};{k % 7}\n" for k in range(99)
+    )
+    source, _ = numbers_of(tmp_path / "c.csv", "Date;Time;Elapsed [s];p [bar]\n" + "".join(blank))
+    assert source.absolute
 
 
 @pytest.mark.parametrize(
