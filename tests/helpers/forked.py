@@ -114,7 +114,7 @@ def _import_all() -> None:
     low, service = (
         bundled.folder("sample_logs") / f"{x}.csv" for x in ("low-adhesion", "service-brake")
     )
-    analyze.analyze(low, settings.load(folder=False))
+    analyze.analyze(low, settings.load(folder=False), axles=[1])
     with tempfile.TemporaryDirectory() as folder:
         outputs = ["-o", f"{folder}/a.toml", "--figure", f"{folder}/a.svg"]
         app(["calibrate", str(low), str(service), *outputs], standalone_mode=False)
