@@ -24,6 +24,7 @@ from .text_tables import (
     ED,
     NOT_KNOWN,
     TitledTable,
+    bounded_number,
     columns_of,
     describe_not_known,
     is_not_known,
@@ -60,14 +61,15 @@ _OF_BUDGET = (
     "The gradient changes the distance on level track only."
 )
 _OF_WSP = (
-    "max slip, locked: the largest of the stops; valve actions: of all stops. initial µ: mean over "
-    "0.1 s from the begin of the first slide, mean of the stops, with expanded uncertainty "
-    "(95\N{NO-BREAK SPACE}%). used: mean µ of the slides over the highest that the rail gives; "
-    "its 95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and other shapes "
-    "of the slip-adhesion curve. -: no slide, or the slides do not show it. energy: its relative "
-    "uncertainty, which is not shown, is at least that of µ. slip a–b %: share of the time above "
-    "10 km/h with a slip of a to b %, in %. All below 5 % is in the first. Its uncertainty is that "
-    "by noise and delay of the speeds."
+    "max slip, locked, energy: the largest of the stops; valve actions: of all stops. initial µ: "
+    "mean over 0.1 s from the begin of the first slide, mean of the stops, with expanded "
+    "uncertainty (95\N{NO-BREAK SPACE}%). used: mean µ of the slides over the highest that the "
+    "rail gives; its 95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and "
+    "other shapes of the slip-adhesion curve. -: no slide, or the slides do not show it. ≥: at "
+    "least, since the train speed may be wrong. energy: its relative uncertainty, which is not "
+    "shown, is at least that of µ. slip a–b %: share of the time above 10 km/h with a slip of a "
+    "to b %, in %. All below 5 % is in the first. Its uncertainty is that by noise and delay of "
+    "the speeds."
 )
 _DOUBT = "?"  # behind a µ
 _OF_DOUBT = (
@@ -221,7 +223,8 @@ def _describe_slides(stop: StopSummary) -> str:
     """Slides and sanding of a stop; "" without them."""
     events = []
     if stop.slides:
-        text = f"{stop.slides} slide{'s' * (stop.slides > 1)}"
+        bound = "at least " * any(a.at_least for a in stop.axles)
+        text = f"{bound}{stop.slides} slide{'s' * (stop.slides > 1)}"
         slips = {a.axle: a.max_slip for a in stop.axles if a.max_slip is not None}
         if slips:
             axle = max(slips, key=lambda axle: slips[axle])
@@ -337,14 +340,14 @@ def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
     return [
         {
             "axle": str(a.axle),
-            "max slip [%]": number(a.max_slip and 100.0 * a.max_slip, 1),
+            "max slip [%]": bounded_number(a.max_slip and 100.0 * a.max_slip, 1, a.at_least),
             "locked [s]": number(a.locked_s, 2),
             "longest": number(a.longest_lock_s, 2),
             "lock [kJ]": number(a.lock_energy_j and 1e-3 * a.lock_energy_j, 1),
             "valve actions": str(a.valve_actions),
             "initial µ": _initial(a),
             "used [%]": share_with_interval(a.utilisation, a.utilisation_ci),
-            "energy [kJ]": number(a.energy_j and 1e-3 * a.energy_j, 0),
+            "energy [kJ]": bounded_number(a.energy_j and 1e-3 * a.energy_j, 0, a.at_least),
             **_bands(a),
         }
         for a in x.axles

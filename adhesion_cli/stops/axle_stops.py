@@ -50,7 +50,9 @@ def axle_stops(
         elif axle in signals.brakes:
             actions, source = _releases(signals.brakes[axle], braking), "pressure"
         row = AxleStop(axle, slip, locked, longest, actions, bands)
-        yield row._replace(valves_from=source, vented_s=vented, rolling_u95=bands_u95)
+        bound = slip is not None and (signals.speed_from == "axles" or not signals.knows_delay)
+        row = row._replace(valves_from=source, vented_s=vented)
+        yield row._replace(rolling_u95=bands_u95, at_least=bound)
 
 
 def all_axles_slide(signals: StopSignals, start: float) -> bool:

@@ -154,6 +154,7 @@ class WspAxle(NamedTuple):
     rolling_u95: Annotated[
         Number, Quantity("-", "expanded uncertainty of the first share, by the speeds (95 %)")
     ] = None
+    at_least: Annotated[bool, Quantity("", "whether slip and energy are lower bounds")] = False
 
 
 class WspSummary(NamedTuple):
@@ -437,6 +438,7 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
         max(values("lock_energy_j"), default=None),
         tuple(np.mean(bands, axis=0).tolist()) if bands else None,
         float(np.mean(errors)) if (errors := values("rolling_u95")) else None,
+        any(a.at_least for a in rows),
     )
 
 

@@ -104,6 +104,14 @@ def test_initial_adhesion_and_utilisation_have_their_intervals() -> None:
     assert "not known: the interval holds every µ" in table.note
 
 
+def test_slip_by_a_train_speed_that_may_be_late_is_a_lower_bound() -> None:
+    axles = [WspAxle(i, 0.2, 0.0, 3, None, None, energy_j=9e4, at_least=i == 1) for i in (1, 2)]
+    wsp = WspSummary("wet", None, None, None, tuple(axles))
+    (table,) = series_tables(StopSeries((), (), (), (), (wsp,)), False, False)
+    shown = [(row["max slip [%]"], row["energy [kJ]"]) for row in table.rows]
+    assert shown == [("≥ 20.0", "≥ 90"), ("20.0", "90")]
+
+
 def test_a_limit_of_the_equivalent_deceleration_has_the_mean_one_beside_it() -> None:
     stops = [SeriesStop("a", "a", None, replace(STOP, mean_deceleration=Measured(0.8, 0.02)))]
     groups = tuple(group_stops(stops))

@@ -164,6 +164,7 @@ def test_wheels_that_all_slide_in_turn_show_no_jerk_of_the_train() -> None:
     (in_turn,) = measured(by_wheels)
     (one_rolls,) = measured(by_wheels._replace(rims=rims | {3: x.speed}))
     assert in_turn.jerk is None
+    assert [a.at_least for a in in_turn.axles] == [True, True]
     assert one_rolls.jerk is not None
 
 
