@@ -214,9 +214,8 @@ class Reader:
                 "export the signals of these messages with a tool that joins J1939 frames",
             )
         if self._unknown:
-            ids = ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
             return UserError(
-                f"{self._path}: no frame of the log is in the DBC (frames: {ids})",
+                f"{self._path}: no frame of the log is in the DBC (frames: {self._unknown_ids})",
                 f"state the DBC of this vehicle with --dbc; this one has {len(database)} messages",
             )
         damage = problems.damage or (f"line {problems.lines[0]}" if problems.lines else "")
@@ -225,6 +224,10 @@ class Reader:
         return UserError(
             f"{self._path}: the log has no frames", "check that the logger recorded anything"
         )
+
+    @property
+    def _unknown_ids(self) -> str:
+        return ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
 
     def _findings(self, problems: Problems, rows: int) -> Iterator[Finding]:
         """What is wrong with the log."""
@@ -242,10 +245,9 @@ class Reader:
             count = self._pieces.total()
             yield Finding("can-frames-not-joined", "warning", "", count, names=names)
         if self._unknown:
-            ids = ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
-            count = sum(self._unknown.values())
-            values = {"messages": len(self._unknown)}
-            yield Finding("can-unknown-frames", "info", "", count, (), values, {"ids": ids})
+            values, names = {"messages": len(self._unknown)}, {"ids": self._unknown_ids}
+            count = self._unknown.total()
+            yield Finding("can-unknown-frames", "info", "", count, (), values, names)
 
     def _fields(self) -> list[Field]:
         """A field for each signal of a message that occurs."""

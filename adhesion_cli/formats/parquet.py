@@ -148,7 +148,8 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetCol
     titles = distinct([name or "(no name)" for name in pair_names])
     for f, title in zip(schema, titles, strict=True):
         unit = _unit(f) or _pair(f.name)[1]
-        if f.name in arrays and _is_scalar(arrays[f.name].type):  # not that of a dictionary
+        kind = arrays[f.name].type if f.name in arrays else None  # not that of a dictionary
+        if kind and (_is_number(kind) or pa.types.is_temporal(kind) or _is_text(kind)):
             columns.append(_ParquetColumn(f.name, title, unit))
         elif _is_list(f.type) and _is_number(f.type.value_type) and f"{f.name}[0]" in arrays:
             count = sum(name.rpartition("[")[0] == f.name for name in arrays)
@@ -201,10 +202,6 @@ def _first_line(error: Exception) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "the name of a column is not UTF-8"
     return " ".join(str(error).splitlines()[0].split())[:160] if str(error) else "unreadable"
-
-
-def _is_scalar(kind: Any) -> bool:
-    return _is_number(kind) or pa.types.is_temporal(kind) or _is_text(kind)
 
 
 def _is_text(kind: Any) -> bool:

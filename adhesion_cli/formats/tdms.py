@@ -37,7 +37,10 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of 
 
 # Properties that say what the samples are, and when: of a channel, its group or the file. The
 # others are for people; wf_samples counts the samples of one writing.
-_SAYING = re.compile(r"wf_(increment|start|x)|NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
+_SAYING = re.compile(
+    r"wf_(increment|start|x)|NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit|x(channel|relation)$"
+)
+_STEPS = ("interval", "rate")  # labels of properties that say how far samples are apart
 _SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
 _X_CHANNEL = ("xchannel", "xrelation")  # properties that name the channel with a channel's time
 _NO_TIME = re.compile(r"(?i)fr[eé]qu|order|ordnung|angle|winkel|dist|weg\b|position|rpm|drehzahl")
@@ -366,7 +369,7 @@ def _open_file(path: Path) -> tuple[Any, _Changes]:
         def _read_segment_metadata(self, *arguments: Any) -> Any:
             segment, properties = super()._read_segment_metadata(*arguments)
             saying = {
-                name: {key: value for key, value in pairs if _is_saying(key)}
+                name: {k: value for k, value in pairs if _SAYING.match(k) or label(k) in _STEPS}
                 for name, pairs in (properties or {}).items()
             }
             if any(saying.values()):
@@ -381,11 +384,6 @@ def _open_file(path: Path) -> tuple[Any, _Changes]:
         return tdms.TdmsFile.open(path.open("rb"), raw_timestamps=True), changes
     finally:
         tdms.TdmsReader = original
-
-
-def _is_saying(key: str) -> bool:
-    is_rate = label(key) in ("interval", "rate")
-    return is_rate or key in _X_CHANNEL or _SAYING.match(key) is not None
 
 
 def _waves(states: _States) -> _Waves:

@@ -93,10 +93,6 @@ class Decoded:
         self.note(DecodingFault("mcap-text-change", path(place)), rows)
         self._unlike.append((self.said[place].places, rows))
 
-    def note_length(self, place: Steps, rows: Offsets) -> None:
-        """Notes messages in which an array has another length."""
-        self.note(DecodingFault("mcap-array-length", path(place)), rows)
-
     def finish(self) -> Bools:
         """Takes out what cannot be used; which messages decode, shape (rows,)."""
         for numbers, rows in self._unlike:
@@ -179,7 +175,8 @@ class Spread:
     ) -> None:
         count = np.array(list(map(len, nodes)))
         if steps in self._decoded.lengths:
-            self._decoded.note_length(steps, rows[count != self._decoded.lengths[steps]])
+            fault = DecodingFault("mcap-array-length", path(steps))
+            self._decoded.note(fault, rows[count != self._decoded.lengths[steps]])
         for k, child in enumerate(shape):
             if self._visits(child, place := (*steps, k)):
                 children = [node[k] for node in nodes if len(node) > k]
