@@ -58,6 +58,11 @@ def is_lossy(code: str, severity: str) -> bool:
     return severity != "info" and not (entry and entry.keeps_data)
 
 
+def is_doubt(code: str, severity: str) -> bool:
+    """Whether a finding says that the log contradicts its vehicle."""
+    return severity != "info" and code in ("vehicle-in-doubt", "vehicle-suspect")
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing about the data that the user must be able to know.

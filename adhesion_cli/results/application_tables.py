@@ -3,13 +3,15 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
+from ..core.finding import is_doubt
 from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
 from .result_rows import OF_MARK, row, slid_row
 from .stop_rows import NOTE as STOP_NOTE
 from .stop_rows import describe_reasons, describe_sources, short_row
-from .text_tables import TitledTable, describe_not_known, non_empty
+from .text_tables import DASH, DOUBT, TitledTable, describe_not_known, non_empty
 from .train_stops import (
     MANY_AXLES,
     MANY_ROWS,
@@ -39,6 +41,7 @@ _OF_SLIDES = (
     "95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and other shapes of "
     "the slip-adhesion curve. The energy has at least the relative uncertainty of F."
 )
+_OF_DOUBT = f" {DOUBT}: the log contradicts its vehicle. µ and F may be wrong with it."
 _TITLE, _SLIDES = "Brake applications", "Slides"
 _BOUND = "≥: the true value is at least this."
 _SHOWN_STOPS = 20  # of more, the worst ones
@@ -75,53 +78,76 @@ def application_tables(
         cars: name of the car of each axle, where it is stated.
     """
     is_single = len(summaries) == 1
-    logs = [("" if is_single else Path(x.log.path).name, x.axles) for x in summaries]
-    count = sum(len(axle.applications) for _, axles in logs for axle in axles)
+    logs = [
+        _NamedLog("" if is_single else Path(x.log.path).name, x.axles, _is_doubtful(x))
+        for x in summaries
+    ]
+    count = sum(len(axle.applications) for log in logs for axle in log.axles)
     if not count:
         return [TitledTable(_TITLE, [], note="No brake application.")]
-    fits_screen = is_single and (count <= MANY_ROWS or len(logs[0][1]) == 1)
+    fits_screen = is_single and (count <= MANY_ROWS or len(logs[0].axles) == 1)
     tables = _by_application(logs) if all_rows or fits_screen else _by_stop(logs)
-    for name, axles in logs:
+    for name, axles, _ in logs:
         if len(axles) > MANY_AXLES:
             rows = non_empty([_named(name) | group_row(x) for x in group_axles(axles, cars)])
             tables.append(TitledTable("Groups of axles", rows, note=_OF_GROUPS))
     return tables
 
 
-_Logs = Sequence[tuple[str, Sequence[AxleSummary]]]  # name, empty for one log, and axles
+def _is_doubtful(x: ResultSummary) -> bool:
+    """Whether a log contradicts its vehicle."""
+    return any(is_doubt(f.code, f.severity) for f in x.findings)
 
 
-def _by_stop(logs: _Logs) -> list[TitledTable]:
+class _NamedLog(NamedTuple):
+    """A log in the tables."""
+
+    name: str  # empty for one log
+    axles: Sequence[AxleSummary]
+    in_doubt: bool  # whether it contradicts its vehicle
+
+
+def _marked(cells: dict[str, str], in_doubt: bool) -> dict[str, str]:
+    """A row with the mark of a log that contradicts its vehicle."""
+    mean = cells["µ mean"]
+    return cells | {"µ mean": mean + DOUBT} if in_doubt and mean != DASH else cells
+
+
+def _of_doubt(logs: Sequence[_NamedLog]) -> str:
+    """What the mark means, where a log has it."""
+    return _OF_DOUBT * any(log.in_doubt for log in logs)
+
+
+def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
     """A row per stop of each log; of many the worst ones, these first."""
-    stops = [(name, stop) for name, axles in logs for stop in find_stops(axles)]
+    stops = [(log, stop) for log in logs for stop in find_stops(log.axles)]
     shown_stops, lead = stops, ""
     has_slides = any(a.slides for _, stop in stops for a in stop.applications)
-    if len(stops) > _SHOWN_STOPS or not logs[0][0]:
+    if len(stops) > _SHOWN_STOPS or not logs[0].name:
         shown_stops = sorted(stops, key=lambda pair: slide_severity(pair[1].worst), reverse=True)
         shown_stops = shown_stops[:_SHOWN_STOPS]
         order = "most slip first" if has_slides else "highest µ first"
         lead = f"{len(shown_stops)} of {len(stops)} stops, {order}:"
-    rows = non_empty([_named(name) | stop_row(stop) for name, stop in shown_stops])
-    note = f"{_OF_STOPS} --rows shows every brake application of every axle."
+    rows = non_empty(
+        [_named(log.name) | _marked(stop_row(stop), log.in_doubt) for log, stop in shown_stops]
+    )
+    note = f"{_OF_STOPS} --rows shows every brake application of every axle.{_of_doubt(logs)}"
     tables = [TitledTable(_TITLE, rows, note=note, lead=lead)]
     if has_slides:
         return tables
     return [*tables, _no_slides([a.slip_unknown_s for _, s in stops for a in s.applications])]
 
 
-def _by_application(logs: _Logs) -> list[TitledTable]:
+def _by_application(logs: Sequence[_NamedLog]) -> list[TitledTable]:
     """Brake applications of every axle, then those with slides."""
     keyed = [
-        (_named(name), str(axle.axle), a)
-        for name, axles in logs
-        for axle in axles
-        for a in axle.applications
+        (log, str(axle.axle), a) for log in logs for axle in log.axles for a in axle.applications
     ]
-    rows = [name | row(axle, a) for name, axle, a in keyed]
+    rows = [_named(log.name) | _marked(row(axle, a), log.in_doubt) for log, axle, a in keyed]
     marked = any(a.other_brake for *_, a in keyed)
-    notes = [_NOTE, OF_MARK * marked, describe_not_known(rows)]
+    notes = [_NOTE, OF_MARK * marked, describe_not_known(rows), _of_doubt(logs).strip()]
     tables = [TitledTable(_TITLE, rows, note=" ".join(filter(None, notes)))]
-    if slid := [name | slid_row(axle, a) for name, axle, a in keyed if a.slides]:
+    if slid := [_named(log.name) | slid_row(axle, a) for log, axle, a in keyed if a.slides]:
         has_bounds = any(a.at_least for *_, a in keyed if a.slides)
         note = f"{_OF_SLIDES} {_BOUND}" if has_bounds else _OF_SLIDES
         return [*tables, TitledTable(_SLIDES, slid, note=note)]

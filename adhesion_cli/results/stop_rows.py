@@ -21,6 +21,7 @@ from ..stops.series import (
 )
 from .text_tables import (
     DASH,
+    DOUBT,
     ED,
     NOT_KNOWN,
     TitledTable,
@@ -71,9 +72,8 @@ _OF_WSP = (
     "to b %, in %. All below 5 % is in the first. Its uncertainty is that by noise and delay of "
     "the speeds."
 )
-_DOUBT = "?"  # behind a µ
 _OF_DOUBT = (
-    f"{_DOUBT}: the log contradicts its vehicle. µ, initial µ and energy may be wrong with it. The "
+    f"{DOUBT}: the log contradicts its vehicle. µ, initial µ and energy may be wrong with it. The "
     "findings say more."
 )
 _OF_EQUIVALENT = (
@@ -198,7 +198,7 @@ def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
         for i, s in enumerate(stops, 1)
     ]
     for row, s in zip(rows, stops, strict=True):
-        row["µ"] += _DOUBT * (s.vehicle_in_doubt and row["µ"] != DASH)
+        row["µ"] += DOUBT * (s.vehicle_in_doubt and row["µ"] != DASH)
     return non_empty(rows)
 
 

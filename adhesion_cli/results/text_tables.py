@@ -14,6 +14,7 @@ DASH = "-"  # where a number is not known
 ED = "ED [%]"  # the column of the share of the ED brake
 _TEXT = 16  # columns that a text keeps
 NOT_KNOWN = "not known"
+DOUBT = "?"  # behind a µ of a log that contradicts its vehicle
 _OF_NOT_KNOWN = (
     f"{NOT_KNOWN}: the interval holds every µ from 0 to {DRY_RAIL}. While a wheel slides, an error "
     "of the brake force goes whole into µ. A stated vehicle makes the interval narrower."

@@ -13,7 +13,7 @@ from ..analysis.settings import Settings
 from ..core.annotated import Json, as_json
 from ..core.document import tagged
 from ..core.errors import UserError
-from ..core.finding import Finding
+from ..core.finding import Finding, is_doubt
 from ..core.model import IdentifiedVehicle, LogBrake
 from ..core.summary import AxleSummary, FailedLog, VehicleSummary, summarise_finding
 from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
@@ -34,7 +34,6 @@ from ..stops.series import (
 )
 from .plan import Plan, PlannedGroup
 
-_DOUBTS = ("vehicle-in-doubt", "vehicle-suspect")  # findings that say so
 _ALGO = "td"  # the quickest estimator: stops need the reference only
 
 
@@ -59,7 +58,7 @@ class TestedLog(NamedTuple):
     @property
     def is_doubtful(self) -> bool:
         """Whether the log contradicts its vehicle."""
-        return any(f.code in _DOUBTS and f.severity != "info" for f in self.findings)
+        return any(is_doubt(f.code, f.severity) for f in self.findings)
 
 
 class BrakeTest(NamedTuple):

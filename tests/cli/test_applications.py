@@ -1,22 +1,26 @@
 """The table of brake applications."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from adhesion_cli.cli.terminal import budgets
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.summary import (
     AxleSummary,
     BrakeApplication,
     Contribution,
     Coverage,
+    FindingSummary,
     LogSummary,
     MeanAndHighest,
     ReferenceSummary,
     ResultSummary,
     VehicleSummary,
+    summarise_finding,
 )
 from adhesion_cli.results.application_tables import application_tables
 
+FITS = {"check": "", "fits": ""}  # that the remedy of `vehicle-suspect` names
 MEASURED = MeanAndHighest(0.123, 0.021, 0.234, 0.045)
 
 
@@ -35,12 +39,14 @@ def axle(number: int, *applications: BrakeApplication) -> AxleSummary:
     return AxleSummary(number, ReferenceSummary("smoother", 1.0, 2.0), applications, ())
 
 
-def tables(axles: Sequence[AxleSummary], all_rows: bool = False) -> str:
+def tables(
+    axles: Sequence[AxleSummary], all_rows: bool = False, findings: Iterable[FindingSummary] = ()
+) -> str:
     log, vehicle = (
         LogSummary("a.csv", "csv", "", None, 1.0, 1, 1),
         VehicleSummary("stated", True, *[None] * 4),
     )
-    summary = ResultSummary(log, {}, vehicle, tuple(axles), (), ())
+    summary = ResultSummary(log, {}, vehicle, tuple(axles), (), tuple(findings))
     return "\n\n".join(x.text() for x in application_tables([summary], all_rows))
 
 
@@ -65,6 +71,18 @@ def test_slides_are_one_row_per_application_in_80_columns() -> None:
     assert "≥" in second
     assert " 100 " in second
     assert "at least" in lines[-1]
+
+
+def test_the_coefficients_of_a_doubtful_vehicle_have_a_mark() -> None:
+    stops = [axle(n, one(1.0), one(200.0)) for n in range(1, 9)]
+    suspect = Finding("vehicle-suspect", "warning", values={"factor": 2.0}, names=FITS)
+    for all_rows in (True, False):
+        sound, marked = (
+            tables(stops, all_rows, map(summarise_finding, x)) for x in ((), [suspect])
+        )
+        assert "?" not in sound
+        assert marked.count("0.021?") == sound.count("0.123±0.021")
+        assert "the log contradicts its vehicle" in " ".join(marked.split())
 
 
 def test_what_the_log_does_not_show_is_a_dash() -> None:
