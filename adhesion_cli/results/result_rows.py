@@ -39,6 +39,10 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """A brake application: when, how fast, adhesion coefficient and force."""
     mu, force, knows_highest = a.coefficient, a.force_n, has_known_highest(a)
     highest, highest_force = (x and (x.max, x.max_u95) for x in (mu, force))
+    # A highest force that may be zero, where the mean is not: its error is as large as itself.
+    knows_force = knows_highest and not (
+        force and force.mean > force.mean_u95 and force.max <= force.max_u95
+    )
     return {
         "axle": axle,
         "at [s]": number(a.start_s, 1),
@@ -48,7 +52,7 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3) + marked(a),
         "µ max": _with_u95(highest, 1.0, 3) if knows_highest else NOT_KNOWN,
         "F [kN]": _with_u95(force and (force.mean, force.mean_u95), 1e-3),
-        "Fmax [kN]": _with_u95(highest_force, 1e-3) if knows_highest else NOT_KNOWN,
+        "Fmax [kN]": _with_u95(highest_force, 1e-3) if knows_force else NOT_KNOWN,
         **ed_cell(a),
     }
 

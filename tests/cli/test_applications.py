@@ -85,6 +85,14 @@ def test_the_coefficients_of_a_doubtful_vehicle_have_a_mark() -> None:
         assert "the log contradicts its vehicle" in " ".join(marked.split())
 
 
+def test_a_highest_force_that_may_be_zero_is_not_known() -> None:
+    unsure = one(force_n=MeanAndHighest(12e3, 10e3, 17e3, 20e3))
+    shown = tables([axle(1, unsure)])
+    assert shown.splitlines()[2].endswith("not known")
+    assert "0.234±0.045" in shown
+    assert "or no force at all" in " ".join(shown.split())
+
+
 def test_what_the_log_does_not_show_is_a_dash() -> None:
     unknown = one(force_n=None, coefficient=None, from_mps=None, slides=1, slide_energy_j=None)
     lines = tables([axle(1, unknown)]).splitlines()
