@@ -45,6 +45,7 @@ _SLOWING = 0.2  # a train that does is braked [m/s²]
 _SLIDE_MARGIN = 1.0  # before and behind a slide creep is no straight line of force [s]
 _SHORTEST_ROLLING = 3.0  # shortest rolling of a braked wheel [s]
 _RETURN_SLIP = 0.008, 0.008  # κ and its 1 sigma [-]
+_FASTER_TIME = 0.6  # no braked wheel is faster than its train: by noise at most for this time [s]
 _RETURN_TIME = 2.0  # within it some wheel comes back to the train's speed, where all slide [s]
 _SHARE = 0.5  # and for this share of the braking
 # of the time that the best axle rolls: an axle that rolls less does not count
@@ -163,26 +164,24 @@ def _compare_returns(
 
     None where it is not clear, or no axle has a time without brake.
     """
-    train = read_train(0.0)
+    train, step = read_train(0.0), float(s.t[1] - s.t[0])
     coasting = s.usable & s.released & ~s.train_slows & np.isfinite(train)
     known = coasting.sum(axis=1) >= FEWEST
     if not known.any():
         return None
-    s, ratios = (
-        s.select(known),
-        np.where(coasting[known], train / np.maximum(s.rim[known], CRAWL), np.nan),
-    )
+    s = s.select(known)
+    ratios = np.where(coasting[known], train / np.maximum(s.rim, CRAWL), np.nan)
     rim = s.rim * np.nanmedian(ratios, axis=1, keepdims=True)
-    gap = np.where(s.usable & np.isfinite(train), train - rim, math.inf)
-    width = max(1, round(_RETURN_TIME / (s.t[1] - s.t[0])))
-    starts = np.arange(0, len(train) - width + 1, width)
-    places = starts + gap.min(axis=0)[: len(starts) * width].reshape(-1, width).argmin(axis=1)
-    axles = gap[:, places].argmin(axis=0)
-    nearest, usable, train_slows = (
-        rim[axles, places],
-        s.usable[axles, places],
-        s.train_slows[places],
-    )
+
+    def gap(v: Floats) -> Floats:
+        return np.where(s.usable & np.isfinite(v), v - rim, math.inf)
+
+    width = max(1, round(_RETURN_TIME / step))
+    starts, lowest = np.arange(0, len(train) - width + 1, width), gap(train).min(axis=0)
+    places = starts + lowest[: len(starts) * width].reshape(-1, width).argmin(axis=1)
+    axles = gap(train)[:, places].argmin(axis=0)
+    nearest, usable = rim[axles, places], s.usable[axles, places]
+    train_slows = s.train_slows[places]
     returns = s._replace(
         t=s.t[starts],
         rim=nearest[None],
@@ -195,9 +194,13 @@ def _compare_returns(
         by_creep=np.where(usable & train_slows, nearest, 0.0)[None],
         creepage=_RETURN_SLIP,
     )
-    return _compare(
+    delay = _compare(
         returns, lambda tau: read_train(tau)[places], resolution, _RETURN_DELAY_SIGMAS
     ).delay
+    if delay is None:
+        return None
+    faster = gap(read_train(delay.value)) < -_CUTOFF_SIGMAS * s.noise
+    return None if (faster & ~s.released).any(axis=0).sum() * step > _FASTER_TIME else delay
 
 
 def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -> _ClockSamples:
