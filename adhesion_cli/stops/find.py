@@ -66,7 +66,11 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
             reason = "the train rolled on after the release of the brake"
         else:
             standstill = _standstill(speed, float(t[stop_index]))
-            yield Braking(float(t[first_index]), standstill.value, "", standstill.tolerance)
+            # between two readings of a slow speed the train stops anywhere
+            sigma = math.hypot(
+                standstill.tolerance, signals.coarse_interval(standstill.value) / 2.0
+            )
+            yield Braking(float(t[first_index]), standstill.value, "", sigma)
             continue
         if not start_speed - last_speed < _LEAST_LOSS * start_speed:
             yield Braking(float(t[first_index]), float(t[braked_until]), reason)

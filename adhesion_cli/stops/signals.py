@@ -57,7 +57,15 @@ class StopSignals(NamedTuple):
     reservoir: TimeSeries | None = None  # pressure [Pa]
     by_pressure: bool = True  # whether `brakes` are pressures
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
+    interval: float = 0.0  # between the train speed's own samples [s]
     knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
+
+    def coarse_interval(self, t: float) -> float:
+        """The interval of a slow speed where no wheel shows its shape [s]; else 0."""
+        if self.is_coarse is None:
+            return 0.0
+        place = min(int(np.searchsorted(self.speed.t, t)), len(self.is_coarse) - 1)
+        return self.interval if self.is_coarse[place] else 0.0
 
     def least_speed(self, t: Floats) -> Floats:
         """The least speed [m/s] of a braked train at times t, by its possible delay; (m,)."""
@@ -104,6 +112,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     signals = signals._replace(
         by_pressure=by_pressure,
         is_coarse=is_coarse,
+        interval=base.train_speed_interval,
         knows_delay=not (measured and has_slow_receiver(base)),
     )
     return _with_states(signals, log)

@@ -458,3 +458,12 @@ def test_a_coarse_speed_has_no_jerk() -> None:
     assert stop.distance_m is not None
     (stop,) = measured(x._replace(is_coarse=x.speed.t < ON - 1.0))
     assert stop.jerk is not None
+
+
+def test_the_standstill_between_two_readings_of_a_slow_speed_is_as_uncertain_as_they_are() -> None:
+    x, _ = signals()
+    slow = x._replace(is_coarse=np.ones(len(x.speed.t), dtype=np.bool_), interval=1.0)
+    for known, interval in ((x, 0.0), (slow, 1.0)):
+        (stop,) = measured(known)
+        assert stop.duration_s is not None
+        assert stop.duration_s.u95 == pytest.approx(interval, abs=0.15)
