@@ -269,10 +269,13 @@ def period_tick(speed: Floats, step: float) -> float:
     for divisor in (1, 2, 3):
         ticks = usual / divisor * candidates
         # A few periods rule out most of some thousand ticks, and cos 2πx ≤ 1 − 8x² most of these.
-        few = phases(ticks, sampled[::5])
-        likely = 1.0 - 8.0 * np.vecdot(few, few) / few.shape[1] > 0.5 * _ON_GRID
-        ticks, few = ticks[likely], few[likely]
-        ticks = ticks[agree(few, np.float32) > 0.5 * _ON_GRID]
+        sparse_phases = phases(ticks, sampled[::5])
+        likely = (
+            1.0 - 8.0 * np.vecdot(sparse_phases, sparse_phases) / sparse_phases.shape[1]
+            > 0.5 * _ON_GRID
+        )
+        ticks, sparse_phases = ticks[likely], sparse_phases[likely]
+        ticks = ticks[agree(sparse_phases, np.float32) > 0.5 * _ON_GRID]
         if not len(ticks):
             continue
         best = ticks[[np.argmax(agree(phases(ticks, sampled)))]]

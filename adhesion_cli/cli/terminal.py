@@ -109,8 +109,8 @@ def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str
 
 def show(findings_shown: Sequence[Finding], quiet: bool, heading: str = "") -> None:
     """The findings on stderr, if there are any; of a quiet run those that set exit code 3."""
-    shown = [f for f in findings_shown if f.lossy or not quiet]
-    message(heading + findings(shown), quiet=not shown)
+    selection = [f for f in findings_shown if f.lossy or not quiet]
+    message(heading + findings(selection), quiet=not selection)
 
 
 def show_commands(findings_shown: Sequence[Finding], quiet: bool) -> None:

@@ -180,7 +180,7 @@ class State(NamedTuple):
     rolling: Gaussian
     sliding: Gaussian
     changing: Gaussian
-    known: Surroundings
+    surroundings: Surroundings
     slippery: float  # probability that the rail is as in the last slide
     sigma: float  # standard uncertainty of F [N]
     F: float  # [N]
@@ -193,7 +193,7 @@ class Prediction(NamedTuple):
     sliding: Gaussian
     changing: Gaussian
     reading: Reading
-    known: Surroundings
+    surroundings: Surroundings
 
 
 def init(p: Params, w: Wheelset, K: float, y: float) -> State:
@@ -205,14 +205,14 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
     )
     sigma = FIRST_ROLLING_SIGMA * rolling_force + gradient_force
     rolling = uncorrelated(y, v, rolling_force, sigma * sigma, 0.9)
-    known = Surroundings(
+    surroundings = Surroundings(
         initial_noise(SPEED_NOISE, y),
         _initial_clamping(initial_noise(FORCE_NOISE * weight / w.phi, K), K, weight / w.phi),
         Creep(K, 0.0, 0.0),
         TrainMotion(y, abs(y) + 1.0, rolling_deceleration(w) * K),
         Pads(K, FIRST_ODDS),
     )
-    return State(rolling, sliding, sliding, known, 0.0, sigma, rolling_force)
+    return State(rolling, sliding, sliding, surroundings, 0.0, sigma, rolling_force)
 
 
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
@@ -232,10 +232,10 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     variance = rolling.p * (rolling.rr + squared(rolling.r - F))
     variance += sliding.p * (sliding.rr + squared(sliding.r - F))
     variance += changing.p * (changing.rr + squared(changing.r - F))
-    K_variance = q.known.clamping.variance + squared(p.lag * q.known.creep.rate)
+    K_variance = q.surroundings.clamping.variance + squared(p.lag * q.surroundings.creep.rate)
     sigma = math.sqrt(variance + squared(w.rolling * w.phi) * K_variance)
     slippery = max(sliding.p, s.slippery * SLIPPERY_TIME / (SLIPPERY_TIME + h))
-    return State(rolling, sliding, changing, q.known, slippery, sigma, F)
+    return State(rolling, sliding, changing, q.surroundings, slippery, sigma, F)
 
 
 def nis(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> float:
@@ -260,11 +260,11 @@ def _tail_probabilities(q: Prediction, y: float) -> tuple[float, float]:
 
 def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Prediction:
     """The regimes before they take the reading; the reading; what is learned from it."""
-    past, weight, K_before = s.known, w.mass * G, s.known.clamping.K
-    clamping = _update_clamping(p, past.clamping, h, K, weight / w.phi)
+    previous, weight, K_before = s.surroundings, w.mass * G, s.surroundings.clamping.K
+    clamping = _update_clamping(p, previous.clamping, h, K, weight / w.phi)
     mean, dK = 0.5 * (K_before + clamping.K), clamping.K - K_before
     rolls = max(s.rolling.p, LEAST_ROLLING)
-    noise = learn(past.noise, y, h, -h * rolling_deceleration(w) * mean, p.memory, rolls)
+    noise = learn(previous.noise, y, h, -h * rolling_deceleration(w) * mean, p.memory, rolls)
     counts = is_counter(noise)
     white = safe_variance(noise)
     # The force of a rolling wheel is slower than a slice of the noise, that of a slide is not.
@@ -274,11 +274,11 @@ def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> 
     reading = Reading(y, r, 0.0 if counts else rounding(noise), 1.0 if counts else 0.0)
     creep = _delay_by_creep(w, s, h, clamping.K)
     force_share = w.rolling * w.phi
-    bend = STIFFNESS_SIGMA * creep.delay * force_share * (creep.rate - past.creep.rate)
+    bend = STIFFNESS_SIGMA * creep.delay * force_share * (creep.rate - previous.creep.rate)
 
     u, a = -h * w.a * w.phi * mean, w.a * h
     input_sigma = INPUT_SIGMA * a * w.phi * dK
-    step_sigma = new_step(noise, past.noise)
+    step_sigma = new_step(noise, previous.noise)
     load = max(w.phi * clamping.K, abs(s.F)) + p.least * weight
     rolling, sliding, changing, train = _mix(w, s, h)
     rolling = predict(
@@ -286,30 +286,30 @@ def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> 
         a,
         u,
         (1.0 - w.rolling) * input_sigma + step_sigma,
-        force_share * (creep.K - past.creep.K),
+        force_share * (creep.K - previous.creep.K),
         squared(p.rolling * weight) * h + bend * bend,
     )  # (1)
-    K_late = _follow(past.pads.K, K_before, clamping.K, h, LAG)
-    late = a * w.phi * (mean - 0.5 * (past.pads.K + K_late))  # of u, if the pads lag
-    u += late / (1.0 + math.exp(-past.pads.odds))
+    K_late = _follow(previous.pads.K, K_before, clamping.K, h, LAG)
+    late = a * w.phi * (mean - 0.5 * (previous.pads.K + K_late))  # of u, if the pads lag
+    u += late / (1.0 + math.exp(-previous.pads.odds))
     sliding = predict(sliding, a, u, input_sigma + step_sigma, 0.0, squared(p.sliding * load) * h)
     changing = predict(
         changing, a, u, input_sigma + step_sigma, 0.0, squared(p.changing * load) * h
     )
-    odds = past.pads.odds
+    odds = previous.pads.odds
     if not counts:
         nu_late = y - sliding.x - late / (1.0 + math.exp(odds))
         S = sliding.xx + r + squared(rounding(noise)) / 12.0
         odds += s.sliding.p * late * (nu_late + 0.5 * late) / S
     pads = Pads(K_late, min(max(odds, -LARGEST_ODDS), LARGEST_ODDS))
-    known = Surroundings(noise, clamping, creep, train, pads)
-    return Prediction(rolling, sliding, changing, reading, known)
+    surroundings = Surroundings(noise, clamping, creep, train, pads)
+    return Prediction(rolling, sliding, changing, reading, surroundings)
 
 
 def _delay_by_creep(w: Wheelset, s: State, h: float, K: float) -> Creep:
     """The clamping force with the delay of creep."""
     delay = w.inertia * abs(s.rolling.x) / (w.radius * w.mass * G * STIFFNESS) + 1e-9
-    K_before, previous = s.known.clamping.K, s.known.creep.K
+    K_before, previous = s.surroundings.clamping.K, s.surroundings.creep.K
     K_delayed = _follow(previous, K_before, K, h, delay)
     return Creep(K_delayed, (K_delayed - previous) / h, delay)
 
@@ -322,8 +322,8 @@ def _follow(delayed: float, before: float, now: float, h: float, delay: float) -
 
 def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian, TrainMotion]:
     """Each regime as a mixture of what may have become it within `h`, at most one change."""
-    rolling, sliding, changing, motion = s.rolling, s.sliding, s.changing, s.known.train
-    weight, braked = w.mass * G, w.phi * s.known.clamping.K
+    rolling, sliding, changing, motion = s.rolling, s.sliding, s.changing, s.surroundings.train
+    weight, braked = w.mass * G, w.phi * s.surroundings.clamping.K
     normal = w.rolling * braked
     slips = (ROLLING_TO_SLIDING + TO_SLIDING_AGAIN * s.slippery) * normal
     slips /= normal + BRAKED_SHARE * weight
@@ -336,7 +336,7 @@ def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian,
     z_stays = sliding.p - (SLIDING_TO_CHANGING + z_sticks) * time_z
     c_stays = changing.p - (CHANGING_TO_SLIDING + c_sticks) * time_c
 
-    rolling_rate = rolling_deceleration(w) * s.known.clamping.K
+    rolling_rate = rolling_deceleration(w) * s.surroundings.clamping.K
     train_rate = 0.5 * (rolling_rate + motion.slows)
     difference = 0.5 * (rolling_rate - motion.slows)
     F = braked - train_rate / w.a
@@ -375,14 +375,16 @@ def _update_train(
     w: Wheelset, s: State, h: float, weight_stopped: float, weight_earlier: float
 ) -> TrainMotion:
     """The train one interval on, for wheels that stop rolling, and those that did before."""
-    rolling, train = s.rolling, s.known.train
+    rolling, train = s.rolling, s.surroundings.train
     share = weight_stopped / (weight_stopped + weight_earlier)
     speed = train.speed + share * (rolling.x - train.speed)
     variance = (1.0 - share) * (squared(train.doubt) + squared(train.speed - speed))
     variance += share * (
         rolling.xx + squared(CREEPAGE_SIGMA * rolling.x) + squared(rolling.x - speed)
     )
-    rate = train.slows + share * (w.a * (w.phi * s.known.clamping.K - rolling.r) - train.slows)
+    rate = train.slows + share * (
+        w.a * (w.phi * s.surroundings.clamping.K - rolling.r) - train.slows
+    )
     return TrainMotion(speed - h * rate, math.sqrt(variance) + h * TRAIN_SIGMA / w.radius, rate)
 
 

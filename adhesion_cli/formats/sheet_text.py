@@ -63,10 +63,10 @@ class _Column(NamedTuple):
         cell_count = len(self.text) - self.text.null_count
         return bool((pc.sum(is_typed).as_py() or 0) >= max(2, cell_count / 2))
 
-    def is_headed(self, says: Callable[[str], object]) -> bool:
+    def is_headed(self, names_signal: Callable[[str], object]) -> bool:
         """Whether it has numbers, and a cell of its head says what is asked."""
         heads = self.text.slice(0, _HEAD_ROWS).drop_null().to_pylist()
-        return self.is_of_numbers and any(map(says, heads))
+        return self.is_of_numbers and any(map(names_signal, heads))
 
 
 def write_text(

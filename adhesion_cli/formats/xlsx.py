@@ -58,8 +58,8 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
     reason = "the first that is a log" if refusals else sheet.reason
     source.reasons = {"sheet": f"{sheet.name!r} ({reason})", **source.reasons}
     if others:
-        for passed_over in refusals.values():
-            reason += f" ({passed_over.text.removeprefix(f'{path}: ')})"
+        for sheet_refusal in refusals.values():
+            reason += f" ({sheet_refusal.text.removeprefix(f'{path}: ')})"
         names = {
             "sheet": repr(sheet.name),
             "reason": reason,

@@ -369,8 +369,8 @@ def _bands(a: WspAxle) -> dict[str, str]:
         shares[0] = _pair(100.0 * a.slip_bands[0], max(100.0 * a.rolling_u95, 1.0))
     limits = [f"{100.0 * x:g}" for x in (0.0, *SLIP_BANDS)]
     return {
-        f"slip {low}–{high} %": share
-        for (low, high), share in zip(pairwise(limits), shares, strict=True)
+        f"slip {lower}–{upper} %": share
+        for (lower, upper), share in zip(pairwise(limits), shares, strict=True)
     }
 
 

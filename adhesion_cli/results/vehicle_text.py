@@ -8,8 +8,8 @@ from ..core.model import Z95, LogBrake
 from ..core.summary import AxleSummary, CarSummary, ResultSummary, VehicleSummary
 
 _UNKNOWN = (
-    "Vehicle: {stated}, and the log cannot show its brake. Adhesion force and µ are not known. "
-    "State the {whole}vehicle with -c FILE.toml."
+    "Vehicle: {statement}, and the log cannot show its brake. Adhesion force and µ are not known. "
+    "State the {extent}vehicle with -c FILE.toml."
 )
 _MOST_CARS = 4  # that the line names one by one
 
@@ -31,10 +31,10 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         vehicle: that was used.
         axles: of the result, whose µ has an uncertainty.
     """
-    stated = "stated in part" if vehicle.unstated else "not stated"
-    whole = "whole " if vehicle.unstated else ""
+    statement = "stated in part" if vehicle.unstated else "not stated"
+    extent = "whole " if vehicle.unstated else ""
     if not vehicle.known:
-        return _UNKNOWN.format(stated=stated, whole=whole)
+        return _UNKNOWN.format(statement=statement, extent=extent)
     evidence = _evidence(vehicle)
     if vehicle.source == "log":
         shares = [
@@ -45,12 +45,12 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         ]
         accuracy = f", µ ± {np.median(shares):.0f} %" if shares else ""
         return (
-            f"Vehicle: {stated}. Its brake force per mass is found from {evidence}{accuracy}. "
-            f"State the {whole}vehicle (-c FILE.toml) for newtons and a narrower band."
+            f"Vehicle: {statement}. Its brake force per mass is found from {evidence}{accuracy}. "
+            f"State the {extent}vehicle (-c FILE.toml) for newtons and a narrower band."
         )
-    rest = ", the rest by default" if vehicle.unstated else ", the default one"
-    words = "as stated" if vehicle.source == "stated" else stated + rest
-    stated, used = _brakes(vehicle.cars), _force(vehicle.force_per_bar_n, vehicle.u95)
+    default = ", the rest by default" if vehicle.unstated else ", the default one"
+    words = "as stated" if vehicle.source == "stated" else statement + default
+    brakes, used = _brakes(vehicle.cars), _force(vehicle.force_per_bar_n, vehicle.u95)
     if vehicle.other_brake:
         return (
             f"Vehicle: {words}, but another brake slows the train as well. Force and µ are those "
@@ -60,12 +60,12 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         factor = f"{vehicle.contradicted_by:.2g} times"
         return f"Vehicle: {words}, but the log contradicts it: its brake is {factor} as strong."
     if not vehicle.stops:
-        return f"Vehicle: {words}{stated}"
+        return f"Vehicle: {words}{brakes}"
     if not used or not vehicle.stated_force_per_bar_n:
         return f"Vehicle: {words}, with {evidence}."
     if len(vehicle.cars) > 1 and vehicle.force_per_bar_n:
         used = f"{vehicle.force_per_bar_n / vehicle.stated_force_per_bar_n:.3f} times that"
-    return f"Vehicle: {words}{stated} Used: {used}, with {evidence}."
+    return f"Vehicle: {words}{brakes} Used: {used}, with {evidence}."
 
 
 def describe_scatter(brakes: Sequence[LogBrake]) -> str:

@@ -62,11 +62,11 @@ class EstimateAndTarget:
         minima = [i for i in inner if shares[i] <= min(shares[i - 1], shares[i + 1])]
         if not minima:
             return None
-        least = min(shares[i] for i in minima)
-        fitting = [i for i in minima if shares[i] <= least + _EQUAL_FIT]
+        smallest_share = min(shares[i] for i in minima)
+        fitting = [i for i in minima if shares[i] <= smallest_share + _EQUAL_FIT]
         best = min(fitting, key=lambda i: (lags[i] < -_EARLIEST_LAG, shares[i]))
-        earlier, later = lags[[best - 1, best + 1]].tolist()
-        lag = _golden(lambda x: fine.unexplained(x)[0], earlier, later)
+        lag_before, lag_after = lags[[best - 1, best + 1]].tolist()
+        lag = _golden(lambda x: fine.unexplained(x)[0], lag_before, lag_after)
         unexplained, gain = fine.unexplained(lag)
         return (lag, gain) if unexplained < 0.5 else None
 

@@ -160,7 +160,7 @@ def _standstill(speed: TimeSeries, slow: float) -> Parameter:
     latest = float(ending.t[moving[-1]] - ending.value[moving[-1]] / slope) + 2.0 * sigma
     by_line = min(float(slow - level / slope), latest)
     stop = min(max(by_line, slow - STEP), slow + 1.0)
-    beyond = max(by_line - stop, 0.0)  # the wheels read zero long before
+    excess = max(by_line - stop, 0.0)  # the wheels read zero long before
     return Parameter(
-        stop, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0), beyond)
+        stop, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0), excess)
     )

@@ -18,7 +18,7 @@ _AVERAGED = 5  # intervals of a slow train speed over which its difference to th
 _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
 _RATIO_SPEED = 3.0  # the ratio of train and rim is measured above [m/s]
-_RELEASED, _LONG_ENOUGH = 0.1, 1.0  # share of the brake's range, and time without a brake [s]
+_RELEASED, _RELEASED_TIME = 0.1, 1.0  # share of the brake's range, and time without a brake [s]
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
 UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
 UNKNOWN_DELAY = 0.1  # 1 sigma of a train speed's delay that the log does not show [s]
@@ -69,8 +69,8 @@ class StopSignals(NamedTuple):
 
     def least_speed(self, t: Floats) -> Floats:
         """The least speed [m/s] of a braked train at times t, by its possible delay; (m,)."""
-        later: Floats = np.minimum(t + CLEAR_SIGMAS * self.delay_sigma, self.speed.t[-1])
-        return np.minimum(self.speed.interpolated(t), self.speed.interpolated(later))
+        delayed_t: Floats = np.minimum(t + CLEAR_SIGMAS * self.delay_sigma, self.speed.t[-1])
+        return np.minimum(self.speed.interpolated(t), self.speed.interpolated(delayed_t))
 
 
 def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> StopSignals:
@@ -238,7 +238,7 @@ def _as_train(rim: TimeSeries, train: TimeSeries, brake: Floats) -> TimeSeries:
         ratio = v / rim.value
         rolls = (v > _RATIO_SPEED) & (np.abs(ratio - 1.0) < 2.0 * _ROLLING)
         released = rolls & (brake < lowest + _RELEASED * (highest - lowest))
-    if released.sum() * np.median(np.diff(rim.t)) > _LONG_ENOUGH:
+    if released.sum() * np.median(np.diff(rim.t)) > _RELEASED_TIME:
         rolls = released
     return TimeSeries(rim.t, rim.value * float(np.median(ratio[rolls]))) if rolls.any() else rim
 

@@ -110,11 +110,11 @@ def largest_jerk(t: Floats, v: Floats, noise: float, command: float) -> Paramete
     answer = _third_degree(local_polynomial(impulse, window, 2), window)
     sigma = noise * float(np.linalg.norm(answer)) / step**2
     highest = float(np.max(jerk))
-    near = float(np.sum(jerk > highest - 2.0 * sigma)) * step
-    n = 1.0 + near / _JERK_NOISE
+    near_time = float(np.sum(jerk > highest - 2.0 * sigma)) * step
+    n = 1.0 + near_time / _JERK_NOISE
     excess = sigma * float(ndtri((n - 0.375) / (n + 0.25)))  # of n normal errors, by Blom
-    half = 0.5 * max(excess, 0.0)
-    return Parameter(max(highest - half, 0.0), math.hypot(sigma, half))
+    half_excess = 0.5 * max(excess, 0.0)
+    return Parameter(max(highest - half_excess, 0.0), math.hypot(sigma, half_excess))
 
 
 def _third_degree(v: Floats, window: int) -> Floats:

@@ -166,11 +166,11 @@ def _compare_returns(
     """
     train, step = read_train(0.0), float(s.t[1] - s.t[0])
     coasting = s.usable & s.released & ~s.train_slows & np.isfinite(train)
-    known = coasting.sum(axis=1) >= FEWEST
-    if not known.any():
+    coasts = coasting.sum(axis=1) >= FEWEST
+    if not coasts.any():
         return None
-    s = s.select(known)
-    ratios = np.where(coasting[known], train / np.maximum(s.rim, CRAWL), np.nan)
+    s = s.select(coasts)
+    ratios = np.where(coasting[coasts], train / np.maximum(s.rim, CRAWL), np.nan)
     rim = s.rim * np.nanmedian(ratios, axis=1, keepdims=True)
 
     def gap(v: Floats) -> Floats:

@@ -111,8 +111,8 @@ def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str, s
         american = re.search(r"(?i)[ap]\.?\s?m", cells[0])
         form = next((x for x in names if x.endswith("mdy") and american), names[0])
         first_field = {"mdy": "month", "ymd": "year"}.get(form[-3:], "day")
-        other = next((x for x in names if days[x][0] != days[form][0]), "")
-        return form, f"the log has one date, read with the {first_field} first", other
+        other_form = next((x for x in names if days[x][0] != days[form][0]), "")
+        return form, f"the log has one date, read with the {first_field} first", other_form
     plausible = [name for name, n in length.items() if n <= _LONGEST_LOG]
     if len(plausible) == 1:
         return plausible[0], "the only order in which the dates are near", ""

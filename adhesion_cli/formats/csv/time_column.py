@@ -264,8 +264,8 @@ class _ClockSearch:
         """The clock; of stamps that rows share, a time in a known unit that counts on from them."""
         dialect, stamped = self.dialect, self._joined(clock.columns)
         columns = [dialect.column(k) for k in clock.columns]
-        is_whole = all(len(cells) == len(stamped) for cells in columns)
-        if not clock.pattern or not is_whole or 2 * len(set(stamped)) > len(stamped):
+        has_all_rows = all(len(cells) == len(stamped) for cells in columns)
+        if not clock.pattern or not has_all_rows or 2 * len(set(stamped)) > len(stamped):
             return clock
         stamps, ok = clock.nanoseconds([pa.array(cells) for cells in columns])
         for i, name in enumerate(dialect.names):
@@ -278,9 +278,9 @@ class _ClockSearch:
             if not relative or relative.absolute or not ok.all():
                 continue
             times, _ = relative.nanoseconds([pa.array(dialect.column(i))])
-            if len(times) == len(stamps) and np.ptp(apart := stamps - times) <= _S:
+            if len(times) == len(stamps) and np.ptp(offsets := stamps - times) <= _S:
                 reason = f"{relative.reason}; start by {clock.reason}"
-                start = int(apart.max())  # the stamps are rounded down
+                start = int(offsets.max())  # the stamps are rounded down
                 return replace(relative, start=start, absolute=clock.absolute, reason=reason)
         return clock
 
@@ -401,11 +401,11 @@ class _ClockSearch:
         if not is_named and not is_possible:
             return None
         is_gps = is_named and is_possible
-        taken, other = (GPS[unit], unit) if is_gps else (unit, GPS[unit])
+        taken, other_unit = (GPS[unit], unit) if is_gps else (unit, GPS[unit])
         names = {
             "taken": "GPS time" if is_gps else "Unix time",
             "other": "Unix time" if is_gps else "GPS time",
-            "option": toml.option(f"channels.time.unit = {toml.quoted(other)}"),
+            "option": toml.option(f"channels.time.unit = {toml.quoted(other_unit)}"),
         }
         return taken, Finding("time-gps", "info", name, names=names)
 
@@ -574,7 +574,7 @@ class _ClockSearch:
         form_names = forms_of(self._joined(columns), forms, self.unit)
         if not form_names:
             return None
-        form, order, other = self._order(columns, form_names, forms)
+        form, order, other_form = self._order(columns, form_names, forms)
         names = " + ".join(repr(dialect.names[k]) for k in columns)
         reason = f"{choice}; time of day in {names}, without a date"
         pattern = with_counted_fraction(self._joined(columns), forms[form])
@@ -585,20 +585,20 @@ class _ClockSearch:
             zone = "" if is_zoned else f"; {TAKEN_AS_UTC} where no zone is stated"
             date = form.split()[1].replace("yymd", "ymd")
             reason = f"{choice}; date and time in {names} ({date}{order}{zone})"
-        notes = self._dates(columns[0], form, other) if other else ()
+        notes = self._dates(columns[0], form, other_form) if other_form else ()
         columns, pattern = self._with_fraction(columns, pattern)
         return Clock(columns, "", pattern, dialect.decimal, is_dated, reason, notes)
 
-    def _dates(self, i: int, form: str, other: str) -> tuple[Finding, ...]:
+    def _dates(self, i: int, form: str, other_form: str) -> tuple[Finding, ...]:
         """The note that a date may be another one."""
         taken_order, other_order = (
-            _ORDERS.get(x.split()[1], "year/month/day") for x in (form, other)
+            _ORDERS.get(x.split()[1], "year/month/day") for x in (form, other_form)
         )
         names = {
             "example": self.dialect.column(i)[0],
             "taken": taken_order,
             "other": other_order,
-            "option": toml.option(f"channels.time.unit = {toml.quoted(other[-3:])}"),
+            "option": toml.option(f"channels.time.unit = {toml.quoted(other_form[-3:])}"),
         }
         return (Finding("date-order-guessed", "info", self.dialect.names[i], names=names),)
 
