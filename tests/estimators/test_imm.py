@@ -294,5 +294,5 @@ def test_learns_in_a_slide_whether_the_pads_lag_the_pressure(early, least, large
     record = next(simulated("low-adhesion", seed=4))
     t = (record.t - record.t[0]) * 1e-9
     K = np.interp(t + early, t, record.clamping_force)
-    odds = states(record.t, K, record.wheel_speed, 1e-9)[-1].known.pads.odds
+    odds = states(record.t, K, record.wheel_speed, 1e-9)[-1].surroundings.pads.odds
     assert least < odds < largest
