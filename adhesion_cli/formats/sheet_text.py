@@ -123,7 +123,8 @@ def write_text(
             sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
             hint = f"state the sheet, as {option(book.names[0])}; sheets: {sheets}"
             raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
-        name, reason = numeric_sheets[0], "the first with columns of numbers"
+        name, is_of_brake = numeric_sheets[0], False
+        reason = "the first with columns of numbers"
         columns, _ = book.columns(name)
     place = f"{path}: sheet {name!r}"
     if not columns:

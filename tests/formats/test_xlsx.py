@@ -496,6 +496,17 @@ def test_a_hidden_sheet_is_not_read_for_one_that_is_no_log(tmp_path: Path) -> No
     assert len(read(source)["p [bar] []"]) == 20
 
 
+@pytest.mark.parametrize("other", [log(30), [["Speed [km/h]"], [80], [60]]])
+def test_a_brake_in_a_sheet_that_cannot_be_read_keeps_no_log_back(
+    tmp_path: Path, other: Rows
+) -> None:
+    """It is hidden, or has one column."""
+    warm = log(head=["Zeit [s]", "T1 [°C]", "T2 [°C]"])
+    sheets = {"Parameter": LIST, "warm": warm, "andere": other}
+    path = write(tmp_path / "a.xlsx", sheets, hidden=["andere"] * (len(other) > 3))
+    assert len(read(opened(path))["T1 [°C] []"]) == 20
+
+
 def test_an_encrypted_workbook(tmp_path: Path) -> None:
     path = tmp_path / "a.xlsx"
     path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(1024)
