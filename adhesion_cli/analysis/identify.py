@@ -217,7 +217,7 @@ def find_prior(
     setting, vehicle = _setting(logs, settings), settings.vehicle
     unstated = settings.unstated_brake(setting.by_pressure)
     source: VehicleSource = "default" if unstated else "stated"
-    unstated = unstated if settings.stated else ()
+    unstated = unstated if settings.states_brake_or_mass else ()
     force = force_per_bar(vehicle) if setting.by_pressure else None
     if settings.analysis.vehicle == "stated":  # by the user, or a result that carries its vehicle
         source = "stated" if vehicle != Vehicle() else source

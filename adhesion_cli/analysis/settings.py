@@ -161,6 +161,11 @@ class Settings:
         names = (*_BY_FORCE, *(_BY_PRESSURE if by_pressure else ()))
         return tuple(name for name in names if name not in self.stated)
 
+    @property
+    def states_brake_or_mass(self) -> bool:
+        """Whether the user states part of the brake, or the mass; a wheel is neither."""
+        return not self.stated.isdisjoint((*_BY_FORCE, *CHAIN, "cylinder_diameter", "spring_force"))
+
     def over(self, carried: Tables) -> "Settings":
         """These settings over those that a result file carries.
 

@@ -211,6 +211,17 @@ def test_a_friction_over_speed_alone_takes_its_level_from_the_log(tmp_path: Path
         assert c.max_u95 < 0.3 * c.max  # the mass has no part in µ
 
 
+@pytest.mark.parametrize(
+    "stated", [{"wheel_diameter": 0.92}, {"wheelset_inertia": 110}, {"friction_lag": 0.1}]
+)
+def test_a_wheel_or_a_lag_alone_is_no_part_of_the_brake(
+    stated: dict[str, object], tmp_path: Path
+) -> None:
+    result = run(log(tmp_path / "log.csv", METRO, applications=3), stated)
+    assert result.identified.source == "log"
+    assert "vehicle-incomplete" not in {f.code for f in result.findings}
+
+
 def test_without_a_brake_in_the_log_nothing_is_known(run_in: Run, tmp_path: Path) -> None:
     log(tmp_path / "log.csv", METRO, applications=0)
     done = run_in("analyze", "log.csv", "--json", "-a", "td")
