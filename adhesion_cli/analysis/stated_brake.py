@@ -125,7 +125,7 @@ def with_parameters(vehicle: Table) -> Table:
     if "rotating_mass" in vehicle:
         parameters["wheelset_inertia"] = _inertia(vehicle)
     if "friction" in parameters:
-        faces = None
+        faces = 0.0 if any(name in parameters for name in _OWN) else None
         if stated:
             faces = clamping_faces(vehicle) * parameters["radius_ratio"]["value"]
         friction = stated_friction.per_axle(parameters["friction"], faces)

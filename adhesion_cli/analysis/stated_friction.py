@@ -138,11 +138,10 @@ def per_axle(entry: Any, faces: float | None) -> Any:
         return entry
     if not faces:
         text = "vehicle.friction depends on the force of one block, and the blocks are not stated"
-        hint = "state vehicle.tread_brake.blocks of one axle"
-        if faces is None:
-            hint = (
-                "state the brake, as the [vehicle.tread_brake] that `adhesion vehicle wagon` prints"
-            )
+        hint = (
+            "state the brake with vehicle.tread_brake.blocks of one axle, as the "
+            "[vehicle.tread_brake] that `adhesion vehicle wagon` prints"
+        )
         raise UserError(text, hint, code=2)
     if "clamping_force" in entry:
         text = "vehicle.friction states block_force and clamping_force"

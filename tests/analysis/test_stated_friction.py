@@ -111,6 +111,19 @@ def test_a_table_without_the_number_of_blocks_names_the_key() -> None:
     assert "vehicle.tread_brake.blocks" in (error.value.hint or "")
 
 
+@pytest.mark.parametrize(
+    "brake", [{"discs": 2, "lever_ratio": 5.0, "cylinder_diameter": 0.3}, {"efficiency": 0.9}]
+)
+def test_a_material_over_force_needs_the_blocks_of_a_brake_by_its_own_names(
+    brake: dict[str, float],
+) -> None:
+    """Over the speed alone, its change with the force would be lost without a word."""
+    vehicle = {**AXLE, **brake, "friction": "cast-iron"}
+    with pytest.raises(UserError, match="blocks are not stated") as error:
+        settings.load({"vehicle": vehicle}, folder=False)
+    assert "vehicle.tread_brake.blocks" in (error.value.hint or "")
+
+
 def test_a_material_without_a_brake_changes_over_the_speed() -> None:
     vehicle = settings.load(assignments=["vehicle.friction=cast-iron"], folder=False).vehicle
     low, high = (phi(vehicle, V / 3.6, 20e3) for V in (10.0, 100.0))
