@@ -268,11 +268,12 @@ class _ClockSearch:
         if not clock.pattern or not has_all_rows or 2 * len(set(stamped)) > len(stamped):
             return clock
         stamps, ok = clock.nanoseconds([pa.array(cells) for cells in columns])
+        search = replace(self, unit=None) if self.unit in _DATES else self  # it is the stamps'
         for i, name in enumerate(dialect.names):
             if not _rises(dialect, i) or not _says_time(dialect, i):
                 continue
             try:
-                relative = self._said_unit(i) and self._of_numbers(i, f"column named {name!r}")
+                relative = search._said_unit(i) and search._of_numbers(i, f"column named {name!r}")
             except UserError:  # its unit is in doubt
                 continue
             if not relative or relative.absolute or not ok.all():
@@ -280,8 +281,13 @@ class _ClockSearch:
             times, _ = relative.nanoseconds([pa.array(dialect.column(i))])
             if len(times) == len(stamps) and np.ptp(offsets := stamps - times) <= _S:
                 reason = f"{relative.reason}; start by {clock.reason}"
-                start = int(offsets.max())  # the stamps are rounded down
-                return replace(relative, start=start, absolute=clock.absolute, reason=reason)
+                return replace(
+                    relative,
+                    start=int(offsets.max()),  # the stamps are rounded down
+                    absolute=clock.absolute,
+                    reason=reason,
+                    findings=(*clock.findings, *relative.findings),
+                )
         return clock
 
     def with_date(self, clock: Clock) -> Clock:

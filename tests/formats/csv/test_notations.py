@@ -291,6 +291,20 @@ def test_a_fine_time_counts_on_from_coarse_stamps(tmp_path: Path) -> None:
     assert source.absolute
 
 
+def test_a_fine_time_counts_on_from_a_date_in_the_order_that_is_stated(tmp_path: Path) -> None:
+    rows = (f"10/11/2026;10:15:{k // 9:02d};{k / 9:.2f};{k % 7}\n" for k in range(99))
+    text = "Date;Time;Elapsed [s];p [bar]\n" + "".join(rows)
+    source, (*_, p) = numbers_of(tmp_path / "a.csv", text)
+    [finding] = [f for f in source.findings if f.code == "date-order-guessed"]
+    stated = settings.load(assignments=pasted(finding.hint), folder=False)
+    source, (*_, other) = numbers_of(tmp_path / "a.csv", text, stated.read)
+    assert np.array_equal(np.diff(other.t), np.diff(p.t))
+    assert np.diff(p.t).min() > 0
+    days = [str(c.t[0].astype("datetime64[ns]"))[:10] for c in (p, other)]
+    assert days == ["2026-11-10", "2026-10-11"]
+    assert not [f for f in source.findings if f.code == "date-order-guessed"]
+
+
 @pytest.mark.parametrize(
     "cell",
     [
