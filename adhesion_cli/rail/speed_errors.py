@@ -9,6 +9,7 @@ from ..core.model import AxleRecord, Floats
 from .events import END_SLIP
 
 COASTING_RATE = 0.3  # largest deceleration of a coasting train [m/s²]
+DRIVING_RATE = 0.1  # and largest acceleration: a driven wheel creeps [m/s²]
 DELAY_SIGMA = 0.2  # 1 sigma of an unknown delay of the train speed [s]; see `has_slow_receiver`
 CLEAR_SIGMAS = 2.0  # sigma that are more than noise
 _TURNING_SPEED = 1.0  # below this, a speed sensor may read zero, without its noise [m/s]

@@ -11,9 +11,8 @@ from ..core.finding import Finding, merge_spans
 from ..core.model import Z95, AxleRecord, Bools, Floats, Parameter, Vehicle
 from ..core.physics import reference_speed
 from ..train.mean_axle import mean_axle
-from .speed_errors import COASTING_RATE, DELAY_SIGMA, delay_error
+from .speed_errors import COASTING_RATE, DELAY_SIGMA, DRIVING_RATE, delay_error
 
-_DRIVING_RATE = 0.1  # and largest acceleration: a driven wheel creeps [m/s²]
 _CALIBRATION_SPEED = 3.0  # least speed of a calibration, below which (2) is mostly noise [m/s]
 _SHORTEST_COASTING = 2.0  # least time of coasting for a calibration [s]
 _LARGEST_CORRECTION = 0.1  # largest correction of a wheel radius: beyond it, a unit is wrong
@@ -56,7 +55,7 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
         coasting = (
             (record.clamping_force[s] < physics.NO_FORCE)
             & (change > -COASTING_RATE)
-            & (change < _DRIVING_RATE)
+            & (change < DRIVING_RATE)
         )
         coasting &= (rim[s] > _CALIBRATION_SPEED) & (v[s] > _CALIBRATION_SPEED)
         runs += [(v[s][a:b], rim[s][a:b]) for a, b in signals.true_runs(coasting)]

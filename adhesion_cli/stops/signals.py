@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
 from ..core.signals import in_order, median_of_five
-from ..rail.speed_errors import CLEAR_SIGMAS, has_slow_receiver
+from ..rail.speed_errors import CLEAR_SIGMAS, DRIVING_RATE, has_slow_receiver
 
 SpeedSource = Literal["train", "axles"]
 _FAST = 0.25  # a train speed with longer intervals gets its shape from the wheels [s]
@@ -229,17 +229,19 @@ def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> TimeSeries:
 def _as_train(rim: TimeSeries, train: TimeSeries, brake: Floats) -> TimeSeries:
     """A rim speed on the train's scale: their usual ratio while the wheel rolls is taken off.
 
-    A braked wheel creeps, the more the less the rail gives: the released brake counts, if the log
-    has a second of it.
+    A braked or driven wheel creeps, the more the less the rail gives: the released brake without
+    acceleration counts, if the log has a second of it.
     """
     v = train.interpolated(rim.t)
+    change = rim.interpolated(rim.t + 0.5) - rim.interpolated(rim.t - 0.5)
     lowest, highest = np.nanmin(brake, initial=np.inf), np.nanmax(brake, initial=-np.inf)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = v / rim.value
         rolls = (v > _RATIO_SPEED) & (np.abs(ratio - 1.0) < 2.0 * _ROLLING)
         released = rolls & (brake < lowest + _RELEASED * (highest - lowest))
-    if released.sum() * np.median(np.diff(rim.t)) > _RELEASED_TIME:
-        rolls = released
+        coasting = released & (change < DRIVING_RATE)
+    if coasting.sum() * np.median(np.diff(rim.t)) > _RELEASED_TIME:
+        rolls = coasting
     return TimeSeries(rim.t, rim.value * float(np.median(ratio[rolls]))) if rolls.any() else rim
 
 

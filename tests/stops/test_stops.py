@@ -303,6 +303,15 @@ def test_a_wheel_that_creeps_under_the_brake_keeps_its_slip() -> None:
     np.testing.assert_allclose(scaled, rim / 1.01)
 
 
+def test_a_driven_wheel_is_no_measure_of_its_diameter() -> None:
+    """Acceleration with 1.5 % of creep, 5 s of coasting, then a brake under which it rolls."""
+    t = np.arange(0.0, 80.0, 0.05)
+    v = np.interp(t, [0.0, 50.0, 55.0, 80.0], [3.0, 28.0, 28.0, 8.0])
+    brake, rim = np.where(t > 55.0, 3e5, 1e3), 1.01 * v * np.where(t < 50.0, 1.015, 1.0)
+    scaled = stop_signals._as_train(TimeSeries(t, rim), TimeSeries(t, v), brake).value
+    np.testing.assert_allclose(scaled, rim / 1.01)
+
+
 def test_releases_by_the_valves_are_counted() -> None:
     x, _ = signals()
     t = x.speed.t
