@@ -18,6 +18,7 @@ from . import acceleration, clock
 from .grid import Grid, Grids, build_grids, grid
 
 _SIGMAS = 4.0  # from zero is a train speed that is delayed
+_LATE = 0.3  # a receiver that seems later is, though by 2 sigma only: receivers are late [s]
 _CORRECTED = "train-speed-delay"  # the code of a delay that is sure, and removed
 _PULSE_DELAY = 0.75  # of an interval: a wheel speed by counted pulses is as late itself
 
@@ -105,7 +106,10 @@ def _on_one_clock(
     interval = max(float(np.median(np.diff(a.record.t))) for a in axles) * 1e-9
     findings: list[Finding] = []
     unknown = Parameter(0.0, math.hypot(*delay))  # what remains where nothing is shifted
-    if abs(delay.value) <= max(_SIGMAS * delay.tolerance, _PULSE_DELAY * interval):
+    clear = _SIGMAS * delay.tolerance
+    if interval_s > clock.SLOW_RECEIVER:
+        clear = min(clear, max(_LATE, 2.0 * delay.tolerance))
+    if abs(delay.value) <= max(clear, _PULSE_DELAY * interval):
         delay = unknown
     else:
         values |= {"delay_s": delay.value, "delay_u95_s": Z95 * delay.tolerance}

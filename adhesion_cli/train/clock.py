@@ -17,9 +17,11 @@ follows from the curvature of what is left. The noise of the train speed is slow
 every axle.
 
 Where all wheels slide all along, wheel-slide protection lets them come back to the train's speed
-again and again. Then only the moment of each two seconds counts at which a wheel is nearest to the
-train, with c_i from the time without brake. What is left there is a slip κ of 0 to 3 %. Its error
-κ v falls with the speed, that of a delay does not: T(t + τ) − (1 + c_i) ωR = κ ωR.
+again and again. That shows the delay of a receiver, which is always late and has no offset. Only
+the moment of each two seconds counts at which a wheel is nearest to the train, with c_i from the
+time without brake. What is left there is a slip κ of 0 to 3 %. Its error κ v falls with the speed,
+that of a delay does not: T(t + τ) − (1 + c_i) ωR = κ ωR. Wheels that are slower by the same speed
+all along would look like a delay, so the error of τ allows for 0.2 m/s of that.
 """
 
 import math
@@ -53,7 +55,9 @@ _ROLLING_SHARE = 0.85
 _NOISE_TIME = 1.5  # a receiver's noise is as slow as this, or as three of its samples [s]
 # 1 sigma of τ by creep that does not go with the force; with more, unknown [s]
 _DELAY_SIGMAS = 0.015, 0.2
-_RETURN_DELAY_SIGMAS = 0.05, 0.2  # the same by returns, whose slip is not quite a share of speed
+_RETURN_SPEED = 0.1  # 1 sigma of what is left at a return and is no share of the speed [m/s]
+_RETURN_UNKNOWN = 0.3  # 1 sigma of τ by returns from which on it is not known [s]
+SLOW_RECEIVER = 0.2  # with longer intervals it is a receiver, which is late and has no offset [s]
 _OFFSET_SIGMAS = 0.05, 0.3  # the same two of o: by what a slow wheel's sensor leaves out [m/s]
 _CERTAIN = 3.0  # sigma from zero is an offset
 # nearest other τ or o [s, m/s], and its loss over the best one's
@@ -134,17 +138,14 @@ def compare_clocks(g: Grid, interval: float, resolution: float = 0.0) -> ClockOf
     clocks = _compare(s, read_train, resolution)
     if clocks.delay or clocks.offset:
         return clocks
-    return ClockOffset(_compare_returns(s, read_train, resolution))
+    return ClockOffset(_delay_by_returns(s, read_train) if interval > SLOW_RECEIVER else None)
 
 
 def _compare(
-    s: _ClockSamples,
-    read_train: Callable[[float], Floats],
-    resolution: float,
-    delay_sigmas: tuple[float, float] = _DELAY_SIGMAS,
+    s: _ClockSamples, read_train: Callable[[float], Floats], resolution: float
 ) -> ClockOffset:
     """The offset that some samples show, by the train speed at each delay."""
-    delay = _likeliest(s, _TAUS, read_train, *delay_sigmas)
+    delay = _likeliest(s, _TAUS, read_train, *_DELAY_SIGMAS)
     train_speed = read_train(0.0)
     offset = _likeliest(s, _OFFSETS, lambda o: train_speed - o, *_OFFSET_SIGMAS)
     clear_delay = delay.value if delay and delay.clear else None
@@ -157,28 +158,28 @@ def _compare(
     return ClockOffset(clear_delay, sure_offset if both_fit else None)
 
 
-def _compare_returns(
-    s: _ClockSamples, read_train: Callable[[float], Floats], resolution: float
-) -> Parameter | None:
+def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -> Parameter | None:
     """The delay by one wheel in place of all: the nearest to the train within each two seconds.
 
-    None where it is not clear, or no axle has a time without brake.
+    None where it is not clear, where a wheel rolls most of the time, and where no axle has a time
+    without brake. A wheel that comes back swings by more than what the delay explains.
     """
     train, step = read_train(0.0), float(s.t[1] - s.t[0])
     coasting = s.usable & s.released & ~s.train_slows & np.isfinite(train)
     coasts = coasting.sum(axis=1) >= FEWEST
-    if not coasts.any():
+    width = max(1, round(_RETURN_TIME / step))
+    starts = np.arange(0, len(train) - width + 1, width)
+    if not coasts.any() or len(starts) < FEWEST:
         return None
     s = s.select(coasts)
     ratios = np.where(coasting[coasts], train / np.maximum(s.rim, CRAWL), np.nan)
     rim = s.rim * np.nanmedian(ratios, axis=1, keepdims=True)
 
     def gap(v: Floats) -> Floats:
-        return np.where(s.usable & np.isfinite(v), v - rim, math.inf)
+        return np.where(s.usable & np.isfinite(v), v - rim, np.inf)
 
-    width = max(1, round(_RETURN_TIME / step))
-    starts, lowest = np.arange(0, len(train) - width + 1, width), gap(train).min(axis=0)
-    places = starts + lowest[: len(starts) * width].reshape(-1, width).argmin(axis=1)
+    windows = gap(train)[:, : len(starts) * width].reshape(len(rim), len(starts), width)
+    places = starts + windows.min(axis=0).argmin(axis=1)
     axles = gap(train)[:, places].argmin(axis=0)
     nearest, usable = rim[axles, places], s.usable[axles, places]
     train_slows = s.train_slows[places]
@@ -194,13 +195,19 @@ def _compare_returns(
         by_creep=np.where(usable & train_slows, nearest, 0.0)[None],
         creepage=_RETURN_SLIP,
     )
-    delay = _compare(
-        returns, lambda tau: read_train(tau)[places], resolution, _RETURN_DELAY_SIGMAS
-    ).delay
-    if delay is None:
+    mean_rate = -float(np.polyfit(s.t[s.train_slows], train[s.train_slows], 1)[0])
+    sigma = _RETURN_SPEED / max(mean_rate, _SLOWING)
+    found = _likeliest(returns, _TAUS, lambda tau: read_train(tau)[places], sigma, _RETURN_UNKNOWN)
+    if found is None or not found.clear or found.value.value < -found.value.tolerance:
         return None
-    faster = gap(read_train(delay.value)) < -_CUTOFF_SIGMAS * s.noise
-    return None if (faster & ~s.released).any(axis=0).sum() * step > _FASTER_TIME else delay
+    left, cutoff = gap(read_train(found.value.value)), _CUTOFF_SIGMAS * s.noise
+    faster = ((left < -cutoff) & ~s.released).any(axis=0).sum() * step
+    rolling = (np.abs(left) < cutoff) & s.train_slows
+    highest = np.where(np.isfinite(windows), windows, -np.inf).max(axis=2)
+    swings = (highest - windows.min(axis=2)).max(axis=0)[train_slows]
+    comes_back = float(np.median(swings)) > 2.0 * found.value.value * mean_rate
+    rolls = rolling.sum(axis=1).max() > _SHARE * s.train_slows.sum()
+    return None if faster > _FASTER_TIME or rolls or not comes_back else found.value
 
 
 def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -> _ClockSamples:
