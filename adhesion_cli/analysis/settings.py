@@ -491,6 +491,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     options = dict(time_options)
     for name, types in READ_KEYS.items():
         options |= _fields(name, tree.get(name, {}), types)
+    options["named_channels"] = tuple(m.channel for m in mappings if m.channel)
     options = _files(_marks(options)) | {k: v for k, v in read.items() if v is not None}
     kinds = {f.name: type(f.default) for f in dataclasses.fields(AnalysisSettings)}
     analysis = _fields("analysis", tree.get("analysis", {}), kinds)

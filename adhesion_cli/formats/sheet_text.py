@@ -36,6 +36,9 @@ _DAY = 86_400_000_000  # [µs]
 _DAY_1899, _DAY_1904, _DAY_1906 = -25_568, -24_107, -23_376  # 31 December, 1 January; from 1970
 _ROWS = 1 << 16  # written at once
 _HEAD_ROWS = 60  # in which names and units stand
+_OF_STATED = "the one with most of the stated channels"  # why a sheet is read
+_OF_BRAKE = "the first with a speed or a brake pressure"
+_OF_NUMBERS = "the first with columns of numbers"
 _MEASURED = ("pressure", "speed", "angular speed")
 
 
@@ -75,6 +78,7 @@ def write_text(
     sheet_name: str | None,
     names_brake: Callable[[str], bool] | None = None,
     passed: Sequence[str] = (),
+    stated: Sequence[str] = (),
 ) -> SheetText | None:
     """Writes the cells of a sheet as lines; row N of the sheet is line N.
 
@@ -86,6 +90,7 @@ def write_text(
             is a brake's by name or unit, else the first with columns of numbers.
         names_brake: whether a column of this name is a brake's.
         passed: sheets that are no log.
+        stated: names of channels; the sheet with most of them is read before all others.
 
     Returns:
         What was written; None where no other sheet than those passed has columns of numbers.
@@ -103,29 +108,24 @@ def write_text(
         is_measured = unit is not None and unit.dimension in _MEASURED
         return is_measured or (names_brake is not None and names_brake(head))
 
-    numeric_sheets, is_of_brake, reason = [], False, "stated"
-    unread = [x for x in book.names if x not in passed]
-    for name in unread if sheet_name is None else [sheet_name]:
-        columns, is_visible = book.columns(name)
-        is_of_brake = any(c.is_headed(says_brake) for c in columns)
-        if sheet_name is not None:
-            break
-        if is_visible and sum(c.is_of_numbers for c in columns) > 1:
-            numeric_sheets.append(name)
-            if is_of_brake:
-                reason = "the first with a speed or a brake pressure"
-                break
-    else:
-        if passed and not numeric_sheets:
+    channels = {x.strip().casefold() for x in stated}
+
+    def says_stated(head: str) -> bool:
+        return not channels.isdisjoint(x.strip().casefold() for x in (head, units.in_name(head)[0]))
+
+    if sheet_name is None:
+        unread = [x for x in book.names if x not in passed]
+        choice = _choice(book, unread, says_brake, says_stated if channels else None)
+        if choice is None and passed:
             return None
-        if not numeric_sheets:
+        if choice is None:
             hidden_sheets = [x for x in book.names if not book.columns(x)[1]]
             sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
             hint = f"state the sheet, as {option(book.names[0])}; sheets: {sheets}"
             raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
-        name, is_of_brake = numeric_sheets[0], False
-        reason = "the first with columns of numbers"
-        columns, _ = book.columns(name)
+        name, reason, columns = choice
+    else:
+        name, reason, columns = sheet_name, "stated", book.columns(sheet_name)[0]
     place = f"{path}: sheet {name!r}"
     if not columns:
         others = [x for x in book.names if x != name]
@@ -139,8 +139,38 @@ def write_text(
     with target.open("wb") as file:
         file.writelines(_lines(cells))
     others = [x for x in book.names if x != name]
-    has_channels = is_of_brake or any(column.is_headed(time_name) for column in columns)
+    has_channels = reason != _OF_NUMBERS or any(column.is_headed(time_name) for column in columns)
     return SheetText(name, others, reason, has_channels)
+
+
+def _choice(
+    book: "_Book",
+    names: Sequence[str],
+    says_brake: Callable[[str], object],
+    says_stated: Callable[[str], object] | None,
+) -> tuple[str, str, list[_Column]] | None:
+    """The sheet to read, why, and its columns; None where no visible one has two of numbers.
+
+    Args:
+        book: the workbook.
+        names: of its sheets.
+        says_brake: whether a cell of a head is a brake's.
+        says_stated: whether it is that of a stated channel; None where none is stated.
+    """
+    best_rank, choice = (-1, False), None
+    for name in names:
+        columns, is_visible = book.columns(name)
+        if not is_visible or sum(c.is_of_numbers for c in columns) < 2:
+            continue
+        stated_count = sum(c.is_headed(says_stated) for c in columns) if says_stated else 0
+        is_of_brake = any(c.is_headed(says_brake) for c in columns)
+        if (stated_count, is_of_brake) > best_rank:
+            best_rank = stated_count, is_of_brake
+            reason = _OF_STATED if stated_count else _OF_BRAKE if is_of_brake else _OF_NUMBERS
+            choice = name, reason, columns
+        if is_of_brake and not says_stated:
+            break
+    return choice
 
 
 def option(name: str) -> str:

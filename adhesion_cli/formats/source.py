@@ -57,6 +57,7 @@ class ReadOptions:
     sheet: str | None = None  # of a workbook; None: decided
     # whether a column of this name is one of a brake: of several sheets, one that has it is read
     names_brake: Callable[[str], bool] | None = field(default=None, compare=False)
+    named_channels: tuple[str, ...] = ()  # in [channels]; the sheet with most of them is read
     dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding
     max_unpacked: int = 1 << 32  # bytes of one compressed text log; it is read in blocks

@@ -32,10 +32,11 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
     folder = TemporaryDirectory(prefix="adhesion-", ignore_cleanup_errors=True)
     text = Path(folder.name) / "sheet.txt"
     of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=options.decimal or ".")
+    stated = [x for x in (options.time_channel, *options.named_channels) if x]
     refusals: dict[str, UserError] = {}  # a list of channels may stand before the samples
     while True:
         sheet: SheetText | None = _LIBRARY.call(
-            path, write_text, text, options.sheet, options.names_brake, [*refusals]
+            path, write_text, text, options.sheet, options.names_brake, [*refusals], stated
         )
         if sheet is None:
             raise next(iter(refusals.values()))

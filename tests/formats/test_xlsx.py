@@ -507,6 +507,28 @@ def test_a_brake_in_a_sheet_that_cannot_be_read_keeps_no_log_back(
     assert len(read(opened(path))["T1 [°C] []"]) == 20
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_sheet_with_the_stated_channels_is_read_before_one_with_a_speed(
+    tmp_path: Path, order: int
+) -> None:
+    stated = log(head=["t", "K1", "K2"])
+    runs = log(30, head=["Run", "Speed [km/h]", "Distance [m]"])
+    sheets = {"Log": stated, "Summary": runs}
+    path = write(tmp_path / "a.xlsx", dict([*sheets.items()][::order]))
+    settings = ["channels.wheel_speed.channel=K2", "channels.wheel_speed.unit=km/h"]
+    source = open_source(path, settings_of(assignments=settings, folder=False).read)
+    assert len(read(source)["K2 []"]) == 20
+    assert source.reasons["sheet"] == "'Log' (the one with most of the stated channels)"
+    by_time = settings_of(assignments=["channels.time.channel=T"], folder=False).read
+    assert "'Log'" in str(open_source(path, by_time).reasons["sheet"])
+
+
+def test_of_two_sheets_with_the_stated_time_the_one_with_a_brake_is_read(tmp_path: Path) -> None:
+    warm = log(30, head=["t [s]", "T1 [°C]", "T2 [°C]"])
+    path = write(tmp_path / "a.xlsx", {"warm": warm, "Log": log(head=["t [s]", "p [bar]", "v"])})
+    assert len(read(opened(path, time_channel="t [s]"))["p [bar] []"]) == 20
+
+
 def test_an_encrypted_workbook(tmp_path: Path) -> None:
     path = tmp_path / "a.xlsx"
     path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(1024)
