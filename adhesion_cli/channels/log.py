@@ -229,7 +229,7 @@ def needed(
             findings.append(Finding("ed-force-unit", "warning", channel=m.title, names=names))
         elif m.reason == UNCLEAR_VALVE:
             valve = toml.table(entry_of(m.field))
-            line = f'channels.vent_valve."axle {m.axle or 1}" = {valve}'
+            line = f'channels.vent_valve."axle {m.axle or "N"}" = {valve}'
             names = {"setting": toml.option(line)}
             findings.append(Finding("valve-unclear", "info", channel=m.title, names=names))
     return [*chosen, *_choose_further(meant, further)], findings

@@ -8,6 +8,7 @@ import pytest
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.core.errors import UserError
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
@@ -46,3 +47,14 @@ def test_a_valve_of_an_unknown_kind_is_reported_with_a_setting_that_works(tmp_pa
     assert "valve-unclear" not in {f.code for f in again.findings}
     (stop,) = summarise(again, {}).stops
     assert stop.axles[1].valves_from == "valves"
+
+
+def test_the_setting_of_a_valve_without_a_number_states_no_axle(tmp_path: Path) -> None:
+    head, *lines = (SAMPLES / "low-adhesion.csv").read_text().splitlines()
+    log = tmp_path / "valves.csv"
+    log.write_text("\n".join([f"{head},Ventil", *(f"{line},1" for line in lines), ""]))
+    result = analyze(log, settings.load(folder=False), ["td"])
+    (finding,) = [f for f in result.findings if f.code == "valve-unclear"]
+    _, setting = shlex.split(finding.names["setting"].strip("`"))
+    with pytest.raises(UserError, match="is no axle and no bogie"):
+        settings.load(None, [setting], folder=False)
