@@ -70,7 +70,7 @@ _OF_WSP = (
     "least, since the train speed may be wrong. energy: its relative uncertainty, which is not "
     "shown, is at least that of µ. slip a–b %: share of the time above 10 km/h with a slip of a "
     "to b %, in %. All below 5 % is in the first. Its uncertainty is that by noise and delay of "
-    "the speeds."
+    "the speeds, and at least 1\N{NO-BREAK SPACE}%."
 )
 _OF_DOUBT = (
     f"{DOUBT}: the log contradicts its vehicle. µ, initial µ and energy may be wrong with it. The "

@@ -16,9 +16,9 @@ _TEXT = 16  # columns that a text keeps
 NOT_KNOWN = "not known"
 DOUBT = "?"  # behind a µ of a log that contradicts its vehicle
 _OF_NOT_KNOWN = (
-    f"{NOT_KNOWN}: the interval holds every µ from 0 to {DRY_RAIL}, or no force at all. While a "
-    "wheel slides, an error of the brake force goes whole into µ. A stated vehicle makes the "
-    "interval narrower."
+    f"{NOT_KNOWN}: the interval holds every µ from 0 to {DRY_RAIL}. Of Fmax: its interval reaches "
+    "zero. While a wheel slides, an error of the brake force goes whole into µ. A stated vehicle "
+    "makes the interval narrower."
 )
 
 
