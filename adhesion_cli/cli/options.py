@@ -95,7 +95,7 @@ class Shared:
         "--full", None, "Long logs: keep every computed sample, also between brakes.",
         )] = False
     quiet: Annotated[bool, option(
-        "-q --quiet", None, "No progress, no notes on stderr; results, errors, lost data stay.",
+        "-q --quiet", None, "No progress, notes, warnings on stderr; errors and lost data stay.",
         )] = False
     debug: Annotated[bool, option("--debug", None, "Show the traceback of an error.")] = False
     view: Annotated[bool, option("--view", None, "Open the result in the Rerun viewer.")] = False
