@@ -81,16 +81,24 @@ def speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
     return np.hypot(delay_error(record, unknown), of_itself)
 
 
+def slip_delay_sigma(record: AxleRecord, unknown_sigma: float) -> float:
+    """1 sigma of the train speed's delay [s]; an unknown one of a slow receiver is its interval.
+
+    Args:
+        record: of an axle.
+        unknown_sigma: that of another train speed whose delay is unknown [s].
+    """
+    if record.train_speed_late is not None:
+        return record.train_speed_late.tolerance
+    return record.train_speed_interval if has_slow_receiver(record) else unknown_sigma
+
+
 def delay_error(record: AxleRecord, unknown_sigma: float) -> Floats:
     """1 sigma of slip by the uncertain delay of the train speed, σ_τ (−v̇)/v, shape (n,)."""
     assert record.train_speed is not None
-    delay = record.train_speed_late
-    unknown_sigma = record.train_speed_interval if has_slow_receiver(record) else unknown_sigma
     with np.errstate(divide="ignore", invalid="ignore"):
         error: Floats = (
-            (delay.tolerance if delay else unknown_sigma)
-            * deceleration(record)
-            / record.train_speed
+            slip_delay_sigma(record, unknown_sigma) * deceleration(record) / record.train_speed
         )
     return error
 

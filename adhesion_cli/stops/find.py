@@ -68,7 +68,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
             standstill = _standstill(speed, float(t[stop_index]))
             # between two readings of a slow speed the train stops anywhere
             sigma = math.hypot(
-                standstill.tolerance, signals.coarse_interval(standstill.value) / 2.0
+                standstill.tolerance, signals.coarse_interval(standstill.value) / math.sqrt(12.0)
             )
             yield Braking(float(t[first_index]), standstill.value, "", sigma)
             continue

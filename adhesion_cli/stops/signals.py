@@ -10,7 +10,12 @@ import numpy as np
 
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
 from ..core.signals import in_order, median_of_five
-from ..rail.speed_errors import CLEAR_SIGMAS, DRIVING_RATE, has_slow_receiver
+from ..rail.speed_errors import (
+    CLEAR_SIGMAS,
+    DRIVING_RATE,
+    has_slow_receiver,
+    slip_delay_sigma,
+)
 
 SpeedSource = Literal["train", "axles"]
 _FAST = 0.25  # a train speed with longer intervals gets its shape from the wheels [s]
@@ -58,6 +63,7 @@ class StopSignals(NamedTuple):
     by_pressure: bool = True  # whether `brakes` are pressures
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]
+    slip_delay_sigma: float = 0.0  # 1 sigma of the speed's delay, as for slip and locks [s]
     knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
 
     def coarse_interval(self, t: float) -> float:
@@ -69,7 +75,7 @@ class StopSignals(NamedTuple):
 
     def least_speed(self, t: Floats) -> Floats:
         """The least speed [m/s] of a braked train at times t, by its possible delay; (m,)."""
-        delayed_t: Floats = np.minimum(t + CLEAR_SIGMAS * self.delay_sigma, self.speed.t[-1])
+        delayed_t: Floats = np.minimum(t + CLEAR_SIGMAS * self.slip_delay_sigma, self.speed.t[-1])
         return np.minimum(self.speed.interpolated(t), self.speed.interpolated(delayed_t))
 
 
@@ -113,6 +119,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         by_pressure=by_pressure,
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
+        slip_delay_sigma=slip_delay_sigma(base, 0.0) if measured else 0.0,
         knows_delay=not (measured and has_slow_receiver(base)),
     )
     return _with_states(signals, log)

@@ -17,6 +17,8 @@ from .signals import TimeSeries
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _RESAMPLED = 0.02  # step of the smoothed speed [s]
 _JERK_NOISE = 0.25  # in which the noise of a jerk has lost two thirds of its correlation [s]
+_LAST_TIME = 3.0  # whose deceleration goes on after that [s]
+_LOCKING = 0.8  # trains that slow harder in the last metre are slower before [m/s]
 _FALL = 0.3  # a speed that falls to zero within twice that time is judged [s]
 _GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 
@@ -53,9 +55,14 @@ def locked_time(speed: TimeSeries, t: Floats, v: Floats) -> Parameter:
     at once. It then slows as before; that speed may be too low, as of wheels that slide.
     """
     final = speed.cut(t[-1] - 2.0 * _FALL, t[-1] - _FALL).value
-    mean_deceleration = max(float(v[0]), 1e-9) / float(t[-1] - t[0])
-    needed = float(np.nanmax(final, initial=0.0)) / mean_deceleration
-    if needed < 4.0 * _FALL:  # twice what it took
+    before = (t > t[-1] - 2.0 * _FALL - _LAST_TIME) & (t < t[-1] - 2.0 * _FALL)
+    if not before.any():
+        return Parameter(0.0, 0.0)
+    change = float(v[before][0] - v[before][-1]) / max(float(np.ptp(t[before])), 1e-9)
+    mean_deceleration = max(change, float(v[0]) / float(t[-1] - t[0]), 1e-9)
+    last_speed = float(np.nanmax(final, initial=0.0))
+    needed = last_speed / mean_deceleration
+    if last_speed < _LOCKING or needed < 4.0 * _FALL:  # twice what it took
         return Parameter(0.0, 0.0)
     return Parameter(needed - 2.0 * _FALL, needed / 2.0)
 
