@@ -64,7 +64,7 @@ def locked_time(speed: TimeSeries, t: Floats, v: Floats) -> Parameter:
     needed = last_speed / mean_deceleration
     if last_speed < _LOCKING or needed < 4.0 * _FALL:  # twice what it took
         return Parameter(0.0, 0.0)
-    return Parameter(needed - 2.0 * _FALL, needed / 2.0)
+    return Parameter(needed - 2.0 * _FALL, needed)
 
 
 def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
