@@ -19,7 +19,14 @@ from ..core.model import AxleResult, Floats, Regions, Times, Vehicle
 from . import events
 from .sliding import find_slides, slides
 from .slope import Bands, Params, State, init, region, step
-from .speed_errors import COASTING_RATE, deceleration, has_slow_receiver, speed_error, speed_noise
+from .speed_errors import (
+    COASTING_RATE,
+    deceleration,
+    has_slow_receiver,
+    slip_delay_sigma,
+    speed_error,
+    speed_noise,
+)
 from .wheel_calibration import calibrate_radius
 
 
@@ -93,7 +100,7 @@ def observe_slip(
     ):
         finding, name = Finding("train-speed-delay-unknown", "info"), f"axle {record.axle}"
         if has_slow_receiver(record):
-            delay = {"delay_s": 2.0 * record.train_speed_interval}
+            delay = {"delay_s": 2.0 * slip_delay_sigma(record, 0.0)}
             finding = Finding("train-speed-slow", "warning", values=delay)
         findings.append(replace(finding, channel=name))
     axle_events = events.axle_events(

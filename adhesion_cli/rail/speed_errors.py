@@ -63,7 +63,9 @@ def deceleration(record: AxleRecord) -> Floats:
 
 def has_slow_receiver(record: AxleRecord) -> bool:
     """Whether the train speed's delay is unknown and may be two of its long intervals."""
-    return record.train_speed_late is None and record.train_speed_interval > DELAY_SIGMA
+    return (
+        record.train_speed_late is None and record.train_speed_interval > physics.RECEIVER_INTERVAL
+    )
 
 
 def speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
@@ -82,7 +84,7 @@ def speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
 
 
 def slip_delay_sigma(record: AxleRecord, unknown_sigma: float) -> float:
-    """1 sigma of the train speed's delay [s]; an unknown one of a slow receiver is its interval.
+    """1 sigma of the train speed's delay [s]; an unknown one of a receiver is its interval or more.
 
     Args:
         record: of an axle.
@@ -90,7 +92,9 @@ def slip_delay_sigma(record: AxleRecord, unknown_sigma: float) -> float:
     """
     if record.train_speed_late is not None:
         return record.train_speed_late.tolerance
-    return record.train_speed_interval if has_slow_receiver(record) else unknown_sigma
+    if has_slow_receiver(record):
+        return max(record.train_speed_interval, physics.RECEIVER_DELAY)
+    return unknown_sigma
 
 
 def delay_error(record: AxleRecord, unknown_sigma: float) -> Floats:

@@ -65,7 +65,8 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         elif stop_index - release_index > _LONGEST_ROLL / STEP:
             reason = "the train rolled on after the release of the brake"
         else:
-            standstill = _standstill(speed, float(t[stop_index]))
+            reading = signals.interval if signals.is_coarse is None else 0.0
+            standstill = _standstill(speed, float(t[stop_index]), reading)
             # between two readings of a slow speed the train stops anywhere
             sigma = math.hypot(
                 standstill.tolerance, signals.coarse_interval(standstill.value) / math.sqrt(12.0)
@@ -132,7 +133,7 @@ def _longest(mask: Bools) -> int:
     return max((stop - start for start, stop in true_runs(mask)), default=0)
 
 
-def _standstill(speed: TimeSeries, slow: float) -> Parameter:
+def _standstill(speed: TimeSeries, slow: float, reading: float) -> Parameter:
     """When the train stands, and 1 sigma [s].
 
     The line through the last speeds crosses zero there: sensors read zero too early, and noise
@@ -141,8 +142,12 @@ def _standstill(speed: TimeSeries, slow: float) -> Parameter:
     Args:
         speed: of the train.
         slow: when it is slower than `STANDING` [s].
+        reading: between its readings, from the last of which to zero a line is no speed [s].
     """
-    run = speed.cut(slow - _STOPPING_TIME, slow)
+    ending = speed.cut(slow - _STOPPING_TIME, slow + 1.0)
+    zero = ending.t[ending.value <= 0.0]
+    last_t = min(slow, float(zero[0]) - reading + 1e-6) if len(zero) and reading else slow
+    run = speed.cut(slow - _STOPPING_TIME, last_t)
     is_used = np.isfinite(run.value) & (run.value > 2.0 * STANDING) & (run.value < SLOW)
     t, v = run.t[is_used], run.value[is_used]
     interval = float(np.median(np.diff(speed.t)))
@@ -154,8 +159,7 @@ def _standstill(speed: TimeSeries, slow: float) -> Parameter:
         return usual
     residual = v - slope * (t - slow) - level
     sigma = math.sqrt(float(np.sum(residual**2)) / max(len(t) - 2, 1)) / -slope
-    ending = speed.cut(slow - _STOPPING_TIME, slow + 1.0)
-    moving = np.flatnonzero(ending.value > 0.0)
+    moving = np.flatnonzero((ending.value > 0.0) & ((ending.t <= last_t) | (reading == 0.0)))
     # A train that slows harder in the last metre reads zero before the line does.
     latest = float(ending.t[moving[-1]] - ending.value[moving[-1]] / slope) + 2.0 * sigma
     by_line = min(float(slow - level / slope), latest)

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
+from ..core.physics import RECEIVER_DELAY, RECEIVER_INTERVAL
 from ..core.signals import in_order, median_of_five
 from ..rail.speed_errors import (
     CLEAR_SIGMAS,
@@ -174,7 +175,8 @@ def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
 
 def _unknown_delay(interval: float) -> float:
     """1 sigma of the delay of a train speed with this interval that the log does not show [s]."""
-    return max(UNKNOWN_DELAY, _DELAY_SHARE * interval)
+    of_receiver = RECEIVER_DELAY if interval > RECEIVER_INTERVAL else UNKNOWN_DELAY
+    return max(of_receiver, _DELAY_SHARE * interval)
 
 
 def _channels(log: Log, meaning: Meaning) -> list[Channel]:

@@ -12,6 +12,7 @@ import numpy as np
 from ..core import time_axis
 from ..core.finding import Finding
 from ..core.model import Z95, Channel, Parameter, Vehicle
+from ..core.physics import RECEIVER_INTERVAL
 from ..records.axle_channels import AxleChannels
 from ..records.faults import View
 from . import acceleration, clock
@@ -107,7 +108,7 @@ def _on_one_clock(
     findings: list[Finding] = []
     unknown = Parameter(0.0, math.hypot(*delay))  # what remains where nothing is shifted
     clear = _SIGMAS * delay.tolerance
-    if interval_s > clock.SLOW_RECEIVER:
+    if interval_s > RECEIVER_INTERVAL:
         clear = min(clear, max(_LATE, 2.0 * delay.tolerance))
     if abs(delay.value) <= max(clear, _PULSE_DELAY * interval):
         delay = unknown

@@ -17,11 +17,12 @@ follows from the curvature of what is left. The noise of the train speed is slow
 every axle.
 
 Where all wheels slide all along, wheel-slide protection lets them come back to the train's speed
-again and again. That shows the delay of a receiver, which is always late and has no offset. Only
-the moment of each two seconds counts at which a wheel is nearest to the train, with c_i from the
-time without brake. What is left there is a slip κ of 0 to 3 %. Its error κ v falls with the speed,
-that of a delay does not: T(t + τ) − (1 + c_i) ωR = κ ωR. Wheels that are slower by the same speed
-all along would look like a delay, so the error of τ allows for 0.2 m/s of that.
+again and again. That shows the delay of a receiver, which is late and has no offset, and of another
+train speed a bound. Only the moment of each two seconds counts at which a wheel is nearest to the
+train, with c_i from the time without brake. What is left there is a slip κ of 0 to 3 %. Its error
+κ v falls with the speed, that of a delay does not: T(t + τ) − (1 + c_i) ωR = κ ωR. Wheels that are
+slower by the same speed all along would look like a delay, so the error of τ allows for 0.2 m/s of
+that.
 """
 
 import math
@@ -31,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
-from ..core.physics import CRAWL
+from ..core.physics import CRAWL, RECEIVER_INTERVAL
 from ..core.signals import white_noise
 from .grid import FEWEST, Grid, erode
 
@@ -57,7 +58,6 @@ _NOISE_TIME = 1.5  # a receiver's noise is as slow as this, or as three of its s
 _DELAY_SIGMAS = 0.015, 0.2
 _RETURN_SPEED = 0.1  # 1 sigma of what is left at a return and is no share of the speed [m/s]
 _RETURN_UNKNOWN = 0.3  # 1 sigma of τ by returns from which on it is not known [s]
-SLOW_RECEIVER = 0.2  # with longer intervals it is a receiver, which is late and has no offset [s]
 _OFFSET_SIGMAS = 0.05, 0.3  # the same two of o: by what a slow wheel's sensor leaves out [m/s]
 _CERTAIN = 3.0  # sigma from zero is an offset
 # nearest other τ or o [s, m/s], and its loss over the best one's
@@ -138,7 +138,10 @@ def compare_clocks(g: Grid, interval: float, resolution: float = 0.0) -> ClockOf
     clocks = _compare(s, read_train, resolution)
     if clocks.delay or clocks.offset:
         return clocks
-    return ClockOffset(_delay_by_returns(s, read_train) if interval > SLOW_RECEIVER else None)
+    delay = _delay_by_returns(s, read_train)
+    if delay and interval <= RECEIVER_INTERVAL:  # it may have an offset: only a bound
+        delay = Parameter(0.0, math.hypot(*delay))
+    return ClockOffset(delay)
 
 
 def _compare(
@@ -205,7 +208,7 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
     rolling = (np.abs(left) < cutoff) & s.train_slows
     highest = np.where(np.isfinite(windows), windows, -np.inf).max(axis=2)
     swings = (highest - windows.min(axis=2)).max(axis=0)[train_slows]
-    comes_back = float(np.median(swings)) > 2.0 * found.value.value * mean_rate
+    comes_back = float(np.median(swings)) > found.value.value * mean_rate
     rolls = rolling.sum(axis=1).max() > _SHARE * s.train_slows.sum()
     return None if faster > _FASTER_TIME or rolls or not comes_back else found.value
 

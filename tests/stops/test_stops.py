@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
-from adhesion_cli.core.physics import SLIDE, G
+from adhesion_cli.core.physics import RECEIVER_DELAY, SLIDE, G
 from adhesion_cli.core.signals import true_runs
 from adhesion_cli.core.summary import JERK, SLIDE_SPAN, StopSummary
 from adhesion_cli.rail.events import END_SLIP, SHORTEST_SLIDE
@@ -385,7 +385,7 @@ def test_a_command_that_is_not_logged_has_an_uncertain_dead_time() -> None:
 
 
 @pytest.mark.parametrize("brake", ["pressure", "brake_pipe"])
-@pytest.mark.parametrize(("interval", "sigma"), [(0.02, UNKNOWN_DELAY), (1.0, 0.5)])
+@pytest.mark.parametrize(("interval", "sigma"), [(0.02, UNKNOWN_DELAY), (1.0, RECEIVER_DELAY)])
 def test_a_slow_train_speed_without_wheels_may_be_late(
     interval: float, sigma: float, brake: Meaning
 ) -> None:
@@ -402,7 +402,7 @@ def test_a_slow_train_speed_without_wheels_may_be_late(
     assert found.delay_sigma == pytest.approx(sigma)
 
 
-@pytest.mark.parametrize(("delay", "sigma"), [(None, 0.5), (Parameter(0.8, 0.03), 0.03)])
+@pytest.mark.parametrize(("delay", "sigma"), [(None, RECEIVER_DELAY), (Parameter(0.8, 0.03), 0.03)])
 def test_a_slow_train_speed_beside_wheels_may_be_late_unless_they_show_it(
     delay: Parameter | None, sigma: float
 ) -> None:

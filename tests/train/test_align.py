@@ -103,10 +103,7 @@ def test_a_delay_is_shown_by_wheels_that_slide_and_come_back_to_the_trains_speed
         assert 0.2 < delays[0].values["delay_u95_s"] < 0.5
 
 
-@pytest.mark.parametrize("interval", [1, 20])
-def test_wheels_that_never_come_back_are_no_delay_of_the_train_speed(
-    interval: int, tmp_path: Path
-) -> None:
+def test_wheels_that_never_come_back_are_no_delay_of_a_fast_train_speed(tmp_path: Path) -> None:
     """They slide by 0.8 m/s or more all along: a train speed that is late says the same."""
     t, path = np.arange(0.0, 45.0, 0.05), tmp_path / "log.csv"
     brake = np.clip(t - 8.0, 0.0, 1.0)
@@ -115,9 +112,8 @@ def test_wheels_that_never_come_back_are_no_delay_of_the_train_speed(
     lag = 0.8 + 0.3 * v[:, None] * np.minimum(phase, 1.0 - phase)
     wheels = np.maximum(v[:, None] - lag * brake[:, None], 0.0)
     rows = (
-        f"{time:.2f},{'' if k % interval else f'{3.6 * speed:.2f}'},"
-        + ",".join(f"{3.0 * p:.2f},{3.6 * w:.2f}" for w in rims)
-        for k, (time, speed, p, rims) in enumerate(zip(t, v, brake, wheels, strict=True))
+        f"{time:.2f},{3.6 * speed:.2f}," + ",".join(f"{3.0 * p:.2f},{3.6 * w:.2f}" for w in rims)
+        for time, speed, p, rims in zip(t, v, brake, wheels, strict=True)
     )
     axles = ",".join(f"BC pressure {i} [bar],wheel speed {i} [km/h]" for i in (1, 2))
     path.write_text(f"time [s],train speed [km/h],{axles}\n" + "\n".join(rows) + "\n")
