@@ -33,7 +33,7 @@ def headline(p: Protocol) -> tuple[str, str]:
     """The mark of the page, and how many stops and limits there are, in one line."""
     stops, limits = p.series.stops, p.series.limits
     valid = sum(s.stop.valid for s in stops)
-    text = f"{valid} valid stops of {len(stops)}."
+    text = f"{valid} valid stop{'s' * (valid != 1)} of {len(stops)}."
     if not limits:
         return ("good" if valid == len(stops) else "slid"), text
     counts = {name: sum(x.verdict == name for x in limits) for name in _VERDICTS}
