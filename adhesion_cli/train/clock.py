@@ -172,7 +172,8 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
     coasts = coasting.sum(axis=1) >= FEWEST
     width = max(1, round(_RETURN_TIME / step))
     starts = np.arange(0, len(train) - width + 1, width)
-    if not coasts.any() or len(starts) < FEWEST:
+    slowing = s.train_slows & np.isfinite(train)
+    if not coasts.any() or min(len(starts), slowing.sum()) < FEWEST:
         return None
     s = s.select(coasts)
     ratios = np.where(coasting[coasts], train / np.maximum(s.rim, CRAWL), np.nan)
@@ -198,7 +199,7 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
         by_creep=np.where(usable & train_slows, nearest, 0.0)[None],
         creepage=_RETURN_SLIP,
     )
-    mean_rate = -float(np.polyfit(s.t[s.train_slows], train[s.train_slows], 1)[0])
+    mean_rate = -float(np.polyfit(s.t[slowing], train[slowing], 1)[0])
     sigma = _RETURN_SPEED / max(mean_rate, _SLOWING)
     found = _likeliest(returns, _TAUS, lambda tau: read_train(tau)[places], sigma, _RETURN_UNKNOWN)
     if found is None or not found.clear or found.value.value < -found.value.tolerance:

@@ -121,9 +121,12 @@ def test_wheels_that_never_come_back_are_no_delay_of_a_fast_train_speed(tmp_path
     assert not [f for f in prepare(log, Vehicle()).findings if f.code == "train-speed-delay"]
 
 
-def test_a_log_of_three_seconds_shows_no_delay(tmp_path: Path) -> None:
-    t, path = np.arange(0.0, 3.0, 0.1), tmp_path / "log.csv"
-    rows = (f"{x:.1f},{3.0 * (x > 1.0):.1f},{90.0 - 2.0 * x:.2f},{90.0 - 2.0 * x:.2f}" for x in t)
+@pytest.mark.parametrize(("seconds", "fall"), [(3.0, 2.0), (30.0, 0.0)])
+def test_a_short_log_and_one_without_a_brake_show_no_delay(
+    seconds: float, fall: float, tmp_path: Path
+) -> None:
+    t, path = np.arange(0.0, seconds, 0.1), tmp_path / "log.csv"
+    rows = (f"{x:.1f},{3.0 * (x > 1.0):.1f}" + f",{90.0 - fall * x:.2f}" * 2 for x in t)
     head = "time [s],BC pressure [bar],wheel speed [km/h],train speed [km/h]\n"
     path.write_text(head + "\n".join(rows) + "\n")
     log = read(open_source(path, ReadOptions()), (), Vehicle())
