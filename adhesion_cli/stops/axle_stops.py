@@ -49,10 +49,19 @@ def axle_stops(
             vented = on_time(valve)
         elif axle in signals.brakes:
             actions, source = _releases(signals.brakes[axle], braking), "pressure"
-        row = AxleStop(axle, slip, locked, longest, actions, bands)
-        bound = slip is not None and (signals.speed_from == "axles" or not signals.knows_delay)
-        row = row._replace(valves_from=source, vented_s=vented)
-        yield row._replace(rolling_u95=bands_u95, at_least=bound)
+        in_doubt = signals.speed_from == "axles" or not signals.knows_delay
+        yield AxleStop(
+            axle,
+            slip,
+            locked,
+            longest,
+            actions,
+            bands,
+            valves_from=source,
+            vented_s=vented,
+            rolling_u95=bands_u95,
+            at_least=slip is not None and in_doubt,
+        )
 
 
 def all_axles_slide(signals: StopSignals, start: float) -> bool:

@@ -182,9 +182,10 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
     def gap(v: Floats) -> Floats:
         return np.where(s.usable & np.isfinite(v), v - rim, np.inf)
 
-    windows = gap(train)[:, : len(starts) * width].reshape(len(rim), len(starts), width)
+    logged_gap = gap(train)
+    windows = logged_gap[:, : len(starts) * width].reshape(len(rim), len(starts), width)
     places = starts + windows.min(axis=0).argmin(axis=1)
-    axles = gap(train)[:, places].argmin(axis=0)
+    axles = logged_gap[:, places].argmin(axis=0)
     nearest, usable = rim[axles, places], s.usable[axles, places]
     train_slows = s.train_slows[places]
     returns = s._replace(
@@ -201,17 +202,22 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
     )
     mean_rate = -float(np.polyfit(s.t[slowing], train[slowing], 1)[0])
     sigma = _RETURN_SPEED / max(mean_rate, _SLOWING)
-    found = _likeliest(returns, _TAUS, lambda tau: read_train(tau)[places], sigma, _RETURN_UNKNOWN)
-    if found is None or not found.clear or found.value.value < -found.value.tolerance:
+    likeliest = _likeliest(
+        returns, _TAUS, lambda tau: read_train(tau)[places], sigma, _RETURN_UNKNOWN
+    )
+    if likeliest is None or not likeliest.clear:
         return None
-    left, cutoff = gap(read_train(found.value.value)), _CUTOFF_SIGMAS * s.noise
-    faster = ((left < -cutoff) & ~s.released).any(axis=0).sum() * step
-    rolling = (np.abs(left) < cutoff) & s.train_slows
+    delay = likeliest.value
+    if delay.value < -delay.tolerance:
+        return None
+    true_gap, cutoff = gap(read_train(delay.value)), _CUTOFF_SIGMAS * s.noise
+    faster = ((true_gap < -cutoff) & ~s.released).any(axis=0).sum() * step
+    rolling = (np.abs(true_gap) < cutoff) & s.train_slows
+    rolls = rolling.sum(axis=1).max() > _SHARE * s.train_slows.sum()
     highest = np.where(np.isfinite(windows), windows, -np.inf).max(axis=2)
     swings = (highest - windows.min(axis=2)).max(axis=0)[train_slows]
-    comes_back = float(np.median(swings)) > found.value.value * mean_rate
-    rolls = rolling.sum(axis=1).max() > _SHARE * s.train_slows.sum()
-    return None if faster > _FASTER_TIME or rolls or not comes_back else found.value
+    comes_back = float(np.median(swings)) > delay.value * mean_rate
+    return None if faster > _FASTER_TIME or rolls or not comes_back else delay
 
 
 def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -> _ClockSamples:

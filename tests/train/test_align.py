@@ -126,7 +126,11 @@ def test_a_short_log_and_one_without_a_brake_show_no_delay(
     seconds: float, fall: float, tmp_path: Path
 ) -> None:
     t, path = np.arange(0.0, seconds, 0.1), tmp_path / "log.csv"
-    rows = (f"{x:.1f},{3.0 * (x > 1.0):.1f}" + f",{90.0 - fall * x:.2f}" * 2 for x in t)
+    braked = t > 0.6 * seconds
+    rows = (
+        f"{x:.1f},{3.0 * p:.1f}" + f",{90.0 - fall * x:.2f}" * 2
+        for x, p in zip(t, braked, strict=True)
+    )
     head = "time [s],BC pressure [bar],wheel speed [km/h],train speed [km/h]\n"
     path.write_text(head + "\n".join(rows) + "\n")
     log = read(open_source(path, ReadOptions()), (), Vehicle())
