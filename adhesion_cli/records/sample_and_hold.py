@@ -48,23 +48,25 @@ def interval(channel: Channel) -> float:
 
     A signal that moves by more than one of its steps from one sample to the next goes on moving:
     it never stands in between, unless it is held. And what is held stands equally long, or much
-    longer where it does not change. A rounded signal that moves slowly stands, too, but goes on by
-    a single step.
+    longer where it does not change; never shorter, by however small a step it goes on. A rounded
+    signal that moves slowly stands, too, but goes on by a single step, or by two after any time.
     """
-    holds = []  # index of the first sample of each, and of the next one's
+    holds = []  # index of the first sample of each, and of the next one's; whether it moves clearly
     for piece in _pieces(channel):
         change_index = piece.start + _changes(channel.data.value[piece])
         clear = np.abs(np.diff(channel.data.value[change_index])) > 1.5 * channel.coarsest
-        holds.append((change_index[:-1][clear], change_index[1:][clear]))
-    start, stop = (np.concatenate(side) for side in zip(*holds, strict=True))
-    count = stop - start
+        holds.append((change_index[:-1], change_index[1:], clear))
+    start, stop, clear = (np.concatenate(side) for side in zip(*holds, strict=True))
+    hold_times = (channel.data.t[stop] - channel.data.t[start]) * 1e-9
+    hold_time, count = hold_times[clear], (stop - start)[clear]
     if len(count) < _FEWEST_HOLDS or np.mean(count < 2) > 0.05:
         return 0.0
-    hold_time = (channel.data.t[stop] - channel.data.t[start]) * 1e-9
     usual = hold_time < 1.5 * np.median(hold_time)
     if usual.sum() < _FEWEST_HOLDS:
         return 0.0
     usual_time = float(np.mean(hold_time[usual]))
+    if np.mean(hold_times < 0.6 * usual_time) > 0.05:
+        return 0.0
     deviation = np.abs(hold_time - usual_time)[usual]
     even_share = np.mean(deviation <= np.maximum(0.1 * usual_time, (hold_time / count)[usual]))
     return usual_time if usual_time < _SLOWEST and even_share > 0.8 else 0.0

@@ -6,7 +6,7 @@ then be anything up to φK.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -289,8 +289,9 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0, 10.0])
     )
     fitted, regimes = fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
-    slides = len(regimes.start) > 1 and not counts
-    lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w) if slides else 0.0
+    sliding = len(regimes.start) > 1 and not counts
+    sliding = sliding and any(_has_slide(run, regimes, fitted) for run in wheel)
+    lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w) if sliding else 0.0
     if lag > 0.0:
         clamping, wheel = _delay(runs, clamping, wheel, lag, w)
         informative = fitted_to = [informative_samples(run) for run in wheel]
@@ -337,12 +338,26 @@ def _rolling_squares(
     """
     scores, rolling = smoother.innovations(run, regimes, noise)
     t, judged = run.t[1:], np.ones(len(scores), dtype=np.bool_)
-    for start, stop in true_runs(rolling < 0.5):
-        if t[stop - 1] - t[start] > _SHORTEST_SLIDE:
-            around = np.searchsorted(t, [t[start] - _ONSET_TIME, t[stop - 1] + _ONSET_TIME])
-            judged[slice(*around)] = False
+    for start, stop in _slides(t, rolling):
+        around = np.searchsorted(t, [start - _ONSET_TIME, stop + _ONSET_TIME])
+        judged[slice(*around)] = False
     squares: Floats = scores[judged] ** 2
     return squares
+
+
+def _has_slide(
+    run: smoother.UnbrokenRun, regimes: smoother.Regimes, noise: smoother.MeasurementNoise
+) -> bool:
+    """Whether the wheel slides at all: several regimes may also fit a noise that changes."""
+    _, rolling = smoother.innovations(run, regimes, noise)
+    return any(True for _ in _slides(run.t[1:], rolling))
+
+
+def _slides(t: Floats, rolling: Floats) -> Iterator[tuple[float, float]]:
+    """From when to when [s] a wheel slides, by the probability (n,) that it rolls at `t` (n,)."""
+    for start, stop in true_runs(rolling < 0.5):
+        if t[stop - 1] - t[start] > _SHORTEST_SLIDE:
+            yield t[start], t[stop - 1]
 
 
 def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:

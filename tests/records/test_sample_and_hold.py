@@ -147,3 +147,12 @@ def test_repeated_speeds_are_no_measurements(meaning: str, scenario: str, tmp_pa
     assert all(f.values["interval_s"] == pytest.approx(every, rel=0.05) for f in told)
     assert all(f.count > 300 for f in told)
     assert "speed-repeated" not in {f.code for f in results[0].findings}
+
+
+@pytest.mark.parametrize("noise", [0.15, 0.2])
+@pytest.mark.parametrize("slope", [0.5, 0.65])
+def test_a_rounded_speed_with_noise_is_not_a_held_one(slope: float, noise: float) -> None:
+    """It jumps by two steps only after a stand: a few such stands are equally long by chance."""
+    for seed in range(20):
+        steps = slope * np.arange(1500) + noise * np.random.default_rng(seed).normal(size=1500)
+        assert sample_and_hold.interval(channel(np.round(steps) * 0.1, 50.0, 0.1)) == 0.0
