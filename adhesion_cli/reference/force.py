@@ -6,7 +6,7 @@ then be anything up to φK.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from ..core import innovations
 from ..core.errors import unknown
 from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
-from ..core.physics import CHAIN, piston_area, rolling_deceleration, wheelset
+from ..core.physics import CHAIN, SLIDE, piston_area, rolling_deceleration, wheelset
 from ..core.signals import driven, moving, true_runs, white_noise
 from . import run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
@@ -47,6 +47,7 @@ _LAGS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # by which pads may lag the p
 _SHORTEST_SLIDE = 0.15  # a shorter one may be a disturbed reading of the speed [s]
 _ONSET_TIME = 0.2  # before and behind a slide the innovations are not judged [s]
 _MISFIT_TIME = 0.5  # about a speed, in which ω̇ explains it [s]
+_BRAKED_SHARE, _FAST_SHARE = 0.2, 0.1  # of the largest K and speed: the wheel is braked, moves
 _LAG_NATS = 3.0  # by which a lag must be more likely than none
 _SHARE = 1e-3  # square of the share of φK's rise that rolling does not explain, to a factor of 10
 
@@ -290,7 +291,9 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     )
     fitted, regimes = fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
     sliding = len(regimes.start) > 1 and not counts
-    sliding = sliding and any(_has_slide(run, regimes, fitted) for run in wheel)
+    sliding = sliding and any(
+        _regains_grip(run, c.K) for run, c in zip(wheel, clamping, strict=True)
+    )
     lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w) if sliding else 0.0
     if lag > 0.0:
         clamping, wheel = _delay(runs, clamping, wheel, lag, w)
@@ -338,26 +341,25 @@ def _rolling_squares(
     """
     scores, rolling = smoother.innovations(run, regimes, noise)
     t, judged = run.t[1:], np.ones(len(scores), dtype=np.bool_)
-    for start, stop in _slides(t, rolling):
-        around = np.searchsorted(t, [start - _ONSET_TIME, stop + _ONSET_TIME])
-        judged[slice(*around)] = False
+    for start, stop in true_runs(rolling < 0.5):
+        if t[stop - 1] - t[start] > _SHORTEST_SLIDE:
+            around = np.searchsorted(t, [t[start] - _ONSET_TIME, t[stop - 1] + _ONSET_TIME])
+            judged[slice(*around)] = False
     squares: Floats = scores[judged] ** 2
     return squares
 
 
-def _has_slide(
-    run: smoother.UnbrokenRun, regimes: smoother.Regimes, noise: smoother.MeasurementNoise
-) -> bool:
-    """Whether the wheel slides at all: several regimes may also fit a noise that changes."""
-    _, rolling = smoother.innovations(run, regimes, noise)
-    return any(True for _ in _slides(run.t[1:], rolling))
+def _regains_grip(run: smoother.UnbrokenRun, K: Floats) -> bool:
+    """Whether the wheel gains clearly speed under the brake: only one that slid does.
 
-
-def _slides(t: Floats, rolling: Floats) -> Iterator[tuple[float, float]]:
-    """From when to when [s] a wheel slides, by the probability (n,) that it rolls at `t` (n,)."""
-    for start, stop in true_runs(rolling < 0.5):
-        if t[stop - 1] - t[start] > _SHORTEST_SLIDE:
-            yield t[start], t[stop - 1]
+    Several regimes alone do not show a slide: the first moment of a hard brake looks alike.
+    """
+    for start, stop in true_runs(_BRAKED_SHARE * K.max() < K):
+        speed = run.y[start:stop]
+        gain = speed - np.minimum.accumulate(speed)
+        if np.any((gain > SLIDE * speed) & (speed > _FAST_SHARE * run.y.max())):
+            return True
+    return False
 
 
 def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:
