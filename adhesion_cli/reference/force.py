@@ -14,7 +14,7 @@ import numpy as np
 from ..core import innovations
 from ..core.errors import unknown
 from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
-from ..core.physics import CHAIN, SLIDE, piston_area, rolling_deceleration, wheelset
+from ..core.physics import CHAIN, piston_area, rolling_deceleration, wheelset
 from ..core.signals import driven, moving, true_runs, white_noise
 from . import run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
@@ -47,7 +47,8 @@ _LAGS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # by which pads may lag the p
 _SHORTEST_SLIDE = 0.15  # a shorter one may be a disturbed reading of the speed [s]
 _ONSET_TIME = 0.2  # before and behind a slide the innovations are not judged [s]
 _MISFIT_TIME = 0.5  # about a speed, in which ω̇ explains it [s]
-_BRAKED_SHARE, _FAST_SHARE = 0.2, 0.1  # of the largest K and speed: the wheel is braked, moves
+_FAST_SHARE = 0.1  # of the highest speed: the wheel moves
+_GAIN = 0.02  # share of its speed that no wheel gains by noise
 _LAG_NATS = 3.0  # by which a lag must be more likely than none
 _SHARE = 1e-3  # square of the share of φK's rise that rolling does not explain, to a factor of 10
 
@@ -354,10 +355,10 @@ def _regains_grip(run: smoother.UnbrokenRun, K: Floats) -> bool:
 
     Several regimes alone do not show a slide: the first moment of a hard brake looks alike.
     """
-    for start, stop in true_runs(_BRAKED_SHARE * K.max() < K):
+    for start, stop in true_runs(K > 0.0):
         speed = run.y[start:stop]
         gain = speed - np.minimum.accumulate(speed)
-        if np.any((gain > SLIDE * speed) & (speed > _FAST_SHARE * run.y.max())):
+        if np.any((gain > _GAIN * speed) & (speed > _FAST_SHARE * run.y.max())):
             return True
     return False
 

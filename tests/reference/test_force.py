@@ -151,6 +151,17 @@ def test_pads_that_lag_the_pressure_are_found_in_a_slide(monkeypatch: pytest.Mon
     assert with_lag < 0.5 * error()
 
 
+@pytest.mark.parametrize(("gain", "slides"), [(0.0, False), (0.01, False), (0.1, True)])
+def test_only_a_wheel_that_gains_speed_under_the_brake_shows_the_pads(
+    gain: float, slides: bool
+) -> None:
+    t, zero = np.arange(800) / 100.0, np.zeros(800)
+    speed = 60.0 - 6.0 * t + gain * 60.0 * ((t > 3.0) & (t < 3.5))
+    run = smoother.UnbrokenRun(t, speed, zero, zero, zero, zero, zero)
+    assert force._regains_grip(run, np.full(800, 3e4)) == slides
+    assert not force._regains_grip(run, zero)
+
+
 @pytest.mark.parametrize(
     ("rate", "sigma", "white", "frequency"), [(200.0, 0.1, 0.0, 9.0), (500.0, 0.01, 0.003, 7.0)]
 )
