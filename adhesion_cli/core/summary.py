@@ -27,7 +27,7 @@ Number = float | None
 JERK = (
     "largest jerk from the command to 5 km/h: second derivative of third-degree polynomials over "
     "1 s, of a speed smoothed by second-degree polynomials over 1 s (Savitzky-Golay), less the "
-    "excess by noise"
+    "excess by noise; not known with fewer than 4 readings a second"
 )
 SLIDE_SPAN = "from 1 % of slip to 1 % of slip, with more than 5 % for 0.1 s or more between"
 

@@ -69,7 +69,8 @@ def measure_stop(
     command, command_u, source = find_command(signals, braking)
     if source == "pressure":
         command -= settings.dead_time
-    t, v, noise = smoothed_speed(signals.speed, command, braking.stop)
+    interval = _reading_interval(signals)
+    t, v, noise = smoothed_speed(signals.speed, command, braking.stop, interval)
     hidden, locked = 0.0, Parameter(0.0, 0.0)
     if signals.speed_from == "axles":
         locked = locked_time(signals.speed, t, v)
@@ -81,7 +82,7 @@ def measure_stop(
     jerk = None
     by_sliding_wheels = signals.speed_from == "axles" and all_axles_slide(signals, command)
     if not (hidden or by_sliding_wheels or _is_coarse(signals, command, braking.stop)):
-        jerk = largest_jerk(t, v, noise, command)
+        jerk = largest_jerk(t, v, noise, command, interval)
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
@@ -90,7 +91,6 @@ def measure_stop(
     gradient = to_level.gradient.value
     duration = braking.stop + locked.value - command
     values = _Values(v0, distance, duration, delay, equivalent, gradient)
-    interval = float(np.median(np.diff(signals.speed.t)))
     standstill = math.hypot(braking.stop_sigma, locked.tolerance)
     build_up = response.delay.tolerance, response.equivalent.tolerance
     dead_time = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
@@ -126,6 +126,12 @@ def measure_stop(
         budget=figures.budget(),
         speed=(t[is_braking] - command, v[is_braking]),
     )
+
+
+def _reading_interval(signals: StopSignals) -> float:
+    """Between readings of the speed [s]; of wheels, where they give its shape."""
+    own_interval = 0.0 if signals.is_coarse is not None else signals.interval
+    return max(float(np.median(np.diff(signals.speed.t))), own_interval)
 
 
 def _is_coarse(signals: StopSignals, start: float, stop: float) -> bool:

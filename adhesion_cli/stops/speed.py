@@ -10,12 +10,16 @@ import numpy as np
 
 from ..core.model import Floats, Parameter
 from ..core.physics import SLOW
-from ..core.signals import robust_sigma
 from .brake_levels import quantisation_step
 from .signals import TimeSeries
 
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
-_RESAMPLED = 0.02  # step of the smoothed speed [s]
+_STEP = 0.02  # of the smoothed speed [s]
+_WINDOW = 51  # steps of a polynomial
+_PLACES = 20  # of a reading within a step
+_NOISE_SHARE, _NOISE_SIGMAS = 0.8, 1.2816  # of normal errors are smaller than so many sigmas
+_CORNER = 2.0  # lines between readings hide this share of a corner's jerk, times (interval/FIT)²
+SLOWEST = 0.25  # readings that are rarer are not smoothed, and show no jerk [s]
 _JERK_NOISE = 0.25  # in which the noise of a jerk has lost two thirds of its correlation [s]
 _LAST_TIME = 3.0  # whose deceleration goes on after that [s]
 _LOCKING = 0.8  # trains that slow harder in the last metre are slower before [m/s]
@@ -23,29 +27,56 @@ _FALL = 0.3  # a speed that falls to zero within twice that time is judged [s]
 _GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 
 
-def smoothed_speed(speed: TimeSeries, command: float, stop: float) -> tuple[Floats, Floats, float]:
-    """Times and smoothed speed of a braking, and the noise of one sample of the speed [m/s].
+def smoothed_speed(
+    speed: TimeSeries, command: float, stop: float, interval: float
+) -> tuple[Floats, Floats, float]:
+    """Times and smoothed speed of a braking, and the noise of one reading of the speed [m/s].
 
-    Local polynomials of second degree over one second. They begin a second before the command,
-    where the train still rolls.
+    Local polynomials of second degree over one second, of lines between the readings. They begin a
+    second before the command, where the train still rolls. Slow readings are not smoothed.
+
+    Args:
+        speed: of the train.
+        command: time of the command [s].
+        stop: time of standstill [s].
+        interval: between readings of the speed [s].
     """
     run = speed.cut(command - 2.0, stop)
     finite = np.isfinite(run.value)
     raw_t, raw_v = run.t[finite], run.value[finite]
-    interval = float(np.median(np.diff(speed.t)))
-    step = max(_RESAMPLED, interval)
-    lead = int(min(FIT, max(command - raw_t[0], 0.0)) / step)  # steps before the command
-    t: Floats = command + np.float64(step) * np.arange(-lead, math.ceil((stop - command) / step))
+    lead = int(min(FIT, max(command - raw_t[0], 0.0)) / _STEP)  # steps before the command
+    t: Floats = command + np.float64(_STEP) * np.arange(-lead, math.ceil((stop - command) / _STEP))
     t = np.append(t, stop)
     v = np.interp(t, raw_t, raw_v)
-    window = 2 * round(FIT / step / 2.0) + 1
-    if window >= 5 and len(v) > window:
-        smooth = local_polynomial(v, window, 2)
-        noise = robust_sigma(raw_v - np.interp(raw_t, t, smooth))
-    else:
-        smooth, noise = v, 0.0
+    smooth, noise = v, 0.0
+    if interval <= SLOWEST and len(v) > _WINDOW:
+        smooth = local_polynomial(v, _WINDOW, 2)
+        readings = _readings(interval)
+        left = readings - local_polynomial(readings, _WINDOW, 2)
+        high_error = float(np.quantile(np.abs(v - smooth), _NOISE_SHARE))
+        noise = high_error / _NOISE_SIGMAS / _of_noise(left, interval)
     steps = quantisation_step(raw_v)
     return t, np.maximum(smooth, 0.0), math.hypot(noise, steps / math.sqrt(12.0))
+
+
+def _readings(interval: float) -> Floats:
+    """What readings add to the lines between readings, at even steps, each at another place.
+
+    They stand one after the other, so far away from each other that a filter keeps them apart.
+    """
+    places = _STEP * np.arange(-2 * _WINDOW, 2 * _WINDOW + 1)
+    shifts = _STEP * np.arange(_PLACES) / _PLACES
+    return np.maximum(1.0 - np.abs(places - shifts[:, None]) / interval, 0.0).ravel()
+
+
+def _of_noise(answer: Floats, interval: float) -> float:
+    """1 sigma of a filter's values for readings with a noise of 1, mean over the places.
+
+    Args:
+        answer: of the filter to `_readings`.
+        interval: between readings [s].
+    """
+    return float(np.linalg.norm(answer)) * math.sqrt(_STEP / interval / _PLACES)
 
 
 def locked_time(speed: TimeSeries, t: Floats, v: Floats) -> Parameter:
@@ -88,45 +119,49 @@ def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
     return train, float(np.trapezoid(train - v, t)) / 2.0
 
 
-def largest_jerk(t: Floats, v: Floats, noise: float, command: float) -> Parameter | None:
-    """Largest |dv²/dt²| from the command to 5 km/h, with 1 sigma [m/s³]; None for a slow log.
+def largest_jerk(
+    t: Floats, v: Floats, noise: float, command: float, interval: float
+) -> Parameter | None:
+    """Largest |dv²/dt²| from the command to 5 km/h, with 1 sigma [m/s³].
 
     The highest of several values has the highest of their errors as well. How many there are is the
     time near the highest value, over the time in which the noise changes: at most as much as that
     many normal errors have, and half of it is subtracted. Polynomials at the end of the smoothed
     speed have more noise, so it has to begin before the command.
 
+    Lines between readings smooth, too: most where a deceleration begins at once. The noise is that
+    of the readings, not of the samples on these lines.
+
     Args:
         t: times [s].
         v: speed, from `smoothed_speed` [m/s].
-        noise: standard uncertainty of one sample of the speed, before it was smoothed [m/s].
+        noise: standard uncertainty of one reading of the speed, before it was smoothed [m/s].
         command: time of the command [s].
+        interval: between readings of the speed [s].
+
+    Returns:
+        None for slow readings, and for a braking of less than a second.
     """
     from scipy.special import ndtri  # slow to import
 
     judged = (v > SLOW) & (t >= command - 1e-9)
-    if len(t) < 5 or judged.sum() < 5:
+    if interval > SLOWEST or judged.sum() < 5 or len(v) <= _WINDOW:
         return None
-    step = float(t[1] - t[0])
-    window = 2 * round(FIT / step / 2.0) + 1
-    if window < 5 or len(v) <= window:
-        return None
-    jerk = np.abs(_third_degree(v, window))[judged] / step**2
-    impulse = np.zeros(4 * window + 1)
-    impulse[2 * window] = 1.0
-    answer = _third_degree(local_polynomial(impulse, window, 2), window)
-    sigma = noise * float(np.linalg.norm(answer)) / step**2
+    jerk = np.abs(_third_degree(v))[judged]
+    answer = _third_degree(local_polynomial(_readings(interval), _WINDOW, 2))
+    sigma = noise * _of_noise(answer, interval)
     highest = float(np.max(jerk))
-    near_time = float(np.sum(jerk > highest - 2.0 * sigma)) * step
+    near_time = float(np.sum(jerk > highest - 2.0 * sigma)) * _STEP
     n = 1.0 + near_time / _JERK_NOISE
     excess = sigma * float(ndtri((n - 0.375) / (n + 0.25)))  # of n normal errors, by Blom
     half_excess = 0.5 * max(excess, 0.0)
-    return Parameter(max(highest - half_excess, 0.0), math.hypot(sigma, half_excess))
+    lost = 0.5 * _CORNER * (interval / FIT) ** 2 * highest
+    return Parameter(max(highest - half_excess, 0.0), math.hypot(sigma, half_excess, lost))
 
 
-def _third_degree(v: Floats, window: int) -> Floats:
-    """Second derivative of a speed by polynomials of third degree, per step²."""
-    return local_polynomial(v, window, 3, derivative=2)
+def _third_degree(v: Floats) -> Floats:
+    """Second derivative of a speed by polynomials of third degree [m/s³]."""
+    return local_polynomial(v, _WINDOW, 3, derivative=2) / _STEP**2
 
 
 def local_polynomial(x: Floats, window: int, degree: int, derivative: int = 0) -> Floats:
