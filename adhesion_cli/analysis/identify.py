@@ -55,6 +55,7 @@ from ..train import pieces, solve
 from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.deceleration_cause import explain_deceleration
 from ..train.mean_axle import mean_axle, move_axles
+from ..train.motor_mass import find_motor_mass
 from .prepare import AlignedLog, Window, align_log
 from .request import load_vehicle, open_log, read_log
 from .settings import Settings
@@ -204,6 +205,23 @@ def _most_rolling(lines: dict[int, BrakeLine]) -> BrakeLine:
     return max(lines.values(), key=lambda x: x.rolling)
 
 
+def _with_mean_mass(line: BrakeLine, lines: dict[int, BrakeLine]) -> BrakeLine:
+    """The line with the mass that all lines show, and any axle may have."""
+    masses = [x.mass for x in lines.values() if x.mass]
+    if not masses:
+        return line
+    # The motors' tolerance and the rotating mass are in all of them alike: no mean has less.
+    by_motors = Parameter(_mean(masses).value, min(mass.tolerance for mass in masses))
+    return line._replace(mass=_mean([by_motors, _MASS]))
+
+
+def _mean(parameters: Sequence[Parameter]) -> Parameter:
+    """The mean of independent values, each with the weight of its inverse variance."""
+    weights = np.array([x.tolerance**-2.0 for x in parameters])
+    mean = float(weights @ np.array([x.value for x in parameters]) / weights.sum())
+    return Parameter(mean, float(weights.sum()) ** -0.5)
+
+
 def find_prior(
     logs: Sequence[AlignedLog], settings: Settings
 ) -> tuple[IdentifiedVehicle, dict[int, BrakeLine]]:
@@ -233,7 +251,7 @@ def find_prior(
     prior = replace(prior, differing_stops=stops, speed_effects=effects)
     if not lines or _single_pressure(logs) or len(_kinds(logs)) > 1:
         return _unknown(prior), {}
-    line = _most_rolling(lines)
+    line = _with_mean_mass(_most_rolling(lines), lines)
     sigmas = _contradiction(vehicle, line, setting)
     if line.mixed and (source == "default" or sigmas > _DOUBT_SIGMAS):
         prior = replace(prior, other_brake=True)
@@ -242,11 +260,12 @@ def find_prior(
     if source == "stated" and abs(sigmas) > _STATED_SIGMAS:
         return replace(prior, factor=math.exp(_error(vehicle, line, setting))), lines
     differs = abs(sigmas) > _DEFAULT_SIGMAS or abs(_error(vehicle, line, setting)) > _DEFAULT_ERROR
+    differs |= line.mass is not None
     if source == "default" and differs:
         if setting.by_pressure and not _is_brake(line):
             return _unknown(prior), lines
         vehicle = _any_vehicle(vehicle, settings.stated, line, setting)
-        return replace(prior, vehicle=vehicle, source="log"), lines
+        return replace(prior, vehicle=vehicle, source="log", motor_mass=line.mass), lines
     return prior, lines
 
 
@@ -274,10 +293,16 @@ def _find_line(log: AlignedLog, settings: Settings) -> BrakeLine | None:
     if not log.grids:
         return None
     grid, axles, vehicle, by_motors = log.grids.coarse, log.axles, settings.vehicle, None
-    if grid.motors is None or "axle_mass" in settings.stated:
-        share = settings.train.braked_share(vehicle, len(axles))
+    share, mass = settings.train.braked_share(vehicle, len(axles)), None
+    if "axle_mass" not in settings.stated:
+        mass = find_motor_mass(
+            axles, grid, vehicle.friction.value, share, _rotating_mass(vehicle, settings.stated)
+        )
+        vehicle = replace(vehicle, axle_mass=mass) if mass else vehicle
+    if grid.motors is None or "axle_mass" in settings.stated or mass:
         by_motors = pieces.motor_deceleration(grid, vehicle, axles, share)
-    return find_brake_line(axles, grid, _rotating_share(vehicle, settings.stated), by_motors)
+    line = find_brake_line(axles, grid, _rotating_share(vehicle, settings.stated), by_motors)
+    return line and line._replace(mass=mass)
 
 
 def _differing_stops(log: AlignedLog, line: BrakeLine) -> tuple[DifferingStop, ...]:
@@ -358,6 +383,16 @@ def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:
     return Parameter(share, sigma * share)
 
 
+def _rotating_mass(vehicle: Vehicle, stated: frozenset[str]) -> Parameter | None:
+    """I/R² of an axle [kg]; None where nobody stated the inertia."""
+    if "wheelset_inertia" not in stated:
+        return None
+    mass = vehicle.wheelset_inertia.value / vehicle.radius(1).value ** 2
+    shares = (x.tolerance / x.value for x in (vehicle.wheelset_inertia, vehicle.radius(1)))
+    inertia, radius = shares
+    return Parameter(mass, mass * math.hypot(inertia, 2.0 * radius))
+
+
 def _single_pressure(logs: Sequence[AlignedLog]) -> bool:
     """Whether one axle of several is measured: the others may brake otherwise."""
     return any(f.code == "axle-incomplete" for log in logs for f in log.findings) and all(
@@ -401,7 +436,7 @@ def _any_vehicle(
     changed: dict[str, Any] = {}
     correlation = []
     if "axle_mass" not in stated:
-        changed["axle_mass"] = _MASS
+        changed["axle_mass"] = line.mass or _MASS
     if "friction_fade" not in stated and not vehicle.friction_table:
         changed["friction_fade"] = _FADE
     mass, R = changed.get("axle_mass", vehicle.axle_mass), vehicle.radius(1).value

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.finding import Finding, merge_spans
-from ..core.model import AxleResult, IdentifiedVehicle, Log, Result, Vehicle, quantities
+from ..core.model import Z95, AxleResult, IdentifiedVehicle, Log, Result, Vehicle, quantities
 from ..core.units import UNITS
 from ..diagnostics import friction_over_speed
 from ..diagnostics.checks.vehicle import remedy_names
@@ -74,6 +74,9 @@ def find_vehicle_findings(
         return findings
     effect = None if identified.other_brake else identified.speed_effects.get(log.path)
     findings += friction_over_speed.check(settings.vehicle, effect)
+    if mass := identified.motor_mass:
+        values = {"mass_t": mass.value / 1e3, "u95_t": Z95 * mass.tolerance / 1e3}
+        findings.append(Finding("mass-by-motors", "info", values=values))
     if identified.source == "log":
         by_log = Finding("vehicle-by-log", "info", values={"stops": identified.stops})
         return [*findings, by_log]

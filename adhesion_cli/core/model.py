@@ -571,6 +571,7 @@ class IdentifiedVehicle:
     mean_axle: tuple[Vehicle, Vehicle] | None = None  # as stated, and as identified
     cars: tuple[CarBrake, ...] = ()  # as stated; empty where K is logged
     unstated: tuple[str, ...] = ()  # parameters that scale the brake, where others are stated
+    motor_mass: Parameter | None = None  # of an axle, by the forces of motors in the logs [kg]
 
 
 class LogBrake(NamedTuple):

@@ -66,6 +66,9 @@ class BrakeLine(NamedTuple):
     # stops that the line does not explain, after the first time of the grid
     differing: tuple[DifferingStop, ...] = ()
     speed_effect: SpeedEffect | None = None  # None where too little rolls slowly or fast
+    mass: Parameter | None = (
+        None  # of an axle, by the forces of motors, where it is not stated [kg]
+    )
     mixed: bool = False  # whether wheels slow much less than it says: another brake acted as well
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.blended import PHI, PISTON, RADIUS, RATIO, SPRING, VEHICLE, Blended, blended
+from helpers.blended import MASS, PHI, PISTON, RADIUS, RATIO, SPRING, VEHICLE, Blended, blended
 
 from adhesion_cli.analysis import analyze as run
 from adhesion_cli.analysis.settings import load, tree
@@ -231,3 +231,28 @@ def test_without_a_motor_there_is_no_share_of_it(tmp_path: Path) -> None:
     (stop, *_) = stops_of_result(result, brake_applications(result).values())
     assert stop.coefficient is not None
     assert stop.ed_share is None
+
+
+@pytest.mark.parametrize("ed_part", [0.0, 0.5])
+@pytest.mark.parametrize("share", [(1.0, 1.0, 1.0, 1.0), MOTOR_BOGIE])
+def test_the_forces_of_motors_show_a_mass_that_nobody_states(
+    tmp_path: Path, share: tuple[float, ...], ed_part: float
+) -> None:
+    log = blended(ed_share=share, ed_part=ed_part)
+    columns = {}
+    for b in (1, 2):
+        columns[f"ED brake force bogie {b} [kN]"] = log.ed[2 * b - 1] * 2e-3
+        columns[f"traction force bogie {b} [kN]"] = log.traction[2 * b - 1] * 2e-3
+    result = run.analyze(log.write(tmp_path / "log.csv", columns), load(folder=False), ["td"])
+    check(result, log, within=0.15)
+    mass = next(f.values for f in result.findings if f.code == "mass-by-motors")
+    assert abs(mass["mass_t"] - MASS / 1e3) < mass["u95_t"] < 0.2 * MASS / 1e3
+
+
+def test_motors_that_never_act_without_the_brake_do_not_show_the_mass(tmp_path: Path) -> None:
+    """Their share of each braking is the same: only their sum with the air brake is known."""
+    log = blended(ed_part=0.5)
+    columns = {"ED brake force per axle [kN]": 1e-3 * log.pressure[0] * 3e3}
+    result = run.analyze(log.write(tmp_path / "log.csv", columns), load(folder=False), ["td"])
+    assert "mass-by-motors" not in codes(result)
+    assert "vehicle-unknown" in codes(result)

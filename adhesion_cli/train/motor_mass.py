@@ -1,0 +1,82 @@
+"""The mass of an axle by the forces of its motors, where a log has these and nobody states it.
+
+A train that rolls, with the force F of the motors at the rims of an axle, positive where it brakes,
+and the pressure (or clamping force) x of its friction brake, slows by
+
+    −v̇ = r + s F / M + c max(x − x₀, 0),    M = m + I/R².
+
+1/M and c are fitted by least squares over traction and braking. r is the deceleration of a train
+that coasts, s the share of its axles that are as the logged ones, I/R² the rotating mass. The
+gradient of each stretch is one error.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..core.model import Bools, Parameter
+from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, STANDING
+from ..core.signals import robust_sigma, true_runs
+from ..records.axle_channels import AxleChannels
+from .brake_line import ROTATING, ZERO
+from .grid import FEWEST, Grid, erode
+from .longitudinal import RESISTANCE_OF_TRAINS
+
+_LARGEST_SIGMA = 0.3  # as a share: with more, the log does not show the mass
+_LIGHTEST, _HEAVIEST = 1.5e3, 3e4  # of an axle; a force of another kind gives another mass [kg]
+_SINGULAR = 1e6  # condition of normal equations in which brake and motors are one
+
+
+def find_motor_mass(
+    axles: Sequence[AxleChannels],
+    grid: Grid,
+    phi: float,
+    braked_share: float,
+    rotating_mass: Parameter | None = None,
+) -> Parameter | None:
+    """The mass of an axle with 1 sigma [kg]; None where the log does not show it.
+
+    Args:
+        axles: all axles of the log, on one clock.
+        grid: the same on one time axis.
+        phi: φ, by which the motors' force was divided to be a part of K.
+        braked_share: s.
+        rotating_mass: I/R² where it is stated [kg], else that of any wheelset.
+    """
+    if grid.motors is None or grid.motor_sigma is None:
+        return None
+    by_pressure = all(a.brake.meaning == "pressure" for a in axles)
+    brake = grid.pressure - ZERO.value if by_pressure else grid.friction_clamping
+    excess = np.mean(np.maximum(grid.smooth(brake), 0.0), axis=0)
+    force = braked_share * phi * np.mean(grid.smooth(grid.motors), axis=0)
+    slowing = grid.slowing(np.mean(grid.rim, axis=0) if grid.train is None else grid.train)
+    top, largest = (float(np.nanmax(np.abs(column), initial=0.0)) for column in (excess, force))
+    pulls: Bools = np.abs(force) > RELEASED_SHARE * largest
+    used = (pulls | (excess > RELEASED_SHARE * top)) & np.all(grid.rolling, axis=0)
+    used &= erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
+    used &= (grid.fastest > CRAWL) & np.isfinite(force + excess + slowing)
+    if not largest > NO_FORCE or (used & pulls).sum() < FEWEST:
+        return None
+    columns = np.column_stack([force, excess] if excess[used].any() else [force])[used]
+    columns /= (scale := np.abs(columns).max(axis=0))
+    normal = columns.T @ columns
+    if not np.linalg.cond(normal) < _SINGULAR:
+        return None
+    by_forces = slowing[used] - RESISTANCE_OF_TRAINS.value
+    shares = np.linalg.solve(normal, columns.T @ by_forces)
+    mass = scale[0] / shares[0]  # M
+    scatter = robust_sigma(by_forces - columns @ shares)
+    error = math.hypot(scatter, grid.gradient_sigma) * math.sqrt(used.sum() / len(true_runs(used)))
+    error = error * math.sqrt(np.linalg.inv(normal)[0, 0]) / shares[0]
+    resistance = RESISTANCE_OF_TRAINS.tolerance * np.linalg.solve(normal, columns.sum(axis=0))[0]
+    motor_sigma = braked_share * np.mean(grid.motor_sigma, axis=0)[used & pulls].mean()
+    by_motors = motor_sigma / np.abs(force[used & pulls]).mean()
+    sigma = mass * math.hypot(error, resistance / shares[0], by_motors)
+    if rotating_mass is None:
+        share = 1.0 / (1.0 + ROTATING.value)
+        mass, sigma = mass * share, math.hypot(sigma, mass * share * ROTATING.tolerance) * share
+    else:
+        mass, sigma = mass - rotating_mass.value, math.hypot(sigma, rotating_mass.tolerance)
+    known = _LIGHTEST < mass < _HEAVIEST and sigma < _LARGEST_SIGMA * mass
+    return Parameter(float(mass), float(sigma)) if known else None
