@@ -55,7 +55,7 @@ from ..train import pieces, solve
 from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.deceleration_cause import explain_deceleration
 from ..train.mean_axle import mean_axle, move_axles
-from ..train.motor_mass import find_motor_mass
+from ..train.motor_mass import MASS, find_motor_mass, with_mean_mass
 from .prepare import AlignedLog, Window, align_log
 from .request import load_vehicle, open_log, read_log
 from .settings import Settings
@@ -65,7 +65,6 @@ _DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
 _DOUBT_SIGMAS = 2.0  # from which what is stated is in doubt
 _STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
 _ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
-_MASS = Parameter(12e3, 5.4e3)  # of an axle not stated; the heaviest ones have 22.5 t [kg]
 _FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
 _FADE_SIGMAS = 2.0  # from which a fitted fade is not zero
 _LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
@@ -205,23 +204,6 @@ def _most_rolling(lines: dict[int, BrakeLine]) -> BrakeLine:
     return max(lines.values(), key=lambda x: x.rolling)
 
 
-def _with_mean_mass(line: BrakeLine, lines: dict[int, BrakeLine]) -> BrakeLine:
-    """The line with the mass that all lines show, and any axle may have."""
-    masses = [x.mass for x in lines.values() if x.mass]
-    if not masses:
-        return line
-    # The motors' tolerance and the rotating mass are in all of them alike: no mean has less.
-    by_motors = Parameter(_mean(masses).value, min(mass.tolerance for mass in masses))
-    return line._replace(mass=_mean([by_motors, _MASS]))
-
-
-def _mean(parameters: Sequence[Parameter]) -> Parameter:
-    """The mean of independent values, each with the weight of its inverse variance."""
-    weights = np.array([x.tolerance**-2.0 for x in parameters])
-    mean = float(weights @ np.array([x.value for x in parameters]) / weights.sum())
-    return Parameter(mean, float(weights.sum()) ** -0.5)
-
-
 def find_prior(
     logs: Sequence[AlignedLog], settings: Settings
 ) -> tuple[IdentifiedVehicle, dict[int, BrakeLine]]:
@@ -251,7 +233,7 @@ def find_prior(
     prior = replace(prior, differing_stops=stops, speed_effects=effects)
     if not lines or _single_pressure(logs) or len(_kinds(logs)) > 1:
         return _unknown(prior), {}
-    line = _with_mean_mass(_most_rolling(lines), lines)
+    line = with_mean_mass(_most_rolling(lines), lines.values())
     sigmas = _contradiction(vehicle, line, setting)
     if line.mixed and (source == "default" or sigmas > _DOUBT_SIGMAS):
         prior = replace(prior, other_brake=True)
@@ -295,9 +277,8 @@ def _find_line(log: AlignedLog, settings: Settings) -> BrakeLine | None:
     grid, axles, vehicle, by_motors = log.grids.coarse, log.axles, settings.vehicle, None
     share, mass = settings.train.braked_share(vehicle, len(axles)), None
     if "axle_mass" not in settings.stated:
-        mass = find_motor_mass(
-            axles, grid, vehicle.friction.value, share, _rotating_mass(vehicle, settings.stated)
-        )
+        is_stated = "wheelset_inertia" in settings.stated
+        mass = find_motor_mass(axles, grid, vehicle, share, is_stated)
         vehicle = replace(vehicle, axle_mass=mass) if mass else vehicle
     if grid.motors is None or "axle_mass" in settings.stated or mass:
         by_motors = pieces.motor_deceleration(grid, vehicle, axles, share)
@@ -383,16 +364,6 @@ def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:
     return Parameter(share, sigma * share)
 
 
-def _rotating_mass(vehicle: Vehicle, stated: frozenset[str]) -> Parameter | None:
-    """I/R² of an axle [kg]; None where nobody stated the inertia."""
-    if "wheelset_inertia" not in stated:
-        return None
-    mass = vehicle.wheelset_inertia.value / vehicle.radius(1).value ** 2
-    shares = (x.tolerance / x.value for x in (vehicle.wheelset_inertia, vehicle.radius(1)))
-    inertia, radius = shares
-    return Parameter(mass, mass * math.hypot(inertia, 2.0 * radius))
-
-
 def _single_pressure(logs: Sequence[AlignedLog]) -> bool:
     """Whether one axle of several is measured: the others may brake otherwise."""
     return any(f.code == "axle-incomplete" for log in logs for f in log.findings) and all(
@@ -436,7 +407,7 @@ def _any_vehicle(
     changed: dict[str, Any] = {}
     correlation = []
     if "axle_mass" not in stated:
-        changed["axle_mass"] = line.mass or _MASS
+        changed["axle_mass"] = line.mass or MASS
     if "friction_fade" not in stated and not vehicle.friction_table:
         changed["friction_fade"] = _FADE
     mass, R = changed.get("axle_mass", vehicle.axle_mass), vehicle.radius(1).value

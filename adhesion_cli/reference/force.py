@@ -291,11 +291,8 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0, 10.0])
     )
     fitted, regimes = fit_regimes(fitted_to, median_step(wheel), scale, prior, slack)
-    sliding = len(regimes.start) > 1 and not counts
-    sliding = sliding and any(
-        _regains_grip(run, c.K) for run, c in zip(wheel, clamping, strict=True)
-    )
-    lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w) if sliding else 0.0
+    slides = len(regimes.start) > 1 and not counts
+    lag = _most_likely_lag(runs, clamping, wheel, regimes, fitted, w) if slides else 0.0
     if lag > 0.0:
         clamping, wheel = _delay(runs, clamping, wheel, lag, w)
         informative = fitted_to = [informative_samples(run) for run in wheel]
@@ -428,6 +425,8 @@ def _most_likely_lag(
     not yet follow, the force would seem to drop. The lags are those of `vehicle.friction_lag`. One
     below the interval of the speeds is none: a speed that is a mean since the last one looks alike.
     """
+    if not any(_regains_grip(run, c.K) for run, c in zip(wheel, clamping, strict=True)):
+        return 0.0
     likelihoods = []
     for lag in _LAGS:
         _, delayed = _delay(runs, clamping, wheel, lag, w)

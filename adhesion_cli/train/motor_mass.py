@@ -11,18 +11,19 @@ gradient of each stretch is one error.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..core.model import Bools, Parameter
+from ..core.model import Bools, Parameter, Vehicle
 from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, STANDING
 from ..core.signals import robust_sigma, true_runs
 from ..records.axle_channels import AxleChannels
-from .brake_line import ROTATING, ZERO
+from .brake_line import ROTATING, ZERO, BrakeLine
 from .grid import FEWEST, Grid, erode
 from .longitudinal import RESISTANCE_OF_TRAINS
 
+MASS = Parameter(12e3, 5.4e3)  # of an axle not stated; the heaviest ones have 22.5 t [kg]
 _LARGEST_SIGMA = 0.3  # as a share: with more, the log does not show the mass
 _LIGHTEST, _HEAVIEST = 1.5e3, 3e4  # of an axle; a force of another kind gives another mass [kg]
 _SINGULAR = 1e6  # condition of normal equations in which brake and motors are one
@@ -31,25 +32,25 @@ _SINGULAR = 1e6  # condition of normal equations in which brake and motors are o
 def find_motor_mass(
     axles: Sequence[AxleChannels],
     grid: Grid,
-    phi: float,
+    vehicle: Vehicle,
     braked_share: float,
-    rotating_mass: Parameter | None = None,
+    is_inertia_stated: bool,
 ) -> Parameter | None:
     """The mass of an axle with 1 sigma [kg]; None where the log does not show it.
 
     Args:
         axles: all axles of the log, on one clock.
         grid: the same on one time axis.
-        phi: φ, by which the motors' force was divided to be a part of K.
+        vehicle: its φ makes the motors' part of K a force at the rim.
         braked_share: s.
-        rotating_mass: I/R² where it is stated [kg], else that of any wheelset.
+        is_inertia_stated: whether I is the vehicle's, else that of any wheelset.
     """
     if grid.motors is None or grid.motor_sigma is None:
         return None
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
     brake = grid.pressure - ZERO.value if by_pressure else grid.friction_clamping
     excess = np.mean(np.maximum(grid.smooth(brake), 0.0), axis=0)
-    force = braked_share * phi * np.mean(grid.smooth(grid.motors), axis=0)
+    force = braked_share * vehicle.friction.value * np.mean(grid.smooth(grid.motors), axis=0)
     slowing = grid.slowing(np.mean(grid.rim, axis=0) if grid.train is None else grid.train)
     top, largest = (float(np.nanmax(np.abs(column), initial=0.0)) for column in (excess, force))
     pulls: Bools = np.abs(force) > RELEASED_SHARE * largest
@@ -73,10 +74,30 @@ def find_motor_mass(
     motor_sigma = braked_share * np.mean(grid.motor_sigma, axis=0)[used & pulls].mean()
     by_motors = motor_sigma / np.abs(force[used & pulls]).mean()
     sigma = mass * math.hypot(error, resistance / shares[0], by_motors)
-    if rotating_mass is None:
-        share = 1.0 / (1.0 + ROTATING.value)
-        mass, sigma = mass * share, math.hypot(sigma, mass * share * ROTATING.tolerance) * share
+    if is_inertia_stated:
+        inertia, radius = vehicle.wheelset_inertia, vehicle.radius(1)
+        rotating = inertia.value / radius.value**2
+        shares = inertia.tolerance / inertia.value, 2.0 * radius.tolerance / radius.value
+        mass, sigma = mass - rotating, math.hypot(sigma, rotating * math.hypot(*shares))
     else:
-        mass, sigma = mass - rotating_mass.value, math.hypot(sigma, rotating_mass.tolerance)
+        mass /= 1.0 + ROTATING.value
+        sigma = math.hypot(sigma, mass * ROTATING.tolerance) / (1.0 + ROTATING.value)
     known = _LIGHTEST < mass < _HEAVIEST and sigma < _LARGEST_SIGMA * mass
     return Parameter(float(mass), float(sigma)) if known else None
+
+
+def with_mean_mass(line: BrakeLine, lines: Iterable[BrakeLine]) -> BrakeLine:
+    """The line with the mass that all lines show, and any axle may have."""
+    masses = [x.mass for x in lines if x.mass]
+    if not masses:
+        return line
+    # The motors' tolerance and the rotating mass are in all of them alike: no mean has less.
+    by_motors = Parameter(_mean(masses).value, min(mass.tolerance for mass in masses))
+    return line._replace(mass=_mean([by_motors, MASS]))
+
+
+def _mean(parameters: Sequence[Parameter]) -> Parameter:
+    """The mean of independent values, each with the weight of its inverse variance."""
+    weights = np.array([x.tolerance**-2.0 for x in parameters])
+    mean = float(weights @ np.array([x.value for x in parameters]) / weights.sum())
+    return Parameter(mean, float(weights.sum()) ** -0.5)
