@@ -77,8 +77,8 @@ def find_motor_mass(
     if is_inertia_stated:
         inertia, radius = vehicle.wheelset_inertia, vehicle.radius(1)
         rotating = inertia.value / radius.value**2
-        shares = inertia.tolerance / inertia.value, 2.0 * radius.tolerance / radius.value
-        mass, sigma = mass - rotating, math.hypot(sigma, rotating * math.hypot(*shares))
+        error = math.hypot(inertia.tolerance / inertia.value, 2.0 * radius.tolerance / radius.value)
+        mass, sigma = mass - rotating, math.hypot(sigma, rotating * error)
     else:
         mass /= 1.0 + ROTATING.value
         sigma = math.hypot(sigma, mass * ROTATING.tolerance) / (1.0 + ROTATING.value)
