@@ -518,9 +518,10 @@ def applied(result: Result, truth: Truth) -> Iterator[Applied]:
         for a in brake_applications(result)[axle.record.axle]:
             used = (t >= a.start_s - 1e-6) & (t <= a.end_s + 1e-6)
             used &= np.isfinite(axle.reference.force)
-            if a.coefficient is None or used.sum() < FEWEST:
+            c = a.coefficient
+            if c is None or c.max is None or used.sum() < FEWEST:
                 continue
-            c, highest = a.coefficient, float(smooth[used].max())
+            highest = float(smooth[used].max())
             yield Applied(
                 bool(slides[used].any()),
                 abs(c.mean - float(mu[used].mean())) <= c.mean_u95,

@@ -113,10 +113,11 @@ def _with_adhesion(
                 continue
             slides += a.slides
             slips += [a.max_slip] if a.max_slip is not None else []
-            if a.coefficient and all(map(math.isfinite, a.coefficient)):
+            mu = a.coefficient
+            if mu and math.isfinite(mu.mean) and math.isfinite(mu.mean_u95):
                 seconds += shared
-                total += shared * a.coefficient.mean
-                error += shared * a.coefficient.mean_u95  # one vehicle: its errors are common
+                total += shared * mu.mean
+                error += shared * mu.mean_u95  # one vehicle: its errors are common
     coefficient = Measured(total / seconds, *[error / seconds] * 2) if seconds else None
     return replace(stop, coefficient=coefficient, slides=slides, max_slip=max(slips, default=None))
 

@@ -17,7 +17,7 @@ G = 9.80665  # standard gravity [m/s²]
 BAR = 1e5  # [Pa]
 NORMAL_PRESSURE = 101_325.0 * 293.15 / 273.15  # of normal air (DIN 1343) at 20 °C [Pa]
 HARDER = 1.2  # brakes may decelerate by this factor more than their parameters say
-DRY_RAIL = 0.4  # adhesion coefficient that a clean, dry rail gives at most, about
+SLIPPERY = 0.1  # adhesion coefficient below which a rail is slippery, about
 GRADIENT = 0.4  # deceleration by a gradient of 4 %, the steepest of ordinary lines [m/s²]
 LOCKING = 30.0  # no brake decelerates a wheel harder, even without adhesion [m/s²]
 RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]
@@ -35,6 +35,11 @@ JUDGED_FROM = 1.0  # slower trains are not judged, and slip is relative to at le
 SLIDE = 0.05  # slip from which a wheel slides [-]
 STANDING = 0.1  # a rim or a train slower than this stands [m/s]
 ROLLS, SLIDES, LOCKED = 0, 1, 2
+
+
+def is_known(coefficient: float, u95: float) -> bool:
+    """Whether the interval of a µ says anything: it does not hold both 0 and a rail that grips."""
+    return coefficient > u95 or coefficient + u95 < SLIPPERY
 
 
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:

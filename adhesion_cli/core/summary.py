@@ -37,7 +37,14 @@ class MeanAndHighest(NamedTuple):
 
     mean: Annotated[float, Quantity("", "mean over the brake application")]
     mean_u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
-    max: Annotated[float, Quantity("", "highest mean over `analysis.peak_time`")]
+    max: Annotated[
+        Number,
+        Quantity(
+            "",
+            "highest mean over `analysis.peak_time`; null where its interval holds both µ = 0 and "
+            "µ = 0.1: not known",
+        ),
+    ]
     max_u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
 
 

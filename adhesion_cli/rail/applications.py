@@ -90,14 +90,15 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     utilisation = rail.utilisation if rail else None
     has_motor = force is not None and record.motor_clamping is not None
     work = brake_work(record, vehicle, pieces) if has_motor else None
+    coefficient = force and _coefficient(force, weight, vehicle, _mass(axle, samples))
     return BrakeApplication(
         axle=record.axle,
         start_s=(int(record.t[samples.start]) - log_start) / 1e9,
         end_s=(int(record.t[samples.stop - 1]) - log_start) / 1e9,
         from_mps=from_speed,
         to_mps=to_speed,
-        force_n=force,
-        coefficient=force and _coefficient(force, weight, vehicle, _mass(axle, samples)),
+        force_n=force and _without_unknown(force, weight),
+        coefficient=coefficient and _without_unknown(coefficient, 1.0),
         slides=len(slides),
         slide_list=tuple(summarise_slide(x, log_start, route, rail) for x in slides),
         slide_s=sum(x.duration for x in slides),
@@ -202,6 +203,7 @@ def _coefficient(
     force: MeanAndHighest, weight: float, vehicle: Vehicle, together: float
 ) -> MeanAndHighest:
     """A force over the weight of the axle; `together` is from `_mass`."""
+    assert force.max is not None
     per_force = together / force.mean if force.mean else 0.0  # a share of the brake force
 
     def half_width(x: float, u95: float) -> float:
@@ -213,3 +215,10 @@ def _coefficient(
         force.max / weight,
         half_width(force.max, force.max_u95),
     )
+
+
+def _without_unknown(x: MeanAndHighest, weight: float) -> MeanAndHighest:
+    """A force [N], or µ with a weight of 1, without a highest value whose interval says nothing."""
+    if x.max is None or physics.is_known(x.max / weight, x.max_u95 / weight):
+        return x
+    return x._replace(max=None)

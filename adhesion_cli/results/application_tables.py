@@ -11,7 +11,7 @@ from ..rail.events import HIDDEN_TIME
 from .result_rows import OF_MARK, row, slid_row
 from .stop_rows import NOTE as STOP_NOTE
 from .stop_rows import describe_reasons, describe_sources, short_row
-from .text_tables import DASH, DOUBT, TitledTable, describe_not_known, non_empty
+from .text_tables import DOUBT, TitledTable, describe_not_known, doubted, non_empty
 from .train_stops import (
     MANY_AXLES,
     MANY_ROWS,
@@ -109,8 +109,7 @@ class _NamedLog(NamedTuple):
 
 def _marked(cells: dict[str, str], in_doubt: bool) -> dict[str, str]:
     """A row with the mark of a log that contradicts its vehicle."""
-    mean = cells["µ mean"]
-    return cells | {"µ mean": mean + DOUBT} if in_doubt and mean != DASH else cells
+    return {head: doubted(cell, in_doubt and head.startswith("µ")) for head, cell in cells.items()}
 
 
 def _of_doubt(logs: Sequence[_NamedLog]) -> str:

@@ -10,7 +10,6 @@ from .text_tables import (
     ED,
     NOT_KNOWN,
     bounded_number,
-    is_not_known,
     non_empty,
     number,
     share_with_interval,
@@ -25,11 +24,6 @@ _OF_SHARES = (
 OF_MARK = "*: without the force of another brake that acts (`other-brake`)."
 
 
-def has_known_highest(a: BrakeApplication) -> bool:
-    """Whether the highest µ and force of a brake application say anything."""
-    return a.coefficient is None or not is_not_known(a.coefficient.max, a.coefficient.max_u95)
-
-
 def marked(a: BrakeApplication) -> str:
     """The mark of a brake application in which another brake acts, too."""
     return MARK if a.other_brake else ""
@@ -37,12 +31,7 @@ def marked(a: BrakeApplication) -> str:
 
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """A brake application: when, how fast, adhesion coefficient and force."""
-    mu, force, knows_highest = a.coefficient, a.force_n, has_known_highest(a)
-    highest, highest_force = (x and (x.max, x.max_u95) for x in (mu, force))
-    # A highest force that may be zero, where the mean is not: its error is as large as itself.
-    knows_force = knows_highest and not (
-        force and force.mean > force.mean_u95 and force.max <= force.max_u95
-    )
+    mu, force = a.coefficient, a.force_n
     return {
         "axle": axle,
         "at [s]": number(a.start_s, 1),
@@ -50,9 +39,9 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "for [s]": number(a.end_s - a.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
         "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3) + marked(a),
-        "µ max": _with_u95(highest, 1.0, 3) if knows_highest else NOT_KNOWN,
+        "µ max": _with_u95(mu and (mu.max, mu.max_u95), 1.0, 3),
         "F [kN]": _with_u95(force and (force.mean, force.mean_u95), 1e-3),
-        "Fmax [kN]": _with_u95(highest_force, 1e-3) if knows_force else NOT_KNOWN,
+        "Fmax [kN]": _with_u95(force and (force.max, force.max_u95), 1e-3),
         **ed_cell(a),
     }
 
@@ -63,10 +52,14 @@ def ed_cell(a: BrakeApplication) -> dict[str, str]:
     return {ED: _with_u95((share.value, share.u95), 100.0, 0)} if share else {}
 
 
-def _with_u95(pair: tuple[float, float] | None, factor: float, digits: int | None = None) -> str:
+def _with_u95(
+    pair: tuple[float | None, float] | None, factor: float, digits: int | None = None
+) -> str:
     """A value with its uncertainty, to at most these decimals; without them to three digits."""
     if not pair:
         return "-"
+    if pair[0] is None:
+        return NOT_KNOWN
     value, u95 = factor * pair[0], factor * pair[1]
     if digits is None:
         digits = 2 if abs(value) < 10.0 else 1

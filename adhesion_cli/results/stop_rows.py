@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
+from ..core.physics import is_known
 from ..core.summary import Measured, StopSummary
 from ..core.text import by_uncertainty
 from ..stops.axle_stops import SLIP_BANDS
@@ -28,7 +29,7 @@ from .text_tables import (
     bounded_number,
     columns_of,
     describe_not_known,
-    is_not_known,
+    doubted,
     non_empty,
     number,
     share_with_interval,
@@ -52,6 +53,8 @@ _OF_GROUPS = (
 )
 _EQUIVALENT = "equivalent_deceleration"
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
+_NO_VALUE = "no value"
+_OF_NO_VALUE = f"{_NO_VALUE}: no valid stop of the group has the quantity."
 _OF_LAMBDA = (
     "λ = C/s − D by constants of a secondary source, for the distance on level track from the "
     "nominal speed. They agree with SUBSET-026, A.3.7 within 1 % at 160 to 200 km/h and 6 % at "
@@ -126,7 +129,7 @@ def stop_row(s: StopSummary) -> dict[str, str]:
         "response [s]": with_u95(s.response_time_s, 1.0, 2),
         "jerk [m/s³]": with_u95(s.jerk, 1.0, 2),
         "level [m]": with_u95(s.corrected_distance_m, 1.0, 1),
-        "µ": with_u95(s.coefficient, 1.0, 3),
+        "µ": _coefficient(s.coefficient),
         **({ED: with_u95(s.ed_share, 100.0, 0)} if s.ed_share else {}),
     }
 
@@ -136,6 +139,11 @@ def with_u95(x: Measured | None, factor: float, digits: int) -> str:
     if x is None:
         return "-"
     return "±".join(by_uncertainty(factor * x.value, factor * x.u95, digits))
+
+
+def _coefficient(x: Measured | None) -> str:
+    """A µ with its uncertainty."""
+    return with_u95(x, 1.0, 3) if x is None or is_known(x.value, x.u95) else NOT_KNOWN
 
 
 def describe_columns(stops: Sequence[StopSummary]) -> str:
@@ -170,8 +178,9 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
     """
     stops = x.stops
     in_order = [s.stop for s in stops]
-    note = "\n".join([describe_columns(in_order), describe_sources(in_order), *_remarks(stops)])
     rows = _series_rows(stops)
+    notes = [describe_columns(in_order), describe_sources(in_order), *_remarks(stops)]
+    note = "\n".join(filter(None, [*notes, describe_not_known(rows)]))
     of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
     tables = [
         TitledTable("Stops", rows, 1 + [*rows[0]].index("group") if rows else 2, note),
@@ -198,7 +207,7 @@ def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
         for i, s in enumerate(stops, 1)
     ]
     for row, s in zip(rows, stops, strict=True):
-        row["µ"] += DOUBT * (s.vehicle_in_doubt and row["µ"] != DASH)
+        row["µ"] = doubted(row["µ"], s.vehicle_in_doubt)
     return non_empty(rows)
 
 
@@ -283,7 +292,9 @@ def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, s
 def _limits_note(x: StopSeries) -> str:
     """What stands below the limits."""
     has_equivalent = any(verdict.quantity == _EQUIVALENT for verdict in x.limits)
-    return f"{_OF_LIMITS} {_OF_EQUIVALENT}" if has_equivalent else _OF_LIMITS
+    has_all = all(verdict.value is not None for verdict in x.limits)
+    notes = _OF_LIMITS, "" if has_all else _OF_NO_VALUE, _OF_EQUIVALENT if has_equivalent else ""
+    return " ".join(filter(None, notes))
 
 
 def _mean_beside(verdict: LimitVerdict, groups: Sequence[Group]) -> dict[str, str]:
@@ -345,7 +356,7 @@ def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
             "longest": number(a.longest_lock_s, 2),
             "lock [kJ]": number(a.lock_energy_j and 1e-3 * a.lock_energy_j, 1),
             "valve actions": str(a.valve_actions),
-            "initial µ": _initial(a),
+            "initial µ": doubted(_initial(a), x.vehicle_in_doubt),
             "used [%]": share_with_interval(a.utilisation, a.utilisation_ci),
             "energy [kJ]": bounded_number(a.energy_j and 1e-3 * a.energy_j, 0, a.at_least),
             **_bands(a),
@@ -357,9 +368,7 @@ def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
 def _initial(a: WspAxle) -> str:
     """The initial adhesion with its uncertainty; a dash without a slide."""
     value, u95 = a.initial_coefficient, a.initial_coefficient_u95
-    if value is None or u95 is None:
-        return DASH
-    return NOT_KNOWN if is_not_known(value, u95) else "±".join(by_uncertainty(value, u95, 3))
+    return DASH if value is None or u95 is None else _coefficient(Measured(value, u95))
 
 
 def _bands(a: WspAxle) -> dict[str, str]:
@@ -410,5 +419,8 @@ def _named(quantity: str) -> tuple[str, float]:
     return (f"{name} [km/h]", 3.6) if unit == "m/s" else (f"{name} [{unit}]", 1.0)
 
 
-def _pair(value: float, u95: float) -> str:
+def _pair(value: float | None, u95: float | None) -> str:
+    """A quantity with its uncertainty."""
+    if value is None or u95 is None:
+        return _NO_VALUE
     return "±".join(by_uncertainty(value, u95, 3))

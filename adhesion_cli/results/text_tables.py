@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from ..core.physics import DRY_RAIL
+from ..core.physics import SLIPPERY
 from ..core.text import printable
 
 NARROW = 80  # columns where there is no terminal, and in a recording
@@ -16,9 +16,8 @@ _TEXT = 16  # columns that a text keeps
 NOT_KNOWN = "not known"
 DOUBT = "?"  # behind a µ of a log that contradicts its vehicle
 _OF_NOT_KNOWN = (
-    f"{NOT_KNOWN}: the interval holds every µ from 0 to {DRY_RAIL}. Of Fmax: its interval reaches "
-    "zero. While a wheel slides, an error of the brake force goes whole into µ. A stated vehicle "
-    "makes the interval narrower."
+    f"{NOT_KNOWN}: the interval of µ, or of Fmax over the weight, holds both 0 and {SLIPPERY}, so "
+    "that the number says nothing. A stated vehicle makes the interval narrower."
 )
 
 
@@ -148,9 +147,9 @@ def share_with_interval(share: float | None, interval: tuple[float, float] | Non
     return f"{text} ({lower}–{upper})"
 
 
-def is_not_known(coefficient: float, u95: float) -> bool:
-    """Whether an interval of µ holds all that a rail can give, so that a number says nothing."""
-    return coefficient - u95 <= 0.0 and coefficient + u95 >= DRY_RAIL
+def doubted(cell: str, in_doubt: bool) -> str:
+    """A cell of µ, with a mark where the log contradicts its vehicle."""
+    return cell + DOUBT * (in_doubt and cell not in (DASH, NOT_KNOWN))
 
 
 def describe_not_known(rows: Iterable[Mapping[str, str]]) -> str:

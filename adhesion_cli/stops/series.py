@@ -11,7 +11,7 @@ difference between groups, only the difference of the common parts counts: the e
 sign in both.
 
 A limit is kept, or broken, where the interval mean ± U lies wholly on one side of it; else it is
-not decided.
+not decided. Nor is one of a quantity that no valid stop of the group has.
 
 Sources: JCGM 100, 4.2, 5.2. JCGM 106, 8.3 (guarded acceptance, guard band U). Outliers: F. E.
 Grubbs, Technometrics 11 (1969), two-sided, 5 % for all quantities of a group together (Bonferroni):
@@ -51,6 +51,8 @@ _FEWEST = 3  # stops that show an outlier or a drift
 _LEVEL = 0.05  # of the tests for outliers of a group, all together
 _SAME_SPEED = 0.1  # mean speeds of dry and wet stops that differ by less can be compared
 Verdict = Literal["pass", "fail", "undecided"]
+_UNDECIDED: Verdict = "undecided"
+_KINDS: tuple[Literal["max", "min"], ...] = ("max", "min")
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,8 +125,10 @@ class LimitVerdict(NamedTuple):
     quantity: Annotated[str, Quantity("", "quantity")]
     limit: Annotated[float, Quantity("", "the limit")]
     kind: Annotated[Literal["max", "min"], Quantity("", "whether it is the highest or the lowest")]
-    value: Annotated[float, Quantity("", "mean of the group")]
-    u95: Annotated[float, Quantity("", "its expanded uncertainty")]
+    value: Annotated[
+        Number, Quantity("", "mean of the group; null where no valid stop has the quantity")
+    ]
+    u95: Annotated[Number, Quantity("", "its expanded uncertainty")]
     verdict: Annotated[Verdict, Quantity("", "by the interval, guard band U")]
     source: Annotated[str, Quantity("", "rule that states the limit; empty: the plan")] = ""
 
@@ -171,6 +175,9 @@ class WspSummary(NamedTuple):
     sanding_s: Annotated[
         Number, Quantity("s", "sanding in a stop, mean; null without its channel")
     ] = None
+    vehicle_in_doubt: Annotated[
+        bool, Quantity("", "whether a log of a wet stop contradicts the vehicle that µ is of")
+    ] = False
 
 
 class StopSeries(NamedTuple):
@@ -306,32 +313,32 @@ def _difference(
 
 
 def judge(groups: Iterable[Group], limits: Sequence[GroupLimit]) -> list[LimitVerdict]:
-    """Each limit against each group that has the quantity."""
+    """Each limit against each group."""
     return [
         verdict
         for group in groups
         for limit in limits
-        if (statistic := group.statistics.get(limit.quantity))
-        for verdict in _verdicts(group.name, limit, statistic)
+        for verdict in _verdicts(group.name, limit, group.statistics.get(limit.quantity))
     ]
 
 
-def _verdicts(group: str, limit: GroupLimit, x: Statistic) -> Iterator[LimitVerdict]:
+def _verdicts(group: str, limit: GroupLimit, x: Statistic | None) -> Iterator[LimitVerdict]:
     """The highest and the lowest value of a limit, those that are stated."""
-    mean, u95, source = x.mean, x.u95, limit.source
-    if (top := limit.highest) is not None:
-        verdict = _decide(mean - top, u95)
-        yield LimitVerdict(group, limit.quantity, top, "max", mean, u95, verdict, source)
-    if (least_value := limit.lowest) is not None:
-        verdict = _decide(least_value - mean, u95)
-        yield LimitVerdict(group, limit.quantity, least_value, "min", mean, u95, verdict, source)
+    for kind, bound in zip(_KINDS, (limit.highest, limit.lowest), strict=True):
+        if bound is None:
+            continue
+        mean, u95, verdict = None, None, _UNDECIDED
+        if x:
+            excess = x.mean - bound if kind == "max" else bound - x.mean
+            mean, u95, verdict = x.mean, x.u95, _decide(excess, x.u95)
+        yield LimitVerdict(group, limit.quantity, bound, kind, mean, u95, verdict, limit.source)
 
 
 def _decide(excess: float, u95: float) -> Verdict:
     """Whether a value is beyond its limit by that much. Source: JCGM 106, 8.3."""
     if excess + u95 <= 0.0:
         return "pass"
-    return "fail" if excess - u95 > 0.0 else "undecided"
+    return "fail" if excess - u95 > 0.0 else _UNDECIDED
 
 
 def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float = 0.0) -> WspSummary:
@@ -364,7 +371,8 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
     air = volume * float(np.mean(drops)) / NORMAL_PRESSURE if drops and volume else None
     sanding = [s.sanding_s for s in of_wet if s.sanding_s is not None]
     sanded = float(np.mean(sanding)) if sanding else None
-    return WspSummary(wet, extension, u95, k_wet, rows, air, sanded)
+    in_doubt = any(s.vehicle_in_doubt for s in stops if s.group == wet and s.stop.valid)
+    return WspSummary(wet, extension, u95, k_wet, rows, air, sanded, in_doubt)
 
 
 def wet_speeds(

@@ -37,6 +37,19 @@ def test_mean_and_highest_force_hold_the_true_ones(low: Result) -> None:
         assert one.force_n.mean < one.force_n.max
 
 
+def test_a_highest_value_whose_interval_says_nothing_is_left_out(low: Result) -> None:
+    axle = low.axles[2]
+    wide = replace(axle.reference, tolerance=np.full_like(axle.reference.force, 2e4))
+    (one,) = find_applications(replace(axle, reference=wide), low.vehicle)
+    (known,) = find_applications(axle, low.vehicle)
+    for x, known_x in ((one.force_n, known.force_n), (one.coefficient, known.coefficient)):
+        assert x is not None
+        assert known_x is not None
+        assert x.max is None
+        assert x.max_u95 > known_x.max_u95
+        assert known_x.max is not None
+
+
 def test_the_coefficient_has_the_tolerance_of_the_mass_too(low: Result) -> None:
     (one,) = find_applications(low.axles[2], low.vehicle)
     assert one.force_n is not None

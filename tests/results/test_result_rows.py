@@ -39,15 +39,15 @@ def test_a_share_above_100_percent_is_explained() -> None:
     assert "correlated" not in combined(budget(0.9, 0.1))
 
 
-def test_a_highest_value_that_may_be_all_that_a_rail_gives_is_not_known() -> None:
-    of_force = MeanAndHighest(5000.0, 500.0, 9000.0, 20000.0)
-    wide = application(coefficient=MeanAndHighest(0.09, 0.013, 0.18, 0.41), force_n=of_force)
+def test_a_highest_value_that_says_nothing_is_not_known() -> None:
+    of_force = MeanAndHighest(5000.0, 500.0, None, 20000.0)
+    wide = application(coefficient=MeanAndHighest(0.09, 0.013, None, 0.41), force_n=of_force)
     cells = row("1", wide)
     assert (cells["µ mean"], cells["µ max"]) == ("0.090±0.013", "not known")
     assert cells["Fmax [kN]"] == "not known"
-    assert "0 to 0.4" in describe_not_known([cells])
-    narrow = row("1", application(coefficient=MeanAndHighest(0.09, 0.013, 0.05, 0.08)))
-    assert narrow["µ max"] == "0.050±0.080"  # says that µ was below 0.13
+    assert "both 0 and 0.1" in describe_not_known([cells])
+    narrow = row("1", application(coefficient=MeanAndHighest(0.02, 0.013, 0.03, 0.06)))
+    assert narrow["µ max"] == "0.030±0.060"  # says that µ was below 0.09: slippery
     assert not describe_not_known([narrow])
 
 

@@ -101,7 +101,11 @@ def test_initial_adhesion_and_utilisation_have_their_intervals() -> None:
     (table,) = series_tables(StopSeries((), (), (), (), (wsp,)), False, False)
     assert [row["initial µ"] for row in table.rows] == ["0.049±0.012", "not known", "-"]
     assert [row["used [%]"] for row in table.rows] == ["95 (93–97)", "-", "-"]
-    assert "not known: the interval holds every µ" in table.note
+    assert "not known: the interval of µ" in table.note
+    (doubted,) = series_tables(
+        StopSeries((), (), (), (), (wsp._replace(vehicle_in_doubt=True),)), False, False
+    )
+    assert [row["initial µ"] for row in doubted.rows] == ["0.049±0.012?", "not known", "-"]
 
 
 def test_slip_by_a_train_speed_that_may_be_late_is_a_lower_bound() -> None:
@@ -123,6 +127,24 @@ def test_a_limit_of_the_equivalent_deceleration_has_the_mean_one_beside_it() -> 
     (table,) = (x for x in tables if x.title == "Limits")
     assert [row["a [m/s²]"] for row in table.rows] == ["0.800±0.020", "-"]
     assert "never decelerates so hard" in table.note
+
+
+def test_a_limit_without_a_value_is_in_the_table() -> None:
+    verdict = LimitVerdict("a", "jerk", 4.0, "max", None, None, "undecided")
+    tables = series_tables(StopSeries((), (), (), (verdict,), ()), False, False)
+    (table,) = (x for x in tables if x.title == "Limits")
+    assert [(row["mean"], row["verdict"]) for row in table.rows] == [("no value", "undecided")]
+    assert "no value: no valid stop of the group has the quantity" in table.note
+
+
+def test_a_coefficient_that_says_nothing_is_not_known() -> None:
+    stops = [
+        SeriesStop("a", "a", None, replace(STOP, coefficient=Measured(0.0, u95)))
+        for u95 in (0.12, 0.05)
+    ]
+    table, *_ = series_tables(StopSeries(tuple(stops), (), (), (), ()), False, False)
+    assert [row["µ"] for row in table.rows] == ["not known", "0.000±0.050"]
+    assert "not known: the interval of µ" in table.note
 
 
 def test_a_coefficient_whose_vehicle_the_log_contradicts_is_marked() -> None:

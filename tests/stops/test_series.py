@@ -122,6 +122,15 @@ def test_a_limit_is_kept_or_broken_by_the_whole_interval(limit: float, verdict: 
     assert (row.kind, row.verdict) == ("min", mirrored[verdict])
 
 
+def test_a_limit_of_a_quantity_that_no_stop_has_is_undecided() -> None:
+    groups = group_stops(series({"a": [300.0, 302.0]}))
+    rows = judge(groups, [GroupLimit("jerk", 4.0, 0.1), GroupLimit("distance_m", 400.0, None)])
+    assert [(x.kind, x.limit, x.value, x.u95, x.verdict) for x in rows[:2]] == [
+        ("max", 4.0, None, None, "undecided"), ("min", 0.1, None, None, "undecided"),
+    ]  # fmt: skip
+    assert [x.verdict for x in rows[2:]] == ["pass"]
+
+
 def test_the_extension_is_that_of_the_distance_after_the_response() -> None:
     dry, wet = [SeriesStop("d", "dry", None, stop(320.0))], []
     for slip in (0.1, 0.3):

@@ -8,7 +8,7 @@ from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
-from ..result_rows import ed_cell, has_known_highest, marked, used
+from ..result_rows import ed_cell, marked, used
 from ..text_tables import DASH, NOT_KNOWN, describe_not_known, non_empty, number, when_and_where
 from ..train_stops import (
     MANY_AXLES,
@@ -59,9 +59,9 @@ def _mean(x: MeanAndHighest | None, factor: float, digits: int) -> str:
 def _highest(a: BrakeApplication) -> str:
     """The same of the highest value."""
     x = a.coefficient
-    if not has_known_highest(a):
-        return NOT_KNOWN
-    return " ± ".join(by_uncertainty(x.max, x.max_u95, 3)) if x else DASH
+    if not x:
+        return DASH
+    return NOT_KNOWN if x.max is None else " ± ".join(by_uncertainty(x.max, x.max_u95, 3))
 
 
 def listed(names: Sequence[object]) -> str:
