@@ -104,7 +104,7 @@ def _inspect_channel(c: Channel) -> InspectedChannel:
     taken = summarise_channel(c)
     return InspectedChannel(
         taken.name, taken.field, taken.meaning, taken.axle, taken.unit, taken.reason,
-        rate_hz=c.rate_hz, rows=c.rows, valid=len(c.data.t), gaps=c.gaps,
+        rate_hz=c.rate_hz, rows=c.rows, valid=min(len(c.data.t), c.rows), gaps=c.gaps,
         duplicates=c.duplicates, backward=c.backward, levels=c.levels,
     )  # fmt: skip
 

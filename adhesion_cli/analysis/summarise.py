@@ -151,7 +151,8 @@ def _rows_used(result: Result) -> int:
                     t = axle.record.t[s]
                     in_segments |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
         row = channel.row_of
-        by_origin[row] = max(by_origin.get(row, 0), int(in_segments.sum()))
+        used_count = min(int(in_segments.sum()), channel.rows)
+        by_origin[row] = max(by_origin.get(row, 0), used_count)
     return sum(by_origin.values())
 
 

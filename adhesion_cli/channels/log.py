@@ -53,7 +53,7 @@ _USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
 }
 # A unit with a factor behind it, as "bar x 100".
 _FACTOR_BEHIND = re.compile(r"(.*?[^\W\d_].*?)\s*([x×*·/])\s*(10\^?-\d|0[.,]0*1|10*)")
-_PREFIXES = {"m": 1e-3, "c": 1e-2, "d": 0.1, "h": 100.0, "k": 1e3}
+_PREFIXES = {"da": 10.0, "m": 1e-3, "c": 1e-2, "d": 0.1, "h": 100.0, "k": 1e3}
 _USUAL_STEP = {"pressure": 1e3, "speed": 1e-2, "angular speed": 1e-2, "force": 10.0}  # SI
 _PROPOSED_KEYS: dict[str, Meaning] = {"speed": "wheel_speed", "pressure": "pressure"}  # by key
 _OPTIONAL: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
@@ -80,7 +80,9 @@ def read(
             has no usable sample, or the only pressure is that of a brake pipe.
     """
     chosen, findings = needed(source, mappings, further)
-    log = _log(source, chosen, findings, lambda m, c, t0: channel(m, c, vehicle, t0, max_gap_ns))
+    log = _log(
+        source, chosen, findings, lambda m, c, ends: channel(m, c, vehicle, ends, max_gap_ns)
+    )
     log = _judged(log, chosen, vehicle)
     proposals = {}
     if not {"speed", "brake"} <= {_NEEDED.get(c.meaning) for c in log.channels}:
@@ -107,7 +109,7 @@ def _proposals(meant: Sequence[Meant]) -> dict[str, str]:
 def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log:
     """Every numeric channel of an opened log on its clean time axis; SI where the unit is known."""
     meant, findings = _understood(source, mappings)
-    log = _log(source, meant, findings, lambda m, c, t0: channel(m, c, vehicle, t0))
+    log = _log(source, meant, findings, lambda m, c, ends: channel(m, c, vehicle, ends))
     return _judged(log, meant, vehicle)
 
 
@@ -155,7 +157,7 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     meant = {m.field: m for m in _understood(source, mappings)[0]}.values()
     _refuse_two_units(meant, source.path)  # the copy would state one of them
 
-    def as_logged(m: Meant, column: Column, start: int) -> tuple[Channel, list[Finding]]:
+    def as_logged(m: Meant, column: Column, ends: tuple[int, int]) -> tuple[Channel, list[Finding]]:
         # No meaning: what has one is SI.
         place = (name(m.field), m.field.path, None, m.axle, m.unit, m.reason)
         return Channel(*place, column, len(column.t), label=m.field.label), []
@@ -402,8 +404,10 @@ def _example_units(m: Meant) -> list[str]:
             if match[2] == "/":
                 factors = [1.0 / number, number]
             return [f"{factor:g} {match[1]}" for factor in factors]
-        if plain_text[:1] in _PREFIXES and units.unit(plain_text[1:]):
-            return [f"{_PREFIXES[plain_text[0]]:g} {plain_text[1:]}"]
+        for prefix, factor in _PREFIXES.items():
+            rest = plain_text.removeprefix(prefix)
+            if rest != plain_text and units.unit(rest):
+                return [f"{factor:g} {rest}"]
     return [_USUAL.get(m.meaning, "m/s")]
 
 
@@ -435,12 +439,13 @@ def _log(
     source: Source,
     chosen: Sequence[Meant],
     findings: list[Finding],
-    convert: Callable[[Meant, Column, int], tuple[Channel, list[Finding]]],
+    convert: Callable[[Meant, Column, tuple[int, int]], tuple[Channel, list[Finding]]],
 ) -> Log:
-    """The log of the chosen channels, each made of its samples and the log's start [ns]."""
+    """The log of the chosen channels, each made of its samples and the log's ends [ns]."""
     columns = source.columns([m.field for m in chosen])
     times = {id(c.t): c.t for c in columns if len(c.t)}
     start = min((time_axis.earliest(t) for t in times.values()), default=0)
+    end = max((int(t[-1]) for t in times.values()), default=0)
     times.clear()
     channels, provenance = [], source.metadata.get("adhesion.provenance", {})
     clocks = [id(c.t) for c in columns]
@@ -448,7 +453,7 @@ def _log(
     columns.reverse()
     for m, clock in zip(chosen, clocks, strict=True):
         column, levels = as_levels(columns.pop(), m.meaning)  # let go one by one
-        channel, its_findings = convert(m, column, start)
+        channel, its_findings = convert(m, column, (start, end))
         if m.meaning and (level_words := provenance.get(words_key(m.meaning, m.axle))):
             levels = tuple(level_words.split("\n"))
         if levels:

@@ -243,6 +243,8 @@ class _Name:
             self.own = [w for w in self.own if len(w) > 1 or not word_of_kind("speed", [w])]
         self.kinds = _kinds_of(own_words + around)
         self.own_kinds = _kinds_of(self.own)
+        if self.unit == "kn" and "speed" in self.own_kinds:  # as the unit of a force it is kN
+            self.unit = "knots"
         self.rare_unit = self.unit or units.unknown_in(field.label or field.channel)
 
     def quantities(self) -> dict[str, str]:

@@ -9,6 +9,7 @@ from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
 from ..core.model import MOTOR_FORCES, Bools, Channel, Column, Floats, Parameter, Vehicle
+from ..core.recorder import code_of_no_value, with_held
 from ..core.time_axis import TimeAxis
 from .meaning import Meant, name
 
@@ -19,7 +20,7 @@ _LARGE_ZERO = 0.5e5  # a smaller one is no mistake, though no brake is applied i
 
 
 def channel(
-    m: Meant, column: Column, vehicle: Vehicle, start: int, max_gap_ns: int = 0
+    m: Meant, column: Column, vehicle: Vehicle, ends: tuple[int, int], max_gap_ns: int = 0
 ) -> tuple[Channel, list[Finding]]:
     """One channel in SI where its unit is known, and what was wrong with its samples.
 
@@ -27,14 +28,16 @@ def channel(
         m: the channel with its meaning and its unit.
         column: its samples, as the log has them.
         vehicle: for the wheel radius, where a wheel speed is in km/h.
-        start: the log's start [ns].
+        ends: the log's start and end [ns].
         max_gap_ns: longer intervals are gaps; 0 decides from the channel itself.
 
     Raises:
         UserError: where the stated zero is larger than every value.
     """
+    start = ends[0]
+    column, samples, notes = _of_recorder(m, column, ends)
     axis, column = _axis(m, column, start, max_gap_ns)
-    findings = list(axis.findings)
+    findings = [*notes, *axis.findings]
     values = column.value if column.valid.all() else column.value[column.valid]
     data, starts, step, tick = axis.data, axis.starts, quantum(values), 0.0
     unit = units.unit_for(m.unit, m.meaning) if m.meaning else None
@@ -68,7 +71,7 @@ def channel(
         m.unit,
         m.reason,
         data,
-        len(column.t),
+        samples,
         starts,
         axis.gap_ns,
         step,
@@ -150,6 +153,30 @@ def _force_of_one(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
     if unit.dimension == "torque":
         return 1.0 / (arm or vehicle.radius(m.axle or 1).value)
     return full_force if unit.dimension == "ratio" else 1.0
+
+
+def _of_recorder(
+    m: Meant, column: Column, ends: tuple[int, int]
+) -> tuple[Column, int, list[Finding]]:
+    """The column without codes of no value and with held values; its samples; notes on both."""
+    samples, notes = len(column.t), list[Finding]()
+    if m.field.message_type.startswith("adhesion.") or column.words:
+        return column, samples, notes
+
+    def note(code: str, affected: Bools, values: dict[str, float]) -> None:
+        edges = np.flatnonzero(np.diff(affected, prepend=False, append=False))
+        begin, stop = np.sort([column.t[edges[::2]], column.t[edges[1::2] - 1]], axis=0)
+        count = int(np.count_nonzero(affected)) if values else len(begin)
+        spans = time_axis.spans_of(begin, stop, ends[0])
+        notes.append(Finding(code, "info", m.title, count, spans, values))
+
+    if number := code_of_no_value(column.value):
+        note("value-is-code", column.valid & (column.value == number), {"number": number})
+        column = replace(column, valid=column.valid & (column.value != number))
+    column, added = with_held(column, ends[1])
+    if added.any():
+        note("written-on-change", added, {})
+    return column, samples, notes
 
 
 def _axis(m: Meant, column: Column, start: int, max_gap_ns: int) -> tuple[TimeAxis, Column]:

@@ -436,6 +436,12 @@ def test_a_number_beside_the_train_is_no_axle() -> None:
     assert seen("Ch3 train speed [m/s]", "Ch7 wheel speed axle 2 [km/h]") == [
         (TRAIN, None, "m/s"), (WHEEL, 2, "km/h"),
     ]  # fmt: skip
+    assert seen("Modul 12: BC pressure [bar]", "cDAQ1Mod2 Achse 3 speed [km/h]") == [
+        (PRESSURE, None, "bar"), (WHEEL, 3, "km/h"),
+    ]  # fmt: skip
+    assert seen("GPS speed [kn]", "clamping force [kn]") == [
+        (TRAIN, None, "knots"), ("clamping_force", None, "kn"),
+    ]  # fmt: skip
     meant, findings = understood([Field(f"Train speed {k} [km/h]") for k in (1, 2)], ())
     assert [(m.meaning, m.axle) for m in meant] == [(TRAIN, None), (None, None)]
     assert [f.code for f in findings] == ["channel-ambiguous"]

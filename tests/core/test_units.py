@@ -70,6 +70,7 @@ def test_finds_the_unit_in_a_name(name: str, base: str, unit: str) -> None:
         ("kPa(a)", 401.325, 3e5),
         ("km/h", 72.0, 20.0),
         ("mph", 10.0, 4.4704),
+        ("knots", 36.0, 18.52),
         ("rpm", 60.0, 2.0 * math.pi),
         ("U/min", 60.0, 2.0 * math.pi),
         ("转/分", 60.0, 2.0 * math.pi),

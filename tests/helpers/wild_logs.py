@@ -489,6 +489,22 @@ def day_clocks(rng: random.Random) -> Iterator[WildLog]:
     yield WildLog("log.csv", timed("Date", [f"{x:.11f}" for x in days]), apart_s=1e-3)
 
 
+def sparse_dates(rng: random.Random) -> Iterator[WildLog]:
+    """A date that is written once, or when it changes, beside a time of day."""
+    values = [[f"{x:.2f}" for x in series] for series in (P, V)]
+    for form in ("%d.%m.%Y", "%Y-%m-%d", "%Y/%m/%d"):
+        for begin in (
+            _start(rng),
+            datetime(2026, 11, 24, 23, 59, rng.randrange(40, 55), tzinfo=UTC),
+        ):
+            stamps = [begin + timedelta(milliseconds=20 * k) for k in range(ROWS)]
+            dates = [s.strftime(form) for s in stamps]
+            changes = [d if k == 0 or d != dates[k - 1] else "" for k, d in enumerate(dates)]
+            clocks = [f"{s:%H:%M:%S}.{_ms(s)}" for s in stamps]
+            name = rng.choice(["Date", "Datum", "Data"])
+            yield WildLog("log.csv", table([[name, "Time", *NAMES]], [changes, clocks, *values]))
+
+
 def bare_minutes(rng: random.Random) -> Iterator[WildLog]:
     """Digits MMSS, which begin anew with the hour, and HHMMSS, which do with the day."""
     for hours, name in ((1, "Time"), (1, "time"), (24, "UTC"), (24, "time")):
@@ -550,6 +566,7 @@ KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K9-ms": bare_milliseconds,
     "K10-half": day_halves,
     "K10-days": day_clocks,
+    "K10-sparse": sparse_dates,
     "K10-month": named_months,
     "K10-local": local,
     "K10-iso": iso,

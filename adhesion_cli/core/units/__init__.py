@@ -222,7 +222,7 @@ _OTHER_QUANTITIES = re.compile(
 # and a number that may be a range, as in "sensor 10bar".
 _FACTOR_AT_END = re.compile(
     rf"(?i)(?:\sin\s+|\s*[/,]\s*|[\s_](?={TIMES}|\d+[.,]\d|1\s*/\s*\d))"
-    rf"(?P<text>{TIMES}?\s*(?:1\s*/\s*)?{NUMBER}[\s_]*[^\W\d_]\S*)$"
+    rf"(?P<text>{TIMES}?\s*(?:1\s*/\s*)?{NUMBER}[\s_]*[^\W\d_]\S*(?:\sper\s\S+)?)$"
 )
 _RANGE_AT_END = re.compile(
     r"(?i)(?<!axle)(?<!achse)(?<!wheel)[\s_](?P<text>(?:\d{2,}|10+\s+)[^\W\d_]\S*)$"

@@ -75,6 +75,8 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
     in_words = sum(map(len, _JAPANESE.findall(head)))  # bytes
     if 2 * in_words > high_bytes and _decodes(head, "cp932"):
         return "cp932", "not UTF-8; words of Shift-JIS"
+    if re.search(rb"(?i)[a-z][\xb3\xb9\xbf][a-z]", head):  # no small 3, 1 or ¿ stands in a word
+        return "cp1250", "not UTF-8; Polish letters"
     return "cp1252", "not UTF-8; high bytes stand alone"
 
 

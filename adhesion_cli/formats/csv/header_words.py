@@ -68,7 +68,9 @@ def time_name(header: str) -> tuple[int, str | None] | None:
             break
     else:  # "Time [hh:mm:ss.fff]", "Timestamp (UTC)"
         text = re.sub(
-            r"\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-zA-Z]{1,4}[-/:.]\S+|[0-9]+)[\])]$", "", text
+            r"(?i)\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-z]{1,4}[-/:.]\S+|hh?mm?s\S*|[0-9]+)[\])]$",
+            "",
+            text,
         )
     name = normal(text)
     base_name = name.rstrip("0123456789")

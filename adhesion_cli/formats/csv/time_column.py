@@ -291,9 +291,22 @@ class _ClockSearch:
         return clock
 
     def with_date(self, clock: Clock) -> Clock:
-        """The clock; with a note where a date is lost that no form reads."""
+        """The clock; a time of day with the date of the first row, where most rows have none.
+
+        With a note where a date is lost that no form reads.
+        """
+        is_clock = "<H>" in clock.pattern and not clock.absolute
         for i, name in enumerate(self.dialect.names):
             cells = self.dialect.column(i)
+            forms = forms_of(cells, DATES, self.unit) if is_clock and self._is_sparse(i) else []
+            if forms and not is_null(self.dialect.rows[0][i]):
+                form, order, other_form = self._order((i,), forms, DATES)
+                begin = int(read(cells[:1], DATES[form])[0])
+                reason = clock.reason.removesuffix(", without a date")
+                reason += f" on the date in {name!r} ({form}{order}; {TAKEN_AS_UTC})"
+                notes = self._dates(i, f" {form}", f" {other_form}") if other_form else ()
+                findings = (*clock.findings, *notes)
+                return replace(clock, start=begin, absolute=True, reason=reason, findings=findings)
             if label(name) == "date" and cells and i not in clock.columns and not clock.absolute:
                 note = Finding("date-not-read", "info", name, names={"example": cells[0][:40]})
                 return replace(clock, findings=(*clock.findings, note))
@@ -536,6 +549,8 @@ class _ClockSearch:
         cells, forms = self.dialect.column(i), STAMPS
         columns: tuple[int, ...] = (i,)
         if forms_of(cells, DATES) and (k := self._partner(i, i + 1, CLOCKS)) is not None:
+            if self._is_sparse(i):
+                return self._stamped((k,), CLOCKS, choice)
             columns = (i, k)
         elif forms_of(cells, CLOCKS):
             if (k := self._partner(i, i - 1, DATES)) is not None:
@@ -547,7 +562,14 @@ class _ClockSearch:
     def _beside_date(self, i: int, choice: str) -> Clock | None:
         """The clock of a time of day beside a column named as a date; None where there is none."""
         names = self.dialect.names
-        k = next((k for k, name in enumerate(names) if k != i and label(name) == "date"), i)
+        k = next(
+            (
+                k
+                for k, name in enumerate(names)
+                if k != i and label(name) == "date" and not self._is_sparse(k)
+            ),
+            i,
+        )
         clocks = (self._stamped((k, i), forms, choice) for forms in (STAMPS, SHORT_STAMPS))
         return next(filter(None, clocks), None) if k != i else None
 
@@ -655,10 +677,16 @@ class _ClockSearch:
         """The column with the other half of date and time; the neighbour is preferred."""
         for k in sorted(range(len(self.dialect.names)), key=lambda k: k != neighbour):
             cells = self.dialect.column(k)
-            is_likely = k != i and (forms is CLOCKS or len(set(cells)) <= _MOST_DATES)
-            if is_likely and forms_of(cells, forms):
+            is_date = forms is not CLOCKS
+            if k == i or (is_date and (self._is_sparse(k) or len(set(cells)) > _MOST_DATES)):
+                continue
+            if forms_of(cells, forms):
                 return k
         return None
+
+    def _is_sparse(self, i: int) -> bool:
+        """Whether most cells of a column are empty, as of a date that stands only in some rows."""
+        return len(self.dialect.column(i)) < len(self.dialect.rows) / 2
 
 
 def _step(values: Sequence[float]) -> float:

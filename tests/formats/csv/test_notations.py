@@ -334,6 +334,16 @@ def test_stamps_of_iso_8601_say_the_same_beside_other_cells(cell: str | None) ->
     assert beside[1][1]
 
 
+def test_a_date_that_is_written_once_is_the_start(tmp_path: Path) -> None:
+    for log in wild_logs.variants("K10-sparse"):
+        source, (column, *_) = numbers_of(tmp_path / log.name, log.text.decode())
+        first = log.text.decode().splitlines()[1].split(",")
+        fields = re.split("[./-]", first[0])
+        day = "-".join(fields if len(fields[0]) == 4 else fields[::-1])
+        assert str(column.t[0].astype("datetime64[ns]"))[:10] == day
+        assert "date-not-read" not in {f.code for f in source.findings}
+
+
 def test_a_temperature_that_rises_is_no_second_time(tmp_path: Path) -> None:
     rows = (f"{k / 50},{40 + k**1.1:.3f},{k % 7}\n" for k in range(50))
     source, columns = numbers_of(tmp_path / "a.csv", "Time [s],T1 [°C],p [bar]\n" + "".join(rows))
@@ -363,6 +373,7 @@ def test_unix_time_of_today_has_no_note_on_gps(tmp_path: Path) -> None:
             ["ブレーキ[kPa]", "軸の回転[km/h]"],
         ),
         ("Time[s],速度[km/h]", "{t:.2f},{k}", "cp932", ["速度[km/h]"]),
+        ("Czas[s],Prędkość koła[km/h]", "{t:.2f},{k}", "cp1250", ["Prędkość koła[km/h]"]),
         ('"time_s" "p_bar" "v_kmh"', '"{n}" {t:.2f} {k} 70.5', "utf-8", ["p_bar", "v_kmh"]),
         ("Time,p [bar]", "Tue Nov 24 10:15:{k:02d} GMT+01:00 2026,{k}", "utf-8", ["p [bar]"]),
     ],
@@ -370,7 +381,7 @@ def test_unix_time_of_today_has_no_note_on_gps(tmp_path: Path) -> None:
 def test_exports_of_other_countries_and_programs(
     tmp_path: Path, head: str, row: str, encoding: str, names: list[str]
 ) -> None:
-    """Shift-JIS of Japan; R, whose header has no name for its numbers of rows; Java's dates."""
+    """Shift-JIS of Japan; Polish; R, whose header has no name for row numbers; Java's dates."""
     rows = "\n".join(row.format(t=k / 50, k=k, n=k + 1) for k in range(60))
     path = tmp_path / "a.csv"
     path.write_bytes(f"{head}\n{rows}\n".encode(encoding))

@@ -1,0 +1,73 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.commands import Run
+
+from adhesion_cli.core.model import Column, Floats
+from adhesion_cli.core.recorder import code_of_no_value, with_held
+from adhesion_cli.core.time_axis import clean
+
+MS = 1_000_000
+T = np.arange(0, 30_000, 20) * MS
+P = np.round(4.0 * np.clip(np.minimum((T - 3e9) / 1.5e9, (27e9 - T) / 1.5e9), 0.0, 1.0), 2)
+
+
+def on_change(value: Floats) -> Column:
+    rows = np.flatnonzero(np.diff(value, prepend=np.nan) != 0.0)
+    return Column(T[rows], value[rows], np.ones(len(rows), np.bool_))
+
+
+def test_recorder_that_writes_changes_holds_its_values_until_the_end_of_the_log() -> None:
+    column = on_change(P)
+    filled, added = with_held(column, int(T[-1]))
+    assert added.sum() == len(T) - len(column.t) > 1_200
+    np.testing.assert_array_equal(filled.t, T)
+    np.testing.assert_array_equal(filled.value, P)
+    in_table = Column(T, np.where(np.isin(T, column.t), P, np.nan), np.isin(T, column.t))
+    np.testing.assert_array_equal(with_held(in_table, int(T[-1]))[0].value, P)
+
+
+def test_value_far_from_the_one_before_a_pause_was_not_held() -> None:
+    column = on_change(P)
+    lost = (column.t > 25.7e9) & (column.t < 26.6e9)  # most of the release
+    kept = Column(column.t[~lost], column.value[~lost], column.valid[~lost])
+    (gap,) = [f for f in clean("p", with_held(kept, int(T[-1]))[0], 0).findings if f.code == "gap"]
+    assert gap.spans == (pytest.approx((25.7, 26.6), abs=0.03),)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.004, 0.03, 1.0])
+@pytest.mark.parametrize("digits", [2, 3, 12])
+@pytest.mark.parametrize("lost", [(5.0, 8.0), (3.1, 3.6), (28.0, 29.0), (10.0, 24.0)])
+def test_lost_samples_of_an_even_recorder_are_a_gap(
+    noise: float, digits: int, lost: tuple[float, float]
+) -> None:
+    falls = 70.0 - 0.2 * T / 1e9 - 0.01 * (T / 1e9) ** 1.5
+    for signal in (P, falls):
+        value = np.round(signal + np.random.default_rng(0).normal(0.0, noise, len(T)), digits)
+        kept = (lost[0] * 1e9 > T) | (lost[1] * 1e9 < T)
+        _, added = with_held(Column(T[kept], value[kept], kept[kept]), int(T[-1]))
+        assert not added.any()
+
+
+@pytest.mark.parametrize("code", [-9999.0, 9999.0, -999.25, -32768.0, 65535.0, 6553.5, 1e30, 1e20])
+def test_code_of_no_value_is_left_out_and_counted(tmp_path: Path, run: Run, code: float) -> None:
+    value = P.copy()
+    value[5::100] = code
+    rows = (
+        f"{t / 1e9},{p},70.{t // MS % 7}\n" for t, p in zip(T.tolist(), value.tolist(), strict=True)
+    )
+    (tmp_path / "a.csv").write_text(
+        "time [s],BC pressure [bar],wheel speed [km/h]\n" + "".join(rows)
+    )
+    (log,) = json.loads(run("inspect", "--json", "a.csv").stdout)["logs"]
+    (note,) = [f for f in log["findings"] if f["code"] == "value-is-code"]
+    assert (note["severity"], note["count"], note["values"]) == ("info", 15, {"number": code})
+    assert [c["valid"] for c in log["channels"]] == [1485, 1500]
+    assert "pressure-negative" not in {f["code"] for f in log["findings"]}
+
+
+@pytest.mark.parametrize("value", [[0.0, 999.0, 999.0, 999.0], [99.9, 99.9, 99.9, 60.0], [9999.0]])
+def test_values_that_may_be_measured_are_no_code(value: list[float]) -> None:
+    assert code_of_no_value(np.array(value)) == 0.0
