@@ -21,7 +21,6 @@ Sources: JCGM 102, 6.2; `reference.calibrated_vehicle`.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,7 +45,6 @@ from ..core.physics import (
     piston_area,
     wheelset,
 )
-from ..formats.memory import Signals
 from ..records.brake_applications import find_applications
 from ..reference import calibrated_vehicle
 from ..reference.calibrated_vehicle import Evidence, MeanBrake
@@ -56,8 +54,7 @@ from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.deceleration_cause import explain_deceleration
 from ..train.mean_axle import mean_axle, move_axles
 from ..train.motor_mass import MASS, find_motor_mass, with_mean_mass
-from .prepare import AlignedLog, Window, align_log
-from .request import load_vehicle, open_log, read_log
+from .prepare import AlignedLog
 from .settings import Settings
 
 _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
@@ -71,38 +68,6 @@ _LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m
 _LARGEST_LN = 50.0  # of a force over that of a vehicle without one
 _ALIKE = 0.01  # share by which axles differ that are shown as one car
 _LOWEST_ZERO = -3e4  # pressure from which a brake acts: lower, another brake acts [Pa]
-
-
-def identify_together(
-    paths: Sequence[Path | Signals],
-    settings: Settings,
-    axles: Sequence[int] = (),
-    window: Window = (None, None),
-) -> IdentifiedVehicle | None:
-    """The vehicle of several logs that are named together: they are one train's.
-
-    A log that cannot be read, or that carries its vehicle, has no part in it.
-
-    Args:
-        paths: of the logs.
-        settings: what is stated.
-        axles: those asked for, all if empty.
-        window: seconds after each log's start.
-    """
-    logs = []
-    for path in paths:
-        try:
-            settings_of_log, source = open_log(path, settings)
-            if settings_of_log.analysis.vehicle == "log":
-                log = read_log(source, settings_of_log)
-                loaded, _ = load_vehicle(settings, log)
-                aligned = align_log(
-                    log, loaded.vehicle, axles, window, settings.checks, settings.track
-                )
-                logs.append(aligned)
-        except Exception:  # its own analysis says what is wrong with a log
-            continue
-    return identify(logs, settings) if logs and len(_kinds(logs)) == 1 else None
 
 
 class _Setting(NamedTuple):
@@ -231,7 +196,7 @@ def find_prior(
     stops = {logs[i].path: _differing_stops(logs[i], line) for i, line in lines.items()}
     effects = {logs[i].path: x for i, line in lines.items() if (x := line.speed_effect)}
     prior = replace(prior, differing_stops=stops, speed_effects=effects)
-    if not lines or _single_pressure(logs) or len(_kinds(logs)) > 1:
+    if not lines or _single_pressure(logs) or len(brake_kinds(logs)) > 1:
         return _unknown(prior), {}
     line = with_mean_mass(_most_rolling(lines), lines.values())
     sigmas = _contradiction(vehicle, line, setting)
@@ -263,7 +228,7 @@ def find_log_brake(log: AlignedLog, settings: Settings) -> LogBrake | None:
     settings = replace(settings, vehicle=mean)
     vehicle, setting = settings.vehicle, _setting([log], settings)
     line = _find_line(log, settings)
-    if not line or line.mixed or len(_kinds([log])) > 1:
+    if not line or line.mixed or len(brake_kinds([log])) > 1:
         return None
     ratio = math.exp(min(_error(vehicle, line, setting), _LARGEST_LN))
     per_bar, pressure = (line.slope * BAR, line.brake / BAR) if setting.by_pressure else (None,) * 2
@@ -296,7 +261,7 @@ def _differing_stops(log: AlignedLog, line: BrakeLine) -> tuple[DifferingStop, .
 
 
 def _setting(logs: Sequence[AlignedLog], settings: Settings) -> "_Setting":
-    return _Setting(settings.train, len(logs[0].axles), _kinds(logs) == {"pressure"})
+    return _Setting(settings.train, len(logs[0].axles), brake_kinds(logs) == {"pressure"})
 
 
 def _unknown(prior: IdentifiedVehicle) -> IdentifiedVehicle:
@@ -306,7 +271,7 @@ def _unknown(prior: IdentifiedVehicle) -> IdentifiedVehicle:
     return replace(prior, known=False, force_per_bar=None, stated_force_per_bar=None)
 
 
-def _kinds(logs: Sequence[AlignedLog]) -> set[str]:
+def brake_kinds(logs: Sequence[AlignedLog]) -> set[str]:
     """What the brakes are measured by: pressures, clamping forces."""
     return {str(a.brake.meaning) for log in logs for a in log.axles}
 

@@ -11,7 +11,7 @@ from ..core.model import Z95, AxleResult, IdentifiedVehicle, Log, Result, Vehicl
 from ..core.units import UNITS
 from ..diagnostics import friction_over_speed
 from ..diagnostics.checks.vehicle import remedy_names
-from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
+from ..results.friction_groups import find_friction_differs, group_by_friction, run_of_log
 from .prepare import AlignedLog, Prepared, diagnose_log
 from .settings import Settings
 
@@ -179,6 +179,6 @@ def with_friction_findings(
         results: of all logs.
         vehicle_files: files of the stated vehicle.
     """
-    runs = [GroupedRun(x.log.path, x.brake) for x in results]
+    runs = [run_of_log(x.log.path, x.brake, x.identified.factor_of_logs) for x in results]
     findings = find_friction_differs(runs, group_by_friction(runs), vehicle_files, by_name=True)
     return [replace(x, findings=(*findings, *x.findings)) for x in results]

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from ..analysis import analyze as analysis
-from ..analysis.identify import identify_together
 from ..analysis.inspection import inspect_log
 from ..analysis.slip_of_log import slip_of
 from ..channels.log import unchanged
@@ -28,6 +27,7 @@ from ..formats.open import open_source
 from ..results import atomic_files
 from ..results.log_writer import writer
 from ..studies import calibrate as calibration
+from ..studies.named_together import identify_together
 from ..wsp import simulate as simulation
 from .choices import Choices, File, SettingsSources, Source, choices, in_python, log_of, logs_of
 from .results import Analysis, Calibration, Comparison, Inspection, SlipAnalysis
@@ -125,11 +125,13 @@ def compare(  # noqa: PLR0913 (the options of the command, each with a default)
     """
     span = from_s, to_s
     chosen = choices(settings, sections, _ALL_KEYWORDS, strict, span, reference, axles, algos)
-    named, identified = logs_of(logs), None
+    named = logs_of(logs)
+    vehicles: Sequence[IdentifiedVehicle | None] = [None]
     if len(named) > 1:
         settings_of_logs, _, numbers, window = chosen
-        identified = identify_together(named, settings_of_logs, numbers, window)
-    return Comparison(tuple(_analyze(log, chosen, identified=identified) for log in named))
+        vehicles = identify_together(named, settings_of_logs, numbers, window)
+    pairs = zip(named, vehicles, strict=True)
+    return Comparison(tuple(_analyze(log, chosen, identified=vehicle) for log, vehicle in pairs))
 
 
 @in_python

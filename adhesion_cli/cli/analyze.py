@@ -9,7 +9,7 @@ from .options import ALL_NAMES, Logs, Shared, option, refuse_page_name, shared
 
 if TYPE_CHECKING:
     from ..core.model import Result
-    from ..core.summary import AxleSummary, ResultSummary, VehicleSummary
+    from ..core.summary import ResultSummary
 
 
 @shared(*ALL_NAMES)
@@ -132,7 +132,7 @@ class _Shown(NamedTuple):
 def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown) -> None:
     """Tables, findings, scores, files; of several logs what they have in common once."""
     from ..results.application_tables import application_tables, stop_table
-    from ..results.vehicle_text import describe_vehicle
+    from ..results.vehicle_text import VehicleOfLog, describe_vehicles
     from . import terminal
 
     is_single = len(results) == 1
@@ -143,10 +143,9 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
     first = [f for f in results[0].findings if f.code == "friction-differs"]
     terminal.show(first, shown.quiet)
     terminal.show_commands(first, shown.quiet)
-    axles_by_vehicle: dict[VehicleSummary, list[AxleSummary]] = {}
-    for summary in summaries:
-        axles_by_vehicle.setdefault(summary.vehicle, []).extend(summary.axles)
-    vehicles = dict.fromkeys(describe_vehicle(*pair) for pair in axles_by_vehicle.items())
+    vehicles = describe_vehicles([
+        VehicleOfLog("", Path(x.log.path).name, x.vehicle, x.axles) for x in summaries
+    ])  # fmt: skip
     logs = terminal.folded(terminal.describe_logs(summaries))
     head = terminal.describe_log(summaries[0]) if is_single else logs
     print("\n".join([head, *map(terminal.folded, vehicles)]))

@@ -31,7 +31,7 @@ def command(
     from ..core.document import dumps
     from ..core.text import printable
     from ..results import atomic_files
-    from ..results.vehicle_text import describe_vehicle
+    from ..results.vehicle_text import VehicleOfLog, describe_vehicles
     from ..scores.metrics import pool_scores
     from . import terminal
 
@@ -46,8 +46,10 @@ def command(
     if shared.json:
         print(dumps(result_document(summaries)))
     else:
-        vehicles = [describe_vehicle(x.vehicle, x.axles) for x in summaries]
-        print("\n".join(map(terminal.folded, dict.fromkeys(vehicles))))
+        vehicles = describe_vehicles([
+            VehicleOfLog("", Path(x.log.path).name, x.vehicle, x.axles) for x in summaries
+        ])  # fmt: skip
+        print("\n".join(map(terminal.folded, vehicles)))
         for r in analysed:
             rows = [(str(a.record.axle), s) for a in r.axles for s in a.scores]
             print(terminal.scores(rows, Path(r.log.path).name))

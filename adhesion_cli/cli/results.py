@@ -15,7 +15,7 @@ from .options import Shared, check, check_settings, inputs
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
-    from ..core.model import Result
+    from ..core.model import IdentifiedVehicle, Result
     from ..core.summary import FailedLog, ResultSummary
     from ..results.rrd.results import Note
 
@@ -88,18 +88,19 @@ def _analyzer(
 ) -> "Callable[[Path], Result]":
     """What analyses one of the logs, after a check of options, settings and outputs."""
     from ..analysis.analyze import analyze
-    from ..analysis.identify import identify_together
+    from ..studies.named_together import identify_together
     from . import terminal
 
     settings = check_settings(shared)
     check(shared, [*paths], *logs)
     window, progress = (shared.from_, shared.to), terminal.progress(shared.quiet)
-    identified = None
+    vehicles: dict[Path, IdentifiedVehicle | None] = {}
     if len(logs) > 1:
         progress(f"finding the vehicle of {len(logs)} logs")
-        identified = identify_together(logs, settings, shared.axle, window)
+        each = identify_together(logs, settings, shared.axle, window)
+        vehicles = dict(zip(logs, each, strict=True))
     return lambda log: analyze(
-        log, settings, shared.algo, shared.axle, window, progress, train_speed, identified
+        log, settings, shared.algo, shared.axle, window, progress, train_speed, vehicles.get(log)
     )
 
 

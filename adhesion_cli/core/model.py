@@ -571,6 +571,8 @@ class IdentifiedVehicle:
     mean_axle: tuple[Vehicle, Vehicle] | None = None  # as stated, and as identified
     cars: tuple[CarBrake, ...] = ()  # as stated; empty where K is logged
     unstated: tuple[str, ...] = ()  # parameters that scale the brake, where others are stated
+    # brake force of its logs over that of the first logs, where logs named together have several
+    factor_of_logs: float = 1.0
     motor_mass: Parameter | None = None  # of an axle, by the forces of motors in the logs [kg]
 
 

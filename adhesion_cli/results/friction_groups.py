@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.finding import Finding
 from ..core.model import Z95, LogBrake
-from ..core.text import shell_word, stem
+from ..core.text import listed, shell_word, stem
 
 _FADE = 0.015  # 1 sigma of the change of any friction over speed, relative [s/m]
 _NAMED = 2  # logs of a group that are named
@@ -28,6 +28,11 @@ class GroupedRun(NamedTuple):
 
     log: str  # path of its log
     brake: LogBrake | None  # None where the log shows none: it stays in the first group
+
+
+def run_of_log(log: str, brake: LogBrake | None, factor_of_logs: float) -> GroupedRun:
+    """A run, with its brake over that of the first logs: they may have another vehicle."""
+    return GroupedRun(log, brake and brake._replace(ratio=brake.ratio * factor_of_logs))
 
 
 class FrictionGroup(NamedTuple):
@@ -77,7 +82,7 @@ def find_friction_differs(
 
     def group_name(group: FrictionGroup) -> str:
         logs = [Path(runs[place - 1].log).name for place in group.places]
-        return _logs(logs) if by_name else _runs(group.places)
+        return listed(logs, _NAMED) if by_name else _runs(group.places)
 
     commands = _commands(runs, groups, vehicle_files)
     return [
@@ -135,12 +140,6 @@ def _runs(places: Sequence[int]) -> str:
     if len(places) > 2 and places[-1] - places[0] == len(places) - 1:
         return f"runs {places[0]} to {places[-1]}"
     return f"runs {', '.join(map(str, places))}"
-
-
-def _logs(names: Sequence[str]) -> str:
-    """The first logs by their names, and how many there are more."""
-    shown_runs = ", ".join(names[:_NAMED])
-    return f"{shown_runs} and {len(names) - _NAMED} more" if len(names) > _NAMED else shown_runs
 
 
 def _commands(

@@ -1,16 +1,24 @@
 """The line on the vehicle that stands above every result: stated or found, and how well known."""
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ..core.model import Z95, LogBrake
 from ..core.summary import AxleSummary, CarSummary, ResultSummary, VehicleSummary
+from ..core.text import listed
 
 _UNKNOWN = (
     "Vehicle: {statement}, and the log cannot show its brake. Adhesion force and µ are not known. "
     "State the {extent}vehicle with -c FILE.toml."
 )
+_FROM_EACH = (
+    "Vehicle: not stated. Brake force per mass is found from each log, since friction changes with "
+    "speed or the brakes differ{accuracy}. State the vehicle (-c FILE.toml) for newtons and a "
+    "narrower band."
+)
+_MOST_LINES = 3  # on vehicles of several logs that are named
 _MOST_CARS = 4  # that the line names one by one
 
 
@@ -22,6 +30,37 @@ def describe_motors(summaries: Iterable[ResultSummary]) -> str:
     meanings = {c.meaning for x in summaries if x.vehicle.known for c in x.channels}
     names = [name for meaning, name in _MOTORS.items() if meaning in meanings]
     return f"Force and µ include the {' and the '.join(names)} of the log." if names else ""
+
+
+class VehicleOfLog(NamedTuple):
+    """The vehicle of one of several logs."""
+
+    group: str  # of the series; "" where there is none
+    log: str  # file name
+    vehicle: VehicleSummary
+    axles: tuple[AxleSummary, ...]
+    brake: LogBrake | None = None  # by this log alone, where its scatter is shown
+
+
+def describe_vehicles(logs: Sequence[VehicleOfLog]) -> list[str]:
+    """The lines on the vehicles of several logs: one line where all have one vehicle."""
+    logs_of_vehicle: dict[tuple[str, VehicleSummary], list[VehicleOfLog]] = {}
+    for log in logs:
+        logs_of_vehicle.setdefault((log.group, log.vehicle), []).append(log)
+    names_of_line: dict[str, list[str]] = {}
+    for (group, vehicle), like in logs_of_vehicle.items():
+        line = describe_vehicle(vehicle, [axle for log in like for axle in log.axles])
+        scatter = describe_scatter([log.brake for log in like if log.brake])
+        name = f"Group {group}" if group else listed([log.log for log in like], 2)
+        names_of_line.setdefault(f"{line} {scatter}".rstrip(), []).append(name)
+    if len(names_of_line) < 2:
+        return [*names_of_line]
+    each = all(log.vehicle.source == "log" and not log.group for log in logs)
+    if each and len(logs_of_vehicle) > _MOST_LINES:
+        shares = [x for log in logs if np.isfinite(x := _median_share(log.axles))]
+        accuracy = f", µ ± {min(shares):.0f} to {max(shares):.0f} %" if shares else ""
+        return [_FROM_EACH.format(accuracy=accuracy)]
+    return [f"{', '.join(dict.fromkeys(names))}: {line}" for line, names in names_of_line.items()]
 
 
 def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ()) -> str:
@@ -37,13 +76,8 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         return _UNKNOWN.format(statement=statement, extent=extent)
     evidence = _evidence(vehicle)
     if vehicle.source == "log":
-        shares = [
-            100.0 * a.coefficient.mean_u95 / a.coefficient.mean
-            for axle in axles
-            for a in axle.applications
-            if a.coefficient and a.coefficient.mean > 0.0
-        ]
-        accuracy = f", µ ± {np.median(shares):.0f} %" if shares else ""
+        share = _median_share(axles)
+        accuracy = f", µ ± {share:.0f} %" if np.isfinite(share) else ""
         return (
             f"Vehicle: {statement}. Its brake force per mass is found from {evidence}{accuracy}. "
             f"State the {extent}vehicle (-c FILE.toml) for newtons and a narrower band."
@@ -66,6 +100,13 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
     if len(vehicle.cars) > 1 and vehicle.force_per_bar_n:
         used = f"{vehicle.force_per_bar_n / vehicle.stated_force_per_bar_n:.3f} times that"
     return f"Vehicle: {words}{brakes} Used: {used}, with {evidence}."
+
+
+def _median_share(axles: Sequence[AxleSummary]) -> float:
+    """Median uncertainty of the mean µ [%]; NaN where there is none."""
+    coefficients = [a.coefficient for axle in axles for a in axle.applications]
+    shares = [100.0 * x.mean_u95 / x.mean for x in coefficients if x and x.mean > 0.0]
+    return float(np.median(shares)) if shares else float("nan")
 
 
 def describe_scatter(brakes: Sequence[LogBrake]) -> str:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from .. import __version__
 from ..analysis.evaluate import evaluate
-from ..analysis.identify import identify_together
 from ..analysis.prepare import Window
 from ..analysis.settings import Settings
 from ..core.annotated import Json, as_json
@@ -16,10 +15,15 @@ from ..core.errors import UserError
 from ..core.finding import Finding, is_doubt
 from ..core.model import IdentifiedVehicle, LogBrake
 from ..core.summary import AxleSummary, FailedLog, VehicleSummary, summarise_finding
-from ..results.friction_groups import GroupedRun, find_friction_differs, group_by_friction
+from ..results.friction_groups import (
+    GroupedRun,
+    find_friction_differs,
+    group_by_friction,
+    run_of_log,
+)
 from ..results.geojson import MapOfLog, map_of_log
 from ..results.report.protocol import Protocol
-from ..results.vehicle_text import describe_scatter, describe_vehicle
+from ..results.vehicle_text import VehicleOfLog, describe_vehicles
 from ..stops.series import (
     Group,
     GroupDifference,
@@ -32,6 +36,7 @@ from ..stops.series import (
     judge,
     wet_speeds,
 )
+from .named_together import identify_together
 from .plan import Plan, PlannedGroup
 
 _ALGO = "td"  # the quickest estimator: stops need the reference only
@@ -79,21 +84,11 @@ class BrakeTest(NamedTuple):
     @property
     def vehicle_lines(self) -> list[str]:
         """The vehicle of the series, or those of its groups, in a line each."""
-        logs_of_vehicle: dict[tuple[str, VehicleSummary], list[TestedLog]] = {}
-        for log in self.logs:
-            if log.axles:
-                logs_of_vehicle.setdefault((log.group, log.vehicle), []).append(log)
-        groups_of_line: dict[str, list[str]] = {}
-        for (group, vehicle), logs in logs_of_vehicle.items():
-            line = describe_vehicle(vehicle, [axle for log in logs for axle in log.axles])
-            scatter = describe_scatter([log.brake for log in logs if log.brake])
-            groups_of_line.setdefault(f"{line} {scatter}".rstrip(), []).append(group)
-        if len(groups_of_line) < 2:
-            return [*groups_of_line]
-        return [
-            f"Group {', '.join(dict.fromkeys(groups))}: {line}" if groups[0] else line
-            for line, groups in groups_of_line.items()
-        ]
+        return describe_vehicles([
+            VehicleOfLog(log.group, Path(log.path).name, log.vehicle, log.axles, log.brake)
+            for log in self.logs
+            if log.axles
+        ])  # fmt: skip
 
 
 def run(
@@ -122,13 +117,13 @@ def run(
     failed: list[FailedLog] = []
     for group, paths in members:
         settings_of_group = _load_for(group, load)
-        identified = None
+        vehicles: Sequence[IdentifiedVehicle | None] = [None]
         if len(paths) > 1:
             progress(f"finding the vehicle of {len(paths)} logs")
-            identified = identify_together(paths, settings_of_group, request.axles, request.window)
-        runs: list[GroupedRun] = []  # with one vehicle
+            vehicles = identify_together(paths, settings_of_group, request.axles, request.window)
+        runs: list[GroupedRun] = []
         its_stops: list[SeriesStop] = []
-        for path in paths:
+        for path, identified in zip(paths, vehicles, strict=True):
             progress(f"{path.name}: stops")
             try:
                 log = _test_log(path, group, settings_of_group, request, identified)
@@ -138,7 +133,8 @@ def run(
                     raise
                 continue
             tested.append(log)
-            runs.append(GroupedRun(log.path, log.brake))
+            factor = identified.factor_of_logs if identified else 1.0
+            runs.append(run_of_log(log.path, log.brake, factor))
             for stop in log.map.stops:
                 name = log.group or f"{stop.nominal_speed_kmh:g} km/h"
                 its_stops.append(SeriesStop(log.path, name, log.map.label, stop, log.is_doubtful))

@@ -91,7 +91,10 @@ def read_plan(path: Path) -> Plan:
     if not groups:
         raise UserError(f"{path}: no group", _HINT, code=2)
     names = [group.name for group in groups]
-    compared = _table(path, tables, "compare").get("pairs", [])
+    comparison = _table(path, tables, "compare")
+    if unused := comparison.keys() - {"pairs"}:
+        raise unknown("key of [compare]", min(unused), ["pairs"])
+    compared = comparison.get("pairs", [])
     pairs = []
     for pair in compared if isinstance(compared, list) else [compared]:
         if not isinstance(pair, list) or len(pair) != 2:

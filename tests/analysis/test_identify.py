@@ -13,16 +13,17 @@ from helpers.vehicle_logs import STATED, WHOLE, blended_log, log, true
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
-from adhesion_cli.analysis.identify import identify_together
 from adhesion_cli.analysis.stated_friction import friction_table
 from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.analysis.vehicle_findings import with_friction_findings
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Parameter, Result, Vehicle, quantities
 from adhesion_cli.core.physics import G, force_line, friction_share, wheelset
 from adhesion_cli.core.summary import MeanAndHighest
-from adhesion_cli.results.vehicle_text import describe_vehicle
+from adhesion_cli.results.vehicle_text import VehicleOfLog, describe_vehicle, describe_vehicles
 from adhesion_cli.studies.calibrate import calibrate
+from adhesion_cli.studies.named_together import identify_together
 
 METRO = replace(
     Vehicle(), lever_ratio=Parameter(8.0, 0.0), axle_mass=Parameter(14e3, 0.0),
@@ -244,18 +245,55 @@ def _run_in(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
 def test_logs_that_are_named_together_are_one_trains(tmp_path: Path) -> None:
     stated = settings.load(folder=False)
     logs = [log(tmp_path / f"{i}.csv", METRO, i, 2) for i in range(3)]
-    together = identify_together(logs, stated)
+    together, *others = identify_together(logs, stated)
     assert together
+    assert others == [together, together]
     assert (together.stops, together.logs, together.differing) == (6, 3, ())
     alone = run(logs[0]).identified
     assert together.vehicle.friction.tolerance <= alone.vehicle.friction.tolerance
     weak = replace(METRO, friction=Parameter(0.12, 0.0))
     foreign = log(tmp_path / "foreign.csv", weak, 7, 2)
-    mixed = identify_together([*logs, foreign], stated)
-    assert mixed
-    assert mixed.differing == (str(foreign),)
-    result = analyze(foreign, stated, ["td"], identified=mixed)
-    assert first(result).code == "log-differs"
+    *like, other = identify_together([*logs, foreign], stated)
+    assert like == [together] * 3
+    assert other
+    assert other.factor_of_logs == pytest.approx(0.12 / METRO.friction.value, rel=0.15)
+    results = [analyze(logs[0], stated, ["td"], identified=together)]
+    results.append(analyze(foreign, stated, ["td"], identified=other))
+    for result in with_friction_findings(results):
+        assert first(result).code == "friction-differs"
+
+
+def test_logs_with_other_pads_have_their_own_adhesion(tmp_path: Path) -> None:
+    stated = settings.load(folder=False)
+    pads = replace(METRO, friction=Parameter(0.7 * METRO.friction.value, 0.0))
+    vehicles = [METRO, METRO, pads]
+    logs = [log(tmp_path / f"{i}.csv", vehicle, i, 2) for i, vehicle in enumerate(vehicles)]
+    summaries = []
+    for path, vehicle, own in zip(logs, vehicles, identify_together(logs, stated), strict=True):
+        result = analyze(path, stated, ["td"], identified=own)
+        truths = true_coefficients(path, vehicle, result)
+        for c, mu in zip(coefficients(result), truths, strict=True):
+            assert abs(c.mean - mu) < c.mean_u95 < 0.25 * mu
+        summary = summarise(result, {})
+        summaries.append(VehicleOfLog("", path.name, summary.vehicle, summary.axles))
+    first_line, second_line = describe_vehicles(summaries)
+    assert first_line.startswith("'0.csv', '1.csv': Vehicle")
+    assert second_line.startswith("'2.csv': Vehicle")
+    assert describe_vehicles(summaries[:2]) == [first_line.removeprefix("'0.csv', '1.csv': ")]
+
+
+def test_cast_iron_at_several_pressures_has_no_common_brake(tmp_path: Path) -> None:
+    iron = replace(METRO, friction_fade=Parameter(-0.012, 0.0), friction_speed=Parameter(20.0, 0.0))
+    stated = settings.load(folder=False)
+    logs = [log(tmp_path / f"{i}.csv", iron, i, 3) for i in range(5)]
+    vehicles = identify_together(logs, stated)
+    frictions = {vehicle.vehicle.friction for vehicle in vehicles if vehicle}
+    assert len(frictions) == len(logs)
+    of_logs = []
+    for path, vehicle in zip(logs, vehicles, strict=True):
+        summary = summarise(analyze(path, stated, ["td"], identified=vehicle), {})
+        of_logs.append(VehicleOfLog("", path.name, summary.vehicle, summary.axles))
+    assert "found from each log" in describe_vehicles(of_logs)[0]
 
 
 def test_a_stop_under_another_brake_is_told_where_it_is(tmp_path: Path) -> None:
@@ -355,7 +393,7 @@ def test_logs_of_pressures_and_of_forces_are_not_one_evidence(tmp_path: Path) ->
     K = [max(line.per_pascal * 1e5 * float(p) - line.at_zero, 0.0) for _, p, _ in cells]
     lines = [f"{t},{k:.1f},{v}" for (t, _, v), k in zip(cells, K, strict=True)]
     forces.write_text("\n".join(["time [s],clamping force [N],wheel speed [km/h]", *lines, ""]))
-    assert identify_together([pressures, forces], settings.load(folder=False)) is None
+    assert identify_together([pressures, forces], settings.load(folder=False)) == [None] * 2
     found = run(forces)
     assert found.identified.source == "log"
     assert found.identified.force_per_bar is None

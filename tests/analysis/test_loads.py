@@ -10,11 +10,11 @@ from helpers.unlike_train import TRAIN
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
-from adhesion_cli.analysis.identify import identify_together
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Result
 from adhesion_cli.studies.calibrate import as_tables, calibrate
+from adhesion_cli.studies.named_together import identify_together
 
 LOAD = {"pressure": [1.5, 3.8], "axle_mass": [9500, 15000], "unit": "bar"}
 CAR = {
@@ -54,8 +54,8 @@ def test_empty_and_loaded_logs_of_one_train(tmp_path: Path) -> None:
     truths = [written(paths[0], 9500, 1.5), written(paths[1], 15000, 3.8)]
     stated = load(CAR, {"load": LOAD})
     together = identify_together(paths, stated)
-    for path, truth, mass in zip(paths, truths, (9500, 15000), strict=True):
-        for identified in (None, together):
+    for path, truth, mass, vehicle in zip(paths, truths, (9500, 15000), together, strict=True):
+        for identified in (None, vehicle):
             result = analyze(path, stated, ["td"], identified=identified)
             assert max(map(abs, errors(result, truth))) < 0.01
             assert result.vehicle.of_axle(2).axle_mass.value == pytest.approx(mass, rel=0.02)

@@ -1,0 +1,73 @@
+"""The vehicles of several logs that are named together: one, or one for each brake."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ..analysis.identify import brake_kinds, find_log_brake, identify
+from ..analysis.prepare import AlignedLog, Window, align_log
+from ..analysis.request import load_vehicle, open_log, read_log
+from ..analysis.settings import Settings
+from ..core.model import IdentifiedVehicle
+from ..core.physics import friction_change
+from ..formats.memory import Signals
+from ..results.friction_groups import FrictionGroup, GroupedRun, group_by_friction
+
+
+def identify_together(
+    paths: Sequence[Path | Signals],
+    settings: Settings,
+    axles: Sequence[int] = (),
+    window: Window = (None, None),
+) -> list[IdentifiedVehicle | None]:
+    """The vehicle of each of several logs that are named together: they are one train's.
+
+    Where nobody stated its brake and logs show different ones, as with old and with new pads, each
+    group of logs has its own. None for a log that cannot be read, or that carries its vehicle.
+
+    Args:
+        paths: of the logs.
+        settings: what is stated.
+        axles: those asked for, all if empty.
+        window: seconds after each log's start.
+    """
+    logs: dict[int, AlignedLog] = {}
+    for place, path in enumerate(paths):
+        try:
+            settings_of_log, source = open_log(path, settings)
+            if settings_of_log.analysis.vehicle == "log":
+                log = read_log(source, settings_of_log)
+                loaded, _ = load_vehicle(settings, log)
+                aligned = align_log(
+                    log, loaded.vehicle, axles, window, settings.checks, settings.track
+                )
+                logs[place] = aligned
+        except Exception:  # its own analysis says what is wrong with a log
+            continue
+    if not logs or len(brake_kinds([*logs.values()])) > 1:
+        return [None] * len(paths)
+    identified = dict(zip(logs, _identify_each([*logs.values()], settings), strict=True))
+    return [identified.get(place) for place in range(len(paths))]
+
+
+def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[IdentifiedVehicle]:
+    """The vehicle of each log, one for all with the same brake.
+
+    Friction that changes over speed, as of cast iron, does so over force, too: then each log has
+    its own.
+    """
+    common = identify(logs, settings)
+    vehicles = [common] * len(logs)
+    if common.source != "log" or len(logs) < 2:
+        return vehicles
+    used = replace(settings, vehicle=common.vehicle)
+    runs = [GroupedRun(x.path, find_log_brake(x, used)) for x in logs]
+    groups = group_by_friction(runs)
+    if any(friction_change(x, settings.vehicle) for x in common.speed_effects.values()):
+        alone = [(i, run.brake.ratio) for i, run in enumerate(runs, 1) if run.brake]
+        groups = [FrictionGroup((i,), ratio, 0.0) for i, ratio in alone]
+    for group in groups if len(groups) > 1 else ():
+        own = identify([logs[place - 1] for place in group.places], settings)
+        for place in group.places:
+            vehicles[place - 1] = replace(own, factor_of_logs=group.factor)
+    return vehicles
