@@ -293,16 +293,16 @@ def period_tick(speed: Floats, step: float) -> float:
 
     sampled = periods[:: max(1, len(periods) // 200)]
     candidates = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
+    sparse = sampled[::5]
     for divisor in (1, 2, 3):
         ticks = usual / divisor * candidates
         # A few periods rule out most of some thousand ticks, and cos 2πx ≤ 1 − 8x² most of these.
-        sparse_phases = phases(ticks, sampled[::5])
-        likely = (
-            1.0 - 8.0 * np.vecdot(sparse_phases, sparse_phases) / sparse_phases.shape[1]
-            > 0.5 * _ON_GRID
-        )
-        ticks, sparse_phases = ticks[likely], sparse_phases[likely]
-        ticks = ticks[agree(sparse_phases, np.float32) > 0.5 * _ON_GRID]
+        likely = []
+        for block in np.array_split(ticks, 1 + len(ticks) // 1000):  # small enough for the cache
+            x = phases(block, sparse)
+            likely.append(block[1.0 - 8.0 * np.vecdot(x, x) / len(sparse) > 0.5 * _ON_GRID])
+        ticks = np.concatenate(likely)
+        ticks = ticks[agree(phases(ticks, sparse), np.float32) > 0.5 * _ON_GRID]
         if not len(ticks):
             continue
         best = ticks[[np.argmax(agree(phases(ticks, sampled)))]]

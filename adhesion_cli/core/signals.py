@@ -182,6 +182,21 @@ def edges(mask: Bools) -> NDArray[np.int64]:
     return np.flatnonzero(change).reshape(-1, 2)
 
 
+def bends(t: Floats | Times, x: Floats) -> Floats:
+    """Square deviation from the straight line through both neighbours, (..., n − 2).
+
+    Its mean is the variance of white noise on a smooth signal.
+
+    Args:
+        t: times, rising strictly along the last axis, (..., n).
+        x: values, likewise.
+    """
+    share = (t[..., 1:-1] - t[..., :-2]) / (t[..., 2:] - t[..., :-2])  # of the later neighbour
+    deviation = x[..., 1:-1] - (1.0 - share) * x[..., :-2] - share * x[..., 2:]
+    square: Floats = deviation**2 / (1.0 + share**2 + (1.0 - share) ** 2)
+    return square
+
+
 def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
     """Variance of the white noise on smooth signals; 0 where too short.
 
@@ -193,9 +208,7 @@ def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
     """
     blocks = []
     for t, x in runs:
-        share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])  # of the later neighbour
-        deviation = x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]
-        square = deviation**2 / (1.0 + share**2 + (1.0 - share) ** 2)
+        square = bends(t, x)
         full_count = len(square) // 50 * 50
         blocks.append(square[:full_count].reshape(-1, 50).mean(axis=1))
         if full_count < len(square):

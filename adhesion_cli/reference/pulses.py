@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..core.model import AxleRecord, Floats
-from ..core.signals import white_noise
+from ..core.signals import bends
 from . import smoother
 from .noise_fit import seconds_of
 
@@ -38,20 +38,18 @@ def _dithers(t: Floats, y: Floats) -> bool:
     rounded noise vary four times as much. A rounded ramp looks similar, but its error is half a
     step only, while a count has errors at both ends. Only parts where y changes are judged.
     """
-    noise_pairs = []
-    for start in np.linspace(0, len(y) - 100, min(len(y) // 50, 100)).astype(int):
-        window_t, window = t[start : start + 100], y[start : start + 100]
-        single_noise = np.mean(
-            [white_noise([(window_t[i : i + 50], window[i : i + 50])]) for i in (0, 50)]
-        )
-        if single_noise >= 1.0 / 24.0:
-            sums = np.convolve(window, np.ones(4), "valid")
-            sum_noise = np.mean([white_noise([(window_t[i:-3:4], sums[i::4])]) for i in range(4)])
-            noise_pairs.append((single_noise, sum_noise / single_noise))
-    if len(noise_pairs) < 2:
+    starts = np.linspace(0, len(y) - 100, min(len(y) // 50, 100)).astype(int)
+    window_t, window = (x[starts[:, None] + np.arange(100)] for x in (t, y))
+    halves = (x.reshape(-1, 2, 50) for x in (window_t, window))
+    single_noise = bends(*halves).mean(axis=2).mean(axis=1)
+    judged = single_noise >= 1.0 / 24.0
+    if judged.sum() < 2:
         return False
-    single_noise, ratio = np.median(noise_pairs, axis=0)
-    return bool(single_noise >= _COUNT_NOISE and ratio <= 2.0)
+    window_t, window, single_noise = window_t[judged], window[judged], single_noise[judged]
+    sums = sum(window[:, i : 97 + i] for i in range(4))
+    sum_noise = [bends(window_t[:, i:-3:4], sums[:, i::4]).mean(axis=1) for i in range(4)]
+    ratio = np.median(np.mean(sum_noise, axis=0) / single_noise)
+    return bool(np.median(single_noise) >= _COUNT_NOISE and ratio <= 2.0)
 
 
 def count_pulses(run: AxleRecord) -> float:

@@ -57,7 +57,7 @@ class EstimateAndTarget:
         reach = min(_LAG, longest / 2.0)
         coarse, fine = (_SampledFit(self, max(len(target) // n, 1)) for n in (5_000, 50_000))
         lags = np.linspace(-reach, reach, 201)
-        shares = [coarse.unexplained(lag)[0] for lag in lags.tolist()]
+        shares = [x for some in np.split(lags, 3) for x in coarse.unexplained(some)[0].tolist()]
         inner = range(1, len(lags) - 1)
         minima = [i for i in inner if shares[i] <= min(shares[i - 1], shares[i + 1])]
         if not minima:
@@ -66,9 +66,9 @@ class EstimateAndTarget:
         fitting = [i for i in minima if shares[i] <= smallest_share + _EQUAL_FIT]
         best = min(fitting, key=lambda i: (lags[i] < -_EARLIEST_LAG, shares[i]))
         lag_before, lag_after = lags[[best - 1, best + 1]].tolist()
-        lag = _golden(lambda x: fine.unexplained(x)[0], lag_before, lag_after)
-        unexplained, gain = fine.unexplained(lag)
-        return (lag, gain) if unexplained < 0.5 else None
+        lag = _golden(lambda x: float(fine.unexplained(np.array([x]))[0][0]), lag_before, lag_after)
+        unexplained, gain = fine.unexplained(np.array([lag]))
+        return (lag, float(gain[0])) if unexplained[0] < 0.5 else None
 
 
 class _SampledFit:
@@ -81,18 +81,20 @@ class _SampledFit:
         self._estimate: Floats = estimate - np.mean(estimate)
         self._variation = float(self._estimate @ self._estimate)
 
-    def unexplained(self, lag: float) -> tuple[float, float]:
-        """Share of the estimate's variance that the target shifted by `lag` leaves, and the gain.
+    def unexplained(self, lags: Floats) -> tuple[Floats, Floats]:
+        """Share of the estimate's variance that the target leaves, and its gain, at each lag.
 
         What goes against the target explains nothing.
         """
         signals = zip(self._sampled_t, self._t, self._target, strict=True)
-        x = np.concatenate([np.interp(samples - lag, t, target) for samples, t, target in signals])
-        x -= np.mean(x)
-        xx, xy, yy = float(x @ x), float(x @ self._estimate), self._variation
-        if xx == 0.0 or yy == 0.0 or xy <= 0.0:
-            return 1.0, 0.0
-        return 1.0 - xy * xy / (xx * yy), xy / xx
+        shifted = [np.interp(samples - lags[:, None], t, target) for samples, t, target in signals]
+        x = np.concatenate(shifted, axis=1)
+        x -= x.mean(axis=1, keepdims=True)
+        xx, xy = np.vecdot(x, x), np.vecdot(x, self._estimate)
+        scale, none = xx * self._variation, np.zeros(len(lags))
+        explains = (scale > 0.0) & (xy > 0.0)
+        explained = np.divide(xy * xy, scale, out=none.copy(), where=explains)
+        return 1.0 - explained, np.divide(xy, xx, out=none, where=explains)
 
 
 def _golden(f: Callable[[float], float], lower: float, upper: float) -> float:

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from itertools import pairwise
+from itertools import filterfalse, pairwise
 from pathlib import Path
 
 from ...core.errors import UserError
@@ -17,6 +17,7 @@ from .dialect import (
     is_comment,
     is_null,
     is_number,
+    is_plain_number,
     number_grammar,
     split,
     unit_behind,
@@ -42,6 +43,7 @@ _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
 _MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
 _GROUPED = {m: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{m}]\d{{3}}") for m in ".,"}
+_SMALL = re.compile(r"[+-]?[0-9]{1,3}")
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
 
@@ -169,7 +171,9 @@ def _needless(cells: list[str], decimal: str) -> tuple[str, str]:
     It is the unit, where at least half of the cells have it; or marks between groups of digits: of
     a clock, which cannot wait until all cells of the column are known, or the decimal mark itself.
     """
-    suffix, count = Counter(map(unit_behind, cells)).most_common(1)[0] if cells else ("", 0)
+    texts = list(filterfalse(is_plain_number, cells))  # only these may have a unit
+    suffixes = Counter(map(unit_behind, texts)) if len(texts) >= len(cells) / 2 else Counter[str]()
+    suffix, count = suffixes.most_common(1)[0] if suffixes else ("", 0)
     if suffix and count >= len(cells) / 2:
         return suffix, rf"()\s*{re.escape(suffix)}\s*$"
     mark = group_mark(cells) or (decimal if decimal and _has_groups(cells, decimal) else "")
@@ -182,7 +186,7 @@ def _has_groups(cells: list[str], mark: str) -> bool:
     Each number from 1000 on has it, none below, and so the column has smaller jumps.
     """
     marked = [c for c in cells if mark in c]
-    small = [c for c in cells if re.fullmatch(r"[+-]?[0-9]{1,3}", c)]
+    small = list(filter(_SMALL.fullmatch, cells)) if marked else []
     if not marked or not small or len(marked) + len(small) < len(cells):
         return False
     is_grouped = all(map(re.compile(rf"[+-]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+").fullmatch, marked))

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 from ...core.units import in_name, unit
 from .header_words import is_units_row, label, normal, time_name
@@ -108,6 +108,8 @@ def number_grammar(decimal: str) -> re.Pattern[str]:
 
 _GROUPED = r"[+-]?[0-9]{1,3}(?:[., '][0-9]{3})+(?:[.,][0-9]*)?"
 _NUMBER = re.compile("|".join((number_grammar(".").pattern, number_grammar(",").pattern, _GROUPED)))
+is_plain_number = _NUMBER.fullmatch  # with either decimal mark, in groups of digits
+_GROUPS = re.compile(r"[0-9]{1,3}(?:([., '])[0-9]{3})*(?:([.,])[0-9]*)?")
 _WITH_UNIT = re.compile(r"([+-]?[0-9.,][0-9.,' ]*?)\s*([^\W\d_]\S*|[%‰°]\S*)")
 TEXT_MARK = re.compile(r"""^(?:'|=")([-+.,0-9][^"]*)"?$""")  # what makes a cell a text, in Excel
 _GAP = re.compile("(?<=[0-9])[\u00a0\u202f\u2007\u2009\u2019](?=[0-9]{3}(?![0-9]))")
@@ -132,10 +134,11 @@ def group_mark(cells: Sequence[str]) -> str:
     >>> group_mark(["980", "1,000.5", "1,020"]), group_mark(["0.9", "1.000", "1.1"])
     (',', '')
     """
-    groups = re.compile(r"[0-9]{1,3}(?:([., '])[0-9]{3})*(?:([.,])[0-9]*)?")
-    matches = [m for c in cells if (m := groups.fullmatch(c))]
-    marks, decimal_marks = ({m[k] for m in matches if m[k]} for k in (1, 2))
-    if len(matches) < max(3, len(cells)) or len(marks) != 1 or marks & decimal_marks:
+    matches = [*takewhile(bool, map(_GROUPS.fullmatch, cells))]
+    if len(matches) < max(3, len(cells)):
+        return ""
+    marks, decimal_marks = ({m[k] for m in matches if m and m[k]} for k in (1, 2))
+    if len(marks) != 1 or marks & decimal_marks:
         return ""
     mark = str(marks.pop())
     values = [float(c.replace(mark, "").replace(",", ".")) for c in cells]

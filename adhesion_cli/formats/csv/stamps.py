@@ -6,6 +6,7 @@ A form is a pattern; its named groups are the parts of a stamp, see `stamps.toml
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -81,11 +82,12 @@ def forms_of(cells: Sequence[str], forms: Mapping[str, str], order: str | None =
         order: the order of a date that the user states, as "dmy".
     """
     sample = cells[:: len(cells) // _SAMPLE + 1]
-    count = {}
+    count, most_misses = {}, int(len(sample) - READABLE * len(sample))
     for name, pattern in forms.items():
         is_stated_order = order not in ("ymd", "dmy", "mdy") or name.endswith(order)
-        hits = sum(bool(re.fullmatch(pattern, c)) for c in sample) if is_stated_order else 0
-        if hits and hits >= READABLE * len(sample):
+        match = re.compile(pattern).fullmatch
+        misses = (c for c in sample if not match(c))  # as few as decide
+        if is_stated_order and sample and next(islice(misses, most_misses, None), None) is None:
             count[name] = int(parse(pa.array(cells), pattern)[1].sum())
     largest = max(count.values(), default=0)
     is_readable = largest >= max(READABLE * len(cells), 1)
