@@ -3,11 +3,12 @@
 import os
 import re
 import shutil
+import sys
 import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 from zlib import crc32
 
 import typer
@@ -15,6 +16,9 @@ import typer
 from ..core.text import shell_word
 from .display import check_display, no_window_error
 from .options import Shared, option, shared
+
+if TYPE_CHECKING:
+    import subprocess
 
 _PORTS = 9090, 9876  # of page and data, as Rerun has them
 # The viewer's program in its package, on macOS, Windows and Linux.
@@ -135,9 +139,7 @@ def _started(command: list[str], serves: str) -> None:
     """
     import subprocess
 
-    from ..core.children import start_program
-
-    viewer = start_program(command, stderr=subprocess.DEVNULL)
+    viewer = _start_program(command, stderr=subprocess.DEVNULL)
     try:
         code = viewer.wait(_STARTS)
     except subprocess.TimeoutExpired:
@@ -152,7 +154,7 @@ def serve_recording(recording: Path) -> None:
     Raises:
         UserError: where the server ends by itself.
     """
-    from ..core.children import STEP, start_program
+    from ..core.children import STEP
     from ..core.errors import UserError
 
     page, data = map(_is_free, _PORTS)
@@ -160,7 +162,7 @@ def serve_recording(recording: Path) -> None:
     print(f"open {url}\nCtrl-C ends it", flush=True)
     ports = ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
     env = {**os.environ, "RUST_LOG": "error"}
-    server = start_program(_rerun(str(recording), *ports), env=env)
+    server = _start_program(_rerun(str(recording), *ports), env=env)
     try:
         while (code := server.poll()) is None:
             time.sleep(STEP)
@@ -194,3 +196,19 @@ def _is_free(port: int) -> int:
         except OSError:
             tried.bind(("127.0.0.1", 0))
         return int(tried.getsockname()[1])
+
+
+def _start_program(command: list[str], **options: Any) -> "subprocess.Popen[bytes]":
+    """Starts a program that an interrupt of this one (Ctrl-C) does not reach.
+
+    Args:
+        command: its path and arguments.
+        options: as of `subprocess.Popen`.
+    """
+    import subprocess
+
+    null = subprocess.DEVNULL
+    if sys.platform == "win32":
+        flags = subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW
+        return subprocess.Popen(command, stdin=null, stdout=null, creationflags=flags, **options)
+    return subprocess.Popen(command, stdin=null, stdout=null, start_new_session=True, **options)

@@ -1,4 +1,4 @@
-"""Where processes start: children that call functions, and programs that go on without us.
+"""Where processes start: children that call functions.
 
 What a child does cannot end its caller. A child is a fresh Python on every system. It does not
 import from the folder where it is started, its output goes nowhere, and it ends with its caller,
@@ -143,20 +143,6 @@ class Child:
             with contextlib.suppress(OSError):
                 pipe.close()  # type: ignore[union-attr]
         return code
-
-
-def start_program(command: list[str], **options: Any) -> "subprocess.Popen[bytes]":
-    """Starts a program that an interrupt of this one (Ctrl-C) does not reach.
-
-    Args:
-        command: its path and arguments.
-        options: as of `subprocess.Popen`.
-    """
-    null = subprocess.DEVNULL
-    if sys.platform == "win32":
-        flags = subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW
-        return subprocess.Popen(command, stdin=null, stdout=null, creationflags=flags, **options)
-    return subprocess.Popen(command, stdin=null, stdout=null, start_new_session=True, **options)
 
 
 def serve() -> None:
