@@ -39,8 +39,8 @@ if not TYPE_CHECKING:  # else a type checker would take every name for a known o
         from importlib import import_module
 
         place = _PLACES.get(name, "api.results" if name[0].isupper() else "api.functions")
-        found = globals()[name] = getattr(import_module(f".{place}", __name__), name)
-        return found
+        value = globals()[name] = getattr(import_module(f".{place}", __name__), name)
+        return value
 
 
 def __dir__() -> list[str]:

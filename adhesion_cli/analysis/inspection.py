@@ -94,16 +94,16 @@ def inspect_log(path: Path | Signals, settings: Settings) -> LogInspection:
 
 def _stated(source: Source, log: Log) -> dict[str, object]:
     """What the log states beside its channels, and as what its columns of words are used."""
-    stated = {k: v for k, v in source.reasons.items() if k != "time"}
+    stated_meanings = {k: v for k, v in source.reasons.items() if k != "time"}
     uses = {c.name: f"used as {c.meaning}" for c in log.channels if c.levels}
     columns = (f"{f.channel} ({uses.get(f.channel, 'not used')})" for f in source.texts)
-    return stated | ({"words": ", ".join(columns)} if source.texts else {})
+    return stated_meanings | ({"words": ", ".join(columns)} if source.texts else {})
 
 
 def _inspect_channel(c: Channel) -> InspectedChannel:
-    taken = summarise_channel(c)
+    summary = summarise_channel(c)
     return InspectedChannel(
-        taken.name, taken.field, taken.meaning, taken.axle, taken.unit, taken.reason,
+        summary.name, summary.field, summary.meaning, summary.axle, summary.unit, summary.reason,
         rate_hz=c.rate_hz, rows=c.rows, valid=min(len(c.data.t), c.rows), gaps=c.gaps,
         duplicates=c.duplicates, backward=c.backward, levels=c.levels,
     )  # fmt: skip

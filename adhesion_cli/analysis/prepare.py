@@ -61,8 +61,8 @@ class AlignedLog(NamedTuple):
         """
         if mean == self.vehicle:
             return self
-        own = mean_axle(self.vehicle, self.numbers)
-        heavier = 1.0 if own == mean else mass_at_rim(mean) / mass_at_rim(own)
+        own_mean = mean_axle(self.vehicle, self.numbers)
+        heavier = 1.0 if own_mean == mean else mass_at_rim(mean) / mass_at_rim(own_mean)
         axles = [a.as_mean_axle(self.vehicle, mean, heavier) for a in self.axles]
         grids = self.grids and build_grids(axles, mean)
         grids = grids and on_gradient(grids, self.gradient, mean)

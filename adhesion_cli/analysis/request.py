@@ -80,16 +80,16 @@ def open_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Source
 def read_log(source: Source, settings: Settings) -> Log:
     """The log of a source with its channels' meanings."""
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
-    further = further_meanings(settings)
-    return read(source, settings.mappings, settings.vehicle, max_gap_ns, further)
+    meanings = further_meanings(settings)
+    return read(source, settings.mappings, settings.vehicle, max_gap_ns, meanings)
 
 
 def further_meanings(settings: Settings) -> tuple[Meaning, ...]:
     """The meanings of channels that these settings need beside brake and speeds."""
-    further: tuple[Meaning, ...] = (*PLACES, "brake_pipe", "reservoir_pressure", *STATES)
+    meanings: tuple[Meaning, ...] = (*PLACES, "brake_pipe", "reservoir_pressure", *STATES)
     if not settings.track.profile:
-        further = (*further, "gradient")
-    return (*further, "load_pressure") if loads.states_load(settings.vehicle) else further
+        meanings = (*meanings, "gradient")
+    return (*meanings, "load_pressure") if loads.states_load(settings.vehicle) else meanings
 
 
 def load_vehicle(settings: Settings, log: Log) -> tuple[Settings, list[Finding]]:

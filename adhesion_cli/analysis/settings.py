@@ -152,8 +152,8 @@ class Settings:
     def stated(self) -> frozenset[str]:
         """Vehicle parameters that the user states, though it may be the default's value."""
         cars = self.tables.get("car", {}).values()
-        every = [self.tables.get("vehicle", {}), *cars]
-        names = {name for table in every for name in table} - {"axles"}
+        vehicle_tables = [self.tables.get("vehicle", {}), *cars]
+        names = {name for table in vehicle_tables for name in table} - {"axles"}
         return frozenset(names | ({"axle_mass"} if "load" in names else set()))
 
     def unstated_brake(self, by_pressure: bool) -> tuple[str, ...]:
@@ -183,8 +183,8 @@ class Settings:
 
     def with_vehicle(self, identified: IdentifiedVehicle) -> "Settings":
         """The settings with an identified vehicle: whoever reads these takes it as it is."""
-        use = "stated" if identified.known else self.analysis.vehicle
-        analysis = replace(self.analysis, vehicle=use)
+        vehicle_use = "stated" if identified.known else self.analysis.vehicle
+        analysis = replace(self.analysis, vehicle=vehicle_use)
         return replace(self, vehicle=identified.vehicle, analysis=analysis)
 
     def params(self, est: Estimator) -> Any:

@@ -113,11 +113,11 @@ def with_parameters(vehicle: Table) -> Table:
             range, or a length that needs the wheel's diameter without one.
     """
     parameters = {k: v for k, v in vehicle.items() if k not in KEYS}
-    stated = [kind for kind in KINDS if kind in vehicle]
-    if len(stated) > 1:
+    stated_kinds = [kind for kind in KINDS if kind in vehicle]
+    if len(stated_kinds) > 1:
         text = "vehicle.disc_brake and vehicle.tread_brake are both stated"
         raise UserError(text, "keep the one whose cylinder pressure the log has", code=2)
-    for kind in stated:
+    for kind in stated_kinds:
         if twice := [name for name in _OWN if name in parameters]:
             text = f"vehicle.{twice[0]} is stated beside [vehicle.{kind}]: the same brake twice"
             raise UserError(text, f"leave out vehicle.{twice[0]}, or that table", code=2)
@@ -126,7 +126,7 @@ def with_parameters(vehicle: Table) -> Table:
         parameters["wheelset_inertia"] = _inertia(vehicle)
     if "friction" in parameters:
         faces = 0.0 if any(name in parameters for name in _OWN) else None
-        if stated:
+        if stated_kinds:
             faces = clamping_faces(vehicle) * parameters["radius_ratio"]["value"]
         friction = stated_friction.per_axle(parameters["friction"], faces)
         parameters["friction"] = friction
@@ -196,14 +196,14 @@ def _inertia(vehicle: Table) -> Table:
 
 def _wheel_radius(vehicle: Table, needed_by: str) -> Parameter:
     """The mean of the stated wheel radii [m], with the tolerance of the first."""
-    stated = vehicle.get("wheel_radius")
-    if stated is None or stated == []:
+    radius = vehicle.get("wheel_radius")
+    if radius is None or radius == []:
         hint = "state vehicle.wheel_diameter [m], too"
         raise UserError(f"{needed_by} needs the diameter of the wheels", hint, code=2)
     (default,) = Vehicle().wheel_radius
     radii = [
         parameter("vehicle.wheel_radius", entry, default.tolerance / default.value)
-        for entry in (stated if isinstance(stated, list) else [stated])
+        for entry in (radius if isinstance(radius, list) else [radius])
     ]
     mean = sum(r.value for r in radii) / len(radii)
     quantities(Vehicle)["wheel_radius"].check("vehicle.wheel_radius", mean)

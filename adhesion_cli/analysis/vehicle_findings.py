@@ -153,18 +153,22 @@ def state_diameters(
         return list(findings)
     last_axle = max(a.record.axle for a in axles)
     radii = replace(vehicle, axles=()).radius  # of axles before the first of the log, too
-    stated = {f"axle {k}": 2.0 * radii(k).value for k in range(1, last_axle + 1)}
-    names, kept = {"kept": ""}, ""
+    stated_diameters = {f"axle {k}": 2.0 * radii(k).value for k in range(1, last_axle + 1)}
+    names, kept_axle = {"kept": ""}, ""
     channels = (log.find("wheel_speed", a.record.axle) for a in axles)
     units = (UNITS.get(c.measured_in.lower()) for c in channels if c)
     if any(unit and unit.dimension == "speed" for unit in units):
         axle_names = [f"axle {a.record.axle}" for a in axles]
-        kept = next((x for x in axle_names if x not in ratios), axle_names[0])
-        names["kept"] = f" Speeds in km/h show only ratios of diameters: {kept} keeps its own."
-    base = {name: stated[kept] / ratios.get(kept, 1.0) for name in ratios} if kept else stated
+        kept_axle = next((x for x in axle_names if x not in ratios), axle_names[0])
+        names["kept"] = f" Speeds in km/h show only ratios of diameters: {kept_axle} keeps its own."
+    base = (
+        {name: stated_diameters[kept_axle] / ratios.get(kept_axle, 1.0) for name in ratios}
+        if kept_axle
+        else stated_diameters
+    )
     texts = [
         f"{base[name] * ratios[name]:.4f}" if name in ratios else f"{diameter:.6g}"
-        for name, diameter in stated.items()
+        for name, diameter in stated_diameters.items()
     ]
     names["diameters"] = f"[{','.join(texts)}]" if last_axle > 1 else texts[0]
     return [replace(f, names=names) if f.code == _CALIBRATED else f for f in findings]

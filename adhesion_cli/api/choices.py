@@ -153,8 +153,8 @@ def as_keywords(text: str) -> str:
 def _keywords(options: re.Match[str]) -> str:
     """Some `--set` as keywords; what states nothing stays."""
     try:
-        words = shlex.split(options[0].strip("`"))
-        tables = settings.merged(word for word in words if word != "--set")
+        arguments = shlex.split(options[0].strip("`"))
+        tables = settings.merged(word for word in arguments if word != "--set")
     except (UserError, ValueError):
         return options[0]
     return ", ".join(f"{name}={value!r}" for name, value in tables.items())

@@ -140,9 +140,9 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
         (Path(r.log.path).name, [f for f in r.findings if f.code != "friction-differs"])
         for r in results
     ]
-    first = [f for f in results[0].findings if f.code == "friction-differs"]
-    terminal.show(first, shown.quiet)
-    terminal.show_commands(first, shown.quiet)
+    friction_findings = [f for f in results[0].findings if f.code == "friction-differs"]
+    terminal.show(friction_findings, shown.quiet)
+    terminal.show_commands(friction_findings, shown.quiet)
     vehicles = describe_vehicles([
         VehicleOfLog("", Path(x.log.path).name, x.vehicle, x.axles) for x in summaries
     ])  # fmt: skip

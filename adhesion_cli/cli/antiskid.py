@@ -86,8 +86,8 @@ def command(  # noqa: PLR0913 (one parameter per option)
     options = {flag: getattr(shared, name) for flag, name in (_OF_LOGS | _OF_FILES).items()}
     options |= {"--from-log": from_log, "--rails": rails, "--seed": seed, "--seeds": seeds}
     settings: Stated = load_settings(shared).overrides
-    stated = {flag for flag, x in options.items() if x not in (None, []) and x is not False}
-    idle = [flag for flag in _IDLE[mode] if flag in stated]
+    stated_flags = {flag for flag, x in options.items() if x not in (None, []) and x is not False}
+    idle = [flag for flag in _IDLE[mode] if flag in stated_flags]
     idle += [] if from_log else _idle_settings(shared, settings)
     if idle:
         text = f"{', '.join(idle)}: no effect with {mode}"

@@ -46,8 +46,8 @@ def _text(
         lines += [f"error: {printable(log.error)}", f"hint: {printable(log.hint or '')}"]
         return "\n".join(lines)
     lines += [f"{log.rows_read} rows, {log.duration_s:.3f} s", f"time: {log.time}"]
-    stated = {name: value for name, value in log.stated.items() if value not in ("", None)}
-    lines += [f"{name}: {printable(str(value))}" for name, value in stated.items()]
+    stated_values = {name: value for name, value in log.stated.items() if value not in ("", None)}
+    lines += [f"{name}: {printable(str(value))}" for name, value in stated_values.items()]
     lines += _channels(log.channels)
     lines += [terminal.folded(describe_vehicle(vehicle))] if vehicle else []
     lines += [terminal.findings(findings)] if findings else []

@@ -70,8 +70,8 @@ def command(
     findings = differences.friction_findings(runs) if runs else []
     if shared.json:
         difference_rows = [d._asdict() for d in differences.compare(runs)] if runs else []
-        outputs, found = {"html": str(target)}, findings_document(findings)
-        document = tagged("report", outputs=outputs, differences=difference_rows, findings=found)
+        outputs, listing = {"html": str(target)}, findings_document(findings)
+        document = tagged("report", outputs=outputs, differences=difference_rows, findings=listing)
         print(dumps(document))
     else:
         print(terminal.wrote(target))

@@ -102,10 +102,10 @@ def table(
     if rows := constants(list(rails.values())):
         sections += [table(["rail", *(f"axle {axle}" for axle in rails)], rows), folded(OF_CURVE)]
     if slides := slide_rows(summaries, start_ns, route or NOWHERE):
-        shown, heading = slides, ""
+        listed, heading = slides, ""
         if len(slides) > _MANY_SLIDES and not all_rows:
-            shown = sorted(slides, key=lambda row: -float(row["max slip [%]"].lstrip("≥ ")))
-            shown = shown[:_SHOWN_SLIDES]
-            heading = f"{len(shown)} of {len(slides)} slides, the worst first; --rows shows all:\n"
-        sections.append(heading + records(shown))
+            listed = sorted(slides, key=lambda row: -float(row["max slip [%]"].lstrip("≥ ")))
+            listed = listed[:_SHOWN_SLIDES]
+            heading = f"{len(listed)} of {len(slides)} slides, the worst first; --rows shows all:\n"
+        sections.append(heading + records(listed))
     return "\n\n".join(sections)

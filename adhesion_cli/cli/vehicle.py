@@ -54,12 +54,12 @@ def _derived(shared: Shared) -> int:
 
     tables = settings.layered_tables(shared.config, shared.set_)
     vehicle = settings.load(tables, folder=False).vehicle
-    stated = {axle.number: axle.table for axle in cars.by_axle(tables)}
+    table_by_axle = {axle.number: axle.table for axle in cars.by_axle(tables)}
     brakes = []
     for brake in car_brakes(vehicle):
         own, table = vehicle, tables.get("vehicle", {})
         if brake.axles:
-            own, table = vehicle.of_axle(brake.axles[0]), stated[brake.axles[0]]
+            own, table = vehicle.of_axle(brake.axles[0]), table_by_axle[brake.axles[0]]
         brakes.append((brake, own, clamping_faces(table) * own.radius_ratio.value))
     if shared.json:
         figures = [_figures(brake, own) for brake, own, _ in brakes]

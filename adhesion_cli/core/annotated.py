@@ -128,17 +128,19 @@ def _columns(cls: type, unit: str, path: tuple[str, ...]) -> Iterator[FieldColum
     for name in names(cls):
         kind, quantity = plain(hints(cls)[name])
         unit_here, text = (quantity.unit or unit, quantity.text) if quantity else (unit, "")
-        here = (*path, name)
+        field_path = (*path, name)
         if is_class(kind):
-            yield from _columns(kind, unit_here, here)
+            yield from _columns(kind, unit_here, field_path)
         elif get_origin(kind) is tuple and len(get_args(kind)) == 2 and get_args(kind)[1] is float:
             for place, end in enumerate(("low", "high")):
-                full = (*here, str(place))
-                yield FieldColumn("_".join((*here, end)), float, unit_here, text, full)
+                full = (*field_path, str(place))
+                yield FieldColumn("_".join((*field_path, end)), float, unit_here, text, full)
         elif isinstance(kind, type) and get_origin(kind) is None:
-            yield FieldColumn("_".join(here), kind, unit_here if kind is float else "", text, here)
+            yield FieldColumn(
+                "_".join(field_path), kind, unit_here if kind is float else "", text, field_path
+            )
         elif get_origin(kind) not in (tuple, dict, Mapping):  # a Literal
-            yield FieldColumn("_".join(here), str, "", text, here)
+            yield FieldColumn("_".join(field_path), str, "", text, field_path)
 
 
 def _follow(value: Any, path: tuple[str, ...]) -> Any:

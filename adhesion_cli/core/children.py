@@ -123,12 +123,12 @@ class Child:
         Raises:
             ChildDiedError: it did not come in time.
         """
-        end = time.monotonic() + seconds
+        deadline = time.monotonic() + seconds
         while True:
             try:
-                answer = self._answers.get(timeout=min(STEP, max(end - time.monotonic(), 0.0)))
+                answer = self._answers.get(timeout=min(STEP, max(deadline - time.monotonic(), 0.0)))
             except Empty:
-                if time.monotonic() >= end:
+                if time.monotonic() >= deadline:
                     raise ChildDiedError(self.end(), was_late=True) from None
             else:
                 if isinstance(answer, Exception):

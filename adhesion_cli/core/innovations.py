@@ -65,11 +65,13 @@ def mean(squares: Floats) -> Nis | None:
     Returns:
         None for too few innovations, and where all are zero.
     """
-    used = squares[np.isfinite(squares)]
-    if len(used) < _FEWEST or not used.any():
+    finite_squares = squares[np.isfinite(squares)]
+    if len(finite_squares) < _FEWEST or not finite_squares.any():
         return None
-    groups = np.array_split(used, min(max(len(used) // _SMALLEST_PART, 4), _BLOCKS))
-    overall, means = float(used.mean()), [x.mean() for x in groups]
+    groups = np.array_split(
+        finite_squares, min(max(len(finite_squares) // _SMALLEST_PART, 4), _BLOCKS)
+    )
+    overall, means = float(finite_squares.mean()), [x.mean() for x in groups]
     error = float(np.std(means, ddof=1)) / math.sqrt(len(groups))
     half_width = coverage_factor(len(groups) - 1) * error / overall
     return Nis(overall, max(1.0 - half_width, 0.0), 1.0 + half_width)

@@ -53,12 +53,12 @@ def _rows(interface: Interface, vectors: Vectors, answers: list[_Answer]) -> Ite
     inputs = [kind == INT for _, kind in interface.given.fields]
     for (h, *row), expected in zip(vectors.rows, vectors.expected, strict=True):
         if interface.estimator:
-            given = interface.literals(row)
+            sample = interface.literals(row)
         else:
             fields = zip(row, inputs, strict=True)
-            given = f"{{{', '.join(str(int(x)) if whole else literal(x) for x, whole in fields)}}}"
+            sample = f"{{{', '.join(str(int(x)) if whole else literal(x) for x, whole in fields)}}}"
         results = [
             str(int(x)) if answer.c == INT.c else exact(x)
             for x, answer in zip(expected, answers, strict=True)
         ]
-        yield ", ".join([literal(h), given, *results])
+        yield ", ".join([literal(h), sample, *results])

@@ -140,8 +140,8 @@ def read_logs(files: Sequence[Path], columns: Sequence[str]) -> tuple[list[Json]
     except (OSError, pa.ArrowException):
         if len(files) == 1:
             return [], list(files)
-    parts = files[: len(files) // 2], files[len(files) // 2 :]
-    rows, damaged = zip(*(read_logs(part, columns) for part in parts), strict=True)
+    halves = files[: len(files) // 2], files[len(files) // 2 :]
+    rows, damaged = zip(*(read_logs(part, columns) for part in halves), strict=True)
     return [*chain(*rows)], [*chain(*damaged)]
 
 
