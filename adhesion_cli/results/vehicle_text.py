@@ -113,10 +113,10 @@ def describe_scatter(brakes: Sequence[LogBrake]) -> str:
     """How far the brakes differ that logs of one vehicle show, each by itself; "" for one log."""
     if len(brakes) < 2:
         return ""
-    shares = [100.0 * (brake.ratio - 1.0) for brake in brakes]
+    shares = [round(100.0 * (brake.ratio - 1.0)) for brake in brakes]
     u95 = 100.0 * Z95 * max(brake.sigma for brake in brakes)
     return (
-        f"Brake force per mass by each log alone: {min(shares):+.0f} to {max(shares):+.0f} % of "
+        f"Brake force per mass by each log alone: {min(shares):+d} to {max(shares):+d} % of "
         f"that used, each ± {u95:.0f} % or less."
     )
 

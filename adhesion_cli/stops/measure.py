@@ -70,7 +70,8 @@ def measure_stop(
     if source == "pressure":
         command -= settings.dead_time
     interval = _reading_interval(signals)
-    t, v, noise = smoothed_speed(signals.speed, command, braking.stop, interval)
+    smooth = smoothed_speed(signals.speed, command, braking.stop, interval)
+    t, v = smooth.t, smooth.v
     hidden, locked = 0.0, Parameter(0.0, 0.0)
     if signals.speed_from == "axles":
         locked = locked_time(signals.speed, t, v)
@@ -82,7 +83,7 @@ def measure_stop(
     jerk = None
     by_sliding_wheels = signals.speed_from == "axles" and all_axles_slide(signals, command)
     if not (hidden or by_sliding_wheels or _is_coarse(signals, command, braking.stop)):
-        jerk = largest_jerk(t, v, noise, command, interval)
+        jerk = largest_jerk(smooth, command)
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
@@ -94,7 +95,7 @@ def measure_stop(
     standstill = math.hypot(braking.stop_sigma, locked.tolerance)
     build_up = response.delay.tolerance, response.equivalent.tolerance
     dead_time = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
-    sigmas = _Sigmas(noise, interval, command_u, standstill, dead_time, hidden, *build_up)
+    sigmas = _Sigmas(smooth.noise, interval, command_u, standstill, dead_time, hidden, *build_up)
     figures = _Figures(
         values, _errors(signals, settings, values, to_level, sigmas), nominal, to_level
     )
@@ -124,7 +125,7 @@ def measure_stop(
         sanding_s=sanding and on_time(sanding.cut(command, braking.stop)),
         reservoir_drop_pa=_drop(signals.reservoir, command, braking.stop),
         budget=figures.budget(),
-        speed=(t[is_braking] - command, v[is_braking]),
+        speed=(t[is_braking] - command, np.where(smooth.is_read, v, np.nan)[is_braking]),
     )
 
 

@@ -5,10 +5,11 @@ beta-variables (1958).
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import Floats, Parameter
+from ..core.model import Bools, Floats, Parameter
 from ..core.physics import SLOW
 from .brake_levels import quantisation_step
 from .signals import TimeSeries
@@ -19,6 +20,7 @@ _WINDOW = 51  # steps of a polynomial
 _PLACES = 20  # of a reading within a step
 _NOISE_SHARE, _NOISE_SIGMAS = 0.8, 1.2816  # of normal errors are smaller than so many sigmas
 _CORNER = 2.0  # lines between readings hide this share of a corner's jerk, times (interval/FIT)²
+_EARLY = 1e-6  # a reading on time may be so early [s]
 SLOWEST = 0.25  # readings that are rarer are not smoothed, and show no jerk [s]
 _JERK_NOISE = 0.25  # in which the noise of a jerk has lost two thirds of its correlation [s]
 _LAST_TIME = 3.0  # whose deceleration goes on after that [s]
@@ -27,13 +29,22 @@ _FALL = 0.3  # a speed that falls to zero within twice that time is judged [s]
 _GAIN = 0.5  # a braked train whose fastest wheel gains more than this slid with all wheels [m/s]
 
 
-def smoothed_speed(
-    speed: TimeSeries, command: float, stop: float, interval: float
-) -> tuple[Floats, Floats, float]:
-    """Times and smoothed speed of a braking, and the noise of one reading of the speed [m/s].
+class SmoothSpeed(NamedTuple):
+    """The speed of a braking without its noise; all arrays of shape (n,)."""
+
+    t: Floats  # [s]
+    v: Floats  # [m/s]
+    is_read: Bools  # whether it is of readings only, of no line over a gap or to standstill
+    noise: float  # standard uncertainty of one reading [m/s]
+    interval: float  # between readings [s]
+
+
+def smoothed_speed(speed: TimeSeries, command: float, stop: float, interval: float) -> SmoothSpeed:
+    """The smoothed speed of a braking.
 
     Local polynomials of second degree over one second, of lines between the readings. They begin a
-    second before the command, where the train still rolls. Slow readings are not smoothed.
+    second before the command, where the train still rolls. Slow readings are not smoothed. A sensor
+    that reads zero before the train stands is followed by a line to standstill.
 
     Args:
         speed: of the train.
@@ -41,22 +52,36 @@ def smoothed_speed(
         stop: time of standstill [s].
         interval: between readings of the speed [s].
     """
-    run = speed.cut(command - 2.0, stop)
+    run = speed.cut(command - 2.0, stop + interval)
     finite = np.isfinite(run.value)
     raw_t, raw_v = run.t[finite], run.value[finite]
     lead = int(min(FIT, max(command - raw_t[0], 0.0)) / _STEP)  # steps before the command
     t: Floats = command + np.float64(_STEP) * np.arange(-lead, math.ceil((stop - command) / _STEP))
     t = np.append(t, stop)
+    last_t = stop
+    if raw_v[-1] <= 0.0 and raw_v.any():
+        first_zero = raw_t[np.flatnonzero(raw_v > 0.0)[-1] + 1]
+        count = np.searchsorted(raw_t, min(first_zero - interval + _EARLY, stop))
+        last_t = raw_t[max(count - 1, 0)]
+        raw_t, raw_v = np.append(raw_t[:count], stop), np.append(raw_v[:count], 0.0)
     v = np.interp(t, raw_t, raw_v)
+    place = np.clip(np.searchsorted(raw_t, t), 1, len(raw_t) - 1)
+    is_read = raw_t[place] - raw_t[place - 1] <= max(2.0 * SLOWEST, 3.0 * interval)
+    is_read &= t <= last_t
     smooth, noise = v, 0.0
     if interval <= SLOWEST and len(v) > _WINDOW:
-        smooth = local_polynomial(v, _WINDOW, 2)
+        smooth, is_read = local_polynomial(v, _WINDOW, 2), _whole_windows(is_read)
         readings = _readings(interval)
         left = readings - local_polynomial(readings, _WINDOW, 2)
         high_error = float(np.quantile(np.abs(v - smooth), _NOISE_SHARE))
         noise = high_error / _NOISE_SIGMAS / _of_noise(left, interval)
-    steps = quantisation_step(raw_v)
-    return t, np.maximum(smooth, 0.0), math.hypot(noise, steps / math.sqrt(12.0))
+    noise = math.hypot(noise, quantisation_step(raw_v) / math.sqrt(12.0))
+    return SmoothSpeed(t, np.maximum(smooth, 0.0), is_read, noise, interval)
+
+
+def _whole_windows(is_read: Bools) -> Bools:
+    """Where the whole window around a sample is read."""
+    return np.convolve(~is_read, np.ones(_WINDOW), "same") < 0.5
 
 
 def _readings(interval: float) -> Floats:
@@ -119,37 +144,36 @@ def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
     return train, float(np.trapezoid(train - v, t)) / 2.0
 
 
-def largest_jerk(
-    t: Floats, v: Floats, noise: float, command: float, interval: float
-) -> Parameter | None:
+def largest_jerk(speed: SmoothSpeed, command: float) -> Parameter | None:
     """Largest |dv²/dt²| from the command to 5 km/h, with 1 sigma [m/s³].
 
     The highest of several values has the highest of their errors as well. How many there are is the
     time near the highest value, over the time in which the noise changes: at most as much as that
     many normal errors have, and half of it is subtracted. Polynomials at the end of the smoothed
-    speed have more noise, so it has to begin before the command.
+    speed have more noise, so it has to begin before the command. Where a window reaches into a gap,
+    or behind the last reading, there is no jerk.
 
     Lines between readings smooth, too: most where a deceleration begins at once. The noise is that
     of the readings, not of the samples on these lines.
 
     Args:
-        t: times [s].
-        v: speed, from `smoothed_speed` [m/s].
-        noise: standard uncertainty of one reading of the speed, before it was smoothed [m/s].
+        speed: from `smoothed_speed`.
         command: time of the command [s].
-        interval: between readings of the speed [s].
 
     Returns:
         None for slow readings, and for a braking of less than a second.
     """
     from scipy.special import ndtri  # slow to import
 
-    judged = (v > SLOW) & (t >= command - 1e-9)
-    if interval > SLOWEST or judged.sum() < 5 or len(v) <= _WINDOW:
+    v, interval = speed.v, speed.interval
+    if interval > SLOWEST or len(v) <= 2 * _WINDOW:
+        return None
+    judged = (v > SLOW) & (speed.t >= command - 1e-9) & _whole_windows(speed.is_read)
+    if judged.sum() < 5:
         return None
     jerk = np.abs(_third_degree(v))[judged]
     answer = _third_degree(local_polynomial(_readings(interval), _WINDOW, 2))
-    sigma = noise * _of_noise(answer, interval)
+    sigma = speed.noise * _of_noise(answer, interval)
     highest = float(np.max(jerk))
     near_time = float(np.sum(jerk > highest - 2.0 * sigma)) * _STEP
     n = 1.0 + near_time / _JERK_NOISE

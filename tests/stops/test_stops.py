@@ -453,6 +453,32 @@ def test_the_jerk_is_that_of_the_train_whatever_the_noise(rate: float) -> None:
     assert abs(np.mean(errors)) < 0.25 * stop.jerk.u95
 
 
+def test_a_sensor_that_ends_early_or_has_a_gap_shows_no_jerk_and_no_curve_there() -> None:
+    x, _ = signals()
+    (exact,) = measured(x)
+    assert exact.jerk is not None
+    t = np.arange(0.0, x.speed.t[-1], 0.1)
+    v = x.speed.interpolated(t)
+    ends = np.where(v < 1.4, 0.0, v)  # 5 km/h; then read as lines on the wheels' times
+    early = TimeSeries(x.speed.t, np.interp(x.speed.t, t, ends))
+    (stop,) = measured(x._replace(speed=early, interval=0.1))
+    assert stop.jerk is not None
+    assert stop.jerk.value == pytest.approx(exact.jerk.value, abs=0.02)
+    assert stop.speed is not None
+    after_command, curve = stop.speed
+    last = float(t[ends > 0.0][-1]) - stop.start_s
+    np.testing.assert_array_equal(np.isnan(curve), after_command > last - 0.5 + 1e-6)
+    hole = np.abs(x.speed.t - 20.0) < 1.5
+    gap = TimeSeries(x.speed.t[~hole], x.speed.value[~hole])
+    (stop,) = measured(x._replace(speed=gap))
+    assert stop.jerk is not None
+    assert stop.jerk.value == pytest.approx(exact.jerk.value, abs=0.02)
+    assert stop.speed is not None
+    missing = stop.speed[0][np.isnan(stop.speed[1])] + stop.start_s
+    in_gap = missing[missing < 30.0]
+    assert (in_gap[0], in_gap[-1]) == pytest.approx((18.0, 22.0), abs=0.06)
+
+
 def test_readings_that_are_too_slow_show_no_jerk() -> None:
     x, _ = signals()
     (stop,) = measured(x._replace(interval=0.26))

@@ -530,7 +530,10 @@ def _deceleration(t: Floats, v: Floats) -> tuple[Floats, Floats]:
 def _highest_deceleration(stops: Sequence[SeriesStop]) -> float:
     """The highest deceleration of any stop but its rarest values [m/s²]."""
     curves = [_deceleration(*s.stop.speed)[1] for s in stops if s.stop.speed is not None]
-    return max((float(np.quantile(a, 0.99)) for a in curves), default=1.0) or 1.0
+    return (
+        max((float(np.nanquantile(a, 0.99)) for a in curves if np.isfinite(a).any()), default=1.0)
+        or 1.0
+    )
 
 
 def _with_bar(fig: figure, x: float, value: Measured, colour: str) -> list[Any]:

@@ -150,7 +150,10 @@ def test_it_is_dark_where_the_screen_is_and_light_on_paper(
             assert ink.max() > 0.6 or path == sorted(tmp_path.glob("p-*.png"))[-1]
 
 
-def test_the_stops_of_a_protocol_fit_a_screen(tab: Tab, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("width", "media"), [(1280, "screen"), (1000, "screen"), (703, "print")])
+def test_the_stops_of_a_protocol_fit_screen_and_a4(
+    tab: Tab, tmp_path: Path, width: int, media: str
+) -> None:
     value = {"value": 1234.5678, "u95": 12.3}
     quantities = {
         name: Measured(**value)
@@ -165,10 +168,13 @@ def test_the_stops_of_a_protocol_fit_a_screen(tab: Tab, tmp_path: Path) -> None:
         nominal_speed_kmh=80.0, valid=True, time="2026-03-01T08:00:00Z", position_m=12345.0,
         position_from="position", pressure_bar=3.6, **quantities,
     )  # fmt: skip
-    stops = tuple(SeriesStop(f"run_{i}.csv", "wet", None, stop) for i in range(3))
+    stops = tuple(SeriesStop(f"2026-03-01_run_{i}_car_7.csv", "wet", None, stop) for i in range(3))
     series = StopSeries(stops, (), (), (), ())
     path = tmp_path / "stops.html"
     path.write_text(page.protocol_page(Protocol("stops", {}, series, [], {})), "utf-8")
+    tab.call("Emulation.setDeviceMetricsOverride", width=width, height=800,
+             deviceScaleFactor=1, mobile=False)  # fmt: skip
+    tab.call("Emulation.setEmulatedMedia", media=media)
     tab.open(path)
     widths = "[...document.querySelectorAll('.table')].map((x) => x.scrollWidth - x.clientWidth)"
     assert max(tab.value(widths)) <= 0
