@@ -49,7 +49,7 @@ def cautions(runs: Sequence[ReportRun]) -> Iterator[str]:
             yield f"{sentence} {cause if names else 'The settings are equal, too.'}"
         elif not differences.same_vehicle(runs[0], run):
             cause = f"Differences may be by the settings{names_text}."
-            yield f"Runs 1 and {i} state different vehicles. {cause}"
+            yield f"Runs 1 and {i} use different vehicles. {cause}"
 
 
 def _headline(runs: Sequence[ReportRun], all_differences: Sequence[RunDifference]) -> str:
