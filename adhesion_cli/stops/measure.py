@@ -69,8 +69,7 @@ def measure_stop(
     command, command_u, source = find_command(signals, braking)
     if source == "pressure":
         command -= settings.dead_time
-    interval = _reading_interval(signals)
-    smooth = smoothed_speed(signals.speed, command, braking.stop, interval)
+    smooth = smoothed_speed(signals.speed, command, braking.stop, _reading_interval(signals))
     t, v = smooth.t, smooth.v
     hidden, locked = 0.0, Parameter(0.0, 0.0)
     if signals.speed_from == "axles":
@@ -80,10 +79,9 @@ def measure_stop(
     v0 = float(np.interp(command, t, v))
     is_braking = t >= command - 1e-9
     distance = float(np.trapezoid(v[is_braking], t[is_braking]))
-    jerk = None
     by_sliding_wheels = signals.speed_from == "axles" and all_axles_slide(signals, command)
-    if not (hidden or by_sliding_wheels or _is_coarse(signals, command, braking.stop)):
-        jerk = largest_jerk(smooth, command)
+    is_shown = not (hidden or by_sliding_wheels or _is_coarse(signals, command, braking.stop))
+    jerk = largest_jerk(smooth, command) if is_shown else None
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
@@ -95,7 +93,9 @@ def measure_stop(
     standstill = math.hypot(braking.stop_sigma, locked.tolerance)
     build_up = response.delay.tolerance, response.equivalent.tolerance
     dead_time = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
-    sigmas = _Sigmas(smooth.noise, interval, command_u, standstill, dead_time, hidden, *build_up)
+    sigmas = _Sigmas(
+        smooth.noise, smooth.interval, command_u, standstill, dead_time, hidden, *build_up
+    )
     figures = _Figures(
         values, _errors(signals, settings, values, to_level, sigmas), nominal, to_level
     )
