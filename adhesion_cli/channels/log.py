@@ -290,7 +290,7 @@ def _refuse_two_units(chosen: Collection[Meant], path: Path) -> None:
                 f"{path}: the unit of channel {m.title!r} is stated twice: "
                 f"{m.unit!r} ({m.field.unit_from or 'in the name'}) and {m.unit_too!r} (in the "
                 "name)",
-                f"state the right one, as {_option(m, chosen)}",
+                f"state the right one, as {toml.option(_line(m, chosen))}",
             )
 
 
@@ -304,16 +304,12 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
     if m.meaning in OTHER_BRAKES:  # on or off, or any force
         return
     if not m.unit:
-        raise UserError(
-            f"{path}: channel {m.title!r} looks like the {m.describe}, but {_lacks(m)}",
-            f"{_condition(m)}state it, as {_option(m, chosen)}; "
-            f"units: {', '.join(units.known_units(m.meaning))}",
-        )
+        raise _without_unit(m, chosen, path)
     unit = units.stated_unit(m.unit, m.meaning, m.title)
     if unit.dimension in ("pulse rate", "count") and not m.teeth:
         raise UserError(
             f"{path}: channel {m.title!r} counts pulses ({m.unit}), pulses per turn unknown",
-            f"state them, as {_option(m, chosen, teeth=80)}",
+            f"state them, as {toml.option(_line(m, chosen, teeth=80))}",
         )
     full_force_known = bool(m.mapping and m.mapping.full_force)
     if unit.dimension == "ratio" and m.meaning in MOTOR_FORCES and not full_force_known:
@@ -323,6 +319,25 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
             f"state it in N, as {toml.option(line)}",
             code=2,
         )
+
+
+def _without_unit(m: Meant, chosen: Collection[Meant], path: Path) -> UserError:
+    """Asks for the unit of a channel, and for those of the other meanings that lack one."""
+    required = (c for c in chosen if not c.unit and c.meaning not in (*OTHER_BRAKES, *_OPTIONAL))
+    asked = {m.meaning: m} | {c.meaning: c for c in reversed([*required]) if c.meaning != m.meaning}
+    subjects = "; ".join(
+        f"channel {c.title!r} looks like the {c.describe}, but {_lacks(c)}" for c in asked.values()
+    )
+    if len(asked) > 1:
+        lines = (_line(c, chosen) for c in asked.values())
+        return UserError(f"{path}: {subjects}", f"state them, as {toml.option(*lines)}")
+    others = _example_units(m)[1:]
+    alternative = f" (or {', '.join(map(repr, others))})" if others else ""
+    hint = f"{_condition(m)}state it, as {toml.option(_line(m, chosen))}{alternative}; "
+    assert m.meaning
+    return UserError(
+        f"{path}: {subjects}", f"{hint}units: {', '.join(units.known_units(m.meaning))}"
+    )
 
 
 def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
@@ -365,23 +380,22 @@ def _condition(m: Meant) -> str:
     return f"if {unknown_units[0]!r} is {usual}, "
 
 
-def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
-    """The option by which a user states the unit of a channel and of the others of its meaning.
+def _line(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
+    """The line by which a user states the unit of a channel and of the others of its meaning.
 
     One line does for all of them where nothing is stated yet and they have the same unit.
     """
     same_meaning = [c for c in chosen if c.meaning == m.meaning]
-    usual, *other_units = _example_units(m)
+    usual = _example_units(m)[0]
     key = "speed" if m.meaning == "wheel_speed" else m.meaning
-    alternative = f" (or {', '.join(map(repr, other_units))})" if other_units else ""
     if len({c.unit for c in same_meaning}) == 1 and "[channels]" not in m.reason:
         entry = toml.table({"unit": m.unit or usual, "teeth": teeth})
-        return toml.option(f"channels.{key} = {entry}") + alternative
+        return f"channels.{key} = {entry}"
     entries = {}
     for c in same_meaning:
         entries[c.axle] = toml.table(entry_of(c.field, unit=c.unit or usual, teeth=teeth))
     all_entries = ", ".join(f'"axle {axle or 1}" = {entry}' for axle, entry in entries.items())
-    return toml.option(f"channels.{key} = {entries.get(None, f'{{{all_entries}}}')}")
+    return f"channels.{key} = {entries.get(None, f'{{{all_entries}}}')}"
 
 
 def _example_units(m: Meant) -> list[str]:

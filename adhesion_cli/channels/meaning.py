@@ -431,13 +431,14 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
     """The field that a mapping names; of a list without an index each element, with its axle."""
     wanted = m.channel.strip()
     folded = wanted.casefold()
-    spellings: tuple[Callable[[str], bool], ...] = (
-        lambda channel: channel == wanted,
-        lambda channel: channel.strip().casefold() in (folded, f"column {folded}"),
-        lambda channel: units.in_name(channel)[0].casefold() == folded,
+    spellings: tuple[Callable[[Field], bool], ...] = (
+        lambda f: f.channel == wanted,
+        lambda f: f.channel.strip().casefold() == folded,
+        lambda f: units.in_name(f.channel)[0].casefold() == folded,
+        lambda f: folded in (f"column {f.column}", str(f.column)) and f.column > 0,
     )
     fields = [f for f in fields if not f.words or m.meaning in _WORDED_MEANINGS]
-    named = ([f for f in fields if spelling(f.channel)] for spelling in spellings)
+    named = ([f for f in fields if spelling(f)] for spelling in spellings)
     matching = next((fields for fields in named if fields), [])
     if not matching:
         raise unknown("channel", m.channel, sorted({f.channel for f in fields}))

@@ -9,9 +9,9 @@ from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
 from ..core.model import MOTOR_FORCES, Bools, Channel, Column, Floats, Parameter, Vehicle
-from ..core.recorder import code_of_no_value, with_held
 from ..core.time_axis import TimeAxis
 from .meaning import Meant, name
+from .recorder import code_of_no_value, with_held
 
 _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
 _ON_GRID = 0.9  # mean cosine of phases that lie on one

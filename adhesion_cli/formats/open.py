@@ -57,9 +57,9 @@ def _xlsx(path: Path, options: ReadOptions) -> Source:
     return open_log(path, options)
 
 
-_TO_MCAP = "convert it to MCAP with JSON, protobuf or ROS 2 messages"
-
-
+# What the remedy gives is read: its types are those of ROS 2.
+_TO_MCAP = "make it an MCAP: `pip install rosbags`, then "
+_TO_MCAP += "`rosbags-convert --src {} --dst FOLDER --dst-storage mcap`"
 _MF4 = Library("mf4", "MDF", ("asammdf",), "mf4")
 _CAN = Library("can", "CAN", ("can", "cantools"), "can")
 
@@ -73,13 +73,13 @@ def _mdf(path: Path, options: ReadOptions) -> Source:
     return _MF4.open(path, options)
 
 
-def _unread(kind: str, begins: bytes, description: str, hint: str) -> Format:
+def _unread(kind: str, begins: bytes, description: str, hint: str, *suffixes: str) -> Format:
     """A format that is known and not read: its name for people, and what to do."""
 
     def refuse(path: Path, _: ReadOptions) -> Source:
         raise UserError(f"{path}: {description}, which cannot be read", hint)
 
-    return Format(kind, re.compile(begins), (), refuse)
+    return Format(kind, re.compile(begins), suffixes, refuse)
 
 
 FORMATS = (
@@ -111,9 +111,16 @@ FORMATS = (
     Format("mat", re.compile(rb"MATLAB \d"), (".mat",), _opener("mat", "open_mat")),
     # Its library gives wrong values for sound files, and no error; see docs/howto/my-log.md.
     _unread("famos", rb"\|CF,", "an imc FAMOS log", "export it from FAMOS as CSV, MDF 4 or TDMS"),
-    _unread("tdm", rb"(?s)\s*(<\?xml.{,300}?)?<usi:tdm", "a DIAdem TDM log", "save it as TDMS"),
-    _unread("rosbag", rb"#ROSBAG", "a ROS 1 bag", _TO_MCAP),
-    _unread("rosbag2", rb"SQLite format 3", "an SQLite file, as a ROS 2 bag is", _TO_MCAP),
+    _unread(
+        "tdm", rb"(?s)\s*(<\?xml.{,300}?)?<usi:tdm", "a DIAdem TDM log", "save it as TDMS", ".tdx"
+    ),
+    _unread("rosbag", rb"#ROSBAG", "a ROS 1 bag", _TO_MCAP.format("BAG")),
+    _unread(
+        "rosbag2",
+        rb"SQLite format 3",
+        "an SQLite file, as a ROS 2 bag is",
+        _TO_MCAP.format("FOLDER_OF_THE_BAG"),
+    ),
     _unread("zstd", rb"\x28\xb5\x2f\xfd", "compressed by zstd", "unpack it with `unzstd`"),
     _unread("lfs", rb"version https://git-lfs", "a pointer of Git LFS", "run `git lfs pull`"),
     _unread("hdf5", rb"\x89HDF", "an HDF5 file", "export the channels as CSV, Parquet or MDF 4"),

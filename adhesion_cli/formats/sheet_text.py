@@ -66,10 +66,9 @@ class _Column(NamedTuple):
         cell_count = len(self.text) - self.text.null_count
         return bool((pc.sum(is_typed).as_py() or 0) >= max(2, cell_count / 2))
 
-    def is_headed(self, names_signal: Callable[[str], object]) -> bool:
-        """Whether it has numbers, and a cell of its head says what is asked."""
-        heads = self.text.slice(0, _HEAD_ROWS).drop_null().to_pylist()
-        return self.is_of_numbers and any(map(names_signal, heads))
+    def heads(self) -> list[str]:
+        """The cells of its head, if it has numbers."""
+        return self.text.slice(0, _HEAD_ROWS).drop_null().to_pylist() if self.is_of_numbers else []
 
 
 def write_text(
@@ -108,14 +107,9 @@ def write_text(
         is_measured = unit is not None and unit.dimension in _MEASURED
         return is_measured or (names_brake is not None and names_brake(head))
 
-    channels = {x.strip().casefold() for x in stated}
-
-    def says_stated(head: str) -> bool:
-        return not channels.isdisjoint(x.strip().casefold() for x in (head, units.in_name(head)[0]))
-
     if sheet_name is None:
         unread = [x for x in book.names if x not in passed]
-        choice = _choice(book, unread, says_brake, says_stated if channels else None)
+        choice = _choice(book, unread, says_brake, stated)
         if choice is None and passed:
             return None
         if choice is None:
@@ -139,7 +133,9 @@ def write_text(
     with target.open("wb") as file:
         file.writelines(_lines(cells))
     others = [x for x in book.names if x != name]
-    has_channels = reason != _OF_NUMBERS or any(column.is_headed(time_name) for column in columns)
+    has_channels = reason != _OF_NUMBERS or any(
+        any(map(time_name, column.heads())) for column in columns
+    )
     return SheetText(name, others, reason, has_channels)
 
 
@@ -147,7 +143,7 @@ def _choice(
     book: "_Book",
     names: Sequence[str],
     says_brake: Callable[[str], object],
-    says_stated: Callable[[str], object] | None,
+    stated: Sequence[str],
 ) -> tuple[str, str, list[_Column]] | None:
     """The sheet to read, why, and its columns; None where no visible one has two of numbers.
 
@@ -155,22 +151,35 @@ def _choice(
         book: the workbook.
         names: of its sheets.
         says_brake: whether a cell of a head is a brake's.
-        says_stated: whether it is that of a stated channel; None where none is stated.
+        stated: names of channels.
     """
     best_rank, choice = (-1, False), None
     for name in names:
         columns, is_visible = book.columns(name)
         if not is_visible or sum(c.is_of_numbers for c in columns) < 2:
             continue
-        stated_count = sum(c.is_headed(says_stated) for c in columns) if says_stated else 0
-        is_of_brake = any(c.is_headed(says_brake) for c in columns)
+        heads = [c.heads() for c in columns]
+        stated_count = sum(any(_is_named(x, k, h) for k, h in enumerate(heads, 1)) for x in stated)
+        is_of_brake = any(any(map(says_brake, cells)) for cells in heads)
         if (stated_count, is_of_brake) > best_rank:
             best_rank = stated_count, is_of_brake
             reason = _OF_STATED if stated_count else _OF_BRAKE if is_of_brake else _OF_NUMBERS
             choice = name, reason, columns
-        if is_of_brake and not says_stated:
+        if is_of_brake and not stated:
             break
     return choice
+
+
+def _is_named(channel: str, number: int, heads: Sequence[str]) -> bool:
+    """Whether a channel is stated by the number of a column, or by a name of one or several rows.
+
+    A title above several columns stands in the first one only: the last cell of a name decides.
+    """
+    name = channel.strip().casefold()
+    texts = (x.strip().casefold() for head in heads for x in (head, units.in_name(head)[0]))
+    return name == f"column {number}" * bool(heads) or any(
+        f" {name}".endswith(f" {x}") for x in texts if x
+    )
 
 
 def option(name: str) -> str:

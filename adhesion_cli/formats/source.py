@@ -35,6 +35,7 @@ class Field:
     # name for people, where several of them have a channel of this name.
     folder: str = ""
     words: tuple[str, ...] = ()  # of a column of words: those in the head of the log
+    column: int = 0  # its number in a table, from 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -211,6 +211,26 @@ def test_every_message_of_the_findings_here_can_be_written(tmp_path: Path) -> No
         assert f.message
 
 
+def test_all_units_that_lack_are_asked_for_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k / 100},{k / 10},{200 - k},{200 - k}\n" for k in range(200))
+    path.write_text(f"t [s],BC pressure,axle 1 speed,axle 2 speed\n{rows}")
+    with pytest.raises(UserError, match=r"'BC pressure'.*'axle 1 speed'") as error:
+        read(open_source(path, ReadOptions()), (), Vehicle())
+    settings = load(assignments=pasted(error.value.hint))
+    log = read(open_source(path, ReadOptions()), settings.mappings, Vehicle())
+    assert [c.unit for c in log.channels] == ["bar", "km/h", "km/h"]
+    by_number = load(
+        assignments=[
+            "channels.pressure.channel=column 2",
+            "channels.pressure.unit=bar",
+            "channels.speed.unit=km/h",
+        ]
+    )
+    log = read(open_source(path, ReadOptions()), by_number.mappings, Vehicle())
+    assert log.channels[0].name == "BC pressure"
+
+
 @pytest.mark.parametrize(
     ("names", "line"),
     [

@@ -519,6 +519,13 @@ def test_the_sheet_with_the_stated_channels_is_read_before_one_with_a_speed(
     source = open_source(path, settings_of(assignments=settings, folder=False).read)
     assert len(read(source)["K2 []"]) == 20
     assert source.reasons["sheet"] == "'Log' (the one with most of the stated channels)"
+    for name in ("Lower K2", "column 4"):
+        wide = [[*row, 70.0 - k] for k, row in enumerate(log(head=["t", "K1", "K3"]))]
+        wide[0][-1] = "K2"
+        path = write(tmp_path / "a.xlsx", {"Log": wide, "Summary": runs})
+        settings = [f"channels.wheel_speed.channel={name}", "channels.wheel_speed.unit=km/h"]
+        source = open_source(path, settings_of(assignments=settings, folder=False).read)
+        assert "'Log'" in str(source.reasons["sheet"])
     by_time = settings_of(assignments=["channels.time.channel=T"], folder=False).read
     assert "'Log'" in str(open_source(path, by_time).reasons["sheet"])
 

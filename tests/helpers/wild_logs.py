@@ -427,8 +427,14 @@ def heads(rng: random.Random) -> Iterator[WildLog]:
         "File created",
         "[header]",
         "time",
+        "BC pressure bar",
+        "velocity kmh",
+        "",
+        "[channel units]",
+        *rng.choice([["bar", "km/h"], ["km/h"]]),
+        "",
         "[column names]",
-        "time BC_pressure_bar v_kmh",
+        "time BC_pressure v",
         "[data]",
     ]
     rows = [f"{a} {b} {c}" for a, b, c in zip(*cells, strict=True)]

@@ -6,7 +6,7 @@ from itertools import filterfalse, pairwise
 from pathlib import Path
 
 from ...core.errors import UserError
-from ...core.units import unit
+from ...core.units import in_name, unit
 from ..source import ReadOptions
 from .dialect import (
     COMMENT,
@@ -44,6 +44,7 @@ _END_OF_HEADER = "***End_of_Header***"
 _MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
 _GROUPED = {m: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{m}]\d{{3}}") for m in ".,"}
 _SMALL = re.compile(r"[+-]?[0-9]{1,3}")
+_SECTION = re.compile(r"\[[A-Za-z ]+\]")  # a line as [data]
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
 
@@ -87,6 +88,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     names = column_names(header.names, used_width)
     leading_lines = lines_before(table, header)
     units, units_reason = _units_row(rows, header, labels)
+    if not units and (units := _units_of_sections(lines, used_width)):
+        units_reason = "in the sections above the table"
     reasons |= _header_reasons(table, header, options, units_reason, leading_lines.get("preamble"))
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
@@ -142,6 +145,21 @@ def _units_row(
     if "units" in labels and any(map(unit, labels["units"][1:])):
         return ["", *labels["units"][1:]], f"{labels['units'][0]!r} above the table"
     return [], ""
+
+
+def _units_of_sections(lines: list[Line], width: int) -> list[str]:
+    """The units of a VBOX file: in long names of all columns, or listed for the last ones."""
+    sections, name = dict[str, list[str]](), ""
+    for text in (text.strip() for _, text in lines):
+        if mark := _SECTION.fullmatch(text):
+            name = mark[0]
+        elif text:
+            sections.setdefault(name, []).append(text)
+    units = [in_name(x)[1] for x in sections.get("[header]", ())]
+    if len(units) != width or "[column names]" not in sections:
+        return []
+    listed = sections.get("[channel units]", [])
+    return units[: width - len(listed)] + listed
 
 
 def _clean(
@@ -211,7 +229,7 @@ def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], li
         text = f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others"
         raise UserError(text, "give a text log, or fetch it from the recorder again")
     body = [x for x in lines if x[1].strip() and not is_comment(x[1]) and "\0" not in x[1]]
-    body = [x for x in body if not re.fullmatch(r"\[[A-Za-z ]+\]", x[1].strip())]  # [data]
+    body = [x for x in body if not _SECTION.fullmatch(x[1].strip())]
     marks = [k + 1 for k, x in enumerate(body) if x[1].startswith(_END_OF_HEADER)]
     start = marks[0] if marks else 0  # LabVIEW's header has rows of numbers
     if len(marks) > 1 and any(x[1].startswith("Channels") for x in body[start : marks[1]]):

@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +133,9 @@ class CsvSource:
         self._words = {i: words for i in data_columns if (words := self._words_of(i, numeric))}
         self.places = self._fields(numeric)  # number of the series, and column
         self.fields: list[Field] = list(self.places)
-        self.texts: list[Field] = [Field(names[i], words=x) for i, x in self._words.items()]
+        self.texts: list[Field] = [
+            Field(names[i], words=x, column=i + 1) for i, x in self._words.items()
+        ]
         self.places |= zip(self.texts, ((0, i) for i in self._words), strict=True)
         self.reasons: dict[str, object] = dict(dialect.reasons)
         self.reasons["time"] = clock.reason
@@ -169,8 +172,8 @@ class CsvSource:
                 if series.unit:
                     unit, source = series.unit, "units column"
                 unit_from = source if unit else ""
-                f = Field(channel, "", "", series.group, unit, unit_from, signal=series.signal)
-                places[f] = k, i
+                f = Field(channel, "", "", series.group, unit, unit_from, column=i + 1)
+                places[replace(f, signal=series.signal)] = k, i
         return places
 
     def _repeats_time(self, i: int) -> bool:

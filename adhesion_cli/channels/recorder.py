@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from .model import Bools, Column, Floats
+from ..core.model import Bools, Column, Floats
 
 # Digits of what stands for "no value": nines, the ends of 16 and 32 bits, well logs' 999.25.
 _CODE = re.compile(r"9{3,}|99925|3276[78]|6553[45]|214748364[78]|429496729[45]")

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from helpers.commands import Run
 
+from adhesion_cli.channels.recorder import code_of_no_value, with_held
 from adhesion_cli.core.model import Column, Floats
-from adhesion_cli.core.recorder import code_of_no_value, with_held
 from adhesion_cli.core.time_axis import clean
 
 MS = 1_000_000
