@@ -43,6 +43,11 @@ for K_now, y_now in zip(K.tolist(), y.tolist()):
     online.append(state.F)
 print(json.dumps([F.tolist(), online]))
 """
+TOLD = """
+from adhesion_cli.core import compiled
+told = []
+compiled.report = told.append
+"""
 AGAIN = """
 import os
 from pathlib import Path
@@ -54,10 +59,14 @@ def run_again():
 for folder in sys.argv[2:]:
     os.environ["XDG_CACHE_HOME"] = folder
     run_again()
+    assert any("damaged" in x for x in told) == (Path(folder).name != "no text"), (folder, told)
+    told.clear()
     before = machine_code()
     run_again()
     assert before
     assert machine_code() == before  # whole again
+    assert not told
+    assert all(x.stat().st_size for x in Path(folder).rglob("batch_td.*"))
 """
 
 
@@ -305,7 +314,7 @@ def test_a_damaged_cache_costs_time_and_no_run(
         whole = path.read_bytes()
         path.write_bytes(whole[: int(share * len(whole))])
     folders = [tmp_path / name for name in damages]
-    process = start(copy, BATCH + AGAIN, "td", *folders, XDG_CACHE_HOME=folders[0])
+    process = start(copy, TOLD + BATCH + AGAIN, "td", *folders, XDG_CACHE_HOME=folders[0])
     assert answer(process) == good
 
 

@@ -67,7 +67,7 @@ def blended(
     decelerations: tuple[float, ...] = (0.7, 0.9, 1.1),
     ed_share: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0),
     ed_part: float = 0.7,
-    rate: float = 25.0,
+    rate: float = 12.5,
     coasting: float = 6.0,
 ) -> Blended:
     """Accelerations of 0.9 m/s² and stops in which an ED brake takes a part above 8 km/h.

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from adhesion_cli.reference import noise_fit, smoother
 
@@ -29,6 +28,8 @@ def test_white_noise_is_no_vibration(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_vibration_in_a_narrow_band_below_white_noise_counts(seed: int, frequency: float) -> None:
     """It is 0.6 of the white noise, but at its frequency several times as strong."""
+    from scipy import signal  # slow to import
+
     rng = np.random.default_rng(seed)
     pole = 0.99 * np.exp(2j * np.pi * frequency / RATE)
     vibration = signal.lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.normal(size=N))

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from adhesion_cli.core.summary import AxleStop, Measured, StopSummary
 from adhesion_cli.stops.series import (
@@ -39,6 +38,8 @@ def series(distances: dict[str, list[float]], u95: float = 4.0) -> list[SeriesSt
 
 
 def test_a_mean_keeps_the_common_error_that_scatter_averages_out() -> None:
+    from scipy import stats  # slow to import
+
     values = [300.0, 304.0, 296.0, 302.0, 298.0, 300.0]
     (group,) = group_stops(series({"a": values}))
     x = group.statistics["distance_m"]
@@ -80,6 +81,8 @@ def test_of_twenty_groups_of_sound_stops_one_has_an_outlier() -> None:
 
 
 def test_an_outlier_and_a_drift_are_named() -> None:
+    from scipy import stats  # slow to import
+
     (group,) = group_stops(series({"a": [300.0, 301.0, 299.0, 300.5, 299.5, 340.0]}))
     assert group.statistics["distance_m"].outliers == (6,)
     (group,) = group_stops(series({"a": [300.0, 302.1, 303.9, 306.0, 308.1]}))
@@ -90,6 +93,8 @@ def test_an_outlier_and_a_drift_are_named() -> None:
 
 
 def test_a_difference_has_no_error_that_both_groups_share() -> None:
+    from scipy import stats  # slow to import
+
     old, new = [300.0, 302.0, 298.0, 300.0], [290.0, 292.0, 288.0, 290.0]
     (row,) = [
         x

@@ -9,7 +9,6 @@ import pytest
 from helpers.made_results import result
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import savgol_filter
 
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
 from adhesion_cli.core.physics import RECEIVER_DELAY, SLIDE, G
@@ -367,6 +366,8 @@ def test_where_motors_brake_the_response_is_that_of_the_whole_force() -> None:
 
 @pytest.mark.parametrize(("degree", "derivative"), [(2, 0), (3, 2)])
 def test_local_polynomials_are_those_of_savitzky_and_golay(degree: int, derivative: int) -> None:
+    from scipy.signal import savgol_filter  # slow to import
+
     x = np.cumsum(np.random.default_rng(3).normal(size=120))
     expected = savgol_filter(x, 31, degree, deriv=derivative, mode="interp")
     np.testing.assert_allclose(local_polynomial(x, 31, degree, derivative), expected, atol=1e-9)
