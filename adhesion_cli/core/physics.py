@@ -17,7 +17,6 @@ G = 9.80665  # standard gravity [m/s²]
 BAR = 1e5  # [Pa]
 NORMAL_PRESSURE = 101_325.0 * 293.15 / 273.15  # of normal air (DIN 1343) at 20 °C [Pa]
 HARDER = 1.2  # brakes may decelerate by this factor more than their parameters say
-SLIPPERY = 0.1  # adhesion coefficient below which a rail is slippery, about
 GRADIENT = 0.4  # deceleration by a gradient of 4 %, the steepest of ordinary lines [m/s²]
 LOCKING = 30.0  # no brake decelerates a wheel harder, even without adhesion [m/s²]
 RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]
@@ -37,21 +36,11 @@ STANDING = 0.1  # a rim or a train slower than this stands [m/s]
 ROLLS, SLIDES, LOCKED = 0, 1, 2
 
 
-def is_known(coefficient: float, u95: float) -> bool:
-    """Whether the interval of a µ says anything: it does not hold both 0 and a rail that grips."""
-    return coefficient > u95 or coefficient + u95 < SLIPPERY
-
-
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:
     """Constants of (1) for one axle. Source: (1); rolling without slip gives `rolling`."""
     v = vehicle.of_axle(axle)
     I, m = v.wheelset_inertia.value, v.axle_mass.value  # noqa: E741
     return wheelset_of(v.radius(axle).value, v.friction.value, I, m)
-
-
-def on_radius(w: Wheelset, radius: float) -> Wheelset:
-    """The same wheelset on wheels of another radius [m]."""
-    return wheelset_of(radius, w.phi, w.inertia, w.mass)
 
 
 def wheelset_of(R: float, phi: float, I: float, m: float) -> Wheelset:  # noqa: E741

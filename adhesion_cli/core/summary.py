@@ -29,6 +29,7 @@ JERK = (
     "1 s, of a speed smoothed by second-degree polynomials over 1 s (Savitzky-Golay), less the "
     "excess by noise; not known with fewer than 4 readings a second"
 )
+HIGHEST = "highest mean over `analysis.peak_time`; null: its interval holds both µ = 0 and µ = 0.1"
 SLIDE_SPAN = "from 1 % of slip to 1 % of slip, with more than 5 % for 0.1 s or more between"
 
 
@@ -37,14 +38,7 @@ class MeanAndHighest(NamedTuple):
 
     mean: Annotated[float, Quantity("", "mean over the brake application")]
     mean_u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
-    max: Annotated[
-        Number,
-        Quantity(
-            "",
-            "highest mean over `analysis.peak_time`; null where its interval holds both µ = 0 and "
-            "µ = 0.1: not known",
-        ),
-    ]
+    max: Annotated[Number, Quantity("", HIGHEST)]
     max_u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
 
 

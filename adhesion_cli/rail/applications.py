@@ -17,7 +17,7 @@ from ..reference import budget
 from ..reference.brake_work import brake_work, motor_share
 from . import fit, rail_under_slides, sliding
 from .events import Slide
-from .highest import PEAK_TIME, highest_mean
+from .highest import PEAK_TIME, highest_mean, is_known
 from .locks import Lock, LockLimits, locks_of_axle
 
 
@@ -219,6 +219,6 @@ def _coefficient(
 
 def _without_unknown(x: MeanAndHighest, weight: float) -> MeanAndHighest:
     """A force [N], or µ with a weight of 1, without a highest value whose interval says nothing."""
-    if x.max is None or physics.is_known(x.max / weight, x.max_u95 / weight):
+    if x.max is None or is_known(x.max / weight, x.max_u95 / weight):
         return x
     return x._replace(max=None)

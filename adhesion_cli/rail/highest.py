@@ -25,10 +25,16 @@ from numpy.typing import NDArray
 
 from ..core.model import Z95, Floats, Reference, Times
 
+SLIPPERY = 0.1  # adhesion coefficient below which a rail is slippery, about
 PEAK_TIME = 0.1  # the highest force is a mean over this time [s]
 _ROOT_2 = math.sqrt(2.0)
 _FAR = 6.0  # sigma beyond which a window is surely lower
 _erfc = cast(Callable[[Floats], Floats], np.vectorize(math.erfc, otypes=[float]))
+
+
+def is_known(coefficient: float, u95: float) -> bool:
+    """Whether the interval of a µ says anything: it does not hold both 0 and a rail that grips."""
+    return coefficient > u95 or coefficient + u95 < SLIPPERY
 
 
 def highest_mean(

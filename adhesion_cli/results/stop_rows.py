@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from ..core.physics import is_known
 from ..core.summary import Measured, StopSummary
 from ..core.text import by_uncertainty
+from ..rail.highest import is_known
 from ..stops.axle_stops import SLIP_BANDS
 from ..stops.series import (
     QUANTITIES,

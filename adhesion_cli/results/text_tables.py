@@ -6,8 +6,8 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from ..core.physics import SLIPPERY
 from ..core.text import printable
+from ..rail.highest import SLIPPERY
 
 NARROW = 80  # columns where there is no terminal, and in a recording
 DASH = "-"  # where a number is not known

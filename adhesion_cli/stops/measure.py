@@ -90,12 +90,10 @@ def measure_stop(
     gradient = to_level.gradient.value
     duration = braking.stop + locked.value - command
     values = _Values(v0, distance, duration, delay, equivalent, gradient)
-    standstill = math.hypot(braking.stop_sigma, locked.tolerance)
+    stop_u = math.hypot(braking.stop_sigma, locked.tolerance)
     build_up = response.delay.tolerance, response.equivalent.tolerance
     dead_time = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
-    sigmas = _Sigmas(
-        smooth.noise, smooth.interval, command_u, standstill, dead_time, hidden, *build_up
-    )
+    sigmas = _Sigmas(smooth.noise, smooth.interval, command_u, stop_u, dead_time, hidden, *build_up)
     figures = _Figures(
         values, _errors(signals, settings, values, to_level, sigmas), nominal, to_level
     )

@@ -18,7 +18,7 @@ from ..core.estimator import Estimator
 from ..core.estimator import registry as estimators
 from ..core.methods import Method, bind, validate
 from ..core.model import Floats, Vehicle, Wheelset
-from ..core.physics import JUDGED_FROM, NO_FORCE, G, on_radius, slip_over
+from ..core.physics import JUDGED_FROM, NO_FORCE, G, slip_over, wheelset_of
 from ..estimators.kalman import init as estimate_init
 from ..estimators.kalman import step as estimate_step
 from ..rail import slope
@@ -178,6 +178,11 @@ def observed(  # noqa: PLR0913 (compiled: plain floats)
     v, rim, mu = max(train.v, JUDGED_FROM), y * w.radius, F / (w.mass * G)
     noise, doubt, rate = speed_noise / v, train.doubt / v, rate / v
     return Observed(rim, s, noise, doubt, rate, mu, k.slope, k.confidence, at_least)
+
+
+def on_radius(w: Wheelset, radius: float) -> Wheelset:
+    """The same wheelset on wheels of another radius [m]."""
+    return wheelset_of(radius, w.phi, w.inertia, w.mass)
 
 
 def start(
