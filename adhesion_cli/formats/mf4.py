@@ -15,15 +15,7 @@ from ..core.model import Bools, Floats, Times
 from .csv.clock import count_of
 from .csv.header_words import time_unit
 from .source import YEAR_1990, Field, ReadOptions, distinct_words
-from .tables import (
-    Columns,
-    Contents,
-    NamedColumn,
-    TableSamples,
-    fields,
-    nanoseconds,
-    state_fields,
-)
+from .tables import Columns, Contents, NamedColumn, TableSamples, fields, nanoseconds, state_fields
 from .words import numbered
 
 _EPOCH, _ZERO = datetime(1970, 1, 1), timedelta(0)
@@ -281,9 +273,7 @@ class Reader:
         for a, g in enumerate(dict.fromkeys(place.group for place in places)):
             group_places = list(dict.fromkeys(place for place in places if place.group == g))
             signals = self._mdf.select(
-                [(None, *place) for place in group_places],
-                raw=True,
-                copy_master=False,
+                [(None, *place) for place in group_places], raw=True, copy_master=False
             )
             t, ok = self._times(g, signals[0].timestamps)
             rows = len(t)

@@ -87,26 +87,13 @@ FORMATS = (
     Format(
         "parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _opener("parquet", "open_parquet")
     ),
-    Format(
-        "xlsx",
-        _WORKBOOK,
-        (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"),
-        _xlsx,
-    ),
-    Format(
-        "mf4",
-        re.compile(rb"(MDF|UnFinMF) "),
-        (".mf4", ".mdf"),
-        _mdf,
-    ),
+    Format("xlsx", _WORKBOOK, (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"), _xlsx),
+    Format("mf4", re.compile(rb"(MDF|UnFinMF) "), (".mf4", ".mdf"), _mdf),
     Format(
         "tdms", re.compile(rb"TDSm"), (".tdms",), Library("tdms", "TDMS", ("nptdms",), "tdms").open
     ),
     Format(
-        "can",
-        re.compile(rb"LOGG|" + CAN_TEXT.pattern, CAN_TEXT.flags),
-        (".blf", ".trc"),
-        _CAN.open,
+        "can", re.compile(rb"LOGG|" + CAN_TEXT.pattern, CAN_TEXT.flags), (".blf", ".trc"), _CAN.open
     ),
     Format("mat", re.compile(rb"MATLAB \d"), (".mat",), _opener("mat", "open_mat")),
     # Its library gives wrong values for sound files, and no error; see docs/howto/my-log.md.

@@ -140,10 +140,7 @@ def write_text(
 
 
 def _choice(
-    book: "_Book",
-    names: Sequence[str],
-    says_brake: Callable[[str], object],
-    stated: Sequence[str],
+    book: "_Book", names: Sequence[str], says_brake: Callable[[str], object], stated: Sequence[str]
 ) -> tuple[str, str, list[_Column]] | None:
     """The sheet to read, why, and its columns; None where no visible one has two of numbers.
 

@@ -432,10 +432,7 @@ class _ClockSearch:
         return UserError(f"{self.path}: {text}", self.proposal(i, values))
 
     def proposal(
-        self,
-        i: int | None = None,
-        values: Sequence[float] = (),
-        without: Sequence[int] = (),
+        self, i: int | None = None, values: Sequence[float] = (), without: Sequence[int] = ()
     ) -> str:
         """What to do about a time in doubt: a column and a unit with a usual rate, if there is one.
 

@@ -75,8 +75,7 @@ class FirstMessages:
         """Keeps messages of a block, of channels that are not full."""
         new = records.select(np.flatnonzero(~np.isin(records.channel, list(self.full))))
         for channel, time, start, stop in zip(
-            *(x.tolist() for x in (new.channel, new.log_time, new.start, new.stop)),
-            strict=True,
+            *(x.tolist() for x in (new.channel, new.log_time, new.start, new.stop)), strict=True
         ):
             if channel in self.full:
                 continue
