@@ -598,6 +598,20 @@ def test_logged_states_stand_in_the_tab_of_an_axle_without_slip(tmp_path: Path) 
     assert not batches(tmp_path / "True.rrd", "/axle/1/state/region")
 
 
+def test_a_wheel_that_stands_does_not_roll(tmp_path: Path) -> None:
+    analysed = result(1, 1200)
+    (axle,) = analysed.axles
+    assert axle.record.train_speed is not None
+    moves = np.arange(1200) < 600
+    speed, train = moves * axle.record.wheel_speed, moves * axle.record.train_speed
+    stopped = replace(axle, record=replace(axle.record, wheel_speed=speed, train_speed=train))
+    path = tmp_path / "a.rrd"
+    rrd.write_results(path, [replace(analysed, axles=(stopped,))])
+    _, states = column(path, "/axle/1/state/wheel", "state")
+    assert states[-1, 0] == "stands"
+    assert "rolls" in states[:, 0]
+
+
 def test_a_force_of_motors_is_a_line_whether_the_vehicle_is_known_or_not(tmp_path: Path) -> None:
     analysed = result(2, 400)
     first, second = analysed.axles

@@ -249,7 +249,11 @@ def _states(names_: Sequence[str], *colours: str) -> tuple[_State, ...]:
 # The first colour is that of a state in which nothing is the matter.
 BRAKE = _states(("released", "applied"), palette.OFF, palette.BLUE)
 REGION_STATES = _states(REGION_TITLES, palette.OFF, palette.BLUE, palette.GREEN, palette.VERMILLION)
-WHEELS = _states(("rolls", "slides", "locked"), palette.OFF, palette.ORANGE, palette.VERMILLION)
+WHEELS = _states(
+    ("rolls", "slides", "locked", "stands"),
+    palette.OFF, palette.ORANGE, palette.VERMILLION, palette.GREY,
+)  # fmt: skip
+STANDS = 3  # of `WHEELS`
 SWITCHES = _states(("off", "on"), palette.OFF, palette.GREEN)
 VALVES = _states(("apply", "hold", "vent"), palette.BLUE, palette.ORANGE, palette.VERMILLION)
 

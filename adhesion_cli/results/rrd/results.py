@@ -344,6 +344,7 @@ class _Page:
         limits = StopSettings(**self.result.settings.get("stops", {})).locks
         for lock in locks_of_axle(axle.record, radius, limits):
             slides[lock.samples] = LOCKED
+        slides[signals.standing(axle.record) & (slides == 0)] = parts.STANDS
         region = np.zeros(n, np.int8) if axle.region is None else axle.region
         return [("region", region, parts.REGION_STATES), ("wheel", slides, parts.WHEELS)]
 
