@@ -6,31 +6,36 @@ import numpy as np
 
 from ..core.model import Bools, Column, Floats
 
-# Digits of what stands for "no value": nines, the ends of 16 and 32 bits, well logs' 999.25.
-_CODE = re.compile(r"9{3,}|99925|3276[78]|6553[45]|214748364[78]|429496729[45]")
+# Digits of what stands for "no value": nines, the ends of 16 and 32 bits, well logs' 999.25, and
+# 255.996, which is 65535/256 of J1939.
+_CODE = re.compile(r"9{3,}|99925|3276[78]|6553[45]|214748364[78]|429496729[45]|25599\d*")
 _ANY_CODE = 1e19  # so large a number is one as well, as 1e30
-_LEAST_CODES, _APART = 3, 2.0  # samples of one code; times as large as every other value
-# Changes of nearly the smallest size, and the share of them that a heartbeat may repeat a value.
+_LEAST_CODES, _LEAST_OTHERS = 2, 10  # samples of one code; of other values
+_APART = 2.0  # times as large as every other value
+# Changes of nearly the smallest size, and the share of them that may repeat a value.
 _LEAST_CHANGES, _MOST_REPEATS = 10, 0.05
 # Cycles in which a value was held; share of the change that the steps around predict: a lost one.
 _LONG, _TREND = 3.0, 0.75
 _LEAST_HELD, _MOST_HELD = 2, 10_000_000  # intervals, as one alone may be a gap; samples added
 
 
-def code_of_no_value(value: Floats) -> float:
-    """The code that stands for "no value" among the samples of a channel, 0 for none.
+def codes_of_no_value(value: Floats) -> list[float]:
+    """The codes that stand for "no value" among the samples of a channel.
 
-    It has digits that people choose for it, repeats exactly, and stands apart from all values.
+    A code has digits that people choose for it, repeats exactly, and is far from all values.
     """
-    finite = value[np.isfinite(value)]
-    for code in {float(finite.min()), float(finite.max())} if len(finite) else ():
+    others, codes = value[np.isfinite(value)], list[float]()
+    while len(others):
+        code = float(others[np.argmax(np.abs(others))])
         digits = f"{abs(code):.10e}".replace(".", "").split("e")[0].rstrip("0")
-        others = finite[finite != code]
-        is_apart = len(others) and abs(code) > _APART * np.abs(others).max() > 0.0
-        is_repeated = len(finite) - len(others) >= _LEAST_CODES
-        if is_apart and is_repeated and (_CODE.fullmatch(digits) or abs(code) > _ANY_CODE):
-            return code
-    return 0.0
+        has_code = others == code
+        is_code = _CODE.fullmatch(digits) or abs(code) > _ANY_CODE
+        if not is_code or np.count_nonzero(has_code) < _LEAST_CODES:
+            break
+        codes, others = [*codes, code], others[~has_code]
+    if len(others) < _LEAST_OTHERS:
+        return []
+    return [code for code in codes if abs(code) > _APART * np.abs(others).max()]
 
 
 def with_held(data: Column, end: int) -> tuple[Column, Bools]:
@@ -53,12 +58,13 @@ def with_held(data: Column, end: int) -> tuple[Column, Bools]:
     if len(t) <= _LEAST_CHANGES or steps.min() <= 0 or not change.any():
         return none_added
     cycle, smallest = float(np.quantile(steps, 0.1)), change[change > 0.0].min()
-    small = np.count_nonzero((change > 0.0) & (change < 2.0 * smallest))
-    if small < _LEAST_CHANGES or np.count_nonzero(change == 0.0) > _MOST_REPEATS * small:
-        return none_added
     is_long = steps > _LONG * cycle
+    small = np.count_nonzero((change > 0.0) & (change < 2.0 * smallest))
+    repeats = np.count_nonzero(~is_long & (change == 0.0))  # not those of a heartbeat
+    if small < _LEAST_CHANGES or repeats > _MOST_REPEATS * small:
+        return none_added
     around = np.maximum(np.append(change[:1], change[:-1]), np.append(change[1:], change[-1:]))
-    held = is_long & (change <= change[~is_long].max(initial=0.0))
+    held = is_long & (change <= 2.0 * change[~is_long].max(initial=0.0))
     held &= change <= _TREND * steps / cycle * around
     if np.count_nonzero(held) < _LEAST_HELD:
         return none_added

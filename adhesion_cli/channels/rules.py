@@ -155,6 +155,7 @@ _OWN_MESSAGES: dict[tuple[str, str], tuple[Meaning, str]] = {
 _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
 _CHINESE_PLACES = "[一二三四五六七八](?=[轴轮位架车]|转向架)|(?<=[轴轮架])[一二三四五六七八]"
 _LETTERS = tuple("abcdefgh")
+_DEVICE = re.compile(r"(?<![^\W_])[A-Za-z]{2,3}\d{3,4}[A-Z]?(?:_\d+)+")  # and its number: MX840B_1
 _MEASURED = {"speed", "pressure"}
 _NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
 
@@ -452,9 +453,11 @@ def place_of(field: Field) -> Place:
 def _place_in(text: str, is_path: bool) -> Place:
     """The place that one name gives."""
     name = re.sub(_CHINESE_PLACES, lambda m: str(_CHINESE_NUMBERS[m[0]]), units.in_name(text)[0])
-    name_parts = list(name_words(name))
+    name_parts = list(name_words(_DEVICE.sub(" ", name)))
     _, bogie = _take_number(name_parts, "bogie")
-    owners = [_take_number(name_parts, kind) for kind in ("car", "control unit")]
+    owners = [_take_number(name_parts, "car")]
+    while (unit := _take_number(name_parts, "control unit"))[1]:  # "cDAQ1Mod3/ai2" has several
+        owners.append(unit)
     owner = " ".join(f"{word} {number}" for word, number in owners if number)
     if bogie and not owner and _is_unknown_part(name_parts):
         owner = " ".join(name_parts[:2])

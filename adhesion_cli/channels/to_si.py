@@ -11,7 +11,7 @@ from ..core.finding import Finding, Severity
 from ..core.model import MOTOR_FORCES, Bools, Channel, Column, Floats, Parameter, Vehicle
 from ..core.time_axis import TimeAxis
 from .meaning import Meant, name
-from .recorder import code_of_no_value, with_held
+from .recorder import codes_of_no_value, with_held
 
 _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
 _ON_GRID = 0.9  # mean cosine of phases that lie on one
@@ -170,7 +170,7 @@ def _of_recorder(
         spans = time_axis.spans_of(begin, stop, ends[0])
         notes.append(Finding(code, "info", m.title, count, spans, values))
 
-    if number := code_of_no_value(column.value):
+    for number in codes_of_no_value(column.value[column.valid]):
         note("value-is-code", column.valid & (column.value == number), {"number": number})
         column = replace(column, valid=column.valid & (column.value != number))
     column, added = with_held(column, ends[1])

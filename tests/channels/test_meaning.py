@@ -439,6 +439,8 @@ def test_a_number_beside_the_train_is_no_axle() -> None:
     assert seen("Modul 12: BC pressure [bar]", "cDAQ1Mod2 Achse 3 speed [km/h]") == [
         (PRESSURE, None, "bar"), (WHEEL, 3, "km/h"),
     ]  # fmt: skip
+    for device in ("QuantumX MX460B_2 CH 5:", "cDAQ2Mod3/ai7", "Slot 4"):
+        assert seen(f"{device} wheel speed [km/h]") == [(WHEEL, None, "km/h")]
     assert seen("GPS speed [kn]", "clamping force [kn]") == [
         (TRAIN, None, "knots"), ("clamping_force", None, "kn"),
     ]  # fmt: skip

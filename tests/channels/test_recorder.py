@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from helpers.commands import Run
 
-from adhesion_cli.channels.recorder import code_of_no_value, with_held
+from adhesion_cli.channels.recorder import codes_of_no_value, with_held
 from adhesion_cli.core.model import Column, Floats
 from adhesion_cli.core.time_axis import clean
 
@@ -27,6 +27,21 @@ def test_recorder_that_writes_changes_holds_its_values_until_the_end_of_the_log(
     np.testing.assert_array_equal(filled.value, P)
     in_table = Column(T, np.where(np.isin(T, column.t), P, np.nan), np.isin(T, column.t))
     np.testing.assert_array_equal(with_held(in_table, int(T[-1]))[0].value, P)
+
+
+@pytest.mark.parametrize("heartbeat", [0, 100])
+@pytest.mark.parametrize("deadband", [0.0, 0.02])
+def test_held_values_of_a_polled_brake_leave_no_gap(heartbeat: int, deadband: float) -> None:
+    """Steps of 0.4 bar on the way up, of 0.01 bar at its end; some values come once more."""
+    t = np.arange(0, 60_000, 100) * MS
+    rise, fall = (4.0 * (1.0 - np.exp(-np.maximum(t / 1e9 - x, 0.0) / 0.8)) for x in (10.0, 40.0))
+    value, written, last = np.round(rise - fall, 2), np.zeros(len(t), np.bool_), np.inf
+    for k, x in enumerate(value.tolist()):
+        if abs(x - last) > deadband or (heartbeat and k % heartbeat == 0):
+            written[k], last = True, x
+    filled, _ = with_held(Column(t, value, written), int(t[-1]))
+    assert np.diff(filled.t).max() <= 300 * MS
+    assert np.abs(filled.value - value[np.searchsorted(t, filled.t)]).max() <= deadband + 1e-9
 
 
 def test_value_far_from_the_one_before_a_pause_was_not_held() -> None:
@@ -54,7 +69,7 @@ def test_lost_samples_of_an_even_recorder_are_a_gap(
 @pytest.mark.parametrize("code", [-9999.0, 9999.0, -999.25, -32768.0, 65535.0, 6553.5, 1e30, 1e20])
 def test_code_of_no_value_is_left_out_and_counted(tmp_path: Path, run: Run, code: float) -> None:
     value = P.copy()
-    value[5::100] = code
+    value[5::100], value[7::500] = code, -99999.0
     rows = (
         f"{t / 1e9},{p},70.{t // MS % 7}\n" for t, p in zip(T.tolist(), value.tolist(), strict=True)
     )
@@ -62,12 +77,14 @@ def test_code_of_no_value_is_left_out_and_counted(tmp_path: Path, run: Run, code
         "time [s],BC pressure [bar],wheel speed [km/h]\n" + "".join(rows)
     )
     (log,) = json.loads(run("inspect", "--json", "a.csv").stdout)["logs"]
-    (note,) = [f for f in log["findings"] if f["code"] == "value-is-code"]
-    assert (note["severity"], note["count"], note["values"]) == ("info", 15, {"number": code})
-    assert [c["valid"] for c in log["channels"]] == [1485, 1500]
+    notes = [f for f in log["findings"] if f["code"] == "value-is-code"]
+    assert {f["values"]["number"]: (f["severity"], f["count"]) for f in notes} == {
+        code: ("info", 15), -99999.0: ("info", 3),
+    }  # fmt: skip
+    assert [c["valid"] for c in log["channels"]] == [1482, 1500]
     assert "pressure-negative" not in {f["code"] for f in log["findings"]}
 
 
 @pytest.mark.parametrize("value", [[0.0, 999.0, 999.0, 999.0], [99.9, 99.9, 99.9, 60.0], [9999.0]])
 def test_values_that_may_be_measured_are_no_code(value: list[float]) -> None:
-    assert code_of_no_value(np.array(value)) == 0.0
+    assert codes_of_no_value(np.array(value)) == []

@@ -237,7 +237,7 @@ def _has_factor_unread(text: str) -> bool:
 
 
 # Of "[bar] x10" it is not known whether the values are to be multiplied, or are already.
-_FACTOR_BEHIND_BRACKET = re.compile(rf"\s*(?:{TIMES}|/)\s*{NUMBER}\s*$")
+_FACTOR_BEHIND_BRACKET = re.compile(rf"\s*[\[(]?\s*(?:{TIMES}|/)\s*{NUMBER}\s*[\])]?\s*$")
 
 
 def unknown_in(name: str) -> str:

@@ -304,7 +304,7 @@ class _ClockSearch:
                 begin = int(read(cells[:1], DATES[form])[0])
                 reason = clock.reason.removesuffix(", without a date")
                 reason += f" on the date in {name!r} ({form}{order}; {TAKEN_AS_UTC})"
-                notes = self._dates(i, f" {form}", f" {other_form}") if other_form else ()
+                notes = self._dates(i, f"- {form}", f"- {other_form}") if other_form else ()
                 findings = (*clock.findings, *notes)
                 return replace(clock, start=begin, absolute=True, reason=reason, findings=findings)
             if label(name) == "date" and cells and i not in clock.columns and not clock.absolute:
