@@ -53,9 +53,11 @@ def with_held(data: Column, end: int) -> tuple[Column, Bools]:
         The samples with held ones a cycle apart, and which were added; none of another recorder.
     """
     t, value = data.t[data.valid], data.value[data.valid]
-    steps, change = np.diff(t), np.abs(np.diff(value))
-    none_added = data, np.zeros(len(data.t), np.bool_)
-    if len(t) <= _LEAST_CHANGES or steps.min() <= 0 or not change.any():
+    steps, none_added = np.diff(t), (data, np.zeros(len(data.t), np.bool_))
+    if len(t) <= _LEAST_CHANGES or not 0 < _LONG * steps.min() < steps.max():
+        return none_added
+    change = np.abs(np.diff(value))
+    if not change.any():
         return none_added
     cycle, smallest = float(np.quantile(steps, 0.1)), change[change > 0.0].min()
     is_long = steps > _LONG * cycle

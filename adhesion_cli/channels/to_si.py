@@ -164,10 +164,8 @@ def _of_recorder(
         return column, samples, notes
 
     def note(code: str, affected: Bools, values: dict[str, float]) -> None:
-        edges = np.flatnonzero(np.diff(affected, prepend=False, append=False))
-        begin, stop = np.sort([column.t[edges[::2]], column.t[edges[1::2] - 1]], axis=0)
-        count = int(np.count_nonzero(affected)) if values else len(begin)
-        spans = time_axis.spans_of(begin, stop, ends[0])
+        spans = time_axis.spans_of_mask(affected, column.t, ends[0])
+        count = int(np.count_nonzero(affected))
         notes.append(Finding(code, "info", m.title, count, spans, values))
 
     for number in codes_of_no_value(column.value[column.valid]):

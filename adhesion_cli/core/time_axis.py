@@ -160,6 +160,13 @@ def spans_of(start: Times, stop: Times, start_ns: int) -> tuple[Span, ...]:
     return tuple(((a - start_ns) / 1e9, (b - start_ns) / 1e9) for a, b in merged)
 
 
+def spans_of_mask(mask: Bools, t: Times, start_ns: int) -> tuple[Span, ...]:
+    """The stretches of the samples of a mask at times [ns]; each run of them is one."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    begin, stop = np.sort([t[edges[::2]], t[edges[1::2] - 1]], axis=0)
+    return spans_of(begin, stop, start_ns)
+
+
 def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
     """What is out of order in the times [ns] of n samples.
 

@@ -137,9 +137,7 @@ def _of_mask(code: str, f: Field, t: Times, mask: Bools, start: int) -> Iterable
     count = int(np.count_nonzero(mask))
     if not count:
         return
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    begins, stops = t[edges[::2]], t[edges[1::2] - 1]
-    spans = time_axis.spans_of(np.minimum(begins, stops), np.maximum(begins, stops), start)
+    spans = time_axis.spans_of_mask(mask, t, start)
     name = f"{f.channel} ({f.group})" if f.group else f.channel
     severity = MASKS[code]
     if severity == "warning" and count == len(mask):
