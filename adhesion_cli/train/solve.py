@@ -70,10 +70,11 @@ def unbent_loss(d: Design, x: Floats) -> Floats:
     return without_bend(d, speed_loss(d, x))
 
 
-def residual(d: Design, x: Floats, gradients: Floats) -> Floats:
-    """What the model leaves of the speed, (m,) [m/s]."""
+def residual(d: Design, x: Floats, gradients: Floats, loss: Floats | None = None) -> Floats:
+    """What the model leaves of the speed, (m,) [m/s]; `loss` is `unbent_loss`, where known."""
+    loss = unbent_loss(d, x) if loss is None else loss
     slope = repeat_by_piece(d, gradients - x[RESISTANCE])
-    remainder: Floats = d.v + math.exp(x[SCALE]) * unbent_loss(d, x) - slope * d.time
+    remainder: Floats = d.v + math.exp(x[SCALE]) * loss - slope * d.time
     remainder += x[DRAG] * d.squared
     return remainder + _motor_creep(d, x)
 
@@ -86,11 +87,11 @@ def _motor_creep(d: Design, x: Floats) -> Floats | float:
     return without_bend(d, d.speed * by_motors / (G * math.exp(x[STIFFNESS])))
 
 
-def _columns(d: Design, x: Floats) -> Floats:
+def _columns(d: Design, x: Floats, loss: Floats) -> Floats:
     """How what is left changes with each shared parameter, (7, m)."""
     s = math.exp(x[SCALE])
     J = np.empty((SHARED, len(d.samples)))
-    J[SCALE] = s * unbent_loss(d, x)
+    J[SCALE] = s * loss
     creep = d.creeps * d.c * d.speed * _braking_share(d, x)[d.samples]
     J[STIFFNESS] = -s * without_bend(d, creep / (G * math.exp(x[STIFFNESS]))) - _motor_creep(d, x)
     for i, step in ((OFFSET, 0.005), (FADE, 0.001), (DELAY, 0.01)):
@@ -136,12 +137,17 @@ def _problem(
     return _Problem(designs, sample_counts, mean, information)
 
 
-def _cost(p: _Problem, x: Floats) -> float:
+def _losses(p: _Problem, x: Floats) -> list[Floats]:
+    """`unbent_loss` of each design."""
+    return [unbent_loss(d, x) for d in p.designs]
+
+
+def _cost(p: _Problem, x: Floats, losses: Sequence[Floats]) -> float:
     """−2 log of the posterior, every piece's own variance taken as is likeliest."""
     deviation = x - p.mean
     cost = float(deviation @ p.information @ deviation)
-    for d, sample_count, slopes in p.parts(x):
-        squares = sum_by_piece(d, residual(d, x, slopes) ** 2) / d.size + d.floor**2
+    for (d, sample_count, slopes), loss in zip(p.parts(x), losses, strict=True):
+        squares = sum_by_piece(d, residual(d, x, slopes, loss) ** 2) / d.size + d.floor**2
         cost += float(sample_count @ np.log(squares))
     return cost
 
@@ -151,7 +157,8 @@ def _normal(p: _Problem, x: Floats) -> tuple[Floats, Floats]:
     A, b = p.information.copy(), p.information @ (x - p.mean)
     start = SHARED
     for d, sample_count, slopes in p.parts(x):
-        remainder, J = residual(d, x, slopes), _columns(d, x)
+        loss = unbent_loss(d, x)
+        remainder, J = residual(d, x, slopes, loss), _columns(d, x, loss)
         weights = sample_count / (sum_by_piece(d, remainder**2) + d.size * d.floor**2)
         JW = J * repeat_by_piece(d, weights)
         A[:SHARED, :SHARED] += JW @ J.T
@@ -197,8 +204,7 @@ def search(
         starts: points to begin at: shared parameters, or these and the gradients.
     """
     p = _problem(designs, sample_counts, prior)
-    points = [_with_gradients(p, x) for x in starts]
-    costs = [_cost(p, x) for x in points]
+    points, costs = zip(*(_start(p, x) for x in starts), strict=True)
     best, cost = points[int(np.argmin(costs))], min(costs)
     limits = np.full(len(best), 2.0)
     reach = min(LARGEST_DELAY, *(float(d.t[-1]) / 4.0 for d in designs))
@@ -209,7 +215,7 @@ def search(
         C = A / np.outer(d, d) + _SINGULAR * np.eye(len(d))
         change = np.linalg.solve(C, b / d) / d
         trials = [np.clip(best - share * change, -limits, limits) for share in _STEP_SHARES]
-        costs = [_cost(p, x) for x in trials]
+        costs = tuple(_cost(p, x, _losses(p, x)) for x in trials)
         gained = cost - min(costs)
         if gained > 0.0:
             best, cost = trials[int(np.argmin(costs))], min(costs)
@@ -229,17 +235,17 @@ def joint(designs: Sequence[Design], prior: Mapping[int, Parameter]) -> Posterio
     return search(designs, sample_counts, prior, [coarse_mean]).posterior()
 
 
-def _with_gradients(p: _Problem, x: Floats) -> Floats:
-    """A point with gradients: those of least squares, drawn towards their prior."""
-    if len(x) == len(p.mean):
-        return x
-    blocks = [x[:SHARED]]
-    for d in p.designs:
-        remainder = residual(d, x, np.zeros(len(d.size)))
-        blocks.append(
-            np.clip(sum_by_piece(d, remainder * d.time) / sum_by_piece(d, d.time**2), -0.5, 0.5)
-        )
-    return np.concatenate(blocks)
+def _start(p: _Problem, x: Floats) -> tuple[Floats, float]:
+    """A point and its cost; gradients that it lacks are of least squares."""
+    losses = _losses(p, x)
+    if len(x) < len(p.mean):
+        blocks = [x[:SHARED]]
+        for d, loss in zip(p.designs, losses, strict=True):
+            remainder = residual(d, x, np.zeros(len(d.size)), loss)
+            slopes = sum_by_piece(d, remainder * d.time) / sum_by_piece(d, d.time**2)
+            blocks.append(np.clip(slopes, -0.5, 0.5))
+        x = np.concatenate(blocks)
+    return x, _cost(p, x, losses)
 
 
 def _sizes(A: Floats) -> Floats:
