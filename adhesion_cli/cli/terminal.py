@@ -59,14 +59,16 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
 
 def _bands(scores: Sequence[Score]) -> list[str]:
     """A line for each estimator that knows its uncertainty."""
-    by_algo: dict[str, list[tuple[float, float]]] = {}
+    by_algo: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for s in scores:
         if s.band_n is not None and s.within is not None:
-            by_algo.setdefault(s.algo, []).append((s.band_n, 100.0 * s.within))
+            by_algo.setdefault((s.algo, s.against), []).append((s.band_n, 100.0 * s.within))
     lines = []
-    for algo, bands in by_algo.items():
+    for (algo, target), bands in by_algo.items():
         width, share = (_range([x[i] for x in bands]) for i in (0, 1))
-        lines.append(f"{algo}: own 95 % band ± {width} N, holds {share} % of the samples")
+        lines.append(
+            f"{algo}: own 95 % band ± {width} N, holds the {target} in {share} % of the samples"
+        )
     return lines
 
 

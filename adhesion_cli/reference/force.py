@@ -301,7 +301,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         rate_of_change(*pair, regimes, fitted) for pair in zip(wheel, informative, strict=True)
     ]
     averaged, judged = 0.0, _Judged(fitted_to, fitted)
-    if not counts and not runs[0].pressure_late.value:
+    if not counts and not lag and not runs[0].pressure_late.value:  # these look alike
         averaged, mean_rates, means = _as_means(runs, wheel, informative, fitted, regimes, prior)
         if mean_rates:
             rates = [mix_estimates(*pair, averaged) for pair in zip(rates, mean_rates, strict=True)]

@@ -137,3 +137,14 @@ def test_a_quiet_run_shows_what_sets_its_exit_code(capsys: pytest.CaptureFixture
         assert "no-position" not in text
     show(of_log[1:], quiet=True)
     assert not capsys.readouterr().err
+
+
+def test_the_line_of_a_band_says_what_the_band_holds() -> None:
+    rows = [
+        (axle, Score("imm", target, 10.0, band_n=20.0, within=within))
+        for axle, target, within in (("1", "truth", 0.9), ("2", "reference", 0.97))
+    ]
+    assert scores(rows).splitlines()[-2:] == [
+        "imm: own 95 % band ± 20 N, holds the truth in 90 % of the samples",
+        "imm: own 95 % band ± 20 N, holds the reference in 97 % of the samples",
+    ]
