@@ -32,6 +32,7 @@ RECEIVER_DELAY = 0.75  # 1 sigma of its delay, where the log does not show it, a
 WORKING = 2.78  # a WSP works at least down to it, and the largest slip is judged: 10 km/h [m/s]
 JUDGED_FROM = 1.0  # slower trains are not judged, and slip is relative to at least this [m/s]
 SLIDE = 0.05  # slip from which a wheel slides [-]
+LONGEST_DUMP = 3.0  # a shorter release of a brake is one of wheel slide protection [s]
 STANDING = 0.1  # a rim or a train slower than this stands [m/s]
 ROLLS, SLIDES, LOCKED = 0, 1, 2
 

@@ -80,7 +80,9 @@ class SlideSummary(NamedTuple):
     start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
     duration_s: Annotated[float, Quantity("s", SLIDE_SPAN)]
     distance_m: Annotated[float, Quantity("m", "distance of the train in it")]
-    max_slip: Annotated[float, Quantity("-", "the largest slip")]
+    max_slip: Annotated[
+        Number, Quantity("-", "largest slip above 10 km/h; null of a slide that is slower")
+    ]
     energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
     at_least: Annotated[bool, Quantity("", "whether the numbers are lower bounds")]
     peak_mu: Annotated[

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import physics, threads
-from ..core.model import AxleRecord, AxleResult, Floats, Times, Vehicle
+from ..core.model import AxleResult, Floats, Times, Vehicle
 from ..core.summary import BrakeApplication, Contribution, Coverage, MeanAndHighest, SlideSummary
 from ..records.route import NOWHERE, Route
 from ..reference import budget
@@ -85,6 +85,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     slides = [x for x in all_slides if samples.start <= x.samples.start < samples.stop]
     place = route.at(int(record.t[samples.start]))
     locks = [x.duration for x in all_locks if samples.start <= x.samples.start < samples.stop]
+    slips = [x.max_slip for x in slides if x.max_slip is not None]
     energies = [x.energy for x in slides if x.energy is not None]
     rail = rails.get(slides[0].start) if slides else None
     utilisation = rail.utilisation if rail else None
@@ -103,7 +104,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         slide_list=tuple(summarise_slide(x, log_start, route, rail) for x in slides),
         slide_s=sum(x.duration for x in slides),
         slide_distance_m=sum(x.distance for x in slides),
-        max_slip=1.0 if locks else _largest_slip(slides, record),
+        max_slip=1.0 if locks else max(slips, default=None),
         slide_energy_j=sum(energies) if len(energies) == len(slides) else None,
         at_least=any(x.is_lower_bound for x in slides),
         utilisation=utilisation and utilisation.value,
@@ -120,16 +121,6 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         longitude=place.longitude,
         ed_share=work and motor_share([work], vehicle),
     )
-
-
-def _largest_slip(slides: Sequence[Slide], record: AxleRecord) -> float | None:
-    """The largest slip of slides that begin above 10 km/h; of all, where none does.
-
-    In the last metres a wheel may stand: WSP units are switched off there.
-    """
-    v = record.train_speed
-    fast = [x for x in slides if v is not None and v[x.samples.start] > physics.WORKING]
-    return max((x.max_slip for x in fast or slides), default=None)
 
 
 def summarise_slide(

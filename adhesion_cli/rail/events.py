@@ -26,15 +26,16 @@ class Slide(NamedTuple):
     start: int  # [ns]
     duration: float  # [s]
     distance: float  # of the train during the slide [m]
-    max_slip: float  # while the train is faster than `WORKING`, if it is so in the slide [-]
-    energy: float | None  # ∫ F (v − ωR) dt, heat and wear of tread and rail [J]; None without F
+    max_slip: float | None  # while the train is faster than `WORKING` [-]; None where it is not
+    # ∫ F (v − ωR) dt, heat and wear of tread and rail, by a straight line of F over a lock [J]
+    energy: float | None  # None without F
     is_lower_bound: bool  # the train speed is estimated, or its delay is unknown
 
     def __str__(self) -> str:
         heat = "" if self.energy is None else f", {self.energy / 1e3:.1f} kJ"
         bound = "at least " if self.is_lower_bound else ""
-        text = f"{self.duration:.2f} s, {self.distance:.0f} m, slip up to {self.max_slip:.0%}"
-        return f"slide of {bound}{text}{heat}"
+        slip = "" if self.max_slip is None else f", slip up to {self.max_slip:.0%}"
+        return f"slide of {bound}{self.duration:.2f} s, {self.distance:.0f} m{slip}{heat}"
 
 
 def slides(  # noqa: PLR0913 (one column each)
@@ -66,17 +67,17 @@ def slides(  # noqa: PLR0913 (one column each)
         if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < SHORTEST_SLIDE:
             continue
         fast = v[samples] > WORKING
-        heat = F[samples] * s[samples] * v[samples]  # v − ωR = s v
-        finite = np.isfinite(heat)
-        is_known = finite.any() and finite[fast].all()  # a locked wheel of a log has no F
-        heat = np.where(finite, heat, 0.0)
-        judged = fast if fast.any() else ~fast  # without WSP, a wheel stands in the last metres
+        force = F[samples]
+        finite = np.isfinite(force)
+        if is_known := bool(finite.any()):  # a locked wheel of a log has no F
+            force = np.interp(seconds, seconds[finite], force[finite])
+        heat = force * s[samples] * v[samples]  # v − ωR = s v
         yield Slide(
             samples,
             int(t[samples.start]),
             float(seconds[-1]),
             float(np.trapezoid(v[samples], seconds)),
-            float(s[samples][judged].max()),
+            float(s[samples][fast].max()) if fast.any() else None,
             float(np.trapezoid(heat, seconds)) if is_known else None,
             is_lower_bound,
         )

@@ -11,11 +11,13 @@ import numpy as np
 from ..core import physics, threads
 from ..core.finding import Finding
 from ..core.model import AxleRecord, AxleResult, Bools, Floats, Parameter, Vehicle
+from ..core.physics import LONGEST_DUMP
+from ..core.signals import true_runs
 from . import fit
 from .events import Slide
-from .sliding import find_creep, slides
+from .sliding import certain_slip, find_creep, slides
 from .slope import REGIONS
-from .speed_errors import DELAY_SIGMA, has_slow_receiver, speed_error, speed_noise
+from .speed_errors import has_slow_receiver, speed_error, speed_noise
 from .wheel_calibration import calibrate_radius
 
 _SAME_RAIL_PAUSE = 5.0  # after a longer pause a slide may be on another rail [s]
@@ -90,11 +92,15 @@ def braked_pieces(axle: AxleResult) -> list[list[slice]]:
 
 
 def _locked(record: AxleRecord, pause: slice) -> bool:
-    """Whether the brake stays on while the train moves: it is one application of a locked wheel."""
-    K, v = record.clamping_force[pause], record.train_speed
-    if v is None or not len(K):
+    """Whether the train moves on and the brake is on: it is one application of a locked wheel.
+
+    Wheel slide protection may vent it for a short time.
+    """
+    K, v, t = record.clamping_force[pause], record.train_speed, record.t[pause]
+    if v is None or not len(K) or not (v[pause] > physics.CRAWL).all():
         return False
-    return bool((K > physics.NO_FORCE).all() and (v[pause] > physics.CRAWL).all())
+    released = [t[b - 1] - t[a] for a, b in true_runs(K <= physics.NO_FORCE)]
+    return max(released, default=0) < LONGEST_DUMP * 1e9
 
 
 def fit_places(context: "AxleContext", axle_slides: Sequence[Slide]) -> list[ApplicationSlides]:
@@ -145,7 +151,7 @@ class AxleContext:
     @cached_property
     def clock(self) -> Floats:
         """1 sigma of slip by the train speed, (n,)."""
-        return speed_error(self.axle.record, DELAY_SIGMA)
+        return speed_error(self.axle.record)
 
     @cached_property
     def swing(self) -> Floats:
@@ -164,8 +170,10 @@ class AxleContext:
     @cached_property
     def creep(self) -> list[slice]:
         """Where it creeps, as `find_creep`."""
-        assert self.axle.slip is not None
-        return find_creep(self.axle.record, self.axle.slip)
+        record, s = self.axle.record, self.axle.slip
+        assert s is not None
+        # each point has the error of an unknown delay
+        return find_creep(record, s if record.train_speed_late is None else certain_slip(record, s))
 
 
 def unknown_slip(record: AxleRecord, samples: slice, vehicle: Vehicle) -> tuple[Bools, float]:

@@ -6,7 +6,7 @@ from ..core import signals
 from ..core.model import AxleRecord, AxleResult, Floats
 from . import events
 from .events import END_SLIP, Slide
-from .speed_errors import CLEAR_SIGMAS, has_slow_receiver, speed_error
+from .speed_errors import CLEAR_SIGMAS, has_uncertain_delay, speed_error
 
 _SHORTEST_CREEP = 0.5  # least duration of creep that is no oscillation of the speeds [s]
 
@@ -14,13 +14,13 @@ _SHORTEST_CREEP = 0.5  # least duration of creep that is no oscillation of the s
 def slides(axle: AxleResult) -> list[Slide]:
     """Slides of a braked axle, in the order of time; none reaches across segments.
 
-    Slip within the error and noise of the train speed is no slide. With an unknown delay of a slow
-    receiver, the slides have the least slip that is certain.
+    Slip within the error and noise of the train speed is no slide. With an uncertain delay, the
+    slides have the least slip that is certain.
     """
     if axle.slip is None:
         return []
-    clear = _certain_slip(axle.record, axle.slip)
-    return find_slides(axle, clear if has_slow_receiver(axle.record) else axle.slip, clear)
+    clear = certain_slip(axle.record, axle.slip)
+    return find_slides(axle, clear if has_uncertain_delay(axle.record) else axle.slip, clear)
 
 
 def find_slides(axle: AxleResult, s: Floats, certain: Floats) -> list[Slide]:
@@ -31,7 +31,7 @@ def find_slides(axle: AxleResult, s: Floats, certain: Floats) -> list[Slide]:
     record, slides = axle.record, []
     assert record.train_speed is not None
     columns = record.t, record.train_speed, s, certain, axle.reference.force
-    is_lower_bound = record.train_speed_made or has_slow_receiver(record)
+    is_lower_bound = record.train_speed_made or has_uncertain_delay(record)
     depth = None if axle.slip_noise is None else CLEAR_SIGMAS * axle.slip_noise
     for segment in record.segments:
         for x in events.slides(segment, *columns, is_lower_bound, depth):
@@ -42,9 +42,9 @@ def find_slides(axle: AxleResult, s: Floats, certain: Floats) -> list[Slide]:
     return slides
 
 
-def _certain_slip(record: AxleRecord, s: Floats) -> Floats:
-    """Slip minus the possible error of the train speed, shape (n,)."""
-    return s - 2.0 * speed_error(record)
+def certain_slip(record: AxleRecord, s: Floats) -> Floats:
+    """Slip minus the possible error of the train speed, shape (n,); a locked wheel has none."""
+    return s - CLEAR_SIGMAS * speed_error(record) * np.clip(1.0 - s, 0.0, 1.0)
 
 
 def limited_from(axle: AxleResult, start_ns: int, end_ns: int) -> int | None:
@@ -55,14 +55,19 @@ def limited_from(axle: AxleResult, start_ns: int, end_ns: int) -> int | None:
     record, s = axle.record, axle.slip
     if s is None or record.train_speed is None:
         return None
-    runs = [x.samples for x in slides(axle)] + find_creep(record, s)
+    runs = [x.samples for x in slides(axle)] + find_creep(record, certain_slip(record, s))
     starts = [int(record.t[x.start]) for x in runs]
     return min((t for t in starts if start_ns <= t <= end_ns), default=None)
 
 
 def find_creep(record: AxleRecord, s: Floats) -> list[slice]:
-    """Where a braked wheel has lasting slip above a rolling wheel's, in the order of time."""
-    is_creeping, runs = (_certain_slip(record, s) > END_SLIP) & (record.clamping_force > 0.0), []
+    """Where a braked wheel has lasting slip above a rolling wheel's, in the order of time.
+
+    Args:
+        record: of the axle.
+        s: its slip, or the part of it that is certain, shape (n,).
+    """
+    is_creeping, runs = (s > END_SLIP) & (record.clamping_force > 0.0), []
     for segment in record.segments:
         for start, stop in signals.true_runs(is_creeping[segment]):
             run = slice(segment.start + start, segment.start + stop)

@@ -22,8 +22,9 @@ from .slope import Bands, Params, State, init, region, step
 from .speed_errors import (
     COASTING_RATE,
     deceleration,
+    delay_sigma,
     has_slow_receiver,
-    slip_delay_sigma,
+    has_uncertain_delay,
     speed_error,
     speed_noise,
 )
@@ -94,15 +95,20 @@ def observe_slip(
         slope_confidence=confidence,
         region=code,
     )
-    if record.train_speed_late is None and any(
-        np.median(deceleration(record)[x.samples]) > COASTING_RATE
-        for x in find_slides(completed, slip, slip)
+    is_unknown = record.train_speed_late is None or record.train_speed_late.value == 0.0
+    if (
+        is_unknown
+        and has_uncertain_delay(record)
+        and any(
+            np.median(deceleration(record)[x.samples]) > COASTING_RATE
+            for x in find_slides(completed, slip, slip)
+        )
     ):
-        finding, name = Finding("train-speed-delay-unknown", "info"), f"axle {record.axle}"
+        name, delay = f"axle {record.axle}", {"delay_s": 2.0 * delay_sigma(record)}
+        finding = Finding("train-speed-delay-unknown", "info", channel=name, values=delay)
         if has_slow_receiver(record):
-            delay = {"delay_s": 2.0 * slip_delay_sigma(record, 0.0)}
-            finding = Finding("train-speed-slow", "warning", values=delay)
-        findings.append(replace(finding, channel=name))
+            finding = replace(finding, code="train-speed-slow", severity="warning")
+        findings.append(finding)
     axle_events = events.axle_events(
         record.axle, slides(completed), record.segments, record.t, code
     )

@@ -10,7 +10,8 @@ from .events import END_SLIP
 
 COASTING_RATE = 0.3  # largest deceleration of a coasting train [m/s²]
 DRIVING_RATE = 0.1  # and largest acceleration: a driven wheel creeps [m/s²]
-DELAY_SIGMA = 0.2  # 1 sigma of an unknown delay of the train speed [s]; see `has_slow_receiver`
+DELAY_SIGMA = 0.2  # 1 sigma of a fast train speed's delay that the log does not show [s]
+_KNOWN_DELAY = 0.1  # 1 sigma of a delay up to which slides are measured, not bounded [s]
 CLEAR_SIGMAS = 2.0  # sigma that are more than noise
 _TURNING_SPEED = 1.0  # below this, a speed sensor may read zero, without its noise [m/s]
 _ROLLING_DIFFERENCE = 0.2  # a wheel this close to the train's speed rolls [m/s]
@@ -62,48 +63,46 @@ def deceleration(record: AxleRecord) -> Floats:
 
 
 def has_slow_receiver(record: AxleRecord) -> bool:
-    """Whether the train speed's delay is unknown and may be two of its long intervals."""
+    """Whether the train speed is a receiver's, whose delay is long and unknown."""
     return (
         record.train_speed_late is None and record.train_speed_interval > physics.RECEIVER_INTERVAL
     )
 
 
-def speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
-    """1 sigma of slip by the train speed's delay and drift, one error for all, shape (n,).
+def has_uncertain_delay(record: AxleRecord) -> bool:
+    """Whether slides beside this train speed are lower bounds: only the certain slip counts."""
+    return record.train_speed is not None and delay_sigma(record) > _KNOWN_DELAY
 
-    Args:
-        record: of an axle.
-        unknown: σ_τ of an unknown delay [s]; for a slow receiver, its interval counts.
-    """
+
+def speed_error(record: AxleRecord) -> Floats:
+    """1 sigma of slip by the train speed's delay and drift, one error for all, shape (n,)."""
     if record.train_speed is None:
         return np.zeros(len(record))
     sigma = record.train_speed_sigma
     with np.errstate(divide="ignore", invalid="ignore"):
         of_itself = 0.0 if sigma is None else sigma / record.train_speed
-    return np.hypot(delay_error(record, unknown), of_itself)
+    return np.hypot(delay_error(record), of_itself)
 
 
-def slip_delay_sigma(record: AxleRecord, unknown_sigma: float) -> float:
-    """1 sigma of the train speed's delay [s]; an unknown one of a receiver is its interval or more.
+def unknown_delay(interval: float) -> float:
+    """1 sigma of a delay that the log does not show, of a train speed with this interval [s]."""
+    if interval > physics.RECEIVER_INTERVAL:
+        return max(physics.RECEIVER_DELAY, 0.5 * interval)
+    return DELAY_SIGMA
 
-    Args:
-        record: of an axle.
-        unknown_sigma: that of another train speed whose delay is unknown [s].
-    """
+
+def delay_sigma(record: AxleRecord) -> float:
+    """1 sigma of the delay that is left in the train speed of an axle [s]."""
     if record.train_speed_late is not None:
         return record.train_speed_late.tolerance
-    if has_slow_receiver(record):
-        return max(record.train_speed_interval, physics.RECEIVER_DELAY)
-    return unknown_sigma
+    return unknown_delay(record.train_speed_interval)
 
 
-def delay_error(record: AxleRecord, unknown_sigma: float) -> Floats:
+def delay_error(record: AxleRecord) -> Floats:
     """1 sigma of slip by the uncertain delay of the train speed, σ_τ (−v̇)/v, shape (n,)."""
     assert record.train_speed is not None
     with np.errstate(divide="ignore", invalid="ignore"):
-        error: Floats = (
-            slip_delay_sigma(record, unknown_sigma) * deceleration(record) / record.train_speed
-        )
+        error: Floats = delay_sigma(record) * deceleration(record) / record.train_speed
     return error
 
 

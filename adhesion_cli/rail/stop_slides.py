@@ -66,22 +66,17 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
     t, (begin, end), axle, vehicle, applications = slides
     record, radius = axle.record, vehicle.radius(axle.record.axle).value
     assert record.train_speed is not None  # there is no slide without
-    spans = [
-        (slide.start_s, slide.start_s + slide.duration_s)
-        for a in applications
-        for slide in a.slide_list
-        if begin <= slide.start_s <= end
-    ]
+    inside = [s for a in applications for s in a.slide_list if begin <= s.start_s <= end]
     force = _over_locks(t, axle.reference.force)
     power = force * np.maximum(record.train_speed - record.wheel_speed * radius, 0.0)
-    energies = [_integral(t, power, *span) for span in spans]
+    energies = [s.energy_j for s in inside if s.energy_j is not None]
     locks = [
         lock
         for lock in locks_of_axle(record, radius, limits)
         if begin <= t[lock.samples.start] <= end
     ]
     longest = max(locks, key=lambda lock: lock.duration, default=None)
-    first_start = min((start for start, _ in spans), default=math.nan)
+    first_start = min((s.start_s for s in inside), default=math.nan)
     initial, initial_u95 = _initial_coefficient(t, first_start, axle, vehicle)
     utilisation, utilisation_ci = _utilisation(applications)
     return row._replace(
@@ -89,7 +84,7 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
         initial_coefficient_u95=initial_u95,
         utilisation=utilisation,
         utilisation_ci=utilisation_ci,
-        energy_j=sum(energies) if spans and all(map(math.isfinite, energies)) else None,
+        energy_j=sum(energies) if inside and len(energies) == len(inside) else None,
         lock_energy_j=None
         if longest is None
         else _finite(_integral(t, power, *t[[longest.samples.start, longest.samples.stop - 1]])),

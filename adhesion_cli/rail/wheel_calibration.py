@@ -11,7 +11,7 @@ from ..core.finding import Finding, merge_spans
 from ..core.model import Z95, AxleRecord, Bools, Floats, Parameter, Vehicle
 from ..core.physics import reference_speed
 from ..train.mean_axle import mean_axle
-from .speed_errors import COASTING_RATE, DELAY_SIGMA, DRIVING_RATE, delay_error
+from .speed_errors import COASTING_RATE, DRIVING_RATE, delay_error
 
 _CALIBRATION_SPEED = 3.0  # least speed of a calibration, below which (2) is mostly noise [m/s]
 _SHORTEST_COASTING = 2.0  # least time of coasting for a calibration [s]
@@ -48,7 +48,7 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     v, rim = record.train_speed, record.wheel_speed * radius
     ratios, delay_errors, seconds = [], [], 0.0
     runs: list[tuple[Floats, Floats]] = []
-    error_by_delay = delay_error(record, DELAY_SIGMA)
+    error_by_delay = delay_error(record)
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
         change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])

@@ -6,12 +6,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..core.model import AxleRecord, Floats
-from ..core.physics import CRAWL
+from ..core.physics import CRAWL, LONGEST_DUMP
 from ..core.signals import median_of_five, moving, true_runs, white_noise
 
 _BRAKING_FORCE = 200.0  # clamping force that is braking [N]
 _RELEASED_FORCE = 60.0  # and that still belongs to it [N]
-_DUMP = 3.0  # longest release inside one application: wheel slide protection vents [s]
 _TAIL = 1.0  # time after the release that still counts [s]
 _SHORTEST = 0.5  # shorter is no application [s]
 START_UP = 3.0  # response of the slowest published estimator, LESO in Table 2 [s]
@@ -51,7 +50,7 @@ def _application_slices(
             continue
         if start == 0 and _lets_start(record, K, slice(run.start, run.start + stop)):
             continue
-        if spans and t[start] - t[spans[-1][1] - 1] < _DUMP:
+        if spans and t[start] - t[spans[-1][1] - 1] < LONGEST_DUMP:
             start = spans.pop()[0]
         spans.append((start, stop))
     for i, (start, stop) in enumerate(spans):

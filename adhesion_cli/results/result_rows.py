@@ -13,6 +13,7 @@ from .text_tables import (
     non_empty,
     number,
     share_with_interval,
+    slip_text,
     when_and_where,
 )
 
@@ -69,7 +70,6 @@ def _with_u95(
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """The slides of a brake application, together; their time is the begin of the first."""
     energy, bound = a.slide_energy_j, a.at_least
-    highest = min(100.0 * (a.max_slip or 0.0), 100.0)
     first: SlideSummary | BrakeApplication = a.slide_list[0] if a.slide_list else a
     return {
         "axle": axle,
@@ -78,7 +78,8 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "slides": str(a.slides),
         "for [s]": bounded_number(a.slide_s, 1, bound),
         "distance [m]": bounded_number(a.slide_distance_m, 0, bound),
-        "max slip [%]": number(highest, 0) if highest > 99.5 else bounded_number(highest, 1, bound),
+        "max slip [%]": slip_text(a.max_slip, bound),
+        **({"locked [s]": number(a.longest_lock_s, 1)} if a.locked_s else {}),
         "energy [kJ]": bounded_number(energy and 1e-3 * energy, 1, bound),
         "used [%]": used(a),
     }

@@ -6,13 +6,21 @@ from ..rail.events import Slide
 from ..rail.fit import RailFit
 from ..rail.rail_under_slides import Summary
 from ..records.route import NOWHERE, Route
-from .text_tables import NARROW, bounded_number, folded, number, records, table, when_and_where
+from .text_tables import (
+    NARROW,
+    bounded_number,
+    folded,
+    number,
+    records,
+    slip_text,
+    table,
+    when_and_where,
+)
 
 OF_CURVE = (
     "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
     "for other laws (docs/explanation/slip.md)."
 )
-_LOCKED = 0.9995  # slip that is shown as 100 %
 _CONSTANTS = {"f0": "f0", "A": "A", "B [s/m]": "B", "kA": "k_a", "kS": "k_s"}
 
 
@@ -79,17 +87,15 @@ def slide_rows(
 
 def slide_row(axle: int, slide: Slide, start_ns: int, route: Route = NOWHERE) -> dict[str, str]:
     """When and how far a wheel slid; the time counts from the start of the log."""
-    bound, slip = slide.is_lower_bound, 100.0 * slide.max_slip
+    bound = slide.is_lower_bound
     place = route.at(slide.start)
     km = place.position_km if route.position_from == "position" else None
-    # of a locked wheel it is 100 %, whatever the train speed's error
-    slip_text = bounded_number(slip, 1, bound) if slide.max_slip < _LOCKED else "100.0"
     return {
         "axle": str(axle),
         "start [s]": number((slide.start - start_ns) / 1e9, 2),
         **when_and_where(place.time, km),
         "duration [s]": bounded_number(slide.duration, 2, bound),
         "distance [m]": bounded_number(slide.distance, 1, bound),
-        "max slip [%]": slip_text,
+        "max slip [%]": slip_text(slide.max_slip, bound),
         "energy [kJ]": bounded_number(slide.energy and slide.energy / 1e3, 1, bound),
     }

@@ -238,6 +238,10 @@ def _describe_slides(stop: StopSummary) -> str:
         if slips:
             axle = max(slips, key=lambda axle: slips[axle])
             text += f", largest slip {100.0 * slips[axle]:.0f} % (axle {axle})"
+        locks = {a.axle: a.longest_lock_s for a in stop.axles if a.longest_lock_s}
+        if locks:
+            axle = max(locks, key=lambda axle: locks[axle])
+            text += f", a wheel of axle {axle} locked for {locks[axle]:.1f} s"
         events.append(text)
     if stop.sanding_s:
         events.append(f"sand for {stop.sanding_s:.1f} s")

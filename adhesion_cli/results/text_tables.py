@@ -12,6 +12,7 @@ from ..rail.highest import SLIPPERY
 NARROW = 80  # columns where there is no terminal, and in a recording
 DASH = "-"  # where a number is not known
 ED = "ED [%]"  # the column of the share of the ED brake
+_LOCKED = 0.9995  # slip that is shown as 100 %
 _TEXT = 16  # columns that a text keeps
 NOT_KNOWN = "not known"
 DOUBT = "?"  # behind a µ of a log that contradicts its vehicle
@@ -136,6 +137,13 @@ def number(value: float | None, digits: int = 0) -> str:
 def bounded_number(value: float | None, digits: int, bound: bool) -> str:
     """A number, marked if it is a lower bound."""
     return "≥ " * (bound and value is not None) + number(value, digits)
+
+
+def slip_text(slip: float | None, bound: bool) -> str:
+    """A largest slip [%]; of a locked wheel it is 100 %, whatever the train speed's error."""
+    if slip is not None and slip > _LOCKED:
+        return "100"
+    return bounded_number(slip and 100.0 * slip, 1, bound)
 
 
 def share_with_interval(share: float | None, interval: tuple[float, float] | None) -> str:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ..core.summary import AxleSummary, BrakeApplication
 from ..core.text import by_uncertainty
-from .text_tables import DASH, bounded_number, number, when_and_where
+from .text_tables import DASH, bounded_number, number, slip_text, when_and_where
 
 MANY_ROWS = 24  # brake applications of all axles: with more, a table has a row per stop
 MANY_AXLES = 8  # with more, an overview has groups of axles
@@ -72,7 +72,6 @@ def stop_row(stop: TrainStop) -> dict[str, str]:
         mean = "±".join(by_uncertainty(sum(values) / len(values), u95, 3))
         mean_range = _range(values)
     first = min(applications, key=lambda a: a.start_s)
-    slip = number(100.0 * min(worst.max_slip or 0.0, 1.0), 1)
     return {
         "at [s]": number(stop.start_s, 1),
         **when_and_where(first.time, first.kilometre),
@@ -82,7 +81,7 @@ def stop_row(stop: TrainStop) -> dict[str, str]:
         "µ of axles": mean_range,
         "slid": f"{len({a.axle for a in slid})} of {len({a.axle for a in applications})}",
         "slid [s]": bounded_number(worst.slide_s, 1, worst.at_least) if slid else DASH,
-        "max slip [%]": slip if slid else DASH,
+        "max slip [%]": slip_text(worst.max_slip, worst.at_least) if slid else DASH,
         "axle": str(worst.axle) if slid else DASH,
     }
 
@@ -143,7 +142,7 @@ def group_row(group: AxleGroup) -> dict[str, str]:
         return row | {"max slip [%]": DASH, "axle": DASH, "at [s]": DASH}
     worst = max(slid, key=slide_severity)
     return row | {
-        "max slip [%]": number(100.0 * min(worst.max_slip or 0.0, 1.0), 1),
+        "max slip [%]": slip_text(worst.max_slip, worst.at_least),
         "axle": str(worst.axle),
         "at [s]": number(worst.start_s, 1),
         **when_and_where(worst.time),

@@ -40,7 +40,7 @@ def axle_stops(
                 bands_u95 = _rolling_u95(rim.t[has_slip], v[has_slip], slips, signals.delay_sigma)
             locks = [x.duration for x in find_locks(rim.t, least_v, rim.value, settings.locks)]
             locked, longest = sum(locks, 0.0), max(locks, default=0.0)
-            slip = 1.0 if locks else slip
+            slip = 1.0 if locks else slip and max(slip, 0.0)
         actions, vented = 0, None
         source: Literal["valves", "pressure"] | None = None
         if axle in signals.valves:

@@ -8,14 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
-from ..core.physics import SLOW, STANDING
+from ..core.physics import LONGEST_DUMP, SLOW, STANDING
 from ..core.signals import true_runs
 from .signals import StopSignals, TimeSeries
 
 STEP = 0.1  # of the grid on which brakings are looked for [s]
 _ON_SHARE, _OFF_SHARE = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
 _LEAST_BRAKE = 5e3  # and the least: pressure [Pa], or clamping force [N]
-_DUMP = 3.0  # a shorter release is one of wheel slide protection [s]
 _LEAST_LOSS = 0.2  # of the speed at the begin: less is no stop that failed
 _ROLLED_OUT = 8.0 / 3.6  # a brake that is released below this speed has stopped the train [m/s]
 _LONGEST_ROLL = 10.0  # and the train then stands after this time [s]
@@ -116,7 +115,7 @@ def _closed(mask: Bools, is_unknown: Bools) -> Bools:
     closed = mask.copy()
     runs = list(true_runs(mask))
     for (_, stop), (start, _) in itertools.pairwise(runs):
-        if start - stop <= _DUMP / STEP or is_unknown[stop:start].all():
+        if start - stop <= LONGEST_DUMP / STEP or is_unknown[stop:start].all():
             closed[stop:start] = True
     return closed
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..core.model import Floats, Parameter
 from ..core.physics import SLOW
+from ..core.signals import true_runs
 from .brake_levels import DROP, brake_levels, quantisation_step
 from .find import Braking
 from .signals import StopSignals
@@ -14,6 +15,7 @@ from .signals import StopSignals
 FULL_SHARE = 0.95  # of the full value of a brake: the build-up ends
 _LONGEST_BUILD_UP = 0.5  # of the braking: what is later is another brake, or the driver
 _LEVEL_ERROR = 0.005  # 1 sigma of the full value, as a share of it
+_CREEPS = 0.02  # slip of a wheel from which it slides where it goes on to `_SLIDES`
 _SLIDES = 0.05  # slip of a wheel that slides
 
 
@@ -120,10 +122,12 @@ def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter
 
 
 def _slides(signals: StopSignals, axle: int, start: float, stop: float) -> bool:
-    """Whether an axle slides in a span of time."""
+    """Whether an axle begins to slide in a span of time."""
     if axle not in signals.rims:
         return False
-    rim = signals.rims[axle].cut(start, stop)
+    rim = signals.rims[axle].cut(start, math.inf)
     v = signals.speed.interpolated(rim.t)
     with np.errstate(invalid="ignore"):
-        return bool(np.any((v > SLOW) & (rim.value < (1.0 - _SLIDES) * v)))
+        slip = np.where(v > SLOW, 1.0 - rim.value / v, 0.0)
+        runs = true_runs(slip > _CREEPS)
+        return any(rim.t[a] < stop and np.max(slip[a:b]) > _SLIDES for a, b in runs)

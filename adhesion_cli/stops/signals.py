@@ -9,26 +9,22 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
-from ..core.physics import RECEIVER_DELAY, RECEIVER_INTERVAL
 from ..core.signals import in_order, median_of_five
 from ..rail.speed_errors import (
     CLEAR_SIGMAS,
-    DRIVING_RATE,
-    has_slow_receiver,
-    slip_delay_sigma,
+    delay_sigma,
+    has_uncertain_delay,
+    unknown_delay,
 )
+from ..rail.wheel_calibration import calibrate_radius
 
 SpeedSource = Literal["train", "axles"]
 _FAST = 0.25  # a train speed with longer intervals gets its shape from the wheels [s]
 _AVERAGED = 5  # intervals of a slow train speed over which its difference to the wheels is averaged
 _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
-_RATIO_SPEED = 3.0  # the ratio of train and rim is measured above [m/s]
-_RELEASED, _RELEASED_TIME = 0.1, 1.0  # share of the brake's range, and time without a brake [s]
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
 UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
-UNKNOWN_DELAY = 0.1  # 1 sigma of a train speed's delay that the log does not show [s]
-_DELAY_SHARE = 0.5  # and at least this share of its interval: slow receivers are late
 
 
 class TimeSeries(NamedTuple):
@@ -64,7 +60,6 @@ class StopSignals(NamedTuple):
     by_pressure: bool = True  # whether `brakes` are pressures
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]
-    slip_delay_sigma: float = 0.0  # 1 sigma of the speed's delay, as for slip and locks [s]
     knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
 
     def coarse_interval(self, t: float) -> float:
@@ -76,7 +71,7 @@ class StopSignals(NamedTuple):
 
     def least_speed(self, t: Floats) -> Floats:
         """The least speed [m/s] of a braked train at times t, by its possible delay; (m,)."""
-        delayed_t: Floats = np.minimum(t + CLEAR_SIGMAS * self.slip_delay_sigma, self.speed.t[-1])
+        delayed_t: Floats = np.minimum(t + CLEAR_SIGMAS * self.delay_sigma, self.speed.t[-1])
         return np.minimum(self.speed.interpolated(t), self.speed.interpolated(delayed_t))
 
 
@@ -91,37 +86,33 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     start_ns = log.start_ns()
     base = max(records, key=len)
     t = _seconds(base, start_ns)
-    rims = {r.axle: _on_segments(r, r.wheel_speed, start_ns) for r in records}
-    rims = {
-        axle: TimeSeries(rim.t, rim.value * vehicle.radius(axle).value)
-        for axle, rim in rims.items()
-    }
     brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
     measured = base.train_speed is not None and not base.train_speed_made
+    rims = {}
+    for r in records:
+        radius = calibrate_radius(r, vehicle)[0] if measured else vehicle.radius(r.axle)
+        rims[r.axle] = _on_segments(r, r.wheel_speed * radius.value, start_ns)
     if measured and base.train_speed is not None:
         train = TimeSeries(*in_order(t, base.train_speed))
-        rims = {axle: _as_train(rim, train, brakes[axle].value) for axle, rim in rims.items()}
     else:
         train = _fastest(rims, rims[base.axle].t)
     is_coarse: Bools | None = None
     if measured:
-        delay, interval = base.train_speed_late, base.train_speed_interval
+        interval, sigma = base.train_speed_interval, delay_sigma(base)
         scale = UNKNOWN_SCALE
-        delay_sigma = _unknown_delay(interval) if delay is None else delay.tolerance
         if interval > _FAST:
             train, is_coarse = _shaped(train, rims, interval)
     else:
         radius = vehicle.radius(base.axle)
-        scale, delay_sigma = radius.tolerance / radius.value, 0.0
+        scale, sigma = radius.tolerance / radius.value, 0.0
     source: SpeedSource = "train" if measured else "axles"
-    signals = StopSignals(train, source, scale, delay_sigma, rims, brakes, _commands(log))
+    signals = StopSignals(train, source, scale, sigma, rims, brakes, _commands(log))
     by_pressure = not any(_by_force(r) for r in records)
     signals = signals._replace(
         by_pressure=by_pressure,
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
-        slip_delay_sigma=slip_delay_sigma(base, 0.0) if measured else 0.0,
-        knows_delay=not (measured and has_slow_receiver(base)),
+        knows_delay=not (measured and has_uncertain_delay(base)),
     )
     return _with_states(signals, log)
 
@@ -165,18 +156,12 @@ def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
         c.axle or i: _series(c, start_ns)
         for i, c in enumerate(_channels(log, "pressure") or _channels(log, "clamping_force"), 1)
     }
-    commands, delay_sigma = _commands(log), 0.0
+    commands, sigma = _commands(log), 0.0
     if source == "train" and (brakes or commands) and len(speed.t) > 1:
-        delay_sigma = _unknown_delay(float(np.median(np.diff(speed.t))))
-    signals = StopSignals(speed, source, UNKNOWN_SCALE, delay_sigma, {}, brakes, commands)
+        sigma = unknown_delay(float(np.median(np.diff(speed.t))))
+    signals = StopSignals(speed, source, UNKNOWN_SCALE, sigma, {}, brakes, commands)
     signals = signals._replace(by_pressure=bool(_channels(log, "pressure")))
     return _with_states(signals, log)
-
-
-def _unknown_delay(interval: float) -> float:
-    """1 sigma of the delay of a train speed with this interval that the log does not show [s]."""
-    of_receiver = RECEIVER_DELAY if interval > RECEIVER_INTERVAL else UNKNOWN_DELAY
-    return max(of_receiver, _DELAY_SHARE * interval)
 
 
 def _channels(log: Log, meaning: Meaning) -> list[Channel]:
@@ -233,25 +218,6 @@ def _on_segments(record: AxleRecord, x: Floats, start_ns: int) -> TimeSeries:
         times.append(np.append(t[s], t[s][-1] + 1e-6))
         values.append(np.append(value[s], np.nan))
     return TimeSeries(*in_order(np.concatenate(times), np.concatenate(values)))
-
-
-def _as_train(rim: TimeSeries, train: TimeSeries, brake: Floats) -> TimeSeries:
-    """A rim speed on the train's scale: their usual ratio while the wheel rolls is taken off.
-
-    A braked or driven wheel creeps, the more the less the rail gives: the released brake without
-    acceleration counts, if the log has a second of it.
-    """
-    v = train.interpolated(rim.t)
-    change = rim.interpolated(rim.t + 0.5) - rim.interpolated(rim.t - 0.5)
-    lowest, highest = np.nanmin(brake, initial=np.inf), np.nanmax(brake, initial=-np.inf)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = v / rim.value
-        rolls = (v > _RATIO_SPEED) & (np.abs(ratio - 1.0) < 2.0 * _ROLLING)
-        released = rolls & (brake < lowest + _RELEASED * (highest - lowest))
-        coasting = released & (change < DRIVING_RATE)
-    if coasting.sum() * np.median(np.diff(rim.t)) > _RELEASED_TIME:
-        rolls = coasting
-    return TimeSeries(rim.t, rim.value * float(np.median(ratio[rolls]))) if rolls.any() else rim
 
 
 def _shaped(

@@ -25,15 +25,17 @@ slower by the same speed all along would look like a delay, so the error of τ a
 that.
 """
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import CRAWL, RECEIVER_INTERVAL
-from ..core.signals import white_noise
+from ..core.signals import true_runs, white_noise
 from .grid import FEWEST, Grid, erode
 
 _SCAN = 0.1  # from one that is tried to the next [s]
@@ -63,6 +65,8 @@ _CERTAIN = 3.0  # sigma from zero is an offset
 # nearest other τ or o [s, m/s], and its loss over the best one's
 _SEPARATION, _LOSS_RATIO = 0.5, 1.1
 _CLEAR_RATIO = 1.5  # the same of τ and o
+_PAUSE = 5.0  # a longer time between two brakings parts them [s]
+_PARABOLA = 3  # fine steps to each side of the least loss through which the parabola goes
 _MOST_SAMPLES = 4000  # samples of the fit
 _BLOCK = 50_000  # samples of candidates that are fitted at a time: they stay in a processor's cache
 
@@ -86,6 +90,20 @@ class _ClockSamples(NamedTuple):
         """Those of some axles."""
         of_axles = ("rim", "released", "usable", "fast", "by_radius", "by_creep")
         return self._replace(**{name: getattr(self, name)[axles] for name in of_axles})
+
+    def cut(self, samples: slice) -> "_ClockSamples":
+        """Those of a part of the log."""
+        over_time = (
+            "t",
+            "train_slows",
+            "rim",
+            "released",
+            "usable",
+            "fast",
+            "by_radius",
+            "by_creep",
+        )
+        return self._replace(**{name: getattr(self, name)[..., samples] for name in over_time})
 
 
 class _Fits(NamedTuple):
@@ -138,6 +156,12 @@ def compare_clocks(g: Grid, interval: float, resolution: float = 0.0) -> ClockOf
     clocks = _compare(s, read_train, resolution)
     if clocks.delay or clocks.offset:
         return clocks
+    for samples in _brakings(s):
+        part = _compare(s.cut(samples), partial(_read_part, read_train, samples), resolution)
+        if part.delay and not (clocks.delay and clocks.delay.tolerance < part.delay.tolerance):
+            clocks = part
+    if clocks.delay:
+        return clocks
     delay = _delay_by_returns(s, read_train)
     if delay and interval <= RECEIVER_INTERVAL:  # it may have an offset: only a bound
         delay = Parameter(0.0, math.hypot(*delay))
@@ -159,6 +183,19 @@ def _compare(
         return ClockOffset(None, sure_offset if offset.clear else None)
     both_fit = clear_delay and _CLEAR_RATIO * delay.loss > offset.loss
     return ClockOffset(clear_delay, sure_offset if both_fit else None)
+
+
+def _brakings(s: _ClockSamples) -> Iterator[slice]:
+    """The samples of each braking of several: one of them may be dry."""
+    pause = _PAUSE / (s.t[1] - s.t[0])
+    runs = list(true_runs(s.train_slows))
+    cuts = [(b + a) // 2 for (_, b), (a, _) in itertools.pairwise(runs) if a - b > pause]
+    if cuts:
+        yield from itertools.starmap(slice, itertools.pairwise([0, *cuts, len(s.t)]))
+
+
+def _read_part(read_train: Callable[[float], Floats], samples: slice, tau: float) -> Floats:
+    return read_train(tau)[samples]
 
 
 def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -> Parameter | None:
@@ -200,7 +237,7 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
         by_creep=np.where(usable & train_slows, nearest, 0.0)[None],
         creepage=_RETURN_SLIP,
     )
-    mean_rate = -float(np.polyfit(s.t[slowing], train[slowing], 1)[0])
+    mean_rate = -float(np.diff(train)[slowing[1:] & slowing[:-1]].mean()) / step
     sigma = _RETURN_SPEED / max(mean_rate, _SLOWING)
     likeliest = _likeliest(
         returns, _TAUS, lambda tau: read_train(tau)[places], sigma, _RETURN_UNKNOWN
@@ -269,18 +306,23 @@ def _likeliest(
         return None
     counts = rolls > _ROLLING_SHARE * rolls.max()  # what little is left of a slide is no noise
     s = s.select(counts)
-    fine_values = np.linspace(candidates[place - 1], candidates[place + 1], 9)
-    bend, slope, _ = np.polyfit(
-        fine_values - candidates[place], _fit_each(s, speed_by, fine_values).loss, 2
-    )
+    fine_values = np.linspace(candidates[place - 1], candidates[place + 1], 17)
+    fine_losses = _fit_each(s, speed_by, fine_values).loss
+    # far from its minimum the loss is no parabola: samples that no longer fit are cut off
+    middle = min(max(int(np.argmin(fine_losses)), _PARABOLA), len(fine_values) - 1 - _PARABOLA)
+    near = slice(middle - _PARABOLA, middle + _PARABOLA + 1)
+    bend, slope, _ = np.polyfit(fine_values[near] - fine_values[middle], fine_losses[near], 2)
     if not bend > 0.0 or not abs(slope) < 2.0 * bend * (fine_values[-1] - fine_values[0]):
         return None
-    value = float(candidates[place] - slope / (2.0 * bend))
+    value = float(fine_values[middle] - slope / (2.0 * bend))
     f = _Fits(*(x[0] for x in _fit_each(s, speed_by, np.array([value]))))
     # −2 log of the likelihood is its number of independent samples times the log of the loss.
     telling = float(f.rolling.any(axis=0).sum()) / s.correlated
     loss = float(f.loss)
-    sigma = math.hypot(math.sqrt(loss / (bend * telling)), model_sigma)
+    # over less of the speed, what goes with it is the more like what does not
+    braked_rim = s.rim[f.rolling & s.train_slows]
+    speed_share = 1.0 - float(braked_rim.min() / braked_rim.max())
+    sigma = math.hypot(math.sqrt(loss / (bend * telling)), model_sigma / max(speed_share, 1e-9))
     rolling = s.released & np.isfinite(speed_by(value)) & (s.rim > CRAWL)
     slides = abs(f.x[-1] - s.creepage[0]) > _NO_CREEP * s.creepage[1]
     slides |= 2 * f.rolling[rolling].sum() < rolling.sum()

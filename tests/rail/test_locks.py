@@ -47,7 +47,7 @@ def test_no_lock_reaches_across_segments_or_is_known_without_a_train_speed() -> 
 
 def test_a_standing_wheel_is_not_locked_where_a_slow_receiver_may_be_late() -> None:
     t, K = (T * 1e9).astype(np.int64), np.full(len(T), 1e4)
-    late_v = np.minimum(V + 1.0, 20.0)  # by two seconds
+    late_v = np.minimum(V + 0.7, 20.0)  # by 1.4 s
     record = AxleRecord(
         1, t, K, K, stands(37.0, 40.0) / 0.5, (slice(0, len(T)),), train_speed=late_v
     )

@@ -15,13 +15,13 @@ from adhesion_cli.core.physics import RECEIVER_DELAY, SLIDE, G
 from adhesion_cli.core.signals import true_runs
 from adhesion_cli.core.summary import JERK, SLIDE_SPAN, StopSummary
 from adhesion_cli.rail.events import END_SLIP, SHORTEST_SLIDE
-from adhesion_cli.stops import signals as stop_signals
+from adhesion_cli.rail.speed_errors import DELAY_SIGMA
+from adhesion_cli.rail.wheel_calibration import calibrate_radius
 from adhesion_cli.stops.command import find_command
 from adhesion_cli.stops.find import Braking, find_brakings
 from adhesion_cli.stops.measure import ToLevel, measure_stop
 from adhesion_cli.stops.settings import StopSettings
 from adhesion_cli.stops.signals import (
-    UNKNOWN_DELAY,
     StopSignals,
     TimeSeries,
     of_log,
@@ -298,22 +298,15 @@ def test_time_without_a_slide_is_as_sure_as_noise_leaves_it(noise: float) -> Non
     assert (axle.rolling_u95 > 0.05) == (noise > 0.0)
 
 
-def test_a_wheel_that_creeps_under_the_brake_keeps_its_slip() -> None:
-    """What differs from the train without a brake is the diameter; under it, the slip."""
-    t = np.arange(0.0, 40.0, 0.05)
-    v, brake = np.clip(30.0 - 0.8 * np.maximum(t - ON, 0.0), 0.0, None), np.where(t > ON, 3e5, 1e3)
-    rim = 1.01 * v * np.where(t > ON, 0.97, 1.0)
-    scaled = stop_signals._as_train(TimeSeries(t, rim), TimeSeries(t, v), brake).value
-    np.testing.assert_allclose(scaled, rim / 1.01)
-
-
-def test_a_driven_wheel_is_no_measure_of_its_diameter() -> None:
-    """Acceleration with 1.5 % of creep, 5 s of coasting, then a brake under which it rolls."""
-    t = np.arange(0.0, 80.0, 0.05)
-    v = np.interp(t, [0.0, 50.0, 55.0, 80.0], [3.0, 28.0, 28.0, 8.0])
-    brake, rim = np.where(t > 55.0, 3e5, 1e3), 1.01 * v * np.where(t < 50.0, 1.015, 1.0)
-    scaled = stop_signals._as_train(TimeSeries(t, rim), TimeSeries(t, v), brake).value
-    np.testing.assert_allclose(scaled, rim / 1.01)
+def test_wheels_have_the_diameter_at_which_they_coast() -> None:
+    """One definition, that of the slip: under the brake, a wheel keeps its creep."""
+    made = result(1, 4000)
+    record = made.axles[0].record
+    worn = replace(record, wheel_speed=1.02 * record.wheel_speed)
+    (rim, worn_rim) = (of_records([r], made.log, made.vehicle).rims[1] for r in (record, worn))
+    radius = calibrate_radius(worn, made.vehicle)[0].value
+    assert radius == pytest.approx(made.vehicle.radius(1).value / 1.02, rel=0.003)
+    np.testing.assert_allclose(worn_rim.value, rim.value, rtol=0.003)
 
 
 def test_releases_by_the_valves_are_counted() -> None:
@@ -386,7 +379,7 @@ def test_a_command_that_is_not_logged_has_an_uncertain_dead_time() -> None:
 
 
 @pytest.mark.parametrize("brake", ["pressure", "brake_pipe"])
-@pytest.mark.parametrize(("interval", "sigma"), [(0.02, UNKNOWN_DELAY), (1.0, RECEIVER_DELAY)])
+@pytest.mark.parametrize(("interval", "sigma"), [(0.02, DELAY_SIGMA), (1.0, RECEIVER_DELAY)])
 def test_a_slow_train_speed_without_wheels_may_be_late(
     interval: float, sigma: float, brake: Meaning
 ) -> None:

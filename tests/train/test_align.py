@@ -103,6 +103,28 @@ def test_a_delay_is_shown_by_wheels_that_slide_and_come_back_to_the_trains_speed
         assert 0.2 < delays[0].values["delay_u95_s"] < 0.5
 
 
+def test_a_dry_brake_shows_the_delay_of_a_log_with_a_wet_one(tmp_path: Path) -> None:
+    """The wheels slide in the first braking all along, and roll in the second to half the speed."""
+    rng, t, path = np.random.default_rng(2), np.arange(0.0, 130.0, 0.04), tmp_path / "log.csv"
+    v = np.interp(t, [0, 12, 52, 60, 95, 107, 122, 130], [28, 28, 0, 0, 28, 28, 14, 13.8])
+    wet, dry = (t > 12.0) & (t < 52.0), (t > 107.0) & (t < 122.0)
+    phase = (t[:, None] / 1.2 + np.arange(4) / 4.0) % 1.0
+    slip = np.where(wet[:, None], 0.006 + 0.3 * np.minimum(phase, 1.0 - phase), 0.0)
+    slip += 0.006 * dry[:, None]
+    wheels = np.maximum(3.6 * v[:, None] * (1.0 - slip) + rng.normal(0.0, 0.05, slip.shape), 0.0)
+    radar = np.maximum(3.6 * np.interp(t - 0.3, t, v) + rng.normal(0.0, 0.1, len(t)), 0.0)
+    rows = (
+        f"{time:.2f},{train:.2f}," + ",".join(f"{3.0 * p:.2f},{w:.2f}" for w in rims)
+        for time, train, p, rims in zip(t, radar, wet | dry, wheels, strict=True)
+    )
+    axles = ",".join(f"BC pressure {i} [bar],wheel speed {i} [km/h]" for i in range(1, 5))
+    path.write_text(f"time [s],train speed [km/h],{axles}\n" + "\n".join(rows) + "\n")
+    log = read(open_source(path, ReadOptions()), (), Vehicle())
+    (delay,) = [f for f in prepare(log, Vehicle()).findings if f.code == "train-speed-delay"]
+    assert delay.values["delay_s"] == pytest.approx(0.3, abs=delay.values["delay_u95_s"])
+    assert 0.04 < delay.values["delay_u95_s"] < 0.1
+
+
 def test_wheels_that_never_come_back_are_no_delay_of_a_fast_train_speed(tmp_path: Path) -> None:
     """They slide by 0.8 m/s or more all along: a train speed that is late says the same."""
     t, path = np.arange(0.0, 45.0, 0.05), tmp_path / "log.csv"

@@ -11,7 +11,7 @@ from ...core.model import Floats
 from ...core.summary import SlideSummary
 from .. import palette
 from ..plane import Plane, kilometre_posts
-from ..text_tables import number
+from ..text_tables import number, slip_text
 from .run import ReportAxle, ReportRun
 
 _STEP = 5.0  # of the position, over which µ is averaged [m]
@@ -95,7 +95,7 @@ def _draw_slides(
         "at": [f"{number(x.start_s, 1)} s" for x in of_slides],
         "position": [f"{number(x.position_km, 3)} km" for x in of_slides],
         "distance": [f"{number(x.distance_m, 0)} m" for x in of_slides],
-        "largest slip": [f"{number(100.0 * min(x.max_slip, 1.0), 1)} %" for x in of_slides],
+        "largest slip": [f"{slip_text(x.max_slip, x.at_least)} %" for x in of_slides],
     }
     return drawn + _points(fig, plane, of_slides, tips, palette.VERMILLION, 7)
 

@@ -9,7 +9,15 @@ from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, Me
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
 from ..result_rows import ed_cell, marked, used
-from ..text_tables import DASH, NOT_KNOWN, describe_not_known, non_empty, number, when_and_where
+from ..text_tables import (
+    DASH,
+    NOT_KNOWN,
+    describe_not_known,
+    non_empty,
+    number,
+    slip_text,
+    when_and_where,
+)
 from ..train_stops import (
     MANY_AXLES,
     MANY_ROWS,
@@ -173,8 +181,9 @@ def _of_slides(
         yield f"The wheel stood still for {number(worst.locked_s, 1)} s while the train moved;"
         yield f"{subject} slid for {bound_text}{total} s."
     else:
-        slip = f"{percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
-        yield f"{subject.capitalize()} slid for {bound_text}{total} s, with slip up to {slip}."
+        slip = f", with slip up to {percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
+        slip *= worst.max_slip is not None
+        yield f"{subject.capitalize()} slid for {bound_text}{total} s{slip}."
     if worst.utilisation is not None:
         share = f"{percent(worst.utilisation)}\N{NO-BREAK SPACE}%"
         yield f"In the slides it used {share} of the adhesion that the rail gave."
@@ -253,7 +262,7 @@ def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
         **ed_cell(a),
         "Slides": str(a.slides) if a.slides or _is_observed(axle, a) else "?",
         "Sliding for [s]": if_slid(number(a.slide_s, 1)),
-        "Most slip [%]": if_slid(percent(min(a.max_slip or 0.0, 1.0), 1)),
+        "Most slip [%]": DASH if not a.slides else slip_text(a.max_slip, a.at_least),
         "Heat [kJ]": if_slid(number(energy and 1e-3 * energy, 1)),
         "Used of the available adhesion [%]": used(a),
     }

@@ -26,13 +26,13 @@ Slides = Mapping[int, Sequence[Slide]]  # of each axle, by its number
 
 def worst(slides: Sequence[Slide]) -> float:
     """The largest slip of an axle's slides; 0 without a slide."""
-    return max((x.max_slip for x in slides), default=0.0)
+    return max((x.max_slip or 0.0 for x in slides), default=0.0)
 
 
 def listed(slides: Slides, start_ns: int, route: Route) -> str:
     """Slides as Markdown, the deepest first, with the log's clock and places where it has them."""
     pairs = [(axle, slide) for axle, axle_slides in slides.items() for slide in axle_slides]
-    pairs.sort(key=lambda pair: -pair[1].max_slip)
+    pairs.sort(key=lambda pair: -(pair[1].max_slip or 0.0))
     rows = [slide_row(*pair, start_ns, route) for pair in pairs[:_LISTED_SLIDES]]
     table = parts.markdown_table(rows)
     if len(pairs) > _LISTED_SLIDES:
