@@ -41,7 +41,7 @@ def test_what_no_axle_has_is_no_table() -> None:
 
 def test_a_locked_wheel_has_a_slip_of_100_percent() -> None:
     rows = table([SLID], 10_000_000_000).splitlines()[-2:]
-    assert rows[0].split() == ["2", "2.50", "≥", "4.00", "≥", "60.0", "100.0", "-"]
+    assert rows[0].split() == ["2", "2.50", "≥", "4.00", "≥", "60.0", "100", "-"]
     assert rows[1].split()[6:] == ["≥", "15.0", "≥", "2.0"]
     assert "2.50" in note(SLID, 10_000_000_000)
 
