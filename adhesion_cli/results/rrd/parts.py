@@ -251,7 +251,7 @@ BRAKE = _states(("released", "applied"), palette.OFF, palette.BLUE)
 REGION_STATES = _states(REGION_TITLES, palette.OFF, palette.BLUE, palette.GREEN, palette.VERMILLION)
 WHEELS = _states(
     ("rolls", "slides", "locked", "stands"),
-    palette.OFF, palette.ORANGE, palette.VERMILLION, palette.GREY,
+    palette.OFF, palette.ORANGE, palette.VERMILLION, palette.LIGHT,
 )  # fmt: skip
 STANDS = 3  # of `WHEELS`
 SWITCHES = _states(("off", "on"), palette.OFF, palette.GREEN)
