@@ -241,7 +241,7 @@ def _find_line(log: AlignedLog, settings: Settings) -> BrakeLine | None:
         return None
     grid, axles, vehicle, by_motors = log.grids.coarse, log.axles, settings.vehicle, None
     share, mass = settings.train.braked_share(vehicle, len(axles)), None
-    if "axle_mass" not in settings.stated:
+    if "axle_mass" not in settings.stated and log.motors_by_axle:
         is_stated = "wheelset_inertia" in settings.stated
         mass = find_motor_mass(axles, grid, vehicle, share, is_stated)
         vehicle = replace(vehicle, axle_mass=mass) if mass else vehicle

@@ -44,6 +44,7 @@ class AlignedLog(NamedTuple):
     view: View
     findings: list[Finding]
     other_brakes: tuple[Finding, ...] = ()  # brakes that act by a channel, and are not in K
+    motors_by_axle: bool = True  # whether no force is one of a vehicle or train, spread over all
 
     def clamped_by(self, vehicle: Vehicle) -> "AlignedLog":
         """The log with the clamping force that another vehicle makes of the pressures."""
@@ -104,6 +105,7 @@ def align_log(
         raise no_records_error(log, choice, view, findings)
     aligned = align(sampled, choice.acceleration, vehicle, view)
     gradient = find_gradient(log, track)
+    axle_names = ", ".join(str(a.record.axle) for a in aligned.axles)
     if track.profile and gradient is None:
         findings.append(Finding("no-position", "warning"))
     return AlignedLog(
@@ -116,6 +118,7 @@ def align_log(
         view,
         findings + aligned.findings,
         other_brake_findings(log, aligned.axles, vehicle, view),
+        not any(f.names["axles"] == axle_names for f in log.findings if f.code == "force-spread"),
     )
 
 

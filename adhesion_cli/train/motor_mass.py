@@ -5,9 +5,11 @@ and the pressure (or clamping force) x of its friction brake, slows by
 
     −v̇ = r + s F / M + c max(x − x₀, 0),    M = m + I/R².
 
+All axles must have the same motors: their sum of adhesion is then right, whatever the mass.
 1/M and c are fitted by least squares over traction and braking. r is the deceleration of a train
-that coasts, s the share of its axles that are as the logged ones, I/R² the rotating mass. The
-gradient of each stretch is one error.
+that coasts, s the stated share of its mass that brakes, I/R² the rotating mass. The gradient of
+each stretch is one error. The motors of logged axles may be more or less than those of the whole
+train, which no log shows: that is the largest part of the uncertainty.
 """
 
 import math
@@ -25,6 +27,8 @@ from .longitudinal import RESISTANCE_OF_TRAINS
 
 MASS = Parameter(12e3, 5.4e3)  # of an axle not stated; the heaviest ones have 22.5 t [kg]
 _LARGEST_SIGMA = 0.3  # as a share: with more, the log does not show the mass
+_TRAIN_SIGMA = 0.3  # 1 sigma of the train's motors per mass over those of the logged axles
+_ALIKE = 0.2  # by which the motors of axles differ: unlike axles need a known mass
 _LIGHTEST, _HEAVIEST = 1.5e3, 3e4  # of an axle; a force of another kind gives another mass [kg]
 _SINGULAR = 1e6  # condition of normal equations in which brake and motors are one
 
@@ -59,6 +63,9 @@ def find_motor_mass(
     used &= (grid.fastest > CRAWL) & np.isfinite(force + excess + slowing)
     if not largest > NO_FORCE or (used & pulls).sum() < FEWEST:
         return None
+    forces = np.mean(np.abs(grid.smooth(grid.motors)[:, used & pulls]), axis=1)
+    if np.ptp(forces) > _ALIKE * forces.max():
+        return None
     columns = np.column_stack([force, excess] if excess[used].any() else [force])[used]
     columns /= (scale := np.abs(columns).max(axis=0))
     normal = columns.T @ columns
@@ -82,8 +89,9 @@ def find_motor_mass(
     else:
         mass /= 1.0 + ROTATING.value
         sigma = math.hypot(sigma, mass * ROTATING.tolerance) / (1.0 + ROTATING.value)
-    known = _LIGHTEST < mass < _HEAVIEST and sigma < _LARGEST_SIGMA * mass
-    return Parameter(float(mass), float(sigma)) if known else None
+    if not (_LIGHTEST < mass < _HEAVIEST and sigma < _LARGEST_SIGMA * mass):
+        return None
+    return Parameter(float(mass), math.hypot(sigma, _TRAIN_SIGMA * mass))
 
 
 def with_mean_mass(line: BrakeLine, lines: Iterable[BrakeLine]) -> BrakeLine:
