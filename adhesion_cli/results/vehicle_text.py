@@ -44,23 +44,27 @@ class VehicleOfLog(NamedTuple):
 
 def describe_vehicles(logs: Sequence[VehicleOfLog]) -> list[str]:
     """The lines on the vehicles of several logs: one line where all have one vehicle."""
-    logs_of_vehicle: dict[tuple[str, VehicleSummary], list[VehicleOfLog]] = {}
+    logs_of_vehicle: dict[VehicleSummary, list[VehicleOfLog]] = {}
     for log in logs:
-        logs_of_vehicle.setdefault((log.group, log.vehicle), []).append(log)
-    names_of_line: dict[str, list[str]] = {}
-    for (group, vehicle), like in logs_of_vehicle.items():
-        line = describe_vehicle(vehicle, [axle for log in like for axle in log.axles])
-        scatter = describe_scatter([log.brake for log in like if log.brake])
-        name = f"Group {group}" if group else listed([log.log for log in like], 2)
-        names_of_line.setdefault(f"{line} {scatter}".rstrip(), []).append(name)
-    if len(names_of_line) < 2:
-        return [*names_of_line]
-    each = all(log.vehicle.source == "log" and not log.group for log in logs)
-    if each and len(logs_of_vehicle) > _MOST_LINES:
+        logs_of_vehicle.setdefault(log.vehicle, []).append(log)
+    groups = {log.group for log in logs}
+    is_by_log = all(vehicle.source == "log" for vehicle in logs_of_vehicle)
+    if is_by_log and len(logs_of_vehicle) > max(_MOST_LINES, len(groups)):
         shares = [x for log in logs if np.isfinite(x := _median_share(log.axles))]
         accuracy = f", µ ± {min(shares):.0f} to {max(shares):.0f} %" if shares else ""
         return [_FROM_EACH.format(accuracy=accuracy)]
-    return [f"{', '.join(dict.fromkeys(names))}: {line}" for line, names in names_of_line.items()]
+    lines = []
+    for vehicle, like in logs_of_vehicle.items():
+        line = describe_vehicle(vehicle, [axle for log in like for axle in log.axles])
+        scatter = describe_scatter([log.brake for log in like if log.brake])
+        elsewhere = {log.group for log in logs if log.vehicle != vehicle}
+        names = listed([log.log for log in like], 2)
+        own_groups = dict.fromkeys(log.group for log in like)
+        if "" not in own_groups and not elsewhere.intersection(own_groups):
+            names = f"Group {', '.join(own_groups)}"
+        prefix = f"{names}: " if len(logs_of_vehicle) > 1 else ""
+        lines.append(f"{prefix}{line} {scatter}".rstrip())
+    return lines
 
 
 def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ()) -> str:

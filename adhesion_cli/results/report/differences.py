@@ -65,10 +65,20 @@ def friction_groups(runs: Sequence[ReportRun]) -> list[FrictionGroup]:
 
 
 def friction_findings(runs: Sequence[ReportRun]) -> list[Finding]:
-    """That runs have different brakes, so that one vehicle is wrong for some of them."""
-    has_stated_vehicle = any(run.summary.vehicle.source == "stated" for run in runs)
-    files = ["my-train.toml"] * has_stated_vehicle
-    return find_friction_differs(_grouped(runs), friction_groups(runs), files)
+    """That runs have different brakes, so that one vehicle is wrong for some of them.
+
+    Runs whose vehicles are found from their logs are compared by the deceleration per bar.
+    """
+    sources = {run.summary.vehicle.source for run in runs}
+    files = ["my-train.toml"] * ("stated" in sources)
+    grouped = _grouped(runs)
+    if sources == {"log"}:
+        per_bar = [run.brake and run.brake.deceleration_per_bar for run in grouped]
+        grouped = [
+            run._replace(brake=run.brake._replace(ratio=x)) if run.brake and x else run
+            for run, x in zip(grouped, per_bar, strict=True)
+        ]
+    return find_friction_differs(grouped, group_by_friction(grouped), files)
 
 
 def _grouped(runs: Sequence[ReportRun]) -> list[GroupedRun]:

@@ -161,6 +161,19 @@ def test_runs_with_other_brakes_have_no_difference_of_adhesion(pair: list[Report
     assert set(drawn["roots"].values()) == {"axle-1-0", "axle-2-0"}
 
 
+def test_runs_whose_logs_show_other_brakes_are_compared_and_named(pair: list[ReportRun]) -> None:
+    """Each has the vehicle of its own log, so µ is right in both; the pads still differ."""
+    runs = []
+    for run, per_bar in zip(pair, (0.46, 0.55), strict=True):
+        own = with_brake(run, LogBrake(per_bar, 1.0, 0.03, 2.9, 14.0))
+        vehicle = replace(own.summary.vehicle, source="log")
+        runs.append(replace(own, summary=replace(own.summary, vehicle=vehicle)))
+    (finding,) = differences.friction_findings(runs)
+    assert finding.values["factor"] == pytest.approx(0.55 / 0.46)
+    assert (2, "coefficient") in {(d.run, d.quantity) for d in differences.compare(runs)}
+    assert not differences.friction_findings([runs[0], runs[0]])
+
+
 def test_a_small_difference_has_the_digits_of_its_uncertainty(pair: list[ReportRun]) -> None:
     found = [d for d in differences.compare([pair[0], pair[0]]) if d.quantity == "coefficient"]
     for d, row in zip(found, comparison._rows(found), strict=True):
