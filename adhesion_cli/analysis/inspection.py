@@ -104,7 +104,7 @@ def _inspect_channel(c: Channel) -> InspectedChannel:
     summary = summarise_channel(c)
     return InspectedChannel(
         summary.name, summary.field, summary.meaning, summary.axle, summary.unit, summary.reason,
-        rate_hz=c.rate_hz, rows=c.rows, valid=min(len(c.data.t), c.rows), gaps=c.gaps,
+        rate_hz=c.rate_hz, rows=c.rows, valid=len(c.data.t) - len(c.held), gaps=c.gaps,
         duplicates=c.duplicates, backward=c.backward, levels=c.levels,
     )  # fmt: skip
 

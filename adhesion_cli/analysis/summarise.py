@@ -6,7 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import AxleResult, Channel, Floats, IdentifiedVehicle, Log, Result, Vehicle
+from ..core.model import (
+    AxleResult,
+    Channel,
+    Floats,
+    IdentifiedVehicle,
+    Log,
+    Result,
+    Times,
+    Vehicle,
+)
 from ..core.summary import (
     AxleSummary,
     BrakeApplication,
@@ -144,16 +153,23 @@ def _rows_used(result: Result) -> int:
     for channel in result.log.channels:
         if not channel.meaning:
             continue
-        in_segments = np.zeros(len(channel.data.t), dtype=np.bool_)
-        for axle in result.axles:
-            if channel.axle in (None, axle.record.axle):
-                for s in axle.record.segments:
-                    t = axle.record.t[s]
-                    in_segments |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
-        row = channel.row_of
-        used_count = min(int(in_segments.sum()), channel.rows)
-        by_origin[row] = max(by_origin.get(row, 0), used_count)
+        ends = [
+            axle.record.t[s][[0, -1]]
+            for axle in result.axles
+            if channel.axle in (None, axle.record.axle)
+            for s in axle.record.segments
+        ]
+        used_count = _count_between(ends, channel.data.t) - _count_between(ends, channel.held)
+        by_origin[channel.row_of] = max(by_origin.get(channel.row_of, 0), used_count)
     return sum(by_origin.values())
+
+
+def _count_between(ends: Sequence[Times], t: Times) -> int:
+    """The times between any two ends; each counts once."""
+    is_between = np.zeros(len(t), dtype=np.bool_)
+    for begin, end in ends:
+        is_between |= (t >= begin) & (t <= end)
+    return int(is_between.sum())
 
 
 def _median(values: Floats) -> float | None:

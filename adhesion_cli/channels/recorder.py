@@ -10,11 +10,11 @@ from ..core.model import Bools, Column, Floats
 # 255.996, which is 65535/256 of J1939.
 _CODE = re.compile(r"9{3,}|99925|3276[78]|6553[45]|214748364[78]|429496729[45]|25599\d*")
 _ANY_CODE = 1e19  # so large a number is one as well, as 1e30
-_LEAST_CODES, _LEAST_OTHERS = 2, 10  # samples of one code; of other values
+_LEAST_CODES, _LEAST_OTHERS = 2, 10  # samples of one code; other values that differ
 _APART = 2.0  # times as large as every other value
 # Changes of nearly the smallest size, and the share of them that may repeat a value.
 _LEAST_CHANGES, _MOST_REPEATS = 10, 0.05
-# Cycles in which a value was held; share of the change that the steps around predict: a lost one.
+# Cycles in which a value was held; share of the change that the slope around predicts: a lost one.
 _LONG, _TREND = 3.0, 0.75
 _LEAST_HELD, _MOST_HELD = 2, 10_000_000  # intervals, as one alone may be a gap; samples added
 
@@ -22,7 +22,8 @@ _LEAST_HELD, _MOST_HELD = 2, 10_000_000  # intervals, as one alone may be a gap;
 def codes_of_no_value(value: Floats) -> list[float]:
     """The codes that stand for "no value" among the samples of a channel.
 
-    A code has digits that people choose for it, repeats exactly, and is far from all values.
+    A code has digits that people choose for it, repeats exactly, and is far from all values, which
+    vary: a demand of 0, 33.3 or 99.9 has steps.
     """
     others, codes = value[np.isfinite(value)], list[float]()
     while len(others):
@@ -33,21 +34,23 @@ def codes_of_no_value(value: Floats) -> list[float]:
         if not is_code or np.count_nonzero(has_code) < _LEAST_CODES:
             break
         codes, others = [*codes, code], others[~has_code]
-    if len(others) < _LEAST_OTHERS:
+    if not codes or len(np.unique(others)) < _LEAST_OTHERS:
         return []
     return [code for code in codes if abs(code) > _APART * np.abs(others).max()]
 
 
-def with_held(data: Column, end: int) -> tuple[Column, Bools]:
+def with_held(data: Column, end: int, is_code: Bools) -> tuple[Column, Bools]:
     """The samples of a recorder that writes a channel when its value changes; and those it held.
 
-    Such a recorder writes no value twice, while small changes are frequent. An interval without
-    samples held the value if the next one is a step away. If it is as far away as the steps around
-    predict, or farther than any step, samples were lost there: nothing is added.
+    Such a recorder writes no value twice, while small changes are frequent in each cycle. An
+    interval without samples held the value if the next one is a step away. If it is as far away as
+    the slope around predicts, or farther than any step, samples were lost there, or each wheel
+    revolution writes one: nothing is added.
 
     Args:
         data: the samples.
         end: of the log [ns]; the last value holds until then.
+        is_code: samples that say "no value" (n,); a value holds no longer than until one.
 
     Returns:
         The samples with held ones a cycle apart, and which were added; none of another recorder.
@@ -61,16 +64,19 @@ def with_held(data: Column, end: int) -> tuple[Column, Bools]:
         return none_added
     cycle, smallest = float(np.quantile(steps, 0.1)), change[change > 0.0].min()
     is_long = steps > _LONG * cycle
-    small = np.count_nonzero((change > 0.0) & (change < 2.0 * smallest))
+    small = np.count_nonzero(~is_long & (change > 0.0) & (change < 2.0 * smallest))
     repeats = np.count_nonzero(~is_long & (change == 0.0))  # not those of a heartbeat
     if small < _LEAST_CHANGES or repeats > _MOST_REPEATS * small:
         return none_added
-    around = np.maximum(np.append(change[:1], change[:-1]), np.append(change[1:], change[-1:]))
+    slope = change / steps
+    around = np.maximum(np.append(slope[:1], slope[:-1]), np.append(slope[1:], slope[-1:]))
     held = is_long & (change <= 2.0 * change[~is_long].max(initial=0.0))
-    held &= change <= _TREND * steps / cycle * around
+    held &= change <= np.maximum(_TREND * steps * around, 1.5 * smallest)
     if np.count_nonzero(held) < _LEAST_HELD:
         return none_added
     lengths = np.append(np.where(held, steps, 0), max(end - int(t[-1]) + cycle, 0.0))
+    code_t = np.append(data.t[is_code], end + cycle)
+    lengths = np.minimum(lengths, code_t[np.searchsorted(code_t[:-1], t)] - t)
     cycle = max(cycle, float(lengths.sum()) / _MOST_HELD)
     counts = np.maximum(np.ceil(lengths / cycle - 0.5).astype(np.int64) - 1, 0)
     rows = np.repeat(np.arange(len(t)), 1 + counts)

@@ -8,7 +8,18 @@ import numpy as np
 from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
-from ..core.model import MOTOR_FORCES, Bools, Channel, Column, Floats, Parameter, Vehicle
+from ..core.model import (
+    MOTOR_FORCES,
+    OTHER_BRAKES,
+    STATES,
+    Bools,
+    Channel,
+    Column,
+    Floats,
+    Parameter,
+    Times,
+    Vehicle,
+)
 from ..core.time_axis import TimeAxis
 from .meaning import Meant, name
 from .recorder import codes_of_no_value, with_held
@@ -35,7 +46,7 @@ def channel(
         UserError: where the stated zero is larger than every value.
     """
     start = ends[0]
-    column, samples, notes = _of_recorder(m, column, ends)
+    column, samples, held, notes = _of_recorder(m, column, ends)
     axis, column = _axis(m, column, start, max_gap_ns)
     findings = [*notes, *axis.findings]
     values = column.value if column.valid.all() else column.value[column.valid]
@@ -84,6 +95,7 @@ def channel(
         m.field.label,
         tick,
         zero=zero(m, vehicle),
+        held=held,
     ), findings
 
 
@@ -157,24 +169,32 @@ def _force_of_one(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
 
 def _of_recorder(
     m: Meant, column: Column, ends: tuple[int, int]
-) -> tuple[Column, int, list[Finding]]:
-    """The column without codes of no value and with held values; its samples; notes on both."""
+) -> tuple[Column, int, Times, list[Finding]]:
+    """The column without codes of no value and with held values.
+
+    Returns:
+        The column; the samples of the log; when values were held [ns]; notes on codes and holding.
+    """
     samples, notes = len(column.t), list[Finding]()
     if m.field.message_type.startswith("adhesion.") or column.words:
-        return column, samples, notes
+        return column, samples, column.t[:0], notes
 
     def note(code: str, affected: Bools, values: dict[str, float]) -> None:
         spans = time_axis.spans_of_mask(affected, column.t, ends[0])
         count = int(np.count_nonzero(affected))
         notes.append(Finding(code, "info", m.title, count, spans, values))
 
-    for number in codes_of_no_value(column.value[column.valid]):
-        note("value-is-code", column.valid & (column.value == number), {"number": number})
-        column = replace(column, valid=column.valid & (column.value != number))
-    column, added = with_held(column, ends[1])
+    unit, is_code = units.unit(m.unit), np.zeros(samples, dtype=np.bool_)
+    is_share = (unit and unit.dimension == "ratio") or m.meaning in (*STATES, *OTHER_BRAKES)
+    for number in [] if is_share else codes_of_no_value(column.value[column.valid]):
+        has_number = column.valid & (column.value == number)
+        note("value-is-code", has_number, {"number": number})
+        is_code |= has_number
+    column = replace(column, valid=column.valid & ~is_code)
+    column, added = with_held(column, ends[1], is_code)
     if added.any():
         note("written-on-change", added, {})
-    return column, samples, notes
+    return column, samples, column.t[added], notes
 
 
 def _axis(m: Meant, column: Column, start: int, max_gap_ns: int) -> tuple[TimeAxis, Column]:

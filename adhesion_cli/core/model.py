@@ -4,6 +4,7 @@ Data only, SI only. Times are int64 nanoseconds as the log states them: since 19
 has a calendar (`Log.absolute`), since an unknown start otherwise.
 """
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -178,6 +179,8 @@ class Channel:
     zero: Parameter = Parameter(0.0, 0.0)  # of a pressure's sensor, taken off `data` [Pa]
     tolerance: float = 0.0  # 1 sigma of an ED or traction force, as a share
     levels: tuple[str, ...] = ()  # of a state in words: the word of 0, of 1, ...
+    # samples of `data` that its recorder did not write, as the value held [ns]
+    held: Times = dataclasses.field(default_factory=lambda: np.empty(0, np.int64), repr=False)
 
     @property
     def measured_in(self) -> str:

@@ -20,6 +20,9 @@ _OWN = rb"(?:\x82[\x9f-\xf1]|\x83[\x40-\x7e\x80-\x96]|[\x88-\x9f][\x80-\xfc])"
 _ANY = rb"(?:\x81\x5b|\x82[\x9f-\xf1]|[\x83\x88-\x9f][\x40-\x7e\x80-\xfc])"
 _JAPANESE = re.compile(rb"%b%b+|%b%b+" % (_OWN, _ANY, _ANY, _OWN))
 
+# Polish words for speed, pressure and wheel in cp1250.
+_POLISH = re.compile(rb"(?i)pr[\xca\xea]dko|ci[\x8c\x9c]ni|\bko[\xa3\xb3][aeo]")
+
 
 def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, int, str]:
     """Codec, bytes of byte order mark, and why.
@@ -75,8 +78,8 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
     in_words = sum(map(len, _JAPANESE.findall(head)))  # bytes
     if 2 * in_words > high_bytes and _decodes(head, "cp932"):
         return "cp932", "not UTF-8; words of Shift-JIS"
-    if re.search(rb"(?i)[a-z][\xb3\xb9\xbf][a-z]", head):  # no small 3, 1 or ¿ stands in a word
-        return "cp1250", "not UTF-8; Polish letters"
+    if _POLISH.search(head):
+        return "cp1250", "not UTF-8; Polish words"
     return "cp1252", "not UTF-8; high bytes stand alone"
 
 

@@ -291,7 +291,7 @@ class _ClockSearch:
         return clock
 
     def with_date(self, clock: Clock) -> Clock:
-        """The clock; a time of day with the date of the first row, where most rows have none.
+        """The clock; a time of day with its first date, where most rows have none.
 
         With a note where a date is lost that no form reads.
         """
@@ -299,7 +299,7 @@ class _ClockSearch:
         for i, name in enumerate(self.dialect.names):
             cells = self.dialect.column(i)
             forms = forms_of(cells, DATES, self.unit) if is_clock and self._is_sparse(i) else []
-            if forms and not is_null(self.dialect.rows[0][i]):
+            if forms and self._is_first_day(i, clock):
                 form, order, other_form = self._order((i,), forms, DATES)
                 begin = int(read(cells[:1], DATES[form])[0])
                 reason = clock.reason.removesuffix(", without a date")
@@ -680,6 +680,12 @@ class _ClockSearch:
             if forms_of(cells, forms):
                 return k
         return None
+
+    def _is_first_day(self, i: int, clock: Clock) -> bool:
+        """Whether no midnight is before the first date of a column."""
+        rows_before = next(k for k, row in enumerate(self.dialect.rows) if not is_null(row[i]))
+        times = read(self._joined(clock.columns)[: rows_before + 1], clock.pattern)
+        return bool((np.diff(times) >= 0).all())
 
     def _is_sparse(self, i: int) -> bool:
         """Whether most cells of a column are empty, as of a date that stands only in some rows."""

@@ -344,6 +344,21 @@ def test_a_date_that_is_written_once_is_the_start(tmp_path: Path) -> None:
         assert "date-not-read" not in {f.code for f in source.findings}
 
 
+@pytest.mark.parametrize(("begin", "date"), [("10:00:0", "2026-03-14"), ("23:59:5", None)])
+def test_a_date_in_a_later_row_is_the_start_before_midnight(
+    tmp_path: Path, begin: str, date: str | None
+) -> None:
+    times = [f"{begin}{k}" for k in range(10)] + [f"00:00:0{k}" for k in range(10) if not date]
+    rows = (
+        f"{'14.03.2026' if k == len(times) - 5 else ''},{t},{k % 7}\n" for k, t in enumerate(times)
+    )
+    text = "Date,Time,p [bar]\n" + "".join(rows)
+    source, (column, *_) = numbers_of(tmp_path / "a.csv", text)
+    assert source.absolute == bool(date)
+    assert not date or str(column.t[0].astype("datetime64[ns]"))[:10] == date
+    assert ("date-not-read" in {f.code for f in source.findings}) != bool(date)
+
+
 def test_a_temperature_that_rises_is_no_second_time(tmp_path: Path) -> None:
     rows = (f"{k / 50},{40 + k**1.1:.3f},{k % 7}\n" for k in range(50))
     source, columns = numbers_of(tmp_path / "a.csv", "Time [s],T1 [°C],p [bar]\n" + "".join(rows))
@@ -405,9 +420,10 @@ def test_exports_of_other_countries_and_programs(
         ["Pression [bar]", "Vitesse de l’essieu ’e’e’ [km/h]"],
         ["élément1 [bar]", "vitesse à l’élément [km/h]"],
         ["“Druck” [bar]", "Weg … [m]"],
+        ["Luftmenge Nm³h [-]", "Ø Rad [-]"],
     ],
 )
-def test_marks_of_european_logs_are_no_japanese(tmp_path: Path, names: list[str]) -> None:
+def test_marks_of_european_logs_are_no_japanese_or_polish(tmp_path: Path, names: list[str]) -> None:
     rows = "".join(f"{k / 50:.2f};{k};70.5\n" for k in range(60))
     path = tmp_path / "a.csv"
     path.write_bytes(f"Zeit [s];{';'.join(names)}\n{rows}".encode("cp1252"))
