@@ -84,7 +84,9 @@ class SlideSummary(NamedTuple):
         Number, Quantity("-", "largest slip above 10 km/h; null of a slide that is slower")
     ]
     energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
-    at_least: Annotated[bool, Quantity("", "whether the numbers are lower bounds")]
+    at_least: Annotated[
+        bool, Quantity("", "whether duration, distance, slip and energy are lower bounds")
+    ]
     peak_mu: Annotated[
         Number,
         Quantity("-", "highest adhesion coefficient of the rail under it; null if not shown"),
@@ -139,7 +141,12 @@ class BrakeApplication:
     ] = None
     longest_lock_s: Annotated[Number, Quantity("s", "the longest such time at once")] = None
     at_least: Annotated[
-        bool, Quantity("", "slides are lower bounds: the train speed is estimated or slow")
+        bool,
+        Quantity(
+            "",
+            "duration, distance, slip and energy of its slides, not their number, are lower bounds:"
+            " the train speed is estimated or may be late",
+        ),
     ]
     utilisation: Annotated[
         Number, Quantity("-", "mean adhesion in the slides over the highest that the rail gives")

@@ -14,7 +14,7 @@ import numpy as np
 from ..core import innovations
 from ..core.errors import unknown
 from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
-from ..core.physics import CHAIN, piston_area, rolling_deceleration, wheelset
+from ..core.physics import CHAIN, LONGEST_DUMP, piston_area, rolling_deceleration, wheelset
 from ..core.signals import driven, moving, true_runs, white_noise
 from . import run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
@@ -348,11 +348,17 @@ def _rolling_squares(
 
 
 def _regains_grip(run: smoother.UnbrokenRun, K: Floats) -> bool:
-    """Whether the wheel gains clearly speed under the brake: only one that slid does.
+    """Whether the wheel gains clearly speed in a braking: only one that slid does.
+
+    A braking goes on while the wheel slide protection vents the brake and fills it again.
 
     Several regimes alone do not show a slide: the first moment of a hard brake looks alike.
     """
-    for start, stop in true_runs(K > 0.0):
+    released = K <= 0.0
+    for start, stop in true_runs(released):
+        is_vented = start > 0 and stop < len(K) and run.t[stop - 1] - run.t[start] < LONGEST_DUMP
+        released[start:stop] = not is_vented
+    for start, stop in true_runs(~released):
         speed = run.y[start:stop]
         gain = speed - np.minimum.accumulate(speed)
         if np.any((gain > _GAIN * speed) & (speed > _FAST_SHARE * run.y.max())):

@@ -131,6 +131,7 @@ def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
         [_named(log.name) | _marked(stop_row(stop), log.in_doubt) for log, stop in shown_stops]
     )
     note = f"{_OF_STOPS} --rows shows every brake application of every axle.{_of_doubt(logs)}"
+    note = " ".join(filter(None, [note, describe_not_known(rows)]))
     tables = [TitledTable(_TITLE, rows, note=note, lead=lead)]
     if has_slides:
         return tables

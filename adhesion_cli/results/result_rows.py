@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from ..core.model import Score
 from ..core.summary import BrakeApplication, Contribution, SlideSummary
 from ..core.text import by_uncertainty
+from ..rail.highest import is_known
 from .text_tables import (
     DASH,
     ED,
@@ -25,23 +26,28 @@ _OF_SHARES = (
 OF_MARK = "*: without the force of another brake that acts (`other-brake`)."
 
 
+def has_known_mean(a: BrakeApplication) -> bool:
+    """Whether the interval of its mean µ says anything, and so that of its mean force."""
+    return a.coefficient is None or is_known(a.coefficient.mean, a.coefficient.mean_u95)
+
+
 def marked(a: BrakeApplication) -> str:
     """The mark of a brake application in which another brake acts, too."""
-    return MARK if a.other_brake else ""
+    return MARK if a.other_brake and has_known_mean(a) else ""
 
 
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """A brake application: when, how fast, adhesion coefficient and force."""
-    mu, force = a.coefficient, a.force_n
+    mu, force, known = a.coefficient, a.force_n, has_known_mean(a)
     return {
         "axle": axle,
         "at [s]": number(a.start_s, 1),
         **when_and_where(a.time),
         "for [s]": number(a.end_s - a.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
-        "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3) + marked(a),
+        "µ mean": _with_u95(mu and (mu.mean if known else None, mu.mean_u95), 1.0, 3) + marked(a),
         "µ max": _with_u95(mu and (mu.max, mu.max_u95), 1.0, 3),
-        "F [kN]": _with_u95(force and (force.mean, force.mean_u95), 1e-3),
+        "F [kN]": _with_u95(force and (force.mean if known else None, force.mean_u95), 1e-3),
         "Fmax [kN]": _with_u95(force and (force.max, force.max_u95), 1e-3),
         **ed_cell(a),
     }

@@ -232,12 +232,13 @@ def _describe_slides(stop: StopSummary) -> str:
     """Slides and sanding of a stop; "" without them."""
     events = []
     if stop.slides:
-        bound = "at least " * any(a.at_least for a in stop.axles)
-        text = f"{bound}{stop.slides} slide{'s' * (stop.slides > 1)}"
+        text = f"{stop.slides} slide{'s' * (stop.slides > 1)}"
         slips = {a.axle: a.max_slip for a in stop.axles if a.max_slip is not None}
         if slips:
             axle = max(slips, key=lambda axle: slips[axle])
-            text += f", largest slip {100.0 * slips[axle]:.0f} % (axle {axle})"
+            slip = 100.0 * slips[axle]
+            bound = "at least " * (slip < 99.5 and any(a.at_least for a in stop.axles))
+            text += f", largest slip {bound}{slip:.0f} % (axle {axle})"
         locks = {a.axle: a.longest_lock_s for a in stop.axles if a.longest_lock_s}
         if locks:
             axle = max(locks, key=lambda axle: locks[axle])

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from ..core.summary import AxleSummary, BrakeApplication
 from ..core.text import by_uncertainty
-from .text_tables import DASH, bounded_number, number, slip_text, when_and_where
+from ..rail.highest import is_known
+from .text_tables import DASH, NOT_KNOWN, bounded_number, number, slip_text, when_and_where
 
 MANY_ROWS = 24  # brake applications of all axles: with more, a table has a row per stop
 MANY_AXLES = 8  # with more, an overview has groups of axles
@@ -69,8 +70,10 @@ def stop_row(stop: TrainStop) -> dict[str, str]:
     if coefficients:
         values = [x.mean for x in coefficients]
         u95 = max(x.mean_u95 for x in coefficients)  # mostly the vehicle's: one error in all
-        mean = "±".join(by_uncertainty(sum(values) / len(values), u95, 3))
-        mean_range = _range(values)
+        value = sum(values) / len(values)
+        mean = mean_range = NOT_KNOWN
+        if is_known(value, u95):
+            mean, mean_range = "±".join(by_uncertainty(value, u95, 3)), _range(values)
     first = min(applications, key=lambda a: a.start_s)
     return {
         "at [s]": number(stop.start_s, 1),
@@ -130,12 +133,13 @@ def group_axles(
 def group_row(group: AxleGroup) -> dict[str, str]:
     """A group of axles over all brake applications."""
     applications = [a for axle in group.axles for a in axle.applications]
-    means = [a.coefficient.mean for a in applications if a.coefficient]
+    coefficients = [a.coefficient for a in applications if a.coefficient]
+    means = [x.mean for x in coefficients if is_known(x.mean, x.mean_u95)]
     slid = [a for a in applications if a.slides]
     row = {
         "axles": group.name,
         "brake applications": str(len(applications)),
-        "µ mean": _range(means) if means else DASH,
+        "µ mean": _range(means) if means else NOT_KNOWN if coefficients else DASH,
         "with slides": str(len(slid)),
     }
     if not slid:

@@ -19,7 +19,7 @@ from ..rail.speed_errors import (
 from ..rail.wheel_calibration import calibrate_radius
 
 SpeedSource = Literal["train", "axles"]
-_FAST = 0.25  # a train speed with longer intervals gets its shape from the wheels [s]
+FAST = 0.275  # longest interval of a fast train speed: 4 readings a second, and 10 % [s]
 _AVERAGED = 5  # intervals of a slow train speed over which its difference to the wheels is averaged
 _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
@@ -100,7 +100,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     if measured:
         interval, sigma = base.train_speed_interval, delay_sigma(base)
         scale = UNKNOWN_SCALE
-        if interval > _FAST:
+        if interval > FAST:
             train, is_coarse = _shaped(train, rims, interval)
     else:
         radius = vehicle.radius(base.axle)

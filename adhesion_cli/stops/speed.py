@@ -12,7 +12,7 @@ import numpy as np
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import SLOW
 from .brake_levels import quantisation_step
-from .signals import TimeSeries
+from .signals import FAST, TimeSeries
 
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _STEP = 0.02  # of the smoothed speed [s]
@@ -21,7 +21,6 @@ _PLACES = 20  # of a reading within a step
 _NOISE_SHARE, _NOISE_SIGMAS = 0.8, 1.2816  # of normal errors are smaller than so many sigmas
 _CORNER = 2.0  # lines between readings hide this share of a corner's jerk, times (interval/FIT)²
 _EARLY = 1e-6  # a reading on time may be so early [s]
-SLOWEST = 0.25  # readings that are rarer are not smoothed, and show no jerk [s]
 _JERK_NOISE = 0.25  # in which the noise of a jerk has lost two thirds of its correlation [s]
 _LAST_TIME = 3.0  # whose deceleration goes on after that [s]
 _LOCKING = 0.8  # trains that slow harder in the last metre are slower before [m/s]
@@ -66,10 +65,10 @@ def smoothed_speed(speed: TimeSeries, command: float, stop: float, interval: flo
         raw_t, raw_v = np.append(raw_t[:count], stop), np.append(raw_v[:count], 0.0)
     v = np.interp(t, raw_t, raw_v)
     place = np.clip(np.searchsorted(raw_t, t), 1, len(raw_t) - 1)
-    is_read = raw_t[place] - raw_t[place - 1] <= max(2.0 * SLOWEST, 3.0 * interval)
+    is_read = raw_t[place] - raw_t[place - 1] <= max(2.0 * FAST, 3.0 * interval)
     is_read &= t <= last_t
     smooth, noise = v, 0.0
-    if interval <= SLOWEST and len(v) > _WINDOW:
+    if interval <= FAST and len(v) > _WINDOW:
         smooth, is_read = local_polynomial(v, _WINDOW, 2), _whole_windows(is_read)
         readings = _readings(interval)
         left = readings - local_polynomial(readings, _WINDOW, 2)
@@ -166,7 +165,7 @@ def largest_jerk(speed: SmoothSpeed, command: float) -> Parameter | None:
     from scipy.special import ndtri  # slow to import
 
     v, interval = speed.v, speed.interval
-    if interval > SLOWEST or len(v) <= 2 * _WINDOW:
+    if interval > FAST or len(v) <= 2 * _WINDOW:
         return None
     judged = (v > SLOW) & (speed.t >= command - 1e-9) & _whole_windows(speed.is_read)
     if judged.sum() < 5:

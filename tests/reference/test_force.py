@@ -160,6 +160,19 @@ def test_only_a_wheel_that_gains_speed_under_the_brake_shows_the_pads(
     run = smoother.UnbrokenRun(t, speed, zero, zero, zero, zero, zero)
     assert force._regains_grip(run, np.full(800, 3e4)) == slides
     assert not force._regains_grip(run, zero)
+    vented = np.where((t > 2.9) & (t < 3.6), 0.0, 3e4)  # it regains its speed without brake
+    assert force._regains_grip(run, vented) == slides
+
+
+@pytest.mark.parametrize("brake", [(-1.0, 2.0), (6.0, 9.0)])
+def test_a_wheel_that_motors_drive_before_or_after_a_braking_regains_no_grip(
+    brake: tuple[float, float],
+) -> None:
+    t, zero = np.arange(800) / 100.0, np.zeros(800)
+    run = smoother.UnbrokenRun(t, 20.0 + 2.0 * t, zero, zero, zero, zero, zero)
+    K = np.where((t > brake[0]) & (t < brake[1]), 3e4, 0.0)
+    speed = np.where(K > 0.0, 30.0 - 0.5 * t, 20.0 + 2.0 * t)
+    assert not force._regains_grip(run._replace(y=speed), K)
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,15 @@ def test_a_highest_value_that_says_nothing_is_not_known() -> None:
     assert not describe_not_known([narrow])
 
 
+def test_a_mean_that_says_nothing_is_not_known() -> None:
+    wide, narrow = MeanAndHighest(0.11, 0.27, None, 0.27), MeanAndHighest(0.11, 0.1, None, 0.27)
+    of_force, heads = MeanAndHighest(13e3, 31e3, None, 32e3), ("µ mean", "F [kN]")
+    cells = row("1", application(coefficient=wide, force_n=of_force, other_brake=True))
+    assert [cells[head] for head in heads] == ["not known", "not known"]
+    cells = row("1", application(coefficient=narrow, force_n=of_force, other_brake=True))
+    assert [cells[head] for head in heads] == ["0.11±0.10*", "13±31"]
+
+
 def test_slides_stand_at_the_begin_of_the_first_one() -> None:
     slide = SlideSummary(7.5, 1.0, 20.0, 0.2, None, at_least=False, time="2026-03-05T06:00:07Z")
     shown = application(slide_list=(slide,), time="2026-03-05T06:00:02Z")

@@ -6,7 +6,7 @@ import pytest
 from helpers.pages import analysed
 
 from adhesion_cli.analysis.summarise import summarise
-from adhesion_cli.core.summary import Measured, StopSummary
+from adhesion_cli.core.summary import AxleStop, Measured, StopSummary
 from adhesion_cli.results.report.page import page
 from adhesion_cli.results.report.run import of_result
 from adhesion_cli.results.stop_rows import (
@@ -114,6 +114,14 @@ def test_slip_by_a_train_speed_that_may_be_late_is_a_lower_bound() -> None:
     (table,) = series_tables(StopSeries((), (), (), (), (wsp,)), False, False)
     shown = [(row["max slip [%]"], row["energy [kJ]"]) for row in table.rows]
     assert shown == [("≥ 20.0", "≥ 90"), ("20.0", "90")]
+
+
+@pytest.mark.parametrize(("slip", "text"), [(0.2, "at least 20 %"), (1.0, "100 %")])
+def test_the_number_of_slides_is_no_lower_bound(slip: float, text: str) -> None:
+    axle = AxleStop(1, slip, None, None, 0, at_least=True)
+    stops = (SeriesStop("a", "a", None, replace(STOP, slides=3, axles=(axle,))),)
+    table, *_ = series_tables(StopSeries(stops, (), (), (), ()), False, False)
+    assert f"Stop 1: 3 slides, largest slip {text} (axle 1)." in table.note
 
 
 def test_a_limit_of_the_equivalent_deceleration_has_the_mean_one_beside_it() -> None:

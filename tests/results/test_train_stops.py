@@ -1,5 +1,6 @@
 """Brake applications of all axles as stops of the train."""
 
+from dataclasses import replace
 from typing import Any
 
 from adhesion_cli.core.summary import (
@@ -9,6 +10,7 @@ from adhesion_cli.core.summary import (
     ReferenceSummary,
 )
 from adhesion_cli.results.train_stops import (
+    AxleGroup,
     find_stops,
     group_axles,
     group_numbers,
@@ -56,6 +58,18 @@ def test_the_row_of_a_stop_is_of_its_worst_axle() -> None:
         "1 of 4", "30.0", "2", "0.050–0.104", "72–0"
     ]  # fmt: skip
     assert [stop_row(first)[k] for k in ("slid", "max slip [%]", "axle")] == ["0 of 4", "-", "-"]
+
+
+def test_a_mean_that_says_nothing_is_not_known() -> None:
+    wide = MeanAndHighest(0.11, 0.27, None, 0.27)
+    stop = find_stops(train())[0]
+    unsure = tuple(replace(a, coefficient=wide) for a in stop.applications)
+    row = stop_row(stop._replace(applications=unsure))
+    assert (row["µ mean"], row["µ of axles"]) == ("not known", "not known")
+    axles = (train()[0]._replace(applications=unsure),)
+    assert group_row(AxleGroup("1", axles))["µ mean"] == "not known"
+    axles = (train()[0]._replace(applications=(*unsure, stop.applications[0])),)
+    assert group_row(AxleGroup("1", axles))["µ mean"] == "0.100"
 
 
 def test_axles_are_grouped_in_their_order() -> None:

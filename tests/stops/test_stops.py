@@ -475,8 +475,10 @@ def test_a_sensor_that_ends_early_or_has_a_gap_shows_no_jerk_and_no_curve_there(
 
 def test_readings_that_are_too_slow_show_no_jerk() -> None:
     x, _ = signals()
-    (stop,) = measured(x._replace(interval=0.26))
+    (stop,) = measured(x._replace(interval=0.3))
     assert stop.jerk is None
+    (stop,) = measured(x._replace(interval=0.25 * 1.00001))  # 4 a second by a clock that is slow
+    assert stop.jerk is not None
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
-from ..result_rows import ed_cell, marked, used
+from ..result_rows import ed_cell, has_known_mean, marked, used
 from ..text_tables import (
     DASH,
     NOT_KNOWN,
@@ -59,8 +59,10 @@ def span(begin: float, stop: float, digits: int = 1) -> str:
     return f"{begin:.{digits}f}–{stop:.{digits}f}"
 
 
-def _mean(x: MeanAndHighest | None, factor: float, digits: int) -> str:
+def _mean(a: BrakeApplication, x: MeanAndHighest | None, factor: float, digits: int) -> str:
     """A mean value with its expanded uncertainty; a dash where there is none."""
+    if not has_known_mean(a):
+        return NOT_KNOWN
     return " ± ".join(by_uncertainty(factor * x.mean, factor * x.mean_u95, digits)) if x else DASH
 
 
@@ -146,7 +148,7 @@ def verdict(axle: ReportAxle) -> AxleVerdict:
         worst = max(slid, key=lambda a: (a.longest_lock_s or 0.0, a.max_slip or 0.0))
     else:
         worst = max(applications, key=lambda a: a.coefficient.mean if a.coefficient else -1.0)
-    adhesion = _mean(worst.coefficient, 1.0, 3)
+    adhesion = _mean(worst, worst.coefficient, 1.0, 3)
     if slid:
         locked = bool(worst.locked_s)
         text = " ".join(_of_slides(slid, len(applications), worst))
@@ -256,9 +258,9 @@ def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
         "Time [s]": span(a.start_s, a.end_s),
         **{name.capitalize(): cell for name, cell in when_and_where(a.time).items()},
         "Speed [km/h]": "–".join(number(v and 3.6 * v) for v in (a.from_mps, a.to_mps)),
-        "Adhesion coefficient, mean": _mean(a.coefficient, 1.0, 3) + marked(a),
+        "Adhesion coefficient, mean": _mean(a, a.coefficient, 1.0, 3) + marked(a),
         "highest": _highest(a),
-        "Force, mean [kN]": _mean(a.force_n, 1e-3, 2),
+        "Force, mean [kN]": _mean(a, a.force_n, 1e-3, 2),
         **ed_cell(a),
         "Slides": str(a.slides) if a.slides or _is_observed(axle, a) else "?",
         "Sliding for [s]": if_slid(number(a.slide_s, 1)),

@@ -16,7 +16,12 @@ from adhesion_cli.core.annotated import as_json
 from adhesion_cli.core.document import dumps, tagged
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, catalogue
-from adhesion_cli.core.summary import BrakeApplication, FindingSummary, SlideSummary
+from adhesion_cli.core.summary import (
+    BrakeApplication,
+    FindingSummary,
+    MeanAndHighest,
+    SlideSummary,
+)
 from adhesion_cli.results import mcap
 from adhesion_cli.results.report import decimate, page, words
 from adhesion_cli.results.report.plots import Figures
@@ -140,6 +145,15 @@ def test_without_slip_slides_are_not_denied(tmp_path: Path) -> None:
     assert words.headline(run)[0] == "unknown"
     ((mark, row),) = words.application_rows(run)
     assert (mark, row["Slides"]) == ("unknown", "?")
+
+
+def test_a_mean_that_says_nothing_is_not_known(run: ReportRun) -> None:
+    wide = MeanAndHighest(0.11, 0.27, None, 0.27)
+    unsure = replace(run.axles[0].applications[0], coefficient=wide, other_brake=True)
+    axle = with_applications(run.axles[0], unsure)
+    ((_, row),) = words.application_rows(replace(run, axles=(axle,)))
+    assert row["Adhesion coefficient, mean"] == row["Force, mean [kN]"] == "not known"
+    assert words.verdict(axle).adhesion == "not known"
 
 
 def test_words_of_a_log_never_become_markup(tmp_path: Path) -> None:
