@@ -19,6 +19,7 @@ _LEAST_LOSS = 0.2  # of the speed at the begin: less is no stop that failed
 _ROLLED_OUT = 8.0 / 3.6  # a brake that is released below this speed has stopped the train [m/s]
 _LONGEST_ROLL = 10.0  # and the train then stands after this time [s]
 _LONGEST_GAP = 1.0  # without a speed: the distance is not known [s]
+_FASTEST_START = 2.0  # that a train reaches in a second [m/s]
 _LOCKED = 10.0  # all wheels may be locked for this long [s]
 _STOPPING_TIME = 2.0  # time before standstill whose speeds lead to it [s]
 _FEWEST = 4  # samples of a line
@@ -43,7 +44,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         return
     v, has_speed = speed.interpolated(t), _has_speed(speed, t)
     applied = _applied(signals, t) if signals.brakes else _slows(v)
-    is_standing = _lasting(v < STANDING, _LOCKED if signals.speed_from == "axles" else 0.0)
+    is_standing = _standing(v, _LOCKED if signals.speed_from == "axles" else 0.0)
     for first_index, release_index in true_runs(applied):
         start_speed = v[first_index]
         if not start_speed > SLOW:
@@ -120,12 +121,17 @@ def _closed(mask: Bools, is_unknown: Bools) -> Bools:
     return closed
 
 
-def _lasting(is_standing: Bools, locked: float) -> Bools:
-    """Standstill without the times, up to `locked` [s], in which all wheels are locked."""
-    lasting = np.zeros(len(is_standing), dtype=np.bool_)
-    for start, stop in true_runs(is_standing):
-        lasting[start:stop] = stop == len(is_standing) or stop - start > locked / STEP
-    return lasting
+def _standing(v: Floats, locked: float) -> Bools:
+    """Standstill without the times, up to `locked` [s], in which all wheels are locked.
+
+    Wheels that were locked come back to a train that moves; a train starts slowly.
+    """
+    standing = np.zeros(len(v), dtype=np.bool_)
+    for start, stop in true_runs(v < STANDING):
+        later = v[min(stop + round(1.0 / STEP), len(v) - 1)]  # in a second
+        is_over = stop == len(v) or stop - start > locked / STEP
+        standing[start:stop] = is_over or later < _FASTEST_START
+    return standing
 
 
 def _longest(mask: Bools) -> int:

@@ -120,7 +120,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
 def _brake(record: AxleRecord) -> Floats:
     """What shows the brake of an axle: its pressure; the whole force where motors brake, too."""
     if record.pressure is None or _by_force(record):
-        return record.clamping_force
+        return np.maximum(record.clamping_force, 0.0)  # traction is no brake
     return record.pressure
 
 

@@ -226,6 +226,21 @@ def test_the_share_of_the_ed_brake_is_that_of_its_work(tmp_path: Path) -> None:
     assert all(a.ed_share is None for a in applications[3])  # no motor
 
 
+def test_a_stop_begins_with_its_brake_and_not_where_traction_falls(tmp_path: Path) -> None:
+    log = blended(ed_part=0.5)
+    limited = log.traction * np.minimum(1.0, 8.0 / np.maximum(log.v, 1.0))  # by the power
+    columns = {
+        "ED force per axle [kN]": log.ed[0] / 1e3,
+        "traction per axle [kN]": limited[0] / 1e3,
+    }
+    result = analyzed(log.write(tmp_path / "x.csv", columns))
+    stops = stops_of_result(result, brake_applications(result).values())
+    assert len(stops) == len(log.stops)
+    for stop, (begin, _) in zip(stops, log.stops, strict=True):
+        assert stop.valid
+        assert abs(stop.start_s - begin) < 0.5
+
+
 def test_without_a_motor_there_is_no_share_of_it(tmp_path: Path) -> None:
     result = analyzed(blended(ed_part=0.0).write(tmp_path / "x.csv", {}), axles=(1,))
     (stop, *_) = stops_of_result(result, brake_applications(result).values())
