@@ -19,6 +19,7 @@ from ..core.model import Z95, LogBrake
 from ..core.text import listed, shell_word, stem
 
 _FADE = 0.015  # 1 sigma of the change of any friction over speed, relative [s/m]
+_LEAST_SURE = 2.0  # of the smallest sigma: a run with more, as one with slides, parts no others
 _NAMED = 2  # logs of a group that are named
 _BEGIN = 0.2  # 1 sigma of the pressure at which a brake begins [bar]
 
@@ -48,7 +49,13 @@ def group_by_friction(runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
     known_brakes = sorted(
         (run.brake.ratio, place, run.brake) for place, run in enumerate(runs, 1) if run.brake
     )
-    groups = _split([(place, brake) for _, place, brake in known_brakes]) if known_brakes else []
+    surest = min((brake.sigma for *_, brake in known_brakes), default=0.0)
+    is_sure = [brake.sigma <= _LEAST_SURE * surest for *_, brake in known_brakes]
+    sure = [x[1:] for x, y in zip(known_brakes, is_sure, strict=True) if y]
+    groups = [list(group) for group in _split(sure)] if sure else []
+    for _, place, brake in (x for x, y in zip(known_brakes, is_sure, strict=True) if not y):
+        distances = [abs(math.log(brake.ratio) - _mean(group)) for group in groups]
+        groups[int(np.argmin(distances))].append((place, brake))
     groups.sort(key=lambda group: min(place for place, _ in group))
     without_brake = [place for place, run in enumerate(runs, 1) if not run.brake]
     if not groups:

@@ -33,6 +33,12 @@ def test_two_brakes_are_two_groups_in_any_order(seed: int) -> None:
     assert groups[1].u95 == pytest.approx(1.96 * 0.042 * np.sqrt(2.0) * expected, rel=0.02)
 
 
+def test_a_run_with_slides_hides_no_other_brake_and_joins_the_nearest() -> None:
+    slid = GroupedRun("slid.csv", LogBrake(0.53, 1.06, 0.3, 2.9, 14.0))
+    groups = group_by_friction([*(run(x) for x in OLD), *(run(x) for x in NEW), slid])
+    assert [group.places for group in groups] == [(1, 2, 3, 4), (5, 6, 7, 8)]
+
+
 @pytest.mark.parametrize("number", [2, 12, 60])
 def test_one_brake_is_one_group(number: int) -> None:
     draws = 0.46 * np.exp(np.random.default_rng(3).normal(0.0, 0.042, (100, number)))
