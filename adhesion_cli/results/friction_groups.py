@@ -54,8 +54,15 @@ def group_by_friction(runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
     sure = [x[1:] for x, y in zip(known_brakes, is_sure, strict=True) if y]
     groups = [list(group) for group in _split(sure)] if sure else []
     for _, place, brake in (x for x, y in zip(known_brakes, is_sure, strict=True) if not y):
-        distances = [abs(math.log(brake.ratio) - _mean(group)) for group in groups]
-        groups[int(np.argmin(distances))].append((place, brake))
+        own = [(place, brake)]
+        distance, nearest = min(
+            (abs(_mean(own) - _mean(group)) / _sigma(group, own), i)
+            for i, group in enumerate(groups)
+        )
+        if distance < Z95:
+            groups[nearest] += own
+        else:
+            groups.append(own)
     groups.sort(key=lambda group: min(place for place, _ in group))
     without_brake = [place for place, run in enumerate(runs, 1) if not run.brake]
     if not groups:
