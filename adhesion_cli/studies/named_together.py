@@ -22,8 +22,9 @@ def identify_together(
 ) -> list[IdentifiedVehicle | None]:
     """The vehicle of each of several logs that are named together: they are one train's.
 
-    Where nobody stated its brake and logs show different ones, as with old and with new pads, each
-    group of logs has its own. None for a log that cannot be read, or that carries its vehicle.
+    Where logs show different brakes, as with old and with new pads, each group of logs has its own,
+    within the tolerances of what is stated. None for a log that cannot be read, or that carries its
+    vehicle.
 
     Args:
         paths: of the logs.
@@ -58,12 +59,13 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
     """
     common = identify(logs, settings)
     vehicles = [common] * len(logs)
-    if common.source != "log" or len(logs) < 2:
+    if common.source == "default" or len(logs) < 2:
         return vehicles
     used = replace(settings, vehicle=common.vehicle)
     runs = [GroupedRun(x.path, find_log_brake(x, used)) for x in logs]
     groups = group_by_friction(runs)
-    if any(friction_change(x, settings.vehicle) for x in common.speed_effects.values()):
+    effects = common.speed_effects.values() if common.source == "log" else ()
+    if any(friction_change(x, settings.vehicle) for x in effects):
         alone = [(i, run.brake.ratio) for i, run in enumerate(runs, 1) if run.brake]
         groups = [FrictionGroup((i,), ratio, 0.0) for i, ratio in alone]
     for group in groups if len(groups) > 1 else ():

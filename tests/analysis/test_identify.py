@@ -263,8 +263,11 @@ def test_logs_that_are_named_together_are_one_trains(tmp_path: Path) -> None:
         assert first(result).code == "friction-differs"
 
 
-def test_logs_with_other_pads_have_their_own_adhesion(tmp_path: Path) -> None:
-    stated = settings.load(folder=False)
+@pytest.mark.parametrize("statement", [{}, {**STATEMENT, "lever_ratio": 8.0, "axle_mass": 14e3}])
+def test_logs_with_other_pads_have_their_own_adhesion(
+    statement: dict[str, object], tmp_path: Path
+) -> None:
+    stated = settings.load({"vehicle": statement}, folder=False)
     pads = replace(METRO, friction=Parameter(0.7 * METRO.friction.value, 0.0))
     vehicles = [METRO, METRO, pads]
     logs = [log(tmp_path / f"{i}.csv", vehicle, i, 2) for i, vehicle in enumerate(vehicles)]
