@@ -5,6 +5,7 @@ shows that, or else the brake of this wheel.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -37,6 +38,7 @@ class Params(NamedTuple):
     fast: Annotated[float, Quantity("rad/s", "others turn, and it never does; train m/s")] = 5.0
     applied: Annotated[float, Quantity("-", "of the highest force: a brake is on", 0.0, 1.0)] = 0.2
     early: Annotated[float, Quantity("s", "by which a train speed's clock may be early")] = 5.0
+    late: Annotated[float, Quantity("s", "by which a receiver's train speed may be late")] = 1.5
     rollers: Annotated[float, Quantity("-", "of its speed: rollers slow it by less")] = 0.35
 
 
@@ -149,9 +151,13 @@ def stuck(
 def _stuck_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> Bools:
     """Samples at which a train speed repeats its last value, shape (n,).
 
-    The last value may be the end of a log whose train speed is early, or that of rollers.
+    Braking may have begun while a late train speed still reads that of coasting: only what the
+    wheels lose at every possible delay counts. The last value may be the end of a log whose train
+    speed is early, or that of rollers.
     """
-    frozen = stuck(p, train, np.zeros(len(train.data.t)), wheels, np.nanmin)
+    delays = np.linspace(0.0, p.late, 4)
+    delayed_wheels = [_delayed(w, delay) for w in wheels for delay in delays]
+    frozen = stuck(p, train, np.zeros(len(train.data.t)), delayed_wheels, np.nanmin)
     equal_runs = runs(train)
     if equal_runs.value[-1] > p.slow and frozen[equal_runs.start[-1] :].any():
         final_run = equal_runs.start[-1:], equal_runs.final[-1:]
@@ -161,6 +167,11 @@ def _stuck_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> Bools:
         if equal_runs.seconds[-1] < p.early or not smallest_change > p.rollers:
             frozen[equal_runs.start[-1] :] = False
     return frozen
+
+
+def _delayed(speed: Channel, delay: float) -> Channel:
+    """A speed as it reads later by a delay [s]."""
+    return replace(speed, data=replace(speed.data, t=speed.data.t + round(delay * 1e9)))
 
 
 def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:

@@ -17,9 +17,9 @@ from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
-from adhesion_cli.core.model import Channel, Column, Floats, Result
+from adhesion_cli.core.model import Channel, Column, Floats, Meaning, Result
 from adhesion_cli.formats.open import open_source
-from adhesion_cli.records import stuck_pressure
+from adhesion_cli.records import stuck_pressure, stuck_speed
 from adhesion_cli.wsp import simulate
 
 DEFAULT = settings.load()
@@ -242,6 +242,37 @@ def test_a_roller_rig_turns_at_one_speed(tmp_path: Path) -> None:
     (v,) = simulated.which(rig, "train_speed")
     even = simulated.put(rig, "train_speed", 0, lambda _: True, float(np.median(rig[v].value)))
     assert "train-speed-stuck" not in {f.code for f in simulated.told(even, tmp_path, DEFAULT)}
+
+
+def braking(meaning: Meaning, rate: float, delay: float, step: float, seed: int = 0) -> Channel:
+    """Speed [m/s] of a train that coasts from 80 km/h, and brakes at 12 s within half a second."""
+    t = np.arange(0.15, 35.0, 1.0 / rate)
+    value = np.interp(t - delay, [0.0, 12.0, 12.5, 32.0, 40.0], [22.2, 21.8, 21.5, 0.5, 0.5])
+    value += np.random.default_rng(seed).normal(0.0, 0.03, len(t))
+    times = np.round(t * 1e9).astype(np.int64)
+    data = Column(times, np.round(value / step) * step, np.ones(len(t), dtype=np.bool_))
+    gap = round(5e9 / rate)
+    return Channel(
+        "v", "", meaning, 1, "m/s", "", data, len(t), gap_ns=gap, step=step, rate_hz=rate
+    )
+
+
+def is_train_stuck(train: Channel) -> bool:
+    wheel = braking("wheel_speed", 20.0, 0.0, 0.01)
+    channels = {("train_speed", None): train, ("wheel_speed", 1): wheel}
+    ((fault,),) = stuck_speed.find_train_faults(stuck_speed.Params(), channels).values()
+    return bool(fault.mask.any())
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.7, 1.5])
+def test_a_late_train_speed_that_repeats_by_rounding_is_not_stuck(delay: float) -> None:
+    """A receiver of 2 Hz reads the speed of coasting while the wheels brake already."""
+    for seed in range(200):
+        train = braking("train_speed", 2.0, delay, 0.1 / 3.6, seed)
+        assert not is_train_stuck(train)
+        t, y = train.data.t * 1e-9, train.data.value
+        held = np.where((t >= 12.0) & (t < 16.0), y[np.argmax(t >= 12.0)], y)
+        assert is_train_stuck(replace(train, data=replace(train.data, value=held)))
 
 
 def test_slip_is_right_beside_a_train_speed_that_was_lost(tmp_path: Path) -> None:
