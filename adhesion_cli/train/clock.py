@@ -307,7 +307,8 @@ def _likeliest(
     counts = rolls > _ROLLING_SHARE * rolls.max()  # what little is left of a slide is no noise
     s = s.select(counts)
     fine_values = np.linspace(candidates[place - 1], candidates[place + 1], 17)
-    fine_losses = _fit_each(s, speed_by, fine_values).loss
+    fine_fits = _fit_each(s, speed_by, fine_values)
+    fine_losses = fine_fits.loss
     # far from its minimum the loss is no parabola: samples that no longer fit are cut off
     middle = min(max(int(np.argmin(fine_losses)), _PARABOLA), len(fine_values) - 1 - _PARABOLA)
     near = slice(middle - _PARABOLA, middle + _PARABOLA + 1)
@@ -324,7 +325,9 @@ def _likeliest(
     speed_share = 1.0 - float(braked_rim.min() / braked_rim.max())
     sigma = math.hypot(math.sqrt(loss / (bend * telling)), model_sigma / max(speed_share, 1e-9))
     rolling = s.released & np.isfinite(speed_by(value)) & (s.rim > CRAWL)
-    slides = abs(f.x[-1] - s.creepage[0]) > _NO_CREEP * s.creepage[1]
+    creep_by_value = float(np.polyfit(fine_values[near], fine_fits.x[near, -1], 1)[0])
+    creep_sigma = math.hypot(s.creepage[1], creep_by_value * sigma)  # q has the error of the value
+    slides = abs(f.x[-1] - s.creepage[0]) > _NO_CREEP * creep_sigma
     slides |= 2 * f.rolling[rolling].sum() < rolling.sum()
     other_losses = losses[np.abs(candidates - value) > _SEPARATION]
     clear = not (other_losses.min() < _LOSS_RATIO * losses[place] or slides or sigma > unknown)
