@@ -20,6 +20,7 @@ from .slope import REGIONS
 from .speed_errors import has_slow_receiver, speed_error, speed_noise
 from .wheel_calibration import calibrate_radius
 
+_LOCKED_SLIP = 0.5  # of a wheel that comes to stand
 _SAME_RAIL_PAUSE = 5.0  # after a longer pause a slide may be on another rail [s]
 _SMEARING_TIME = 0.1  # over this time the smoother of the force spreads an error [s]
 _FEW_DRAWS = 40  # draws for the utilisation of one brake application
@@ -84,22 +85,26 @@ def braked_pieces(axle: AxleResult) -> list[list[slice]]:
     """The brake applications; one whose wheel locked in between has several pieces."""
     merged: list[list[slice]] = []
     for s in axle.applications:
-        if merged and _locked(axle.record, slice(merged[-1][-1].stop, s.start)):
+        if merged and _locked(axle, slice(merged[-1][-1].stop, s.start)):
             merged[-1].append(s)
         else:
             merged.append([s])
     return merged
 
 
-def _locked(record: AxleRecord, pause: slice) -> bool:
+def _locked(axle: AxleResult, pause: slice) -> bool:
     """Whether the train moves on and the brake is on: it is one application of a locked wheel.
 
-    Wheel slide protection may vent it for a short time.
+    Wheel slide protection may vent the brake of a wheel that stands for a short time. Where the
+    wheel rolls, the driver released it.
     """
+    record, slip = axle.record, axle.slip
     K, v, t = record.clamping_force[pause], record.train_speed, record.t[pause]
     if v is None or not len(K) or not (v[pause] > physics.CRAWL).all():
         return False
     released = [t[b - 1] - t[a] for a, b in true_runs(K <= physics.NO_FORCE)]
+    if released and (slip is None or not np.any(slip[pause] > _LOCKED_SLIP)):
+        return False
     return max(released, default=0) < LONGEST_DUMP * 1e9
 
 

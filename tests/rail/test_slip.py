@@ -506,8 +506,10 @@ def test_a_locked_wheel_whose_brake_is_vented_has_one_brake_application() -> Non
     record = AxleRecord(1, t, K, K, rim / 0.42, (slice(0, len(t)),), train_speed=v)
     ref = Reference("none", "none", K, 0.0 * K, 0.0 * K)
     pieces = (slice(0, 400), slice(550, len(t)))
-    axle = AxleResult(record, ref, {}, (), pieces)
+    axle = AxleResult(record, ref, {}, (), pieces, slip=1.0 - rim / v)
     assert rail_under_slides.braked_pieces(axle) == [[*pieces]]
+    rolling = replace(axle, slip=0.0 * v)  # the driver released the brake
+    assert len(rail_under_slides.braked_pieces(rolling)) == 2
     released = replace(record, clamping_force=np.where(seconds > 7.9, 0.0, K))
     apart = replace(axle, record=released, applications=(slice(0, 390), slice(560, len(t))))
     assert len(rail_under_slides.braked_pieces(apart)) == 2
