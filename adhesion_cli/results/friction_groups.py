@@ -50,19 +50,19 @@ def group_by_friction(runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
         (run.brake.ratio, place, run.brake) for place, run in enumerate(runs, 1) if run.brake
     )
     surest = min((brake.sigma for *_, brake in known_brakes), default=0.0)
-    is_sure = [brake.sigma <= _LEAST_SURE * surest for *_, brake in known_brakes]
-    sure = [x[1:] for x, y in zip(known_brakes, is_sure, strict=True) if y]
-    groups = [list(group) for group in _split(sure)] if sure else []
-    for _, place, brake in (x for x, y in zip(known_brakes, is_sure, strict=True) if not y):
-        own = [(place, brake)]
+    is_certain = [brake.sigma <= _LEAST_SURE * surest for *_, brake in known_brakes]
+    certain_runs = [x[1:] for x, y in zip(known_brakes, is_certain, strict=True) if y]
+    groups = [list(group) for group in _split(certain_runs)] if certain_runs else []
+    for _, place, brake in (x for x, y in zip(known_brakes, is_certain, strict=True) if not y):
+        lone_run = [(place, brake)]
         distance, nearest = min(
-            (abs(_mean(own) - _mean(group)) / _sigma(group, own), i)
+            (abs(_mean(lone_run) - _mean(group)) / _sigma(group, lone_run), i)
             for i, group in enumerate(groups)
         )
         if distance < Z95:
-            groups[nearest] += own
+            groups[nearest] += lone_run
         else:
-            groups.append(own)
+            groups.append(lone_run)
     groups.sort(key=lambda group: min(place for place, _ in group))
     without_brake = [place for place, run in enumerate(runs, 1) if not run.brake]
     if not groups:

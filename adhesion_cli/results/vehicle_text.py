@@ -54,12 +54,12 @@ def describe_vehicles(logs: Sequence[VehicleOfLog]) -> list[str]:
         accuracy = f", µ ± {min(shares):.0f} to {max(shares):.0f} %" if shares else ""
         return [_FROM_EACH.format(accuracy=accuracy)]
     lines = []
-    for vehicle, like in logs_of_vehicle.items():
-        line = describe_vehicle(vehicle, [axle for log in like for axle in log.axles])
-        scatter = describe_scatter([log.brake for log in like if log.brake])
+    for vehicle, its_logs in logs_of_vehicle.items():
+        line = describe_vehicle(vehicle, [axle for log in its_logs for axle in log.axles])
+        scatter = describe_scatter([log.brake for log in its_logs if log.brake])
         elsewhere = {log.group for log in logs if log.vehicle != vehicle}
-        names = listed([log.log for log in like], 2)
-        own_groups = dict.fromkeys(log.group for log in like)
+        names = listed([log.log for log in its_logs], 2)
+        own_groups = dict.fromkeys(log.group for log in its_logs)
         if "" not in own_groups and not elsewhere.intersection(own_groups):
             names = f"Group {', '.join(own_groups)}"
         prefix = f"{names}: " if len(logs_of_vehicle) > 1 else ""

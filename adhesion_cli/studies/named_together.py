@@ -66,10 +66,10 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
     groups = group_by_friction(runs)
     effects = common.speed_effects.values() if common.source == "log" else ()
     if any(friction_change(x, settings.vehicle) for x in effects):
-        alone = [(i, run.brake.ratio) for i, run in enumerate(runs, 1) if run.brake]
-        groups = [FrictionGroup((i,), ratio, 0.0) for i, ratio in alone]
+        single_logs = [(i, run.brake.ratio) for i, run in enumerate(runs, 1) if run.brake]
+        groups = [FrictionGroup((i,), ratio, 0.0) for i, ratio in single_logs]
     for group in groups if len(groups) > 1 else ():
-        own = identify([logs[place - 1] for place in group.places], settings)
+        group_vehicle = identify([logs[place - 1] for place in group.places], settings)
         for place in group.places:
-            vehicles[place - 1] = replace(own, factor_of_logs=group.factor)
+            vehicles[place - 1] = replace(group_vehicle, factor_of_logs=group.factor)
     return vehicles

@@ -58,28 +58,32 @@ def find_motor_mass(
     slowing = grid.slowing(np.mean(grid.rim, axis=0) if grid.train is None else grid.train)
     top, largest = (float(np.nanmax(np.abs(column), initial=0.0)) for column in (excess, force))
     pulls: Bools = np.abs(force) > RELEASED_SHARE * largest
-    used = (pulls | (excess > RELEASED_SHARE * top)) & np.all(grid.rolling, axis=0)
-    used &= erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
-    used &= (grid.fastest > CRAWL) & np.isfinite(force + excess + slowing)
-    if not largest > NO_FORCE or (used & pulls).sum() < FEWEST:
+    used_samples = (pulls | (excess > RELEASED_SHARE * top)) & np.all(grid.rolling, axis=0)
+    used_samples &= erode(np.all(grid.rim > STANDING, axis=0), 2 * grid.half_width)
+    used_samples &= (grid.fastest > CRAWL) & np.isfinite(force + excess + slowing)
+    if not largest > NO_FORCE or (used_samples & pulls).sum() < FEWEST:
         return None
-    forces = np.mean(np.abs(grid.smooth(grid.motors)[:, used & pulls]), axis=1)
+    forces = np.mean(np.abs(grid.smooth(grid.motors)[:, used_samples & pulls]), axis=1)
     if np.ptp(forces) > _ALIKE * forces.max():
         return None
-    columns = np.column_stack([force, excess] if excess[used].any() else [force])[used]
+    columns = np.column_stack([force, excess] if excess[used_samples].any() else [force])[
+        used_samples
+    ]
     columns /= (scale := np.abs(columns).max(axis=0))
     normal = columns.T @ columns
     if not np.linalg.cond(normal) < _SINGULAR:
         return None
-    by_forces = slowing[used] - RESISTANCE_OF_TRAINS.value
+    by_forces = slowing[used_samples] - RESISTANCE_OF_TRAINS.value
     shares = np.linalg.solve(normal, columns.T @ by_forces)
     mass = scale[0] / shares[0]  # M
     scatter = robust_sigma(by_forces - columns @ shares)
-    error = math.hypot(scatter, grid.gradient_sigma) * math.sqrt(used.sum() / len(true_runs(used)))
+    error = math.hypot(scatter, grid.gradient_sigma) * math.sqrt(
+        used_samples.sum() / len(true_runs(used_samples))
+    )
     error = error * math.sqrt(np.linalg.inv(normal)[0, 0]) / shares[0]
     resistance = RESISTANCE_OF_TRAINS.tolerance * np.linalg.solve(normal, columns.sum(axis=0))[0]
-    motor_sigma = braked_share * np.mean(grid.motor_sigma, axis=0)[used & pulls].mean()
-    by_motors = motor_sigma / np.abs(force[used & pulls]).mean()
+    motor_sigma = braked_share * np.mean(grid.motor_sigma, axis=0)[used_samples & pulls].mean()
+    by_motors = motor_sigma / np.abs(force[used_samples & pulls]).mean()
     sigma = mass * math.hypot(error, resistance / shares[0], by_motors)
     if is_inertia_stated:
         inertia, radius = vehicle.wheelset_inertia, vehicle.radius(1)
