@@ -58,10 +58,12 @@ def test_an_interrupted_call_ends_the_child(tmp_path: Path) -> None:
         signal.raise_signal(signal.SIGINT)
 
     thread = threading.Thread(target=interrupt)
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever ran before
     thread.start()
     with pytest.raises(KeyboardInterrupt):
         child.call(answer_late, str(begun))
     thread.join()
+    signal.signal(signal.SIGINT, previous)
     assert not child.is_usable
 
 
