@@ -183,6 +183,6 @@ def with_friction_findings(
         results: of all logs.
         vehicle_files: files of the stated vehicle.
     """
-    runs = [run_of_log(x.log.path, x.brake, x.identified.factor_of_logs) for x in results]
+    runs = [run_of_log(x.log.path, x.brake, x.identified) for x in results]
     findings = find_friction_differs(runs, group_by_friction(runs), vehicle_files, by_name=True)
     return [replace(x, findings=(*findings, *x.findings)) for x in results]

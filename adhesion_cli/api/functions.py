@@ -126,10 +126,8 @@ def compare(  # noqa: PLR0913 (the options of the command, each with a default)
     span = from_s, to_s
     chosen = choices(settings, sections, _ALL_KEYWORDS, strict, span, reference, axles, algos)
     named = logs_of(logs)
-    vehicles: Sequence[IdentifiedVehicle | None] = [None]
-    if len(named) > 1:
-        settings_of_logs, _, numbers, window = chosen
-        vehicles = identify_together(named, settings_of_logs, numbers, window)
+    settings_of_logs, _, numbers, window = chosen
+    vehicles = identify_together(named, settings_of_logs, numbers, window)
     pairs = zip(named, vehicles, strict=True)
     return Comparison(tuple(_analyze(log, chosen, identified=vehicle) for log, vehicle in pairs))
 

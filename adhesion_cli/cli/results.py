@@ -15,7 +15,7 @@ from .options import Shared, check, check_settings, inputs
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
-    from ..core.model import IdentifiedVehicle, Result
+    from ..core.model import Result
     from ..core.summary import FailedLog, ResultSummary
     from ..results.rrd.results import Note
 
@@ -94,13 +94,12 @@ def _analyzer(
     settings = check_settings(shared)
     check(shared, [*paths], *logs)
     window, progress = (shared.from_, shared.to), terminal.progress(shared.quiet)
-    vehicles: dict[Path, IdentifiedVehicle | None] = {}
     if len(logs) > 1:
         progress(f"finding the vehicle of {len(logs)} logs")
-        each = identify_together(logs, settings, shared.axle, window)
-        vehicles = dict(zip(logs, each, strict=True))
+    each_vehicle = identify_together(logs, settings, shared.axle, window)
+    vehicles = dict(zip(logs, each_vehicle, strict=True))
     return lambda log: analyze(
-        log, settings, shared.algo, shared.axle, window, progress, train_speed, vehicles.get(log)
+        log, settings, shared.algo, shared.axle, window, progress, train_speed, vehicles[log]
     )
 
 

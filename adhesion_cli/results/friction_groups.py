@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import Z95, LogBrake
+from ..core.model import Z95, IdentifiedVehicle, LogBrake
 from ..core.text import listed, shell_word, stem
 
 _FADE = 0.015  # 1 sigma of the change of any friction over speed, relative [s/m]
@@ -31,9 +31,10 @@ class GroupedRun(NamedTuple):
     brake: LogBrake | None  # None where the log shows none: it stays in the first group
 
 
-def run_of_log(log: str, brake: LogBrake | None, factor_of_logs: float) -> GroupedRun:
+def run_of_log(log: str, brake: LogBrake | None, used: IdentifiedVehicle | None) -> GroupedRun:
     """A run, with its brake over that of the first logs: they may have another vehicle."""
-    return GroupedRun(log, brake and brake._replace(ratio=brake.ratio * factor_of_logs))
+    factor = used.factor_of_logs if used else 1.0
+    return GroupedRun(log, brake and brake._replace(ratio=brake.ratio * factor))
 
 
 class FrictionGroup(NamedTuple):
@@ -46,15 +47,12 @@ class FrictionGroup(NamedTuple):
 
 def group_by_friction(runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
     """The groups of runs with one brake; that of the first run is the first."""
-    known_brakes = sorted(
-        (run.brake.ratio, place, run.brake) for place, run in enumerate(runs, 1) if run.brake
-    )
-    surest = min((brake.sigma for *_, brake in known_brakes), default=0.0)
-    is_certain = [brake.sigma <= _LEAST_SURE * surest for *_, brake in known_brakes]
-    certain_runs = [x[1:] for x, y in zip(known_brakes, is_certain, strict=True) if y]
+    known_brakes = [(place, run.brake) for place, run in enumerate(runs, 1) if run.brake]
+    known_brakes.sort(key=lambda x: (x[1].ratio, x[0]))
+    limit = _LEAST_SURE * min((brake.sigma for _, brake in known_brakes), default=0.0)
+    certain_runs = [x for x in known_brakes if x[1].sigma <= limit]
     groups = [list(group) for group in _split(certain_runs)] if certain_runs else []
-    for _, place, brake in (x for x, y in zip(known_brakes, is_certain, strict=True) if not y):
-        lone_run = [(place, brake)]
+    for lone_run in ([x] for x in known_brakes if x[1].sigma > limit):
         distance, nearest = min(
             (abs(_mean(lone_run) - _mean(group)) / _sigma(group, lone_run), i)
             for i, group in enumerate(groups)

@@ -117,10 +117,9 @@ def run(
     failed: list[FailedLog] = []
     for group, paths in members:
         settings_of_group = _load_for(group, load)
-        vehicles: Sequence[IdentifiedVehicle | None] = [None]
         if len(paths) > 1:
             progress(f"finding the vehicle of {len(paths)} logs")
-            vehicles = identify_together(paths, settings_of_group, request.axles, request.window)
+        vehicles = identify_together(paths, settings_of_group, request.axles, request.window)
         runs: list[GroupedRun] = []
         its_stops: list[SeriesStop] = []
         for path, identified in zip(paths, vehicles, strict=True):
@@ -133,8 +132,7 @@ def run(
                     raise
                 continue
             tested.append(log)
-            factor = identified.factor_of_logs if identified else 1.0
-            runs.append(run_of_log(log.path, log.brake, factor))
+            runs.append(run_of_log(log.path, log.brake, identified))
             for stop in log.map.stops:
                 name = log.group or f"{stop.nominal_speed_kmh:g} km/h"
                 its_stops.append(SeriesStop(log.path, name, log.map.label, stop, log.is_doubtful))

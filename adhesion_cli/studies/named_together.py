@@ -23,8 +23,8 @@ def identify_together(
     """The vehicle of each of several logs that are named together: they are one train's.
 
     Where logs show different brakes, as with old and with new pads, each group of logs has its own,
-    within the tolerances of what is stated. None for a log that cannot be read, or that carries its
-    vehicle.
+    within the tolerances of what is stated. None for a log that is alone, that cannot be read, or
+    that carries its vehicle.
 
     Args:
         paths: of the logs.
@@ -33,7 +33,7 @@ def identify_together(
         window: seconds after each log's start.
     """
     logs: dict[int, AlignedLog] = {}
-    for place, path in enumerate(paths):
+    for place, path in enumerate(paths if len(paths) > 1 else ()):
         try:
             settings_of_log, source = open_log(path, settings)
             if settings_of_log.analysis.vehicle == "log":

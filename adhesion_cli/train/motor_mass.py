@@ -54,7 +54,8 @@ def find_motor_mass(
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
     brake = grid.pressure - ZERO.value if by_pressure else grid.friction_clamping
     excess = np.mean(np.maximum(grid.smooth(brake), 0.0), axis=0)
-    force = braked_share * vehicle.friction.value * np.mean(grid.smooth(grid.motors), axis=0)
+    forces = braked_share * vehicle.friction.value * grid.smooth(grid.motors)
+    force = np.mean(forces, axis=0)
     slowing = grid.slowing(np.mean(grid.rim, axis=0) if grid.train is None else grid.train)
     top, largest = (float(np.nanmax(np.abs(column), initial=0.0)) for column in (excess, force))
     pulls: Bools = np.abs(force) > RELEASED_SHARE * largest
@@ -63,25 +64,24 @@ def find_motor_mass(
     used_samples &= (grid.fastest > CRAWL) & np.isfinite(force + excess + slowing)
     if not largest > NO_FORCE or (used_samples & pulls).sum() < FEWEST:
         return None
-    forces = np.mean(np.abs(grid.smooth(grid.motors)[:, used_samples & pulls]), axis=1)
-    if np.ptp(forces) > _ALIKE * forces.max():
+    pull_of_axle = np.mean(np.abs(forces[:, used_samples & pulls]), axis=1)
+    if np.ptp(pull_of_axle) > _ALIKE * pull_of_axle.max():
         return None
-    columns = np.column_stack([force, excess] if excess[used_samples].any() else [force])[
-        used_samples
-    ]
+    has_brake = excess[used_samples].any()
+    columns = np.column_stack([force, excess] if has_brake else [force])[used_samples]
     columns /= (scale := np.abs(columns).max(axis=0))
     normal = columns.T @ columns
     if not np.linalg.cond(normal) < _SINGULAR:
         return None
     by_forces = slowing[used_samples] - RESISTANCE_OF_TRAINS.value
-    shares = np.linalg.solve(normal, columns.T @ by_forces)
+    covariance = np.linalg.inv(normal)
+    shares = covariance @ (columns.T @ by_forces)
     mass = scale[0] / shares[0]  # M
     scatter = robust_sigma(by_forces - columns @ shares)
-    error = math.hypot(scatter, grid.gradient_sigma) * math.sqrt(
-        used_samples.sum() / len(true_runs(used_samples))
-    )
-    error = error * math.sqrt(np.linalg.inv(normal)[0, 0]) / shares[0]
-    resistance = RESISTANCE_OF_TRAINS.tolerance * np.linalg.solve(normal, columns.sum(axis=0))[0]
+    samples_of_stretch = used_samples.sum() / len(true_runs(used_samples))
+    error = math.hypot(scatter, grid.gradient_sigma) * math.sqrt(samples_of_stretch)
+    error *= math.sqrt(covariance[0, 0]) / shares[0]
+    resistance = RESISTANCE_OF_TRAINS.tolerance * (covariance @ columns.sum(axis=0))[0]
     motor_sigma = braked_share * np.mean(grid.motor_sigma, axis=0)[used_samples & pulls].mean()
     by_motors = motor_sigma / np.abs(force[used_samples & pulls]).mean()
     sigma = mass * math.hypot(error, resistance / shares[0], by_motors)
