@@ -127,7 +127,7 @@ def _slides(signals: StopSignals, axle: int, start: float, stop: float) -> bool:
         return False
     rim = signals.rims[axle].cut(start, math.inf)
     v = signals.speed.interpolated(rim.t)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         slip = np.where(v > SLOW, 1.0 - rim.value / v, 0.0)
         runs = true_runs(slip > _CREEPS)
         return any(rim.t[a] < stop and np.max(slip[a:b]) > _SLIDES for a, b in runs)
