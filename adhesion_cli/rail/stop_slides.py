@@ -62,7 +62,7 @@ class _SlidesOfAxle(NamedTuple):
 
 
 def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> AxleStop:
-    """An axle of a stop with initial adhesion, utilisation and energies of its slides."""
+    """An axle of a stop with largest slip, initial adhesion, energies of its slides."""
     t, (begin, end), axle, vehicle, applications = slides
     record, radius = axle.record, vehicle.radius(axle.record.axle).value
     assert record.train_speed is not None  # there is no slide without
@@ -79,7 +79,9 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
     first_start = min((s.start_s for s in inside), default=math.nan)
     initial, initial_u95 = _initial_coefficient(t, first_start, axle, vehicle)
     utilisation, utilisation_ci = _utilisation(applications)
+    slips = [a.max_slip for a in applications if a.max_slip is not None]
     return row._replace(
+        max_slip=max(slips, default=row.max_slip),
         initial_coefficient=initial,
         initial_coefficient_u95=initial_u95,
         utilisation=utilisation,

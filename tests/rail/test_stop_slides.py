@@ -44,6 +44,7 @@ def test_slides_of_a_stop_have_their_initial_adhesion_and_energy() -> None:
     used = summary.axles[0].applications[0]
     assert row.utilisation == pytest.approx(used.utilisation, rel=1e-9)
     assert row.utilisation_ci == pytest.approx(used.utilisation_ci, rel=1e-9)
+    assert row.max_slip == used.max_slip
     assert (row.locked_s, row.lock_energy_j) == (0.0, None)
     rolled = stop.axles[2]
     assert (rolled.initial_coefficient, rolled.energy_j) == (None, None)
