@@ -2,10 +2,10 @@
 
     python benchmarks/tune.py --law patent|rule [--candidates N] [--seeds S...] [--held-out S...]
 
-Stops of `slippery-stop` with one axle from two speeds, by the sweep of `adhesion antiskid
---rails`, on all its rails but dry. The aim, the less the better, is the mean over all stops of
-ln(distance), of 0.005 ln(air) (twice the air is worth 0.35 % of distance), of 1 for a wheel that
-locks, and of what utilisation lacks of 0.955. The shipped parameters are the first candidate; of
+Stops of `slippery-stop` with one axle from two speeds, on all rails of `tests/helpers/rails.py` but
+dry. The aim, the less the better, is the mean over all stops of ln(distance), of 0.005 ln(air)
+(twice the air is worth 0.35 % of distance), of 1 for a wheel that locks, and of what utilisation
+lacks of 0.955. The shipped parameters are the first candidate; of
 the others a third is drawn evenly within the limits below, the rest about the best so far. A
 candidate that is worse than the best by more than `HOPELESS` after a seed is not given the next.
 Aims are told less that of the shipped parameters on the same seeds. The best `FINALISTS` and the
@@ -17,19 +17,23 @@ import math
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.wsp import scenario, sweep, wsp_controller
+from adhesion_cli.wsp import scenario, wsp_controller
 from adhesion_cli.wsp.closed_loop import ESTIMATOR
 from adhesion_cli.wsp.stop import Verdict
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from helpers import rails
 
 FINALISTS = 10
 HOPELESS = 0.01
 SPEEDS = (30.0, 15.0)  # [m/s]
 LEAST = 0.955  # utilisation
-RAILS = [name for name in sweep.RAILS if name != "dry"]
+RAILS = [name for name in rails.RAILS if name != "dry"]
 # Limits by law and parameter, evenly in the logarithm where both have one sign.
 SPACES = {
     "patent": {
@@ -69,7 +73,7 @@ def aim(law: str, x: Point, seed: int) -> float:
     for speed in SPEEDS:
         case = replace(scenario.load("slippery-stop"), train=scenario.ScenarioTrain(speed=speed))
         try:
-            stops = sweep.verdicts(case, RAILS, [law], [seed], settings=settings(x))
+            stops = rails.verdicts(case, RAILS, [law], [seed], settings=settings(x))
         except UserError:
             return math.inf
         found += [v for (v,) in stops.values()]

@@ -90,7 +90,7 @@ def test_every_figure_is_made_by_a_command_of_its_page() -> None:
     stored = {path.name for path in (ROOT / "docs" / "figures").iterdir()}
     assert {name for _, name in shown} == stored
     for page, name in shown:
-        assert makes.get(name, f"--figure {name}") in page.read_text(encoding="utf-8"), (page, name)
+        assert makes[name] in page.read_text(encoding="utf-8"), (page, name)
         assert (ROOT / "docs" / "figures" / name).stat().st_size < 300_000
 
 

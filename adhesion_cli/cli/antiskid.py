@@ -23,27 +23,20 @@ from .options import (
 if TYPE_CHECKING:
     from ..core.annotated import Json
     from ..core.finding import Finding
+    from ..wsp.comparison import Compared
     from ..wsp.plant import RailConditions
-    from ..wsp.replay import Answer
     from ..wsp.scenario import Scenario
     from ..wsp.stop import Stop
-    from ..wsp.sweep import Compared, SweepRow
     from ..wsp.wsp_controller import Settings as Stated
 
 TrainSpeed = Literal["measured", "axles"]
 _OF_LOGS = {
     "--" + name.strip("_"): name for name in ("axle", "from_", "to", "strict", "reference", "dbc")
 }
-_OF_FILES = {"--" + name: name for name in ("force", "out", "view")}
-_IDLE = {  # what has no effect, by what says where to stop
-    "SCENARIO": [*_OF_LOGS, "--seeds"],
-    "--rails": [*_OF_LOGS, *_OF_FILES, "--from-log", "--seed"],
-    "--from-log": ["--rails", "--seeds"],
-}
 
 
-@shared(*_OF_LOGS.values(), *_OF_FILES.values(), "config", "set_", "json")
-def command(  # noqa: PLR0913 (one parameter per option)
+@shared(*_OF_LOGS.values(), "force", "out", "view", "config", "set_", "json")
+def command(
     shared: Shared,
     scenario: Annotated[str | None, ScenarioName] = None,
     from_log: Annotated[
@@ -58,12 +51,6 @@ def command(  # noqa: PLR0913 (one parameter per option)
     train_speed: Annotated[
         TrainSpeed | None,
         option("--train-speed", None, "Source of train speed, instead of the scenario's."),
-    ] = None,
-    rails: Annotated[
-        bool, option("--rails", None, "A set of rails instead of the scenario's; no results.")
-    ] = False,
-    seeds: Annotated[
-        int | None, option("--seeds", "N", "Stops on each rail of --rails; else 10.", min=1)
     ] = None,
 ) -> int:
     """Stop a train with different WSPs on the same rail.
@@ -82,16 +69,13 @@ def command(  # noqa: PLR0913 (one parameter per option)
 
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
-    mode = "--rails" if rails else "--from-log" if from_log else "SCENARIO"
-    options = {flag: getattr(shared, name) for flag, name in (_OF_LOGS | _OF_FILES).items()}
-    options |= {"--from-log": from_log, "--rails": rails, "--seed": seed, "--seeds": seeds}
     settings: Stated = load_settings(shared).overrides
-    stated_flags = {flag for flag, x in options.items() if x not in (None, []) and x is not False}
-    idle = [flag for flag in _IDLE[mode] if flag in stated_flags]
-    idle += [] if from_log else _idle_settings(shared, settings)
-    if idle:
-        text = f"{', '.join(idle)}: no effect with {mode}"
-        raise UserError(text, "leave it out; `adhesion antiskid --help` shows the options", code=2)
+    if scenario:
+        stated = {flag: getattr(shared, name) for flag, name in _OF_LOGS.items()}
+        idle = [flag for flag, x in stated.items() if x not in (None, []) and x is not False]
+        if idle := [*idle, *_idle_settings(shared, settings)]:
+            hint = "leave it out; `adhesion antiskid --help` shows the options"
+            raise UserError(f"{', '.join(idle)}: no effect with SCENARIO", hint, code=2)
     _tells_of_compiling(shared)
     if from_log:
         return _replay(from_log, shared, algo, seed or 0, train_speed)
@@ -99,8 +83,6 @@ def command(  # noqa: PLR0913 (one parameter per option)
 
     assert scenario is not None
     case = load(scenario).with_train_speed(train_speed)
-    if rails:
-        return _on_rails(shared, Path(scenario), case, seeds or 10, algo, settings)
     return _on_own_rail(shared, Path(scenario), case, seed, algo, settings)
 
 
@@ -115,27 +97,6 @@ def _idle_settings(shared: Shared, settings: "Stated") -> list[str]:
         text = "note: [vehicle] has no effect here: the TOML of a scenario states its vehicle"
         terminal.message(text, shared.quiet)
     return flags
-
-
-def _on_rails(
-    shared: Shared, source: Path, case: "Scenario", seeds: int, algo: str, settings: "Stated"
-) -> int:
-    """The stops of --rails, their table."""
-    from ..core.document import dumps
-    from ..wsp.controller import registry
-    from ..wsp.documents import sweep_document
-    from ..wsp.sweep import RAILS, sweep
-    from ..wsp.wsp_controller import parameters
-    from . import terminal
-
-    check(shared, [], source)
-    used_parameters = parameters(registry(), algo, settings)
-    count = len(RAILS) * len(registry()) * seeds
-    terminal.message(f"{count} stops to simulate, on all cores", shared.quiet)
-    rows = sweep(case, seeds, algo, settings, terminal.progress(shared.quiet))
-    document = sweep_document(case.name, seeds, algo, used_parameters, rows)
-    print(dumps(document) if shared.json else _rails(rows))
-    return 0
 
 
 def _on_own_rail(
@@ -192,7 +153,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     logged = replayed.logged_m
     in_log = f"{logged:.1f} m in the log" if logged else "not stopped in the log"
     caption = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
-    verdict = _compared_verdicts(laws)
+    compared = {law: x.compared for law, x in laws.items()}
+    verdict = _verdicts({law: x.values for law, x in laws.items()}, compared)
     text = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {caption}"
     head = terminal.folded(text)
     origin = {"log": name, "log_sha256": result.log.sha256}
@@ -322,21 +284,3 @@ def _verdicts(
         rows.append(["patent less [m]", *(_cell(b.patent_less_this_m, 1) for b in compared)])
         rows.append(["shortest", *(f"{b.shortest:.0%}" for b in compared)])
     return table(["", *verdicts], rows, width=NARROW)
-
-
-def _compared_verdicts(laws: "Mapping[str, Answer] | Mapping[str, SweepRow]") -> str:
-    """As `_verdicts`, with what each controller saves."""
-    compared = {law: x.compared for law, x in laws.items()}
-    return _verdicts({law: x.values for law, x in laws.items()}, compared)
-
-
-def _rails(rows: "Sequence[SweepRow]") -> str:
-    from .terminal import table
-
-    by_rail: dict[str, dict[str, SweepRow]] = {}
-    for r in rows:
-        by_rail.setdefault(r.rail, {})[r.controller] = r
-    sections = [f"rail {rail}:\n{_compared_verdicts(laws)}" for rail, laws in by_rail.items()]
-    cells = [[str(x), r.rail, r.controller, f"{share:.0%}"] for r in rows for x, share in r.limits]
-    limits = [table(["limit", "rail", "controller", "kept"], sorted(cells), 3)] if cells else []
-    return "\n\n".join([*sections, _MEANING, *limits])

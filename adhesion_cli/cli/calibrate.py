@@ -24,10 +24,6 @@ def command(
     logs: Logs,
     shared: Shared,
     out: Annotated[Path | None, option("-o --out", "FILE.toml", "Write what -c takes.")] = None,
-    figure: Annotated[
-        Path | None,
-        option("--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf."),
-    ] = None,
 ) -> int:
     """Find the vehicle's force from the deceleration of its logs.
 
@@ -35,28 +31,19 @@ def command(
     friction and its change over speed, the spring force and the delay of the pressure. The mass
     limits the result: state it with its tolerance.
 
-    --figure draws the measured and the predicted deceleration of each brake application.
-
     Example: adhesion calibrate sample_logs/service-brake.csv leaf-film.mcap
     """
     from ..core.document import dumps
-    from ..results import atomic_files, charts
+    from ..results import atomic_files
     from ..studies import calibrate
     from . import terminal
 
-    written = settings_file(out)
-    suffix = charts.kind(figure) if figure else ""
-    files = [*written, *([figure] if figure else [])]
+    files = settings_file(out)
     check(shared, files, *logs)
     calibration = calibrate.calibrate(logs, load_settings(shared), terminal.progress(shared.quiet))
     if files:
-        with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as places:
-            if out:
-                places[0].write_text(calibrate.as_toml(calibration), encoding="utf-8")
-            if figure:
-                title = f"Calibration by {len(calibration.applications)} brake applications"
-                panels = calibrate.panels(calibration.applications)
-                charts.write(places[-1], title, panels, suffix=suffix)
+        with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as (place,):
+            place.write_text(calibrate.as_toml(calibration), encoding="utf-8")
     if shared.json:
         print(dumps(calibrate.document(calibration, results.named(files))))
     else:

@@ -1,4 +1,4 @@
-"""Line charts as SVG, PNG or PDF, drawn by matplotlib."""
+"""Line charts as SVG, drawn by matplotlib."""
 
 import io
 import logging
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..core.errors import UserError
 from ..core.model import Floats
 from . import verified
 
@@ -16,11 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _Options = dict[str, Any]  # of matplotlib
-_NO_DATE: dict[str, _Options] = {
-    ".svg": {"Date": None},
-    ".png": {},
-    ".pdf": {"CreationDate": None},
-}
 _LEGEND_COLUMNS, _LEGEND_ROW, _TITLE_PAD = 3, 13.0, 5.0  # entries of a row; heights [points]
 _PANEL, _COLUMNS = (4.4, 3.3), 3  # width and height [inch]; charts in a row
 _STYLE: _Options = {
@@ -50,8 +44,6 @@ class Line:
     y: Floats
     colour: str
     dashed: bool = False
-    bars: Floats | None = None  # half a vertical bar of each point; points are then not joined
-    dots: float = 4.0  # diameter of these points
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,30 +57,15 @@ class Panel:
     log_x: bool = False
     log_y: bool = False
     y_range: tuple[float, float] | None = None  # None: all data
-    x_names: Sequence[str] = ()  # of x 0, 1, 2 … instead of numbers
 
 
-def kind(path: Path) -> str:
-    """The format that a file's name states: its suffix.
-
-    Raises:
-        UserError: for another suffix.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in _NO_DATE:
-        hint = "--figure FILE.svg, FILE.png or FILE.pdf"
-        raise UserError(f"{path}: a picture is SVG, PNG or PDF", hint, code=2)
-    return suffix
-
-
-def write(path: Path, title: str, panels: Sequence[Panel], suffix: str = ".svg") -> None:
+def write(path: Path, title: str, panels: Sequence[Panel]) -> None:
     """Write the panels row by row under a title; the same panels give the same bytes.
 
     Args:
         path: file to write; its old content is lost.
         title: above all panels.
         panels: the charts.
-        suffix: the format, from `kind`.
 
     Raises as `verified.verified`.
     """
@@ -105,7 +82,7 @@ def write(path: Path, title: str, panels: Sequence[Panel], suffix: str = ".svg")
         figure.suptitle(title, fontweight="bold")
         for i, panel in enumerate(panels, 1):
             _draw(figure.add_subplot(rows, columns, i), panel)
-        figure.savefig(image, format=suffix[1:], metadata=_NO_DATE[suffix])
+        figure.savefig(image, format="svg", metadata={"Date": None})
     verified.write(path, image.getvalue())
 
 
@@ -113,12 +90,7 @@ def _draw(axes: "Axes", panel: Panel) -> None:
     for line in panel.lines:
         # Matplotlib leaves names that begin with "_" out of the legend.
         style: _Options = {"color": line.colour, "label": line.name or "_"}
-        if line.bars is None:
-            axes.plot(line.x, line.y, "--" if line.dashed else "-", linewidth=1.1, **style)
-            continue
-        style |= {"markersize": line.dots, "markeredgewidth": 0}
-        style |= {"elinewidth": 0.9, "capsize": 1.5, "capthick": 0.9}
-        axes.errorbar(line.x, line.y, line.bars, fmt="o", **style)
+        axes.plot(line.x, line.y, "--" if line.dashed else "-", linewidth=1.1, **style)
     axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     for is_log, set_scale, axis in (
         (panel.log_x, axes.set_xscale, axes.xaxis),
@@ -129,8 +101,6 @@ def _draw(axes: "Axes", panel: Panel) -> None:
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("")
     axes.set_ylim(panel.y_range)
-    if panel.x_names:
-        axes.set_xticks(range(len(panel.x_names)), panel.x_names, rotation=35, ha="right")
     if named := len(axes.get_legend_handles_labels()[0]):
         # Between title and chart: below, it would lie on the names along the axis.
         axes.set_title(panel.title, pad=_TITLE_PAD + _LEGEND_ROW * -(-named // _LEGEND_COLUMNS))

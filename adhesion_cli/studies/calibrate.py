@@ -21,13 +21,11 @@ from ..core.annotated import Json
 from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle, quantities
+from ..core.model import AxleRecord, Floats, Log, Parameter, Vehicle, quantities
 from ..core.text import by_uncertainty
 from ..formats.memory import Signals
 from ..records import brake_applications
 from ..reference import calibrated_vehicle as reference
-from ..results.charts import Line, Panel
-from ..results.palette import BLACK, BLUE, GREY, ORANGE
 from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.explanation import Design
@@ -57,9 +55,6 @@ _CAUSES = {
     ("running_resistance", "any"): "the track has a gradient, or a motor drives",
     ("air_drag", "any"): "the track has a gradient, or a motor drives",
 }
-_SMALL_DOT = 2.8  # diameter of a point of the gradient in the picture
-_SIDE_STEP = 0.22  # what one application shows in several points is drawn so far aside
-_NAMES, _LETTERS = 16, 18  # of logs that have room under the picture, and of each
 
 
 class ApplicationDeceleration(NamedTuple):
@@ -489,53 +484,3 @@ def as_rows(calibration: CalibrationRun) -> list[dict[str, str]]:
         }
         for name, r in calibration.result.rows.items()
     ]
-
-
-def panels(braked: Sequence[ApplicationDeceleration]) -> list[Panel]:
-    """Deceleration as predicted over the measured one, and their difference, by application.
-
-    Bars are expanded uncertainties (95 %). The first application of each log names the log.
-    """
-    column = {n: np.array([getattr(a, n) for a in braked]) for n in ApplicationDeceleration._fields}
-    measured = column["measured_mps2"]
-    place, limits = np.arange(float(len(braked))), np.array([0.0, 1.1 * float(np.max(measured))])
-    predicted_lines, difference_lines = [Line("equal", limits, limits, BLACK, dashed=True)], []
-    for name, offset, colour in (("stated", -_SIDE_STEP, GREY), ("calibrated", 0.0, BLUE)):
-        predicted, bars = column[f"{name}_mps2"], Z95 * column[f"{name}_u_mps2"]
-        predicted_lines.append(Line(name, measured, predicted, colour, bars=bars))
-        difference = predicted - measured
-        difference_lines.append(Line(name, place + offset, difference, colour, bars=bars))
-    gradient, bars = column["gradient_mps2"], Z95 * column["gradient_u_mps2"]
-    difference_lines.append(
-        Line("fitted gradient", place + _SIDE_STEP, gradient, ORANGE, bars=bars, dots=_SMALL_DOT)
-    )
-    return [
-        Panel(
-            "Deceleration of each application, ± 95 %",
-            "measured [m/s²]",
-            "predicted [m/s²]",
-            predicted_lines,
-        ),
-        Panel(
-            "Predicted less measured, ± 95 %",
-            "brake applications, log by log",
-            "difference [m/s²]",
-            difference_lines,
-            x_names=_log_names(braked),
-        ),
-    ]
-
-
-def _log_names(braked: Sequence[ApplicationDeceleration]) -> list[str]:
-    """The end of each log's name at its first brake application; at most `_NAMES` of them.
-
-    Logs of one name are named with their folders.
-    """
-    first_of_log = [i for i, a in enumerate(braked) if i == 0 or a.log != braked[i - 1].log]
-    paths = [Path(braked[i].log).with_suffix("") for i in first_of_log]
-    has_equal_names = len({path.name for path in paths}) < len(paths)
-    names = [""] * len(braked)
-    for k in range(0, len(paths), -(-len(paths) // _NAMES)):
-        name = "/".join(paths[k].parts[-1 - has_equal_names :])
-        names[first_of_log[k]] = name if len(name) <= _LETTERS else f"…{name[1 - _LETTERS :]}"
-    return names

@@ -13,7 +13,6 @@ from .plant import RailConditions
 from .replay import Answer, Case
 from .scenario import Scenario, StopLimit
 from .stop import Stop
-from .sweep import SweepRow
 
 
 def antiskid_document(
@@ -59,8 +58,8 @@ def replay_document(
     return antiskid_document(stop, name, parameters, dry, median, **of_log)
 
 
-def limits_document(rows: Sequence[tuple[str, StopLimit, bool | float]]) -> list[Json]:
-    """Which controller keeps which limit, or in what share; an end that is not stated is None."""
+def limits_document(rows: Sequence[tuple[str, StopLimit, bool]]) -> list[Json]:
+    """Which controller keeps which limit; an end that is not stated is None."""
     limits = []
     for law, x, ok in rows:
         bounds = {"least": finite(x.least), "most": finite(x.most)}
@@ -108,27 +107,3 @@ def _as_json(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_as_json(v) for v in value]
     return value
-
-
-def sweep_document(
-    scenario: str,
-    seeds: int,
-    algo: str,
-    parameters: Mapping[str, Mapping[str, float]],
-    rows: Sequence[SweepRow],
-) -> Json:
-    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None.
-
-    `kept` of a limit is the share of the seeds.
-    """
-    rails: dict[str, Json] = {}
-    for r in rows:
-        rails.setdefault(r.rail, {})[r.controller] = {**r.values, **r.compared._asdict()}
-    limits = [
-        {"rail": r.rail, **x}
-        for r in rows
-        for x in limits_document([(r.controller, *row_limit) for row_limit in r.limits])
-    ]
-    head = {"scenario": scenario, "seeds": seeds, "estimator": algo, "parameters": parameters}
-    body = {"dry_distance_m": rows[0].dry_distance_m, "rails": rails, "limits": limits}
-    return tagged("antiskid-sweep", **head, **body, outputs={})

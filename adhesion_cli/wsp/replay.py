@@ -49,11 +49,11 @@ from ..train.grid import GRADIENT_SIGMA
 from ..train.longitudinal import DRAG_OF_TRAINS, RESISTANCE_OF_TRAINS, tolerance
 from . import closed_loop, replay_rail
 from .closed_loop import Logged
+from .comparison import Compared, Values, compared, intervals, on_all_cores
 from .plant import RailConditions
 from .replay_rail import RailUnderAxle, SlidCourse
 from .scenario import INF, Antiskid, Command, Scenario, ScenarioBrake, ScenarioTrain
 from .stop import Stop, Verdict
-from .sweep import Compared, Values, compared, intervals, on_all_cores
 from .wsp_controller import Settings
 
 _KNOT_INTERVAL = 0.1  # between two knots of the demand [s]
@@ -402,9 +402,9 @@ def answers(
     dry, best = stops((case.scenario, case.track), progress)
     results = on_all_cores(verdicts, case.draws, progress)
     by_law = {law: [draw[law] for draw in results] for law in best}
-    paired, bounds = compared(by_law, np.median), {}
+    paired, bounds = compared(by_law), {}
     for law, (stop, _) in best.items():
-        values = intervals(by_law[law], np.median)
+        values = intervals(by_law[law])
         quantities = values if case.demanded else {**values, "extension": None}
         bounds[law] = Answer(stop, quantities, paired[law])
     return dry if case.demanded else None, bounds

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from helpers import rails
 from helpers.commands import in_process
 from helpers.grids import thinned
 from helpers.recordings import batches, column, static
@@ -33,10 +34,8 @@ from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import (
     closed_loop,
     controllers,
-    documents,
     reference_speed,
     scenario,
-    sweep,
     wsp_controller,  # fmt: skip
 )
 from adhesion_cli.wsp.controller import APPLY, DUMP, HOLD, Observed, registry
@@ -371,7 +370,7 @@ def test_a_curve_with_two_humps_has_its_highest_as_the_peak() -> None:
 
 
 def test_on_dry_rail_a_controller_costs_nothing() -> None:
-    s = replace(case("slippery-stop"), rail=sweep.RAILS["dry"])
+    s = replace(case("slippery-stop"), rail=rails.RAILS["dry"])
     s = replace(s, train=replace(s.train, cleaning=()))
     dry = closed_loop.dry_distance(s)
     for law in registry():
@@ -383,7 +382,7 @@ def test_on_dry_rail_a_controller_costs_nothing() -> None:
 
 @pytest.mark.parametrize("speed", [2.0, pytest.param(3.0, marks=pytest.mark.slow), 6.0])
 def test_nor_at_walking_pace_where_noise_is_slip(speed: float) -> None:
-    s = replace(case("slippery-stop"), rail=sweep.RAILS["dry"])
+    s = replace(case("slippery-stop"), rail=rails.RAILS["dry"])
     s = replace(s, train=replace(s.train, speed=speed))
     stop = closed_loop.run(s, "patent")
     v = closed_loop.verdict(stop, s, closed_loop.dry_distance(s))
@@ -400,7 +399,7 @@ def test_nor_at_walking_pace_where_noise_is_slip(speed: float) -> None:
     ),
 )
 def test_nor_with_wheels_of_another_radius(wrong: tuple[float, ...], train_speed: str) -> None:
-    s = replace(case("slippery-stop"), rail=sweep.RAILS["dry"])
+    s = replace(case("slippery-stop"), rail=rails.RAILS["dry"])
     s = replace(s, train=replace(s.train, speed=12.0))
     s = replace(s, antiskid=replace(s.antiskid, radius=wrong, train_speed=train_speed))
     v = closed_loop.verdict(closed_loop.run(s, "patent"), s, closed_loop.dry_distance(s))
@@ -452,6 +451,9 @@ def test_air_is_what_the_cylinders_took_in() -> None:
     assert stopped("slippery-stop", "patent").air > stop.air
 
 
+SLIPPERY_RAILS = ["low", "very-low", "early-peak", "late-peak", "sudden", "film"]
+
+
 def shorter(mine: list[Verdict], its: list[Verdict]) -> list[bool]:
     return [a.stopping_distance_m < b.stopping_distance_m for a, b in zip(mine, its, strict=True)]
 
@@ -465,21 +467,18 @@ def uses_the_rail(verdicts: list[Verdict]) -> None:
 
 def test_patent_law_uses_the_rail_and_locks_no_wheel() -> None:
     one = replace(case("slippery-stop"), train=scenario.ScenarioTrain(speed=30.0))
-    rails = ["low", "very-low", "early-peak", "late-peak", "sudden", "film"]
-    found = sweep.verdicts(one, rails, ["patent", "rule"], [7])
-    uses_the_rail([found[r, "patent"][0] for r in rails])
-    assert all(found[r, "rule"][0].locked_s == 0.0 for r in rails)
-    assert sum(shorter(found[r, "patent"], found[r, "rule"])[0] for r in rails) > len(rails) / 2
+    found = rails.verdicts(one, SLIPPERY_RAILS, ["patent", "rule"], [7])
+    uses_the_rail([found[r, "patent"][0] for r in SLIPPERY_RAILS])
+    assert all(found[r, "rule"][0].locked_s == 0.0 for r in SLIPPERY_RAILS)
+    shorter_stops = [shorter(found[r, "patent"], found[r, "rule"])[0] for r in SLIPPERY_RAILS]
+    assert sum(shorter_stops) > len(SLIPPERY_RAILS) / 2
     assert judged("slippery-stop", "none").locked_s > 10.0
-
-
-SLIPPERY_RAILS = ["low", "very-low", "early-peak", "late-peak", "sudden", "film"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SLIPPERY_RAILS)
 def test_so_it_does_on_every_slippery_rail(name: str) -> None:
-    found = sweep.verdicts(case("slippery-stop"), [name], ["patent", "rule"], range(3))
+    found = rails.verdicts(case("slippery-stop"), [name], ["patent", "rule"], range(3))
     uses_the_rail(found[name, "patent"])
     assert all(shorter(found[name, "patent"], found[name, "rule"]))
 
@@ -490,7 +489,7 @@ def test_so_it_does_on_every_slippery_rail(name: str) -> None:
 def test_no_wheel_locks_without_a_radar(name: str, friction: float) -> None:
     s = case("slippery-stop").with_train_speed("axles")
     s = replace(s, antiskid=replace(s.antiskid, friction=friction))
-    found = sweep.verdicts(s, [name], ["patent", "rule"], range(3))
+    found = rails.verdicts(s, [name], ["patent", "rule"], range(3))
     for law in ("patent", "rule"):
         assert all(v.locked_s == 0.0 for v in found[name, law])
         assert all((v.utilisation or 0.0) > 0.85 for v in found[name, law])
@@ -516,7 +515,7 @@ def test_slope_decides_where_the_peak_is(name: str, worth: float) -> None:
     one = replace(case("slippery-stop"), train=scenario.ScenarioTrain(speed=15.0))
 
     def utilisation(parameters: dict[str, dict[str, float]]) -> float:
-        found = sweep.verdicts(one, [name], ["patent"], [3], settings=parameters)
+        found = rails.verdicts(one, [name], ["patent"], [3], settings=parameters)
         return found[name, "patent"][0].utilisation or 0.0
 
     told = utilisation({})
@@ -646,40 +645,6 @@ def test_a_step_longer_than_the_units_period_is_refused() -> None:
         with pytest.raises(UserError, match="dt is longer than") as told:
             closed_loop.run(replace(short(), dt=dt), "none")
         assert told.value.code == 2
-
-
-def test_sweep_is_every_controller_on_every_rail() -> None:
-    told: list[str] = []
-    limits = (
-        StopLimit("utilisation", "a test", least=0.8),
-        StopLimit("locked_s", "a test", most=0.0),
-    )
-    slow = replace(case("slippery-stop"), train=short().train, limit=limits)
-    rows = sweep.sweep(slow, 2, progress=told.append)
-    assert [(r.rail, r.controller) for r in rows] == [
-        (r, c) for r in sweep.RAILS for c in registry()
-    ]
-    assert told[-1] == "48 of 48 done"
-    for r in rows:
-        mean, low, high = r.values["stopping_distance_m"] or (0.0, 0.0, 0.0)
-        assert 0.0 < low <= mean <= high
-    by = {(r.rail, r.controller): r for r in rows}
-    very_low, low = by["very-low", "patent"].values, by["low", "patent"].values
-    assert very_low["extension"] > low["extension"] > by["dry", "patent"].values["extension"]
-    again = sweep.verdicts(slow, ["low"], ["rule", "patent"], range(2))
-    less = [
-        mine.stopping_distance_m - its.stopping_distance_m
-        for mine, its in zip(again["low", "patent"], again["low", "rule"], strict=True)
-    ]
-    assert by["low", "rule"].compared.patent_less_this_m == sweep.interval(less)
-    assert by["low", "patent"].compared.patent_less_this_m is None
-    doc = documents.sweep_document("short", 2, "kalman", {}, rows)
-    assert doc["rails"]["low"]["rule"]["patent_less_this_m"] == sweep.interval(less)
-    kept = {(x["rail"], x["controller"], x["quantity"]): x["kept"] for x in doc["limits"]}
-    assert len(kept) == 2 * len(rows)
-    used = [v.utilisation >= 0.8 for v in again["low", "rule"]]
-    assert kept["low", "rule", "utilisation"] == np.mean(used)
-    assert (kept["low", "none", "locked_s"], kept["dry", "none", "locked_s"]) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -1039,9 +1004,6 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
         (["--set", "bands.slip_high=0.1"], "--set bands: no effect with SCENARIO"),
         (["--from", "0", "--axle", "2"], "--axle, --from: no effect with SCENARIO"),
         (["-c", "missing.toml"], "no such file"),
-        (["--seeds", "3"], "--seeds"),
-        (["--rails", "--seed", "0", "-o", "x"], "--out, --seed: no effect with --rails"),
-        (["--rails", "--view", "--force"], "--force, --view: no effect with --rails"),
     ],
 )
 def test_what_would_do_nothing_is_refused(arguments: list[str], says: str) -> None:

@@ -414,8 +414,7 @@ def test_a_guessed_demand_is_in_every_interval(
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["slippery-stop", "--from-log", "a.csv"], ["slippery-stop", "--axle", "1"],
-     ["--from-log", "a.csv", "--rails"]],
+    [[], ["slippery-stop", "--from-log", "a.csv"], ["slippery-stop", "--axle", "1"]],
 )  # fmt: skip
 def test_a_stop_has_one_source(arguments: list[str]) -> None:
     with pytest.raises(UserError) as told:
