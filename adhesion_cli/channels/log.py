@@ -110,7 +110,7 @@ def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log
     """Every numeric channel of an opened log on its clean time axis; SI where the unit is known."""
     meant, findings = _understood(source, mappings)
     log = _log(source, meant, findings, lambda m, c, ends: channel(m, c, vehicle, ends))
-    return _judged(log, meant, vehicle)
+    return replace(_judged(log, meant, vehicle), proposals=_proposals(meant))
 
 
 def _judged(log: Log, meant: Sequence[Meant], vehicle: Vehicle) -> Log:

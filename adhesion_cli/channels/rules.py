@@ -156,6 +156,13 @@ _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start
 _CHINESE_PLACES = "[一二三四五六七八](?=[轴轮位架车]|转向架)|(?<=[轴轮架])[一二三四五六七八]"
 _LETTERS = tuple("abcdefgh")
 _DEVICE = re.compile(r"(?<![^\W_])[A-Za-z]{2,3}\d{3,4}[A-Z]?(?:_\d+)+")  # and its number: MX840B_1
+# Numbers that count nothing: of a module and channel in front, of a device, a range, a filter.
+_NO_COUNT = re.compile(
+    r"(?i)^\[\d+[:.]\d+\]|[(\[](?:id|s/?n|ser)\b[^)\]]*[)\]]|(?<!\w)0\s*-\s*\d+"
+    r"|(?<![\w.,])\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+|(?<![\w.,])\d[\d.,]*(?:k?Hz|ms|s)\b"
+)
+_LABELS = re.compile(r"""(\w+)=("+|')[^"']*\2,?\s*""")  # of a series: instance="10.0.0.1:9100"
+_AXLES = re.compile(r"([^\W\d_]+)\.?[\s_]*(\d)\s*([-–+&/])\s*(\d)(?!\d)")  # as in "axles 1-4"
 _MEASURED = {"speed", "pressure"}
 _NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
 
@@ -453,8 +460,9 @@ def place_of(field: Field) -> Place:
 def _place_in(text: str, is_path: bool) -> Place:
     """The place that one name gives."""
     name = re.sub(_CHINESE_PLACES, lambda m: str(_CHINESE_NUMBERS[m[0]]), units.in_name(text)[0])
-    name_parts = list(name_words(_DEVICE.sub(" ", name)))
-    _, bogie = _take_number(name_parts, "bogie")
+    name, pair = _without_axles(_NO_COUNT.sub(" ", _DEVICE.sub(" ", name)))
+    name_parts = list(name_words(name))
+    bogie = _take_number(name_parts, "bogie")[1] or pair
     owners = [_take_number(name_parts, "car")]
     while (unit := _take_number(name_parts, "control unit"))[1]:  # "cDAQ1Mod3/ai2" has several
         owners.append(unit)
@@ -466,6 +474,21 @@ def _place_in(text: str, is_path: bool) -> Place:
     if bogie in _LETTERS:
         bogie = str(1 + _LETTERS.index(bogie))
     return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, owner, is_loose)
+
+
+def _without_axles(name: str) -> tuple[str, str]:
+    """The name without several axles, as in "axles 1-4"; and their bogie, if they are its two."""
+    for m in _AXLES.finditer(name):
+        first, last, is_slash = int(m[2]), int(m[4]), m[3] == "/"
+        # "axle 1/4" may be one of four
+        kinds = {"cylinder"} if is_slash else {"cylinder", "wheel"}
+        if last <= first or not kinds & _kinds(m[1].lower()).keys():
+            continue
+        if first % 2 and last == first + 1:
+            return name[: m.start(2)] + name[m.end() :], str(last // 2)
+        if not is_slash:
+            return name[: m.start(2)] + name[m.end() :], ""
+    return name, ""
 
 
 def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
@@ -540,6 +563,16 @@ def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int |
 
 
 def _without_device(field: Field) -> Field:
-    r"""The field without the device behind its names, as in "WheelSpeed2\CAN-Monitoring:1"."""
-    channel, label = (re.sub(r"\\[^\\:]*:\d+$", "", x) for x in (field.channel, field.label))
+    r"""The field without what is behind its names: a device, as in "WheelSpeed2\CAN-Monitoring:1".
+
+    Of the labels of a series, in braces, those of an axle, bogie or car stay.
+    """
+    names = (_LABELS.sub(_own_label, x) for x in (field.channel, field.label))
+    channel, label = (re.sub(r"\\[^\\:]*:\d+$|\{\s*\}$", "", x) for x in names)
     return replace(field, channel=channel, label=label)
+
+
+def _own_label(match: re.Match[str]) -> str:
+    """A label of a series, "" where it says nothing of a place."""
+    kinds = _kinds_of(name_words(match[1])).keys()
+    return match[0] if kinds & {"wheel", "bogie", "car"} else ""

@@ -546,3 +546,36 @@ def test_a_channel_of_several_lists_is_refused_with_a_line_that_works() -> None:
         f"{key}.field=bc_press",
         f"{key}.unit=bar",
     ]
+
+
+def test_numbers_of_ranges_filters_serials_and_series_are_no_axle() -> None:
+    for name in (
+        "BC pressure 0-10 bar", "BC pressure 10Hz LP [bar]", "BC pressure (ID 7) [bar]",
+        "[0:1] BC pressure [bar]", "BC pressure:cDAQ9174Mod2/ctr0 [bar]",
+        'bc_pressure_bar{job="train", instance="10.0.0.1:9100"}',
+        "Channel1.Device1.BC_pressure_bar", "BC pressure 0..10 bar",
+    ):  # fmt: skip
+        assert seen(name) == [(PRESSURE, None, "bar")], name
+    assert seen('v {axle="2", host="a1"} [km/h]') == [(WHEEL, 2, "km/h")]
+
+
+def test_a_pressure_of_two_axles_is_that_of_their_bogie() -> None:
+    speeds = [f"v{k} [km/h]" for k in (1, 2, 3, 4)]
+    for pair in ("BCP {}/{} [bar]", "BC pressure axles {}-{} [bar]", "BCP {}+{} [bar]"):
+        read = seen(pair.format(1, 2), pair.format(3, 4), *speeds)
+        assert sorted(axle or 0 for meaning, axle, _ in read if meaning == PRESSURE) == [1, 2, 3, 4]
+    assert seen("BC pressure [bar] axles 1-4", *speeds)[0] == (PRESSURE, None, "bar")
+
+
+def test_names_in_further_languages() -> None:
+    for pressure, speed, pipe in (
+        ("Tlak v brzdovém válci", "Rychlost kola", "Tlak v hlavním potrubí"),
+        ("Fékhenger nyomás", "Keréksebesség", "Fővezeték nyomás"),
+        ("Давление в тормозном цилиндре", "Скорость колеса", "Давление тормозной магистрали"),
+        ("Ciśnienie w cylindrze", "Prędkość koła", "Ciśnienie w przewodzie głównym"),
+        ("Fren silindiri basıncı", "Tekerlek hızı", "Ana boru basıncı"),
+        ("Jarrusylinterin paine", "Pyörän nopeus", "Jarrujohdon paine"),
+    ):
+        assert seen(f"{pressure} [бар]", f"{speed} 2 [км/ч]", f"{pipe} [bar]") == [
+            (PRESSURE, None, "бар"), (WHEEL, 2, "км/ч"), ("brake_pipe", None, "bar"),
+        ]  # fmt: skip

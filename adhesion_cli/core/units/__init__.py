@@ -242,12 +242,12 @@ _FACTOR_BEHIND_BRACKET = re.compile(rf"\s*[\[(]?\s*(?:{TIMES}|/)\s*{NUMBER}\s*[\
 
 def unknown_in(name: str) -> str:
     """What a name has in its last brackets, if it is no known unit and no index, "" for nothing."""
-    suffix = re.split(r"[\])）】}>]", name)[-1]
-    if suffix and suffix != name and _FACTOR_BEHIND_BRACKET.match(suffix):
-        return f"{_BRACKETS.findall(name)[-1]}{suffix}"
-    match = _RANGE_AT_END.search(name.strip())
-    if match and _has_factor_unread(match["text"]):
-        return match["text"]
+    for match in _BRACKETS.finditer(name):
+        if _FACTOR_BEHIND_BRACKET.match(suffix := name[match.end() :]):
+            return f"{match[1]} {suffix.strip(' []()')}"
+    at_end = _RANGE_AT_END.search(name.strip())
+    if at_end and _has_factor_unread(at_end["text"]):
+        return at_end["text"]
     inside = [text.strip() for text in _BRACKETS.findall(name)]
     return inside[-1] if inside and not (unit(inside[-1]) or inside[-1].isdecimal()) else ""
 

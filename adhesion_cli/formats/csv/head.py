@@ -20,8 +20,12 @@ _OWN = rb"(?:\x82[\x9f-\xf1]|\x83[\x40-\x7e\x80-\x96]|[\x88-\x9f][\x80-\xfc])"
 _ANY = rb"(?:\x81\x5b|\x82[\x9f-\xf1]|[\x83\x88-\x9f][\x40-\x7e\x80-\xfc])"
 _JAPANESE = re.compile(rb"%b%b+|%b%b+" % (_OWN, _ANY, _ANY, _OWN))
 
-# Polish words for speed, pressure and wheel in cp1250.
-_POLISH = re.compile(rb"(?i)pr[\xca\xea]dko|ci[\x8c\x9c]ni|\bko[\xa3\xb3][aeo]")
+# Words for pressure, speed and wheel by which a codec is known, and the first codec that has them.
+_WORDS = {
+    "cp1250": "ciśni prędko koła tlak nyomás presiun",
+    "cp1251": "давлен скорост тиск швидк",
+    "cp866": "давлен скорост",
+}
 
 
 def encoding_of(head: bytes, encoding: str | None, path: Path) -> tuple[str, int, str]:
@@ -68,6 +72,11 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
         return "utf-8", "only ASCII in the head"
     if _decodes(head, "utf-8"):
         return "utf-8", "the head decodes"
+    for codec, known_words in _WORDS.items():
+        # bytes have no letters beyond ASCII, so each word is looked for in three forms
+        spellings = (f(x) for x in known_words.split() for f in (str.lower, str.upper, str.title))
+        if any(spelling.encode(codec) in head for spelling in spellings):
+            return codec, "not UTF-8; words of its languages"
     high_bytes = len(re.findall(rb"[\x80-\xff]", head))
     # Chinese text is pairs of high bytes; a Latin-1 umlaut, degree or micro sign stands alone
     pairs = 2 * len(re.findall(rb"[\xa1-\xf7][\xa1-\xfe]", head))
@@ -78,8 +87,6 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
     in_words = sum(map(len, _JAPANESE.findall(head)))  # bytes
     if 2 * in_words > high_bytes and _decodes(head, "cp932"):
         return "cp932", "not UTF-8; words of Shift-JIS"
-    if _POLISH.search(head):
-        return "cp1250", "not UTF-8; Polish words"
     return "cp1252", "not UTF-8; high bytes stand alone"
 
 
