@@ -142,6 +142,28 @@ def blocks(rng: random.Random) -> Iterator[WildLog]:
         yield WildLog("log.csv", table(rows, [[], [], []], delimiter))
 
 
+def restarts(rng: random.Random) -> Iterator[WildLog]:
+    """Tables whose times begin anew below each header; lines above it state when."""
+    for k in range(4):
+        length, start = rng.randrange(100, 700), _start(rng)
+        rows: list[list[str]] = []
+        for begin in range(0, ROWS, length):
+            part, at = slice(begin, begin + length), start + timedelta(seconds=begin / RATE)
+            clock = f"{at:%H:%M:%S}.{_ms(at)}"
+            rows += [
+                [[f"Start: {at:%d.%m.%Y} {clock}"], ["Rate", "50"]],
+                [["Date", f"{at:%Y-%m-%d}"], ["Time", clock], []],
+                [["Trigger", f"#{begin}", f"{at:%Y/%m/%d} {clock}"], ["End", f"{at:%Y/%m/%d}"]],
+                [[f"# started {at:%Y-%m-%d} {clock}"], ["# started", f"{at:%Y-%m-%d} {clock}"]],
+            ][k]
+            rows += [["time [s]", *NAMES]]
+            rows += [
+                [f"{t - begin / RATE:.3f}", f"{p:.2f}", f"{v:.2f}"]
+                for t, p, v in zip(T[part], P[part], V[part], strict=True)
+            ]
+        yield WildLog("log.csv", table(rows, [[], [], []], rng.choice(";\t")))
+
+
 # ------------------------------------------------------------------------------------- numbers
 
 
@@ -564,6 +586,7 @@ def influx(rng: random.Random) -> Iterator[WildLog]:
 KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K1-lvm": segments,
     "K1-blocks": blocks,
+    "K1-restarts": restarts,
     "K8-groups": groups,
     "K8-minus": minus,
     "K9-digits": clock_digits,

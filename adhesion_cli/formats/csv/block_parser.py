@@ -17,7 +17,7 @@ from ...core.model import Bools, Floats, Times
 from ..source import ReadOptions
 from .cells import floats, is_missing
 from .clock import Clock
-from .dialect import NULLS, Dialect, is_comment, is_number, split
+from .dialect import NULLS, Dialect, is_comment, is_number, split, stamps_in
 from .header_words import STATISTICS, is_named
 from .lines import LineBlock, Rows
 from .stamps import is_stamp
@@ -198,6 +198,9 @@ class Parser:
             return "comment"
         cells = split(text, dialect.delimiter)
         if text.strip() in dialect.preamble:
+            return "preamble"
+        preamble_stamps = stamps_in(dialect.preamble, dialect.delimiter)
+        if preamble_stamps.keys() & stamps_in([text], dialect.delimiter).keys():
             return "preamble"
         if dialect.repeats_header(cells):
             return "header"

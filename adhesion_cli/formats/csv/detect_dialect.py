@@ -115,7 +115,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         labels,
         any(len(h) > width and h[width].casefold() in REMARKS for h in header.names),
         tuple(cells[0] for _, cells in rows_above[_first_segment(preamble) :]) if preamble else (),
-        frozenset(text.strip() for number, text in lines if number < rows[header.top][0]),
+        tuple(text.strip() for number, text in lines if number < rows[header.top][0]),
     )
 
 

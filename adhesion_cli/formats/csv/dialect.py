@@ -9,6 +9,7 @@ from itertools import pairwise, takewhile
 
 from ...core.units import in_name, unit
 from .header_words import is_units_row, label, normal, time_name
+from .stamps import is_stamp
 
 HEAD_BYTES = 1 << 20
 
@@ -43,7 +44,7 @@ class Dialect:
     labels: dict[str, list[str]] = field(default_factory=dict)  # rows above the table, see `label`
     has_remarks: bool = False  # a row may have a comment behind its cells
     segments: tuple[str, ...] = ()  # first cells of a header that comes again, as in LVM files
-    preamble: frozenset[str] = frozenset()  # lines above the header, which may come again
+    preamble: tuple[str, ...] = ()  # lines above the header, which may come again
     unit_source: str = "units row"  # where the units stand
 
     def number(self) -> re.Pattern[str]:
@@ -167,6 +168,23 @@ def unit_behind(cell: str) -> str:
     match = _WITH_UNIT.fullmatch(cell)
     is_measured = match and unit(match[2]) and _NUMBER.fullmatch(match[1])
     return match[2] if match and is_measured else ""
+
+
+def stamps_in(lines: Sequence[str], delimiter: str) -> dict[str, str]:
+    """Dates and times that lines state, by the words before each.
+
+    >>> stamps_in(["Start: 24.11.2026 10:15:00", "Rate;50"], ";")
+    {'Start': '24.11.2026 10:15:00'}
+    """
+    stamps = {}
+    for line in map(uncommented, lines):
+        head, *cells = split(line, delimiter) or [""]
+        if not any(cells):
+            head, *cells = (x.strip() for x in line.split(":", 1))
+        joined = " ".join(cells[:2])
+        if stamp := next((c for c in (joined, *cells) if is_stamp(c)), None):
+            stamps[head] = stamp
+    return stamps
 
 
 def is_null(cell: str) -> bool:

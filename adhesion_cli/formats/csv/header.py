@@ -136,6 +136,8 @@ def _text_above(table: FirstRows, start: int) -> Header:
         said = [c for c in cells if c]
         if any(map(time_name, said)):
             return True
+        if any(map(is_stamp, said)):  # as of a trigger
+            return False
         return bool(said) and not any(number.fullmatch(c) for c in said if c not in ("-", "1"))
 
     top, units = start, None

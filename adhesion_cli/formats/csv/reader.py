@@ -20,13 +20,13 @@ from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions, distinct_words
 from .block_parser import CsvTable
 from .detect_dialect import detect_dialect
-from .dialect import Dialect, is_number
-from .header_words import VALUE, is_named, time_name
+from .dialect import Dialect, is_number, stamps_in
+from .header_words import VALUE, is_named, label, time_name
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
 from .rows import CsvRows, read_rows
-from .stamps import CLOCKS, is_stamp, parse
+from .stamps import CLOCKS, STAMPS, forms_of, is_stamp, parse
 from .time_column import another_time, find_clock, find_pairs
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
@@ -259,19 +259,27 @@ class CsvSource:
         return read_columns
 
     def _of_segments(self, read: CsvRows) -> Times:
-        """The times; where X of an LVM file begins anew in each segment, after the segment's."""
-        t, first_clock = read.times, self._dialect.labels.get("clock", ["", ""])[1]
-        begins = [row for row, _ in read.segments if 0 < row < len(t)]
-        if not begins or (t[begins] >= t[np.array(begins) - 1]).any():
+        """The times; where they begin anew below each header, after the clock that it states."""
+        t, rows = read.times, np.array([row for row, _ in read.segments])
+        begins = rows[(rows > 0) & (rows < len(t))]
+        if not len(begins) or (t[begins] >= t[begins - 1]).any():
             return t
-        clocks = pa.array([first_clock, *(clock for _, clock in read.segments)])
-        starts, ok = parse(clocks, CLOCKS["colons"])
-        offsets = (starts[1:] - starts[0]) % (86_400 * 10**9)
-        if not ok.all() or (np.diff(offsets) <= 0).any():
-            return t
-        rows = np.array([row for row, _ in read.segments])
-        shifts = np.append(0, offsets)[np.searchsorted(rows, np.arange(len(t)), side="right")]
-        return np.asarray(t + shifts)
+        first_stamps = stamps_in(self._dialect.preamble, self._dialect.delimiter)
+        labels = {kind: key for key in first_stamps if (kind := label(key))}
+        stamped = [first_stamps, *(stamps for _, stamps in read.segments)]
+        keys = [(labels["date"], labels["clock"])] if {"date", "clock"} <= labels.keys() else []
+        for key in [*keys, *((key,) for key in first_stamps)]:
+            cells = [" ".join(stamps.get(x, "") for x in key) for stamps in stamped]
+            forms = forms_of(cells, STAMPS | CLOCKS)
+            starts, ok = (
+                parse(pa.array(cells), (STAMPS | CLOCKS)[forms[0]]) if forms else (t, t > t)
+            )
+            offsets = starts[1:] - starts[0]
+            shifts = np.append(0, offsets)[np.searchsorted(rows, np.arange(len(t)), side="right")]
+            shifted = np.asarray(t + shifts)
+            if ok.all() and (shifted[begins] >= shifted[begins - 1]).all():
+                return shifted
+        return t
 
     def _of_digits(self, t: Times) -> Times:
         """The times; those of a clock in digits that is read as a number are a time of day."""

@@ -15,14 +15,14 @@ from ...core.model import Bools, Floats, Times
 from ..words import numbered
 from .block_parser import CsvTable, ParsedBlock, Parser
 from .cells import NO_NUMBER, NUMBER
-from .dialect import is_null, split
-from .header_words import label
+from .dialect import is_null, stamps_in
 from .lines import Lines
 from .losses import SKIPPED, Losses
 from .time_column import another_time
 
 Key = tuple[str, ...]  # cells of the key columns
 
+_MOST_ABOVE = 100  # lines above a header that are read
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
 _T, _SERIES = -1, -2  # what a pass gives besides its columns
 
@@ -38,7 +38,7 @@ class CsvRows:
     words: dict[int, list[str]]  # of columns of words, whose values are numbers of them
     losses: Losses
     lines: Lines  # with what is wrong at the end of the file
-    segments: list[tuple[int, str]]  # of an LVM file: first row of each, and its time of day
+    segments: list[tuple[int, dict[str, str]]]  # first row below each header, and `stamps_in` it
 
 
 def read_rows(
@@ -65,15 +65,17 @@ def read_rows(
     rows = UsedRows(table, keys, wanted)
     columns: dict[int, NDArray[Any]] = {}
     words: dict[int, list[str]] = {i: [] for i in texts}
-    segments: list[tuple[int, str]] = []
+    segments: dict[int, dict[str, str]] = {}
     for parsed in threads.run_ahead(Parser(table, indices, (*keys, *texts)).parse, lines.blocks()):
         row_count = rows.count
         timed, codes = rows.take(parsed)
-        for line in parsed.dropped.get("header", ()) if table.dialect.segments else ():
-            cells = split(parsed.block.text(line), table.dialect.delimiter)
-            if label(cells[0]) == "clock":
-                row = row_count + int(np.searchsorted(parsed.lines[timed], line))
-                segments.append((row, cells[1]))
+        row_lines = parsed.lines[timed]
+        for line in parsed.dropped.get("header", ()):
+            rows_above = int(np.searchsorted(row_lines, line))
+            above = int(row_lines[rows_above - 1]) + 1 if rows_above else 0
+            lines_above = range(max(above, line - _MOST_ABOVE), line + 1)
+            stated = map(parsed.block.text, lines_above)
+            segments[row_count + rows_above] = stamps_in([*stated], table.dialect.delimiter)
         numbers = {i: _numbers_of(parsed, i, timed, words[i]) for i in texts}
         rows.losses.add(parsed, timed, row_count)
         for i, array in {_T: parsed.times, _SERIES: codes, **parsed.values, **numbers}.items():
@@ -90,7 +92,7 @@ def read_rows(
     for i in indices:
         rows.losses.settle(i, columns[i])
     t, codes = columns.pop(_T), columns.pop(_SERIES)
-    return CsvRows(t, codes, columns, rows.met, words, rows.losses, lines, segments)
+    return CsvRows(t, codes, columns, rows.met, words, rows.losses, lines, [*segments.items()])
 
 
 def _numbers_of(parsed: ParsedBlock, i: int, timed: Bools, words: list[str]) -> Floats:
