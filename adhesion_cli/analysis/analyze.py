@@ -95,7 +95,8 @@ def analyze_log(  # noqa: PLR0913 (as of `analyze`)
 
     results, findings_by_axle = zip(*threads.run_each(analyzed, records), strict=True)
     axle_findings = [f for of_axle in findings_by_axle for f in of_axle]
-
+    if any(f.code == "train-speed-delay-or-offset" for f in findings):  # says this already
+        axle_findings = [f for f in axle_findings if f.code != "train-speed-delay-unknown"]
     findings += check_route(log, vehicle)
     findings += state_diameters(axle_findings, results, vehicle, log)
     if not identified.known:

@@ -19,6 +19,7 @@ NO_VALUE = re.compile(  # words in place of a number or a state that say that th
     r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
     r"|undef\w*|unspec\w*|reserved|unknown|no[ _]?(signal|value)|init\w*|ung(ü|ue)ltig|fehler\w*)\b"
 )
+_FURTHER = 3  # decimals that a small uncertainty adds; below it is one of the computer's numbers
 _KIND_OF_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # a letter alone is a drive
 
 
@@ -90,14 +91,19 @@ def by_uncertainty(value: float, u: float, max_decimals: int = 15) -> tuple[str,
     Args:
         value: of any unit.
         u: in the same unit.
-        max_decimals: decimals at most, where a column has room for no more.
+        max_decimals: decimals at most, where a column has little room: the uncertainty then has one
+            significant digit.
 
     >>> by_uncertainty(-7.398e-05, 0.00011)
     ('-0.00007', '0.00011')
+    >>> by_uncertainty(-7.398e-05, 0.00011, 3)
+    ('-0.0001', '0.0001')
     """
     if not 0.0 < u < math.inf:
         return f"{value:.4g}", f"{u:g}"
-    place = min(1 - int(f"{u:.1e}".partition("e")[2]), max_decimals)
+    first_digit = -int(f"{u:.1e}".partition("e")[2])
+    most = max(max_decimals, min(first_digit, max_decimals + _FURTHER))
+    place = min(first_digit + 1, most)
     # + 0.0: no "-0"
     value_text, u_text = (f"{round(x, place) + 0.0:.{max(place, 0)}f}" for x in (value, u))
     return value_text, u_text

@@ -1,6 +1,5 @@
 """Stops of the whole train, and their statistics, as rows of text."""
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -48,9 +47,10 @@ _OF_GROUPS = (
     "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
     "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
     "does not average out; scatter: range over mean; drift: change from stop to stop; outliers: "
-    "stops that Grubbs' test rejects, two-sided. Of 20 groups of sound stops, one has an outlier "
-    "in any quantity."
+    "stops that Grubbs' test rejects, two-sided. It also rejects a sound stop in about one of 20 "
+    "groups."
 )
+_DECIMALS = 6  # at most, of statistics, differences and limits
 _EQUIVALENT = "equivalent_deceleration"
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
 _NO_VALUE = "no value"
@@ -266,8 +266,8 @@ def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
                 "quantity": name,
                 "n": str(x.n),
                 "mean": _pair(factor * x.mean, factor * x.u95),
-                "sd": _significant(x.sd and factor * x.sd),
-                "common": _significant(factor * x.common_u95),
+                "sd": _uncertainty(x.sd and factor * x.sd),
+                "common": _uncertainty(factor * x.common_u95),
                 "scatter [%]": number(100.0 * x.scatter if x.n > 1 else None, 1),
                 "drift": drift,
                 "outliers": ", ".join(map(str, x.outliers)) or "-",
@@ -276,10 +276,9 @@ def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
     return [{name: row.get(name, DASH) for name in columns_of(rows)} for row in rows]
 
 
-def _significant(x: float | None) -> str:
-    """A number with three digits, of which at most three are decimals."""
-    digits = 2 - math.floor(math.log10(abs(x))) if x else 3
-    return number(x, min(max(digits, 0), 3))
+def _uncertainty(x: float | None) -> str:
+    """An uncertainty alone, with the digits that it has behind a value."""
+    return DASH if x is None else by_uncertainty(0.0, x, _DECIMALS)[1]
 
 
 def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:
@@ -428,4 +427,4 @@ def _pair(value: float | None, u95: float | None) -> str:
     """A quantity with its uncertainty."""
     if value is None or u95 is None:
         return _NO_VALUE
-    return "±".join(by_uncertainty(value, u95, 3))
+    return "±".join(by_uncertainty(value, u95, _DECIMALS))

@@ -593,6 +593,14 @@ def test_a_delay_that_no_rolling_wheel_tells_is_said_so() -> None:
     assert "train-speed-delay-unknown" in codes(result)
 
 
+def test_a_delay_that_may_be_an_offset_is_said_once(tmp_path: Path) -> None:
+    late_train = late(recordings("leaf-film", train=True), "train_speed", 0.3)
+    result = analyze.analyze(write(tmp_path / "late.csv", late_train), settings.load(), ["leso"])
+    said = {code for code in codes(result) if code.startswith("train-speed")}
+    assert said == {"train-speed-delay-or-offset"}
+    assert any(slide.is_lower_bound for slide in sliding.slides(result.axles[0]))
+
+
 @pytest.mark.parametrize("seconds", [0.0, 1.5])
 def test_on_a_receiver_that_nothing_times_slides_are_at_least_as_told(seconds: float) -> None:
     def slow(r: Recording) -> Recording:

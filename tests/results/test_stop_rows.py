@@ -59,6 +59,14 @@ def test_a_group_of_one_stop_has_no_statistics() -> None:
     assert {row[x] for x in ("mean", "sd", "common", "scatter [%]")} == {"-"}
 
 
+def test_a_small_statistic_has_the_digits_of_its_uncertainty() -> None:
+    values = (0.14301, 0.14313, 0.14322, 0.14339)
+    stops = [replace(STOP, coefficient=Measured(x, 0.002, 0.00002)) for x in values]
+    (row,) = (r for r in tables(*stops)["Statistics"] if r["quantity"] == "µ [-]")
+    shown = [row[x] for x in ("mean", "sd", "common", "drift")]
+    assert shown == ["0.14319±0.00026", "0.00016", "0.000020", "0.000123±0.000048"]
+
+
 @pytest.mark.parametrize(
     ("sources", "text"),
     [

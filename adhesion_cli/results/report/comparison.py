@@ -10,7 +10,7 @@ from . import differences, words
 from .differences import RunDifference
 from .run import ReportRun
 
-_SETTINGS = 6  # that differ and are named
+_SETTINGS = 8  # that differ and are named
 _QUANTITIES = {  # heading, factor and decimals at most
     "coefficient": ("Adhesion coefficient, mean", 1.0, 5),
     "force": ("Force, mean [kN]", 1e-3, 4),
@@ -39,17 +39,22 @@ def content(runs: Sequence[ReportRun]) -> dict[str, object]:
 
 def cautions(runs: Sequence[ReportRun]) -> Iterator[str]:
     """That a difference comes from the settings and not from the train, where it may."""
-    for i, run in enumerate(runs[1:], 2):
+    places_by_text: dict[str, list[int]] = {}
+    for place, run in enumerate(runs[1:], 2):
         names = differences.settings_apart(runs[0], run)
         suffix = f" and {len(names) - _SETTINGS} more" * (len(names) > _SETTINGS)
-        names_text = f": {', '.join(names[:_SETTINGS])}{suffix}" if names else ""
+        names_text = f": {', '.join(names[:_SETTINGS])}{suffix}" * bool(names)
         if differences.same_log(runs[0], run):
-            sentence = f"Runs 1 and {i} are of the same log (equal SHA-256)."
             cause = f"Every difference is by the settings{names_text}."
-            yield f"{sentence} {cause if names else 'The settings are equal, too.'}"
+            cause = cause if names else "The settings are equal, too."
+            text = f"the same log as run 1 (equal SHA-256). {cause}"
         elif not differences.same_vehicle(runs[0], run):
-            cause = f"Differences may be by the settings{names_text}."
-            yield f"Runs 1 and {i} use different vehicles. {cause}"
+            text = f"another vehicle than run 1. Differences may be by the settings{names_text}."
+        else:
+            continue
+        places_by_text.setdefault(text, []).append(place)
+    for text, places in places_by_text.items():
+        yield f"{'Run' if len(places) == 1 else 'Runs'} {words.numbered(places)}: {text}"
 
 
 def _headline(runs: Sequence[ReportRun], all_differences: Sequence[RunDifference]) -> str:

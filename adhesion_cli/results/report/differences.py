@@ -92,9 +92,13 @@ def unpaired(runs: Sequence[ReportRun]) -> bool:
 
 
 def settings_apart(run_a: ReportRun, run_b: ReportRun) -> list[str]:
-    """The settings that two runs do not have in common, and the version if that differs."""
+    """The settings that two runs do not have in common, and the version if that differs.
+
+    Correlations of the vehicle's errors are left out: they follow from its parameters.
+    """
     keys = sorted(run_a.settings.keys() | run_b.settings.keys())
-    differing = [k for k in keys if run_a.settings.get(k) != run_b.settings.get(k)]
+    changed = [k for k in keys if run_a.settings.get(k) != run_b.settings.get(k)]
+    differing = [k for k in changed if ".correlation." not in k]
     names = [".".join(k.split(".")[:2]) for k in differing]
     if run_a.provenance.get("version") != run_b.provenance.get("version"):
         names.append("version of the program")

@@ -99,7 +99,12 @@ def test_what_runs_state_differently_does_not_cancel(pair: list[ReportRun], tmp_
 def test_a_difference_by_the_settings_alone_is_said_first(
     pair: list[ReportRun], tmp_path: Path
 ) -> None:
-    other = replace(RELATED, friction=Parameter(0.31, 0.03), axle_mass=Parameter(9e3, 100.0))
+    other = replace(
+        RELATED,
+        friction=Parameter(0.31, 0.03),
+        axle_mass=Parameter(9e3, 100.0),
+        correlation=(("friction", "axle_mass", 0.7),),
+    )
     same = made(tmp_path / "x.mcap", other, axles=2, n=3000)
     apart = with_log(same, sha256="other")
     first = with_log(pair[0], sha256=same.summary.log.sha256)
@@ -107,8 +112,11 @@ def test_a_difference_by_the_settings_alone_is_said_first(
         (said,) = comparison.cautions([first, run])
         assert "vehicle.friction" in said
         assert "vehicle.axle_mass" in said
+        assert "correlation" not in said
         assert "vehicle.lever_ratio" not in said
         assert ("SHA-256" in said) == (run is same)
+    (said,) = comparison.cautions([first, same, same])
+    assert said.startswith("Runs 2 and 3: ")
     third = with_log(pair[1], sha256="third")
     assert not list(comparison.cautions([first, third]))
 

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -162,22 +163,34 @@ def test_the_stops_of_a_protocol_fit_screen_and_a4(
             "mean_deceleration", "equivalent_deceleration", "jerk", "corrected_distance_m",
             "coefficient",
         )
-    }  # fmt: skip
+    } | {"ed_share": Measured(0.5678, 0.0123)}  # fmt: skip
     stop = StopSummary(
         start_s=1234.5, end_s=1290.0, command_from="channel", speed_from="train",
         nominal_speed_kmh=80.0, valid=True, time="2026-03-01T08:00:00Z", position_m=12345.0,
         position_from="position", pressure_bar=3.6, **quantities,
     )  # fmt: skip
-    stops = tuple(SeriesStop(f"2026-03-01_run_{i}_car_7.csv", "wet", None, stop) for i in range(3))
-    series = StopSeries(stops, (), (), (), ())
-    path = tmp_path / "stops.html"
-    path.write_text(page.protocol_page(Protocol("stops", {}, series, [], {})), "utf-8")
-    tab.call("Emulation.setDeviceMetricsOverride", width=width, height=800,
-             deviceScaleFactor=1, mobile=False)  # fmt: skip
-    tab.call("Emulation.setEmulatedMedia", media=media)
-    tab.open(path)
-    widths = "[...document.querySelectorAll('.table')].map((x) => x.scrollWidth - x.clientWidth)"
-    assert max(tab.value(widths)) <= 0
+    short = replace(
+        stop, time=None, position_m=None, equivalent_deceleration=None, pressure_bar=None
+    )
+    for fewer in (
+        stop,
+        short,
+        replace(short, response_time_s=None),
+        replace(short, response_time_s=None, jerk=None),
+    ):
+        of = (
+            SeriesStop(f"2026-03-01_run_{i}_car_7.csv", "wet 100 km/h", None, fewer)
+            for i in range(3)
+        )
+        series = StopSeries(tuple(of), (), (), (), ())
+        path = tmp_path / "stops.html"
+        path.write_text(page.protocol_page(Protocol("stops", {}, series, [], {})), "utf-8")
+        tab.call("Emulation.setDeviceMetricsOverride", width=width, height=800,
+                 deviceScaleFactor=1, mobile=False)  # fmt: skip
+        tab.call("Emulation.setEmulatedMedia", media=media)
+        tab.open(path)
+        widths = "[...document.querySelectorAll('.table')].map(x => x.scrollWidth - x.clientWidth)"
+        assert max(tab.value(widths)) <= 0
 
 
 def test_a_narrow_screen_needs_no_sideways_scrolling(tab: Tab, reports: tuple[Path, Path]) -> None:
