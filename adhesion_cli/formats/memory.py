@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import UserError, unknown
-from ..core.finding import Finding
 from ..core.model import Column, Floats, Log, Times
-from .source import Field
+from .source import Field, ReadOptions, Source
 
 _INDEX = "__index_level_0__"  # name of an index without one
 _FARTHEST = 9.2e9  # seconds that 64-bit nanoseconds hold
@@ -126,28 +124,22 @@ class Signals:
         return content_hash.hexdigest()
 
 
-@dataclass
-class MemorySource:
+class MemorySource(Source):
     """Signals as a `Source`."""
 
-    signals: Signals
-    time_reason: str = "as given"
+    time_reason = "as given"
 
-    def __post_init__(self) -> None:
-        columns = self.signals.columns(self.signals.units)
-        self.path, self.format = Path(self.signals.name), self.signals.origin
-        self.absolute, self.sha256 = self.signals.absolute, self.signals.digest()
+    def __init__(self, signals: Signals) -> None:
+        super().__init__(Path(signals.name), ReadOptions())
+        self.signals, self.format = signals, signals.origin
+        columns = signals.columns(signals.units)
+        self.absolute, self.sha256 = signals.absolute, signals.digest()
         axes = {id(c.t): len(c.t) for c in columns}
         self.rows = sum(axes.values())
-        self.findings: list[Finding] = []
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.account: dict[str, str] = {}
-        self.reasons: dict[str, object] = {}
         several = len(axes) > 1  # then each signal has rows of its own
-        self.texts: Sequence[Field] = ()
-        self.fields: Sequence[Field] = [
+        self.fields = [
             Field(n, unit=unit, unit_from="as given" if unit else "", signal=n if several else "")
-            for n, unit in self.signals.units.items()
+            for n, unit in signals.units.items()
         ]
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from ..core.errors import UserError
 from ..core.finding import Finding
@@ -88,53 +88,37 @@ def number_words(words: list[str], met: Iterable[str]) -> dict[str, float]:
     return {word: float(k) for k, word in enumerate(words)}
 
 
-def report(
-    source: "Source", findings: Iterable[Finding], options: ReadOptions, omitted: str
-) -> None:
-    """Adds findings to a source's own, each once.
+class Source:
+    """An opened log. Opening reads the head (CSV) or walks the records (MCAP), not the values.
 
-    Args:
-        source: whose log they are about.
-        findings: what was found in it.
-        options: whether an error ends the reading.
-        omitted: what reading leaves out without `strict`: "samples", "messages".
-
-    Raises:
-        UserError: an error, with `strict`.
+    Attributes:
+        path: of the log.
+        format: "csv", "mcap", "parquet", "xlsx", "mf4", "tdms", "can".
+        absolute: whether time stamps count from 1970.
+        rows: rows or messages in the log; final after `columns`.
+        time_reason: which clock was taken, and why.
+        fields: every scalar series that it can give.
+        texts: series of words, which may be states.
+        findings: about it; they grow while reading.
+        metadata: MCAP metadata records, by name.
+        account: what an MCAP has lost, which what is made of it must say as well.
+        reasons: decisions and why, for `inspect`.
     """
-    reported = set(source.findings)
-    for finding in findings:
-        if options.strict and finding.severity == "error":
-            place = f" {finding.channel}:" if finding.channel else ""
-            text = f"{source.path}:{place} {finding.message}"
-            raise UserError(text, f"read without --strict to leave these {omitted} out")
-        if finding not in reported:
-            reported.add(finding)
-            source.findings.append(finding)
 
+    format: str
+    absolute: bool
+    rows: int
+    time_reason: str
+    fields: Sequence[Field]
+    texts: Sequence[Field] = ()
+    remedy = "read without --strict to leave these samples out"  # of a refusal with --strict
 
-class Source(Protocol):
-    """An opened log. Opening reads the head (CSV) or walks the records (MCAP), not the values."""
-
-    path: Path
-    format: str  # "csv", "mcap", "parquet", "xlsx", "mf4", "tdms", "can"
-    absolute: bool  # time stamps count from 1970
-    rows: int  # rows or messages in the log; final after `columns`
-    time_reason: str  # which clock was taken, and why
-    findings: list[Finding]  # grows while reading
-    metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
-    account: dict[str, str]  # what an MCAP has lost, which what is made of it must say as well
-    reasons: dict[str, object]  # dialect decisions and why, for `inspect`
-
-    @property
-    def fields(self) -> Sequence[Field]:
-        """Every scalar series it can give."""
-        ...
-
-    @property
-    def texts(self) -> Sequence[Field]:
-        """Series of words, which may be states; none where the format has none."""
-        ...
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.path, self.options = path, options
+        self.findings: list[Finding] = []
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.account: dict[str, str] = {}
+        self.reasons: dict[str, object] = {}
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, in that order, samples in the log's own order, time untouched.
@@ -145,4 +129,21 @@ class Source(Protocol):
         Raises:
             UserError: where the log cannot be read, with file, place and remedy.
         """
-        ...
+        raise NotImplementedError
+
+    def is_loss(self, finding: Finding) -> bool:
+        """Whether it ends the reading with `ReadOptions.strict`."""
+        return finding.severity == "error"
+
+    def report(self, *findings: Finding) -> None:
+        """Adds findings, each once.
+
+        Raises:
+            UserError: a loss, with `ReadOptions.strict`.
+        """
+        for finding in findings:
+            if self.options.strict and self.is_loss(finding):
+                place = f" {finding.channel}:" if finding.channel else ""
+                raise UserError(f"{self.path}:{place} {finding.message}", self.remedy)
+            if finding not in self.findings:
+                self.findings.append(finding)

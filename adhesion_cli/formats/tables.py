@@ -17,7 +17,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Bools, Column, Floats, Times
 from ..core.text import distinct
-from .source import YEAR_1990, Field, ReadOptions, report
+from .source import YEAR_1990, Field, ReadOptions, Source
 
 MOST_NS = 2**62  # times beyond are no times
 
@@ -83,8 +83,8 @@ class Reader(Protocol):
         ...
 
 
-class TableSource:
-    """A log that a `Reader` reads; implements `Source`."""
+class TableSource(Source):
+    """A log that a `Reader` reads."""
 
     def __init__(self, path: Path, kind: str, options: ReadOptions, reader: Reader) -> None:
         contents = reader.contents
@@ -96,18 +96,13 @@ class TableSource:
             name = f"{cause.channel!r}: " if cause and cause.channel else ""
             text += f"; {name}{cause.message}".removesuffix(".") if cause else ""
             raise UserError(text, (cause and cause.hint) or hint)
-        self.path, self.format, self._options, self._reader = path, kind, options, reader
+        super().__init__(path, options)
+        self.format, self._reader = kind, reader
         self.absolute, self.time_reason = contents.absolute, contents.time_reason
         self.rows, self.reasons, self.metadata = contents.rows, contents.reasons, contents.metadata
-        self.fields: Sequence[Field] = contents.fields
-        self.texts: Sequence[Field] = contents.texts
-        self.account: dict[str, str] = {}
-        self.findings: list[Finding] = []
+        self.fields, self.texts = contents.fields, contents.texts
         self._places = {f: i for i, f in enumerate([*contents.fields, *contents.texts])}
-        self._report(contents.findings)
-
-    def _report(self, findings: Iterable[Finding]) -> None:
-        report(self, findings, self._options, "samples")
+        self.report(*contents.findings)
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see `Source`."""
@@ -120,14 +115,14 @@ class TableSource:
         axes, series, findings = self._reader.read([self._places[f] for f in wanted])
         start = min((time_axis.earliest(t) for t in axes if len(t)), default=0)
         events = self._reader.contents.events
-        self._report(findings)
-        self._report(replace(f, spans=time_axis.spans_of(t, t, start)) for f, t in events)
+        self.report(*findings)
+        self.report(*(replace(f, spans=time_axis.spans_of(t, t, start)) for f, t in events))
         columns = []
         for f, (axis, value, masks, words) in zip(wanted, series, strict=True):
             t, valid = axes[axis], np.isfinite(value) if f.words else np.ones(len(value), np.bool_)
             for code, mask in masks.items():
                 valid &= ~mask
-                self._report(_of_mask(code, f, t, mask, start))
+                self.report(*_of_mask(code, f, t, mask, start))
             columns.append(Column(t, np.where(valid, np.float64(value), np.nan), valid, words))
         return columns
 

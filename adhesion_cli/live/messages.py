@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,8 @@ from typing import Any
 from ..core.annotated import Json
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Column
 from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
-from ..formats.source import Field, ReadOptions
+from ..formats.source import Field, ReadOptions, Source
 from .feed import PAUSE, AddSource, Feed, FeedRow, Pump
 
 MOST_BYTES = 1 << 20  # of one message
@@ -31,25 +29,14 @@ class UnreadableError(Exception):
     """A message without samples; its text says why."""
 
 
-@dataclass
-class Fields:
-    """The fields of a sender as a `Source`; samples come later."""
+class Fields(Source):
+    """The fields of a sender; samples come later."""
 
-    path: Path
-    fields: Sequence[Field]
-    texts: Sequence[Field] = ()
-    format: str = "live"
-    absolute: bool = True
-    rows: int = 0
-    time_reason: str = "stamps of the messages"
-    findings: list[Finding] = field(default_factory=list)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    account: dict[str, str] = field(default_factory=dict)
-    reasons: dict[str, object] = field(default_factory=dict)
+    format, absolute, rows, time_reason = "live", True, 0, "stamps of the messages"
 
-    def columns(self, wanted: Sequence[Field]) -> list[Column]:
-        """No samples: they come as rows."""
-        raise NotImplementedError
+    def __init__(self, name: str, fields: Sequence[Field]) -> None:
+        super().__init__(Path(name), ReadOptions())
+        self.fields = list(fields)
 
 
 class Messages(Feed):
@@ -96,7 +83,7 @@ class Messages(Feed):
             reason = f" ({self._why}: {self._example})" if self._bad else ""
             hint = 'send objects such as {"t": 12.34, "axle 1 speed [km/h]": 80.2}'
             raise UserError(f"{self.name}: no message holds a number{reason}", hint)
-        return Fields(Path(self.name), list(self._fields))
+        return Fields(self.name, [*self._fields])
 
     def _learn(self, values: dict[Field, float]) -> bool:
         """Remembers the fields of a message; a sender that invents ever more is not followed."""
@@ -112,7 +99,7 @@ class Messages(Feed):
         def row(sample: Values) -> FeedRow:
             t, values = sample
             if not self._fields.keys() >= values.keys() and self._learn(values):
-                add_source(Fields(Path(self.name), list(self._fields)))
+                add_source(Fields(self.name, [*self._fields]))
                 place.update((f, i) for i, f in enumerate(wanted))
             return FeedRow(t, {place[f]: x for f, x in values.items() if f in place})
 

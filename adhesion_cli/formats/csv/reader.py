@@ -17,7 +17,7 @@ from ...core.model import Column, Times
 from ...core.time_axis import earliest, from_digits
 from ...core.units import in_name
 from ...core.units import unit as known_unit
-from ..source import Field, ReadOptions, distinct_words
+from ..source import Field, ReadOptions, Source, distinct_words
 from .block_parser import CsvTable
 from .detect_dialect import detect_dialect
 from .dialect import Dialect, is_number, stamps_in
@@ -98,23 +98,20 @@ def _named(path: Path, name: str) -> Iterator[None]:
         raise
 
 
-class CsvSource:
-    """A delimited text log, opened; implements `Source`.
+class CsvSource(Source):
+    """A delimited text log, opened.
 
     `lines` counts the lines of the file by what became of them, complete after `columns`.
     """
 
     format = "csv"
+    remedy = "correct the log, or read it without --strict"
 
     def __init__(self, table: CsvTable, name: str) -> None:
         dialect, clock = table.dialect, table.clock
-        self.path = table.path
-        self.absolute = clock.absolute
-        self.time_reason = clock.reason
-        self.rows = 0
-        self.findings: list[Finding] = list(clock.findings)
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.account: dict[str, str] = {}
+        super().__init__(table.path, table.options)
+        self.absolute, self.time_reason, self.rows = clock.absolute, clock.reason, 0
+        self.findings += clock.findings
         self.lines: Counter[str] = Counter()
         self.others: Sequence[CsvSource] = ()
         self.folder: object = None  # with the text of a log of another format
@@ -132,12 +129,10 @@ class CsvSource:
             data_columns, numeric = values, values
         self._words = {i: words for i in data_columns if (words := self._words_of(i, numeric))}
         self.places = self._fields(numeric)  # number of the series, and column
-        self.fields: list[Field] = list(self.places)
-        self.texts: list[Field] = [
-            Field(names[i], words=x, column=i + 1) for i, x in self._words.items()
-        ]
+        self.fields = list(self.places)
+        self.texts = [Field(names[i], words=x, column=i + 1) for i, x in self._words.items()]
         self.places |= zip(self.texts, ((0, i) for i in self._words), strict=True)
-        self.reasons: dict[str, object] = dict(dialect.reasons)
+        self.reasons |= dialect.reasons
         self.reasons["time"] = clock.reason
         text = [i for i in data_columns if i not in numeric]
         if not_numeric := [names[i] for i in text if i not in self._words]:
@@ -148,13 +143,14 @@ class CsvSource:
             keys = " and ".join(repr(names[i]) for i in self.keys.columns)
             self.reasons["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
         elif key := interleaved(dialect, clock.columns):
-            self._report(key)
+            self.report(key)
 
     def with_others(self, others: "Sequence[CsvSource]") -> "CsvSource":
         """The source, with the channels of others, which have times of their own."""
         self.others = others
         for other in others:
-            self.fields, self.texts = self.fields + other.fields, self.texts + other.texts
+            self.fields = [*self.fields, *other.fields]
+            self.texts = [*self.texts, *other.texts]
             self.reasons["time"] = self.time_reason = f"{self.time_reason}; {other.time_reason}"
         return self
 
@@ -196,18 +192,10 @@ class CsvSource:
         has_unit = _is_measured(self._dialect.units[i] or in_name(name)[1])
         if cells and (has_unit or digits > len(cells) / 2):
             names = {"example": quoted(cells[0])}
-            self._report(Finding("csv-no-numbers", "warning", name, len(cells), names=names))
+            self.report(Finding("csv-no-numbers", "warning", name, len(cells), names=names))
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
-        """The wanted fields, in that order, rows in the log's own order, time untouched.
-
-        A cell that holds no number is NaN with `valid` False; a row without a time is left out.
-        Fields of one group share one time array.
-
-        Raises:
-            UserError: where the log cannot be read, with file, place and remedy; with
-                `ReadOptions.strict` also where a row or cell cannot.
-        """
+        """The wanted fields, see `Source`; a row without a time is left out."""
         with _named(self.table.path, self._name):
             own_fields = [f for f in wanted if f in self.places]
             columns = (
@@ -219,8 +207,7 @@ class CsvSource:
                 table_fields, other.columns(table_fields) if table_fields else (), strict=True
             )
             self.rows = max(self.rows, other.rows)
-            for finding in other.findings:
-                self._report(finding)
+            self.report(*other.findings)
         return [columns[f] for f in wanted]
 
     def _columns(self, wanted: Sequence[Field]) -> list[Column]:
@@ -231,15 +218,14 @@ class CsvSource:
         self.lines = Counter({kind: n for kind, n in read.losses.lines.items() if n})
         self.rows = self.lines["used"] + self.lines["other group"]
         self._refuse_time(t)
-        for finding in read.losses.findings(t, earliest(t)):
-            self._report(finding)
+        self.report(*read.losses.findings(t, earliest(t)))
         if read.lines.damage:
             spans = (((int(t[-1]) - earliest(t)) / 1e9,) * 2,)
             values, names = {"line": sum(self.lines.values())}, {"damage": read.lines.damage}
             damage = Finding("csv-gzip-damaged", "error", spans=spans, values=values, names=names)
-            self._report(damage)
+            self.report(damage)
         if read.lines.is_unfinished:
-            self._report(Finding("csv-no-final-newline", "info"))
+            self.report(Finding("csv-no-final-newline", "info"))
         lossy = {i for i, _ in read.losses.cells} | set(read.losses.unread)
         rows = []  # of each of several series, in the log's own order
         if (n := len(self._series)) > 1:
@@ -317,19 +303,9 @@ class CsvSource:
             return not self._dialect.headed
         return sum(map(is_number, cells)) >= _NUMERIC * len(cells)
 
-    def _report(self, finding: Finding) -> None:
-        """Adds a finding that is not there from an earlier reading.
-
-        Raises:
-            UserError: with `ReadOptions.strict`, where it says that something was left out.
-        """
-        lossy = finding.severity != "info" and finding.code != "devices-interleaved"
-        if self.table.options.strict and lossy:
-            channel = f"{finding.channel}: " if finding.channel else ""
-            hint = "correct the log, or read it without --strict"
-            raise UserError(f"{self.table.path}: {channel}{finding.message}", hint)
-        if finding not in self.findings:
-            self.findings.append(finding)
+    def is_loss(self, finding: Finding) -> bool:
+        """Whether it says that something was left out."""
+        return finding.severity != "info" and finding.code != "devices-interleaved"
 
 
 def _is_measured(text: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from ...core.errors import UserError
 from ...core.finding import Finding, Severity
 from ...core.model import Column
-from ..source import YEAR_1990, Field, ReadOptions, TimeSource, report
+from ..source import YEAR_1990, Field, ReadOptions, Source, TimeSource
 from .collect import Collector, deal
 from .fields import Leaf
 from .series import Owners, Series, discover, grouped
@@ -35,8 +35,8 @@ def open_mcap(path: Path, options: ReadOptions) -> "McapSource":
     return source
 
 
-class McapSource:
-    """An MCAP log, see Source.
+class McapSource(Source):
+    """An MCAP log, opened.
 
     Args:
         path: the file.
@@ -46,6 +46,7 @@ class McapSource:
     """
 
     format = "mcap"
+    remedy = "read without --strict to leave these messages out"
 
     def __init__(
         self,
@@ -54,23 +55,21 @@ class McapSource:
         content: bytes | None = None,
         owners: Owners | None = None,
     ) -> None:
-        self.path, self._options, self.owners = path, options, owners or {}
+        super().__init__(path, options)
+        self.owners = owners or {}
         self.walk = walk = Walk(path, options, content)
         self.rows = walk.rows
         self.metadata, self.account = walk.metadata, walk.account()
-        self.findings: list[Finding] = []
-        self._report(self._of_walk())
+        self.report(*self._of_walk())
         self._series = grouped(walk)
-        self._report(discover(self._series, options, self.owners))
-        self.fields: Sequence[Field] = [
-            _field(s, p, leaf) for s in self._series for p, leaf in s.fields.items()
-        ]
-        self.texts: Sequence[Field] = [
+        self.report(*discover(self._series, options, self.owners))
+        self.fields = [_field(s, p, leaf) for s in self._series for p, leaf in s.fields.items()]
+        self.texts = [
             replace(_field(s, p, leaf), words=leaf.words)
             for s in self._series
             for p, leaf in s.texts.items()
         ]
-        self.reasons: dict[str, object] = {
+        self.reasons = {
             "profile": walk.profile,
             "library": walk.library,
             "chunks": walk.chunks,
@@ -101,9 +100,6 @@ class McapSource:
             names, count = {"damage": damage[:200]}, walk.unchecked or 1
             yield Finding("mcap-recovered", severity, count=count, names=names)
 
-    def _report(self, findings: Iterable[Finding]) -> None:
-        report(self, findings, self._options, "messages")
-
     # ------------------------------------------------------------------ time
 
     def _take_clock(self, series: Sequence[Series]) -> None:
@@ -115,7 +111,7 @@ class McapSource:
         """Which of a message's times is the time of its values, why, and whether since 1970."""
         first_time, last_time = self.walk.times
         calendar = first_time >= YEAR_1990
-        requested = self._options.time_source
+        requested = self.options.time_source
         stamps = [s.stamp_time for s in series if s.stamp_time]
         if requested == "header":
             since_1970 = bool(stamps) and min(stamps) >= YEAR_1990
@@ -172,7 +168,7 @@ class McapSource:
             columns, findings = collector.finish()
             for leaf, column in zip(collector.leaves, columns, strict=True):
                 by_field[topic, group, leaf.path, bool(leaf.words)] = column
-            self._report(findings)
+            self.report(*findings)
         return [by_field[f.channel, f.group, f.path, bool(f.words)] for f in wanted]
 
     def _collect(self, collectors: Sequence[Collector]) -> None:
