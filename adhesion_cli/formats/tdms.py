@@ -17,6 +17,7 @@ from .as_text import HEAD, printable
 from .csv.clock import Clock
 from .csv.dialect import Dialect, fit
 from .csv.header_words import label, time_name, time_unit
+from .csv.number_text import number_of
 from .csv.time_column import find_clock
 from .source import YEAR_1990, ReadOptions, distinct_words
 from .tables import (
@@ -439,10 +440,7 @@ def _interval(properties: _Properties) -> float:
 
 def _number(value: Any) -> float:
     """The number that a property holds, also as a text; 0 for none."""
-    try:
-        return float(str(value).replace(",", "."))
-    except ValueError:
-        return 0.0
+    return number_of(str(value)) or 0.0
 
 
 def _x_unit(properties: _Properties) -> str:

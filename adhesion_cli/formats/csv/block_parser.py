@@ -17,9 +17,10 @@ from ...core.model import Bools, Floats, Times
 from ..source import ReadOptions
 from .cells import floats, is_missing
 from .clock import Clock
-from .dialect import NULLS, Dialect, is_comment, is_number, split, stamps_in
+from .dialect import NULLS, Dialect, is_comment, split, stamps_in
 from .header_words import STATISTICS, is_named
 from .lines import LineBlock, Rows
+from .number_text import is_number
 from .stamps import is_stamp
 
 _MOST_READ = 10_000  # lines of a block without a row that may be a header

@@ -13,7 +13,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats, Times
-from .dialect import INFINITE, NULLS, number_grammar
+from .dialect import INFINITE, NULLS
+from .number_text import number_grammar
 
 # States of a cell. The last ones are numbers by their column: with the other decimal mark, or such
 # that this mark may separate groups of digits; and texts of digits.

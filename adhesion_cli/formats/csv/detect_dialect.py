@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from itertools import filterfalse, pairwise
+from itertools import filterfalse
 from pathlib import Path
 
 from ...core.errors import UserError
@@ -13,14 +13,9 @@ from .dialect import (
     TEXT_MARK,
     Dialect,
     fit,
-    group_mark,
     is_comment,
     is_null,
-    is_number,
-    is_plain_number,
-    number_grammar,
     split,
-    unit_behind,
     without_brackets,
 )
 from .head import Line, encoding_of, first_lines, line_too_long
@@ -37,13 +32,20 @@ from .header import (
     refuse_width,
 )
 from .header_words import label
+from .number_text import (
+    group_mark,
+    has_smaller_jumps,
+    is_number,
+    is_plain_number,
+    number_grammar,
+    unit_behind,
+)
 from .stamps import is_stamp
 
 _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
 _MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
 _GROUPED = {m: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{m}]\d{{3}}") for m in ".,"}
-_SMALL = re.compile(r"[+-]?[0-9]{1,3}")
 _SECTION = re.compile(r"\[[A-Za-z ]+\]")  # a line as [data]
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
@@ -194,28 +196,8 @@ def _needless(cells: list[str], decimal: str) -> tuple[str, str]:
     suffix, count = suffixes.most_common(1)[0] if suffixes else ("", 0)
     if suffix and count >= len(cells) / 2:
         return suffix, rf"()\s*{re.escape(suffix)}\s*$"
-    mark = group_mark(cells) or (decimal if decimal and _has_groups(cells, decimal) else "")
+    mark = group_mark(cells, decimal)
     return "", rf"{re.escape(mark)}([0-9]{{3}})\b" if mark else ""
-
-
-def _has_groups(cells: list[str], mark: str) -> bool:
-    """Whether a mark groups digits in a column, even if it is the decimal mark of others.
-
-    Each number from 1000 on has it, none below, and so the column has smaller jumps.
-    """
-    marked = [c for c in cells if mark in c]
-    small = list(filter(_SMALL.fullmatch, cells)) if marked else []
-    if not marked or not small or len(marked) + len(small) < len(cells):
-        return False
-    is_grouped = all(map(re.compile(rf"[+-]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+").fullmatch, marked))
-    return is_grouped and _largest_jump(cells, mark, "") < _largest_jump(cells, mark, ".")
-
-
-def _largest_jump(cells: list[str], mark: str, replacement: str) -> float:
-    """The largest jump of numbers with the mark replaced, as a share of their range."""
-    values = [float(c.replace(mark, replacement, 1 if replacement else -1)) for c in cells]
-    jumps = [abs(b - a) for a, b in pairwise(values)]
-    return max(jumps, default=0.0) / ((max(values) - min(values)) or 1.0)
 
 
 def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], list[Line]]:
@@ -355,9 +337,8 @@ def _refuse_grouped(
 def _likelier(cells: list[str], mark: str) -> str:
     """How to state the decimal mark: this one, or the other where groups make smaller jumps."""
     numbers = list(filter(number_grammar(mark).fullmatch, cells))
-    is_grouped = _largest_jump(numbers, mark, "") < _largest_jump(numbers, mark, ".")
     mark_names = ["comma", "point"] if mark == "," else ["point", "comma"]
-    likely, unlikely = mark_names[:: -1 if is_grouped else 1]
+    likely, unlikely = mark_names[:: -1 if has_smaller_jumps(numbers, mark) else 1]
     return f"state it, as `--set csv.decimal={likely}` (or {unlikely})"
 
 

@@ -4,11 +4,10 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from itertools import pairwise, takewhile
 
 from ...core.units import in_name, unit
 from .header_words import is_units_row, label, normal, time_name
+from .number_text import is_number, number_grammar
 from .stamps import is_stamp
 
 HEAD_BYTES = 1 << 20
@@ -19,6 +18,7 @@ INFINITE = tuple(
 )
 _NULLS = frozenset((*NULLS, *INFINITE))
 
+TEXT_MARK = re.compile(r"""^(?:'|=")([-+.,0-9][^"]*)"?$""")  # what makes a cell a text, in Excel
 COMMENT = re.compile(r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!|NAME\?|NUM!|NULL!)|%|//)")
 
 
@@ -99,75 +99,6 @@ class Dialect:
 def _key(cells: Sequence[str]) -> list[str]:
     """The cells of a header or units row as they are compared."""
     return "\0".join(normal(without_brackets(c)) for c in cells).rstrip("\0").split("\0")
-
-
-def number_grammar(decimal: str) -> re.Pattern[str]:
-    """ASCII digits, one decimal mark, an exponent; no hex, no "_", no grouping."""
-    d = re.escape(decimal)
-    return re.compile(rf"[+-]?(?:[0-9]+(?:{d}[0-9]*)?|{d}[0-9]+)(?:[eE][+-]?[0-9]{{1,3}})?")
-
-
-_GROUPED = r"[+-]?[0-9]{1,3}(?:[., '][0-9]{3})+(?:[.,][0-9]*)?"
-_NUMBER = re.compile("|".join((number_grammar(".").pattern, number_grammar(",").pattern, _GROUPED)))
-is_plain_number = _NUMBER.fullmatch  # with either decimal mark, in groups of digits
-_GROUPS = re.compile(r"[0-9]{1,3}(?:([., '])[0-9]{3})*(?:([.,])[0-9]*)?")
-_WITH_UNIT = re.compile(r"([+-]?[0-9.,][0-9.,' ]*?)\s*([^\W\d_]\S*|[%‰°]\S*)")
-TEXT_MARK = re.compile(r"""^(?:'|=")([-+.,0-9][^"]*)"?$""")  # what makes a cell a text, in Excel
-_GAP = re.compile("(?<=[0-9])[\u00a0\u202f\u2007\u2009\u2019](?=[0-9]{3}(?![0-9]))")
-_DASH = re.compile('(?<![^;,|\\s"])\u2013(?=[0-9])')  # in place of a minus
-_PLAIN = str.maketrans(
-    "\u2212\u2011\u2012\uff0d\u00a0\u202f\u2007\u2009\uff1a", "----    :", "\ufeff"
-)
-
-
-def plain(text: str) -> str:
-    """The text with the minus, the blanks and the mark between groups of digits that ASCII has.
-
-    >>> plain("\u22125\u202f987,0")
-    "-5'987,0"
-    """
-    return _DASH.sub("-", _GAP.sub("'", text)).translate(_PLAIN)
-
-
-def group_mark(cells: Sequence[str]) -> str:
-    """The mark between groups of digits in cells that count up, "" where there is none.
-
-    >>> group_mark(["980", "1,000.5", "1,020"]), group_mark(["0.9", "1.000", "1.1"])
-    (',', '')
-    """
-    matches = [*takewhile(bool, map(_GROUPS.fullmatch, cells))]
-    if len(matches) < max(3, len(cells)):
-        return ""
-    marks, decimal_marks = ({m[k] for m in matches if m and m[k]} for k in (1, 2))
-    if len(marks) != 1 or marks & decimal_marks:
-        return ""
-    mark = str(marks.pop())
-    values = [float(c.replace(mark, "").replace(",", ".")) for c in cells]
-    is_rising = all(b > a for a, b in pairwise(values))
-    has_two_marks = bool(decimal_marks) or any(c.count(mark) > 1 for c in cells)
-    as_decimals = [float(c.replace(mark, ".")) for c in cells if not has_two_marks]
-    if is_rising and (has_two_marks or any(b < a for a, b in pairwise(as_decimals))):
-        return mark
-    return ""
-
-
-@lru_cache(1 << 14)  # the same cells are judged several times
-def is_number(cell: str) -> bool:
-    """Whether a cell is a number: with either decimal mark, in groups of digits, with a unit."""
-    return _NUMBER.fullmatch(cell) is not None or unit_behind(cell) != ""
-
-
-def unit_behind(cell: str) -> str:
-    """The unit behind a number, "" where there is none.
-
-    >>> unit_behind("69.98 km/h"), unit_behind("0.020s"), unit_behind("5 apples")
-    ('km/h', 's', '')
-    """
-    if _NUMBER.fullmatch(cell):
-        return ""
-    match = _WITH_UNIT.fullmatch(cell)
-    is_measured = match and unit(match[2]) and _NUMBER.fullmatch(match[1])
-    return match[2] if match and is_measured else ""
 
 
 def stamps_in(lines: Sequence[str], delimiter: str) -> dict[str, str]:

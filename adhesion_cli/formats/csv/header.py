@@ -10,9 +10,10 @@ from pathlib import Path
 from ...core import toml
 from ...core.errors import UserError
 from ...core.text import distinct
-from .dialect import fit, is_comment, is_null, is_number, number_grammar, split, uncommented
+from .dialect import fit, is_comment, is_null, split, uncommented
 from .head import Line
 from .header_words import is_units_row, time_name
+from .number_text import is_number, number_grammar
 from .stamps import is_stamp
 
 DELIMITERS = (";", "\t", ",", "|", " ")

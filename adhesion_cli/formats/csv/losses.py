@@ -1,6 +1,5 @@
 """What a pass over a text log leaves out: rows and cells, counted, located and timed."""
 
-import operator
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from .block_parser import ParsedBlock
 from .cells import DIGITS, IN_GROUPS, IS_INFINITE, NO_NUMBER, NO_VALUE, OTHER_MARK
 from .dialect import Dialect, split
 from .lines import Rows
+from .number_text import largest_jump
 
 _MOST_SPANS = 20  # of one finding
 _FEW_UNREAD, _MOST_UNREAD = 2, 0.01  # cells, or share of a column, beside which others are used
@@ -157,9 +157,9 @@ def _first_group(value: Floats) -> int:
     whole, parts = np.abs(numbers[~has_fraction]), np.abs(thousands[has_fraction])
     if not 100.0 <= whole.max(initial=0.0) < 1e3 or not 1e3 < parts.min() <= parts.max() < 1e6:
         return 0
-    jumps = (np.abs(np.diff(x)).max() / np.ptp(x) for x in (numbers, thousands))
+    has_jump = largest_jump(numbers) > largest_jump(thousands)
     is_whole = bool((np.abs(parts - np.rint(parts)) < 1e-6).all())
-    return int(np.argmax(has_fraction)) if is_whole and operator.gt(*jumps) else 0
+    return int(np.argmax(has_fraction)) if is_whole and has_jump else 0
 
 
 def _joined(loss: _Loss | None, other: _Loss) -> _Loss:

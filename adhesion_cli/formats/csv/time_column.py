@@ -16,9 +16,10 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import TAKEN_AS_UTC, ReadOptions
 from .clock import COUNTS, GPS, Clock, count_of
-from .dialect import Dialect, is_null, number_grammar, unit_behind
+from .dialect import Dialect, is_null
 from .header_words import NS_PER_UNIT, label, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
+from .number_text import number_of, unit_behind
 from .stamps import (
     CLOCKS,
     DATES,
@@ -237,14 +238,14 @@ class _ClockSearch:
             if not cells:
                 continue
             suffix = unit_behind(cells[0])
-            number = cells[0].removesuffix(suffix).strip().replace(",", ".")
             texts = [suffix, *labels.get("interval_unit", []), *cells[1:], labels[kind][0]]
             candidates = (units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts)
             stated_units = [unit for unit in candidates if unit]
             if any(unit.dimension != dimension for unit in stated_units):
                 continue
             factor = stated_units[0].factor if stated_units else 1.0
-            if number_grammar(".").fullmatch(number) and (value := float(number) * factor) > 0.0:
+            value = (number_of(cells[0].removesuffix(suffix)) or 0.0) * factor
+            if value > 0.0:
                 step = round(_S * (value if kind == "interval" else 1.0 / value))
                 reason = f"rows are counted; {step / _S:g} s apart by {labels[kind][0]!r}"
                 return Clock((), "", "", self.dialect.decimal, False, reason, step=step)

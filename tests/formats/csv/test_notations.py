@@ -159,6 +159,21 @@ def test_marks_between_groups_of_a_clock_leave_its_decimals(tmp_path: Path) -> N
     assert len(column.t) == 999
 
 
+def test_a_clock_with_groups_and_three_decimals(tmp_path: Path) -> None:
+    """Both marks in one cell: the first one separates groups."""
+    path = tmp_path / "log.csv"
+    times = [f"{1000.125 + 20 * k:,.3f}".translate(str.maketrans(".,", ",.")) for k in range(99)]
+    path.write_text("t [ms];p [bar]\n" + "".join(f"{t};{k % 7},5\n" for k, t in enumerate(times)))
+    (column,) = (source := open_csv(path, ReadOptions())).columns(source.fields)
+    assert np.array_equal(column.t, 1_000_125_000 + 20_000_000 * np.arange(99))
+
+
+def test_groups_of_digits_beside_decimals_of_another_column(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 50:.2f};{(10 * k, '1.234.567')[k == 50]};70.5\n" for k in range(99))
+    _, (n, _) = numbers_of(tmp_path / "a.csv", f"t [s];n;v [km/h]\n{rows}")
+    assert n.value[49:52].tolist() == [490.0, 1_234_567.0, 510.0]
+
+
 def test_a_list_of_channels_above_the_table_is_no_other_table(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     above = "No;Name;Unit;Gain\n1;pressure;bar;1.0\n2;speed;km/h;1.0\n3;spare;V;1.0\n\n"
