@@ -65,7 +65,13 @@ def with_held(data: Column, end: int, is_code: Bools) -> tuple[Column, Bools]:
     cycle, smallest = float(np.quantile(steps, 0.1)), change[change > 0.0].min()
     is_long = steps > _LONG * cycle
     small = np.count_nonzero(~is_long & (change > 0.0) & (change < 2.0 * smallest))
-    repeats = np.count_nonzero(~is_long & (change == 0.0))  # not those of a heartbeat
+    is_repeated = change == 0.0
+    # Some recorders write the old value once more right before a change.
+    is_before_change = is_repeated & np.append(change[1:] > 0.0, False)
+    is_early = is_before_change & (steps > 1.5 * np.append(steps[1:], 0))
+    if 2 * np.count_nonzero(is_early) > np.count_nonzero(is_repeated):
+        is_repeated &= ~is_before_change
+    repeats = np.count_nonzero(~is_long & is_repeated)  # not those of a heartbeat
     if small < _LEAST_CHANGES or repeats > _MOST_REPEATS * small:
         return none_added
     slope = change / steps

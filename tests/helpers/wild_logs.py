@@ -286,6 +286,12 @@ def local(rng: random.Random) -> Iterator[WildLog]:
         lambda x: x.strftime("Di %d.%m.%Y %H:%M:%S,") + _ms(x) + " Uhr",
         lambda x: x.strftime("%Y-%m-%dT%H:%M:%S.") + _ms(x) + "+02:00[Europe/Berlin]",
         lambda x: f"{x.hour}:{x.minute}:{x.second}:{x.microsecond // 1000}",
+        lambda x: x.strftime("%d. %m. %Y %H:%M:%S,") + _ms(x),
+        lambda x: x.strftime("%Y. %m. %d. %H:%M:%S,") + _ms(x),
+        lambda x: x.strftime("%d ноя %Y %H:%M:%S,") + _ms(x),
+        lambda x: x.strftime("%Y-%m-%d 오전 %I:%M:%S.") + _ms(x),
+        lambda x: x.strftime("%d-%b-%y %I.%M.%S.") + _ms(x) + "000 AM",
+        lambda x: x.strftime("%d%b%Y:%H:%M:%S.") + _ms(x),
     )
 
 
@@ -463,6 +469,35 @@ def heads(rng: random.Random) -> Iterator[WildLog]:
     yield WildLog("log.vbo", ("\n".join([*vbo, *rows]) + "\n").encode())
 
 
+def typed_heads(rng: random.Random) -> Iterator[WildLog]:
+    """Rows of types beside names and units; a drawn table; the name of an index; signs apart."""
+    stamps = [f"{s:%Y-%m-%d %H:%M:%S}.{_ms(s)}" for s in _stamps(rng)]
+    values = [[f"{x:.2f}" for x in series] for series in (P, V)]
+    numbers = [str(k) for k in range(ROWS)]
+    campbell = [
+        ["TOA5", "A7", "CR1000", "123"],
+        ["TIMESTAMP", "RECORD", "BC_pressure", "wheel_speed"],
+    ]
+    campbell += [["TS", "RN", "bar", "km/h"], ["", "", "Smp", "Avg"]]
+    yield WildLog("log.dat", table(campbell, [stamps, numbers, *values]))
+    etas = [["sampleCount", str(ROWS)], ["time", "BC_pressure", "wheel_speed"]]
+    etas += [["f8", "f8", "f8"], ["s", "bar", "km/h"]]
+    yield WildLog("log.ascii", table(etas, [[f"{t:.3f}" for t in T], *values], "\t"))
+    line = "+".join("-" * n for n in (25, 17, 17)) + "\n"
+    names = " ts | bc_pressure_bar | wheel_speed_kmh \n"
+    rows = zip(stamps, *values, strict=True)
+    drawn = names + line + "".join(f" {t} | {p} | {v} \n" for t, p, v in rows)
+    yield WildLog("log.txt", (drawn + f"({ROWS} rows)\n\n").encode())
+    index = [["", "BC pressure", "wheel speed"], ["", "bar", "km/h"], ["time", "", ""]]
+    yield WildLog("log.csv", table(index, [stamps, *values]))
+    graphtec = [
+        ["Number", "Date&Time", "BC pressure", "wheel speed"],
+        ["NO.", "Time", "bar", "km/h"],
+    ]
+    apart = [[f"{'-' if x < 0 else '+'}{abs(x):9.2f}" for x in series] for series in (P, V)]
+    yield WildLog("log.csv", table(graphtec, [numbers, stamps, *apart]))
+
+
 def lists(rng: random.Random) -> Iterator[WildLog]:
     """Numbered lists of channels above the table."""
     cells = [[f"{x:.{n}f}" for x in y] for y, n in ((T, 3), (P, 2), (V, 2))]
@@ -606,6 +641,7 @@ KINDS: dict[str, Callable[[random.Random], Iterator[WildLog]]] = {
     "K12": parts,
     "K13-lvm": lvm,
     "K13-heads": heads,
+    "K13-types": typed_heads,
     "K13-waveforms": waveforms,
     "K14-lists": lists,
     "K14-remarks": remarks,

@@ -79,6 +79,7 @@ class Clock:
     findings: tuple[Finding, ...] = ()
     start: int = 0  # what is added to every time [ns]
     step: int = 0  # between two rows, where they are counted [ns]
+    is_sparse: bool = False  # a stamp holds for the rows below it that have none
 
     def in_digits(self, name: str, example: str) -> "Clock":
         """The clock of a column whose digits, HHMMSS, are read as a number of seconds."""

@@ -46,6 +46,7 @@ _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
 _MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
 _GROUPED = {m: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{m}]\d{{3}}") for m in ".,"}
+_SPACED = re.compile(r"^([-+])\s+")  # a sign that stands apart, as GRAPHTEC writes it
 _SECTION = re.compile(r"\[[A-Za-z ]+\]")  # a line as [data]
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
@@ -86,7 +87,8 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     header.names = [["", *x] if _lacks_row_names(x, data) else x for x in header.names]
     used_width = width - _has_trailing(header.names, data, width)
     refuse_table_above(table, header.top)
-    refuse_width(table, header, used_width)
+    if options.header is not False:
+        refuse_width(table, header, used_width)
     names = column_names(header.names, used_width)
     leading_lines = lines_before(table, header)
     units, units_reason = _units_row(rows, header, labels)
@@ -192,6 +194,8 @@ def _needless(cells: list[str], decimal: str) -> tuple[str, str]:
     a clock, which cannot wait until all cells of the column are known, or the decimal mark itself.
     """
     texts = list(filterfalse(is_plain_number, cells))  # only these may have a unit
+    if texts and all(map(_SPACED.match, texts)):
+        return "", _SPACED.pattern
     suffixes = Counter(map(unit_behind, texts)) if len(texts) >= len(cells) / 2 else Counter[str]()
     suffix, count = suffixes.most_common(1)[0] if suffixes else ("", 0)
     if suffix and count >= len(cells) / 2:

@@ -19,7 +19,9 @@ INFINITE = tuple(
 _NULLS = frozenset((*NULLS, *INFINITE))
 
 TEXT_MARK = re.compile(r"""^(?:'|=")([-+.,0-9][^"]*)"?$""")  # what makes a cell a text, in Excel
-COMMENT = re.compile(r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!|NAME\?|NUM!|NULL!)|%|//)")
+COMMENT = re.compile(  # also the lines of a drawn table
+    r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!|NAME\?|NUM!|NULL!)|%|//|\+?-{3,}\+[-+]*$)"
+)
 
 
 @dataclass(frozen=True, slots=True)

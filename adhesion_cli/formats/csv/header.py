@@ -12,7 +12,7 @@ from ...core.errors import UserError
 from ...core.text import distinct
 from .dialect import fit, is_comment, is_null, split, uncommented
 from .head import Line
-from .header_words import is_units_row, time_name
+from .header_words import TYPES, is_named, is_units_row, label, time_name
 from .number_text import is_number, number_grammar
 from .stamps import is_stamp
 
@@ -66,6 +66,15 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
         raise UserError(f"{table.path}: no data rows under the header ({reason})", hint)
     if has_header is False:
         return Header([], None, start, start)
+    line, cells = table.rows[start]
+    if label(cells[0]) == "factors":
+        text = (
+            f"{table.path}: line {line} states factors, and not whether the numbers below have them"
+        )
+        hint = (
+            "multiply the numbers, and delete the line; or delete it, and state units with factors"
+        )
+        raise UserError(text, f'{hint}, as `--set "channels.pressure.unit=0.01 bar"`')
     text_above = _text_above(table, start)
     if text_above.names:
         text_above.start += _numbers_columns(table, start)
@@ -146,7 +155,9 @@ def _text_above(table: FirstRows, start: int) -> Header:
     data_columns = _count_data_columns(table, start)
     while len(names) < 4 and texts(top - 1):
         cells = rows[top - 1][1]
-        if units is None and is_units_row(cells) and (names or texts(top - 2)):
+        if all(is_named(c, TYPES) for c in cells if c):
+            pass
+        elif units is None and is_units_row(cells) and (names or texts(top - 2)):
             units = top - 1
         elif _continues(names, cells, width, data_columns):
             names.insert(0, cells)
@@ -175,6 +186,8 @@ def _continues(names: list[list[str]], cells: list[str], width: int, data_column
     said = sum(map(bool, cells))
     pairs = sum(bool(re.match(r"[^:=\[(]+[:=]\s*\S", c)) for c in cells)
     if not names:
+        if said == 1 and time_name(cells[0]):  # as pandas writes the name of its index
+            return True
         return said >= data_columns / 2 and (pairs <= said / 2 or said >= data_columns)
     columns = list(zip(*_spread(names), strict=False))
     titled = list(zip(*_spread([cells, *names]), strict=False))
@@ -244,8 +257,8 @@ def refuse_width(table: FirstRows, header: Header, width: int) -> None:
                 f"{table.path}: the header (line {n}) names {len(cells)} columns, the rows have "
                 f"{width}",
                 "correct the header; or export with semicolons if the comma is the decimal mark as "
-                "well; or read it with --set csv.header=false and state each channel by number, as "
-                + toml.option('channels.time = {channel = "column 1", unit = "s"}'),
+                "well; or read it without a header, and state each channel by number, as "
+                + toml.option("csv.header = false", 'channels.time = {channel = 1, unit = "s"}'),
             )
 
 

@@ -23,9 +23,9 @@ _PARTS = {word: part for part, words in _VOCABULARY["parts"].items() for word in
 _LABELS = {word: kind for kind, words in _VOCABULARY["labels"].items() for word in words.split()}
 _TIME: list[str] = _VOCABULARY["time"].split()
 _UNITS_ROW = frozenset(_VOCABULARY["units_row"].split())
-GROUP, SIGNAL, VALUE, UNITS, STATISTICS = (
+GROUP, SIGNAL, VALUE, UNITS, STATISTICS, TYPES = (
     frozenset(_VOCABULARY[kind].split())
-    for kind in ("group", "signal", "value", "units", "statistics")
+    for kind in ("group", "signal", "value", "units", "statistics", "types")
 )
 
 

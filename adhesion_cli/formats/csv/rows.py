@@ -119,6 +119,7 @@ class UsedRows:
         self.losses = Losses(table.dialect)
         self._table, self._keys, self._all = table, keys, wanted is None
         self._samples = 0  # where rows are counted
+        self._last: int | None = None  # the time of the last row, where stamps are sparse
 
     def take(self, parsed: ParsedBlock) -> tuple[Bools, NDArray[Any]]:
         """Which rows of the next block are used, and the number of each row's key in `met`."""
@@ -129,10 +130,25 @@ class UsedRows:
             rows = self._samples + np.searchsorted(samples, parsed.lines)
             parsed.times = self._table.clock.start + rows * step
             self._samples += len(samples)
+        if self._table.clock.is_sparse:
+            self._carry_on(parsed)
         timed = parsed.timed.copy()
         codes = self._codes(parsed, timed) if self._keys else np.zeros(len(timed), np.int8)
         self.count += int(timed.sum())
         return timed, codes
+
+    def _carry_on(self, parsed: ParsedBlock) -> None:
+        """Gives rows that have no stamp the last one above them."""
+        without = np.isin(parsed.lines, parsed.dropped.pop("time missing", ()))
+        above = np.maximum.accumulate(np.where(parsed.timed, np.arange(len(without)), -1))
+        times = np.where(above < 0, self._last or 0, parsed.times[above])
+        has_stamp = without & ((above >= 0) | (self._last is not None))
+        parsed.times = np.where(has_stamp, times, parsed.times)
+        parsed.timed |= has_stamp
+        if (without & ~has_stamp).any():
+            parsed.dropped["time missing"] = parsed.lines[without & ~has_stamp]
+        if parsed.timed.any():
+            self._last = int(parsed.times[parsed.timed][-1])
 
     def _codes(self, parsed: ParsedBlock, timed: Bools) -> NDArray[Any]:
         """Number of each row's key in `met`; takes rows without a wanted one from `timed`."""

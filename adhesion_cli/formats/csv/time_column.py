@@ -89,7 +89,10 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         text = f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})"
         raise UserError(text, search.proposal())
     search.refuse_another(clock)
-    return search.with_date(search.begun(search.counted_on(clock)))
+    clock = search.with_date(search.begun(search.counted_on(clock)))
+    return replace(
+        clock, is_sparse=bool(clock.pattern) and all(map(search.is_sparse, clock.columns))
+    )
 
 
 def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, range]]:
@@ -299,7 +302,7 @@ class _ClockSearch:
         is_clock = "<H>" in clock.pattern and not clock.absolute
         for i, name in enumerate(self.dialect.names):
             cells = self.dialect.column(i)
-            forms = forms_of(cells, DATES, self.unit) if is_clock and self._is_sparse(i) else []
+            forms = forms_of(cells, DATES, self.unit) if is_clock and self.is_sparse(i) else []
             if forms and self._is_first_day(i, clock):
                 form, order, other_form = self._order((i,), forms, DATES)
                 begin = int(read(cells[:1], DATES[form])[0])
@@ -547,7 +550,7 @@ class _ClockSearch:
         cells, forms = self.dialect.column(i), STAMPS
         columns: tuple[int, ...] = (i,)
         if forms_of(cells, DATES) and (k := self._partner(i, i + 1, CLOCKS)) is not None:
-            if self._is_sparse(i):
+            if self.is_sparse(i):
                 return self._stamped((k,), CLOCKS, choice)
             columns = (i, k)
         elif forms_of(cells, CLOCKS):
@@ -564,7 +567,7 @@ class _ClockSearch:
             (
                 k
                 for k, name in enumerate(names)
-                if k != i and label(name) == "date" and not self._is_sparse(k)
+                if k != i and label(name) == "date" and not self.is_sparse(k)
             ),
             i,
         )
@@ -676,7 +679,7 @@ class _ClockSearch:
         for k in sorted(range(len(self.dialect.names)), key=lambda k: k != neighbour):
             cells = self.dialect.column(k)
             is_date = forms is not CLOCKS
-            if k == i or (is_date and (self._is_sparse(k) or len(set(cells)) > _MOST_DATES)):
+            if k == i or (is_date and (self.is_sparse(k) or len(set(cells)) > _MOST_DATES)):
                 continue
             if forms_of(cells, forms):
                 return k
@@ -688,7 +691,7 @@ class _ClockSearch:
         times = read(self._joined(clock.columns)[: rows_before + 1], clock.pattern)
         return bool((np.diff(times) >= 0).all())
 
-    def _is_sparse(self, i: int) -> bool:
+    def is_sparse(self, i: int) -> bool:
         """Whether most cells of a column are empty, as of a date that stands only in some rows."""
         return len(self.dialect.column(i)) < len(self.dialect.rows) / 2
 

@@ -349,6 +349,33 @@ def test_stamps_of_iso_8601_say_the_same_beside_other_cells(cell: str | None) ->
     assert beside[1][1]
 
 
+def test_a_stamp_holds_for_the_rows_below_it_that_have_none(tmp_path: Path) -> None:
+    rows = (f"{f'2026-11-24 10:15:{k // 50:02d}' * (k % 50 == 0)},{k}\n" for k in range(1500))
+    source, (column, *_) = numbers_of(tmp_path / "a.csv", "Time,p [bar]\n" + "".join(rows))
+    assert column.value.tolist() == list(range(1500))
+    assert (np.diff(column.t)[49::50] == 1_000_000_000).all()
+    assert not [f for f in source.findings if f.severity != "info"]
+    (axis,) = [clean("p", column, int(column.t[0]))]
+    assert np.abs(np.diff(axis.data.t) - 20_000_000).max() < 1_000_000
+
+
+def test_a_row_of_factors_is_no_data(tmp_path: Path) -> None:
+    head = "Name;Time;p\nUnit;s;bar\nFactor;1;0.01\n"
+    with pytest.raises(UserError, match="line 3 states factors") as error:
+        numbers_of(tmp_path / "a.csv", head + "".join(f";{k};{k % 7}\n" for k in range(60)))
+    stated = settings.load(assignments=pasted(error.value.hint), folder=False)
+    assert stated.mappings[0].unit == "0.01 bar"
+
+
+def test_columns_by_number_are_read_below_a_header_of_another_width(tmp_path: Path) -> None:
+    text = "time [s],p [bar]\n" + "".join(f"{k},{k % 7},{k % 5}\n" for k in range(60))
+    with pytest.raises(UserError, match="names 2 columns, the rows have 3") as error:
+        numbers_of(tmp_path / "a.csv", text)
+    stated = settings.load(assignments=pasted(error.value.hint), folder=False)
+    _, columns = numbers_of(tmp_path / "a.csv", text, stated.read)
+    assert [len(c.t) for c in columns] == [60, 60]
+
+
 def test_a_date_that_is_written_once_is_the_start(tmp_path: Path) -> None:
     for log in wild_logs.variants("K10-sparse"):
         source, (column, *_) = numbers_of(tmp_path / log.name, log.text.decode())
