@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,22 @@ def in_order(t: NDArray[_Time], value: Floats) -> tuple[NDArray[_Time], Floats]:
     """Samples in the order of time, one per time: the first. Shapes (n,)."""
     times, first_rows = np.unique(t, return_index=True)
     return times, value[first_rows]
+
+
+def running_integral(t: Floats, x: Floats) -> Floats:
+    """∫ x dt since the first sample, by the trapezoidal rule, shape (n,)."""
+    area: Floats = np.zeros(len(x))
+    np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2.0, out=area[1:])
+    return area
+
+
+def means_around(t: Floats, x: NDArray[Any], width: float) -> Floats:
+    """Mean of the samples within `width` about each time, fewer at the ends, shape (n,)."""
+    first_row = np.searchsorted(t, t - width / 2.0)
+    last_row = np.searchsorted(t, t + width / 2.0, side="right")
+    total = np.append(0.0, np.cumsum(x))
+    mean: Floats = (total[last_row] - total[first_row]) / (last_row - first_row)
+    return mean
 
 
 def robust_sigma(errors: Floats) -> float:

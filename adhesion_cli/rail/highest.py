@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Z95, Floats, Reference, Times
+from ..core.signals import running_integral
 
 SLIPPERY = 0.1  # adhesion coefficient below which a rail is slippery, about
 PEAK_TIME = 0.1  # the highest force is a mean over this time [s]
@@ -83,7 +84,7 @@ def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, Floats, 
 
 def _moving_mean(t: Floats, x: Floats, width: float) -> Floats:
     """Mean of x over `width` about each time, by the trapezoidal rule; less at the ends; (n,)."""
-    area = np.concatenate([[0.0], np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2.0)])
+    area = running_integral(t, x)
     begins, ends_of_windows = np.maximum(t - width / 2.0, t[0]), np.minimum(t + width / 2.0, t[-1])
     mean: Floats = (np.interp(ends_of_windows, t, area) - np.interp(begins, t, area)) / (
         ends_of_windows - begins

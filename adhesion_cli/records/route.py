@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.finding import Finding, merge_spans
 from ..core.model import PLACES, Bools, Channel, Column, Floats, Log, Meaning, Times, Vehicle
-from ..core.signals import edges, in_order
+from ..core.signals import edges, in_order, running_integral
 from ..core.summary import PositionSource
 from ..core.text import iso
 from ..core.time_axis import gap_limit
@@ -284,7 +284,7 @@ def _travelled(t: Times, speed: Column) -> Floats:
     """Distances between successive times by the speed, (n - 1,) [m]; NaN over its gaps."""
     speed_times, v = _usable_samples(speed)
     seconds = speed_times * 1e-9 - speed_times[0] * 1e-9
-    travelled = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2.0 * np.diff(seconds))])
+    travelled = running_integral(seconds, v)
     gaps = np.concatenate([[0.0], np.cumsum(np.diff(seconds) > _LEAST_GAP)])
     distance: Floats = np.diff(np.interp(t, speed_times, travelled, np.nan, np.nan))
     distance[np.diff(np.interp(t, speed_times, gaps)) > 0.0] = np.nan

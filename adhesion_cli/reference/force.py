@@ -15,7 +15,7 @@ from ..core import innovations
 from ..core.errors import unknown
 from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
 from ..core.physics import CHAIN, LONGEST_DUMP, piston_area, rolling_deceleration, wheelset
-from ..core.signals import driven, moving, true_runs, white_noise
+from ..core.signals import driven, means_around, moving, running_integral, true_runs, white_noise
 from . import run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
 from .noise_fit import (
@@ -371,12 +371,8 @@ def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:
 
     A peak of a few samples that the smoother takes for noise departs by more than its sigma.
     """
-    change = np.diff(run.t) * (rate[1:] + rate[:-1]) / 2.0
-    drift = run.y - np.concatenate([[0.0], np.cumsum(change)])
-    total = np.concatenate([[0.0], np.cumsum(drift)])
-    first_row = np.searchsorted(run.t, run.t - _MISFIT_TIME / 2.0)
-    last_row = np.searchsorted(run.t, run.t + _MISFIT_TIME / 2.0, side="right")
-    misfit: Floats = drift - (total[last_row] - total[first_row]) / (last_row - first_row)
+    drift = run.y - running_integral(run.t, rate)
+    misfit: Floats = drift - means_around(run.t, drift, _MISFIT_TIME)
     return misfit
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import AxleRecord, Floats
-from ..core.signals import white_noise
+from ..core.signals import running_integral, white_noise
 from . import smoother
 
 _FITTED_SAMPLES = 20_000  # samples that the noise levels are fitted to
@@ -186,8 +186,7 @@ def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
         run: the readings.
         steps: quantisation step of each; a step bounds its errors, which are not counted.
     """
-    gained = np.diff(run.t) * (run.u[1:] + run.u[:-1]) / 2.0
-    z = run.y - np.concatenate([[0.0], np.cumsum(gained)])
+    z = run.y - running_integral(run.t, run.u)
     starts, sizes = _slices(run.t, _SLICE)
     size = float(np.median(sizes))
     if len(starts) < _FEWEST_SLICES or size < 2.0:

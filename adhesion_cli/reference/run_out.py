@@ -9,6 +9,7 @@ least squares. The sums over half a second each give their error, for any kind o
 import numpy as np
 
 from ..core.model import Floats
+from ..core.signals import running_integral
 
 _ROUNDING = 1e-7  # a smaller variation is rounding of the numbers [rad/s]
 _STRETCH = 300.0  # seconds fitted together
@@ -44,7 +45,7 @@ def _fit_stretch(t: Floats, y: Floats) -> tuple[Floats, float]:
     h = np.diff(t)
     if block[-1] + 1 < _FEWEST_BLOCKS or np.median(h) > _BLOCK / 4.0 or not y.any():
         return no_run_out
-    angle = np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2.0 * h)])
+    angle = running_integral(t, y)
     width = 2 * max(1, round(0.125 / float(np.median(h)))) + 1
     fast = _fast(y, width)
     energy = np.bincount(block, fast**2) / np.maximum(np.bincount(block), 1)

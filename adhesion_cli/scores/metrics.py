@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..core.model import Z95, AxleRecord, Floats, Reference, Score
-from ..core.signals import median_of_five
+from ..core.signals import means_around, median_of_five
 from ..records import brake_applications
 
 _LAG = 5.0  # longest lag looked for, either way [s]
@@ -175,10 +175,7 @@ def ripple(c: EstimateAndTarget) -> float | None:
         half_width = (
             max(_RIPPLE / 2.0, 2.0 * float(np.median(np.diff(t)))) if len(t) > 5 else math.inf
         )
-        start = np.searchsorted(t, t - half_width)
-        stop = np.searchsorted(t, t + half_width, side="right")
-        sums = np.concatenate([[0.0], np.cumsum(error)])
-        quick = error - (sums[stop] - sums[start]) / (stop - start)
+        quick = error - means_around(t, error, 2.0 * half_width)
         inside = (t - half_width >= t[0]) & (t + half_width <= t[-1])
         block = ((t - t[0]) / (2.0 * half_width)).astype(int)[inside]
         if len(block):

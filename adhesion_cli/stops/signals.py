@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
-from ..core.signals import in_order, median_of_five
+from ..core.signals import in_order, means_around, median_of_five
 from ..rail.speed_errors import (
     CLEAR_SIGMAS,
     delay_sigma,
@@ -234,13 +234,10 @@ def _shaped(
     limit = np.maximum(_ROLLING * train.value, _SLOW_ROLLING)
     rolls = np.abs(difference) < limit
     rolling_difference = np.where(rolls, difference, 0.0)
-    half_window = _AVERAGED * interval / 2.0
-    first_index = np.searchsorted(train.t, train.t - half_window)
-    stop = np.searchsorted(train.t, train.t + half_window, side="right")
-    total, count = (np.append(0.0, np.cumsum(x)) for x in (rolling_difference, rolls))
-    rolling, all_samples = count[stop] - count[first_index], stop - first_index
-    mean = (total[stop] - total[first_index]) / np.maximum(rolling, 1)
-    is_coarse: Bools = rolling < all_samples
+    mean, share = (
+        means_around(train.t, x, _AVERAGED * interval) for x in (rolling_difference, rolls)
+    )
+    is_coarse: Bools = share < 1.0
     return TimeSeries(train.t, np.where(is_coarse, train.value, fastest + mean)), is_coarse
 
 

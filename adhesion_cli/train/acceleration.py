@@ -26,7 +26,7 @@ import numpy as np
 from ..core import compiled
 from ..core.model import Bools, Channel, Floats, Times
 from ..core.physics import CRAWL, RELEASED_SHARE
-from ..core.signals import finite_median, true_runs, white_noise
+from ..core.signals import finite_median, running_integral, true_runs, white_noise
 from .grid import FEWEST, Grid, erode
 
 GRID_STEP = 0.1  # step of the grid [s]
@@ -161,7 +161,7 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
     dt, x = np.diff(sample_t), a.data.value
     if len(sample_t) < FEWEST or (dt <= 0.0).any():
         return "its clock jumps back"
-    area: Floats = np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2.0 * dt)])
+    area = running_integral(sample_t, x)
     settling_steps = round(_SETTLING_TIME / g.step)
     release_force = RELEASED_SHARE * float(np.nanmax(g.clamping, initial=0.0))
     released = erode(g.clamping <= release_force, settling_steps)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.model import Z95, AxleRecord, Bools, Floats, Times, Vehicle, without_motors
 from ..core.physics import GRADIENT, RELEASED_SHARE, G, table_share, wheelset
-from ..core.signals import true_runs
+from ..core.signals import running_integral, true_runs
 from ..records.axle_channels import AxleChannels
 from .track import Gradient
 
@@ -261,7 +261,7 @@ def _means(record: AxleRecord, x: Floats, start_ns: int, t: Floats) -> Floats:
         left, right = (
             np.clip(t[inside] + side, known[0], known[-1]) for side in (-half_step, half_step)
         )
-        area = np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2.0 * np.diff(known))])
+        area = running_integral(known, y)
         gained = np.interp(right, known, area) - np.interp(left, known, area)
         bridged = np.interp(t[inside], u, finite) < 0.5  # no gap is bridged
         means[inside] = np.where(bridged, np.nan, gained / (right - left))

@@ -23,7 +23,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import AxleResult, Bools, Floats, Times, Vehicle
 from ..core.physics import JUDGED_FROM
-from ..core.signals import true_runs
+from ..core.signals import means_around, true_runs
 from ..rail import fit, rail_under_slides, sliding
 from ..rail.creep_law import Condition, Contact, creep_force
 from ..rail.events import Slide
@@ -109,7 +109,9 @@ def levels(course: SlidCourse, rail: Condition, vehicle: Vehicle) -> Floats:
     places = zip(course.slip.tolist(), course.speed.tolist(), strict=True)
     mu = [creep_force(s * v, v, rail, patch)[0] / patch.load for s, v in places]
     t = (course.t - course.t[0]) * 1e-9
-    level: Floats = _mean_over_time(t, course.mu) / _mean_over_time(t, np.array(mu))
+    level: Floats = means_around(t, course.mu, _LEVEL_TIME) / means_around(
+        t, np.array(mu), _LEVEL_TIME
+    )
     return level
 
 
@@ -158,15 +160,6 @@ def _parts(p: fit.Points, count: int) -> Iterator[fit.Points]:
         points_of_part = fit.Points._make(x[slice(*bounds)] for x in p)
         if len(points_of_part.t) and fit.clear_time(points_of_part) >= fit.SHORTEST:
             yield points_of_part
-
-
-def _mean_over_time(t: Floats, x: Floats) -> Floats:
-    """The mean over `_LEVEL_TIME` around each time, shape (n,)."""
-    window_start = np.searchsorted(t, t - 0.5 * _LEVEL_TIME)
-    stop = np.searchsorted(t, t + 0.5 * _LEVEL_TIME, side="right")
-    total = np.append(0.0, np.cumsum(x))
-    mean: Floats = (total[stop] - total[window_start]) / (stop - window_start)
-    return mean
 
 
 def _gets_better(p: fit.Points) -> int:
