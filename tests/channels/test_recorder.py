@@ -50,10 +50,12 @@ def test_held_values_of_a_polled_brake_leave_no_gap(heartbeat: int, deadband: fl
 
 def test_old_value_that_comes_once_more_right_before_a_change_leaves_no_gap() -> None:
     t = np.arange(0, 60_000, 100) * MS
-    value = np.round(2.0 * (70.0 - 1.7 * np.maximum(0.0, t / 1e9 - 20.0))) / 2.0  # steps of 0.5
+    braked = np.clip(t / 1e9 - 20.0, 0.0, 10.0) + np.clip(t / 1e9 - 40.0, 0.0, 10.0)
+    value = np.round(2.0 * (70.0 - 1.7 * braked)) / 2.0  # steps of 0.5
     changes = np.diff(value, prepend=np.nan) != 0.0
     written = changes | np.append(changes[1:], False)
-    filled, _ = held(Column(t, value, written), t)
+    filled, added = held(Column(t[written], value[written], written[written]), t)
+    assert added.any()
     assert np.diff(filled.t).max() <= 300 * MS
     assert (filled.value == value[np.searchsorted(t, filled.t)]).all()
     assert not held(Column(t[::3], value[::3], written[::3] | True), t)[1].any()  # an even recorder
