@@ -56,6 +56,7 @@ class TextLog:
         self.start = 0.0
         self._first: float | None = None  # the first time as the log counts [s]
         self._begin, self._is_closed = "", False
+        self._latest = 0.0  # what the last head states [s]
         self._base, self._columns, self._version = 16, list[str](), ""
         self._buses: list[str] = []
 
@@ -75,12 +76,18 @@ class TextLog:
 
     def __iter__(self) -> Iterator[Frame]:
         number, line, last_time, frames, falls = 0, "", 0.0, 0, 0
+        latest, shift = self._latest, 0.0  # of files that were joined
         # Comments may be in any encoding; what frames are made of is ASCII.
         with self._path.open(encoding="latin-1", newline=None) as file:
             for number, line in enumerate(file, 1):
                 if not line.endswith("\n") and not _END_OF_BLOCK.match(line):
                     break  # a digit of its last byte may be missing
                 if frame := self._frame(number, line.strip()):
+                    if self._latest != latest:
+                        latest = self._latest
+                        begins_anew = frames > 0 and frame.t + shift < last_time
+                        shift = latest - self.start if begins_anew else shift
+                    frame = frame._replace(t=frame.t + shift) if shift else frame
                     frames, falls, last_time = frames + 1, falls + (frame.t < last_time), frame.t
                     yield frame
         if falls > max(0.1 * frames, 1):  # differences rise and fall
@@ -165,9 +172,10 @@ class TextLog:
         """The start of the log, its local time taken as UTC."""
         from .csv.stamps import STAMPS, forms_of, read
 
-        # the first block has the start of the log
-        if not self._begin and (forms := forms_of([text], STAMPS)):
-            self.start = int(read([text], STAMPS[forms[0]])[0]) / 1e9
+        if forms := forms_of([text], STAMPS):
+            self._latest = int(read([text], STAMPS[forms[0]])[0]) / 1e9
+            if not self._begin:  # the first block has the start of the log
+                self.start = self._latest
 
     def _trc(self, line: str) -> Frame | None:
         """The frame in a line of a TRC log.

@@ -16,7 +16,7 @@ from .memory import Signals
 from .source import ReadOptions, Source
 
 _WORKBOOK = re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0")  # or an archive, or another old document
-_OF_FRAMES = re.compile("(?i)dlc|len|arbitration_id")  # columns of a table of frames
+_OF_FRAMES = re.compile("(?i)(.*\\s)?(dlc|len|arbitration_id)")  # columns of a table of frames
 _HEAD = 512  # bytes that are looked at
 
 

@@ -164,6 +164,18 @@ def test_lines_that_cannot_be_read_cost_only_themselves(tmp_path: Path) -> None:
     assert findings["can-lines-skipped"].values["line"] == 7
 
 
+def test_times_of_a_second_block_that_begin_anew_follow_its_date(tmp_path: Path) -> None:
+    begin = "Begin Triggerblock Tue Nov 24 10:{:02d}:00.000 am 2026\n"
+    block = "".join(f" {k / 10:.6f} 1  123  Rx   d 5 20 1C 10 68 00\n" for k in range(20))
+    head, path = "base hex  timestamps absolute\n", tmp_path / "a.asc"
+    end = "End TriggerBlock\n"
+    path.write_text(head + begin.format(15) + block + end + begin.format(16) + block + end)
+    found, findings, _ = columns(path, stated(tmp_path))
+    t = np.arange(20) * 10**8
+    assert (found["speed"].t - found["speed"].t[0]).tolist() == [*t, *(t + 60 * 10**9)]
+    assert not findings
+
+
 @pytest.mark.parametrize("name", ["StatusBCU1", "ChipTemp", "Overload_1", "Statistics", "J1939_1"])
 def test_messages_with_names_like_events(tmp_path: Path, name: str) -> None:
     lines = [f" {k / 10:.6f} 1  {name}  Rx   d 5 20 1C 10 68 00" for k in range(20)]
@@ -542,6 +554,10 @@ def test_a_dbc_that_is_not_used_is_reported(tmp_path: Path) -> None:
     assert findings["dbc-not-used"].names["dbc"] == "vehicle.dbc"
     frames = "".join(f"{k / 10},1,291,0,2,{k},{k}\n" for k in range(50))
     path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Data1\n{frames}")
+    with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
+        columns(path, dbc)
+    two_ids = "".join(f"{k // 2 / 10},1,{291 + k % 2},0,2,{k},{k}\n" for k in range(50))
+    path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Data1\n{two_ids}")
     with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
         columns(path, dbc)
     path.write_text("".join(f"frame {k} at bus: 12 34\n" for k in range(50)))
