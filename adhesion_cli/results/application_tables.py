@@ -9,8 +9,13 @@ from ..core.finding import is_doubt
 from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
 from .result_rows import OF_MARK, row, slid_row
-from .stop_rows import NOTE as STOP_NOTE
-from .stop_rows import describe_reasons, describe_sources, short_row
+from .stop_rows import (
+    describe_columns,
+    describe_reasons,
+    describe_sources,
+    short_row,
+    stop_row,
+)
 from .text_tables import DOUBT, TitledTable, describe_not_known, doubted, non_empty
 from .train_stops import (
     MANY_AXLES,
@@ -19,7 +24,7 @@ from .train_stops import (
     group_axles,
     group_row,
     slide_severity,
-    stop_row,
+    train_stop_row,
 )
 
 _NOTE = (
@@ -42,13 +47,19 @@ _OF_SLIDES = (
     "the slip-adhesion curve. The energy has at least the relative uncertainty of F."
 )
 _OF_DOUBT = f" {DOUBT}: the log contradicts its vehicle. µ and F may be wrong with it."
+_OF_ROWS = "`adhesion analyze --rows` shows every brake application of every axle."
 _TITLE, _SLIDES = "Brake applications", "Slides"
 _BOUND = "≥: the true value is at least this."
 _SHOWN_STOPS = 20  # of more, the worst ones
 
 
-def stop_table(summaries: Sequence[ResultSummary]) -> list[TitledTable]:
-    """The stops of the whole train, of one log or of several; none without a stop."""
+def stop_table(summaries: Sequence[ResultSummary], all_rows: bool = False) -> list[TitledTable]:
+    """The stops of the whole train, of one log or of several; none without a stop.
+
+    Args:
+        summaries: of the logs.
+        all_rows: whether each stop is shown, with all of its figures.
+    """
     named = [
         (_named(Path(x.log.path).name if len(summaries) > 1 else ""), stop)
         for x in summaries
@@ -56,13 +67,14 @@ def stop_table(summaries: Sequence[ResultSummary]) -> list[TitledTable]:
     ]
     if not named:
         return []
-    rows = [name | short_row(stop) for name, stop in named[:_SHOWN_STOPS]]
-    notes = [STOP_NOTE, describe_sources([stop for _, stop in named])]
+    stops = [stop for _, stop in named]
+    shown_count, cells = (len(named), stop_row) if all_rows else (_SHOWN_STOPS, short_row)
+    rows = non_empty([name | cells(stop) for name, stop in named[:shown_count]])
+    notes = [describe_columns(rows), describe_sources(stops)]
     if len(named) > len(rows):
         notes += [f"The first {len(rows)} of {len(named)} stops; `adhesion stops LOG` shows all."]
-    if reasons := describe_reasons([stop for _, stop in named]):
-        notes.append(reasons)
-    return [TitledTable("Stops", rows, note="\n".join(notes))]
+    notes += filter(None, [describe_reasons(stops)])
+    return [TitledTable("Stops of the train", rows, note="\n".join(notes))]
 
 
 def application_tables(
@@ -128,9 +140,9 @@ def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
         order = "most slip first" if has_slides else "highest µ first"
         lead = f"{len(shown_stops)} of {len(stops)} stops, {order}:"
     rows = non_empty(
-        [_named(log.name) | _marked(stop_row(stop), log.in_doubt) for log, stop in shown_stops]
+        [_named(log.name) | _marked(train_stop_row(x), log.in_doubt) for log, x in shown_stops]
     )
-    note = f"{_OF_STOPS} --rows shows every brake application of every axle.{_of_doubt(logs)}"
+    note = f"{_OF_STOPS} {_OF_ROWS}{_of_doubt(logs)}"
     note = " ".join(filter(None, [note, describe_not_known(rows)]))
     tables = [TitledTable(_TITLE, rows, note=note, lead=lead)]
     if has_slides:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 from ..core.model import Score
 from ..core.summary import BrakeApplication, Contribution, SlideSummary
-from ..core.text import by_uncertainty
 from ..rail.highest import is_known
 from .text_tables import (
     DASH,
@@ -16,6 +15,7 @@ from .text_tables import (
     share_with_interval,
     slip_text,
     when_and_where,
+    with_u95,
 )
 
 MARK = "*"  # behind a µ without the force of another brake that acts
@@ -31,11 +31,6 @@ def has_known_mean(a: BrakeApplication) -> bool:
     return a.coefficient is None or is_known(a.coefficient.mean, a.coefficient.mean_u95)
 
 
-def marked(a: BrakeApplication) -> str:
-    """The mark of a brake application in which another brake acts, too."""
-    return MARK if a.other_brake and has_known_mean(a) else ""
-
-
 def row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """A brake application: when, how fast, adhesion coefficient and force."""
     mu, force, known = a.coefficient, a.force_n, has_known_mean(a)
@@ -45,32 +40,17 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         **when_and_where(a.time),
         "for [s]": number(a.end_s - a.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
-        "µ mean": _with_u95(mu and (mu.mean if known else None, mu.mean_u95), 1.0, 3) + marked(a),
-        "µ max": _with_u95(mu and (mu.max, mu.max_u95), 1.0, 3),
-        "F [kN]": _with_u95(force and (force.mean if known else None, force.mean_u95), 1e-3),
-        "Fmax [kN]": _with_u95(force and (force.max, force.max_u95), 1e-3),
-        **ed_cell(a),
+        "µ mean": mean_coefficient(a) + MARK * (a.other_brake and known),
+        "µ max": with_u95(mu and mu[2:], 1.0, 3),
+        "F [kN]": with_u95(force, 1e-3, 2) if known or not force else NOT_KNOWN,
+        "Fmax [kN]": with_u95(force and force[2:], 1e-3, 2),
+        **({ED: with_u95(a.ed_share, 100.0, 0)} if a.ed_share else {}),
     }
 
 
-def ed_cell(a: BrakeApplication) -> dict[str, str]:
-    """The column of the ED brake, where one acts."""
-    share = a.ed_share
-    return {ED: _with_u95((share.value, share.u95), 100.0, 0)} if share else {}
-
-
-def _with_u95(
-    pair: tuple[float | None, float] | None, factor: float, digits: int | None = None
-) -> str:
-    """A value with its uncertainty, to at most these decimals; without them to three digits."""
-    if not pair:
-        return "-"
-    if pair[0] is None:
-        return NOT_KNOWN
-    value, u95 = factor * pair[0], factor * pair[1]
-    if digits is None:
-        digits = 2 if abs(value) < 10.0 else 1
-    return "±".join(by_uncertainty(value, u95, digits))
+def mean_coefficient(a: BrakeApplication) -> str:
+    """The mean µ of a brake application."""
+    return with_u95(a.coefficient, 1.0, 3) if has_known_mean(a) else NOT_KNOWN
 
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
@@ -87,13 +67,8 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "max slip [%]": slip_text(a.max_slip, bound),
         **({"locked [s]": number(a.longest_lock_s, 1)} if a.locked_s else {}),
         "energy [kJ]": bounded_number(energy and 1e-3 * energy, 1, bound),
-        "used [%]": used(a),
+        "used [%]": share_with_interval(a.utilisation, a.utilisation_ci),
     }
-
-
-def used(a: BrakeApplication) -> str:
-    """The share of the available adhesion that its slides used [%], with its 95 % interval."""
-    return share_with_interval(a.utilisation, a.utilisation_ci)
 
 
 def score_row(s: Score) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """Stops of the whole train, and their statistics, as rows of text."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -33,9 +33,10 @@ from .text_tables import (
     number,
     share_with_interval,
     when_and_where,
+    with_u95,
 )
 
-NOTE = (
+_NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
     "uncertainties (95\N{NO-BREAK SPACE}%). a: mean deceleration v0²/(2s); a equiv.: without the "
     "response time, which is delay and half of the build-up. With a slow build-up it is some "
@@ -50,7 +51,6 @@ _OF_GROUPS = (
     "stops that Grubbs' test rejects, two-sided. It also rejects a sound stop in about one of 20 "
     "groups."
 )
-_DECIMALS = 6  # at most, of statistics, differences and limits
 _EQUIVALENT = "equivalent_deceleration"
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
 _NO_VALUE = "no value"
@@ -134,22 +134,14 @@ def stop_row(s: StopSummary) -> dict[str, str]:
     }
 
 
-def with_u95(x: Measured | None, factor: float, digits: int) -> str:
-    """A quantity with its uncertainty, to at most these decimals."""
-    if x is None:
-        return "-"
-    return "±".join(by_uncertainty(factor * x.value, factor * x.u95, digits))
-
-
 def _coefficient(x: Measured | None) -> str:
     """A µ with its uncertainty."""
     return with_u95(x, 1.0, 3) if x is None or is_known(x.value, x.u95) else NOT_KNOWN
 
 
-def describe_columns(stops: Sequence[StopSummary]) -> str:
+def describe_columns(rows: Sequence[Mapping[str, str]]) -> str:
     """What the columns of a table of stops mean."""
-    has_pressure = any(stop.pressure_bar is not None for stop in stops)
-    return f"{NOTE} {_OF_PRESSURE}" if has_pressure else NOTE
+    return f"{_NOTE} {_OF_PRESSURE}" if any("p [bar]" in row for row in rows) else _NOTE
 
 
 def describe_sources(stops: Sequence[StopSummary]) -> str:
@@ -179,7 +171,7 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
     stops = x.stops
     in_order = [s.stop for s in stops]
     rows = _series_rows(stops)
-    notes = [describe_columns(in_order), describe_sources(in_order), *_remarks(stops)]
+    notes = [describe_columns(rows), describe_sources(in_order), *_remarks(stops)]
     note = "\n".join(filter(None, [*notes, describe_not_known(rows)]))
     of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
     tables = [
@@ -258,18 +250,15 @@ def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
             continue
         for quantity, x in group.statistics.items():
             name, factor = _named(quantity)
-            drift = "-"
-            if x.drift is not None and x.drift_u95 is not None:
-                drift = _pair(factor * x.drift, factor * x.drift_u95)
             row = {
                 "group": group.name,
                 "quantity": name,
                 "n": str(x.n),
-                "mean": _pair(factor * x.mean, factor * x.u95),
+                "mean": with_u95((x.mean, x.u95), factor),
                 "sd": _uncertainty(x.sd and factor * x.sd),
                 "common": _uncertainty(factor * x.common_u95),
                 "scatter [%]": number(100.0 * x.scatter if x.n > 1 else None, 1),
-                "drift": drift,
+                "drift": with_u95((x.drift, x.drift_u95), factor) if x.drift_u95 else DASH,
                 "outliers": ", ".join(map(str, x.outliers)) or "-",
             }
             rows.append(row)
@@ -278,7 +267,7 @@ def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
 
 def _uncertainty(x: float | None) -> str:
     """An uncertainty alone, with the digits that it has behind a value."""
-    return DASH if x is None else by_uncertainty(0.0, x, _DECIMALS)[1]
+    return DASH if x is None else by_uncertainty(0.0, x)[1]
 
 
 def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:
@@ -286,7 +275,7 @@ def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, s
     rows = []
     for x in differences:
         name, factor = _named(x.quantity)
-        change = _pair(factor * x.value, factor * x.u95)
+        change = with_u95((x.value, x.u95), factor)
         differs = "yes" if x.distinguishable else "not distinguishable"
         row = {"from": x.from_group, "to": x.to_group, "quantity": name, "change": change}
         rows.append(row | {"[%]": number(100.0 * x.share, 1), "differs": differs})
@@ -305,7 +294,7 @@ def _mean_beside(verdict: LimitVerdict, groups: Sequence[Group]) -> dict[str, st
     """The mean deceleration of the group of a limit of the equivalent one."""
     means = {group.name: group.statistics.get("mean_deceleration") for group in groups}
     mean = means.get(verdict.group) if verdict.quantity == _EQUIVALENT else None
-    return {"a [m/s²]": _pair(mean.mean, mean.u95)} if mean else {}
+    return {"a [m/s²]": with_u95((mean.mean, mean.u95))} if mean else {}
 
 
 def _limit_rows(series: StopSeries) -> list[dict[str, str]]:
@@ -316,7 +305,7 @@ def _limit_rows(series: StopSeries) -> list[dict[str, str]]:
                 "group": x.group,
                 "quantity": f"{QUANTITIES[x.quantity][0]} [{QUANTITIES[x.quantity][1]}]",
                 "limit": f"{x.kind} {x.limit:g}",
-                "mean": _pair(x.value, x.u95),
+                "mean": _NO_VALUE if x.value is None else with_u95((x.value, x.u95)),
                 **_mean_beside(x, series.groups),
                 "verdict": x.verdict,
                 **({"limit of": x.source} if x.source else {}),
@@ -379,7 +368,7 @@ def _bands(a: WspAxle) -> dict[str, str]:
     """The slip histogram: share of the time in each band, the first with its uncertainty."""
     shares = [number(100.0 * x, 0) for x in a.slip_bands or ()] or [DASH] * len(SLIP_BANDS)
     if a.slip_bands and a.rolling_u95 is not None:
-        shares[0] = _pair(100.0 * a.slip_bands[0], max(100.0 * a.rolling_u95, 1.0))
+        shares[0] = with_u95((a.slip_bands[0], max(a.rolling_u95, 0.01)), 100.0)
     limits = [f"{100.0 * x:g}" for x in (0.0, *SLIP_BANDS)]
     return {
         f"slip {lower}–{upper} %": share
@@ -421,10 +410,3 @@ def _named(quantity: str) -> tuple[str, float]:
     """The heading of a quantity, and the factor to its unit: speeds are km/h."""
     name, unit = QUANTITIES[quantity]
     return (f"{name} [km/h]", 3.6) if unit == "m/s" else (f"{name} [{unit}]", 1.0)
-
-
-def _pair(value: float | None, u95: float | None) -> str:
-    """A quantity with its uncertainty."""
-    if value is None or u95 is None:
-        return _NO_VALUE
-    return "±".join(by_uncertainty(value, u95, _DECIMALS))

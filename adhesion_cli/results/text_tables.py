@@ -6,12 +6,13 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from ..core.text import printable
+from ..core.text import by_uncertainty, printable
 from ..rail.highest import SLIPPERY
 
 NARROW = 80  # columns where there is no terminal, and in a recording
 DASH = "-"  # where a number is not known
 ED = "ED [%]"  # the column of the share of the ED brake
+_DECIMALS = 6  # of a number with an uncertainty, at most
 _LOCKED = 0.9995  # slip that is shown as 100 %
 _TEXT = 16  # columns that a text keeps
 NOT_KNOWN = "not known"
@@ -132,6 +133,22 @@ def when_and_where(time: str | None, km: float | None = None) -> dict[str, str]:
 def number(value: float | None, digits: int = 0) -> str:
     """A number with fixed digits; a dash for None."""
     return DASH if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
+
+
+def with_u95(x: Sequence[float | None] | None, factor: float = 1.0, digits: int = _DECIMALS) -> str:
+    """A value with its uncertainty, the first two numbers of `x`; a dash without them.
+
+    Args:
+        x: value and expanded uncertainty; a value that is None says nothing.
+        factor: to the unit that is shown.
+        digits: decimals, as of `by_uncertainty`.
+    """
+    if x is None:
+        return DASH
+    value, u95, *_ = x
+    if value is None or u95 is None:
+        return NOT_KNOWN
+    return "±".join(by_uncertainty(factor * value, factor * u95, digits))
 
 
 def bounded_number(value: float | None, digits: int, bound: bool) -> str:

@@ -5,9 +5,16 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..core.summary import AxleSummary, BrakeApplication
-from ..core.text import by_uncertainty
 from ..rail.highest import is_known
-from .text_tables import DASH, NOT_KNOWN, bounded_number, number, slip_text, when_and_where
+from .text_tables import (
+    DASH,
+    NOT_KNOWN,
+    bounded_number,
+    number,
+    slip_text,
+    when_and_where,
+    with_u95,
+)
 
 MANY_ROWS = 24  # brake applications of all axles: with more, a table has a row per stop
 MANY_AXLES = 8  # with more, an overview has groups of axles
@@ -61,7 +68,7 @@ def find_stops(axles: Iterable[AxleSummary]) -> list[TrainStop]:
     ]
 
 
-def stop_row(stop: TrainStop) -> dict[str, str]:
+def train_stop_row(stop: TrainStop) -> dict[str, str]:
     """A stop: when, how fast, µ of its axles, and its slides."""
     worst, applications = stop.worst, stop.applications
     slid = [a for a in applications if a.slides]
@@ -73,7 +80,7 @@ def stop_row(stop: TrainStop) -> dict[str, str]:
         value = sum(values) / len(values)
         mean = mean_range = NOT_KNOWN
         if is_known(value, u95):
-            mean, mean_range = "±".join(by_uncertainty(value, u95, 3)), _range(values)
+            mean, mean_range = with_u95((value, u95), 1.0, 3), _range(values)
     first = min(applications, key=lambda a: a.start_s)
     return {
         "at [s]": number(stop.start_s, 1),

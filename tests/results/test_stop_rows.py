@@ -84,8 +84,8 @@ def test_a_column_without_a_value_is_neither_shown_nor_explained() -> None:
     full = replace(STOP, pressure_bar=3.0, jerk=Measured(1.0, 0.1))
     assert {"p [bar]", "jerk [m/s³]"} <= {*tables(STOP, full)["Stops"][0]}
     assert not {"p [bar]", "jerk [m/s³]", "µ"} & {*tables(STOP)["Stops"][0]}
-    assert "full pressure" in describe_columns([STOP, full])
-    assert "full pressure" not in describe_columns([STOP])
+    assert "full pressure" in describe_columns(tables(STOP, full)["Stops"])
+    assert "full pressure" not in describe_columns(tables(STOP)["Stops"])
 
 
 def test_a_page_says_below_its_table_why_a_stop_has_no_distance() -> None:

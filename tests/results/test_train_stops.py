@@ -15,7 +15,7 @@ from adhesion_cli.results.train_stops import (
     group_axles,
     group_numbers,
     group_row,
-    stop_row,
+    train_stop_row,
 )
 
 
@@ -53,18 +53,22 @@ def test_applications_that_overlap_are_one_stop() -> None:
 def test_the_row_of_a_stop_is_of_its_worst_axle() -> None:
     first, second = find_stops(train())
     assert (second.worst.axle, first.worst.slides) == (2, 0)
-    row = stop_row(second)
+    row = train_stop_row(second)
     assert [row[k] for k in ("slid", "max slip [%]", "axle", "µ of axles", "v [km/h]")] == [
         "1 of 4", "30.0", "2", "0.050–0.104", "72–0"
     ]  # fmt: skip
-    assert [stop_row(first)[k] for k in ("slid", "max slip [%]", "axle")] == ["0 of 4", "-", "-"]
+    assert [train_stop_row(first)[k] for k in ("slid", "max slip [%]", "axle")] == [
+        "0 of 4",
+        "-",
+        "-",
+    ]
 
 
 def test_a_mean_that_says_nothing_is_not_known() -> None:
     wide = MeanAndHighest(0.11, 0.27, None, 0.27)
     stop = find_stops(train())[0]
     unsure = tuple(replace(a, coefficient=wide) for a in stop.applications)
-    row = stop_row(stop._replace(applications=unsure))
+    row = train_stop_row(stop._replace(applications=unsure))
     assert (row["µ mean"], row["µ of axles"]) == ("not known", "not known")
     axles = (train()[0]._replace(applications=unsure),)
     assert group_row(AxleGroup("1", axles))["µ mean"] == "not known"

@@ -18,9 +18,10 @@ from markupsafe import Markup, escape
 from ... import __version__
 from ...core.model import Vehicle, quantities
 from ...core.text import printable, utf8
-from .. import result_rows, stop_rows
+from .. import application_tables, result_rows, stop_rows
 from ..carried_vehicle import is_of_vehicle
-from ..text_tables import DASH, non_empty
+from ..text_tables import DASH
+from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_motors
 from . import comparison, words
 from .campaign import Campaign
@@ -93,7 +94,7 @@ def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:
         "plots": figures.of_run(run),
         "about": _about(run),
         "motors": describe_motors([run.summary]),
-        "stops": non_empty(list(map(stop_rows.stop_row, run.summary.stops))),
+        "stops": application_tables.stop_table([run.summary], all_rows=True),
         "channels": words.channel_rows(run.summary.channels),
         "vehicle": _vehicle(run.settings),
         "settings": _pairs(sorted(run.settings.items()), "Setting"),
@@ -124,8 +125,8 @@ def _templates() -> Environment:
         undefined=StrictUndefined,
         finalize=_text,
     )
-    modules = {"result_rows": result_rows, "stop_rows": stop_rows, "words": words}
-    environment.globals |= {"version": __version__, **modules}
+    modules = {"result_rows": result_rows, "words": words}
+    environment.globals |= {"version": __version__, "MANY_AXLES": MANY_AXLES, **modules}
     environment.filters |= {"prose": _prose, "budget_row": result_rows.budget_row}
     return environment
 

@@ -1,39 +1,20 @@
 """What a report says of a run: verdict, tables and findings, as plain text."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ...core.finding import catalogue
-from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary, MeanAndHighest
-from ...core.text import by_uncertainty
+from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary
 from ...rail.events import HIDDEN_TIME
-from ..result_rows import ed_cell, has_known_mean, marked, used
-from ..text_tables import (
-    DASH,
-    NOT_KNOWN,
-    describe_not_known,
-    non_empty,
-    number,
-    slip_text,
-    when_and_where,
-)
-from ..train_stops import (
-    MANY_AXLES,
-    MANY_ROWS,
-    find_stops,
-    group_axles,
-    group_row,
-    slide_severity,
-    stop_row,
-)
+from ..application_tables import application_tables
+from ..result_rows import mean_coefficient
+from ..text_tables import DASH, TitledTable, number
 from .run import ReportAxle, ReportRun
 
 Mark = Literal["good", "slid", "locked", "unknown"]
 Cells = Mapping[str, str]
 _NO_FORCE = ("pressure-below-spring", "pressure-unit-suspect", "brake-unknown")
-_MOST_STOPS = 100  # stops of the train in a table
-MAX_ROWS = 500  # rows of a table: more would need too much room
 _MOST_BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
 _NAMED_LOGS = 2  # logs of a finding in its line
 _NAMED = 60  # letters for the channels of a finding in its line
@@ -57,21 +38,6 @@ def percent(share: float | None, digits: int = 0) -> str:
 def span(begin: float, stop: float, digits: int = 1) -> str:
     """From and to, in seconds."""
     return f"{begin:.{digits}f}–{stop:.{digits}f}"
-
-
-def _mean(a: BrakeApplication, x: MeanAndHighest | None, factor: float, digits: int) -> str:
-    """A mean value with its expanded uncertainty; a dash where there is none."""
-    if not has_known_mean(a):
-        return NOT_KNOWN
-    return " ± ".join(by_uncertainty(factor * x.mean, factor * x.mean_u95, digits)) if x else DASH
-
-
-def _highest(a: BrakeApplication) -> str:
-    """The same of the highest value."""
-    x = a.coefficient
-    if not x:
-        return DASH
-    return NOT_KNOWN if x.max is None else " ± ".join(by_uncertainty(x.max, x.max_u95, 3))
 
 
 def listed(names: Sequence[object]) -> str:
@@ -102,6 +68,16 @@ def slides_known(axle: ReportAxle) -> bool:
 def _is_observed(axle: ReportAxle, a: BrakeApplication) -> bool:
     """Whether a slide in this brake application would have been seen."""
     return slides_known(axle) and a.slip_unknown_s < HIDDEN_TIME
+
+
+def brake_tables(runs: Sequence[ReportRun], all_rows: bool = False) -> list[TitledTable]:
+    """Brake applications and slides, as on the screen; those of several runs together."""
+    summaries = []
+    for i, run in enumerate(runs, 1):
+        log = run.summary.log._replace(path=f"run {i}")
+        axles = tuple(axle.summary for axle in run.axles)
+        summaries.append(replace(run.summary, log=log, axles=axles))
+    return application_tables(summaries, all_rows, runs[0].cars)
 
 
 def headline(run: ReportRun) -> tuple[Mark, str]:
@@ -148,7 +124,7 @@ def verdict(axle: ReportAxle) -> AxleVerdict:
         worst = max(slid, key=lambda a: (a.longest_lock_s or 0.0, a.max_slip or 0.0))
     else:
         worst = max(applications, key=lambda a: a.coefficient.mean if a.coefficient else -1.0)
-    adhesion = _mean(worst, worst.coefficient, 1.0, 3)
+    adhesion = mean_coefficient(worst).replace("±", " ± ")
     if slid:
         locked = bool(worst.locked_s)
         text = " ".join(_of_slides(slid, len(applications), worst))
@@ -191,83 +167,6 @@ def _of_slides(
         yield f"In the slides it used {share} of the adhesion that the rail gave."
     else:
         yield "The slides do not show how much adhesion the rail gave."
-
-
-def application_rows(run: ReportRun) -> list[tuple[Mark, Cells]]:
-    """One row per axle and brake application, in the order of time."""
-    pairs = [(axle, a) for axle in run.axles for a in axle.applications]
-    pairs.sort(key=lambda pair: (round(pair[1].start_s), pair[0].number))
-    return [(_mark(*pair), _application(*pair)) for pair in pairs]
-
-
-def is_long(run: ReportRun) -> bool:
-    """Whether a row per stop stands above those of all axles."""
-    return len(run.axles) > 1 and sum(len(a.applications) for a in run.axles) > MANY_ROWS
-
-
-def stop_rows(run: ReportRun) -> list[dict[str, str]]:
-    """A row per stop of the train, the worst first."""
-    stops = find_stops(axle.summary for axle in run.axles)
-    stops.sort(key=lambda stop: slide_severity(stop.worst), reverse=True)
-    return non_empty([stop_row(stop) for stop in stops[:_MOST_STOPS]])
-
-
-def group_rows(run: ReportRun) -> list[dict[str, str]]:
-    """A row per group of axles, where there are many axles."""
-    if len(run.axles) <= MANY_AXLES:
-        return []
-    groups = group_axles([axle.summary for axle in run.axles], run.cars)
-    return non_empty([group_row(group) for group in groups])
-
-
-def slides_first(rows: Sequence[tuple[Mark, Cells]]) -> Sequence[tuple[Mark, Cells]]:
-    """The rows of `application_rows` that a page has room for; slides are the last to go."""
-    order = sorted(range(len(rows)), key=lambda i: rows[i][0] not in ("slid", "locked"))
-    return [rows[i] for i in sorted(order[:MAX_ROWS])]
-
-
-def has_other_brakes(runs: Sequence[ReportRun]) -> bool:
-    """Whether another brake acts in any brake application."""
-    return any(a.other_brake for run in runs for axle in run.axles for a in axle.applications)
-
-
-def why_not_known(runs: Sequence[ReportRun]) -> str:
-    """Why a highest µ is not known; "" where each one is."""
-    return describe_not_known(cells for run in runs for _, cells in application_rows(run))
-
-
-def has_bounds(runs: Sequence[ReportRun]) -> bool:
-    """Whether some numbers of slides are lower bounds."""
-    axles = [axle for run in runs for axle in run.axles]
-    return any(application.at_least for axle in axles for application in _slid(axle))
-
-
-def _mark(axle: ReportAxle, application: BrakeApplication) -> Mark:
-    if not application.slides:
-        return "good" if _is_observed(axle, application) else "unknown"
-    return "locked" if application.locked_s else "slid"
-
-
-def _application(axle: ReportAxle, a: BrakeApplication) -> Cells:
-    def if_slid(text: str) -> str:
-        return DASH if not a.slides or text == DASH else f"{'≥ ' * a.at_least}{text}"
-
-    energy = a.slide_energy_j
-    return {
-        "Axle": str(axle.number),
-        "Time [s]": span(a.start_s, a.end_s),
-        **{name.capitalize(): cell for name, cell in when_and_where(a.time).items()},
-        "Speed [km/h]": "–".join(number(v and 3.6 * v) for v in (a.from_mps, a.to_mps)),
-        "Adhesion coefficient, mean": _mean(a, a.coefficient, 1.0, 3) + marked(a),
-        "highest": _highest(a),
-        "Force, mean [kN]": _mean(a, a.force_n, 1e-3, 2),
-        **ed_cell(a),
-        "Slides": str(a.slides) if a.slides or _is_observed(axle, a) else "?",
-        "Sliding for [s]": if_slid(number(a.slide_s, 1)),
-        "Most slip [%]": DASH if not a.slides else slip_text(a.max_slip, a.at_least),
-        "Heat [kJ]": if_slid(number(energy and 1e-3 * energy, 1)),
-        "Used of the available adhesion [%]": used(a),
-    }
 
 
 _Numbered = tuple[int, BrakeApplication]  # after the number of its axle

@@ -30,7 +30,7 @@ def test_the_worst_axle_of_each_group_is_drawn_and_all_are_in_the_overview(run: 
     assert {root.split("-")[1] for root in roots if root.startswith("axle")} == set(
         map(str, run.detailed)
     )
-    rows = words.group_rows(run)
+    rows = words.brake_tables([run])[-1].rows
     assert [row["axles"] for row in rows] == ["1–4", "5–8", "9–12"]
     assert rows[0]["axle"] == "2"
     assert text.count('<div class="card ') == len(run.detailed)
@@ -54,12 +54,11 @@ def test_other_axles_are_drawn_on_request(path: Path) -> None:
 
 
 def test_many_rows_begin_with_a_row_per_stop(run: ReportRun) -> None:
-    assert not words.is_long(run)
+    assert words.brake_tables([run]) == words.brake_tables([run], all_rows=True)
     axles = [
         replace(axle, summary=axle.summary._replace(applications=axle.applications * 3))
         for axle in run.axles
     ]
     long = replace(run, axles=tuple(axles))
-    assert words.is_long(long)
-    assert words.stop_rows(long)[0]["axle"] == "2"
+    assert words.brake_tables([long])[0].rows[0]["axle"] == "2"
     assert "One row per stop" in page.page([long])
