@@ -50,7 +50,7 @@ from ..reference import calibrated_vehicle
 from ..reference.calibrated_vehicle import Evidence, MeanBrake
 from ..train import longitudinal as model
 from ..train import pieces, solve
-from ..train.brake_line import ROTATING, ZERO, BrakeLine, find_brake_line
+from ..train.brake_line import ANY_SHARE, ROTATING, ZERO, BrakeLine, find_brake_line
 from ..train.deceleration_cause import explain_deceleration
 from ..train.mean_axle import mean_axle, move_axles
 from ..train.motor_mass import MASS, find_motor_mass, with_mean_mass
@@ -61,7 +61,6 @@ _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
 _DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
 _DOUBT_SIGMAS = 2.0  # from which what is stated is in doubt
 _STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
-_ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
 _FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
 _FADE_SIGMAS = 2.0  # from which a fitted fade is not zero
 _LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
@@ -387,7 +386,7 @@ def _any_vehicle(
     share = setting.train.braked_share(vehicle, setting.axles)
     per_unit = line.slope * w.mass / w.rolling / share  # φ dK/dx
     if not setting.by_pressure:
-        friction = Parameter(per_unit, _ANY_SHARE * per_unit)
+        friction = Parameter(per_unit, ANY_SHARE * per_unit)
         return replace(vehicle, friction=friction)
     phi, per_pascal = vehicle.friction.value, force_line(vehicle).per_pascal
     # The same force at the mean brake, with x₀ before the log: it has it as evidence once.
@@ -396,7 +395,7 @@ def _any_vehicle(
     piston = piston_area(vehicle)
     return replace(
         vehicle,
-        friction=Parameter(phi, _ANY_SHARE * phi),
+        friction=Parameter(phi, ANY_SHARE * phi),
         lever_ratio=Parameter(ratio, 0.0),
         spring_force=Parameter(ZERO.value * piston, ZERO.tolerance * piston),
     )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..core.finding import Finding
     from ..live.axle import Sink
     from ..live.feed import Feed
+    from ..live.shown import StatusLine
 
 _OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict", "view")
 _TEXTS = {  # of shared options that mean something else here
@@ -155,29 +156,33 @@ class _Run:
     ) -> None:
         from ..analysis.request import choose_estimators
         from ..live.run import Tally
-        from ..live.shown import Counts, StatusLine, Waiting
+        from ..live.shown import Counts, Waiting
 
-        self._feed, self._settings, self._shared, self._screens = feed, settings, shared, screens
+        self._feed, self._shared, self._screens = feed, shared, screens
+        self._stated = self._settings = settings  # as stated, and as this run uses them
         self._algos = {e.name: (e, settings.params(e)) for e in choose_estimators(shared.algo)}
         self._algos_shown = list(dict.fromkeys(shared.algo)) or [_BAND_ESTIMATOR]
         self._tally = Tally(self._report, feed.name, shared.strict)
         self._status: StatusLine | None = None
         self._counts, self._files = Counts(), list[Path]()
         self._waiting = Waiting(feed.name, self._say)
-        if not shared.json and not shared.quiet and sys.stderr.isatty():
-            self._status = StatusLine(self._algos_shown[0], settings.vehicle)
 
     def go(self) -> int:
         """Follows the sender to its end, or to Ctrl-C; returns the exit code."""
-        from ..live.run import follow
+        from ..live.run import follow, with_any_brake
+        from ..live.shown import StatusLine
         from ..live.wheels import LiveWheels
 
         try:
             with ExitStack() as stack:
                 stack.callback(self._waiting.close)
-                stated, axles = self._settings, self._shared.axle
+                stated, axles = self._stated, self._shared.axle
                 wheels = LiveWheels(self._feed.head(), stated.mappings, stated.vehicle, axles)
-                self._tally.add(self._defaults(any(p.is_pressure for p in wheels.axles)))
+                by_pressure = any(p.is_pressure for p in wheels.axles)
+                self._tally.add(self._defaults(by_pressure))
+                self._settings = with_any_brake(stated, by_pressure)
+                if not (self._shared.json or self._shared.quiet) and sys.stderr.isatty():
+                    self._status = StatusLine(self._algos_shown[0], self._settings.vehicle)
                 sinks: list[Sink] = [self._counts, self._waiting]
                 axles = [p.axle for p in wheels.axles]
                 self._files = self._new_files(stack)
@@ -194,7 +199,7 @@ class _Run:
     def _defaults(self, by_pressure: bool) -> "list[Finding]":
         from ..analysis.vehicle_findings import live_findings
 
-        return live_findings(self._settings, by_pressure)
+        return live_findings(self._stated, by_pressure)
 
     def _say(self, text: str) -> None:
         """Text on stderr, above the line of the samples."""
@@ -259,7 +264,7 @@ class _Run:
         viewers: list[tuple[Path | str, float]] = []
         if self._files:
             record, picture = self._files
-            target = Mcap(record, name, settings, self._algos, axles, self._tally.add)
+            target = Mcap(record, name, self._stated, self._algos, axles, self._tally.add)
             yield Batches(target, sorted(self._algos), axles, _CHUNK)
             viewers.append((picture, _RERUN_CHUNK))
         if self._screens.viewer:

@@ -9,8 +9,11 @@ from ..analysis.settings import Settings
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
+from ..core.model import Parameter, Vehicle
 from ..diagnostics.diagnosis import sensor_thresholds
 from ..formats.source import Source
+from ..train.brake_line import ANY_SHARE
+from ..train.motor_mass import MASS
 from .axle import LiveAxle, LiveSample, Measuring, Sink
 from .feed import FARTHEST, Feed, FeedRow
 from .wheels import LiveWheels, Places
@@ -67,6 +70,26 @@ class Tally:
     def findings(self) -> list[Finding]:
         """All of them."""
         return list(self._kinds.values())
+
+
+def with_any_brake(settings: Settings, by_pressure: bool) -> Settings:
+    """Settings whose vehicle has the uncertainty of what nobody stated of its brake and mass.
+
+    `analyze` finds these in the log. A live run has none, and its band must hold any brake.
+    """
+    unstated = settings.unstated_brake(by_pressure)
+    shares = {"axle_mass": MASS.tolerance / MASS.value} if "axle_mass" in unstated else {}
+    if {*unstated} - {"axle_mass"}:
+        shares["friction"] = ANY_SHARE
+
+    def widened(vehicle: Vehicle) -> Vehicle:
+        for name, share in shares.items():
+            value = getattr(vehicle, name).value
+            vehicle = replace(vehicle, **{name: Parameter(value, share * value)})  # type: ignore[arg-type]
+        return vehicle
+
+    axles = tuple(x._replace(vehicle=widened(x.vehicle)) for x in settings.vehicle.axles)
+    return replace(settings, vehicle=replace(widened(settings.vehicle), axles=axles))
 
 
 def follow(

@@ -32,6 +32,7 @@ from .grid import FEWEST, Grid, erode
 from .longitudinal import RESISTANCE_OF_TRAINS
 
 ZERO = Parameter(1.5e4, 2e4)  # pressure from which brakes act, of any kind [Pa]
+ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
 ROTATING = Parameter(0.08, 0.03)  # rotating mass over mass, of any wheelset [-]
 _ZERO_SHARE = 0.02  # 1 sigma of x₀ of a clamping force, of the highest one
 _LOWEST_BRAKE = 2e4  # a highest pressure below it brakes nothing [Pa]

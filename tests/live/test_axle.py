@@ -13,6 +13,7 @@ from adhesion_cli.core import toml
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
 from adhesion_cli.live.replay import Replay
+from adhesion_cli.live.run import with_any_brake
 
 
 def faulty(folder: Path, column: int, value: str | None, to: float) -> Path:
@@ -65,14 +66,33 @@ def test_the_band_has_the_tolerances_of_the_vehicle(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         np.median(mine[known]), np.median(axle.reference.tolerance[known]), rtol=0.02
     )
+    friction = [s.estimates["imm"].tolerance for s in found[1] if s.clamping > 1e4]
+    assert min(friction) > 0.1 * w.phi * 1e4  # friction alone has 10 %
+
+
+def test_the_band_holds_any_brake_where_nobody_states_one(tmp_path: Path) -> None:
+    """A live run has no log in which it could find the brake."""
+    settings, w = load(), wheelset(Vehicle(), 1)
+    unstated = with_any_brake(settings, by_pressure=True)
+    samples, _ = followed(Replay(SERVICE, settings.read, 0.0), unstated, ["imm"])
     with running(tmp_path, "--replay", SERVICE, "--speed", "0", "--json", "-a", "imm") as process:
         out, _ = process.communicate(timeout=60)
     u95 = {round(float(str(s["t"])) * 1e9): s["u95_n"] for s in lines_of(out)}
-    for s in found[1][::100]:
+    for s in samples[1][::100]:
         e = s.estimates["imm"]
         assert u95[s.t] == pytest.approx(1.959964 * np.hypot(e.sigma, e.tolerance), rel=1e-6)
-    braked = [u95[s.t] for s in found[1] if s.clamping > 1e4]
-    assert min(braked) > 1.9 * 0.1 * w.phi * 1e4  # friction alone has 10 %
+    braked = [u95[s.t] for s in samples[1] if s.clamping > 1e4]
+    assert min(braked) > 1.9 * w.phi * 1e4
+
+
+def test_the_band_has_what_is_not_stated() -> None:
+    brake = ["discs", "lever_ratio", "radius_ratio", "friction", "cylinder_diameter"]
+    options = [f"vehicle.{name}={getattr(Vehicle(), name).value}" for name in brake]
+    without_mass = with_any_brake(load(None, options), by_pressure=True).vehicle
+    assert without_mass.friction.tolerance < 0.2 * without_mass.friction.value
+    assert without_mass.axle_mass.tolerance > 0.4 * without_mass.axle_mass.value
+    stated = load(None, [*options, "vehicle.axle_mass=12000"])
+    assert with_any_brake(stated, by_pressure=True).vehicle == stated.vehicle
 
 
 def test_the_regime_agrees_with_the_slip(tmp_path: Path) -> None:
