@@ -6,6 +6,7 @@ over the cars. Where the names do not say which axles a pressure serves, the use
 
 import re
 from collections.abc import Iterable, Mapping
+from itertools import accumulate
 from typing import NamedTuple
 
 from ..core.model import Meaning
@@ -48,7 +49,8 @@ def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
     pressures = {i: p for i, p in places.items() if channels[i][0] == "pressure"}
     numbers = _axles_of_parts(speeds.values())
     repeats = sum(map(len, numbers.values())) > len(set().union(*numbers.values()))
-    offsets = _offsets(numbers) if repeats else dict.fromkeys(numbers, 0)
+    counts = [max(axles) * repeats for axles in numbers.values()]
+    offsets = dict(zip(numbers, accumulate(counts, initial=0), strict=False))
     bogies = {(p.part, p.bogie) for p in pressures.values() if p.bogie and p.axle is None}
     repeated_bogies = len({b for _, b in bogies}) < len(bogies)
     axles: dict[int, Served] = {}
@@ -95,15 +97,6 @@ def _axles_of_parts(speeds: Iterable[Place]) -> dict[str, set[int]]:
 def _number(word: str) -> int:
     digits = re.search(r"\d+$", word)
     return int(digits[0]) if digits else 0
-
-
-def _offsets(numbers: Mapping[str, set[int]]) -> dict[str, int]:
-    """By how much the axles of each car are counted on."""
-    offsets, total = {}, 0
-    for word, axles in numbers.items():
-        offsets[word] = total
-        total += max(axles)
-    return offsets
 
 
 def _are_unclear(

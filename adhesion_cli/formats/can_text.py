@@ -33,6 +33,7 @@ _EVENTS = re.compile(r"(?i)Statistic|J1939|Overload|Status|Chip")  # lines of an
 _DIRECTIONS = {"Rx", "Tx", "TxRq"}
 _STATES = {"ST", "EC", "EV", "Warng", "Event"}  # lines of a TRC log that are no frames
 _TRC_ERRORS = {"ER", "Error"}
+_TRC_COLUMNS = {"1.0": "NOILD", "1.1": "NOTILD", "1.3": "NOBTIRLD"}  # else the file lists them
 _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]")  # of bytes that were lost
 _DAY = 86_400.0
 
@@ -57,7 +58,7 @@ class TextLog:
         self._first: float | None = None  # the first time as the log counts [s]
         self._begin, self._is_closed = "", False
         self._latest = 0.0  # what the last head states [s]
-        self._base, self._columns, self._version = 16, list[str](), ""
+        self._base, self._columns = 16, [*_TRC_COLUMNS["1.0"]]
         self._buses: list[str] = []
 
     def _reader(self, head: bytes, suffix: str) -> Callable[[str], Frame | None]:
@@ -186,30 +187,22 @@ class TextLog:
         if line.startswith(";"):
             self._trc_head(line)
             return None
-        tokens = line.split(maxsplit=len(self._columns) - 1 if self._columns else -1)
+        tokens = line.split(maxsplit=len(self._columns) - 1)
         cells = dict(zip(self._columns, tokens, strict=False))
-        place = {"1.1": 3, "1.3": 4}.get(self._version, 2)  # of the identifier
-        if self._columns:
-            kind, t = cells["T"], cells["O"]
-        else:  # version 1.0 has no kind
-            kind, t = tokens[place - 1] if place > 2 else "", tokens[1]
-        if kind in _TRC_ERRORS:
-            return Frame(float(t) / 1e3, 0, 0, kind="error")
+        kind = cells.get("T", "")
         if kind in _STATES:
             return None
-        if self._columns:
-            identifier, bus = cells["I"], cells.get("B", "1")
-            size, data = cells.get("l") or cells["L"], cells.get("D", "").split()
-        else:
-            bus, gap = (tokens[2], 2) if self._version == "1.3" else ("1", 1)
-            identifier, size, data = tokens[place], tokens[place + gap], tokens[place + gap + 1 :]
+        t = float(cells["O"]) / 1e3
+        if kind in _TRC_ERRORS:
+            return Frame(t, 0, 0, kind="error")
+        identifier, bus, data = cells["I"], cells.get("B", "1"), cells.get("D", "").split()
         if identifier == "FFFFFFFF":  # what the bus does
             return None
         is_remote = kind == "RR" or data[:1] == ["RTR"]
-        octets = b"" if is_remote else self._bytes(data, min(int(size), 64))
-        number, is_extended = int(identifier, 16), len(identifier) > 4
+        size = min(int(cells.get("l") or cells["L"]), 64)
+        octets = b"" if is_remote else self._bytes(data, size)
         kind = "remote" if is_remote else "data"
-        return Frame(float(t) / 1e3, int(bus) - 1, number, is_extended, octets, kind)
+        return Frame(t, int(bus) - 1, int(identifier, 16), len(identifier) > 4, octets, kind)
 
     def _trc_head(self, line: str) -> None:
         """Takes what the head of a TRC log says.
@@ -219,10 +212,11 @@ class TextLog:
         """
         key, _, value = line[1:].partition("=")
         if key == "$FILEVERSION":
-            self._version = value.strip()
-            if self._version not in ("1.0", "1.1", "1.3", "2.0", "2.1"):
+            version = value.strip()
+            self._columns = [*_TRC_COLUMNS.get(version, "")]
+            if version not in (*_TRC_COLUMNS, "2.0", "2.1"):
                 raise UserError(
-                    f"{self._path}: TRC files of version {self._version} are not read",
+                    f"{self._path}: TRC files of version {version} are not read",
                     "export the log as version 1.1, 1.3, 2.0 or 2.1",
                 )
         elif key == "$STARTTIME":

@@ -21,7 +21,7 @@ from typing import Any
 
 from ..core.children import Child, ChildDiedError
 from ..core.errors import UserError, installed_by
-from .source import ReadOptions
+from .source import ReadOptions, damaged
 from .tables import Columns, Contents, Reader, TableSource
 
 _MEMORY = 3 << 30, 24  # bytes that reading a log may take, and for each byte of the file
@@ -66,7 +66,7 @@ class Library:
             outcome = (
                 "does not come to an end" if error.was_late else "crashes or needs too much memory"
             )
-            raise _damaged(path, self.description, f"its reader {outcome}") from None
+            raise damaged(path, self.description, f"its reader {outcome}") from None
         except UserError as error:
             error.text = error.text.replace(str(absolute), str(path))
             raise
@@ -92,11 +92,6 @@ class _Remote:
             UserError: where the file cannot be read.
         """
         return self._library.call(self._path, _read, self._library.kind, self._options, wanted)
-
-
-def _damaged(path: Path, description: str, reason: str) -> UserError:
-    hint = "copy the log again from its source, or export it as CSV with its own tool"
-    return UserError(f"{path}: damaged {description} file: {reason}", hint)
 
 
 _children: dict[str, Child] = {}
@@ -171,7 +166,7 @@ def _as_user_error(error: Exception, description: str, path: Path) -> UserError:
     reason = " ".join(str(error).split())[:120]
     if type(error) is not ValueError:
         reason = f"its structure is wrong ({type(error).__name__}: {reason})"
-    return _damaged(path, description, reason)
+    return damaged(path, description, reason)
 
 
 def _allowed(size: int) -> int:

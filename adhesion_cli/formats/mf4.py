@@ -287,11 +287,8 @@ class Reader:
             axes.append(t[ok])
             for place, signal in zip(group_places, signals, strict=True):
                 if len(signal.samples) != rows:
-                    raise UserError(
-                        f"{self._path}: damaged MDF file: channel {signal.name!r} has "
-                        f"{len(signal.samples)} samples at {rows} times",
-                        "copy the log again from its source",
-                    )
+                    n = len(signal.samples)
+                    raise ValueError(f"channel {signal.name!r} has {n} samples at {rows} times")
                 value, texts = _physical(signal, _TEXTS[self._is_version_4])
                 masks = {}
                 if signal.invalidation_bits is not None:

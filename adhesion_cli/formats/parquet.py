@@ -15,7 +15,7 @@ from ..core.finding import Finding
 from ..core.text import distinct
 from .as_text import open_text, write_table
 from .csv.reader import CsvSource
-from .source import ReadOptions
+from .source import ReadOptions, damaged, without_numbers
 from .tables import open_scale
 
 _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
@@ -41,7 +41,7 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
     try:
         file = _open_file(path)
     except _READ_ERRORS as error:
-        raise _damaged(path, _first_line(error)) from None
+        raise damaged(path, "Parquet", _first_line(error)) from None
     schema, meta = file.schema_arrow, file.metadata
     if len(set(schema.names)) < len(schema.names):
         hint = "give each column a name of its own"
@@ -60,11 +60,11 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
         return [c.unit for c in columns]
 
     if not columns or not meta.num_rows:
-        raise _nothing(path, findings)
+        raise without_numbers(path, findings)
     source = open_text("parquet", path, write, "field metadata", options)
     source.fields = [f for f in source.fields if f.channel not in durations]
     if not source.fields:
-        raise _nothing(path, findings)
+        raise without_numbers(path, findings)
     source.findings += findings
     source.reasons |= {
         "columns": len(schema.names),
@@ -72,16 +72,6 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
         "written by": meta.created_by or "",
     }
     return source
-
-
-def _nothing(path: Path, findings: Sequence[Finding]) -> UserError:
-    """The refusal of a log without numbers, for the first of these reasons."""
-    text = f"{path}: the log holds no numbers over time"
-    if not findings:
-        return UserError(text, "check that the logger recorded anything")
-    cause = findings[0]
-    reason = f"{cause.channel!r}: {cause.message}" if cause.channel else cause.message
-    return UserError(f"{text}; {reason}".removesuffix("."), cause.hint or "")
 
 
 def _not_read(nested: Sequence[str], raw: Mapping[str, str]) -> Iterator[Finding]:
@@ -115,7 +105,7 @@ def _read_table(path: Path, file: Any) -> Any:
         table = file.read()
         table.validate(full=True)
     except _READ_ERRORS as error:
-        raise _damaged(path, _first_line(error)) from None
+        raise damaged(path, "Parquet", _first_line(error)) from None
     while any(pa.types.is_struct(f.type) for f in table.schema):
         table = table.flatten()
     return table
@@ -188,13 +178,6 @@ def _open_file(path: Path) -> Any:
         page_checksum_verification=True,
         thrift_string_size_limit=metadata_limit,
         thrift_container_size_limit=metadata_limit,
-    )
-
-
-def _damaged(path: Path, damage: str) -> UserError:
-    return UserError(
-        f"{path}: damaged Parquet file: {damage}",
-        "copy the log again from its source; a file that was cut off has no table of contents",
     )
 
 

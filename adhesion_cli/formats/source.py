@@ -71,6 +71,21 @@ class ReadOptions:
         return max(self.max_record // 32, 1 << 16)
 
 
+def damaged(path: Path, description: str, reason: str) -> UserError:
+    """The refusal of a file of this format that cannot be read."""
+    hint = "copy the log again from its source, or export it as CSV with its own tool"
+    return UserError(f"{path}: damaged {description} file: {reason}", hint)
+
+
+def without_numbers(path: Path, causes: Iterable[Finding]) -> UserError:
+    """The refusal of a log without numbers, for the first of these causes."""
+    text, hint = "the log holds no numbers over time", "check that the logger recorded anything"
+    if cause := next(iter(causes), None):
+        name = f"{cause.channel!r}: " if cause.channel else ""
+        text, hint = f"{text}; {name}{cause.message}".removesuffix("."), cause.hint or hint
+    return UserError(f"{path}: {text}", hint)
+
+
 def distinct_words(texts: Iterable[str]) -> tuple[str, ...]:
     """The words among the first texts of a column; none where they are too many for a state."""
     words = tuple(dict.fromkeys(text.strip() for text in texts))

@@ -17,7 +17,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Bools, Column, Floats, Times
 from ..core.text import distinct
-from .source import YEAR_1990, Field, ReadOptions, Source
+from .source import YEAR_1990, Field, ReadOptions, Source, without_numbers
 
 MOST_NS = 2**62  # times beyond are no times
 
@@ -89,13 +89,8 @@ class TableSource(Source):
     def __init__(self, path: Path, kind: str, options: ReadOptions, reader: Reader) -> None:
         contents = reader.contents
         if not contents.fields or not contents.rows:
-            hint = "check that the logger recorded anything"
             in_file = (f for f in contents.findings if catalogue()[f.code].section == "file")
-            cause = next(in_file, None)
-            text = f"{path}: the log holds no numbers over time"
-            name = f"{cause.channel!r}: " if cause and cause.channel else ""
-            text += f"; {name}{cause.message}".removesuffix(".") if cause else ""
-            raise UserError(text, (cause and cause.hint) or hint)
+            raise without_numbers(path, in_file)
         super().__init__(path, options)
         self.format, self._reader = kind, reader
         self.absolute, self.time_reason = contents.absolute, contents.time_reason

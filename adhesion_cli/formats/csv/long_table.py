@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core import toml
 from ...core.errors import UserError
-from ...core.finding import Finding, Severity
+from ...core.finding import Finding
 from ...core.model import Times
 from ...core.text import listed
 from .block_parser import CsvTable
@@ -91,7 +91,8 @@ def _stated_keys(table: CsvTable, i: int, named: list[int]) -> Keys:
     other_group = next((g for g in sorted(groups) if g != equals), equals)
     names = {"groups": listed(sorted(groups)), "read": equals}
     names |= _of_one_device(name, other_group)
-    finding = _finding("one-device-read", name, {"devices": len(groups)}, names)
+    values = {"devices": len(groups)}
+    finding = Finding("one-device-read", "info", name, len(groups), values=values, names=names)
     if unused := tuple(k for k in named if k != i):
         columns = (i, *unused)
         read = read_rows(table, [], columns)
@@ -140,7 +141,8 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
     column_names = [dialect.names[i] for i in columns]
     names = {"columns": listed(column_names), "titles": listed(x.title for x in series.values())}
     names |= _of_one_device(column_names[device], keys[0][device])
-    finding = _finding("long-layout", column_names[0], {"series": len(series)}, names)
+    values, count = {"series": len(series)}, len(series)
+    finding = Finding("long-layout", "info", column_names[0], count, values=values, names=names)
     return Keys(columns, series, (finding,))
 
 
@@ -188,19 +190,6 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
         if smooth and sum(smooth) >= 0.5 * len(smooth):
             name, devices = dialect.names[i], sorted(counts)
             names = {"groups": listed(devices), **_of_one_device(name, devices[0])}
-            return _finding(
-                "devices-interleaved", name, {"devices": len(devices)}, names, "warning"
-            )
+            n, code = len(devices), "devices-interleaved"
+            return Finding(code, "warning", name, n, values={"devices": n}, names=names)
     return None
-
-
-def _finding(
-    code: str,
-    column: str,
-    counts: dict[str, float],
-    names: dict[str, str],
-    severity: Severity = "info",
-) -> Finding:
-    """A finding on the series of a long table, counted by how many there are."""
-    (count,) = counts.values()
-    return Finding(code, severity, column, int(count), values=counts, names=names)
