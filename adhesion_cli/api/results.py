@@ -296,7 +296,7 @@ class Analysis(_Tables):
         return summarise(self.result, {}, self._braked)
 
     def _table(self, name: str) -> Any:
-        return getattr(tables, name)([self._summary])
+        return tables.of_results(name, [self._summary])
 
     @in_python
     def plot(self, axles: int | Iterable[int] = ()) -> "Plot":
@@ -391,7 +391,7 @@ class Comparison(_Tables):
         return json_documents.result_document([analysis._summary for analysis in self.analyses])
 
     def _table(self, name: str) -> Any:
-        return getattr(tables, name)([analysis._summary for analysis in self.analyses])
+        return tables.of_results(name, [analysis._summary for analysis in self.analyses])
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
@@ -508,16 +508,9 @@ class Inspection(_Tables):
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         rows = [
-            {
-                "channel": c.title,
-                "meaning": c.meaning or "-",
-                "axle": number(c.axle),
-                "unit": c.unit or "-",
-                "Hz": number(c.rate_hz, 2),
-                "rows": str(c.rows),
-                "why": c.reason,
-            }
-            for c in self.channels
+            result_rows.channel_row(c)
+            | {"Hz": number(c.rate_hz, 2), "rows": str(c.rows), "why": c.reason}
+            for c in self._inspected.summary.channels
         ]
         return self.log.path, {"Channels": rows}
 

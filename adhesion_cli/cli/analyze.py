@@ -110,14 +110,9 @@ def _sheets(summaries: "Sequence[ResultSummary]") -> dict[str, Any]:
     """The tables of `--table`, of which a workbook has all."""
     from ..results import tables
 
-    return {
-        "applications": tables.applications(summaries),
-        "stops": tables.stops(summaries),
-        "slides": tables.slides_of_results(summaries),
-        "estimators": tables.estimators(summaries),
-        "findings": tables.findings(summaries),
-        "logs": tables.table(map(tables.log_row, summaries), tables.LOGS),
-    }
+    names = "applications", "stops", "slides", "estimators", "findings"
+    sheets = {name: tables.of_results(name, summaries) for name in names}
+    return sheets | {"logs": tables.table(map(tables.log_row, summaries), tables.LOGS)}
 
 
 class _Shown(NamedTuple):

@@ -59,6 +59,7 @@ def _text(
 def _channels(channels: "Sequence[InspectedChannel]") -> list[str]:
     """A row each, with a column for each fault that occurs; then the reason for each meaning."""
     from ..core.text import printable
+    from ..results.result_rows import channel_row
     from . import terminal
 
     faults = {"unused": [c.rows - c.valid for c in channels]}
@@ -67,11 +68,8 @@ def _channels(channels: "Sequence[InspectedChannel]") -> list[str]:
     present = [name for name, counts in faults.items() if any(counts)]
     rows = []
     for i, c in enumerate(channels):
-        unit = c.unit or ("not stated" if c.meaning else "-")
-        head = {"channel": f"{c.name} {c.field}".strip(), "meaning": c.meaning or "-"}
-        head |= {"axle": terminal.number(c.axle), "unit": unit}
         counts = {"Hz": terminal.number(c.rate_hz, 2), "rows": str(c.rows)}
-        rows.append(head | counts | {name: str(faults[name][i]) for name in present})
+        rows.append(channel_row(c) | counts | {name: str(faults[name][i]) for name in present})
     lines = [terminal.records(rows, text_columns=2)] if rows else []
     if absent := [name for name in faults if name not in present]:
         lines.append(f"{', '.join(absent)}: none")

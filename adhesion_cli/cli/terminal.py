@@ -11,8 +11,9 @@ from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Score
 from ..core.summary import AxleSummary, ResultSummary
 from ..core.text import printable
-from ..results.result_rows import budget_row, combined, newtons, score_row
+from ..results.result_rows import OF_BUDGETS, budget_row, combined, newtons, score_row
 from ..results.text_tables import NARROW as NARROW
+from ..results.text_tables import describe_times
 from ..results.text_tables import folded as folded
 from ..results.text_tables import non_empty as non_empty
 from ..results.text_tables import number as number
@@ -25,14 +26,8 @@ if TYPE_CHECKING:
 
 _WIDEST = 120  # columns of a line on a finding
 _CHANNEL = 28  # of these for names of channels
-_INSTANT = 0.005  # a shorter span is one time [s]
 _HEADINGS: dict[Severity, str] = {"error": "errors", "warning": "warnings", "info": "notes"}
 _EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
-_OF_BUDGETS = (
-    "Uncertainty budget of the mean force by JCGM 100 (GUM). Type A: from the samples; type B: "
-    "tolerances of the vehicle, stated or left by the log. u: standard uncertainty, in the unit "
-    "of the value; noise in N. u(F): what it adds to the force; share: of the variance."
-)
 _FEW_LOGS = 2  # logs that a line on a finding names
 _LISTED_ALIKE = 3  # messages of one code that are shown one by one
 
@@ -86,7 +81,7 @@ def budgets(axles: Sequence[AxleSummary]) -> str:
                 lines += [f"Axle {axle.axle}, brake application at {a.start_s:.1f} s:"]
                 lines += [records([budget_row(c) for c in a.budget], text_columns=3)]
                 lines += [folded(combined(a)), ""]
-    return "\n".join([*lines, folded(_OF_BUDGETS), ""]) if lines else ""
+    return "\n".join([*lines, folded(OF_BUDGETS), ""]) if lines else ""
 
 
 def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str:
@@ -102,7 +97,7 @@ def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str
         codes = max((len(group[0].code) for group, _ in groups), default=0)
         lines += [f"{heading}:"] if groups else []
         for group, message in groups:
-            location = ", ".join(filter(None, (_channels(group), _times_text(group))))
+            location = ", ".join(filter(None, (_channels(group), describe_times(group))))
             cells = filter(None, (group[0].code.ljust(codes), location, printable(message)))
             line = _shorten("  " + "  ".join(cells), 2 * _WIDEST)
             lines.append(folded(line, " " * 6, columns))
@@ -188,17 +183,6 @@ def _channels(group: Sequence[Finding]) -> str:
         count -= 1
     suffix = f" and {len(names) - count} more" if count < len(names) else ""
     return ", ".join(names[:count]) + suffix
-
-
-def _times_text(group: Sequence[Finding]) -> str:
-    """The first time span and how many more there are; else how often."""
-    spans = sorted(span for f in group for span in f.spans)
-    if not spans:
-        count = sum(f.count for f in group)
-        return f"{count}×" if count > len(group) else ""
-    begin, stop = spans[0]
-    first_span = f"{begin:.2f} s" if stop - begin < _INSTANT else f"{begin:.2f}–{stop:.2f} s"
-    return f"{first_span} and {len(spans) - 1} more" if len(spans) > 1 else first_span
 
 
 def _shorten(text: str, width: int) -> str:

@@ -22,8 +22,8 @@ from ..core.text import printable, utf8
 from ..results import atomic_files, tables
 from ..results.tables import LogRow
 
-_OTHERS = ("applications", "stops", "estimators", "findings")
-TABLES = (*_OTHERS, "logs")
+OF_RESULTS = ("applications", "stops", "estimators", "findings")
+TABLES = (*OF_RESULTS, "logs")
 RECORDINGS = "recordings"
 SETTINGS = "settings"  # a file for each hash, with what it is of
 _DIGITS = 16  # of the hash
@@ -114,7 +114,7 @@ class Dataset:
             content |= {self._path(name, log.key): data for name, data in log.files.items()}
             row = log.row
             if log.files:
-                row = replace(row, tables_sha256=_digest(log.files[name] for name in _OTHERS))
+                row = replace(row, tables_sha256=_digest(log.files[name] for name in OF_RESULTS))
             rows = [replace(row, log=name) for name in sorted(map(utf8, log.names))]
             content[self._path("logs", log.key)] = tables.packed(tables.table(rows, tables.LOGS))
         with atomic_files.sets([[path] for path in content], True, sweeps=False) as places:
@@ -153,7 +153,7 @@ def is_whole(log: Path, tables_sha256: str | None) -> bool:
         tables_sha256: what this says of the others.
     """
     try:
-        contents = [(log.parents[1] / name / log.name).read_bytes() for name in _OTHERS]
+        contents = [(log.parents[1] / name / log.name).read_bytes() for name in OF_RESULTS]
     except OSError:
         return False
     return _digest(contents) == tables_sha256

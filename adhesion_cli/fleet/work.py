@@ -25,6 +25,7 @@ from ..core.text import printable
 from ..formats.open import check_kind
 from ..results import atomic_files, tables
 from ..results.tables import LogRow
+from .dataset import OF_RESULTS
 from .locations import LogLocation, local
 
 BLOCK = 256  # logs whose hashes are asked for at once
@@ -164,12 +165,7 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, 
     if result := evaluated.result:
         result = replace(result, log=replace(result.log, path=name))
         _record(result, summary, recordings(item, job))
-    by_name = {
-        "applications": tables.applications([summary]),
-        "stops": tables.stops([summary]),
-        "estimators": tables.estimators([summary]),
-        "findings": tables.findings([summary]),
-    }
+    by_name = {name: tables.of_results(name, [summary]) for name in OF_RESULTS}
     return summary, {name: tables.packed(_of_run(rows, job)) for name, rows in by_name.items()}
 
 

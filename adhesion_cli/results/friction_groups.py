@@ -17,6 +17,7 @@ import numpy as np
 from ..core.finding import Finding
 from ..core.model import Z95, IdentifiedVehicle, LogBrake
 from ..core.text import listed, shell_word, stem
+from .text_tables import numbered
 
 _FADE = 0.015  # 1 sigma of the change of any friction over speed, relative [s/m]
 _LEAST_SURE = 2.0  # of the smallest sigma: a run with more, as one with slides, parts no others
@@ -94,7 +95,8 @@ def find_friction_differs(
 
     def group_name(group: FrictionGroup) -> str:
         logs = [Path(runs[place - 1].log).name for place in group.places]
-        return listed(logs, _NAMED) if by_name else _runs(group.places)
+        places = f"run{'s' * (len(group.places) > 1)} {numbered(group.places)}"
+        return listed(logs, _NAMED) if by_name else places
 
     commands = _commands(runs, groups, vehicle_files)
     return [
@@ -143,15 +145,6 @@ def _sigma(group_a: _Group, group_b: _Group) -> float:
     begin = np.diff([1.0 / np.mean(x) for x in pressures])[0] if all(pressures) else 0.0
     noise = [np.mean([brake.sigma for brake in group_files]) for group_files in sides]
     return math.hypot(*noise, _FADE * (speeds[1] - speeds[0]), _BEGIN * begin)
-
-
-def _runs(places: Sequence[int]) -> str:
-    """Runs by their places: `run 3`, `runs 1 to 6`, `runs 1, 2, 5`."""
-    if len(places) == 1:
-        return f"run {places[0]}"
-    if len(places) > 2 and places[-1] - places[0] == len(places) - 1:
-        return f"runs {places[0]} to {places[-1]}"
-    return f"runs {', '.join(map(str, places))}"
 
 
 def _commands(

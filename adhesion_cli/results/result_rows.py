@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from ..core.model import Score
-from ..core.summary import BrakeApplication, Contribution, SlideSummary
+from ..core.summary import BrakeApplication, ChannelSummary, Contribution, SlideSummary
 from ..rail.highest import is_known
 from .text_tables import (
     DASH,
@@ -22,6 +22,11 @@ MARK = "*"  # behind a µ without the force of another brake that acts
 _OF_SHARES = (
     " A share above 100 % is one of correlated quantities: their errors cancel in part, and others "
     "have a negative share."
+)
+OF_BUDGETS = (
+    "Uncertainty budget of the mean force by JCGM 100 (GUM). Type A: from the samples; type B: "
+    "tolerances of the vehicle, stated or left by the log. u: standard uncertainty, in the unit "
+    "of the value; noise in N. u(F): what it adds to the force; share: of the variance."
 )
 OF_MARK = "*: without the force of another brake that acts (`other-brake`)."
 
@@ -96,6 +101,16 @@ def score_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
         for s in scores
     ]
     return non_empty(rows)
+
+
+def channel_row(c: ChannelSummary) -> dict[str, str]:
+    """A channel of a log, and what it was taken for."""
+    return {
+        "channel": f"{c.name} {c.field}".strip(),
+        "meaning": c.meaning or DASH,
+        "axle": number(c.axle),
+        "unit": c.unit or ("not stated" if c.meaning else DASH),
+    }
 
 
 def budget_row(c: Contribution) -> dict[str, str]:

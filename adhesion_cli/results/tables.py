@@ -7,7 +7,7 @@ null.
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -21,11 +21,11 @@ from ..core.errors import UserError
 from ..core.finding import is_lossy
 from ..core.model import Log, Quantity, Score
 from ..core.summary import (
-    AxleSummary,
     BrakeApplication,
     FailedLog,
     FindingSummary,
     InspectedChannel,
+    LogSummary,
     ResultSummary,
     SlideSummary,
     SlipSummary,
@@ -93,22 +93,32 @@ CHANNELS = _schema(InspectedChannel)
 PARAMETERS = _schema(CalibratedParameter, parameter=str)
 
 
-def applications(results: Iterable[ResultSummary]) -> Any:
-    """A row per log, axle and brake application: a `pyarrow.Table` of the schema `APPLICATIONS`."""
-    axles = _axles(results)
-    return _table((keys | flat(x) for keys, a in axles for x in a.applications), APPLICATIONS)
+_Rows = Iterator[tuple[dict[str, int], Any]]
 
 
-def estimators(results: Iterable[ResultSummary]) -> Any:
-    """A row per log, axle and estimator's score, as `applications`; the schema is `ESTIMATORS`."""
-    axles = _axles(results)
-    return _table((keys | flat(s) for keys, a in axles for s in a.estimators), ESTIMATORS)
+def _of_axles(r: ResultSummary, name: str) -> _Rows:
+    """The brake applications, or scores, of the axles of a log, each after the axle's number."""
+    return (({"axle": a.axle}, x) for a in r.axles for x in getattr(a, name))
 
 
-def stops(results: Iterable[ResultSummary]) -> Any:
-    """A row per log and stop of the whole train; the schema is `STOPS`."""
-    rows = (_log(r.log.path, r.log.sha256) | flat(s) for r in results for s in r.stops)
-    return _table(rows, STOPS)
+def _slides(r: ResultSummary) -> _Rows:
+    return ((keys, x) for keys, a in _of_axles(r, "applications") for x in a.slide_list)
+
+
+# The tables of results, by name: the schema, and the rows of a log with their further keys.
+_OF_RESULTS: dict[str, tuple[Any, Callable[[ResultSummary], _Rows]]] = {
+    "applications": (APPLICATIONS, lambda r: _of_axles(r, "applications")),
+    "stops": (STOPS, lambda r: (({}, x) for x in r.stops)),
+    "slides": (SLIDES, _slides),
+    "estimators": (ESTIMATORS, lambda r: _of_axles(r, "estimators")),
+    "findings": (FINDINGS, lambda r: (({}, x) for x in r.findings)),
+}
+
+
+def of_results(name: str, results: Iterable[ResultSummary]) -> Any:
+    """A `pyarrow.Table` of results: applications, stops, slides, estimators or findings."""
+    schema, rows = _OF_RESULTS[name]
+    return _table((_log(r.log) | keys | flat(x) for r in results for keys, x in rows(r)), schema)
 
 
 def stops_of_series(stops: Iterable[SeriesStop]) -> Any:
@@ -126,31 +136,14 @@ def stops_of_series(stops: Iterable[SeriesStop]) -> Any:
     return _table(rows, SERIES)
 
 
-def findings(results: Iterable[ResultSummary]) -> Any:
-    """A row per log and finding, as `applications`; the schema is `FINDINGS`."""
-    rows = (_log(r.log.path, r.log.sha256) | flat(f) for r in results for f in r.findings)
-    return _table(rows, FINDINGS)
-
-
 def findings_of(log: Log, rows: Iterable[FindingSummary]) -> Any:
-    """The same of a log that was not analysed."""
-    return _table((_log(log.path, log.sha256) | flat(f) for f in rows), FINDINGS)
+    """The findings of a log that was not analysed; the schema is `FINDINGS`."""
+    return _table((_log(log) | flat(f) for f in rows), FINDINGS)
 
 
 def slides(axles: Iterable[SlipSummary]) -> Any:
     """A row per axle and slide; the schema is `SLIDES`."""
     rows = ({"log": a.log, "axle": a.axle, **flat(x)} for a in axles for x in a.slides)
-    return _table(rows, SLIDES)
-
-
-def slides_of_results(results: Iterable[ResultSummary]) -> Any:
-    """The same of the brake applications of logs."""
-    rows = (
-        {"log": utf8(str(keys["log"])), "axle": axle.axle, **flat(x)}
-        for keys, axle in _axles(results)
-        for a in axle.applications
-        for x in a.slide_list
-    )
     return _table(rows, SLIDES)
 
 
@@ -259,12 +252,5 @@ def _table(rows: Iterable[Mapping[str, object]], schema: Any) -> Any:
     return pa.Table.from_pylist(list(rows), schema=schema)
 
 
-def _log(path: str, sha256: str) -> dict[str, object]:
-    return {"log": utf8(path), "sha256": sha256}
-
-
-def _axles(results: Iterable[ResultSummary]) -> Iterator[tuple[dict[str, object], AxleSummary]]:
-    """The axles of logs, each with what says whose row it is."""
-    for r in results:
-        for axle in r.axles:
-            yield {**_log(r.log.path, r.log.sha256), "axle": axle.axle}, axle
+def _log(log: Log | LogSummary) -> dict[str, object]:
+    return {"log": utf8(log.path), "sha256": log.sha256}

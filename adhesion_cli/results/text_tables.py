@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
+from ..core.finding import Finding
+from ..core.summary import FindingSummary
 from ..core.text import by_uncertainty, printable
 from ..rail.highest import SLIPPERY
 
@@ -13,6 +15,7 @@ NARROW = 80  # columns where there is no terminal, and in a recording
 DASH = "-"  # where a number is not known
 ED = "ED [%]"  # the column of the share of the ED brake
 _DECIMALS = 6  # of a number with an uncertainty, at most
+_INSTANT = 0.005  # a shorter span is one time [s]
 _LOCKED = 0.9995  # slip that is shown as 100 %
 _TEXT = 16  # columns that a text keeps
 NOT_KNOWN = "not known"
@@ -149,6 +152,41 @@ def with_u95(x: Sequence[float | None] | None, factor: float = 1.0, digits: int 
     if value is None or u95 is None:
         return NOT_KNOWN
     return "±".join(by_uncertainty(factor * value, factor * u95, digits))
+
+
+def describe_times(findings: Sequence[Finding | FindingSummary]) -> str:
+    """The first time span and how many more there are; else how often."""
+    spans = sorted(span for f in findings for span in f.spans)
+    if not spans:
+        count = sum(f.count for f in findings)
+        return f"{count}×" if count > len(findings) else ""
+    begin, stop = spans[0]
+    first_span = f"{begin:.2f} s" if stop - begin < _INSTANT else f"{begin:.2f}–{stop:.2f} s"
+    return f"{first_span} and {len(spans) - 1} more" if len(spans) > 1 else first_span
+
+
+def listed(names: Sequence[object]) -> str:
+    """A list as a sentence has it."""
+    *leading, final = map(str, names)
+    return f"{', '.join(leading)} and {final}" if leading else final
+
+
+def numbered(numbers: Sequence[int]) -> str:
+    """Numbers as a sentence has them; three or more in a row as a range.
+
+    >>> numbered([1, 2, 3, 5, 7, 8])
+    '1 to 3, 5, 7 and 8'
+    """
+    runs: list[list[int]] = []
+    for place in sorted(numbers):
+        if runs and place == runs[-1][-1] + 1:
+            runs[-1].append(place)
+        else:
+            runs.append([place])
+    parts: list[object] = []
+    for run in runs:
+        parts += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else run
+    return listed(parts)
 
 
 def bounded_number(value: float | None, digits: int, bound: bool) -> str:

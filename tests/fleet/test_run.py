@@ -99,7 +99,7 @@ def test_the_tables_hold_what_analyze_gives(logs: Path, first: tuple[Path, Fleet
     log = logs / "once.csv"
     one = summarise(analyze(log, Settings(), train_speed=True), {})
     for name in ("applications", "stops", "estimators", "findings"):
-        expected = getattr(tables, name)([one])
+        expected = tables.of_results(name, [one])
         mine = [row for row in of(first[0], name) if row["log"] == str(log)]
         assert expected.num_rows
         assert [{k: row[k] for k in expected.schema.names} for row in mine] == expected.to_pylist()

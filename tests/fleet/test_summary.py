@@ -24,7 +24,7 @@ from adhesion_cli.core.summary import (
     VehicleSummary,
 )
 from adhesion_cli.fleet import summary_tables
-from adhesion_cli.fleet.dataset import Dataset, KeptTables
+from adhesion_cli.fleet.dataset import OF_RESULTS, Dataset, KeptTables
 from adhesion_cli.fleet.summary import summarise_fleet
 from adhesion_cli.fleet.work import Job, _of_run, row
 from adhesion_cli.results import tables
@@ -81,12 +81,7 @@ def write(folder: Path, summary: ResultSummary | FailedLog, job: Job = JOB) -> N
     kept.prepare(job.depends())
     files, line = {}, row(summary, job, 1.0)
     if isinstance(summary, ResultSummary):
-        content = {
-            "applications": tables.applications([summary]),
-            "stops": tables.stops([summary]),
-            "estimators": tables.estimators([summary]),
-            "findings": tables.findings([summary]),
-        }
+        content = {name: tables.of_results(name, [summary]) for name in OF_RESULTS}
         files = {name: tables.packed(_of_run(table, job)) for name, table in content.items()}
     kept.write([KeptTables(line.sha256 or "", (line.log,), line, files)])
 

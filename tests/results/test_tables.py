@@ -21,13 +21,13 @@ def summary() -> ResultSummary:
 
 
 def findings(of: ResultSummary) -> pa.Table:
-    return tables.findings([of])
+    return tables.of_results("findings", [of])
 
 
 def test_each_application_of_each_axle_is_a_row_with_the_numbers_of_the_document(
     summary: ResultSummary,
 ) -> None:
-    rows = tables.applications([summary]).to_pylist()
+    rows = tables.of_results("applications", [summary]).to_pylist()
     document = as_json(summary)
     given = [(a["axle"], x) for a in document["axles"] for x in a["applications"]]
     assert len(rows) == len(given) > 0
@@ -59,12 +59,12 @@ def test_numbers_have_units() -> None:
 
 
 def test_scores_and_findings_are_rows(summary: ResultSummary) -> None:
-    scores = tables.estimators([summary, summary])
+    scores = tables.of_results("estimators", [summary, summary])
     assert scores.num_rows == 2 * sum(len(a.estimators) for a in summary.axles) > 0
     first = summary.axles[0]
     score = replace(first.estimators[0], nis=Nis(0.8, 0.9, 1.1))
     axle = first._replace(axle=2, estimators=(score,))
-    (row,) = tables.estimators([replace(summary, axles=(axle,))]).to_pylist()
+    (row,) = tables.of_results("estimators", [replace(summary, axles=(axle,))]).to_pylist()
     assert (row["nis_mean"], row["nis_high"], row["axle"]) == (0.8, 1.1, 2)
     codes = findings(summary)["code"].to_pylist()
     assert codes == [f.code for f in summary.findings]
@@ -97,7 +97,7 @@ def test_a_failed_log_is_a_row_without_results(summary: ResultSummary) -> None:
 def test_a_file_has_schema_units_and_equal_bytes(tmp_path: Path, summary: ResultSummary) -> None:
     files = [tmp_path / "a.parquet", tmp_path / "b.parquet"]
     for file in files:
-        file.write_bytes(tables.packed(tables.applications([summary])))
+        file.write_bytes(tables.packed(tables.of_results("applications", [summary])))
     assert files[0].read_bytes() == files[1].read_bytes()
     read = parquet.read_table(files[0])
     assert read.schema.equals(tables.APPLICATIONS, check_metadata=False)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from ...core.model import Z95
 from ...core.summary import BrakeApplication
 from ...core.text import by_uncertainty
-from ..text_tables import DASH, number
+from ..text_tables import DASH, number, numbered
 from . import differences, words
 from .differences import RunDifference
 from .run import ReportRun
@@ -54,7 +54,7 @@ def cautions(runs: Sequence[ReportRun]) -> Iterator[str]:
             continue
         places_by_text.setdefault(text, []).append(place)
     for text, places in places_by_text.items():
-        yield f"{'Run' if len(places) == 1 else 'Runs'} {words.numbered(places)}: {text}"
+        yield f"{'Run' if len(places) == 1 else 'Runs'} {numbered(places)}: {text}"
 
 
 def _headline(runs: Sequence[ReportRun], all_differences: Sequence[RunDifference]) -> str:

@@ -20,7 +20,8 @@ from ...core.model import Vehicle, quantities
 from ...core.text import printable, utf8
 from .. import application_tables, result_rows, stop_rows
 from ..carried_vehicle import is_of_vehicle
-from ..text_tables import DASH
+from ..result_rows import channel_row
+from ..text_tables import DASH, listed
 from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_motors
 from . import comparison, words
@@ -95,7 +96,7 @@ def _run(runs: Sequence[ReportRun], figures: "Figures") -> str:
         "about": _about(run),
         "motors": describe_motors([run.summary]),
         "stops": application_tables.stop_table([run.summary], all_rows=True),
-        "channels": words.channel_rows(run.summary.channels),
+        "channels": [channel_row(c) | {"reason": c.reason} for c in run.summary.channels],
         "vehicle": _vehicle(run.settings),
         "settings": _pairs(sorted(run.settings.items()), "Setting"),
     }
@@ -125,8 +126,8 @@ def _templates() -> Environment:
         undefined=StrictUndefined,
         finalize=_text,
     )
-    modules = {"result_rows": result_rows, "words": words}
-    environment.globals |= {"version": __version__, "MANY_AXLES": MANY_AXLES, **modules}
+    environment.globals |= {"version": __version__, "MANY_AXLES": MANY_AXLES, "listed": listed}
+    environment.globals |= {"result_rows": result_rows, "words": words}
     environment.filters |= {"prose": _prose, "budget_row": result_rows.budget_row}
     return environment
 
@@ -166,7 +167,7 @@ def _about(run: ReportRun) -> list[dict[str, str]]:
         "SHA-256 of the log": run.summary.log.sha256,
         "Result file": run.file,
         "Analysed by": f"adhesion {run.provenance.get('version', 'unknown')}",
-        "Reference": words.listed(methods),
+        "Reference": listed(methods),
     }
     return _pairs(facts.items(), "Fact")
 

@@ -139,8 +139,8 @@ class Figures:
         """Percentiles of the adhesion coefficient of groups, side by side; returns the place."""
         axis = "datetime" if bars.dated else "linear"
         tools = "xpan,xwheel_zoom,reset,save"
-        fig = _figure("Mean adhesion coefficient [-]", 260, tools, None, x_axis_type=axis)
-        fig.xaxis.axis_label = bars.label
+        title = "Mean adhesion coefficient [-]"
+        fig = _figure(title, 260, bars.label, tools, None, x_axis_type=axis)
         data = {name: [getattr(bar, name) for bar in bars.bars] for name in Bar._fields}
         data["left"] = [0.95 * bar.begin + 0.05 * bar.stop for bar in bars.bars]
         data["right"] = [0.05 * bar.begin + 0.95 * bar.stop for bar in bars.bars]
@@ -166,14 +166,10 @@ class Figures:
 
     def of_stops(self, stops: Sequence[SeriesStop]) -> list[str]:
         """Deceleration over speed of all stops, and their distances; returns the places."""
-        tools = "box_zoom,pan,wheel_zoom,reset,save"
         groups = list(dict.fromkeys(s.group for s in stops))
-        over_speed = _figure("Deceleration [m/s²]", 280, tools, "box_zoom")
-        over_speed.xaxis.axis_label = "speed [km/h]"
-        distances = _figure("Distance [m]", 260, tools, "box_zoom")
-        distances.xaxis.axis_label = "speed at the command [km/h]"
-        decelerations = _figure("Equivalent deceleration [m/s²]", 220, tools, "box_zoom")
-        decelerations.xaxis.axis_label = "stop"
+        over_speed = _figure("Deceleration [m/s²]", 280, "speed [km/h]")
+        distances = _figure("Distance [m]", 260, "speed at the command [km/h]")
+        decelerations = _figure("Equivalent deceleration [m/s²]", 220, "stop")
         lines: dict[str, list[Any]] = {}
         points: dict[str, list[Any]] = {}
         for i, s in enumerate(stops, 1):
@@ -272,11 +268,10 @@ class Figures:
 
     def _of_places(self, run: ReportRun) -> list[str]:
         """µ over the position, and the way as a map; nothing where no place is known."""
-        tools, figures = "box_zoom,pan,wheel_zoom,reset,save", {}
+        figures = {}
         has_force = any(axle.has_values("force") for axle in run.axles)
         if run.route.position_from and has_force:
-            fig = _figure("Adhesion coefficient [-]", 220, tools, "box_zoom")
-            fig.xaxis.axis_label = place_plots.position_label(run)
+            fig = _figure("Adhesion coefficient [-]", 220, place_plots.position_label(run))
             _shade(fig, merge_spans(place_plots.slid_positions(run), _SHADES))
             by_number = {axle.number: axle for axle in run.axles}
             items: dict[str, list[Any]] = {}
@@ -288,8 +283,7 @@ class Figures:
             _legend(fig, items)
             figures["places-adhesion"] = fig
         if run.route.lines():
-            fig = _figure("north [km]", 420, tools, "pan", match_aspect=True)
-            fig.xaxis.axis_label = "east [km]"
+            fig = _figure("north [km]", 420, "east [km]", drag="pan", match_aspect=True)
             _legend(fig, place_plots.draw_map(fig, run))
             figures["places-map"] = fig
         return [self._place(fig, place) for place, fig in figures.items()]
@@ -346,9 +340,7 @@ class Figures:
 
     def _curve(self, axle: ReportAxle) -> figure:
         """µ over slip while braked: where the wheel rolls, and where it slides."""
-        tools = "box_zoom,pan,wheel_zoom,reset,save"
-        fig = _figure("Adhesion coefficient [-]", 300, tools, "box_zoom")
-        fig.xaxis.axis_label = "slip [%]"
+        fig = _figure("Adhesion coefficient [-]", 300, "slip [%]")
         braked = _inside(axle.t, [(o.start_s, o.end_s) for o in axle.applications])
         sliding = _inside(axle.t, _slides(axle))
         items = {}
@@ -368,7 +360,7 @@ class Figures:
 
     def _figure(self, label: str, height: int, time: Range1d) -> figure:
         tools = "xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save"
-        fig = _figure(label, height, tools, "xbox_zoom", x_range=time)
+        fig = _figure(label, height, "", tools, "xbox_zoom", x_range=time)
         fig.add_tools(CrosshairTool(overlay=self._cursor))
         return fig
 
@@ -377,7 +369,14 @@ class Figures:
         return place
 
 
-def _figure(label: str, height: int, tools: str, drag: str | None, **axes: Any) -> figure:
+def _figure(
+    label: str,
+    height: int,
+    x_label: str = "",
+    tools: str = "box_zoom,pan,wheel_zoom,reset,save",
+    drag: str | None = "box_zoom",
+    **axes: Any,
+) -> figure:
     fig = figure(
         height=height,
         sizing_mode="stretch_width",
@@ -387,7 +386,7 @@ def _figure(label: str, height: int, tools: str, drag: str | None, **axes: Any) 
         output_backend="canvas",
         **axes,
     )
-    fig.yaxis.axis_label = label
+    fig.xaxis.axis_label, fig.yaxis.axis_label = x_label, label
     fig.yaxis.ticker.desired_num_ticks = 5
     for axis in fig.axis:
         axis.minor_tick_line_color = None

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ...core.finding import catalogue
-from ...core.summary import BrakeApplication, ChannelSummary, FindingSummary
+from ...core.summary import BrakeApplication, FindingSummary
 from ...rail.events import HIDDEN_TIME
 from ..application_tables import application_tables
 from ..result_rows import mean_coefficient
-from ..text_tables import DASH, TitledTable, number
+from ..text_tables import DASH, TitledTable, describe_times, listed, number, numbered
 from .run import ReportAxle, ReportRun
 
 Mark = Literal["good", "slid", "locked", "unknown"]
@@ -38,26 +38,6 @@ def percent(share: float | None, digits: int = 0) -> str:
 def span(begin: float, stop: float, digits: int = 1) -> str:
     """From and to, in seconds."""
     return f"{begin:.{digits}f}–{stop:.{digits}f}"
-
-
-def listed(names: Sequence[object]) -> str:
-    """A list as a sentence has it."""
-    *leading, final = map(str, names)
-    return f"{', '.join(leading)} and {final}" if leading else final
-
-
-def numbered(numbers: Sequence[int]) -> str:
-    """Numbers as a sentence has them; three or more in a row as `1 to 3`."""
-    runs: list[list[int]] = []
-    for place in sorted(numbers):
-        if runs and place == runs[-1][-1] + 1:
-            runs[-1].append(place)
-        else:
-            runs.append([place])
-    parts: list[object] = []
-    for run in runs:
-        parts += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else run
-    return listed(parts)
 
 
 def slides_known(axle: ReportAxle) -> bool:
@@ -189,20 +169,6 @@ def widest(applications: Sequence[_Numbered]) -> Sequence[_Numbered]:
     return sorted(dict(sorted(applications, key=u95)).items())
 
 
-def channel_rows(channels: Sequence[ChannelSummary]) -> list[Cells]:
-    """What each channel of the log was taken for."""
-    return [
-        {
-            "Channel": f"{c.name} {c.field}".strip(),
-            "Meaning": str(c.meaning or ""),
-            "Axle": str(c.axle or "all"),
-            "Unit": c.unit,
-            "Reason": c.reason,
-        }
-        for c in channels
-    ]
-
-
 @dataclass(frozen=True, slots=True)
 class FindingGroup:
     """All findings of one code, with the words of the catalogue."""
@@ -234,7 +200,7 @@ def finding_groups_of_logs(findings: Sequence[tuple[str, FindingSummary]]) -> li
     for (severity, code), group in by_code.items():
         logs_of_line: dict[tuple[str, str, str], list[str]] = {}
         for log, f in group:
-            logs_of_line.setdefault((f.channel, _times_text(f), f.message), []).append(log)
+            logs_of_line.setdefault((f.channel, describe_times([f]), f.message), []).append(log)
         lines = [
             ({"Log": ", ".join(dict.fromkeys(logs))} if any(logs) else {})
             | {"Channel": channel, "Time": time, "What": message}
@@ -271,13 +237,3 @@ def explained(code: str, remedy: str) -> tuple[str, list[tuple[str, str]]]:
         heads = "Cause", "Effect on the result", "What to do", "Cannot see"
         return entry.title, [x for x in zip(heads, texts, strict=True) if x[1]]
     return code, [("What to do", remedy)] if remedy else []
-
-
-def _times_text(f: FindingSummary) -> str:
-    """The first time span, and how many more there are."""
-    spans = f.spans
-    if not spans:
-        return f"{f.count} ×" if f.count > 1 else ""
-    begin, stop = spans[0]
-    first_span = f"{begin:.2f} s" if stop - begin < 0.005 else f"{span(begin, stop, 2)} s"
-    return f"{first_span} and {len(spans) - 1} more" if len(spans) > 1 else first_span

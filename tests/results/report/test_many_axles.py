@@ -37,11 +37,6 @@ def test_the_worst_axle_of_each_group_is_drawn_and_all_are_in_the_overview(run: 
     assert "axles 1–4" in str(figures(text))
 
 
-def test_numbers_in_a_row_are_a_range() -> None:
-    assert words.numbered([1, 2, 3, 5, 7, 8]) == "1 to 3, 5, 7 and 8"
-    assert words.numbered([2, 1]) == "1 and 2"
-
-
 def test_other_axles_are_drawn_on_request(path: Path) -> None:
     run = read(path, axles=[7])
     assert run.detailed == (7,)
