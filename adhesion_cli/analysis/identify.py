@@ -185,7 +185,8 @@ def find_prior(
     force = force_per_bar(vehicle) if setting.by_pressure else None
     if settings.analysis.vehicle == "stated":  # by the user, or a result that carries its vehicle
         source = "stated" if vehicle != Vehicle() else source
-        return IdentifiedVehicle(vehicle, source, force, force), {}
+        carried = settings.carries_vehicle
+        return IdentifiedVehicle(vehicle, source, force, force, carried=carried), {}
     prior = IdentifiedVehicle(vehicle, source, force, force, unstated=unstated)
     lines = {i: line for i, log in enumerate(logs) if (line := _find_line(log, settings))}
     mixed = tuple(logs[i].path for i, line in lines.items() if line.mixed)

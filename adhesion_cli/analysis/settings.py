@@ -162,6 +162,11 @@ class Settings:
         return tuple(name for name in names if name not in self.stated)
 
     @property
+    def carries_vehicle(self) -> bool:
+        """Whether the vehicle is that of a result file, and the user states nothing of it."""
+        return not self.stated and self.vehicle != Vehicle()
+
+    @property
     def states_brake_or_mass(self) -> bool:
         """Whether the user states part of the brake, or the mass; a wheel is neither."""
         return not self.stated.isdisjoint((*_BY_FORCE, *CHAIN, "cylinder_diameter", "spring_force"))

@@ -121,7 +121,7 @@ def default_parameters(settings: Settings, by_pressure: bool) -> list[Finding]:
         )
         if name not in settings.stated and own_values == paper_values:
             defaults[name] = f"{name} {paper_values[0]:g} {q.unit}".removesuffix(" -")
-    if not defaults:
+    if not defaults or settings.carries_vehicle:
         return []
     texts = {
         "parameters": ", ".join(defaults.values()),

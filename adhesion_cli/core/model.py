@@ -577,6 +577,7 @@ class IdentifiedVehicle:
     # brake force of its logs over that of the first logs, where logs named together have several
     factor_of_logs: float = 1.0
     motor_mass: Parameter | None = None  # of an axle, by the forces of motors in the logs [kg]
+    carried: bool = False  # whether it is that of a result file, as an earlier run had it
 
 
 class LogBrake(NamedTuple):

@@ -382,6 +382,9 @@ class VehicleSummary:
         tuple[str, ...],
         Quantity("", "parameters that scale the brake and lack, where others are stated"),
     ] = ()
+    carried: Annotated[
+        bool, Quantity("", "whether it is that of a result file, as an earlier run had it")
+    ] = False
 
 
 class AxleSummary(NamedTuple):
@@ -551,7 +554,7 @@ def summarise_vehicle(x: IdentifiedVehicle) -> VehicleSummary:
         CarSummary(c.name, c.axles, *_expanded(c.force), c.deceleration.value) for c in x.cars
     )
     evidence = x.stops, x.logs, x.factor, x.other_brake
-    return VehicleSummary(x.source, x.known, *forces, *evidence, cars, x.unstated)
+    return VehicleSummary(x.source, x.known, *forces, *evidence, cars, x.unstated, x.carried)
 
 
 def _expanded(x: Parameter | None) -> tuple[Any, Any]:

@@ -88,6 +88,7 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
         )
     default = ", the rest by default" if vehicle.unstated else ", the default one"
     words = "as stated" if vehicle.source == "stated" else statement + default
+    words = "that of the result file" if vehicle.carried else words
     brakes, used = _brakes(vehicle.cars), _force(vehicle.force_per_bar_n, vehicle.u95)
     if vehicle.other_brake:
         return (

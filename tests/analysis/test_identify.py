@@ -349,6 +349,17 @@ def test_the_line_says_what_is_known(tmp_path: Path) -> None:
     assert f"{kilonewtons:.3g} kN" in describe_vehicle(stated.vehicle, stated.axles)
 
 
+def test_the_vehicle_of_a_result_is_said_to_be_its(run_in: Run, tmp_path: Path) -> None:
+    """The log has shown it: it is not stated, and its values are no defaults."""
+    path = log(tmp_path / "log.csv", METRO, applications=3)
+    shown = run_in("analyze", path, "-o", tmp_path)
+    assert "found from 3 brake applications" in " ".join(shown.stdout.split())
+    again = run_in("compare", tmp_path / "log.adhesion.mcap", "--algo", "td")
+    assert again.stdout.startswith("Vehicle: that of the result file")
+    assert "vehicle-default" not in again.stderr
+    assert "empty-channel" not in again.stderr
+
+
 def with_columns(path: Path, target: Path, change: Callable[[list[str], float], list[str]]) -> Path:
     """A log with other cells; `change` takes those of a row and its time."""
     head, *rows = path.read_text().splitlines()
