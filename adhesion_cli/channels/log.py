@@ -32,7 +32,7 @@ from ..formats.source import TAKEN_AS_UTC, Source
 from .meaning import Mapping, Meant, entry_of, name, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
-from .rules import ED_WITHOUT_UNIT, UNCLEAR_VALVE
+from .rules import ED_WITHOUT_UNIT, NO_NAME, UNCLEAR_VALVE
 from .state_words import as_levels, words_key
 from .to_si import channel
 
@@ -96,6 +96,7 @@ def read(
 def _proposals(meant: Sequence[Meant]) -> dict[str, str]:
     """By key in [channels] an option that gives it the likeliest channel without a meaning."""
     unused = [m for m in meant if m.meaning is None and not m.field.words]
+    unused = [m for m in unused if m.unit or m.reason == NO_NAME]
     proposals = {}
     for key, meaning in _PROPOSED_KEYS.items():
         fitting = [m for m in unused if units.unit_for(m.unit, meaning)]
@@ -377,7 +378,7 @@ def _condition(m: Meant) -> str:
     unknown_units, usual = _unknown_units(m), _USUAL.get(m.meaning, "m/s")
     if not unknown_units or _example_units(m) != [usual]:
         return ""
-    return f"if {unknown_units[0]!r} is {usual}, "
+    return f"if 1 {unknown_units[0]!r} is 1 {usual}, "
 
 
 def _line(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:

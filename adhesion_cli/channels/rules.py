@@ -50,6 +50,7 @@ _SHOWN = "stops use it"
 _PLACED = "stops and slides have their place by it"
 _ON = "above zero it acts"
 ED_WITHOUT_UNIT = "an ED brake, but no unit of a force, a torque or a share (%) is stated"
+NO_NAME = "no name we know"
 UNCLEAR_VALVE = "a valve, but the name does not say whether it vents or holds"
 
 RULES = (
@@ -159,7 +160,9 @@ _DEVICE = re.compile(r"(?<![^\W_])[A-Za-z]{2,3}\d{3,4}[A-Z]?(?:_\d+)+")  # and i
 # Numbers that count nothing: of a module and channel in front, of a device, a range, a filter.
 _NO_COUNT = re.compile(
     r"(?i)^\[\d+[:.]\d+\]|[(\[](?:id|s/?n|ser)\b[^)\]]*[)\]]|(?<!\w)0\s*-\s*\d+"
-    r"|(?<![\w.,])\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+|(?<![\w.,])\d[\d.,]*(?:k?Hz|ms|s)\b"
+    r"|(?<![\w.,])\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+"
+    r"|(?<![\w.,])(?:\d[\d.,]*(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)|\d+\s*(?:teeth|zähne)"
+    r"|\d\d+\s(?:k?Hz|ms))\b"
 )
 _LABELS = re.compile(r"""(\w+)=("+|')[^"']*\2,?\s*""")  # of a series: instance="10.0.0.1:9100"
 _AXLES = re.compile(r"([^\W\d_]+)\.?[\s_]*(\d)\s*([-–+&/])\s*(\d)(?!\d)")  # as in "axles 1-4"
@@ -410,7 +413,7 @@ def guess(field: Field) -> Guess:
             rule.reason,
         )
         return Guess(rule.meaning, axle, unit, "; ".join(p for p in reasons if p))
-    return Guess(None, axle, name.unit, "no name we know")
+    return Guess(None, axle, name.unit, NO_NAME)
 
 
 def names_brake(column: str) -> bool:

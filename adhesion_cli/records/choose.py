@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from ..core import toml
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Channel, Log, Meaning
@@ -95,7 +96,9 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
         if speed and brake:
             axle_keys.append(AxleKeys(axle, speed, brake))
         elif axle in requested and (key := speed or brake):
-            findings.append(incomplete(axle, channels[key].title, speed is not None))
+            lacking = BRAKES if speed else ("wheel_speed",)
+            others = [c for (meaning, _), c in channels.items() if meaning in lacking]
+            findings.append(incomplete(axle, channels[key].title, speed is not None, others))
     return Choice(channels, tuple(axle_keys), requested, rates[0] if rates else None, findings)
 
 
@@ -138,10 +141,19 @@ def axle_numbers(
     return numbers
 
 
-def incomplete(axle: int, title: str, has_speed: bool) -> Finding:
-    """An axle with a wheel speed and no brake, or the other way round; `title` is what it has."""
+def incomplete(axle: int, title: str, has_speed: bool, others: Sequence[Channel] = ()) -> Finding:
+    """An axle with a wheel speed and no brake, or the other way round.
+
+    Args:
+        axle: its number.
+        title: of the channel that it has.
+        has_speed: whether that is the speed.
+        others: channels of other axles that may be the missing one.
+    """
     lacking = "pressure or clamping force" if has_speed else "wheel speed"
-    names = {"lacking": lacking, "key": "pressure" if has_speed else "speed"}
+    entry = next(({"channel": c.name, "field": c.field} for c in others), {"channel": "NAME"})
+    key = f'channels.{"pressure" if has_speed else "speed"}."axle {axle}"'
+    names = {"lacking": lacking, "option": toml.option(f"{key} = {toml.table(entry)}")}
     return Finding("axle-incomplete", "warning", channel=title, values={"axle": axle}, names=names)
 
 

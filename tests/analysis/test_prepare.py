@@ -170,6 +170,7 @@ def test_an_axle_without_pressure_is_reported() -> None:
     assert [r.axle for r in found] == [1]
     (told,) = findings
     assert (told.code, told.severity, told.values) == ("axle-incomplete", "warning", {"axle": 2})
+    assert "channels.pressure.axle2.channel=pressure" in (told.hint or "")  # the one there is
 
 
 def test_the_window_counts_from_the_logs_start() -> None:

@@ -288,3 +288,14 @@ def test_a_train_speed_in_whole_units_is_reported(
     log = survey(open_source(path, ReadOptions()), (), Vehicle())
     notes = [f for f in log.findings if f.code == "train-speed-rounded"]
     assert [f.message for f in notes] == ["Train speed is rounded to 1 km/h."] * is_reported
+
+
+def test_a_channel_in_an_unknown_language_is_proposed_by_its_unit(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k / 50},{k % 7},{k},{70 - k / 50}\n" for k in range(200))
+    path.write_text(f"t [s],Ilungo [bar],variance,wheel speed [km/h]\n{rows}")
+    proposals = survey(open_source(path, ReadOptions()), (), Vehicle()).proposals
+    assert set(proposals) == {"pressure"}
+    settings = load(assignments=pasted(proposals["pressure"]), folder=False)
+    log = survey(open_source(path, settings.read), settings.mappings, Vehicle())
+    assert next((c.name, c.meaning) for c in log.channels) == ("Ilungo [bar]", "pressure")

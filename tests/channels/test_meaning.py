@@ -553,7 +553,8 @@ def test_numbers_of_ranges_filters_serials_and_series_are_no_axle() -> None:
         "BC pressure 0-10 bar", "BC pressure 10Hz LP [bar]", "BC pressure (ID 7) [bar]",
         "[0:1] BC pressure [bar]", "BC pressure:cDAQ9174Mod2/ctr0 [bar]",
         'bc_pressure_bar{job="train", instance="10.0.0.1:9100"}',
-        "Channel1.Device1.BC_pressure_bar", "BC pressure 0..10 bar",
+        "Channel1.Device1.BC_pressure_bar", "BC pressure 0..10 bar", "Run 12 BC pressure [bar]",
+        "BC pressure avg 100 ms [bar]", "BC pressure 10bar sensor [bar]", "In1: BC pressure [bar]",
     ):  # fmt: skip
         assert seen(name) == [(PRESSURE, None, "bar")], name
     assert seen('v {axle="2", host="a1"} [km/h]') == [(WHEEL, 2, "km/h")]

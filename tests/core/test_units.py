@@ -112,6 +112,7 @@ def test_a_number_that_may_mean_anything_is_no_factor(text: str) -> None:
 def test_a_number_behind_the_unit_is_named() -> None:
     assert units.unknown_in("BCP [bar] x10") == "bar x10"
     assert units.unknown_in("BCP [bar] (x100)") == "bar x100"
+    assert units.unknown_in("BCP [0.01 bar/LSB]") == ""
     assert units.in_name("BCP [bar] (x10)") == ("BCP", "")
     assert units.unknown_in("BCP 10 kPa") == "10 kPa"
     assert units.contradicting("x10 kPa", ["BCP x10 [kPa]"], "pressure") == ""

@@ -150,7 +150,7 @@ def test_a_unit_that_nobody_knows_is_not_said_to_be_the_usual_one(tmp_path: Path
     with pytest.raises(UserError, match="unknown unit") as error:
         needed(open_source(path, ReadOptions()), ())
     assert error.value.hint.startswith(
-        "if 'foo' is bar, state it, as `--set channels.pressure.unit=bar`"
+        "if 1 'foo' is 1 bar, state it, as `--set channels.pressure.unit=bar`"
     )
 
 

@@ -100,7 +100,7 @@ TIMES = "[x×*·]"
 _FACTOR = re.compile(
     rf"(?:in\s+)?(?:/|{TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>{NUMBER}))"
     rf"[\s_]*{TIMES}?\s*(?P<unit>[^\W\d_].*?|[%°‰].*?)"
-    r"(?:\s*(?:/|per)\s*(?:bit|lsb|count|digit|inc))?"
+    r"(?i:\s*(?:/|per)\s*(?:bit|lsb|count|digit|inc))?"
 )
 # The coarsest step of a logged value in SI: a larger number before a unit is a sensor's range.
 _COARSEST: dict[Dimension, float] = {"pressure": 1e5, "speed": 3.0, "angular speed": 11.0}
