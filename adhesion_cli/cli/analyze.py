@@ -61,6 +61,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     from ..core.summary import FailedLog
     from ..results import verified
     from ..results.geojson import as_text, check_name, map_of_log
+    from . import terminal
 
     if report:
         refuse_page_name(logs)
@@ -101,7 +102,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     else:
         shown = _Shown(shared.quiet, rows, scores, budget)
         _show(analysed, summaries, shown)
-        results.show_failed([f for f in outcomes if isinstance(f, FailedLog)])
+        terminal.show_failed(f for f in outcomes if isinstance(f, FailedLog))
     code = results.finished(shared, written[-1][1], [f for r in analysed for f in r.findings])
     return 3 if len(successes) < len(outcomes) else code
 

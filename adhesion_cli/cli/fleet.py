@@ -152,9 +152,7 @@ def _show_failed(state: "FleetProgress", quiet: bool) -> None:
     """The first failed logs on stderr, each with error and hint."""
     from . import terminal
 
-    for x in state.failed[:_LISTED_LOGS]:
-        text = f"not analysed: {x.path}\n  error: {x.error}\n  hint: {x.hint}"
-        terminal.message(text, quiet)
+    terminal.show_failed(state.failed[:_LISTED_LOGS], quiet)
     if remaining := len(state.failed) - _LISTED_LOGS:
         text = f"and {remaining} more: the rows of `logs` whose status is error"
         terminal.message(text, quiet or remaining < 0)

@@ -53,6 +53,7 @@ def analysed_or_failed(
     """
     from ..core.errors import as_user_error
     from ..core.summary import FailedLog
+    from . import terminal
 
     analyze = _analyzer(shared, logs, paths, train_speed=True)
     outcomes: list[Result | FailedLog] = []
@@ -69,18 +70,10 @@ def analysed_or_failed(
             user_error = as_user_error(error)
             outcomes.append(FailedLog(str(log), user_error.text, user_error.hint))
     if len(errors) == len(logs):
-        show_failed([] if shared.json else [f for f in outcomes[1:] if isinstance(f, FailedLog)])
+        if not shared.json:
+            terminal.show_failed(f for f in outcomes[1:] if isinstance(f, FailedLog))
         raise errors[0]
     return outcomes
-
-
-def show_failed(failed: "Sequence[FailedLog]") -> None:
-    """The failed logs on stderr, each with error and hint."""
-    from . import terminal
-
-    for log in failed:
-        text = f"not analysed: {log.path}\n  error: {log.error}\n  hint: {log.hint}"
-        terminal.message(text, quiet=False)
 
 
 def _analyzer(

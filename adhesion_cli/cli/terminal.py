@@ -3,13 +3,13 @@
 import shutil
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Score
-from ..core.summary import AxleSummary, ResultSummary
+from ..core.summary import AxleSummary, FailedLog, ResultSummary
 from ..core.text import printable
 from ..results.result_rows import OF_BUDGETS, budget_row, combined, newtons, score_row
 from ..results.text_tables import NARROW as NARROW
@@ -90,15 +90,25 @@ def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str
     Findings with one code and one message share a line. So do more than three with one code: the
     line then says the title of the code, because their messages differ.
     """
-    columns = _columns(width)
+    rows: dict[Severity, list[_Row]] = {}
+    for group, text in _grouped(findings_shown):
+        location = ", ".join(filter(None, (_channels(group), describe_times(group))))
+        rows.setdefault(group[0].severity, []).append((group[0].code, location, text))
+    return _listing(rows, width)
+
+
+_Row = tuple[str, ...]  # code, places and text of a line
+
+
+def _listing(rows: Mapping[Severity, Sequence[_Row]], width: int | None = None) -> str:
+    """A line per row, the codes as wide as the longest, under the heading of its severity."""
+    columns = min(_WIDEST, width or shutil.get_terminal_size((_WIDEST, 24)).columns)
     lines: list[str] = []
-    for severity, heading in _HEADINGS.items():
-        groups = _grouped([f for f in findings_shown if f.severity == severity])
-        codes = max((len(group[0].code) for group, _ in groups), default=0)
-        lines += [f"{heading}:"] if groups else []
-        for group, message in groups:
-            location = ", ".join(filter(None, (_channels(group), describe_times(group))))
-            cells = filter(None, (group[0].code.ljust(codes), location, printable(message)))
+    for severity in (x for x in _HEADINGS if x in rows):
+        lines.append(f"{_HEADINGS[severity]}:")
+        codes = max(len(code) for code, *_ in rows[severity])
+        for code, *places, text in rows[severity]:
+            cells = filter(None, (code.ljust(codes), *places, printable(text)))
             line = _shorten("  " + "  ".join(cells), 2 * _WIDEST)
             lines.append(folded(line, " " * 6, columns))
     return "\n".join([*lines, _EXPLAINS] if lines else lines)
@@ -126,46 +136,35 @@ def show_of_logs(
         quiet: whether only those are shown that set exit code 3.
         series: findings on all logs together.
     """
-    lines: list[str] = []
-    for severity, heading in _HEADINGS.items():
-        by_code: dict[str, dict[str, list[Finding]]] = {}
-        for name, findings_of_log in (("the series", series), *logs):
-            for f in findings_of_log:
-                if f.severity == severity and (f.lossy or not quiet):
-                    by_code.setdefault(f.code, {}).setdefault(name, []).append(f)
-        common_first = sorted(by_code.items(), key=lambda item: -len(item[1]))
-        width = max(map(len, by_code), default=0)
-        lines += [f"{heading}:"] if by_code else []
-        for code, by_log in common_first:
-            group = [f for findings_of_log in by_log.values() for f in findings_of_log]
-            messages = dict.fromkeys(f.message for f in group)
-            text = group[0].message if len(messages) == 1 else f"{catalogue()[code].title}."
-            place = _which_logs([*by_log], len(logs))
-            cells = filter(None, (code.ljust(width), place, _channels(group), printable(text)))
-            line = _shorten("  " + "  ".join(cells), 2 * _WIDEST)
-            lines.append(folded(line, " " * 6, _columns()))
-    message("\n".join([*lines, _EXPLAINS]), quiet=not lines)
+    by_code: dict[tuple[Severity, str], dict[str, list[Finding]]] = {}
+    for name, findings_of_log in (("the series", series), *logs):
+        for f in (f for f in findings_of_log if f.lossy or not quiet):
+            by_code.setdefault((f.severity, f.code), {}).setdefault(name, []).append(f)
+    rows: dict[Severity, list[_Row]] = {}
+    for (severity, code), by_log in sorted(by_code.items(), key=lambda item: -len(item[1])):
+        group = [f for findings_of_log in by_log.values() for f in findings_of_log]
+        messages = dict.fromkeys(f.message for f in group)
+        text = group[0].message if len(messages) == 1 else f"{catalogue()[code].title}."
+        names = ", ".join(map(printable, by_log))
+        place = names if len(by_log) <= _FEW_LOGS else f"{len(by_log)} logs"
+        place = f"all {len(logs)} logs" if len(by_log) == len(logs) else place
+        rows.setdefault(severity, []).append((code, place, _channels(group), text))
+    message(_listing(rows), quiet=not rows)
 
 
-def _which_logs(names: Sequence[str], count: int) -> str:
-    """Which logs, if they are few, else how many."""
-    if len(names) == count:
-        return f"all {count} logs"
-    return ", ".join(map(printable, names)) if len(names) <= _FEW_LOGS else f"{len(names)} logs"
-
-
-def _columns(width: int | None = None) -> int:
-    """Columns of a line on a finding."""
-    return min(_WIDEST, width or shutil.get_terminal_size((_WIDEST, 24)).columns)
+def show_failed(logs: Iterable[FailedLog], quiet: bool = False) -> None:
+    """The failed logs on stderr, each with error and hint."""
+    for log in logs:
+        message(f"not analysed: {log.path}\n  error: {log.error}\n  hint: {log.hint}", quiet)
 
 
 def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str]]:
     """The findings that share a line, each with what the line says."""
-    by_code: dict[str, dict[str, list[Finding]]] = {}
+    by_code: dict[tuple[Severity, str], dict[str, list[Finding]]] = {}
     for f in findings_shown:
-        by_code.setdefault(f.code, {}).setdefault(f.message, []).append(f)
+        by_code.setdefault((f.severity, f.code), {}).setdefault(f.message, []).append(f)
     groups: list[tuple[list[Finding], str]] = []
-    for code, by_message in by_code.items():
+    for (_, code), by_message in by_code.items():
         if len(by_message) <= _LISTED_ALIKE:
             groups += [(group, message) for message, group in by_message.items()]
         else:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from ..core.summary import Measured, StopSummary
+from ..core.summary import AxleStop, Measured, StopSummary
 from ..core.text import by_uncertainty
 from ..rail.highest import is_known
 from ..stops.axle_stops import SLIP_BANDS
@@ -15,7 +15,6 @@ from ..stops.series import (
     LimitVerdict,
     SeriesStop,
     StopSeries,
-    WspAxle,
     WspSummary,
     braked_weight_percentage,
 )
@@ -358,13 +357,13 @@ def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
     ]
 
 
-def _initial(a: WspAxle) -> str:
+def _initial(a: AxleStop) -> str:
     """The initial adhesion with its uncertainty; a dash without a slide."""
     value, u95 = a.initial_coefficient, a.initial_coefficient_u95
     return DASH if value is None or u95 is None else _coefficient(Measured(value, u95))
 
 
-def _bands(a: WspAxle) -> dict[str, str]:
+def _bands(a: AxleStop) -> dict[str, str]:
     """The slip histogram: share of the time in each band, the first with its uncertainty."""
     shares = [number(100.0 * x, 0) for x in a.slip_bands or ()] or [DASH] * len(SLIP_BANDS)
     if a.slip_bands and a.rolling_u95 is not None:

@@ -133,34 +133,6 @@ class LimitVerdict(NamedTuple):
     source: Annotated[str, Quantity("", "rule that states the limit; empty: the plan")] = ""
 
 
-class WspAxle(NamedTuple):
-    """One axle over the wet stops."""
-
-    axle: Annotated[int, Quantity("", "number, from 1")]
-    max_slip: Annotated[Number, Quantity("-", "largest slip")]
-    locked_s: Annotated[Number, Quantity("s", "longest sum of locks in one stop")]
-    valve_actions: Annotated[int, Quantity("", "releases by the WSP, all stops")]
-    initial_coefficient: Annotated[Number, Quantity("-", "mean µ at the first slide")]
-    utilisation: Annotated[Number, Quantity("-", "mean utilisation of the rail's adhesion")]
-    initial_coefficient_u95: Annotated[Number, Quantity("-", "its expanded uncertainty (95 %)")] = (
-        None
-    )
-    utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")] = None
-    energy_j: Annotated[Number, Quantity("J", "largest friction energy of one stop")] = None
-    longest_lock_s: Annotated[Number, Quantity("s", "the longest lock")] = None
-    lock_energy_j: Annotated[Number, Quantity("J", "friction energy of one lock, the largest")] = (
-        None
-    )
-    slip_bands: Annotated[
-        tuple[float, ...] | None,
-        Quantity("-", "shares of the time above 10 km/h with slip to 5, 10, 20, 50 and 100 %"),
-    ] = None
-    rolling_u95: Annotated[
-        Number, Quantity("-", "expanded uncertainty of the first share, by the speeds (95 %)")
-    ] = None
-    at_least: Annotated[bool, Quantity("", "whether slip and energy are lower bounds")] = False
-
-
 class WspSummary(NamedTuple):
     """Wet stops against dry ones."""
 
@@ -168,7 +140,10 @@ class WspSummary(NamedTuple):
     extension: Annotated[Number, Quantity("-", "of the deceleration distance, wet over dry, − 1")]
     extension_u95: Annotated[Number, Quantity("-", "its expanded uncertainty")]
     k_wet: Annotated[Number, Quantity("-", "100 / (100 + extension in %)")]
-    axles: tuple[WspAxle, ...]
+    axles: Annotated[
+        tuple[AxleStop, ...],
+        Quantity("", "largest slip, locks and energy; all valve actions; else means of the stops"),
+    ]
     air_nl: Annotated[
         Number, Quantity("l", "normal litres of a stop, mean; null without reservoir and volume")
     ] = None
@@ -417,7 +392,8 @@ def _braked_length(stop: StopSummary, response: float) -> Measured | None:
     return Measured((s.value - v0 * own_sigma) * scale, s.u95 * scale, s.common_u95 * scale)
 
 
-def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
+def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> AxleStop:
+    """An axle over the wet stops."""
     rows = [a for s in stops for a in s.axles if a.axle == axle]
 
     def values(name: str) -> list[float]:
@@ -432,19 +408,21 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> WspAxle:
     )
     utilisation, utilisation_ci = _mean_utilisation(rows)
     bands = [a.slip_bands for a in rows if a.slip_bands]
-    return WspAxle(
+    return AxleStop(
         axle,
         max(values("max_slip"), default=None),
         max(values("locked_s"), default=None),
+        max(values("longest_lock_s"), default=None),
         sum(a.valve_actions for a in rows),
+        tuple(np.mean(bands, axis=0).tolist()) if bands else None,
         initial and initial.mean,
-        utilisation,
         initial and initial.u95,
+        utilisation,
         utilisation_ci,
         max(values("energy_j"), default=None),
-        max(values("longest_lock_s"), default=None),
         max(values("lock_energy_j"), default=None),
-        tuple(np.mean(bands, axis=0).tolist()) if bands else None,
+        rows[0].valves_from,
+        max(values("vented_s"), default=None),
         float(np.mean(errors)) if (errors := values("rolling_u95")) else None,
         any(a.at_least for a in rows),
     )

@@ -19,7 +19,6 @@ from adhesion_cli.stops.series import (
     LimitVerdict,
     SeriesStop,
     StopSeries,
-    WspAxle,
     WspSummary,
     group_stops,
 )
@@ -101,9 +100,9 @@ def test_a_page_says_below_its_table_why_a_stop_has_no_distance() -> None:
 
 def test_initial_adhesion_and_utilisation_have_their_intervals() -> None:
     axles = [
-        WspAxle(1, 0.2, 0.0, 3, 0.049, 0.95, 0.012, (0.93, 0.97)),
-        WspAxle(2, 0.2, 0.0, 3, 0.1, None, 0.5, None),
-        WspAxle(3, 0.0, 0.0, 0, None, None),
+        AxleStop(1, 0.2, 0.0, 0.0, 3, None, 0.049, 0.012, 0.95, (0.93, 0.97)),
+        AxleStop(2, 0.2, 0.0, 0.0, 3, None, 0.1, 0.5),
+        AxleStop(3, 0.0, 0.0, 0.0, 0),
     ]
     wsp = WspSummary("wet", None, None, None, tuple(axles))
     (table,) = series_tables(StopSeries((), (), (), (), (wsp,)), False, False)
@@ -117,7 +116,7 @@ def test_initial_adhesion_and_utilisation_have_their_intervals() -> None:
 
 
 def test_slip_by_a_train_speed_that_may_be_late_is_a_lower_bound() -> None:
-    axles = [WspAxle(i, 0.2, 0.0, 3, None, None, energy_j=9e4, at_least=i == 1) for i in (1, 2)]
+    axles = [AxleStop(i, 0.2, 0.0, 0.0, 3, energy_j=9e4, at_least=i == 1) for i in (1, 2)]
     wsp = WspSummary("wet", None, None, None, tuple(axles))
     (table,) = series_tables(StopSeries((), (), (), (), (wsp,)), False, False)
     shown = [(row["max slip [%]"], row["energy [kJ]"]) for row in table.rows]

@@ -147,7 +147,8 @@ def test_the_extension_is_that_of_the_distance_after_the_response() -> None:
     assert x.extension == pytest.approx(1.0 / 3.0)
     assert x.k_wet == pytest.approx(0.75)
     (axle_row,) = x.axles
-    assert axle_row[:6] == (1, 0.3, 0.5, 14, 0.08, 0.9)
+    assert axle_row[:7] == (1, 0.3, 0.5, 0.5, 14, None, 0.08)
+    assert axle_row.utilisation == 0.9
     assert axle_row.initial_coefficient_u95 == pytest.approx(0.02)
     assert axle_row.utilisation_ci == pytest.approx((0.85, 0.94))
     # Two stops far apart say nothing of their mean. A share is still from 0 to 1.
