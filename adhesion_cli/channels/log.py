@@ -332,9 +332,12 @@ def _without_unit(m: Meant, chosen: Collection[Meant], path: Path) -> UserError:
     if len(asked) > 1:
         lines = (_line(c, chosen) for c in asked.values())
         return UserError(f"{path}: {subjects}", f"state them, as {toml.option(*lines)}")
-    others = _example_units(m)[1:]
+    example, *others = _example_units(m)
     alternative = f" (or {', '.join(map(repr, others))})" if others else ""
-    hint = f"{_condition(m)}state it, as {toml.option(_line(m, chosen))}{alternative}; "
+    unknown_unit = next(iter(_unknown_units(m)), "")
+    is_usual = unknown_unit and example == _USUAL.get(m.meaning, "m/s") and not others
+    condition = f"if 1 {unknown_unit!r} is 1 {example}, " if is_usual else ""
+    hint = f"{condition}state it, as {toml.option(_line(m, chosen))}{alternative}; "
     assert m.meaning
     return UserError(
         f"{path}: {subjects}", f"{hint}units: {', '.join(units.known_units(m.meaning))}"
@@ -371,14 +374,6 @@ def _lacks(m: Meant) -> str:
     for unknown_unit in _unknown_units(m):
         return f"its name states an unknown unit {unknown_unit!r}"
     return "its unit is not stated"
-
-
-def _condition(m: Meant) -> str:
-    """When a hint on an unknown unit holds; "" where it shows that unit, or there is none."""
-    unknown_units, usual = _unknown_units(m), _USUAL.get(m.meaning, "m/s")
-    if not unknown_units or _example_units(m) != [usual]:
-        return ""
-    return f"if 1 {unknown_units[0]!r} is 1 {usual}, "
 
 
 def _line(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:

@@ -165,19 +165,17 @@ def _apply_statements(
             hint = f"name it, as {toml.option(line)}"
             raise UserError(f"{key} names no channel, and no name says this axle", hint, code=2)
         for i in matching:
-            own = meant[i].zero
-            meant[i] = replace(meant[i], zero=(m.zero or own) if m.axle else (own or m.zero))
+            stated = meant[i]
+            own = stated.zero
+            stated = replace(stated, zero=(m.zero or own) if m.axle else (own or m.zero))
             if i in guesses:
-                meant[i] = _with_statement(meant[i], m)
-
-
-def _with_statement(guessed: Meant, m: Mapping) -> Meant:
-    """A guess with what the user states of it beside its zero."""
-    reason = f"{guessed.reason.removesuffix('; no unit stated')}; unit {m.unit}: in [channels]"
-    guessed = replace(guessed, mapping=m)
-    if not m.unit:
-        return guessed
-    return replace(guessed, unit=m.unit, reason=reason, teeth=m.teeth, wrap=m.wrap, unit_too="")
+                stated = replace(stated, mapping=m)
+            if i in guesses and m.unit:
+                reason = stated.reason.removesuffix("; no unit stated")
+                reason += f"; unit {m.unit}: in [channels]"
+                stated = replace(stated, unit=m.unit, unit_too="", reason=reason)
+                stated = replace(stated, teeth=m.teeth, wrap=m.wrap)
+            meant[i] = stated
 
 
 def _as_stated(field: Field, m: Mapping) -> Meant:
@@ -327,17 +325,15 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
 def _drop_sums(meant: list[Meant], guesses: list[int]) -> None:
     """Of the forces of motors the most detailed are taken: of axles, bogies or the vehicle."""
     for meaning in MOTOR_FORCES:
-        details = {i: _detail(meant[i]) for i in guesses if meant[i].meaning == meaning}
+        places = {i: place_of(meant[i].field) for i in guesses if meant[i].meaning == meaning}
+        details = {
+            i: 3 if meant[i].axle is not None else 2 if place.bogie else bool(place.part)
+            for i, place in places.items()
+        }
         finest = max(details.values(), default=0)
         for i in (i for i, detail in details.items() if detail < finest):
             reason = "a sum, and the log has its parts as well"
             meant[i] = replace(meant[i], meaning=None, reason=reason)
-
-
-def _detail(m: Meant) -> int:
-    """How near to an axle the name of a force says it is: 3 an axle, 2 a bogie, 1 a car."""
-    place = place_of(m.field)
-    return 3 if m.axle is not None else 2 if place.bogie else 1 if place.part else 0
 
 
 def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
@@ -400,16 +396,13 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             names={
                 "first": holders[meaning, axle].title,
                 "meaning": holders[meaning, axle].describe,
-                "option": _option(meaning, axle, repeated_fields[0]),
+                "option": toml.option(
+                    f"channels.{_key(meaning, axle)} = {toml.table(entry_of(repeated_fields[0]))}"
+                ),
             },
         )
         for (meaning, axle), repeated_fields in repeats.items()
     ]
-
-
-def _option(meaning: str, axle: int | None, field: Field) -> str:
-    """How a user states that a field has this meaning."""
-    return toml.option(f"channels.{_key(meaning, axle)} = {toml.table(entry_of(field))}")
 
 
 def entry_of(field: Field, **stated: str | int) -> dict[str, str | int]:

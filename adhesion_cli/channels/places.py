@@ -90,13 +90,9 @@ def _axles_of_parts(speeds: Iterable[Place]) -> dict[str, set[int]]:
         numbers.setdefault(p.part, set()).update(of_bogie if p.axle is None else (p.axle,))
     names = {re.sub(r"\d+$", "", word) for word in numbers}
     if len(names) == 1:
-        return dict(sorted(numbers.items(), key=lambda item: _number(item[0])))
+        by_number = sorted(numbers, key=lambda word: int((re.search(r"\d+$", word) or "0")[0]))
+        return {word: numbers[word] for word in by_number}
     return numbers  # in the order of the log
-
-
-def _number(word: str) -> int:
-    digits = re.search(r"\d+$", word)
-    return int(digits[0]) if digits else 0
 
 
 def _are_unclear(

@@ -470,9 +470,10 @@ def _place_in(text: str, is_path: bool) -> Place:
     while (unit := _take_number(name_parts, "control unit"))[1]:  # "cDAQ1Mod3/ai2" has several
         owners.append(unit)
     owner = " ".join(f"{word} {number}" for word, number in owners if number)
-    if bogie and not owner and _is_unknown_part(name_parts):
-        owner = " ".join(name_parts[:2])
-        name_parts[:2] = "", ""
+    word, number = [*name_parts[:2], "", ""][:2]
+    is_part = number.isdecimal() and word.isalpha() and len(word) < 4 and not _kinds(word)
+    if bogie and not owner and is_part:  # of something else, as "CW1"
+        owner, name_parts[:2] = f"{word} {number}", ["", ""]
     axle, is_loose = _axle_in(name_parts, text, is_path)
     if bogie in _LETTERS:
         bogie = str(1 + _LETTERS.index(bogie))
@@ -505,7 +506,9 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
         if not owner:
             continue
         index_before = [i - 1] if i and name_parts[i - 1].isdecimal() else []
-        index_after = [i + 1] if _counts("".join(name_parts[i + 1 : i + 2]), kind) else []
+        after = "".join(name_parts[i + 1 : i + 2])
+        has_letter = kind in ("car", "bogie") and after in _LETTERS  # as in "Car B"
+        index_after = [i + 1] if after.isdecimal() or has_letter else []
         if word >= "一":
             numbers = index_before + index_after
         else:
@@ -519,11 +522,6 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
     return "", ""
 
 
-def _counts(word: str, kind: str) -> bool:
-    """Whether a word is a number; cars and bogies may have letters, as in "Car B"."""
-    return word.isdecimal() or (kind in ("car", "bogie") and word in _LETTERS)
-
-
 def _owner(kind: str, name_parts: Sequence[str]) -> str:
     """The first of these words, if a number next to it counts things of this kind; else ""."""
     word, *following = name_parts
@@ -532,12 +530,6 @@ def _owner(kind: str, name_parts: Sequence[str]) -> str:
     if kind == "car" and re.match("[号节]?车(?![速轮轴辆])", word):
         return "车"
     return word_of_kind(kind, [word])
-
-
-def _is_unknown_part(name_parts: Sequence[str]) -> bool:
-    """Whether a name with a bogie begins with the number of something else, as "CW1"."""
-    word, number = [*name_parts[:2], "", ""][:2]
-    return number.isdecimal() and word.isalpha() and len(word) < 4 and not _kinds(word)
 
 
 def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int | None, bool]:

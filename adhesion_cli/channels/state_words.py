@@ -44,7 +44,8 @@ def as_levels(column: Column, meaning: Meaning | None) -> tuple[Column, tuple[st
         level_of = {word: float(word in on_words) for word in folded}
     else:
         level_of = dict.fromkeys(folded, 0.0)
-        level_of |= {word: k for k, word in enumerate(sorted(level_words, key=_number_in), 1)}
+        level_words.sort(key=lambda word: float((re.search(r"\d+", word) or ["inf"])[0]))
+        level_of |= {word: float(k) for k, word in enumerate(level_words, 1)}
     level_of |= dict.fromkeys(missing, np.nan)
     numbers = np.array([level_of[word] for word in folded])
     value = np.full(len(column.t), np.nan)
@@ -53,9 +54,3 @@ def as_levels(column: Column, meaning: Meaning | None) -> tuple[Column, tuple[st
     names = {int(k): word for k, word in reversed(pairs) if k == k}
     levels = tuple(names.get(k, "") for k in range(max(names, default=-1) + 1))
     return replace(column, value=value, valid=np.isfinite(value), words=()), levels
-
-
-def _number_in(word: str) -> float:
-    """The first number in a word; a word without one stands behind all that have one."""
-    number = re.search(r"\d+", word)
-    return float(number[0]) if number else np.inf

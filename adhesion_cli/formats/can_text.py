@@ -229,7 +229,10 @@ class TextLog:
         match = _CANDUMP.match(line)
         if match is None:
             raise ValueError
-        t = self._after_first(_stamp(match["t"]))
+        t = _stamp(match["t"])
+        if self._first is None:
+            self._first = self.start = t
+        t -= self._first
         if match["bus"] not in self._buses:
             self._buses.append(match["bus"])
         bus, text = self._buses.index(match["bus"]), match["id"]
@@ -244,13 +247,6 @@ class TextLog:
                 t, bus, identifier, is_extended, self._bytes(data.split(), int(match["size"]))
             )
         return Frame(t, bus, identifier, is_extended, bytes.fromhex(data))
-
-    def _after_first(self, t: float) -> float:
-        """A time since 1970, or since any start, after the start of the log [s]."""
-        if self._first is None:
-            self._first = t
-            self.start = t
-        return t - self._first
 
     def _busmaster(self, line: str) -> Frame | None:
         """The frame in a line of a BUSMASTER log.

@@ -82,8 +82,10 @@ class Signals:
             raise unknown("column for the time", str(time), names)
         t = arrow.column(time).to_numpy()
         names = [n for n in names if n != time and not n.startswith(_INDEX[:-1])]
-        wanted = {n: _unit(arrow.schema.field(n)) for n in names} | dict(units or {})
-        return cls(t, {n: arrow.column(n).to_numpy() for n in names}, wanted, name)
+        metadata = {n: arrow.schema.field(n).metadata or {} for n in names}
+        stated = {n: x.get(b"unit", b"").decode() for n, x in metadata.items()}
+        signals = {n: arrow.column(n).to_numpy() for n in names}
+        return cls(t, signals, stated | dict(units or {}), name)
 
     @classmethod
     def of_log(cls, log: Log) -> "Signals":
@@ -177,11 +179,6 @@ def _column(name: str, t: Times, values: ArrayLike) -> Column:
         text = f"signal {name!r} has the shape {value.shape}, the time {t.shape}"
         raise UserError(text, "give each signal one value for each time")
     return Column(t, value, np.isfinite(value))
-
-
-def _unit(field: Any) -> str:
-    """The unit that a field of an arrow table states in its metadata."""
-    return str((field.metadata or {}).get(b"unit", b"").decode())
 
 
 def _arrow(table: Any) -> Any:

@@ -14,7 +14,7 @@ from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
 from .csv.clock import count_of
 from .csv.header_words import time_unit
-from .source import YEAR_1990, Field, ReadOptions, distinct_words
+from .source import YEAR_1990, ReadOptions, distinct_words
 from .tables import Columns, Contents, NamedColumn, TableSamples, fields, nanoseconds, state_fields
 from .words import numbered
 
@@ -77,7 +77,8 @@ class Reader:
         for g, group in enumerate(self._mdf.groups):
             if not group.channel_group.cycles_nr:
                 continue
-            self._names[g] = self._name(g)
+            name = group.channel_group.acq_name if self._is_version_4 else ""
+            self._names[g] = name or f"group {g + 1}"
             if problem := self._add(g, group):
                 findings.append(self._not_read(g, problem))
         if not self._places and any(_has_frames(group) for group in self._mdf.groups):
@@ -101,7 +102,7 @@ class Reader:
             "groups": len(self._row_counts),
             "not numeric": ", ".join(dict.fromkeys(self._texts)),
         }
-        numbers = self._fields()
+        numbers = fields(list(map(self._named, self._places)), "channel's unit")
         named = {place: self._named(place) for place in self._words}
         texts = state_fields(named, self._words, dict(zip(self._places, numbers, strict=True)))
         self.contents = Contents(
@@ -121,12 +122,6 @@ class Reader:
         zone = "in local time without a zone: taken as UTC" if local else "UTC"
         return (header.abs_time if header.abs_time > YEAR_1990 else 0), zone
 
-    def _name(self, g: int) -> str:
-        """A group's name for people."""
-        group = self._mdf.groups[g]
-        name = group.channel_group.acq_name if self._is_version_4 else ""
-        return name or f"group {g + 1}"
-
     def _not_read(self, g: int, reason: str) -> Finding:
         names = {"groups": self._names[g], "reason": reason}
         return Finding("group-not-read", "info", names=names)
@@ -136,7 +131,7 @@ class Reader:
         master = self._mdf.masters_db.get(g)
         if _has_frames(group):
             return "they hold CAN frames, whose DBC is to be stated with --dbc"
-        if not self._is_time(group, master):
+        if master is None or (self._is_version_4 and group.channels[master].sync_type != _TIME):
             return "they have no time axis"
         time = self._master(g, master)
         if time is None:
@@ -165,11 +160,6 @@ class Reader:
         for place, signal in zip(strings, head, strict=True):
             words[place] = distinct_words(filter(None, map(_text, signal.samples)))
         self._words |= {place: x for place, x in words.items() if x}
-
-    def _is_time(self, group: Any, master: int | None) -> bool:
-        if master is None:
-            return False
-        return not self._is_version_4 or group.channels[master].sync_type == _TIME
 
     def _master(self, g: int, i: int) -> _Master | None:
         """How the time of a group is read, None where its unit is none of time.
@@ -252,10 +242,6 @@ class Reader:
             blocks = (conversion.referenced_blocks or {}).values()
             return any(hasattr(block, "convert") for block in blocks)
         return kind in _PLAIN_CONVERSIONS[self._is_version_4]
-
-    def _fields(self) -> list[Field]:
-        """A field for each channel of numbers."""
-        return fields(list(map(self._named, self._places)), "channel's unit")
 
     def _named(self, place: _ChannelPlace) -> NamedColumn:
         """What the file says of a channel."""

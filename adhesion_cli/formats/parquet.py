@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,11 @@ _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each
 _READ_ERRORS = (pa.ArrowException, OSError, ValueError)  # of damaged files
 _UNIT_KEYS = (b"unit", b"units", b"Unit", b"Units")  # of a field's metadata
 _MOST_ELEMENTS = 64  # of a list, of which each is a channel
+
+
+_TEXTS = pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view
+_LISTS = pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list
+_NUMBERS = pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_boolean
 
 
 class _ParquetColumn(NamedTuple):
@@ -46,13 +51,25 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
     if len(set(schema.names)) < len(schema.names):
         hint = "give each column a name of its own"
         raise UserError(f"{path}: two columns have the same name", hint)
-    _check_size(path, meta.num_rows, len(schema.names))
+    smallest, per_byte = _MOST_BYTES
+    size = 9 * meta.num_rows * len(schema.names)
+    if size > max(smallest, per_byte * path.stat().st_size):
+        text = f"{path}: states {meta.num_rows} rows, more than a file of this size holds"
+        raise UserError(text, "write the file again with the program that made it")
     table = _read_table(path, file)
     arrays = _arrays(table)
     columns, nested = _columns(table.schema, arrays)
-    raw = {f.name: problem for f in table.schema if (problem := _open_scale(f))}
+    integers = [f for f in table.schema if pa.types.is_integer(f.type)]
+    keys = {f.name: [x.decode("utf-8", "replace") for x in f.metadata or ()] for f in integers}
+    raw = {name: problem for name, x in keys.items() if (problem := open_scale(x))}
     columns = [c for c in columns if c.name not in raw]
-    findings = [*_not_read(nested, raw)]
+    findings = [
+        Finding("channel-not-read", "warning", name, 1, names={"reason": reason})
+        for name, reason in raw.items()
+    ]
+    if nested:
+        names = {"columns": ", ".join(nested[:6])}
+        findings.insert(0, Finding("nested-columns", "info", "", len(nested), names=names))
     durations = {c.title for c in columns if pa.types.is_duration(arrays[c.name].type)}
 
     def write(text: Path) -> list[str]:
@@ -72,27 +89,6 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
         "written by": meta.created_by or "",
     }
     return source
-
-
-def _not_read(nested: Sequence[str], raw: Mapping[str, str]) -> Iterator[Finding]:
-    """What is not read: columns of structures and lists, and raw numbers, with the reason."""
-    if nested:
-        names = {"columns": ", ".join(nested[:6])}
-        yield Finding("nested-columns", "info", "", len(nested), names=names)
-    for name, reason in raw.items():
-        yield Finding("channel-not-read", "warning", name, 1, names={"reason": reason})
-
-
-def _check_size(path: Path, rows: int, columns: int) -> None:
-    """Refuses a file that says it holds much more than it can.
-
-    Raises:
-        UserError: where these columns would take too much memory.
-    """
-    smallest, per_byte = _MOST_BYTES
-    if 9 * rows * columns > max(smallest, per_byte * path.stat().st_size):
-        text = f"{path}: states {rows} rows, more than a file of this size holds"
-        raise UserError(text, "write the file again with the program that made it")
 
 
 def _read_table(path: Path, file: Any) -> Any:
@@ -121,7 +117,7 @@ def _arrays(table: Any) -> dict[str, pa.Array]:
         array = column.combine_chunks()
         if pa.types.is_dictionary(array.type):
             array = array.dictionary_decode()
-        if not _is_list(array.type):
+        if not _is_any(array.type, _LISTS):
             arrays[name] = array
             continue
         longest = pc.max(pc.list_value_length(array)).as_py() or 0
@@ -139,9 +135,13 @@ def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetCol
     for f, title in zip(schema, titles, strict=True):
         unit = _unit(f) or _pair(f.name)[1]
         kind = arrays[f.name].type if f.name in arrays else None  # not that of a dictionary
-        if kind and (_is_number(kind) or pa.types.is_temporal(kind) or _is_text(kind)):
+        if kind and _is_any(kind, (*_NUMBERS, *_TEXTS, pa.types.is_temporal)):
             columns.append(_ParquetColumn(f.name, title, unit))
-        elif _is_list(f.type) and _is_number(f.type.value_type) and f"{f.name}[0]" in arrays:
+        elif (
+            _is_any(f.type, _LISTS)
+            and _is_any(f.type.value_type, _NUMBERS)
+            and f"{f.name}[0]" in arrays
+        ):
             count = sum(name.rpartition("[")[0] == f.name for name in arrays)
             places = (f"[{k}]" for k in range(count))
             unit = unit or units.in_name(title)[1]  # which the place would hide
@@ -187,30 +187,8 @@ def _first_line(error: Exception) -> str:
     return " ".join(str(error).splitlines()[0].split())[:160] if str(error) else "unreadable"
 
 
-def _is_text(kind: Any) -> bool:
-    types = pa.types
-    return bool(types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind))
-
-
-def _is_list(kind: Any) -> bool:
-    types = pa.types
-    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
-
-
-def _is_number(kind: Any) -> bool:
-    types = pa.types
-    return bool(
-        types.is_integer(kind)
-        or types.is_floating(kind)
-        or types.is_decimal(kind)
-        or types.is_boolean(kind)
-    )
-
-
-def _open_scale(field: Any) -> str:
-    """Why the numbers of a field are not known, "" where they are."""
-    names = [key.decode("utf-8", "replace") for key in field.metadata or ()]
-    return open_scale(names) if pa.types.is_integer(field.type) else ""
+def _is_any(kind: Any, checks: Sequence[Callable[[Any], bool]]) -> bool:
+    return any(check(kind) for check in checks)
 
 
 def _unit(field: Any) -> str:

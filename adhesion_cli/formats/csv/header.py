@@ -152,7 +152,10 @@ def _text_above(table: FirstRows, start: int) -> Header:
 
     top, units = start, None
     names: list[list[str]] = []
-    data_columns = _count_data_columns(table, start)
+    data = table.of_width(start)
+    filled = (sum(not is_null(cell) for cell in column) for column in zip(*data, strict=True))
+    # the other columns of a spreadsheet hold notes beside the table
+    data_columns = sum(n >= _DATA_SHARE * len(data) for n in filled)
     while len(names) < 4 and texts(top - 1):
         cells = rows[top - 1][1]
         if all(is_named(c, TYPES) for c in cells if c):
@@ -165,13 +168,6 @@ def _text_above(table: FirstRows, start: int) -> Header:
             break
         top -= 1
     return Header(names, units, top, start)
-
-
-def _count_data_columns(table: FirstRows, start: int) -> int:
-    """Columns with data; the others of a spreadsheet hold notes beside the table."""
-    data = table.of_width(start)
-    filled = (sum(not is_null(cell) for cell in column) for column in zip(*data, strict=True))
-    return sum(n >= _DATA_SHARE * len(data) for n in filled)
 
 
 def _continues(names: list[list[str]], cells: list[str], width: int, data_columns: int) -> bool:

@@ -32,17 +32,15 @@ def _with_zone(kind: str) -> dict[str, str]:
     return {name: pattern + _FORMS["zone"] for name, pattern in _FORMS[kind].items()}
 
 
-def _joined(date: str, clock: str) -> str:
-    return date.replace("CLOCK", clock) if "CLOCK" in date else f"{date}{_FORMS['gap']}{clock}"
-
-
 DATES: dict[str, str] = {k: x for k, x in _FORMS["dates"].items() if "CLOCK" not in x}
 CLOCKS: dict[str, str] = _with_zone("clocks") | _FORMS["alone"]
 DIGITS: dict[str, str] = _FORMS["after_date"]  # a clock only beside a date or milliseconds
 STAMPS, SHORT_STAMPS = (  # date and clock, by the name of each
     {
-        f"{clock} {date}": _joined(_FORMS[kind][date], pattern)
-        for date in _FORMS[kind]
+        f"{clock} {date}": (form if "CLOCK" in form else f"{form}{_FORMS['gap']}CLOCK").replace(
+            "CLOCK", pattern
+        )
+        for date, form in _FORMS[kind].items()
         for clock, pattern in (_with_zone("clocks") | _with_zone("after_date")).items()
     }
     for kind in ("dates", "short_dates")

@@ -110,7 +110,11 @@ def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, r
     """
     search, names = _ClockSearch(dialect, None, rows, path), dialect.names
     alike = [k for k, name in enumerate(names) if _unnumbered(name) == _unnumbered(names[0])]
-    times = [k for k, name in enumerate(names) if _speaks(dialect, k)]
+    times = [
+        k
+        for k, name in enumerate(names)
+        if _named(dialect, k) or speaks_of_time(name) or time_unit(dialect.units[k])
+    ]
     begins = alike if len(alike) > 1 and {*alike} <= {*times} else times
     columns = [range(a + 1, b) for a, b in pairwise([*begins, len(names)])]
     if len(begins) < 2 or begins[0] or not all(columns):
@@ -722,12 +726,6 @@ def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
     """Rank and unit of a column whose name is a time's."""
     texts = (dialect.names[i], *(cells[i] for cells in reversed(dialect.header_cells)))
     return next((named_time for text in texts if (named_time := time_name(text))), None)
-
-
-def _speaks(dialect: Dialect, i: int) -> bool:
-    """Whether a column's name or unit speaks of time."""
-    is_named = _named(dialect, i) is not None or speaks_of_time(dialect.names[i])
-    return is_named or time_unit(dialect.units[i]) is not None
 
 
 def _says_time(dialect: Dialect, i: int) -> bool:

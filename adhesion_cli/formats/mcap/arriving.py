@@ -99,7 +99,10 @@ class ArrivingMcap:
             return {}
         if requested and self._options.time_source is None:  # one clock for all parts
             self._options = replace(self._options, time_source=source.clock)
-        self.lost += (_placed(f, start) for f in source.findings if f.severity != "info")
+        for f in (f for f in source.findings if f.severity != "info"):
+            # the bytes of a part are not those of the file: where it begins
+            place = {"byte": start} if "byte" in f.values else {}
+            self.lost.append(replace(f, values={**f.values, **place}))
         return column_of
 
     def _source(self, raw: bytearray) -> McapSource:
@@ -120,7 +123,11 @@ class ArrivingMcap:
         except UserError:
             return self._has_messages  # it may come again
         with file, suppress(DamageError):  # where it becomes shorter, it is another one next time
-            self._restart_if_replaced(file)
+            # the file was cut, or another one has its name
+            if self._id is not None and (self._id != file.id or file.size < self._offset):
+                self.lost.append(Finding("source-restarted", "info", count=1))
+                self._restart()
+            self._id = file.id
             while len(self._raw) < _PIECE_SIZE and self._read_record(file):
                 pass
         return self._has_messages
@@ -152,20 +159,6 @@ class ArrivingMcap:
         self._offset = stop
         return True
 
-    def _restart_if_replaced(self, file: LogFile) -> None:
-        """Begins anew where the file was cut, or another one has its name."""
-        if self._id is not None and (self._id != file.id or file.size < self._offset):
-            self.lost.append(Finding("source-restarted", "info", count=1))
-            self._restart()
-        self._id = file.id
-
 
 def _by_name(fields: Iterable[Field]) -> dict[tuple[str, str, str], Field]:
     return {(f.channel, f.group, f.path): f for f in fields}
-
-
-def _placed(finding: Finding, start: int) -> Finding:
-    """A finding about a part, whose bytes are not those of the file: it names where that begins."""
-    if "byte" not in finding.values:
-        return finding
-    return replace(finding, values={**finding.values, "byte": start})
