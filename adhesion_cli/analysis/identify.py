@@ -300,15 +300,17 @@ def car_brakes(vehicle: Vehicle) -> tuple[CarBrake, ...]:
     if not vehicle.axles:
         return (CarBrake("", (), force_per_bar(vehicle), deceleration_per_bar(vehicle)),)
     cars: list[CarBrake] = []
-    for own in vehicle.axles:
-        figures = force_per_bar(own.vehicle), deceleration_per_bar(own.vehicle)
+    for car_axle in vehicle.axles:
+        figures = force_per_bar(car_axle.vehicle), deceleration_per_bar(car_axle.vehicle)
         for i, car in enumerate(cars):
             pairs = zip(car[2:], figures, strict=True)
-            if car.name == own.car and all(abs(x.value / y.value - 1.0) < _ALIKE for x, y in pairs):
-                cars[i] = car._replace(axles=(*car.axles, own.number))
+            if car.name == car_axle.car and all(
+                abs(x.value / y.value - 1.0) < _ALIKE for x, y in pairs
+            ):
+                cars[i] = car._replace(axles=(*car.axles, car_axle.number))
                 break
         else:
-            cars.append(CarBrake(own.car, (own.number,), *figures))
+            cars.append(CarBrake(car_axle.car, (car_axle.number,), *figures))
     if len(cars) == 1 and not cars[0].name:
         cars[0] = cars[0]._replace(axles=())
     return tuple(cars)

@@ -634,11 +634,13 @@ def _channels(section: Table) -> tuple[list[Mapping], Table]:
             axles, table = _axles(f"channels.{key}", place, _table(entry))
             table = _channel(key, table)
             for axle in axles:
-                other = place
+                previous_place = place
                 if axle and table["channel"]:
-                    other = places.setdefault((MEANINGS[key], axle), place)
-                if other != place:
-                    text = f"channels.{key} states axle {axle} twice: {other!r} and {place!r}"
+                    previous_place = places.setdefault((MEANINGS[key], axle), place)
+                if previous_place != place:
+                    text = (
+                        f"channels.{key} states axle {axle} twice: {previous_place!r} and {place!r}"
+                    )
                     raise UserError(text, "leave one of them out, or state its axles", code=2)
                 mappings.append(Mapping(MEANINGS[key], axle, **table))
     for name in ("time_channel", "group_channel"):

@@ -142,7 +142,7 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
 def _is_under_others(a: BrakeApplication, others: Sequence[Finding]) -> bool:
     """Whether another brake acts in a brake application; one that has no time acts in all."""
     return any(
-        not f.spans or any(begin < a.end_s and a.start_s < end for begin, end in f.spans)
+        not f.spans or any(begin < a.end_s and a.start_s < stop for begin, stop in f.spans)
         for f in others
     )
 
@@ -153,13 +153,15 @@ def _rows_used(result: Result) -> int:
     for channel in result.log.channels:
         if not channel.meaning:
             continue
-        ends = [
+        segment_spans = [
             axle.record.t[s][[0, -1]]
             for axle in result.axles
             if channel.axle in (None, axle.record.axle)
             for s in axle.record.segments
         ]
-        used_count = _count_between(ends, channel.data.t) - _count_between(ends, channel.held)
+        used_count = _count_between(segment_spans, channel.data.t) - _count_between(
+            segment_spans, channel.held
+        )
         by_origin[channel.row_of] = max(by_origin.get(channel.row_of, 0), used_count)
     return sum(by_origin.values())
 
@@ -167,8 +169,8 @@ def _rows_used(result: Result) -> int:
 def _count_between(ends: Sequence[Times], t: Times) -> int:
     """The times between any two ends; each counts once."""
     is_between = np.zeros(len(t), dtype=np.bool_)
-    for begin, end in ends:
-        is_between |= (t >= begin) & (t <= end)
+    for begin, stop in ends:
+        is_between |= (t >= begin) & (t <= stop)
     return int(is_between.sum())
 
 

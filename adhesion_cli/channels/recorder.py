@@ -10,13 +10,16 @@ from ..core.model import Bools, Column, Floats
 # 255.996, which is 65535/256 of J1939.
 _CODE = re.compile(r"9{3,}|99925|3276[78]|6553[45]|214748364[78]|429496729[45]|25599\d*")
 _ANY_CODE = 1e19  # so large a number is one as well, as 1e30
-_LEAST_CODES, _LEAST_OTHERS = 2, 10  # samples of one code; other values that differ
-_APART = 2.0  # times as large as every other value
+_LEAST_CODES, _FEWEST_VALUES = 2, 10  # samples of one code; other values that differ
+_CODE_DISTANCE = 2.0  # times as large as every other value
 # Changes of nearly the smallest size, and the share of them that may repeat a value.
 _LEAST_CHANGES, _MOST_REPEATS = 10, 0.05
 # Cycles in which a value was held; share of the change that the slope around predicts: a lost one.
 _LONG, _TREND = 3.0, 0.75
-_LEAST_HELD, _MOST_HELD = 2, 10_000_000  # intervals, as one alone may be a gap; samples added
+_FEWEST_HOLDS, _LARGEST_ADDITION = (
+    2,
+    10_000_000,
+)  # intervals, as one alone may be a gap; samples added
 
 
 def codes_of_no_value(value: Floats) -> list[float]:
@@ -25,18 +28,18 @@ def codes_of_no_value(value: Floats) -> list[float]:
     A code has digits that people choose for it, repeats exactly, and is far from all values, which
     vary: a demand of 0, 33.3 or 99.9 has steps.
     """
-    others, codes = value[np.isfinite(value)], list[float]()
-    while len(others):
-        code = float(others[np.argmax(np.abs(others))])
+    other_values, codes = value[np.isfinite(value)], list[float]()
+    while len(other_values):
+        code = float(other_values[np.argmax(np.abs(other_values))])
         digits = f"{abs(code):.10e}".replace(".", "").split("e")[0].rstrip("0")
-        has_code = others == code
+        has_code = other_values == code
         is_code = _CODE.fullmatch(digits) or abs(code) > _ANY_CODE
         if not is_code or np.count_nonzero(has_code) < _LEAST_CODES:
             break
-        codes, others = [*codes, code], others[~has_code]
-    if not codes or len(np.unique(others)) < _LEAST_OTHERS:
+        codes, other_values = [*codes, code], other_values[~has_code]
+    if not codes or len(np.unique(other_values)) < _FEWEST_VALUES:
         return []
-    return [code for code in codes if abs(code) > _APART * np.abs(others).max()]
+    return [code for code in codes if abs(code) > _CODE_DISTANCE * np.abs(other_values).max()]
 
 
 def with_held(data: Column, end: int, is_code: Bools) -> tuple[Column, Bools]:
@@ -76,14 +79,14 @@ def with_held(data: Column, end: int, is_code: Bools) -> tuple[Column, Bools]:
         return none_added
     slope = change / steps
     around = np.maximum(np.append(slope[:1], slope[:-1]), np.append(slope[1:], slope[-1:]))
-    held = is_long & (change <= 2.0 * change[~is_long].max(initial=0.0))
-    held &= change <= np.maximum(_TREND * steps * around, 1.5 * smallest)
-    if np.count_nonzero(held) < _LEAST_HELD:
+    hold_intervals = is_long & (change <= 2.0 * change[~is_long].max(initial=0.0))
+    hold_intervals &= change <= np.maximum(_TREND * steps * around, 1.5 * smallest)
+    if np.count_nonzero(hold_intervals) < _FEWEST_HOLDS:
         return none_added
-    lengths = np.append(np.where(held, steps, 0), max(end - int(t[-1]) + cycle, 0.0))
+    lengths = np.append(np.where(hold_intervals, steps, 0), max(end - int(t[-1]) + cycle, 0.0))
     code_t = np.append(data.t[is_code], end + cycle)
     lengths = np.minimum(lengths, code_t[np.searchsorted(code_t[:-1], t)] - t)
-    cycle = max(cycle, float(lengths.sum()) / _MOST_HELD)
+    cycle = max(cycle, float(lengths.sum()) / _LARGEST_ADDITION)
     counts = np.maximum(np.ceil(lengths / cycle - 0.5).astype(np.int64) - 1, 0)
     rows = np.repeat(np.arange(len(t)), 1 + counts)
     number = np.arange(len(rows)) - np.repeat(np.cumsum(1 + counts) - 1 - counts, 1 + counts)

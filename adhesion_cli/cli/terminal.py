@@ -243,9 +243,9 @@ def wrote(*paths: str | Path) -> str:
 def wrote_sets(sets: Sequence[Sequence[str]]) -> str:
     """Which files were written of several logs, a line for each log."""
     lines = []
-    for first, *others in sets:
-        suffixes = [Path(other).suffix for other in (*others, "x.sha256")]
-        lines.append(f"wrote {printable(first)}, {', '.join(suffixes)}")
+    for record, *other_files in sets:
+        suffixes = [Path(other).suffix for other in (*other_files, "x.sha256")]
+        lines.append(f"wrote {printable(record)}, {', '.join(suffixes)}")
     return "\n".join(lines)
 
 

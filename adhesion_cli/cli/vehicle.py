@@ -57,20 +57,22 @@ def _derived(shared: Shared) -> int:
     table_by_axle = {axle.number: axle.table for axle in cars.by_axle(tables)}
     brakes = []
     for brake in car_brakes(vehicle):
-        own, table = vehicle, tables.get("vehicle", {})
+        vehicle_of_car, table = vehicle, tables.get("vehicle", {})
         if brake.axles:
-            own, table = vehicle.of_axle(brake.axles[0]), table_by_axle[brake.axles[0]]
-        brakes.append((brake, own, clamping_faces(table) * own.radius_ratio.value))
+            vehicle_of_car, table = vehicle.of_axle(brake.axles[0]), table_by_axle[brake.axles[0]]
+        brakes.append(
+            (brake, vehicle_of_car, clamping_faces(table) * vehicle_of_car.radius_ratio.value)
+        )
     if shared.json:
-        figures = [_figures(brake, own) for brake, own, _ in brakes]
+        figures = [_figures(brake, vehicle_of_car) for brake, vehicle_of_car, _ in brakes]
         cars_of_train: Json = {}
         if brakes[0][0].axles:
             numbers = [{"car": x.name, "axles": [*x.axles]} for x, *_ in brakes]
             cars_of_train["cars"] = [{**a, **b} for a, b in zip(numbers, figures, strict=True)]
         print(dumps(tagged("vehicle", **figures[0], **cars_of_train)))
         return 0
-    for brake, own, faces in brakes:
-        _print_figures(brake, own, faces)
+    for brake, vehicle_of_car, faces in brakes:
+        _print_figures(brake, vehicle_of_car, faces)
     print("± is the expanded uncertainty (95 %). K is of all pads or blocks of one axle, at the")
     print("wheel rim.")
     return 0

@@ -132,9 +132,11 @@ def _columns(cls: type, unit: str, path: tuple[str, ...]) -> Iterator[FieldColum
         if is_class(kind):
             yield from _columns(kind, unit_here, field_path)
         elif get_origin(kind) is tuple and len(get_args(kind)) == 2 and get_args(kind)[1] is float:
-            for place, end in enumerate(("low", "high")):
-                full = (*field_path, str(place))
-                yield FieldColumn("_".join((*field_path, end)), float, unit_here, text, full)
+            for place, bound_name in enumerate(("low", "high")):
+                bound_path = (*field_path, str(place))
+                yield FieldColumn(
+                    "_".join((*field_path, bound_name)), float, unit_here, text, bound_path
+                )
         elif isinstance(kind, type) and get_origin(kind) is None:
             yield FieldColumn(
                 "_".join(field_path), kind, unit_here if kind is float else "", text, field_path

@@ -439,15 +439,15 @@ class Vehicle:
         if not self.axles:
             is_single = len(self.wheel_radius) == 1
             return self if is_single else replace(self, wheel_radius=(self.radius(axle),))
-        for own in self.axles:
-            if own.number == axle:
-                return own.vehicle
-        last = self.axles[-1]
-        if last.car:
+        for car_axle in self.axles:
+            if car_axle.number == axle:
+                return car_axle.vehicle
+        last_axle = self.axles[-1]
+        if last_axle.car:
             text = f"axle {axle} of the log is in no car"
-            hint = f"add it to axles = [...] of its [car.NAME], such as [car.{last.car}]"
+            hint = f"add it to axles = [...] of its [car.NAME], such as [car.{last_axle.car}]"
         else:
-            text = f"[vehicle] has lists for {last.number} axles, the log has an axle {axle}"
+            text = f"[vehicle] has lists for {last_axle.number} axles, the log has an axle {axle}"
             hint = "state one value for all axles, or lists with one for each"
         raise UserError(text, hint, code=2)
 

@@ -76,10 +76,10 @@ def as_url(path: Path) -> str | None:
     >>> as_url(Path("s3://trains/2026"))
     's3://trains/2026'
     """
-    kind, *parts_after = path.parts or ("",)  # a path has lost one of the slashes
+    kind, *path_parts = path.parts or ("",)  # a path has lost one of the slashes
     if not _KIND_OF_URL.fullmatch(kind) or Path(kind).exists():
         return None
-    return f"{kind}//{'/'.join(parts_after)}"
+    return f"{kind}//{'/'.join(path_parts)}"
 
 
 def by_uncertainty(value: float, u: float, max_decimals: int = 15) -> tuple[str, str]:

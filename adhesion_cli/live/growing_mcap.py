@@ -26,10 +26,10 @@ class GrowingMcap(Feed):
 
     def head(self) -> Source:
         """See `Feed`."""
-        first_seen = math.inf  # when messages were first seen
-        while time.monotonic() - first_seen < PAUSE and not self._arriving.ended:
+        receive_time = math.inf  # when messages were first seen
+        while time.monotonic() - receive_time < PAUSE and not self._arriving.ended:
             if self._arriving.arrived():
-                first_seen = min(first_seen, time.monotonic())
+                receive_time = min(receive_time, time.monotonic())
             time.sleep(TICK)
         if not self._arriving.arrived():
             raise UserError(f"{self.name}: ended without a message", "check what records it")

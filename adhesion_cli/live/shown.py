@@ -213,9 +213,9 @@ class StatusLine(Sink):
     def _axle(self, s: LiveSample, brief: bool = False) -> str:
         if not (e := s.estimates.get(self._algo)):
             return f"{s.axle}: {s.status.replace('-', ' ')}"
-        own = self._vehicle.of_axle(s.axle)
-        u95 = coefficient_u95(e.u95, e.force, own, e.mass)
-        mu = [float(coefficient(x, own, s.axle)) for x in (e.force, u95)]  # type: ignore[arg-type]
+        vehicle = self._vehicle.of_axle(s.axle)
+        u95 = coefficient_u95(e.u95, e.force, vehicle, e.mass)
+        mu = [float(coefficient(x, vehicle, s.axle)) for x in (e.force, u95)]  # type: ignore[arg-type]
         band = f"±{mu[1]:.3f}" if math.isfinite(mu[1]) else ""
         slip = f" {100.0 * s.slip:.{not brief:d}f} %" if math.isfinite(s.slip) else ""
         if brief:

@@ -406,7 +406,7 @@ def _summarise_draws(
     shares_used = _utilisation(
         points, rails_drawn, setup.radius, sigma, speeds, peaks_with_errors[:, 1:, 1]
     )
-    used = _interval(np.minimum(shares_used, 1.0))
+    utilisation = _interval(np.minimum(shares_used, 1.0))
     return RailFit(
         best,
         rails,
@@ -415,7 +415,7 @@ def _summarise_draws(
         slip_limit if beyond_peak else None,
         peak_slip if beyond_peak and lowest < peak_slip.value and _narrow(peak_slip) else None,
         mu if shows_peak_mu else None,
-        used if used.upper - used.lower < _WIDEST_UTILISATION else None,
+        utilisation if utilisation.upper - utilisation.lower < _WIDEST_UTILISATION else None,
         speed,
         setup.p,
     )

@@ -150,8 +150,11 @@ def with_reference_speed(
             rim[i, inside] = np.interp(t[inside], r.t[s], rims)
             K[i, inside] = np.interp(t[inside], r.t[s], r.clamping_force[s])
         if vehicle.axles:  # as of the mean axle
-            own = vehicle.of_axle(r.axle)
-            K[i] *= physics.table_share(rim[i], K[i], own.friction_table) * own.friction.value
+            axle_vehicle = vehicle.of_axle(r.axle)
+            K[i] *= (
+                physics.table_share(rim[i], K[i], axle_vehicle.friction_table)
+                * axle_vehicle.friction.value
+            )
             K[i] /= mean.friction.value
     middle = signals.finite_median(rim)
     for i, r in enumerate(all_records):

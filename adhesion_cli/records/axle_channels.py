@@ -77,11 +77,13 @@ class AxleChannels(NamedTuple):
             mean: the mean axle, from `core.mean_axle`.
             heavier: its mass over that of the mean axle of this log.
         """
-        own, record = vehicle.of_axle(self.record.axle), self.record
-        factor = heavier * own.friction.value / mean.friction.value
-        table = own.friction_table
+        axle_vehicle, record = vehicle.of_axle(self.record.axle), self.record
+        factor = heavier * axle_vehicle.friction.value / mean.friction.value
+        table = axle_vehicle.friction_table
         if table is None and mean.friction_table:
-            table = FrictionTable((0.0,), (), ((own.friction.value,),))  # the same at every speed
+            table = FrictionTable(
+                (0.0,), (), ((axle_vehicle.friction.value,),)
+            )  # the same at every speed
         elif table:
             table = table._replace(clamping_force=tuple(factor * K for K in table.clamping_force))
         motors = self.motors and self.motors.scaled(heavier)
@@ -95,7 +97,7 @@ class AxleChannels(NamedTuple):
             )
             changed = axle._with_motors(changed, mean.friction.value)
             return axle._replace(record=changed)
-        line, mean_line = force_line(own), force_line(mean)
+        line, mean_line = force_line(axle_vehicle), force_line(mean)
         # Both are straight lines below the springs' forces, too.
         scale = factor * line.per_pascal / mean_line.per_pascal
         offset = (mean_line.at_zero - factor * line.at_zero) / mean_line.per_pascal
