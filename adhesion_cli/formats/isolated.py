@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ..core.children import Child, ChildDiedError
 from ..core.errors import UserError, installed_by
@@ -82,8 +82,7 @@ class _Remote:
 
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `Reader`."""
-        columns: Columns = self._ask(list(wanted))
-        return columns
+        return cast(Columns, self._ask(list(wanted)))
 
     def _ask(self, wanted: list[int] | None) -> Any:
         """The columns of these numbers, or what the log holds.

@@ -8,7 +8,7 @@ time without its styles, which alone say that a number is a time.
 import re
 import zipfile
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -131,7 +131,10 @@ def write_text(
         columns.pop()  # a cell far from the table is no channel
     cells = [_quoted(_cells(column)) for column in columns]
     with target.open("wb") as file:
-        file.writelines(_lines(cells))
+        for begin in range(0, len(cells[0]), _ROWS):
+            rows = pc.binary_join_element_wise(*(c.slice(begin, _ROWS) for c in cells), "\t")
+            rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)  # of blank cells
+            file.write(("\n".join(rows.to_pylist()) + "\n").encode())
     others = [x for x in book.names if x != name]
     has_channels = reason != _OF_NUMBERS or any(
         any(map(time_name, column.heads())) for column in columns
@@ -334,11 +337,3 @@ def _quoted(cells: Any) -> Any:
             has_quote, pc.binary_join_element_wise('"', quotes_doubled, '"', ""), cells
         )
     return cells
-
-
-def _lines(cells: Sequence[Any]) -> Iterator[bytes]:
-    """The rows as lines; one without a filled cell is empty."""
-    for begin in range(0, len(cells[0]), _ROWS):
-        rows = pc.binary_join_element_wise(*(c.slice(begin, _ROWS) for c in cells), "\t")
-        rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)
-        yield ("\n".join(rows.to_pylist()) + "\n").encode()

@@ -163,7 +163,7 @@ class NamedColumn(NamedTuple):
 
 
 def fields(named: Sequence[NamedColumn], unit_from: str) -> list[Field]:
-    """A field for each channel of numbers.
+    """A field for each channel of numbers; with its group, if its name is not enough.
 
     Args:
         named: of each channel.
@@ -173,7 +173,12 @@ def fields(named: Sequence[NamedColumn], unit_from: str) -> list[Field]:
     >>> [(f.channel, f.group) for f in fields([*both, NamedColumn("Train", "v", "", "3")], "DBC")]
     [('p', 'Axle 1'), ('p', 'Axle 2'), ('v', '')]
     """
-    labels = _grouped([(x.group, x.name) for x in named])
+    groups: dict[str, set[str]] = {}  # by the names of their channels
+    for column in named:
+        groups.setdefault(column.name, set()).add(column.group)
+    # Groups that share the name of a channel are the same for several devices.
+    alike = set().union(*(x for x in groups.values() if len(x) > 1))
+    labels = [x.group if x.group in alike else "" for x in named]
     titles = distinct([f"{group}\0{x.name}" for group, x in zip(labels, named, strict=True)])
     return [
         Field(
@@ -202,24 +207,3 @@ def state_fields(
     others = {place: x for place, x in named.items() if place in words and place not in numbers}
     by_place = {**numbers, **dict(zip(others, fields([*others.values()], ""), strict=True))}
     return [replace(by_place[place], words=tuple(x)) for place, x in words.items()]
-
-
-def _grouped(names: Sequence[tuple[str, str]]) -> list[str]:
-    """What a channel's title names of the group that holds it, "" where its name is enough.
-
-    Groups that share the name of a channel are the same for several devices. All channels of these
-    name their group.
-
-    Args:
-        names: of each field, its group and its own name.
-
-    >>> _grouped([("Axle 1", "p"), ("Axle 1", "v"), ("Axle 2", "v"), ("Train", "speed")])
-    ['Axle 1', 'Axle 1', 'Axle 2', '']
-    """
-    groups: dict[str, set[str]] = {}
-    for group, name in names:
-        groups.setdefault(name, set()).add(group)
-    ambiguous = {
-        group for group_names in groups.values() if len(group_names) > 1 for group in group_names
-    }
-    return [group if group in ambiguous else "" for group, _ in names]

@@ -45,6 +45,7 @@ _STEPS = ("interval", "rate")  # labels of properties that say how far samples a
 _SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
 _X_CHANNEL = ("xchannel", "xrelation")  # properties that name the channel with a channel's time
 _NO_TIME = re.compile(r"(?i)fr[eé]qu|order|ordnung|angle|winkel|dist|weg\b|position|rpm|drehzahl")
+_KINDS = dict.fromkeys("biuf", "number") | {"O": "text", "V": "time", "M": "time"}  # of numpy
 _DEFAULT_INCREMENT = 1.0  # [s]; writers state it where nobody set one
 
 
@@ -130,8 +131,8 @@ class Reader:
         """
         channels, waves, by_name = self._readable(group), {}, {}
         for name, (channel, states) in channels.items():
-            if not _is_number(channel):
-                self._texts += [name] * (not _is_time(channel))
+            if _kind(channel) != "number":
+                self._texts += [name] * (_kind(channel) != "time")
                 continue
             time = next((x for p in _X_CHANNEL if (x := states[-1][1].get(p)) in channels), None)
             if time:
@@ -142,7 +143,7 @@ class Reader:
         usable = [c for c, _ in channels.values() if c.name not in times]
         axis = self._time_channel(group.name, usable, waves)
         others = [c for c in usable if c.name not in {*by_name, *waves}]
-        other_channels = [c for c in others if _is_number(c) or _is_time(c)]
+        other_channels = [c for c in others if _kind(c) in ("number", "time")]
         if other_channels and axis is None:
             try:
                 axis = self._by_columns(group.name, others)
@@ -155,9 +156,9 @@ class Reader:
             times |= set(axis.names)
         for c in usable:
             own_axis = by_name.get(c.name) or waves.get(c.name) or axis
-            if own_axis and _is_number(c) and c.name not in times:
+            if own_axis and _kind(c) == "number" and c.name not in times:
                 self._channels.append((c, own_axis))
-        self._add_words([c for c in usable if _is_text(c) and c.name not in times])
+        self._add_words([c for c in usable if _kind(c) == "text" and c.name not in times])
 
     def _add_words(self, texts: Sequence[Any]) -> None:
         """Adds channels of words, each with the time of one of numbers that is as long."""
@@ -176,7 +177,7 @@ class Reader:
                 continue
             if problem := _scaling_problem(self._file, group, channel, states):
                 self._leave_out(channel, problem, "warning")
-            elif _is_number(channel) and (problem := _axis_problem(states)):
+            elif _kind(channel) == "number" and (problem := _axis_problem(states)):
                 self._leave_out(channel, problem, "info")
             else:
                 channels[channel.name] = channel, states
@@ -328,7 +329,7 @@ class Reader:
         pairs = [*self._channels, *self._words]
         for channel, axis in (pairs[k] for k in wanted):
             words = list[str]()
-            is_text = _is_text(channel)
+            is_text = _kind(channel) == "text"
             value = numbered(channel[:], words) if is_text else np.asarray(channel[:], np.float64)
             t, ok = self._times(axis, len(value))
             n = min(len(value), len(t))
@@ -496,16 +497,9 @@ def _stamps(seconds: Any, fractions: Any) -> Times:
     return (np.asarray(seconds, np.int64) - _SINCE_1904) * 10**9 + nanoseconds
 
 
-def _is_number(channel: Any) -> bool:
-    return channel.dtype is not None and channel.dtype.kind in "biuf"
-
-
-def _is_text(channel: Any) -> bool:
-    return channel.dtype is not None and channel.dtype.kind == "O"
-
-
-def _is_time(channel: Any) -> bool:
-    return channel.dtype is not None and channel.dtype.kind in "VM"
+def _kind(channel: Any) -> str:
+    """What the samples are: "number", "text", "time"; "" for anything else."""
+    return _KINDS.get(channel.dtype.kind, "") if channel.dtype is not None else ""
 
 
 def _may_be_time(channel: Any, by_default: bool) -> bool:
@@ -514,14 +508,12 @@ def _may_be_time(channel: Any, by_default: bool) -> bool:
     A stated increment stands against all but stamps, and names of a time, with values that rise. A
     default gives way to stamps or such a name alone, and to rising values in a unit of time.
     """
-    is_named = _is_time(channel) or (_is_number(channel) and time_name(channel.name) is not None)
+    is_number = _kind(channel) == "number"
+    is_named = _kind(channel) == "time" or (is_number and time_name(channel.name) is not None)
     if is_named and by_default:
         return True
-    has_unit = by_default and _is_number(channel) and time_unit(_unit(channel)) is not None
-    return (is_named or has_unit) and _rises(channel)
-
-
-def _rises(channel: Any) -> bool:
+    if not is_named and not (by_default and is_number and time_unit(_unit(channel))):
+        return False
     array = _array(channel[:])
     values = np.asarray(array.cast(pa.int64()) if pa.types.is_timestamp(array.type) else array)
     return len(values) > 1 and bool(np.all(np.diff(values[np.isfinite(values)]) > 0))

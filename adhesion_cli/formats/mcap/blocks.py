@@ -36,11 +36,6 @@ class RecordBlock:
     rows: int = 0  # messages
     checked: bool = False  # by a CRC
 
-    @property
-    def length(self) -> int:
-        """Bytes of a chunk's record."""
-        return self.stop - self.offset
-
 
 class Records(NamedTuple):
     """The records of one block, inflated and checked; of its n messages arrays of shape (n,)."""
@@ -170,7 +165,7 @@ class BlockReader:
 
     def _inflate(self, block: RecordBlock) -> bytes:
         """The records in a chunk."""
-        content = self._file.content(block.offset, block.length - HEADER.size)
+        content = self._file.content(block.offset, block.stop - block.offset - HEADER.size)
         content.read(16)  # the time range, which nothing here relies on
         size, crc = content.read8(), content.read4()
         compression = content.read_prefixed_string()

@@ -3,14 +3,13 @@
 from bisect import bisect
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ...core.finding import Finding, Severity, Span
 from ...core.model import Column, Floats, Times
 from ...core.time_axis import spans_of
-from ..source import TimeSource
+from ..source import TimeSource, number_words
 from .blocks import Offsets, Records
 from .columns import Decoded, DecodingFault
 from .fields import Leaf
@@ -45,11 +44,9 @@ def deal(
     names = tuple(owner.strip() for owner in series.owners if isinstance(owner, str))
     owners = Decoded(series.tree, [Leaf(series.owner_at, words=names)], None, len(records.start))
     series.decoder.fill(owners, 0, records.data, records.start, records.stop)
-    words = owners.words.get(series.owner_at, [])
-    number_of: dict[Any, float] = {
-        owner: (words.index(owner.strip()) if owner.strip() in words else -1)
-        if isinstance(owner, str)
-        else owner
+    words = number_words(owners.words.get(series.owner_at, []), ())
+    number_of = {
+        owner: words.get(owner.strip(), -1) if isinstance(owner, str) else owner
         for owner in series.owners
     }
     numbers = owners.values[0]

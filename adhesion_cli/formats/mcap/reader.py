@@ -72,7 +72,7 @@ class McapSource(Source):
         self.reasons = {
             "profile": walk.profile,
             "library": walk.library,
-            "chunks": walk.chunks,
+            "chunks": sum(block.chunk for block in walk.blocks),
             "compression": ", ".join(sorted(walk.compressions)) or "none",
             "attachments": walk.attachments,
         }

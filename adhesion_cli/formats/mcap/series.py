@@ -78,8 +78,7 @@ class Series:
         **names: str,
     ) -> Finding:
         """A finding about this topic; without a count all its messages."""
-        result = Finding(code, severity, channel=self.topic, count=count or self.rows)
-        return replace(result, values=values or {}, names=names)
+        return Finding(code, severity, self.topic, count or self.rows, (), values or {}, names)
 
 
 def grouped(walk: Walk) -> list[Series]:

@@ -75,11 +75,6 @@ class Walk:
         if self.damage and not self.rows:
             raise self._error(self.damage[0], "no message in it is whole: copy the log anew")
 
-    @property
-    def chunks(self) -> int:
-        """Whole chunks."""
-        return sum(block.chunk for block in self.blocks)
-
     # ------------------------------------------------------------------ what is lost or in doubt
 
     @property
