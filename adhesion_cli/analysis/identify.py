@@ -458,7 +458,7 @@ def _posterior(
         prior,
         vehicle=calibrated,
         force_per_bar=force_per_bar(calibrated) if setting.by_pressure else None,
-        stops=sum(len(e.applications()) for e in rolling) or len(evidence),
+        stops=sum(e.applications() for e in rolling) or len(evidence),
         logs=len(evidence),
         differing=(*prior.differing, *differing) if len(lines) > 1 else prior.differing,
     )

@@ -571,7 +571,7 @@ class Calibration(_Tables):
         return path
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
-        title = f"Calibration by {len(self._calibration.applications)} brake applications"
+        title = f"Calibration by {self._calibration.applications} brake applications"
         return title, {"± is 1 sigma": calibrate.as_rows(self._calibration)}
 
 

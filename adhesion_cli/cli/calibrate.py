@@ -67,7 +67,7 @@ def report(calibration: "CalibrationRun") -> str:
         f"{100.0 * ratio.posterior_u / ratio.posterior:.1f} %. The mass is known within "
         f"{100.0 * mass.posterior_u / mass.posterior:.1f} %, and the force no better (1 sigma)."
     )
-    counts = f"{len(calibration.applications)}, logs: {len(calibration.logs)}"
+    counts = f"{calibration.applications}, logs: {len(calibration.logs)}"
     head = f"Brake applications: {counts}; ± is 1 sigma:"
     band = f"95 % band of the force at the mean brake: ±{prior:.1f} % as stated, "
     band += f"±{posterior:.1f} % calibrated"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ..core.annotated import Json
 from ..core.document import findings_document, tagged
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import AxleRecord, Floats, Log, Parameter, Vehicle, quantities
+from ..core.model import AxleRecord, Log, Parameter, Vehicle, quantities
 from ..core.text import by_uncertainty
 from ..formats.memory import Signals
 from ..records import brake_applications
@@ -57,25 +57,6 @@ _CAUSES = {
 }
 
 
-class ApplicationDeceleration(NamedTuple):
-    """One brake application: deceleration measured, and by the brake as stated and calibrated.
-
-    `_u` is 1 sigma: by the tolerances, by the posterior and what changes from log to log, and of
-    the gradient that was fitted.
-    """
-
-    log: str  # its path
-    begin_s: float  # after the log's start
-    speed_mps: float
-    measured_mps2: float
-    stated_mps2: float
-    stated_u_mps2: float
-    calibrated_mps2: float
-    calibrated_u_mps2: float
-    gradient_mps2: float  # above 0 where it drives the train
-    gradient_u_mps2: float
-
-
 class UsedLog(NamedTuple):
     """What one log contributes."""
 
@@ -91,7 +72,7 @@ class CalibrationRun(NamedTuple):
     settings: Settings  # as stated, with the calibrated vehicle
     logs: tuple[UsedLog, ...]
     result: reference.Calibrated
-    applications: tuple[ApplicationDeceleration, ...]
+    applications: int  # brake applications in which all wheels roll
     findings: tuple[Finding, ...]
 
 
@@ -161,7 +142,7 @@ def calibrate(
     )
     if prior_vehicle.source != "log":  # of a brake that nobody stated, any is plausible
         _check_plausible(calibrated.rows, posterior, paths)
-    applications = _applications(rolling, designs, posterior)
+    applications = sum(u.evidence.applications() for u in rolling)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))
     analysis = replace(settings.analysis, vehicle="stated")  # the same logs are no new evidence
     every_axle = move_axles(of_all.vehicle, vehicle, calibrated.vehicle)
@@ -331,92 +312,6 @@ def _check_plausible(
 # Report
 
 
-def _applications(
-    logs: Sequence[UsedLog], designs: Sequence[Design], posterior: solve.Posterior
-) -> tuple[ApplicationDeceleration, ...]:
-    """All brake applications, in the order of the logs."""
-    rows: list[ApplicationDeceleration] = []
-    place = len(model.UNITS)
-    for used_log, d in zip(logs, designs, strict=True):
-        rows += _decelerations(used_log, d, posterior, slice(place, place + len(d.size)))
-        place += len(d.size)
-    return tuple(rows)
-
-
-def _decelerations(
-    u: UsedLog, d: Design, posterior: solve.Posterior, pieces_of_log: slice
-) -> list[ApplicationDeceleration]:
-    """The decelerations of each brake application, by straight lines through its samples.
-
-    Args:
-        u: the log.
-        d: its design.
-        posterior: of all logs.
-        pieces_of_log: the places of the log's gradients in it.
-    """
-    n = len(model.UNITS)
-    x = posterior.mean[:n]
-    of_brake = [model.SCALE, model.OFFSET, model.FADE]
-    stated_covariance = np.diag(posterior.prior_sigma[of_brake] ** 2)
-    log_to_log = np.zeros(n)
-    log_to_log[[*reference.LOG_TO_LOG]] = [sigma**2 for sigma in reference.LOG_TO_LOG.values()]
-    covariance = posterior.covariance[:n, :n] + np.diag(log_to_log)
-    gradient_covariance = posterior.covariance[pieces_of_log, pieces_of_log]
-    stated_mean = x.copy()
-    stated_mean[of_brake] = posterior.prior[of_brake]
-    t, piece = d.t[d.samples], np.repeat(np.arange(len(d.size)), d.size.astype(int))
-    loss_stated, loss_calibrated = (_predict_loss(d, y) for y in (stated_mean, x))
-    rows = []
-    for (begin, _), samples in u.evidence.applications():
-
-        def slopes(y: Floats, samples: Any = samples) -> Floats:
-            return np.asarray(np.polyfit(t[samples] - t[samples].mean(), y[..., samples].T, 1)[0])
-
-        (rate_stated, *gradient_stated), (rate_calibrated, *gradient_calibrated) = (
-            slopes(y) for y in (loss_stated, loss_calibrated)
-        )
-        share = np.bincount(piece[samples], minlength=len(d.size)) / len(samples)
-        rows.append(
-            ApplicationDeceleration(
-                u.log.path,
-                begin,
-                float(d.measured[samples].mean()),
-                -float(slopes(d.measured[None])[0]),
-                float(rate_stated),
-                _sigma(np.array(gradient_stated)[of_brake], stated_covariance),
-                float(rate_calibrated),
-                _sigma(np.array(gradient_calibrated), covariance),
-                float(share @ posterior.mean[pieces_of_log]),
-                _sigma(share, gradient_covariance),
-            )
-        )
-    return rows
-
-
-def _sigma(gradient: Floats, covariance: Floats) -> float:
-    return math.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
-
-
-def _predict_loss(d: Design, x: Floats) -> Floats:
-    """What brake and resistances take from the speed, then its derivatives; (8, m) [m/s]."""
-    t, u = d.t[d.samples], d.relative_speed + d.mean
-    squared_integral = np.cumsum(u * u)[d.samples] * (d.t[1] - d.t[0])
-    by_motors = pieces.motor_loss(d)
-
-    def loss(y: Floats) -> Floats:
-        of_brake = math.exp(y[model.SCALE]) * solve.speed_loss(d, y)
-        total: Floats = of_brake + y[model.RESISTANCE] * t + y[model.DRAG] * squared_integral
-        return total + by_motors
-
-    rows = [loss(x)]
-    for i, step in enumerate((0.01, 0.002, 0.005, 0.01, 1e-4, 1e-3, 1e-6)):
-        upper, lower = x.copy(), x.copy()
-        upper[i] += step
-        lower[i] -= step
-        rows.append((loss(upper) - loss(lower)) / (2.0 * step))
-    return np.array(rows)
-
-
 def as_toml(calibration: CalibrationRun) -> str:
     """The vehicle, and how its logs were read, as `-c` takes it; comments say what it is from."""
     lines = ["# Vehicle by `adhesion calibrate`; tolerances are 1 sigma."]
@@ -458,7 +353,7 @@ def document(calibration: CalibrationRun, outputs: dict[str, str]) -> Json:
     return tagged(
         "calibrate",
         logs=len(calibration.logs),
-        applications=len(calibration.applications),
+        applications=calibration.applications,
         outputs=outputs,
         parameters={name: row._asdict() for name, row in result.rows.items()},
         correlation={"names": [*result.rows], "matrix": result.correlation.tolist()},
@@ -466,7 +361,6 @@ def document(calibration: CalibrationRun, outputs: dict[str, str]) -> Json:
         force_after_n=result.force[1],
         band_before_n=result.band[0],
         band_after_n=result.band[1],
-        braked=[a._asdict() for a in calibration.applications],
         used=[{"path": u.log.path, "sha256": u.log.sha256} for u in calibration.logs],
         findings=findings_document(calibration.findings),
     )
