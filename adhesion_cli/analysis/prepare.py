@@ -27,7 +27,7 @@ from ..records.resample import resample
 from ..records.screen import screen
 from ..train.align import align
 from ..train.deceleration_cause import explain_deceleration
-from ..train.grid import Grids, build_grids, on_gradient
+from ..train.grid import Grids, build_grids, on_gradient, without_pressures
 from ..train.mean_axle import mass_at_rim, mean_axle
 from ..train.track import Gradient, find_gradient
 
@@ -52,8 +52,14 @@ class AlignedLog(NamedTuple):
             return self
         axles = [a.clamped_by(vehicle) for a in self.axles]
         grids = self.grids and build_grids(axles, vehicle)
-        grids = grids and on_gradient(grids, self.gradient, vehicle)
-        return self._replace(axles=axles, grids=grids, vehicle=vehicle)
+        return self._replace(axles=axles, vehicle=vehicle).on_line(grids)
+
+    def on_line(self, grids: Grids | None) -> "AlignedLog":
+        """The log with other grids, on its gradient and without what other brakes do."""
+        grids = grids and on_gradient(grids, self.gradient, self.vehicle)
+        spans = [span for f in self.other_brakes for span in f.spans]
+        grids = grids and without_pressures(grids, self.view.start_ns, spans)
+        return self._replace(grids=grids)
 
     def as_mean_axles(self, mean: Vehicle) -> "AlignedLog":
         """The log of a train that has this mean axle at every place, and brakes alike.
@@ -66,8 +72,7 @@ class AlignedLog(NamedTuple):
         heavier = 1.0 if own_mean == mean else mass_at_rim(mean) / mass_at_rim(own_mean)
         axles = [a.as_mean_axle(self.vehicle, mean, heavier) for a in self.axles]
         grids = self.grids and build_grids(axles, mean)
-        grids = grids and on_gradient(grids, self.gradient, mean)
-        return self._replace(axles=axles, grids=grids, vehicle=mean)
+        return self._replace(axles=axles, vehicle=mean).on_line(grids)
 
     @property
     def numbers(self) -> list[int]:
@@ -108,11 +113,11 @@ def align_log(
     axle_names = ", ".join(str(a.record.axle) for a in aligned.axles)
     if track.profile and gradient is None:
         findings.append(Finding("no-position", "warning"))
-    return AlignedLog(
+    aligned_log = AlignedLog(
         log.path,
         aligned.axles,
         choice.requested,
-        aligned.grids and on_gradient(aligned.grids, gradient, vehicle),
+        None,
         gradient,
         vehicle,
         view,
@@ -120,6 +125,7 @@ def align_log(
         other_brake_findings(log, aligned.axles, vehicle, view),
         not any(f.names["axles"] == axle_names for f in log.findings if f.code == "force-spread"),
     )
+    return aligned_log.on_line(aligned.grids)
 
 
 def diagnose_log(

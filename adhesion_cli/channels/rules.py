@@ -30,7 +30,8 @@ class Rule(NamedTuple):
     """One row: a field of this quantity, whose name has these words, has this meaning.
 
     Attributes:
-        quantity: by its unit, or by a word where it states no unit; see `_Name.quantities`.
+        quantity: by its unit, or by a word where it states no unit; see `_Name.quantities`. A
+            state has no unit, a switch none or "-".
         pattern: kinds of words of the vocabulary; all conditions must hold. "own" asks only the
             words of the field itself, not of its topic. "|" separates alternatives. "!" asks that
             there are no such words. "?" finds words for the reason, and asks nothing.
@@ -102,13 +103,13 @@ RULES = (
     Rule("speed along the track", "train, ?own speed, !wheel", "train_speed"),
     Rule("speed", "?wheel, ?own speed", "wheel_speed"),
     Rule("state", "own ED brake, !state", None, ED_WITHOUT_UNIT),
-    Rule("state", "own vent valve", "vent_valve", _SHOWN),
-    Rule("state", "own hold valve", "hold_valve", _SHOWN),
+    Rule("switch", "own vent valve", "vent_valve", _SHOWN),
+    Rule("switch", "own hold valve", "hold_valve", _SHOWN),
     Rule("any", "own magnetic braking", "magnetic_brake", _ON),
     Rule("any", "own retarder", "retarder", _ON),
-    Rule("state", "own sand", "sanding", _SHOWN),
-    Rule("state", "own emergency", "emergency", _SHOWN),
-    Rule("state", "own WSP", "wsp_active", _SHOWN),
+    Rule("switch", "own sand", "sanding", _SHOWN),
+    Rule("switch", "own emergency", "emergency", _SHOWN),
+    Rule("switch", "own WSP", "wsp_active", _SHOWN),
     Rule("state", "own braking demand", "brake_command", _SHOWN),
     Rule("ratio", "own braking demand", "brake_command", _SHOWN),
     Rule("length", "own position|own kilometre", "position", _PLACED),
@@ -272,7 +273,9 @@ class _Name:
             may_be = _QUANTITY[rare.dimension]
         unit_of = {"any": self.unit} | dict.fromkeys(may_be, self.rare_unit)
         if not measured and not may_be:
-            unit_of["state"] = self.unit
+            unit_of["state"] = unit_of["switch"] = self.unit
+        elif self.rare_unit == "-":
+            unit_of["switch"] = self.unit
         if not measured:
             if "force" in self.own_kinds:
                 unit_of["force"] = self.unit
@@ -356,6 +359,12 @@ def _ed_brake(kinds: Mapping[str, str]) -> str:
     return kinds.get("ED", "") or _both(kinds, "electric", "braking")
 
 
+def _track_brake(name: _Name) -> str:
+    """The word that calls this the magnetic track brake, "" where none does."""
+    is_named = ("track", "brake") in zip(name.own, name.own[1:], strict=False)
+    return _both(name.own_kinds, "magnetic", "braking") or "track brake" * is_named
+
+
 def _valve(kinds: Mapping[str, str], state: str) -> str:
     """The word that calls this a WSP valve of that state, "" where none does."""
     seconds = ("valve", "WSP", "WSP letters")
@@ -378,7 +387,7 @@ _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
     "own vent valve": lambda name: _valve(name.own_kinds, "vent"),
     "own hold valve": lambda name: _valve(name.own_kinds, "hold"),
     "own WSP": lambda name: _wsp(name.own_kinds),
-    "own magnetic braking": lambda name: _both(name.own_kinds, "magnetic", "braking"),
+    "own magnetic braking": _track_brake,
     "own braking demand": lambda name: _both(name.own_kinds, "braking", "demand"),
 }
 

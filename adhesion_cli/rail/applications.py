@@ -76,11 +76,8 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         speed = np.where(np.isfinite(record.train_speed[samples]), record.train_speed[samples], rim)
     finite = speed[np.isfinite(speed)]
     from_speed, to_speed = (float(finite[i]) if len(finite) else None for i in (0, -1))
-    force, rows, coverage = _measured(axle, vehicle, pieces, contributions, peak_time) or (
-        None,
-        None,
-        None,
-    )
+    measured = _measured(axle, vehicle, pieces, contributions, peak_time)
+    force, coefficient, rows, coverage = measured or (None, None, None, None)
     weight = vehicle.axle_mass.value * physics.G
     slides = [x for x in all_slides if samples.start <= x.samples.start < samples.stop]
     place = route.at(int(record.t[samples.start]))
@@ -91,7 +88,6 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     utilisation = rail.utilisation if rail else None
     has_motor = force is not None and record.motor_clamping is not None
     work = brake_work(record, vehicle, pieces) if has_motor else None
-    coefficient = force and _coefficient(force, weight, vehicle, _mass(axle, samples))
     return BrakeApplication(
         axle=record.axle,
         start_s=(int(record.t[samples.start]) - log_start) / 1e9,
@@ -151,8 +147,8 @@ def _measured(
     pieces: Sequence[slice],
     contributions: Mapping[str, Floats],
     peak_time: float,
-) -> tuple[MeanAndHighest, tuple[Contribution, ...], Coverage] | None:
-    """The force of an application [N] and its budget; None where the reference has no value.
+) -> tuple[MeanAndHighest, MeanAndHighest, tuple[Contribution, ...], Coverage] | None:
+    """Force [N], µ and budget of an application; None where the reference has no value.
 
     Args:
         axle: with its reference.
@@ -171,9 +167,10 @@ def _measured(
     mean = partial(_mean, axle.record.t, pieces=finite_pieces)
     samples = sum(map(len, finite_pieces))
     rows, coverage = budget.mean_budget(axle, vehicle, contributions, mean, samples)
-    highest, u95 = highest_mean(axle.record.t, ref, finite_pieces, peak_time)
-    mean_u95 = coverage.k * coverage.u_n
-    return MeanAndHighest(mean(ref.force), mean_u95, highest, u95), rows, coverage
+    highest = highest_mean(axle.record.t, ref, finite_pieces, peak_time)
+    force = MeanAndHighest(mean(ref.force), coverage.k * coverage.u_n, highest.value, highest.u95)
+    mass = 0.0 if ref.mass is None else mean(ref.mass)
+    return force, _coefficient(force, vehicle, mass, highest.mass), rows, coverage
 
 
 def _mean(t: Times, x: Floats, pieces: Sequence[NDArray[np.int64]]) -> float:
@@ -184,27 +181,23 @@ def _mean(t: Times, x: Floats, pieces: Sequence[NDArray[np.int64]]) -> float:
     return area / sum(1e-9 * float(t[indices[-1]] - t[indices[0]]) for indices in pieces)
 
 
-def _mass(axle: AxleResult, samples: slice) -> float:
-    """The force's mean covariance with ln m [N]."""
-    mass_covariance = axle.reference.mass
-    return 0.0 if mass_covariance is None else float(np.nanmean(mass_covariance[samples]))
-
-
 def _coefficient(
-    force: MeanAndHighest, weight: float, vehicle: Vehicle, together: float
+    force: MeanAndHighest, vehicle: Vehicle, mean_mass: float, highest_mass: float
 ) -> MeanAndHighest:
-    """A force over the weight of the axle; `together` is from `_mass`."""
+    """A force over the weight of the axle.
+
+    Args:
+        force: of an application [N].
+        vehicle: with the mass.
+        mean_mass: covariance of the mean force with ln m [N].
+        highest_mass: that of the highest force [N].
+    """
     assert force.max is not None
-    per_force = together / force.mean if force.mean else 0.0  # a share of the brake force
-
-    def half_width(x: float, u95: float) -> float:
-        return budget.coefficient_u95(u95, x, vehicle, per_force * x) / weight
-
+    weight = vehicle.axle_mass.value * physics.G
+    mean_u95 = budget.coefficient_u95(force.mean_u95, force.mean, vehicle, mean_mass)
+    max_u95 = budget.coefficient_u95(force.max_u95, force.max, vehicle, highest_mass)
     return MeanAndHighest(
-        force.mean / weight,
-        half_width(force.mean, force.mean_u95),
-        force.max / weight,
-        half_width(force.max, force.max_u95),
+        force.mean / weight, mean_u95 / weight, force.max / weight, max_u95 / weight
     )
 
 

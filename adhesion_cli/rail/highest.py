@@ -18,7 +18,7 @@ is well known.
 
 import math
 from collections.abc import Callable, Sequence
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,14 @@ _FAR = 6.0  # sigma beyond which a window is surely lower
 _erfc = cast(Callable[[Floats], Floats], np.vectorize(math.erfc, otypes=[float]))
 
 
+class HighestMean(NamedTuple):
+    """The highest mean force of a brake application."""
+
+    value: float  # [N]
+    u95: float  # half the width of its 95 % band [N]
+    mass: float  # its covariance with ln m [N]
+
+
 def is_known(coefficient: float, u95: float) -> bool:
     """Whether the interval of a µ says anything: it does not hold both 0 and a rail that grips."""
     return coefficient > u95 or coefficient + u95 < SLIPPERY
@@ -40,8 +48,8 @@ def is_known(coefficient: float, u95: float) -> bool:
 
 def highest_mean(
     t: Times, reference: Reference, pieces: Sequence[NDArray[np.int64]], peak_time: float
-) -> tuple[float, float]:
-    """The highest mean force over `peak_time`, and half the width of its 95 % band [N].
+) -> HighestMean:
+    """The highest mean force over `peak_time`, with its band.
 
     Args:
         t: of the reference (n,) [ns].
@@ -50,7 +58,7 @@ def highest_mean(
         peak_time: [s]. Where samples are further apart than half of it, each is taken as it is.
     """
     windows = [_windows(t[i], reference.rows(i), peak_time) for i in pieces]
-    mean, sigma, tolerance = (np.concatenate(column) for column in zip(*windows, strict=True))
+    mean, sigma, tolerance, mass = (np.concatenate(column) for column in zip(*windows, strict=True))
     sigma = np.maximum(sigma, 1e-9 * max(float(np.abs(mean).max()), 1.0))
     top = int(np.argmax(mean - Z95 * sigma))
     highest, by_tolerance = float(mean[top]), Z95 * float(tolerance[top])
@@ -58,16 +66,20 @@ def highest_mean(
     lower, upper = (
         _quantile(mean[candidates], sigma[candidates], share) for share in (0.025, 0.975)
     )
-    return highest, math.hypot(max(upper - highest, highest - lower), by_tolerance)
+    u95 = math.hypot(max(upper - highest, highest - lower), by_tolerance)
+    return HighestMean(highest, u95, float(mass[top]))
 
 
-def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, Floats, Floats]:
-    """Mean force, its sigma by noise and by tolerances, of the highest window of each `peak_time`.
+def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, ...]:
+    """The highest window of each `peak_time`.
 
     Args:
         t: (n,) [ns].
         r: the force at these times.
         peak_time: [s].
+
+    Returns:
+        Mean force, its sigma by noise and by tolerances, and its covariance with ln m, (k,) [N].
     """
     seconds = (t - t[0]) * 1e-9
     mean, sigma, interval = r.force, r.sigma, float(np.median(np.diff(seconds)))
@@ -79,7 +91,8 @@ def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, Floats, 
     block = np.floor(seconds / peak_time).astype(int)
     order = np.lexsort((mean + sigma, block))
     best = order[np.append(np.flatnonzero(np.diff(block[order])), len(order) - 1)]
-    return mean[best], sigma[best], r.tolerance[best]
+    mass = np.zeros(len(t)) if r.mass is None else r.mass
+    return mean[best], sigma[best], r.tolerance[best], mass[best]
 
 
 def _moving_mean(t: Floats, x: Floats, width: float) -> Floats:

@@ -29,7 +29,7 @@ _DRIVEN_RATE = 0.3
 class Grid:
     """All axles on one even time axis; NaN where a channel has no sample nearby, or a wrong one.
 
-    Wrong is a pressure, and its K, where its sensor's range ends.
+    Wrong is a pressure, and its K, where its sensor's range ends, or while another brake acts.
     """
 
     start_ns: int  # its first time [ns]
@@ -168,6 +168,25 @@ def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Gr
         climb = np.concatenate([[0.0], np.cumsum(slowing[1:] + slowing[:-1]) * g.step / 2.0])
         climbing.append(replace(g, climb=climb, gradient_sigma=G * gradient.sigma))
     return Grids(*climbing)
+
+
+def without_pressures(grids: Grids, start_ns: int, spans: Sequence[tuple[float, float]]) -> Grids:
+    """The grids without the pressures while another brake acts: they do not show what slows.
+
+    Args:
+        grids: of the log.
+        start_ns: of the log [ns].
+        spans: when it acts, after the start of the log [s].
+    """
+    if not spans:
+        return grids
+    masked = []
+    for g in grids:
+        t = (g.start_ns - start_ns) / 1e9 + g.step * np.arange(g.rim.shape[1])
+        acts = np.any([(t > start - g.step) & (t < stop + g.step) for start, stop in spans], axis=0)
+        clamping, pressure = (np.where(acts, np.nan, x) for x in (g.clamping, g.pressure))
+        masked.append(replace(g, clamping=clamping, pressure=pressure))
+    return Grids(*masked)
 
 
 def build_grids(axles: Sequence[AxleChannels], vehicle: Vehicle) -> Grids | None:

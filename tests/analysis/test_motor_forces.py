@@ -176,6 +176,20 @@ def test_a_magnetic_brake_that_acts_is_another_brake(tmp_path: Path) -> None:
     assert [f.spans for f in again.findings if f.code == "other-brake"] == [first.spans]
 
 
+@pytest.mark.parametrize(("acts_in", "is_known"), [(slice(1, 2), True), (slice(None), False)])
+def test_a_stop_with_a_track_brake_shows_no_brake_by_pressure(
+    acts_in: slice, is_known: bool, tmp_path: Path
+) -> None:
+    log = blended(ed_part=0.0)
+    on = np.zeros(len(log.t))
+    for start, stop in log.stops[acts_in]:
+        on[(log.t > start) & (log.t < stop)] = 1.0
+    path = log.write(tmp_path / "tram.csv", {"track brake active [-]": on})
+    result = run.analyze(path, load(None, folder=False), ["td"])
+    assert result.findings[0].code == "other-brake"
+    assert result.identified.known is is_known
+
+
 @pytest.mark.parametrize(
     ("line", "error"),
     [

@@ -321,7 +321,11 @@ def test_short_names_of_train_computers(name: str, meaning: str | None) -> None:
         ("Hauptbehälterleitung [bar]", RESERVOIR, None), ("总风压力(kPa)", RESERVOIR, None),
         ("BP [bar]", PIPE, None), ("Luftfederdruck [bar]", "load_pressure", None),
         ("撒砂", "sanding", None), ("MTB", "magnetic_brake", None),
-        ("Mg-Bremse", "magnetic_brake", None), ("retarder torque [Nm]", "retarder", None),
+        ("Mg-Bremse", "magnetic_brake", None), ("track brake active [-]", "magnetic_brake", None),
+        ("Schienenbremse", "magnetic_brake", None), ("brake force at the track [kN]", None, None),
+        ("emergency brake [-]", "emergency", None), ("sanding [-]", "sanding", None),
+        ("vent valve 2 [-]", "vent_valve", 2), ("emergency [%]", None, None),
+        ("retarder torque [Nm]", "retarder", None),
         ("Distancia", "distance", None), ("distance [m]", "distance", None),
         ("里程(km)", "position", None), ("latitude [deg]", "latitude", None),
         ("GPS longitude", "longitude", None), ("gradient [‰]", "gradient", None),
@@ -344,7 +348,7 @@ def test_each_rule_asks_for_words_that_the_vocabulary_has() -> None:
              for kind in kinds}  # fmt: skip
     assert {kind.removeprefix("own ") for kind in asked} <= {*rules._WORDS_BY_KIND, *rules._SPECIAL}
     asked_of = {of for may_be in rules._QUANTITY.values() for of in may_be}
-    derived = {"any", "absolute pressure", "speed without unit", "state"}
+    derived = {"any", "absolute pressure", "speed without unit", "state", "switch"}
     assert {rule.quantity for rule in rules.RULES} <= asked_of | derived
 
 

@@ -14,6 +14,7 @@ from helpers.grids import thinned
 from helpers.pasted import pasted
 
 from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.model import Parameter, Vehicle
@@ -75,6 +76,24 @@ def test_a_factor_of_two_is_a_count_and_no_other_mass(
     assert ("count the pads" in names["check"]) is counts
     assert names["fits"].startswith(("twice the pads", "half the pads")) is counts
     assert ("vehicle.axle_mass" in names["fits"]) is proposes_mass
+
+
+def test_a_train_that_stands_braked_for_long_has_no_wrong_unit(tmp_path: Path) -> None:
+    noise = np.random.default_rng(3)
+    t = np.arange(0.0, 80.0, 0.05)
+    p = 3.0 * np.clip((t - 4.0) / 2.0, 0.0, 1.0)
+    v = np.maximum(20.0 - 0.4 * np.maximum(t - 5.0, 0.0), 0.0)
+    slip = 0.15 * (np.abs(np.sin(0.7 * t)) > 0.3) * (t > 6.0)
+    wheel = v * (1.0 - slip)  # WSP lets all wheels slide
+    p *= 1.0 - 0.7 * (slip > 0.0) * (v > 0.0)
+    radar = 3.6 * v + noise.normal(0.0, 0.15, len(t))
+    rows = zip(t, p, 3.6 * wheel, 3.6 * wheel, radar, strict=True)
+    path = tmp_path / "log.csv"
+    head = "time [s],bc_pressure [bar],wheel_speed_1 [km/h],wheel_speed_2 [km/h],radar speed [km/h]"
+    lines = (",".join(f"{x:.2f}" for x in row) for row in rows)
+    path.write_text("\n".join([head, *lines]) + "\n")
+    result = analyze(path, settings.load(None, folder=False), ["td"])
+    assert "deceleration-unit-suspect" not in {f.code for f in result.findings}
 
 
 @pytest.mark.parametrize("name", ["service-brake", "low-adhesion"])

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from adhesion_cli.core.model import Floats, Reference
+from adhesion_cli.core.model import Floats, Parameter, Reference, Vehicle
 from adhesion_cli.rail.highest import highest_mean
+from adhesion_cli.reference.budget import coefficient_u95
 
 RATE = 100.0  # [Hz]
 
@@ -17,7 +18,7 @@ def reference(force: Floats, sigma: Floats, tolerance: float = 0.0) -> Reference
 
 def highest(r: Reference, peak_time: float = 0.1) -> tuple[float, float]:
     n = np.arange(len(r.force))
-    return highest_mean((n * 1e9 / RATE).astype(np.int64), r, [n], peak_time)
+    return highest_mean((n * 1e9 / RATE).astype(np.int64), r, [n], peak_time)[:2]
 
 
 @pytest.mark.parametrize(("peak_time", "mean"), [(0.1, 2000.0), (0.2, 2000.0), (0.4, 1500.0)])
@@ -62,7 +63,7 @@ def test_samples_that_are_far_apart_are_taken_as_they_are() -> None:
     force = np.array([1000.0, 1000.0, 3000.0, 1000.0, 1000.0])
     t = np.arange(5) * 100_000_000
     r = replace(reference(force, np.full(5, 1.0)), impulse=np.zeros(5), clamping=np.zeros(5))
-    value, half = highest_mean(t, r, [np.arange(5)], 0.1)
+    value, half, _ = highest_mean(t, r, [np.arange(5)], 0.1)
     assert value == 3000.0
     assert half == pytest.approx(1.96, rel=0.01)
 
@@ -70,3 +71,18 @@ def test_samples_that_are_far_apart_are_taken_as_they_are() -> None:
 def test_tolerances_count_in_full() -> None:
     value, half = highest(reference(np.full(100, 5000.0), np.full(100, 1e-3), 100.0))
     assert (value, half) == (pytest.approx(5000.0), pytest.approx(196.0, rel=1e-3))
+
+
+def test_the_covariance_with_the_mass_is_that_of_the_highest_window() -> None:
+    """Not that of the mean force: their difference once made the interval of the highest µ zero."""
+    force = np.where(np.arange(100) < 50, 4000.0, 6000.0)  # a motor has a part of the first half
+    share = 0.4  # of the mass, 1 sigma
+    brake = np.where(np.arange(100) < 50, 1000.0, 6000.0)  # the part that is found by the mass
+    r = reference(force, np.full(100, 1e-3))
+    r = replace(r, tolerance=share * brake, mass=share**2 * brake)
+    value, u95, mass = highest_mean(
+        (np.arange(100) * 1e7).astype(np.int64), r, [np.arange(100)], 0.1
+    )
+    assert mass == pytest.approx(share**2 * 6000.0)
+    vehicle = Vehicle(axle_mass=Parameter(10e3, share * 10e3))
+    assert coefficient_u95(u95, value, vehicle, mass) < 1.0  # µ does not depend on the mass

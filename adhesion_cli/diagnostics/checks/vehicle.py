@@ -12,7 +12,7 @@ import numpy as np
 from ...core import toml
 from ...core.finding import Finding, Severity
 from ...core.model import Quantity, Vehicle
-from ...core.physics import clamping_force
+from ...core.physics import CRAWL, clamping_force
 from ...core.units import alternative_units
 from ...train import longitudinal
 from ...train.grid import FEWEST
@@ -57,7 +57,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
 def _no_vehicle(p: Params, s: Scene) -> Iterator[Finding]:
     """A factor that only another unit explains, such as that of time."""
     K = s.grid.smooth(np.mean(s.grid.clamping, axis=0))
-    braked = np.isfinite(s.grid.braking) & (0.5 * np.nanmax(K, initial=0.0) < K)
+    moves = s.grid.fastest > CRAWL
+    braked = moves & np.isfinite(s.grid.braking) & (0.5 * np.nanmax(K, initial=0.0) < K)
     if braked.sum() >= FEWEST:
         factor = float(np.median(s.grid.braking[braked]) / (s.by_rolling * np.median(K[braked])))
         if factor > 0.0 and not 0.02 < factor < 50.0 and _units(p, s, factor):
