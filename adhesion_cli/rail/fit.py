@@ -24,11 +24,10 @@ likelihood of each a, and each gets that share of the draws for the peak. The co
 
 Results. A constant is reported if its 95 % interval is narrower than a factor of `_WIDEST_FACTOR`.
 So are slip and μ of the peak, at the median speed of the slides, if points lie beyond the peak. The
-slip also needs points before it; without them only an upper limit is reported. μ needs none before
-it if the rail is likely (3), as its friction law leads back to the peak. The utilisation is
-reported if its interval is narrower than `_WIDEST_UTILISATION`, wherever the peak is. There is no
-fit if the residuals are too large, or if a step of μ at some time explains them: then the rail
-changed.
+slip also needs points before it; without them only an upper limit is reported. μ and utilisation
+need none before it if the rail is likely (3), as its friction law leads back to the peak. The
+utilisation is reported if its interval is narrower than `_WIDEST_UTILISATION`. There is no fit if
+the residuals are too large, or if a step of μ at some time explains them: then the rail changed.
 
 A brake force is wrong by its tolerance and, as pressure and speed need not be sampled at one time,
 by what it changes in half an interval. What is not a factor of all μ is wrong by more in one part
@@ -407,6 +406,7 @@ def _summarise_draws(
         points, rails_drawn, setup.radius, sigma, speeds, peaks_with_errors[:, 1:, 1]
     )
     utilisation = _interval(np.minimum(shares_used, 1.0))
+    is_wide = utilisation.upper - utilisation.lower > _WIDEST_UTILISATION
     return RailFit(
         best,
         rails,
@@ -415,7 +415,7 @@ def _summarise_draws(
         slip_limit if beyond_peak else None,
         peak_slip if beyond_peak and lowest < peak_slip.value and _narrow(peak_slip) else None,
         mu if shows_peak_mu else None,
-        utilisation if utilisation.upper - utilisation.lower < _WIDEST_UTILISATION else None,
+        None if is_wide or lacks_points_before else utilisation,
         speed,
         setup.p,
     )
