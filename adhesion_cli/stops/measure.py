@@ -34,6 +34,7 @@ from .signals import StopSignals, TimeSeries
 from .speed import FIT, largest_jerk, locked_time, over_slides, smoothed_speed
 
 K95 = 2.0  # coverage factor
+_CREEP = 0.08  # 1 sigma of a jerk by wheels, as a share: their creep builds up with the brake
 NOMINAL_SPEEDS = (30, 50, 60, 80, 100, 120, 140, 160, 200)  # [km/h]
 
 
@@ -81,7 +82,8 @@ def measure_stop(
     distance = float(np.trapezoid(v[is_braking], t[is_braking]))
     by_sliding_wheels = signals.speed_from == "axles" and all_axles_slide(signals, command)
     is_shown = not (hidden or by_sliding_wheels or _is_coarse(signals, command, braking.stop))
-    jerk = largest_jerk(smooth, command) if is_shown else None
+    is_of_wheels = signals.speed_from == "axles" or signals.is_coarse is not None
+    jerk = largest_jerk(smooth, command, _CREEP * is_of_wheels) if is_shown else None
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))

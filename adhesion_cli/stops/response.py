@@ -38,7 +38,8 @@ def find_response(
 ) -> BrakeResponse:
     """The mean response of all axles, weighted by their brakes.
 
-    It is not defined where WSP, a slide or another brake disturbs the build-up.
+    It is not defined where WSP, a slide or another brake disturbs the build-up, nor where a
+    pressure is at the end of its sensor's range.
 
     Args:
         signals: of the log.
@@ -46,7 +47,10 @@ def find_response(
         braking: from `find_brakings`.
         start_share: share of the full brake at which the delay ends.
     """
-    axles, disturbed = [], False
+    axles, unknown = [], Parameter(math.nan, math.nan)
+    if np.any((signals.saturated > command) & (signals.saturated < braking.stop)):
+        return BrakeResponse(unknown, unknown, math.nan)  # nobody knows the full value
+    disturbed = False
     for axle, brake in signals.brakes.items():
         released, full_value, noise = brake_levels(brake, braking.start, braking.stop)
         span = full_value - released
@@ -72,7 +76,6 @@ def find_response(
             )
         )
     total = sum(r.weight for r in axles)
-    unknown = Parameter(math.nan, math.nan)
     if not total:
         return BrakeResponse(unknown, unknown, math.nan)
     delay_mean, full_mean = (

@@ -57,6 +57,7 @@ class StopSignals(NamedTuple):
     valves: Mapping[int, TimeSeries] = {}  # by axle, its vent valve, else its hold valve: 0 or 1
     sanding: TimeSeries | None = None  # 0 or 1
     reservoir: TimeSeries | None = None  # pressure [Pa]
+    saturated: Floats = np.empty(0)  # when a pressure is at the end of its sensor's range [s]
     by_pressure: bool = True  # whether `brakes` are pressures
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]
@@ -108,7 +109,9 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     source: SpeedSource = "train" if measured else "axles"
     signals = StopSignals(train, source, scale, sigma, rims, brakes, _commands(log))
     by_pressure = not any(_by_force(r) for r in records)
+    ends = [_seconds(r, start_ns)[r.saturated] for r in records if r.saturated is not None]
     signals = signals._replace(
+        saturated=np.concatenate([signals.saturated, *ends]),
         by_pressure=by_pressure,
         is_coarse=is_coarse,
         interval=base.train_speed_interval,

@@ -143,7 +143,7 @@ def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
     return train, float(np.trapezoid(train - v, t)) / 2.0
 
 
-def largest_jerk(speed: SmoothSpeed, command: float) -> Parameter | None:
+def largest_jerk(speed: SmoothSpeed, command: float, creep: float = 0.0) -> Parameter | None:
     """Largest |dv²/dt²| from the command to 5 km/h, with 1 sigma [m/s³].
 
     The highest of several values has the highest of their errors as well. How many there are is the
@@ -158,6 +158,7 @@ def largest_jerk(speed: SmoothSpeed, command: float) -> Parameter | None:
     Args:
         speed: from `smoothed_speed`.
         command: time of the command [s].
+        creep: 1 sigma by the creep of wheels that show the speed, as a share.
 
     Returns:
         None for slow readings, and for a braking of less than a second.
@@ -179,7 +180,9 @@ def largest_jerk(speed: SmoothSpeed, command: float) -> Parameter | None:
     excess = sigma * float(ndtri((n - 0.375) / (n + 0.25)))  # of n normal errors, by Blom
     half_excess = 0.5 * max(excess, 0.0)
     lost = 0.5 * _CORNER * (interval / FIT) ** 2 * highest
-    return Parameter(max(highest - half_excess, 0.0), math.hypot(sigma, half_excess, lost))
+    return Parameter(
+        max(highest - half_excess, 0.0), math.hypot(sigma, half_excess, lost, creep * highest)
+    )
 
 
 def _third_degree(v: Floats) -> Floats:

@@ -236,3 +236,13 @@ def test_the_end_of_a_slide_on_a_better_rail_is_not_used_adhesion() -> None:
     assert rail is not None
     assert rail.utilisation is not None
     assert rail.utilisation.value == pytest.approx(share, abs=0.01)
+
+
+def test_slides_that_do_not_show_the_peak_show_no_utilisation() -> None:
+    """A rail that grips as slides begin looks like a peak below their slip, however high."""
+    points, _, vehicle = straight(4, 0.0)
+    grip = 0.02 * np.exp(-(points.slip - 0.015) / 0.008)
+    rail = fit.fit(points._replace(mu=points.mu + grip), vehicle, 1e-4, 0.02, 40)
+    assert rail is not None
+    assert rail.peak_slip_limit is not None
+    assert (rail.peak_slip, rail.peak_mu, rail.utilisation) == (None, None, None)

@@ -269,6 +269,15 @@ def test_slides_in_the_build_up_leave_no_response() -> None:
     assert axle.max_slip == pytest.approx(0.2, abs=0.01)
 
 
+def test_a_pressure_at_the_end_of_its_range_leaves_no_response() -> None:
+    x, _ = signals()
+    (stop,) = measured(x._replace(saturated=np.array([ON + 2.0])))
+    assert (stop.delay_s, stop.response_time_s, stop.equivalent_deceleration) == (None, None, None)
+    assert stop.distance_m is not None
+    (later,) = measured(x._replace(saturated=x.speed.t[-1:]))
+    assert later.response_time_s is not None
+
+
 def test_a_wheel_is_locked_where_the_train_is_fast_and_not_in_the_last_metres() -> None:
     x, _ = signals()
     t, v = x.speed.t, x.speed.value
@@ -445,6 +454,18 @@ def test_the_jerk_is_that_of_the_train_whatever_the_noise(rate: float) -> None:
         inside += abs(errors[-1]) < stop.jerk.u95
     assert inside >= 56
     assert abs(np.mean(errors)) < 0.25 * stop.jerk.u95
+
+
+def test_a_jerk_by_wheels_is_as_uncertain_as_their_creep() -> None:
+    """They creep more as the brake builds up: they slow before the train, and more at once."""
+    x, _ = signals(v0=36.0, a=1.2)
+    t, v = x.speed
+    creep = 1.2 * brake_share(t) * (v > 0.0) / G / 20.0  # 20: µ per slip
+    wheel = TimeSeries(t, v * (1.0 - creep))
+    (train,), (stop,) = (measured(y) for y in (x, x._replace(speed=wheel, speed_from="axles")))
+    assert train.jerk is not None
+    assert stop.jerk is not None
+    assert abs(stop.jerk.value - train.jerk.value) < stop.jerk.u95 < 0.2 * stop.jerk.value
 
 
 def test_a_sensor_that_ends_early_or_has_a_gap_shows_no_jerk_and_no_curve_there() -> None:
