@@ -95,7 +95,7 @@ def diagnose_with(
     prepared = diagnose_log(log, identified.vehicle, settings.checks, settings.train)
     codes = {f.code for f in vehicle_findings}
     if identified.other_brake:  # it is no other vehicle
-        codes.add("vehicle-suspect")
+        codes |= {"vehicle-suspect", "deceleration-unit-suspect"}
     findings = [f for f in prepared.findings if f.code not in codes]
     if not identified.known:
         findings = without_force_findings(findings)

@@ -51,6 +51,9 @@ _SURE_SIGMAS = 4.0  # from which a stop differs from the others
 _STRONG_SHARE = 0.5  # of the strongest braking: with less, the gradient says more than the friction
 _SHORTEST_STOP = 2.0  # a shorter one has no mean [s]
 _SHORTEST_MIXED = 0.9  # less deceleration for a shorter time is no other brake [s]
+_SHORTEST_PART = 2.0  # of a stop that shows its first level [s]
+_TAKEN_OVER = 0.3  # growth of the pressure where a brake takes over from another one
+_FOLLOWING = 0.25  # of it: a deceleration that grows by less does not follow the pressure
 _ROUNDS = 20  # of the weights
 _LARGEST_SCATTER = 0.3  # of the deceleration: with more, it does not follow the pressure
 
@@ -140,9 +143,8 @@ def find_brake_line(
         sigma=math.hypot(line.sigma, of_rotating, of_motors),
         speed=float(np.mean(v[braked])),
         rolling=bool(rolling[braked].all()),
-        mixed=bool(slows_less.sum() * grid.step > _SHORTEST_MIXED)
-        # Wheels that slide together recover together in between.
-        and bool(np.min(rim_slowing[slows_less]) > GRADIENT / 2.0),
+        mixed=_is_mixed(grid, slows_less, rim_slowing)
+        or _takes_over(mean_x, by_brake, applied & _agree(grid), steady, grid.step),
         differing=tuple(_differing_stops(grid, acting, by_brake[braked], stops, line)),
         speed_effect=_speed_effect(
             grid, line.slope * acting.excess(line.zero), by_brake[braked], v[braked], len(stops)
@@ -204,13 +206,47 @@ def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine
         rim_slowing: deceleration of the rims by the brake, (n,) [m/s²].
         line: of all brake applications.
     """
-    width = 2 * grid.half_width
     slowest = _LEAST_SHARE * line.slope * acting
-    lowest_rim, v = np.min(grid.rim, axis=0), np.max(grid.rim, axis=0)  # axles that slide differ
-    v = v if grid.train is None else np.fmax(v, grid.train)
-    agree = erode(v - lowest_rim < _LARGEST_SLIP * v + _LARGEST_DIFFERENCE, 2 * width)
-    slows_less: Bools = agree & (rim_slowing < slowest - _SIGMAS * grid.gradient_sigma)
+    slows_less: Bools = erode(_agree(grid), 4 * grid.half_width) & (
+        rim_slowing < slowest - _SIGMAS * grid.gradient_sigma
+    )
     return slows_less
+
+
+def _is_mixed(grid: Grid, slows_less: Bools, rim_slowing: Floats) -> bool:
+    """Whether wheels slow less for long. Those that slide together recover in between."""
+    lasts = bool(slows_less.sum() * grid.step > _SHORTEST_MIXED)
+    return lasts and bool(np.min(rim_slowing[slows_less]) > GRADIENT / 2.0)
+
+
+def _agree(grid: Grid) -> Bools:
+    """Where no axle turns much slower than the train: axles that slide differ; (n,)."""
+    lowest_rim, v = np.min(grid.rim, axis=0), np.max(grid.rim, axis=0)
+    v = v if grid.train is None else np.fmax(v, grid.train)
+    agree: Bools = v - lowest_rim < _LARGEST_SLIP * v + _LARGEST_DIFFERENCE
+    return agree
+
+
+def _takes_over(x: Floats, by_brake: Floats, applied: Bools, steady: Bools, step: float) -> bool:
+    """Whether most stops end at a higher pressure than they began, but with the same deceleration.
+
+    An ED brake fades out at low speed, and the brake by pressure takes over from it.
+
+    Args:
+        x: mean of the pressures or clamping forces, (n,).
+        by_brake: deceleration by the brake, (n,) [m/s²].
+        applied: where a brake is on, and no axle slides, (n,).
+        steady: where x does not change, (n,).
+        step: of the grid [s].
+    """
+    size, judged, taken_over = max(round(_SHORTEST_PART / step), 1), 0, 0
+    for start, stop in true_runs(applied):
+        calm = start + np.flatnonzero(steady[start:stop])[:size]
+        if len(calm) == size:
+            growth, slowing_growth = (y[stop - 1] / np.mean(y[calm]) - 1.0 for y in (x, by_brake))
+            judged += 1
+            taken_over += bool(growth > _TAKEN_OVER and slowing_growth < _FOLLOWING * growth)
+    return taken_over > judged / 2
 
 
 def _differing_stops(

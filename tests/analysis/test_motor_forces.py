@@ -176,6 +176,18 @@ def test_a_magnetic_brake_that_acts_is_another_brake(tmp_path: Path) -> None:
     assert [f.spans for f in again.findings if f.code == "other-brake"] == [first.spans]
 
 
+@pytest.mark.parametrize("ed_part", [0.45, 0.7])
+def test_an_ed_brake_without_a_channel_shows_where_it_fades_out(
+    ed_part: float, tmp_path: Path
+) -> None:
+    """The pressure rises at the end of each stop, and the deceleration stays."""
+    path = blended(ed_part=ed_part).write(tmp_path / "hidden.csv", {})
+    result = run.analyze(path, load(None, folder=False), ["td"])
+    assert result.findings[0].code == "other-brake"
+    assert not result.identified.known
+    assert "deceleration-unit-suspect" not in {f.code for f in result.findings}
+
+
 @pytest.mark.parametrize(("acts_in", "is_known"), [(slice(1, 2), True), (slice(None), False)])
 def test_a_stop_with_a_track_brake_shows_no_brake_by_pressure(
     acts_in: slice, is_known: bool, tmp_path: Path
