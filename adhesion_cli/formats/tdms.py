@@ -46,6 +46,7 @@ _SCALING = re.compile(r"NI_(Scal|Number_Of_Scales|Unit)|[Uu]nit")
 _X_CHANNEL = ("xchannel", "xrelation")  # properties that name the channel with a channel's time
 _NO_TIME = re.compile(r"(?i)fr[eé]qu|order|ordnung|angle|winkel|dist|weg\b|position|rpm|drehzahl")
 _KINDS = dict.fromkeys("biuf", "number") | {"O": "text", "V": "time", "M": "time"}  # of numpy
+_PAUSE = 0.5  # a longer jump of a time channel is a pause [s]
 _DEFAULT_INCREMENT = 1.0  # [s]; writers state it where nobody set one
 
 
@@ -210,6 +211,7 @@ class Reader:
 
         It does where it is stated, or where an increment is the default and the channel has
         another step. A duration, and a time that no rule reads, leave the increments as they are.
+        Increments without a start begin where a channel of dates and times does.
 
         Raises:
             UserError: where both say a time and differ.
@@ -228,17 +230,26 @@ class Reader:
             if has_stated_name or by_default:
                 raise
             return None
-        steps = np.diff(self._by_clock(axis)[0]) / 1e9
+        t, _ = self._by_clock(axis)
+        steps = np.diff(t) / 1e9
         step = float(np.median(steps)) if len(steps) else 0.0
         for name, wave in list(waves.items()):
             increment = wave[-1].increment
-            if not has_stated_name and abs(step - increment) < 0.01 * increment:
+            differs = abs(step - increment) >= 0.01 * increment
+            # a clock may drift; what jumps is a pause that the increments do not have
+            jumps = np.abs(steps - np.diff(self._times(wave, len(t))[0]) / 1e9)
+            longest = float(jumps.max(initial=0.0))
+            if not has_stated_name and not differs and longest <= max(10.0 * increment, _PAUSE):
+                if axis.clock.absolute and len(wave) == 1 and not wave[0].start and len(t):
+                    start = int(t[0]) - round(wave[0].offset * 1e9)
+                    waves[name] = (wave[0]._replace(start=start),)
                 continue
-            if not has_stated_name and increment != _DEFAULT_INCREMENT:
+            if not has_stated_name and (increment != _DEFAULT_INCREMENT or not differs):
                 hint = f"channels.time.channel = {toml.value(axis.names[0])}"
+                said = f"steps of {step:.4g} s" if differs else f"a pause of {longest:.4g} s"
                 raise UserError(
                     f"{self._path}: channel {name!r} states wf_increment = {increment:g} s, "
-                    f"but time channel {axis.names[0]!r} has steps of {step:.4g} s",
+                    f"but time channel {axis.names[0]!r} has {said}",
                     f"state the time channel, as {toml.option(hint)}, or correct wf_increment",
                 )
             del waves[name]

@@ -24,6 +24,7 @@ from adhesion_cli.core.errors import UserError
         ("/wheel/omega_rad_s", "/wheel/omega", "rad_s"),
         ("press.mbar", "press", "mbar"),
         ("wheelSpeedKmh", "wheelSpeed", "km/h"),
+        ("bcPressure1Kpa", "bcPressure1", "kPa"),
         ("bc1 pressure bar(g)", "bc1 pressure", "bar(g)"),
         ("adhesion_force_true [N]", "adhesion_force_true", "N"),
         ("bc_pressure_1", "bc_pressure_1", ""),

@@ -274,6 +274,23 @@ def test_a_time_channel_holds_where_the_increment_is_a_default(tmp_path: Path) -
     assert np.array_equal(found["p"].t, np.arange(N) * 20_000_000)
 
 
+def test_a_time_channel_beside_increments_shows_pauses_and_the_start(tmp_path: Path) -> None:
+    t, wave = np.arange(N) / 50, {"wf_increment": 0.02}
+    drifting = t * (1 + 1e-4) + 0.004 * np.sin(t)
+    path = written(tmp_path / "a.tdms", ("g", "Time", drifting, SECONDS), ("g", "p", P, BAR | wave))
+    assert np.array_equal(columns(path)[0]["p"].t, np.arange(N) * 20_000_000)
+    paused = np.where(t < 3.0, t, t + 60.0)
+    path = written(tmp_path / "b.tdms", ("g", "Time", paused, SECONDS), ("g", "p", P, BAR | wave))
+    with pytest.raises(UserError, match="'Time' has a pause of 60 s") as error:
+        columns(path)
+    assert "channels.time.channel=Time" in error.value.hint
+    stamps = START + np.arange(N) * np.timedelta64(20, "ms")
+    path = written(tmp_path / "c.tdms", ("g", "Time", stamps, {}), ("g", "p", P, BAR | wave))
+    found, _, source = columns(path)
+    assert source.absolute
+    assert np.array_equal(found["p"].t, NS + np.arange(N) * 20_000_000)
+
+
 @pytest.mark.parametrize("increment", [0.02, 1.0])
 @pytest.mark.parametrize(
     ("name", "value", "unit"),

@@ -153,7 +153,10 @@ def restarts(rng: random.Random) -> Iterator[WildLog]:
             rows += [
                 [[f"Start: {at:%d.%m.%Y} {clock}"], ["Rate", "50"]],
                 [["Date", f"{at:%Y-%m-%d}"], ["Time", clock], []],
-                [["Trigger", f"#{begin}", f"{at:%Y/%m/%d} {clock}"], ["End", f"{at:%Y/%m/%d}"]],
+                [
+                    ["Exported", f"{start:%Y-%m-%d} 23:{begin // 60:02d}:00"],
+                    ["Trigger", f"#{begin}", f"{at:%Y/%m/%d} {clock}"],
+                ],
                 [[f"# started {at:%Y-%m-%d} {clock}"], ["# started", f"{at:%Y-%m-%d} {clock}"]],
             ][k]
             rows += [["time [s]", *NAMES]]
@@ -586,6 +589,8 @@ def waveforms(rng: random.Random) -> Iterator[WildLog]:
     times = [f"{s:%d.%m.%Y %H:%M:%S}.{_ms(s)}" for s in stamps]
     heads = [["waveform", "[0]", "[1]"], ["t0", times[0], times[0]], ["delta t", "0.02", "0.02"]]
     yield WildLog("log.txt", table([*heads, [], ["time[0]", *NAMES]], [times, *cells], "\t"))
+    for above in (["Sample rate: 50 Hz"], ["Interval", "20 ms"], ["Abtastfrequenz [Hz]", "50"]):
+        yield WildLog("log.csv", table([above, NAMES], cells, ";"))
     hundredths = [[f"{100 * x:.0f}" for x in series] for series in (P, V)]
     heads = [["Time", "BC pressure", "wheel speed"], ["s", "0.01bar", "0.01km/h"]]
     yield WildLog("log.csv", table(heads, [[f"{x:.2f}" for x in T], *hundredths]))

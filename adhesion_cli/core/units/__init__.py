@@ -320,7 +320,7 @@ def in_name(name: str) -> tuple[str, str]:
         if tail_match and tail_match[1].lower() in IN_NAMES:
             return name[: tail_match.start()] + (tail_match[2] or ""), tail_match[1]
     camel = re.search(
-        r"(?<=[a-z])(?<![^a-z][kKhmM])(Kmh|Mps|Rpm|[kKhM][Pp]a|Bar|[mM][bB]ar|RadS|Pa|k?Hz)(?=\d*$)",
+        r"(?<=[a-z\d])(?<![^a-z][kKhmM])(Kmh|Mps|Rpm|[kKhM][Pp]a|Bar|[mM][bB]ar|RadS|Pa|k?Hz)(?=\d*$)",
         name,
     )
     if camel and (tail_found := unit(camel[1].replace("RadS", "rad_s"))):

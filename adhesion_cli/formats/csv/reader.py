@@ -30,6 +30,7 @@ from .rows import CsvRows, read_rows
 from .stamps import CLOCKS, STAMPS, forms_of, is_stamp, parse
 from .time_column import another_time, find_clock, find_pairs
 
+_START = re.compile("(?i)start|begin|trigger|d[eé]but|inizio|inicio|开始|開始")
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*([^\d\s.,].*)?")  # perhaps with a unit behind them
 _MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
@@ -254,8 +255,10 @@ class CsvSource(Source):
         first_stamps = stamps_in(self._dialect.preamble, self._dialect.delimiter)
         labels = {kind: key for key in first_stamps if (kind := label(key))}
         stamped = [first_stamps, *(stamps for _, stamps in read.segments)]
-        keys = [(labels["date"], labels["clock"])] if {"date", "clock"} <= labels.keys() else []
-        for key in [*keys, *((key,) for key in first_stamps)]:
+        has_both = {"date", "clock"} <= labels.keys()
+        keys: list[tuple[str, ...]] = [(labels["date"], labels["clock"])] if has_both else []
+        keys += [(key,) for key in first_stamps if _START.search(key) or key in labels.values()]
+        for key in keys:
             cells = [" ".join(stamps.get(x, "") for x in key) for stamps in stamped]
             forms = forms_of(cells, STAMPS | CLOCKS)
             starts, ok = (
