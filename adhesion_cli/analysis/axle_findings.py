@@ -38,10 +38,7 @@ def find_axle_findings(
         limits: from when on a standing wheel is locked.
     """
     name = f"axle {record.axle}"
-    masks = {
-        **_without_value(record, vehicle, ref, limits),
-        **_impossible_force(record, vehicle, ref),
-    }
+    masks = _without_value(record, vehicle, ref, limits) | _impossible_force(record, vehicle, ref)
     begins = np.zeros(len(record), dtype=np.bool_)
     begins[[s.start for s in brake_applications.find_start_ups(record, applications)]] = True
     masks["started-braked"] = ("info", begins)

@@ -389,8 +389,7 @@ def _any_vehicle(
     share = setting.train.braked_share(vehicle, setting.axles)
     per_unit = line.slope * w.mass / w.rolling / share  # φ dK/dx
     if not setting.by_pressure:
-        friction = Parameter(per_unit, ANY_SHARE * per_unit)
-        return replace(vehicle, friction=friction)
+        return replace(vehicle, friction=Parameter(per_unit, ANY_SHARE * per_unit))
     phi, per_pascal = vehicle.friction.value, force_line(vehicle).per_pascal
     # The same force at the mean brake, with x₀ before the log: it has it as evidence once.
     per_unit *= line.brake / max(line.brake + line.zero - ZERO.value, 0.1 * line.brake)
@@ -410,9 +409,8 @@ def _evidence(log: AlignedLog, vehicle: Vehicle, setting: _Setting) -> Evidence:
     assert log.grids is not None
     explanation = explain_deceleration(log.axles, log.grids, vehicle, setting.train)
     record = log.axles[0].record
-    applications = find_applications(record)
     start_ns = log.grids.coarse.start_ns
-    return calibrated_vehicle.evidence(explanation, start_ns, record, applications)
+    return calibrated_vehicle.evidence(explanation, start_ns, record, find_applications(record))
 
 
 def _posterior(

@@ -57,8 +57,7 @@ class AlignedLog(NamedTuple):
     def on_line(self, grids: Grids | None) -> "AlignedLog":
         """The log with other grids, on its gradient and without what other brakes do."""
         grids = grids and on_gradient(grids, self.gradient, self.vehicle)
-        spans = [span for f in self.other_brakes for span in f.spans]
-        grids = grids and without_pressures(grids, self.view.start_ns, spans)
+        grids = grids and without_pressures(grids, self.view.start_ns, self.other_brakes)
         return self._replace(grids=grids)
 
     def as_mean_axles(self, mean: Vehicle) -> "AlignedLog":
@@ -113,7 +112,7 @@ def align_log(
     axle_names = ", ".join(str(a.record.axle) for a in aligned.axles)
     if track.profile and gradient is None:
         findings.append(Finding("no-position", "warning"))
-    aligned_log = AlignedLog(
+    return AlignedLog(
         log.path,
         aligned.axles,
         choice.requested,
@@ -124,8 +123,7 @@ def align_log(
         findings + aligned.findings,
         other_brake_findings(log, aligned.axles, vehicle, view),
         not any(f.names["axles"] == axle_names for f in log.findings if f.code == "force-spread"),
-    )
-    return aligned_log.on_line(aligned.grids)
+    ).on_line(aligned.grids)
 
 
 def diagnose_log(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, Bools, Floats, Times, Vehicle, without_motors
 from ..core.physics import GRADIENT, RELEASED_SHARE, G, table_share, wheelset
 from ..core.signals import running_integral, true_runs
@@ -170,14 +171,15 @@ def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Gr
     return Grids(*climbing)
 
 
-def without_pressures(grids: Grids, start_ns: int, spans: Sequence[tuple[float, float]]) -> Grids:
+def without_pressures(grids: Grids, start_ns: int, other_brakes: Sequence[Finding]) -> Grids:
     """The grids without the pressures while another brake acts: they do not show what slows.
 
     Args:
         grids: of the log.
         start_ns: of the log [ns].
-        spans: when it acts, after the start of the log [s].
+        other_brakes: what says when it acts.
     """
+    spans = [span for f in other_brakes for span in f.spans]
     if not spans:
         return grids
     masked = []
