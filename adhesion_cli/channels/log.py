@@ -1,6 +1,5 @@
 """A log file as channels with meaning, in SI, on clean time axes."""
 
-import hashlib
 import re
 import unicodedata
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -27,7 +26,6 @@ from ..core.model import (
     Vehicle,
 )
 from ..core.text import listed
-from ..formats.memory import MemorySource
 from ..formats.source import TAKEN_AS_UTC, Source
 from .meaning import Mapping, Meant, entry_of, name, understood
 from .places import UNCLEAR, bogie_axles
@@ -435,14 +433,11 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
     meant, findings = understood(fields, () if "adhesion.settings" in source.metadata else mappings)
     if train_speed_source == AS_INPUT:
         meant = [replace(m, axle=None) if m.meaning == "train_speed" else m for m in meant]
-    return list(map(_in_km, meant)), findings
-
-
-def _in_km(m: Meant) -> Meant:
-    """A position without a unit as one in km, as positions on a line are."""
-    if m.meaning != "position" or m.unit:
-        return m
-    return replace(m, unit="km", reason=f"{m.reason}; no unit stated, km is the usual one")
+    for i, m in enumerate(meant):
+        if m.meaning == "position" and not m.unit:  # positions on a line are in km
+            reason = f"{m.reason}; no unit stated, km is the usual one"
+            meant[i] = replace(m, unit="km", reason=reason)
+    return meant, findings
 
 
 def _log(
@@ -481,7 +476,7 @@ def _log(
     return Log(
         str(source.path),
         source.format,
-        _sha256(source),
+        source.digest(),
         source.absolute,
         source.rows,
         tuple(channels),
@@ -493,13 +488,6 @@ def _log(
 def _describe_levels(levels: Sequence[str]) -> str:
     """Which number each word of a state is, for people."""
     return ", ".join(f"{word!r} is {k}" for k, word in enumerate(levels) if word)
-
-
-def _sha256(source: Source) -> str:
-    if isinstance(source, MemorySource):
-        return source.sha256
-    with source.path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _joined(findings: Sequence[tuple[int, Finding]]) -> list[Finding]:

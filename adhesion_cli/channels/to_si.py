@@ -153,18 +153,14 @@ def scale(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
     if unit.dimension == "pulse rate":
         return unit.factor * (2.0 * math.pi / max(m.teeth, 1))
     if m.meaning in MOTOR_FORCES:
-        return m.share * unit.factor * _force_of_one(m, unit, vehicle)
+        arm, full_force = (m.mapping.arm, m.mapping.full_force) if m.mapping else (0.0, 0.0)
+        of_one = full_force if unit.dimension == "ratio" else 1.0  # the force of 1 in SI [N]
+        if unit.dimension == "torque":
+            of_one = 1.0 / (arm or vehicle.radius(m.axle or 1).value)
+        return m.share * unit.factor * of_one
     if m.meaning == "wheel_speed" and is_rim(unit):
         return unit.factor / vehicle.radius(m.axle or 1).value
     return unit.factor
-
-
-def _force_of_one(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
-    """The force at the rim [N] of 1 in SI: of a newton, a newton metre, or the whole share."""
-    arm, full_force = (m.mapping.arm, m.mapping.full_force) if m.mapping else (0.0, 0.0)
-    if unit.dimension == "torque":
-        return 1.0 / (arm or vehicle.radius(m.axle or 1).value)
-    return full_force if unit.dimension == "ratio" else 1.0
 
 
 def _of_recorder(

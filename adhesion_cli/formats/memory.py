@@ -135,7 +135,7 @@ class MemorySource(Source):
         super().__init__(Path(signals.name), ReadOptions())
         self.signals, self.format = signals, signals.origin
         columns = signals.columns(signals.units)
-        self.absolute, self.sha256 = signals.absolute, signals.digest()
+        self.absolute = signals.absolute
         axes = {id(c.t): len(c.t) for c in columns}
         self.rows = sum(axes.values())
         several = len(axes) > 1  # then each signal has rows of its own
@@ -143,6 +143,10 @@ class MemorySource(Source):
             Field(n, unit=unit, unit_from="as given" if unit else "", signal=n if several else "")
             for n, unit in signals.units.items()
         ]
+
+    def digest(self) -> str:
+        """SHA-256 of all signals."""
+        return self.signals.digest()
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """See `Source`."""

@@ -1,5 +1,6 @@
 """What a log format must offer: named scalar fields first, columns of the wanted ones after."""
 
+import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -145,6 +146,11 @@ class Source:
             UserError: where the log cannot be read, with file, place and remedy.
         """
         raise NotImplementedError
+
+    def digest(self) -> str:
+        """SHA-256 of the file."""
+        with self.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
 
     def is_loss(self, finding: Finding) -> bool:
         """Whether it ends the reading with `ReadOptions.strict`."""

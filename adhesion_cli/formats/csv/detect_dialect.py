@@ -24,7 +24,6 @@ from .header import (
     REMARKS,
     FirstRows,
     Header,
-    Row,
     column_names,
     find_header,
     lines_before,
@@ -86,21 +85,22 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         header.names = [["", *labels["names"][1:]]]
     data = table.of_width(header.start)
     header.names = [["", *x] if _lacks_row_names(x, data) else x for x in header.names]
-    used_width = width - _has_trailing(header.names, data, width)
+    last_name = fit(header.names[-1], width)[-1] if header.names else ""
+    # a delimiter at the end of each row makes an empty column
+    used_width = width - (width > 2 and not last_name and not any(row[-1] for row in data))
     refuse_table_above(table, header.top)
     if options.header is not False:
         refuse_width(table, header, used_width)
     names = column_names(header.names, used_width)
     leading_lines = lines_before(table, header)
-    units, units_reason = _units_row(rows, header, labels)
-    if not units and (units := _units_of_sections(lines, used_width)):
-        units_reason = "in the sections above the table"
+    units, units_reason = _units_row(table, header, labels, used_width)
     reasons |= _header_reasons(table, header, options, units_reason, leading_lines.get("preamble"))
     units = list(map(without_brackets, fit(units, used_width)))
     data = [row[:used_width] for row in data]
-    has_text_marks = any(_MARKED.search(text) for text in texts)
+    ends = (k for k, (_, text) in enumerate(preamble, 1) if text.startswith(_END_OF_HEADER))
+    own_lines = next(ends, 0)  # of an LVM file's own header, which the segment's follows
     proven_mark = decimal if _proves_decimal(data, used_width, decimal) else ""
-    removals = _clean(data, units, has_text_marks, proven_mark)
+    removals = _clean(data, units, any(map(_MARKED.search, texts)), proven_mark)
     _refuse_grouped(data, names, decimal, options, path)
     return Dialect(
         width,
@@ -119,7 +119,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         removals,
         labels,
         any(len(h) > width and h[width].casefold() in REMARKS for h in header.names),
-        tuple(cells[0] for _, cells in rows_above[_first_segment(preamble) :]) if preamble else (),
+        tuple(cells[0] for _, cells in rows_above[own_lines:]) if preamble else (),
         tuple(text.strip() for number, text in lines if number < rows[header.top][0]),
     )
 
@@ -141,15 +141,16 @@ def _lacks_row_names(names: list[str], data: list[list[str]]) -> bool:
 
 
 def _units_row(
-    rows: list[Row], header: Header, labels: dict[str, list[str]]
+    table: FirstRows, header: Header, labels: dict[str, list[str]], width: int
 ) -> tuple[list[str], str]:
     """The cells of the units row, none where there is none, and which row it is."""
     if header.units is not None:
-        n, units = rows[header.units]
+        n, units = table.rows[header.units]
         return units, f"line {n} (every cell is a unit)"
     if "units" in labels and any(map(unit, labels["units"][1:])):
         return ["", *labels["units"][1:]], f"{labels['units'][0]!r} above the table"
-    return [], ""
+    units = _units_of_sections(table.lines, width)
+    return units, "in the sections above the table" if units else ""
 
 
 def _units_of_sections(lines: list[Line], width: int) -> list[str]:
@@ -230,11 +231,6 @@ def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], li
     return preamble, body
 
 
-def _first_segment(preamble: list[Line]) -> int:
-    """The number of lines of an LVM file's own header, which the segment's follows."""
-    return next((k for k, x in enumerate(preamble, 1) if x[1].startswith(_END_OF_HEADER)), 0)
-
-
 def _stated_delimiter(first_line: str, options: ReadOptions) -> tuple[str | None, str]:
     """The delimiter that the user or the first line, "sep=;", states; and that line, else ""."""
     delimiter = options.delimiter
@@ -269,7 +265,12 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
             hint = "export the channels that are needed"
             raise UserError(f"{path}: {width} columns, more than {_MAX_COLUMNS}", hint)
         fits = [cells for cells in rows if len(cells) == width]
-        worth = sum(_worth(c, delimiter) for cells in fits for c in cells)
+        others = {*";\t|,"} - {delimiter}
+        worth = sum(
+            1.0 if is_null(c) or is_number(c) or is_stamp(c) else 0.5 * others.isdisjoint(c)
+            for cells in fits
+            for c in cells
+        )
         share = len(fits) / len(rows)
         score = worth / sum(map(len, fits)) * share
         if delimiter == " " and best and best[2] == "\t" and best[0] > _TABS:
@@ -284,12 +285,6 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
     delimiter_name = "whitespace" if delimiter == " " else repr(delimiter)
     reason = f"{width} columns in {largest_share:.0%} of the head's rows"
     return delimiter, width, f"{delimiter_name} ({'stated' if delimiter_given else reason})"
-
-
-def _worth(cell: str, delimiter: str) -> float:
-    if is_null(cell) or is_number(cell) or is_stamp(cell):
-        return 1.0
-    return 0.0 if any(d in cell for d in ";\t|," if d != delimiter) else 0.5
 
 
 def _decimal(
@@ -352,12 +347,6 @@ def _proves_decimal(rows: list[list[str]], width: int, mark: str) -> bool:
     number = number_grammar(mark)
     cells = (c for row in rows for c in row[:width])
     return any(mark in c and number.fullmatch(c) and not _GROUPED[mark].fullmatch(c) for c in cells)
-
-
-def _has_trailing(heads: list[list[str]], data: list[list[str]], width: int) -> bool:
-    """Whether a delimiter at the end of each row makes an empty column."""
-    unnamed = not heads or len(heads[-1]) < width or not heads[-1][-1]
-    return width > 2 and unnamed and all(not row[-1] for row in data)
 
 
 def _header_reasons(

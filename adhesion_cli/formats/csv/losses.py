@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -112,7 +112,11 @@ class Losses:
             is_sound &= bool(len(plain_values)) and bool((np.abs(plain_values) < 1_000.0).all())
             value[rows[IN_GROUPS]] = np.rint(value[rows[IN_GROUPS]] * 1_000.0)
         if (unread := losses[DIGITS]) and is_sound:
-            self.cells[i, NO_NUMBER] = _joined(self.cells.get((i, NO_NUMBER)), unread)
+            loss = self.cells.get((i, NO_NUMBER)) or replace(unread, count=0, places=[])
+            first = min(loss, unread, key=lambda x: x.line)  # the example of both
+            places = [*loss.places, *unread.places]
+            joined = _Loss(first.line, first.text, loss.count + unread.count, places)
+            self.cells[i, NO_NUMBER] = joined
         elif not is_sound:
             self.unread[i] = next(loss for loss in losses.values() if loss)
             value[:] = np.nan
@@ -160,16 +164,6 @@ def _first_group(value: Floats) -> int:
     has_jump = largest_jump(numbers) > largest_jump(thousands)
     is_whole = bool((np.abs(parts - np.rint(parts)) < 1e-6).all())
     return int(np.argmax(has_fraction)) if is_whole and has_jump else 0
-
-
-def _joined(loss: _Loss | None, other: _Loss) -> _Loss:
-    """Two losses of a column as one; the first cell of both is its example."""
-    if loss is None:
-        return other
-    first_loss = min(loss, other, key=lambda x: x.line)
-    return _Loss(
-        first_loss.line, first_loss.text, loss.count + other.count, [*loss.places, *other.places]
-    )
 
 
 def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Span, ...]:

@@ -129,14 +129,16 @@ class CsvSource(Source):
         values = [i for i in numeric if is_named(names[i], VALUE)]
         if values and self._series[0].signal:  # beside the values stand their quality and such
             data_columns, numeric = values, values
-        self._words = {i: words for i in data_columns if (words := self._words_of(i, numeric))}
+        text = [i for i in data_columns if i not in numeric]
+        has_states = len(self._series) == 1 and dialect.headed
+        words = {i: distinct_words(dialect.column(i)) for i in text if has_states}
+        self._words = {i: x for i, x in words.items() if x}
         self.places = self._fields(numeric)  # number of the series, and column
         self.fields = list(self.places)
         self.texts = [Field(names[i], words=x, column=i + 1) for i, x in self._words.items()]
         self.places |= zip(self.texts, ((0, i) for i in self._words), strict=True)
         self.reasons |= dialect.reasons
         self.reasons["time"] = clock.reason
-        text = [i for i in data_columns if i not in numeric]
         if not_numeric := [names[i] for i in text if i not in self._words]:
             self.reasons["not numeric"] = ", ".join(not_numeric)
         for i in text:
@@ -179,12 +181,6 @@ class CsvSource(Source):
         times = [self._dialect.column(k) for k in self._clock.columns]
         is_named = any(time_name(cells[i]) for cells in self._dialect.header_cells)
         return is_named and self._dialect.column(i) in times
-
-    def _words_of(self, i: int, numeric: Sequence[int]) -> tuple[str, ...]:
-        """The words of a column that may be a state, in a table of one series; else none."""
-        if i in numeric or len(self._series) > 1 or not self._dialect.headed:
-            return ()
-        return distinct_words(self._dialect.column(i))
 
     def _report_text(self, i: int) -> None:
         """Reports a column that should hold numbers by its unit, or by the digits in its cells."""
