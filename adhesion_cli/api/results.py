@@ -279,8 +279,7 @@ class Analysis(_Tables):
     @property
     def estimators(self) -> tuple[Score, ...]:
         """How well each online estimator follows, over all axles; best first."""
-        scores = [a.scores for a in self.result.axles]
-        return scores[0] if len(scores) == 1 else pool_scores(scores)
+        return pool_scores(a.scores for a in self.result.axles)
 
     @property
     def document(self) -> Json:
@@ -372,8 +371,7 @@ class Comparison(_Tables):
     @property
     def estimators(self) -> tuple[Score, ...]:
         """Scores over all axles of all logs, best first."""
-        scores = [a.scores for analysis in self.analyses for a in analysis.result.axles]
-        return scores[0] if len(scores) == 1 else pool_scores(scores)
+        return pool_scores(a.scores for x in self.analyses for a in x.result.axles)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -175,8 +175,7 @@ def _show_scores(
             name = Path(result.log.path).name if len(results) > 1 else ""
             if rows:
                 print(f"Estimators {terminal.scores(rows, name)}")
-    elif len(axles) > 1:
-        if rows := [("all", s) for s in pool_scores(a.scores for a in axles)]:
-            print(f"Estimators {terminal.scores(rows)}")
-    elif rows := [(str(axles[0].record.axle), s) for s in axles[0].scores]:
+        return
+    name = "all" if len(axles) > 1 else str(axles[0].record.axle)
+    if rows := [(name, s) for s in pool_scores(a.scores for a in axles)]:
         print(f"Estimators {terminal.scores(rows)}")

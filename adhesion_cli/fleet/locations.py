@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 from ..core.errors import UserError, installed_by
 from ..core.text import printable
 from ..formats.open import FORMATS
+from .dataset import RECORDINGS, TABLES
 
 _TEXT = (".csv", ".tsv", ".txt", ".asc", ".log", ".lvm")
 _COMPRESSED = (".gz", ".xz", ".bz2")
 _PLAIN = (*_TEXT, *(x for log_format in FORMATS for x in log_format.suffixes))
 SUFFIXES = (*_PLAIN, *(x + z for x in _TEXT for z in _COMPRESSED))
 _RESULTS = (".adhesion.mcap", ".compare.mcap", ".slip.mcap")
-_DATASET = {"applications", "estimators", "findings", "logs"}  # folders of a fleet's results
 EXTRA = installed_by("fleet")
 
 
@@ -88,8 +88,8 @@ def _files(name: str) -> list[Path]:
 
 def _walk_folder(folder: Path) -> Iterator[Path]:
     for directory, folders, files in os.walk(folder):
-        if set(folders) >= _DATASET:
-            folders[:] = [x for x in folders if x not in {*_DATASET, "recordings"}]
+        if {*folders} >= {*TABLES}:  # a fleet's results
+            folders[:] = [x for x in folders if x not in (*TABLES, RECORDINGS)]
         folders[:] = sorted(x for x in folders if not x.startswith("."))
         yield from (Path(directory, file) for file in sorted(files) if _is_log(file))
 

@@ -337,10 +337,13 @@ def pool_scores(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
     """Each algorithm over several axles, ranked: rms of its rmse, mean bias, largest error.
 
     Only axles on which it was scored count, those against truth and those against the reference
-    apart. Metrics without a sound mean over axles stay None.
+    apart. Metrics without a sound mean over axles stay None. One axle keeps its scores.
     """
+    of_axles = [tuple(group) for group in groups]
+    if len(of_axles) == 1:
+        return of_axles[0]
     pooled_scores: list[Score] = []
-    all_scores = [s for group in groups for s in group if s.rmse_n is not None]
+    all_scores = [s for of_axle in of_axles for s in of_axle if s.rmse_n is not None]
     for against in dict.fromkeys(s.against for s in all_scores):
         pooled = []
         for algo in dict.fromkeys(s.algo for s in all_scores if s.against == against):
