@@ -367,22 +367,19 @@ def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
     Raises:
         UserError: where a file cannot be read, or two define one message differently.
     """
-    by_key: dict[tuple[int, bool], Any] = {}
-    origin: dict[tuple[int, bool], str] = {}
+    by_key: dict[tuple[int, bool], tuple[Any, str]] = {}
     for name in names:
-        messages = _load(name).messages
-        for message in messages:
+        for message in _load(name).messages:
             key = message.frame_id, bool(message.is_extended_frame)
-            if key in by_key and _layout(by_key[key]) != _layout(message):
+            first, origin = by_key.setdefault(key, (message, name))
+            if _layout(first) != _layout(message):
                 raise UserError(
                     f"{name}: message 0x{key[0]:X} ({message.name}) is another one in "
-                    f"{origin[key]} ({by_key[key].name})",
+                    f"{origin} ({first.name})",
                     "state only the DBC files of the buses in this log",
                     code=2,
                 )
-            by_key.setdefault(key, message)
-            origin.setdefault(key, name)
-    return by_key
+    return {key: message for key, (message, _) in by_key.items()}
 
 
 def _load(name: str) -> Any:

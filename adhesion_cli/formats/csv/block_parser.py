@@ -70,12 +70,15 @@ class Parser:
         """
         lines, narrow, wide = np.arange(block.lines), _NONE, _NONE
         try:
-            cells = self._cells(block.data)
+            cells = self._cells(block.data, block.lines)
         except pa.ArrowInvalid:
-            cells = None
-        if cells is None or cells.num_rows != block.lines:
             data, lines, narrow, wide = self._sieved(block)
-            cells = self._sound_cells(data, len(lines), block.first_line)
+            try:
+                cells = self._cells(data, len(lines))
+            except pa.ArrowInvalid as error:
+                text = f"{self.table.path}: cannot be read from line {block.first_line} on: "
+                hint = "correct the log, or state its dialect, as `--set csv.delimiter=semicolon`"
+                raise UserError(text + str(error).splitlines()[0], hint) from None
         columns = {int(name[1:]): cells[name].combine_chunks() for name in cells.column_names}
         clock, decimal = self.table.clock, self.table.dialect.decimal
         for i in self.table.dialect.removals.keys() & columns.keys():
@@ -108,8 +111,8 @@ class Parser:
             self._classified(block, faults) | {"other group": lines[absent]},
         )
 
-    def _cells(self, data: bytes) -> Any:
-        """The wanted columns as an Arrow table of text.
+    def _cells(self, data: bytes, rows: int) -> Any:
+        """The wanted columns of so many rows as an Arrow table of text.
 
         Raises:
             pa.ArrowInvalid: where a row has more or fewer cells than the table.
@@ -129,22 +132,9 @@ class Parser:
             strings_can_be_null=True,
         )
         parses = arrow.ParseOptions(delimiter=dialect.delimiter)
-        return arrow.read_csv(pa.BufferReader(data), reads, parses, converts)
-
-    def _sound_cells(self, data: bytes, rows: int, first_line: int) -> Any:
-        """The wanted columns of lines that have the right width.
-
-        Raises:
-            UserError: where they cannot be read so.
-        """
-        try:
-            cells, reason = self._cells(data), "its quotes cannot be followed"
-        except pa.ArrowInvalid as error:
-            cells, reason = None, str(error).splitlines()[0]
-        if cells is None or cells.num_rows != rows:
-            text = f"{self.table.path}: cannot be read from line {first_line} on: {reason}"
-            hint = "correct the log, or state its dialect, as `--set csv.delimiter=semicolon`"
-            raise UserError(text, hint)
+        cells = arrow.read_csv(pa.BufferReader(data), reads, parses, converts)
+        if cells.num_rows != rows:
+            raise pa.ArrowInvalid("its quotes cannot be followed")
         return cells
 
     def _sieved(self, block: LineBlock) -> tuple[bytes, Rows, Rows, Rows]:

@@ -172,7 +172,7 @@ def _parts(s: Series, trees: list[Tree], owners: Owners) -> list[tuple[Series, l
 def _look(
     s: Series, trees: list[Tree], decoders: _Decoders, options: ReadOptions
 ) -> Iterator[Finding]:
-    """Finds the decoder of a series, and adds its first messages to the trees."""
+    """Finds the decoder of a series, and adds its first messages that decode to the trees."""
     key = s.encoding, s.schema_id
     try:
         s.decoder = decoders.get(key) or _decoder(s, options)
@@ -181,7 +181,14 @@ def _look(
             yield s.finding("mcap-encoding", "info", encoding=kind)
             return
         decoders[key] = s.decoder
-        trees += _trees(s, s.decoder)
+        reason = ""
+        for head in s.heads:
+            try:
+                trees.append(s.decoder.tree(head))
+            except UndecodableError as e:
+                reason = reason or str(e)
+        if not trees:
+            raise UndecodableError(f"first messages: {reason}")
     except UndecodableError as e:
         yield s.finding("mcap-topic-unreadable", "error", reason=str(e))
         return
@@ -215,23 +222,6 @@ def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
 
         return Ros2Decoder(schema.name, schema.data)
     return None
-
-
-def _trees(s: Series, decoder: Decoder) -> list[Tree]:
-    """First messages that decode.
-
-    Raises:
-        UndecodableError: where none of them decodes.
-    """
-    trees, reason = list[Tree](), ""
-    for head in s.heads:
-        try:
-            trees.append(decoder.tree(head))
-        except UndecodableError as e:
-            reason = reason or str(e)
-    if not trees:
-        raise UndecodableError(f"first messages: {reason}")
-    return trees
 
 
 def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
