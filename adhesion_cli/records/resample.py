@@ -11,7 +11,7 @@ import numpy as np
 
 from ..channels import to_si
 from ..core import time_axis, units
-from ..core.finding import Finding, Severity
+from ..core.finding import Finding
 from ..core.model import (
     MOTOR_FORCES,
     AxleRecord,
@@ -74,8 +74,8 @@ def _axle(
     findings = _report_gaps(
         speed, brake, inside & ~sampled.fresh, inside & fresh & ~in_segment, view
     )
-    no_pressure = Fault("no-pressure", inside & sampled.fresh & ~motors_fresh)
-    findings += view.report(no_pressure, speed, names={"quantity": "ED force"})
+    without_motors = inside & sampled.fresh & ~motors_fresh
+    findings += _report_missing(speed, brake, without_motors, motors_fresh, "ED force", view)
     findings += _brake_without_speed(speed, brake, vehicle.of_axle(keys.axle), view)
     if not segments:
         return None, findings
@@ -158,16 +158,31 @@ def _report_gaps(
 ) -> list[Finding]:
     """What is reported of samples without a recent pressure, and of segments that are too short."""
     t, quantity = speed.data.t, str(brake.meaning).replace("_", " ")
-    within_brake = stale & (t >= brake.data.t.min()) & (t <= brake.data.t.max())
-    only_at_ends = stale.sum() * np.median(np.diff(t, append=t[-1])) <= 2 * max(
-        brake.gap_ns, speed.gap_ns
-    )
-    severity: Severity = "info" if only_at_ends and not within_brake.any() else "warning"
-    missing = Fault("no-pressure", stale, severity=severity)
+    recorded = (t >= brake.data.t.min()) & (t <= brake.data.t.max())
     return [
-        *view.report(missing, speed, names={"quantity": quantity}),
+        *_report_missing(speed, brake, stale, recorded, quantity, view),
         *view.report(Fault("too-short", too_short), speed, {"needed": SHORTEST}),
     ]
+
+
+def _report_missing(
+    speed: Channel, brake: Channel, stale: Bools, known: Bools, quantity: str, view: View
+) -> list[Finding]:
+    """Samples without a recent value: only a note where these are the first or the last ones.
+
+    Args:
+        speed: of the axle.
+        brake: of the axle.
+        stale: samples of the speed without a recent value, (n,).
+        known: samples of the speed of which the first and the last have a value, (n,).
+        quantity: that misses.
+        view: only its window counts.
+    """
+    within = np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
+    lasts_ns = stale.sum() * np.median(np.diff(speed.data.t, append=speed.data.t[-1]))
+    only_at_ends = lasts_ns <= 2 * max(brake.gap_ns, speed.gap_ns) and not (stale & within).any()
+    fault = Fault("no-pressure", stale, severity="info" if only_at_ends else "warning")
+    return view.report(fault, speed, names={"quantity": quantity})
 
 
 def _brake_without_speed(

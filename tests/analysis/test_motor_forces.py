@@ -137,6 +137,16 @@ def test_an_ed_brake_without_any_unit_is_reported(tmp_path: Path, even: Blended)
     assert "channels.ed_force" in (finding.hint or "")
 
 
+def test_an_ed_force_that_begins_some_rows_late_is_no_warning(
+    tmp_path: Path, even: Blended
+) -> None:
+    slow = np.where(np.arange(len(even.t)) % 4 == 1, even.ed[0] * 1e-3, np.nan)
+    result = analyzed(even.write(tmp_path / "late.csv", {"ED force per axle [kN]": slow}))
+    (finding,) = {f.code: f for f in result.findings if f.code == "no-pressure"}.values()
+    assert (finding.severity, finding.count) == ("info", 1)
+    check(result, even, 0.06)
+
+
 def test_k_is_the_clamping_force_of_electric_and_air_brake(tmp_path: Path, even: Blended) -> None:
     columns = {"ED force per axle [kN]": even.ed[0] * 1e-3}
     result = analyzed(even.write(tmp_path / "k.csv", columns), "analysis.vehicle=stated")
