@@ -158,12 +158,14 @@ _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start
 _CHINESE_PLACES = "[一二三四五六七八](?=[轴轮位架车]|转向架)|(?<=[轴轮架])[一二三四五六七八]"
 _LETTERS = tuple("abcdefgh")
 _DEVICE = re.compile(r"(?<![^\W_])[A-Za-z]{2,3}\d{3,4}[A-Z]?(?:_\d+)+")  # and its number: MX840B_1
-# Numbers that count nothing: of a module and channel in front, of a device, a range, a filter.
+# Numbers that count nothing: of a module and channel in front, of a device, a date, a range, a
+# filter, a sensor.
 _NO_COUNT = re.compile(
-    r"(?i)^\[\d+[:.]\d+\]|[(\[](?:id|s/?n|ser)\b[^)\]]*[)\]]|(?<!\w)0\s*-\s*\d+"
-    r"|(?<![\w.,])\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+"
-    r"|(?<![\w.,])(?:\d[\d.,]*(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)|\d+\s*(?:teeth|zähne)"
-    r"|\d\d+\s(?:k?Hz|ms))\b"
+    r"(?i)^\[\d+[:.]\d+\]|[(\[](?:id|s/?n|ser)\b[^)\]]*[)\]]"
+    r"|\b\d{4}[-./]\d\d[-./]\d\d\b|\b\d{1,2}:\d\d\b"
+    r"|(?<!\w)(?:0\s*-\s*\d+|\d+\s*-\s*\d+\s?m?[AV]\b)"
+    r"|(?<![\w.,])(?:\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+|\d[\d.,]*(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)\b"
+    r"|\d+\s*(?:teeth|zähne)\b|\d\d+\s(?:k?Hz|ms)\b|\d+\s?(?:°|degC|%))"
 )
 _LABELS = re.compile(r"""(\w+)=("+|')[^"']*\2,?\s*""")  # of a series: instance="10.0.0.1:9100"
 _AXLES = re.compile(r"([^\W\d_]+)\.?[\s_]*(\d)\s*([-–+&/])\s*(\d)(?!\d)")  # as in "axles 1-4"
@@ -494,7 +496,7 @@ def _without_axles(name: str) -> tuple[str, str]:
     for m in _AXLES.finditer(name):
         first, last, is_slash = int(m[2]), int(m[4]), m[3] == "/"
         # "axle 1/4" may be one of four
-        kinds = {"cylinder"} if is_slash else {"cylinder", "wheel"}
+        kinds = {"cylinder", "pressure"} | ({"wheel"} if not is_slash else set())
         if last <= first or not kinds & _kinds(m[1].lower()).keys():
             continue
         if first % 2 and last == first + 1:

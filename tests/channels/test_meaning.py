@@ -559,6 +559,8 @@ def test_numbers_of_ranges_filters_serials_and_series_are_no_axle() -> None:
         'bc_pressure_bar{job="train", instance="10.0.0.1:9100"}',
         "Channel1.Device1.BC_pressure_bar", "BC pressure 0..10 bar", "Run 12 BC pressure [bar]",
         "BC pressure avg 100 ms [bar]", "BC pressure 10bar sensor [bar]", "In1: BC pressure [bar]",
+        "BC pressure (4-20 mA) [bar]", "BC pressure 2026-11-24 10:15 [bar]",
+        "BC pressure 20 °C [bar]",
     ):  # fmt: skip
         assert seen(name) == [(PRESSURE, None, "bar")], name
     assert seen('v {axle="2", host="a1"} [km/h]') == [(WHEEL, 2, "km/h")]
@@ -566,7 +568,12 @@ def test_numbers_of_ranges_filters_serials_and_series_are_no_axle() -> None:
 
 def test_a_pressure_of_two_axles_is_that_of_their_bogie() -> None:
     speeds = [f"v{k} [km/h]" for k in (1, 2, 3, 4)]
-    for pair in ("BCP {}/{} [bar]", "BC pressure axles {}-{} [bar]", "BCP {}+{} [bar]"):
+    for pair in (
+        "BCP {}/{} [bar]",
+        "C-Druck {}/{} [bar]",
+        "BC pressure axles {}-{} [bar]",
+        "BCP {}+{} [bar]",
+    ):
         read = seen(pair.format(1, 2), pair.format(3, 4), *speeds)
         assert sorted(axle or 0 for meaning, axle, _ in read if meaning == PRESSURE) == [1, 2, 3, 4]
     assert seen("BC pressure [bar] axles 1-4", *speeds)[0] == (PRESSURE, None, "bar")

@@ -12,7 +12,7 @@ from ...core.errors import UserError
 from ...core.text import distinct
 from .dialect import fit, is_comment, is_null, split, uncommented
 from .head import Line
-from .header_words import TYPES, is_named, is_units_row, label, time_name
+from .header_words import STATISTICS, TYPES, is_named, is_units_row, label, time_name
 from .number_text import is_number, number_grammar
 from .stamps import is_stamp
 
@@ -111,7 +111,7 @@ def _first_data(table: FirstRows) -> int | None:
     @cache
     def resembles_data(row: int) -> bool:
         cells = table.rows[row][1]
-        if is_units_row(cells):
+        if is_units_row(cells) or (0 in numeric and _is_statistics(cells)):
             return False
         remark = len(cells) == width + 1 and not is_null(cells[-1]) and not typed(cells[-1])
         if not data_rows or (len(cells) != width and not remark):
@@ -144,7 +144,7 @@ def _text_above(table: FirstRows, start: int) -> Header:
         if not width - 1 <= len(cells) <= width + 1 or (len(cells) < width and width == 2):
             return False
         said = [c for c in cells if c]
-        if any(map(time_name, said)):
+        if any(map(time_name, said)) or _is_statistics(cells):
             return True
         if any(map(is_stamp, said)):  # as of a trigger
             return False
@@ -158,7 +158,7 @@ def _text_above(table: FirstRows, start: int) -> Header:
     data_columns = sum(n >= _DATA_SHARE * len(data) for n in filled)
     while len(names) < 4 and texts(top - 1):
         cells = rows[top - 1][1]
-        if all(is_named(c, TYPES) for c in cells if c):
+        if all(is_named(c, TYPES) for c in cells if c) or _is_statistics(cells):
             pass
         elif units is None and is_units_row(cells) and (names or texts(top - 2)):
             units = top - 1
@@ -168,6 +168,11 @@ def _text_above(table: FirstRows, start: int) -> Header:
             break
         top -= 1
     return Header(names, units, top, start)
+
+
+def _is_statistics(cells: list[str]) -> bool:
+    """Whether a row states the largest numbers, the mean or such of the columns."""
+    return bool(cells) and is_named(cells[0].strip(":"), STATISTICS) and any(map(is_number, cells))
 
 
 def _continues(names: list[list[str]], cells: list[str], width: int, data_columns: int) -> bool:
