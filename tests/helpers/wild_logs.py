@@ -493,6 +493,8 @@ def typed_heads(rng: random.Random) -> Iterator[WildLog]:
     yield WildLog("log.txt", (drawn + f"({ROWS} rows)\n\n").encode())
     index = [["", "BC pressure", "wheel speed"], ["", "bar", "km/h"], ["time", "", ""]]
     yield WildLog("log.csv", table(index, [stamps, *values]))
+    above = [["Time [s]", *NAMES], ["Max", "4.00", "70.1"], ["Min:", "0.00", "31.2"]]
+    yield WildLog("log.csv", table(above, [[f"{t:.3f}" for t in T], *values], ";"))
     graphtec = [
         ["Number", "Date&Time", "BC pressure", "wheel speed"],
         ["NO.", "Time", "bar", "km/h"],
