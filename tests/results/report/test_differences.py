@@ -148,6 +148,7 @@ def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
     assert set(of["roots"].values()) == places == {f"axle-{n}-{i}" for n in (1, 2) for i in (0, 1)}
     axes = {r["attributes"]["x_range"]["id"] for r in of["doc"]["roots"]}
     assert len(axes) == 1
+    assert "run 2" in found.texts  # a row of the table of all runs
     assert "onerror" not in str(of)
     assert runs[0].brake_s != runs[1].brake_s
 
@@ -165,6 +166,7 @@ def test_runs_with_other_brakes_have_no_difference_of_adhesion(pair: list[Report
     text = page.page(runs)
     assert differences.friction_findings(runs)[0].message in text
     assert "adhesion calibrate stop.csv -c my-train.toml -o brake-2.toml" in text
+    assert "run 2" not in Elements(text).texts  # nor is their µ in one table
     drawn: Any = figures(text)
     assert set(drawn["roots"].values()) == {"axle-1-0", "axle-2-0"}
 
