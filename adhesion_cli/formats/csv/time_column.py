@@ -182,12 +182,10 @@ class _ClockSearch:
     def named(self) -> list[int]:
         """Columns whose name says that they are the time, the likeliest first."""
         dialect = self.dialect
-        matches = []
-        for i in range(len(dialect.names) * dialect.headed):
-            if name := _named(dialect, i):
-                constant = len(dialect.rows) > 2 and len(set(dialect.column(i))) < 2
-                matches.append((constant, name[0], i))
-        return [i for _, _, i in sorted(matches)]
+        columns = range(len(dialect.names) * dialect.headed)
+        ranks = {i: name[0] for i in columns if (name := _named(dialect, i))}
+        is_constant = {i: len(dialect.rows) > 2 and len(set(dialect.column(i))) < 2 for i in ranks}
+        return sorted(ranks, key=lambda i: (is_constant[i], ranks[i]))
 
     def likely(self) -> list[int]:
         """Columns of stamps, then those that rise and whose name or unit speaks of time."""
@@ -200,15 +198,10 @@ class _ClockSearch:
             if len(set(dialect.column(i))) > 1 and forms_of(dialect.column(i), forms, self.unit)
         ]
         dates = [i for i in columns if forms_of(dialect.column(i), DATES)]
-        rising = [i for i in columns if _rises(dialect, i) and self._may_count_time(i)]
-        return [*stamps, *dates, *rising]
-
-    def _may_count_time(self, i: int) -> bool:
-        """Whether numbers are a time by the name or unit of their column, or days by their size."""
-        days = self._shown_unit(i, self.dialect.numbers(i), None)
-        return _says_time(self.dialect, i) or (
-            days is not None and COUNTS[days[0]].ns == NS_PER_UNIT["d"]
-        )
+        rising = [i for i in columns if _rises(dialect, i)]
+        shown = {i: self._shown_unit(i, dialect.numbers(i), None) for i in rising}
+        days = [i for i, x in shown.items() if x and COUNTS[x[0]].ns == NS_PER_UNIT["d"]]
+        return [*stamps, *dates, *(i for i in rising if i in days or _says_time(dialect, i))]
 
     def first_clock(self, columns: Sequence[int], reason: str) -> Clock | None:
         """The first of these columns that can be read as a time.
