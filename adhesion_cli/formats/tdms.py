@@ -105,7 +105,9 @@ class Reader:
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
             findings.append(Finding("group-not-read", "info", "", len(timeless), (), {}, names))
-        rows = self._count_rows()
+        by_length = sorted(self._channels, key=lambda pair: len(pair[0]))
+        longest = {(c.group_name, axis): len(c) for c, axis in by_length}
+        rows = sum(longest.values())
         if damage := self._damage():
             values = {"kept_rows": rows}
             findings.append(Finding("log-damaged", "error", "", 1, (), values, {"damage": damage}))
@@ -308,14 +310,6 @@ class Reader:
             return "the last segment is not complete"
         is_cut_off = end_row < self._path.stat().st_size
         return f"byte {end_row}: no segment begins there" if is_cut_off else ""
-
-    def _count_rows(self) -> int:
-        """Samples of the longest channel of each group and time, in all."""
-        rows: dict[tuple[str, _Axis], int] = {}
-        for c, axis in self._channels:
-            key = c.group_name, axis
-            rows[key] = max(len(c), rows.get(key, 0))
-        return sum(rows.values())
 
     def _reason(self, start: int) -> str:
         """Which time was taken, for people."""
