@@ -25,6 +25,7 @@ _OF_FORCE = {
     "force-negative",
     "noise-model",
     "pressure-below-spring",
+    "reference-noise",
     "speed-signal-loss",
     "vehicle-suspect",
 }  # codes that judge a force

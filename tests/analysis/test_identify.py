@@ -15,7 +15,7 @@ from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.stated_friction import friction_table
 from adhesion_cli.analysis.summarise import summarise
-from adhesion_cli.analysis.vehicle_findings import with_friction_findings
+from adhesion_cli.analysis.vehicle_findings import with_friction_findings, without_force_findings
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Parameter, Result, Vehicle, quantities
@@ -233,6 +233,11 @@ def test_without_a_brake_in_the_log_nothing_is_known(run_in: Run, tmp_path: Path
     assert done.returncode == 0
     again = run_in("analyze", "log.adhesion.mcap", "--json", "-a", "td", "-o", "again")
     assert not json.loads(again.stdout)["results"][0]["vehicle"]["known"]
+
+
+def test_a_force_that_nobody_knows_is_not_too_noisy() -> None:
+    judged, logged = (Finding(code, "warning") for code in ("reference-noise", "gap"))
+    assert without_force_findings([judged, logged]) == [logged]
 
 
 @pytest.fixture(name="run_in")
