@@ -166,5 +166,4 @@ class Source:
             if self.options.strict and self.is_loss(finding):
                 place = f" {finding.channel}:" if finding.channel else ""
                 raise UserError(f"{self.path}:{place} {finding.message}", self.remedy)
-            if finding not in self.findings:
-                self.findings.append(finding)
+        self.findings = list(dict.fromkeys([*self.findings, *findings]))
