@@ -37,12 +37,14 @@ from .text_tables import (
 
 _NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
-    "uncertainties (95\N{NO-BREAK SPACE}%). a: mean deceleration v0²/(2s); a equiv.: without the "
-    "response time, which is delay and half of the build-up. With a slow build-up it is some "
-    "percent above every deceleration of the train. level: distance on level track from the "
-    "nominal speed."
+    "uncertainties (95\N{NO-BREAK SPACE}%). a: mean deceleration v0²/(2s)."
 )
-_OF_PRESSURE = "p: full pressure of the brake cylinders, mean of the axles."
+_OF_COLUMNS = {
+    "a equiv.": "a equiv.: without the response time, which is delay and half of the build-up. "
+    "With a slow build-up it is some percent above every deceleration of the train.",
+    "level [m]": "level: distance on level track from the nominal speed.",
+    "p [bar]": "p: full pressure of the brake cylinders, mean of the axles.",
+}
 _OF_GROUPS = (
     "Means of the valid stops with expanded uncertainties (95\N{NO-BREAK SPACE}%). sd: standard "
     "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
@@ -140,7 +142,8 @@ def _coefficient(x: Measured | None) -> str:
 
 def describe_columns(rows: Sequence[Mapping[str, str]]) -> str:
     """What the columns of a table of stops mean."""
-    return f"{_NOTE} {_OF_PRESSURE}" if any("p [bar]" in row for row in rows) else _NOTE
+    notes = [text for name, text in _OF_COLUMNS.items() if any(name in row for row in rows)]
+    return " ".join([_NOTE, *notes])
 
 
 def describe_sources(stops: Sequence[StopSummary]) -> str:

@@ -83,7 +83,8 @@ class Statistic(NamedTuple):
     common_u95: Annotated[float, Quantity("", "the part of it that is the same in every stop")]
     scatter: Annotated[float, Quantity("-", "range over mean")]
     outliers: Annotated[
-        tuple[int, ...], Quantity("", "stops, from 1, that Grubbs' test rejects (5 % of groups)")
+        tuple[int, ...],
+        Quantity("", "stops of the series, from 1, that Grubbs' test rejects (5 % of groups)"),
     ]
     drift: Annotated[Number, Quantity("", "change from stop to stop, by a line")]
     drift_u95: Annotated[Number, Quantity("", "its expanded uncertainty")]
@@ -169,12 +170,13 @@ def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
     """The groups of a series, in the order in which their first stops stand."""
     groups = []
     for name in dict.fromkeys(s.group for s in stops):
-        members = [s for s in stops if s.group == name and s.stop.valid]
+        numbers = [n for n, s in enumerate(stops, 1) if s.group == name and s.stop.valid]
+        members = [stops[n - 1] for n in numbers]
         columns = {quantity: [s.measured(quantity) for s in members] for quantity in QUANTITIES}
         tests = sum(any(x is not None for x in measured) for measured in columns.values())
         level = _LEVEL / max(tests, 1)
         statistics = {
-            quantity: statistic
+            quantity: statistic._replace(outliers=tuple(numbers[i] for i in statistic.outliers))
             for quantity, measured in columns.items()
             if (statistic := _statistic(measured, level))
         }
@@ -184,6 +186,8 @@ def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
 
 def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> Statistic | None:
     """Statistics of the stops that have a quantity; None where none has it.
+
+    Outliers are places in what was measured, from 0.
 
     Args:
         measured: the quantity of each stop.
@@ -201,7 +205,7 @@ def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> St
         return Statistic(1, mean, None, known_values[0].u95, common, scatter, (), None, None)
     sd = float(np.std(values, ddof=1))
     u95 = math.hypot(_student(n - 1) * sd / math.sqrt(n), common)
-    outliers = tuple(places[i] for i in _outliers(values, level))
+    outliers = tuple(places[i] - 1 for i in _outliers(values, level))
     drift, drift_u95 = _drift(np.array(places, dtype=np.float64), values)
     return Statistic(n, mean, sd, u95, common, scatter, outliers, drift, drift_u95)
 

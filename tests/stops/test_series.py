@@ -85,6 +85,8 @@ def test_an_outlier_and_a_drift_are_named() -> None:
 
     (group,) = group_stops(series({"a": [300.0, 301.0, 299.0, 300.5, 299.5, 340.0]}))
     assert group.statistics["distance_m"].outliers == (6,)
+    both = {"a": [300.0, 301.0], "b": [300.0, 301.0, 299.0, 340.0, 300.5, 299.5]}
+    assert group_stops(series(both))[1].statistics["distance_m"].outliers == (6,)  # as in the table
     (group,) = group_stops(series({"a": [300.0, 302.1, 303.9, 306.0, 308.1]}))
     x = group.statistics["distance_m"]
     line = stats.linregress(range(1, 6), [300.0, 302.1, 303.9, 306.0, 308.1])
