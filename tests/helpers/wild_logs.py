@@ -491,6 +491,8 @@ def typed_heads(rng: random.Random) -> Iterator[WildLog]:
     rows = zip(stamps, *values, strict=True)
     drawn = names + line + "".join(f" {t} | {p} | {v} \n" for t, p, v in rows)
     yield WildLog("log.txt", (drawn + f"({ROWS} rows)\n\n").encode())
+    boxed = line + "".join(f"|{x} |\n" for x in drawn.replace(line, "").splitlines()) + line
+    yield WildLog("log.txt", (boxed + f"{ROWS} rows in set (0.01 sec)\n").encode())
     index = [["", "BC pressure", "wheel speed"], ["", "bar", "km/h"], ["time", "", ""]]
     yield WildLog("log.csv", table(index, [stamps, *values]))
     above = [["Time [s]", *NAMES], ["Max", "4.00", "70.1"], ["Min:", "0.00", "31.2"]]

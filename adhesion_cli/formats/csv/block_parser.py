@@ -206,7 +206,7 @@ class Parser:
             raise UserError(text, hint)
         said = [cell for cell in cells if cell]
         is_remark = len(said) == 1 and cells[0] and _TEXT.fullmatch(said[0])
-        return "comment" if is_remark and dialect.rows[0][0][:1].isdecimal() else fault
+        return "comment" if is_remark and "".join(dialect.rows[0])[:1].isdecimal() else fault
 
 
 def _closed_cells(line: str, delimiter: str) -> int:
