@@ -85,7 +85,8 @@ def find_response(
         )
         for times in ([r.delay for r in axles], [r.build_up for r in axles])
     )
-    if disturbed or full_mean.value > _LONGEST_BUILD_UP * (braking.stop - command):
+    longest = max(r.build_up.value for r in axles)
+    if disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command):
         return BrakeResponse(delay_mean, unknown, total / len(axles))
     sigma = math.hypot(delay_mean.tolerance, full_mean.tolerance) / 2.0
     mean = (delay_mean.value + full_mean.value) / 2.0

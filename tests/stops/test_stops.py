@@ -269,6 +269,15 @@ def test_slides_in_the_build_up_leave_no_response() -> None:
     assert axle.max_slip == pytest.approx(0.2, abs=0.01)
 
 
+def test_an_axle_that_takes_over_from_another_brake_leaves_no_response() -> None:
+    x, _ = signals()
+    t, p = x.brakes[1]
+    late = TimeSeries(t, np.where(t < ON + 20.0, 0.4, 1.0) * p)  # its ED brake fades out
+    (stop,) = measured(x._replace(brakes={1: TimeSeries(t, p), 2: TimeSeries(t, p), 3: late}))
+    assert stop.delay_s is not None
+    assert (stop.response_time_s, stop.equivalent_deceleration) == (None, None)
+
+
 def test_a_pressure_at_the_end_of_its_range_leaves_no_response() -> None:
     x, _ = signals()
     (stop,) = measured(x._replace(saturated=np.array([ON + 2.0])))
