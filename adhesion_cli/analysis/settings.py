@@ -540,8 +540,8 @@ def vehicle_keys() -> dict[str, str]:
     """Every spelling of a vehicle parameter, and the field it means."""
     names = {name: name for name in quantities(Vehicle)}
     symbols = {q.symbol: name for name, q in quantities(Vehicle).items() if q.symbol}
-    further = {"wheel_diameter": "wheel_radius", "correlation": "correlation", "load": "load"}
-    return {**names, **symbols, **further}
+    keys = {"wheel_diameter": "wheel_radius", "correlation": "correlation", "load": "load"}
+    return {**names, **symbols, **keys}
 
 
 def _vehicle(tree: Table) -> Vehicle:

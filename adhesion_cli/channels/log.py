@@ -330,10 +330,10 @@ def _without_unit(m: Meant, chosen: Collection[Meant], path: Path) -> UserError:
     if len(asked) > 1:
         lines = (_line(c, chosen) for c in asked.values())
         return UserError(f"{path}: {subjects}", f"state them, as {toml.option(*lines)}")
-    example, *others = _example_units(m)
-    alternative = f" (or {', '.join(map(repr, others))})" if others else ""
+    example, *other_units = _example_units(m)
+    alternative = f" (or {', '.join(map(repr, other_units))})" if other_units else ""
     unknown_unit = next(iter(_unknown_units(m)), "")
-    is_usual = unknown_unit and example == _USUAL.get(m.meaning, "m/s") and not others
+    is_usual = unknown_unit and example == _USUAL.get(m.meaning, "m/s") and not other_units
     condition = f"if 1 {unknown_unit!r} is 1 {example}, " if is_usual else ""
     hint = f"{condition}state it, as {toml.option(_line(m, chosen))}{alternative}; "
     assert m.meaning
@@ -413,9 +413,9 @@ def _example_units(m: Meant) -> list[str]:
                 factors = [1.0 / number, number]
             return [f"{factor:g} {match[1]}" for factor in factors]
         for prefix, factor in _PREFIXES.items():
-            rest = plain_text.removeprefix(prefix)
-            if rest != plain_text and units.unit(rest):
-                return [f"{factor:g} {rest}"]
+            remark = plain_text.removeprefix(prefix)
+            if remark != plain_text and units.unit(remark):
+                return [f"{factor:g} {remark}"]
     return [_USUAL.get(m.meaning, "m/s")]
 
 
@@ -450,7 +450,7 @@ def _log(
     columns = source.columns([m.field for m in chosen])
     times = {id(c.t): c.t for c in columns if len(c.t)}
     start = min((time_axis.earliest(t) for t in times.values()), default=0)
-    end = max((int(t[-1]) for t in times.values()), default=0)
+    end_ns = max((int(t[-1]) for t in times.values()), default=0)
     times.clear()
     channels, provenance = [], source.metadata.get("adhesion.provenance", {})
     clocks = [id(c.t) for c in columns]
@@ -458,7 +458,7 @@ def _log(
     columns.reverse()
     for m, clock in zip(chosen, clocks, strict=True):
         column, levels = as_levels(columns.pop(), m.meaning)  # let go one by one
-        channel, its_findings = convert(m, column, (start, end))
+        channel, its_findings = convert(m, column, (start, end_ns))
         if m.meaning and (level_words := provenance.get(words_key(m.meaning, m.axle))):
             levels = tuple(level_words.split("\n"))
         if levels:

@@ -166,8 +166,8 @@ def _apply_statements(
             raise UserError(f"{key} names no channel, and no name says this axle", hint, code=2)
         for i in matching:
             stated = meant[i]
-            own = stated.zero
-            stated = replace(stated, zero=(m.zero or own) if m.axle else (own or m.zero))
+            own_zero = stated.zero
+            stated = replace(stated, zero=(m.zero or own_zero) if m.axle else (own_zero or m.zero))
             if i in guesses:
                 stated = replace(stated, mapping=m)
             if i in guesses and m.unit:

@@ -494,13 +494,13 @@ def _place_in(text: str, is_path: bool) -> Place:
 def _without_axles(name: str) -> tuple[str, str]:
     """The name without several axles, as in "axles 1-4"; and their bogie, if they are its two."""
     for m in _AXLES.finditer(name):
-        first, last, is_slash = int(m[2]), int(m[4]), m[3] == "/"
+        first_axle, last_axle, is_slash = int(m[2]), int(m[4]), m[3] == "/"
         # "axle 1/4" may be one of four
         kinds = {"cylinder", "pressure"} | ({"wheel"} if not is_slash else set())
-        if last <= first or not kinds & _kinds(m[1].lower()).keys():
+        if last_axle <= first_axle or not kinds & _kinds(m[1].lower()).keys():
             continue
-        if first % 2 and last == first + 1:
-            return name[: m.start(2)] + name[m.end() :], str(last // 2)
+        if first_axle % 2 and last_axle == first_axle + 1:
+            return name[: m.start(2)] + name[m.end() :], str(last_axle // 2)
         if not is_slash:
             return name[: m.start(2)] + name[m.end() :], ""
     return name, ""

@@ -89,8 +89,8 @@ def command(  # noqa: PLR0913 (one parameter per option)
     maps = (map_of_log(r.log, s.stops, s.axles) for r, s in pairs_of_log)
     map_text = as_text(maps) if geojson else ""
     with results.written(shared, analysed, written, summaries) as places:
-        for record, _, *others in written if report else ():
-            write_report(places[others[0]], places[record], record.name)
+        for record, _, *other_files in written if report else ():
+            write_report(places[other_files[0]], places[record], record.name)
         if table:
             tables.write(places[table], suffix, _sheets(summaries))
         if geojson:

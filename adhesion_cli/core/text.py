@@ -102,8 +102,8 @@ def by_uncertainty(value: float, u: float, max_decimals: int = 15) -> tuple[str,
     if not 0.0 < u < math.inf:
         return f"{value:.4g}", f"{u:g}"
     first_digit = -int(f"{u:.1e}".partition("e")[2])
-    most = max(max_decimals, min(first_digit, max_decimals + _FURTHER))
-    place = min(first_digit + 1, most)
+    decimals_limit = max(max_decimals, min(first_digit, max_decimals + _FURTHER))
+    place = min(first_digit + 1, decimals_limit)
     # + 0.0: no "-0"
     value_text, u_text = (f"{round(x, place) + 0.0:.{max(place, 0)}f}" for x in (value, u))
     return value_text, u_text

@@ -299,9 +299,9 @@ class Expressions:
     def _function(self, node: ast.Call, callee: FunctionType) -> Expr:
         arguments = [self(x) for x in node.args]
         target = self.program.function(callee, tuple(x.kind for x in arguments))
-        passed = [arguments[i] for i in target.used_arguments]
-        cost = sum((x.cost for x in passed), target.cost)
-        text = f"{target.name}({', '.join(map(self._braced, passed))})"
+        used_values = [arguments[i] for i in target.used_arguments]
+        cost = sum((x.cost for x in used_values), target.cost)
+        text = f"{target.name}({', '.join(map(self._braced, used_values))})"
         return Expr(text, target.kind, cost, True)
 
     def _braced(self, x: Expr) -> str:

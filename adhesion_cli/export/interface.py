@@ -128,8 +128,8 @@ class Interface:
     def _call(self, f: Any, arguments: Sequence[tuple[str, Kind]]) -> tuple[str, Cost]:
         """A call of a translated function."""
         function = self.c.function(cast(FunctionType, f), tuple(kind for _, kind in arguments))
-        passed = [arguments[i] for i in function.used_arguments]
-        texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in passed]
+        used_values = [arguments[i] for i in function.used_arguments]
+        texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in used_values]
         return f"{function.name}({', '.join(texts).replace('&*', '')})", function.cost
 
     def signatures(self, real: str) -> dict[str, str]:

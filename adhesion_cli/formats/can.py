@@ -371,11 +371,11 @@ def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
     for name in names:
         for message in _load(name).messages:
             key = message.frame_id, bool(message.is_extended_frame)
-            first, origin = by_key.setdefault(key, (message, name))
-            if _layout(first) != _layout(message):
+            first_message, origin = by_key.setdefault(key, (message, name))
+            if _layout(first_message) != _layout(message):
                 raise UserError(
                     f"{name}: message 0x{key[0]:X} ({message.name}) is another one in "
-                    f"{origin} ({first.name})",
+                    f"{origin} ({first_message.name})",
                     "state only the DBC files of the buses in this log",
                     code=2,
                 )

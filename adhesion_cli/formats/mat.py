@@ -88,8 +88,8 @@ def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
     other_variables = [
         (name, x.shape) for name, x in arrays.items() if name not in names and x.size > 1
     ]
-    others = [f"{name} ({' x '.join(map(str, shape))})" for name, shape in other_variables]
-    return names, others
+    other_lengths = [f"{name} ({' x '.join(map(str, shape))})" for name, shape in other_variables]
+    return names, other_lengths
 
 
 def _counted(columns: dict[str, Any]) -> dict[str, Any]:

@@ -122,10 +122,10 @@ def write_text(
         name, reason, columns = sheet_name, "stated", book.columns(sheet_name)[0]
     place = f"{path}: sheet {name!r}"
     if not columns:
-        others = [x for x in book.names if x != name]
+        other_sheets = [x for x in book.names if x != name]
         hint = "give a workbook with a log"
-        if others:
-            hint = f"state another sheet, as {option(others[0])}"
+        if other_sheets:
+            hint = f"state another sheet, as {option(other_sheets[0])}"
         raise UserError(f"{place} is empty", hint)
     while len(columns) > 2 and len(columns[-1].text) - columns[-1].text.null_count < 2:
         columns.pop()  # a cell far from the table is no channel
@@ -135,11 +135,11 @@ def write_text(
             rows = pc.binary_join_element_wise(*(c.slice(begin, _ROWS) for c in cells), "\t")
             rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)  # of blank cells
             file.write(("\n".join(rows.to_pylist()) + "\n").encode())
-    others = [x for x in book.names if x != name]
+    other_sheets = [x for x in book.names if x != name]
     has_channels = reason != _OF_NUMBERS or any(
         any(map(time_name, column.heads())) for column in columns
     )
-    return SheetText(name, others, reason, has_channels)
+    return SheetText(name, other_sheets, reason, has_channels)
 
 
 def _choice(

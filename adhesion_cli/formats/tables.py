@@ -204,6 +204,11 @@ def state_fields(
         words: those in its head, by place.
         numbers: fields of channels of numbers, by place; words may stand for numbers.
     """
-    others = {place: x for place, x in named.items() if place in words and place not in numbers}
-    by_place = {**numbers, **dict(zip(others, fields([*others.values()], ""), strict=True))}
+    unread_names = {
+        place: x for place, x in named.items() if place in words and place not in numbers
+    }
+    by_place = {
+        **numbers,
+        **dict(zip(unread_names, fields([*unread_names.values()], ""), strict=True)),
+    }
     return [replace(by_place[place], words=tuple(x)) for place, x in words.items()]

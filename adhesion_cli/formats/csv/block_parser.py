@@ -68,11 +68,11 @@ class Parser:
         Raises:
             UserError: where the parser cannot follow it, or another header stands in it.
         """
-        lines, narrow, wide = np.arange(block.lines), _NONE, _NONE
+        lines, narrow, wide_lines = np.arange(block.lines), _NONE, _NONE
         try:
             cells = self._cells(block.data, block.lines)
         except pa.ArrowInvalid:
-            data, lines, narrow, wide = self._sieved(block)
+            data, lines, narrow, wide_lines = self._sieved(block)
             try:
                 cells = self._cells(data, len(lines))
             except pa.ArrowInvalid as error:
@@ -95,7 +95,7 @@ class Parser:
                 absent = ~timed & np.all([columns[i].is_null() for i in self.indices], axis=0)
         faults = {
             "too few cells": narrow,
-            "too many cells": wide,
+            "too many cells": wide_lines,
             "time missing": lines[~timed & missing & ~absent],
             "time unreadable": lines[~timed & ~missing],
         }
@@ -160,8 +160,10 @@ class Parser:
                 cells[k] = width
         cells[line_ends == starts] = 0
         remaining &= np.repeat(cells == width, line_ends + 1 - starts)
-        regular, narrow, wide = map(np.flatnonzero, (cells == width, cells < width, cells > width))
-        return text[remaining].tobytes(), regular, narrow, wide
+        regular, narrow, wide_lines = map(
+            np.flatnonzero, (cells == width, cells < width, cells > width)
+        )
+        return text[remaining].tobytes(), regular, narrow, wide_lines
 
     def _classified(self, block: LineBlock, faults: dict[str, Rows]) -> dict[str, Rows]:
         """Lines by class, from those that hold no row, by fault: some of them are no data.

@@ -265,9 +265,9 @@ def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tup
             hint = "export the channels that are needed"
             raise UserError(f"{path}: {width} columns, more than {_MAX_COLUMNS}", hint)
         fits = [cells for cells in rows if len(cells) == width]
-        others = {*";\t|,"} - {delimiter}
+        other_marks = {*";\t|,"} - {delimiter}
         worth = sum(
-            1.0 if is_null(c) or is_number(c) or is_stamp(c) else 0.5 * others.isdisjoint(c)
+            1.0 if is_null(c) or is_number(c) or is_stamp(c) else 0.5 * other_marks.isdisjoint(c)
             for cells in fits
             for c in cells
         )

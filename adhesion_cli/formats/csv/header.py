@@ -125,10 +125,10 @@ def _first_data(table: FirstRows) -> int | None:
     def names_time(cells: list[str]) -> bool:
         return any(map(time_name, cells)) and not any(map(typed, cells))
 
-    end = len(table.rows)
+    row_count = len(table.rows)
     header = next((i for i, (_, cells) in enumerate(table.rows) if names_time(cells)), 0)
-    for first in filter(resembles_data, range(header, end)):
-        flags = [resembles_data(row) for row in range(first, min(first + 6, end))]
+    for first in filter(resembles_data, range(header, row_count)):
+        flags = [resembles_data(row) for row in range(first, min(first + 6, row_count))]
         if sum(flags) >= 0.3 * len(flags):
             return first
     return None

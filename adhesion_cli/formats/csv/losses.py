@@ -113,9 +113,9 @@ class Losses:
             value[rows[IN_GROUPS]] = np.rint(value[rows[IN_GROUPS]] * 1_000.0)
         if (unread := losses[DIGITS]) and is_sound:
             loss = self.cells.get((i, NO_NUMBER)) or replace(unread, count=0, places=[])
-            first = min(loss, unread, key=lambda x: x.line)  # the example of both
+            first_loss = min(loss, unread, key=lambda x: x.line)  # the example of both
             places = [*loss.places, *unread.places]
-            joined = _Loss(first.line, first.text, loss.count + unread.count, places)
+            joined = _Loss(first_loss.line, first_loss.text, loss.count + unread.count, places)
             self.cells[i, NO_NUMBER] = joined
         elif not is_sound:
             self.unread[i] = next(loss for loss in losses.values() if loss)
@@ -158,8 +158,11 @@ def _first_group(value: Floats) -> int:
     if not has_fraction.any():
         return 0
     thousands = np.where(has_fraction, 1e3 * numbers, numbers)
-    whole, parts = np.abs(numbers[~has_fraction]), np.abs(thousands[has_fraction])
-    if not 100.0 <= whole.max(initial=0.0) < 1e3 or not 1e3 < parts.min() <= parts.max() < 1e6:
+    whole_numbers, parts = np.abs(numbers[~has_fraction]), np.abs(thousands[has_fraction])
+    if (
+        not 100.0 <= whole_numbers.max(initial=0.0) < 1e3
+        or not 1e3 < parts.min() <= parts.max() < 1e6
+    ):
         return 0
     has_jump = largest_jump(numbers) > largest_jump(thousands)
     is_whole = bool((np.abs(parts - np.rint(parts)) < 1e-6).all())

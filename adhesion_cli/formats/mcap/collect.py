@@ -131,19 +131,19 @@ class Collector:
         if np.count_nonzero(np.diff(run[order])) > _MOST_TURNS * run[-1]:
             return None
         newest = np.maximum.accumulate(t)
-        late = np.flatnonzero(t < newest)
+        late_rows = np.flatnonzero(t < newest)
         numbers, names = {"most_s": float((newest - t).max()) / 1e9}, {"clock": self._source}
-        finding = self.series.finding("mcap-unordered", "warning", len(late), numbers, **names)
-        finding = replace(finding, spans=self._spans(late, t))
+        finding = self.series.finding("mcap-unordered", "warning", len(late_rows), numbers, **names)
+        finding = replace(finding, spans=self._spans(late_rows, t))
         for array in (t, *values):
             array[:] = array[order]  # in place, to save memory
         return finding
 
     def _finding(self, fault: DecodingFault, rows: Offsets) -> Finding:
         """The finding on messages with a fault."""
-        first = bisect([row for row, _ in self._blocks], rows[0]) - 1
+        first_block = bisect([row for row, _ in self._blocks], rows[0]) - 1
         names = {k: v for k, v in (("field", fault.field), ("reason", fault.reason)) if v}
-        numbers = {"byte": self._blocks[first][1]}
+        numbers = {"byte": self._blocks[first_block][1]}
         severity = _SEVERITY[fault.code]
         finding = self.series.finding(fault.code, severity, len(rows), numbers, **names)
         return replace(finding, spans=self._spans(np.unique(rows), self._log))

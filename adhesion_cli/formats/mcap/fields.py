@@ -228,8 +228,8 @@ def label_of(steps: Steps, value: Tree) -> str:
 
 def owner_of(trees: Sequence[Tree]) -> Steps:
     """Where messages say whose their numbers are, if they are of several in turn; else ()."""
-    first = trees[0] if isinstance(trees[0], dict) else {}
-    keys: list[Steps] = [(key,) for key in first if _normal(key) in _OWNERS]
+    first_tree = trees[0] if isinstance(trees[0], dict) else {}
+    keys: list[Steps] = [(key,) for key in first_tree if _normal(key) in _OWNERS]
     for steps in [*keys, _FRAME]:
         owners = [node_at(tree, steps) for tree in trees]
         if not all(map(is_label, owners)) or not 1 < len(set(owners)) <= len(owners) / 2:

@@ -38,13 +38,13 @@ class Stamp:
         """
         if len(self.places) == 2:
             seconds, nanos = values
-            is_set = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits
-            is_set &= (seconds != 0) | (nanos != 0)
-            stamp_seconds = np.where(is_set, seconds, 0).astype(np.int64) * _SECOND
-            return stamp_seconds + np.where(is_set, nanos, 0).astype(np.int64), is_set
+            has_stamp = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits
+            has_stamp &= (seconds != 0) | (nanos != 0)
+            stamp_seconds = np.where(has_stamp, seconds, 0).astype(np.int64) * _SECOND
+            return stamp_seconds + np.where(has_stamp, nanos, 0).astype(np.int64), has_stamp
         micros = np.rint(values[0] * self.unit)
-        is_set = (micros >= _CALENDAR[0]) & (micros < _CALENDAR[1])
-        return np.where(is_set, micros, 0).astype(np.int64) * 1000, is_set
+        has_stamp = (micros >= _CALENDAR[0]) & (micros < _CALENDAR[1])
+        return np.where(has_stamp, micros, 0).astype(np.int64) * 1000, has_stamp
 
     def first_time(self, tree: Tree) -> int:
         """The stamp of one message [ns], 0 where it has none."""
