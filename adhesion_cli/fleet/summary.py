@@ -111,6 +111,7 @@ class SlidApplication:
     slide_distance_m: float
     max_slip: float
     slide_energy_j: float | None
+    at_least: bool
     position_km: float | None  # at its start; where `position_from` is "position", of the line
     position_from: str | None
 

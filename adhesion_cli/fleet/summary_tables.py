@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from ..core.finding import catalogue
 from ..results.report.campaign import Bar, Bars, Campaign, PageTable
-from ..results.text_tables import DASH, number
+from ..results.text_tables import DASH, bounded_number, number, slip_text
 from .summary import (
     Day,
     Distribution,
@@ -259,8 +259,8 @@ def _slid(row: SlidApplication) -> dict[str, str]:
         "at [s]": number(row.start_s, 1),
         "km": number(row.position_km if row.position_from == "position" else None, 3),
         "km/h": number(row.from_mps and 3.6 * row.from_mps, 0),
-        "slid [s]": number(row.slide_s, 1),
-        "[m]": number(row.slide_distance_m, 0),
-        "max slip": f"{row.max_slip:.0%}",
-        "kJ": number(heat and heat / 1e3, 1),
+        "slid [s]": bounded_number(row.slide_s, 1, row.at_least),
+        "[m]": bounded_number(row.slide_distance_m, 0, row.at_least),
+        "max slip [%]": slip_text(row.max_slip, row.at_least),
+        "kJ": bounded_number(heat and heat / 1e3, 1, row.at_least),
     }

@@ -180,6 +180,13 @@ def test_the_worst_slide_is_first_though_its_force_is_not_known(folder: Path) ->
     assert [row.log for row in summarise_fleet(folder).worst_slides] == ["c", "b"]
 
 
+def test_a_slide_that_is_a_lower_bound_is_marked(tmp_path: Path) -> None:
+    write(tmp_path, log("late", None, application(0.1, 20.0, **SLID, at_least=True)))
+    text = _text(summarise_fleet(tmp_path))
+    row = next(line for line in text.splitlines() if line.startswith("late "))
+    assert ["≥", "3.0", "≥", "50", "≥", "20.0"] == row.split()[-7:-1]
+
+
 def test_findings_on_the_data_count_logs(folder: Path) -> None:
     assert [(r.code, r.logs, r.example) for r in summarise_fleet(folder).findings] == [
         ("csv-gzip-damaged", 1, "c"), ("gap", 2, "b")
