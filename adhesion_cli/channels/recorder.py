@@ -16,10 +16,8 @@ _CODE_DISTANCE = 2.0  # times as large as every other value
 _LEAST_CHANGES, _MOST_REPEATS = 10, 0.05
 # Cycles in which a value was held; share of the change that the slope around predicts: a lost one.
 _LONG, _TREND = 3.0, 0.75
-_FEWEST_HOLDS, _LARGEST_ADDITION = (
-    2,
-    10_000_000,
-)  # intervals, as one alone may be a gap; samples added
+_FEWEST_HOLDS = 2  # intervals, as one alone may be a gap
+_LARGEST_ADDITION = 10_000_000  # samples
 
 
 def codes_of_no_value(value: Floats) -> list[float]:

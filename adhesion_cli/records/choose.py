@@ -151,7 +151,8 @@ def incomplete(axle: int, title: str, has_speed: bool, others: Sequence[Channel]
         others: channels of other axles that may be the missing one.
     """
     lacking = "pressure or clamping force" if has_speed else "wheel speed"
-    entry = next(({"channel": c.name, "field": c.field} for c in others), {"channel": "NAME"})
+    shared = others if has_speed else ()  # a pressure may serve both, and a speed is one wheel's
+    entry = next(({"channel": c.name, "field": c.field} for c in shared), {"channel": "NAME"})
     key = f'channels.{"pressure" if has_speed else "speed"}."axle {axle}"'
     names = {"lacking": lacking, "option": toml.option(f"{key} = {toml.table(entry)}")}
     return Finding("axle-incomplete", "warning", channel=title, values={"axle": axle}, names=names)

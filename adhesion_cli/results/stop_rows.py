@@ -37,9 +37,10 @@ from .text_tables import (
 
 _NOTE = (
     "One row per stop of the whole train, from the command to standstill, with expanded "
-    "uncertainties (95\N{NO-BREAK SPACE}%). a: mean deceleration v0²/(2s)."
+    "uncertainties (95\N{NO-BREAK SPACE}%)."
 )
 _OF_COLUMNS = {
+    "a [m/s²]": "a: mean deceleration v0²/(2s).",
     "a equiv.": "a equiv.: without the response time, which is delay and half of the build-up. "
     "With a slow build-up it is some percent above every deceleration of the train.",
     "level [m]": "level: distance on level track from the nominal speed.",

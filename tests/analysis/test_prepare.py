@@ -171,6 +171,11 @@ def test_an_axle_without_pressure_is_reported() -> None:
     (told,) = findings
     assert (told.code, told.severity, told.values) == ("axle-incomplete", "warning", {"axle": 2})
     assert "channels.pressure.axle2.channel=pressure" in (told.hint or "")  # the one there is
+    _, findings = records(
+        log(*(channel("pressure", t, p, n) for n in (1, 2)), channel("wheel_speed", t, y, 1)),
+        Vehicle(),
+    )
+    assert "channels.speed.axle2.channel=NAME" in (findings[0].hint or "")  # of one wheel
 
 
 def test_the_window_counts_from_the_logs_start() -> None:

@@ -184,7 +184,7 @@ def test_a_slide_that_is_a_lower_bound_is_marked(tmp_path: Path) -> None:
     write(tmp_path, log("late", None, application(0.1, 20.0, **SLID, at_least=True)))
     text = _text(summarise_fleet(tmp_path))
     row = next(line for line in text.splitlines() if line.startswith("late "))
-    assert ["≥", "3.0", "≥", "50", "≥", "20.0"] == row.split()[-7:-1]
+    assert row.split()[-7:-1] == ["≥", "3.0", "≥", "50", "≥", "20.0"]
 
 
 def test_findings_on_the_data_count_logs(folder: Path) -> None:

@@ -13,7 +13,7 @@ from ...core.text import distinct
 from .dialect import fit, is_comment, is_null, split, uncommented
 from .head import Line
 from .header_words import STATISTICS, TYPES, is_named, is_units_row, label, time_name
-from .number_text import is_number, number_grammar
+from .number_text import is_number, number_grammar, number_of
 from .stamps import is_stamp
 
 DELIMITERS = (";", "\t", ",", "|", " ")
@@ -67,7 +67,8 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
     if has_header is False:
         return Header([], None, start, start)
     line, cells = table.rows[start]
-    if label(cells[0]) == "factors":
+    is_factors = label(cells[0]) == "factors"
+    if is_factors and {number_of(cell) for cell in cells[1:]} - {None, 1.0}:
         text = (
             f"{table.path}: line {line} states factors, and not whether the numbers below have them"
         )
@@ -77,7 +78,7 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
         raise UserError(text, f'{hint}, as `--set "channels.pressure.unit=0.01 bar"`')
     text_above = _text_above(table, start)
     if text_above.names:
-        text_above.start += _numbers_columns(table, start)
+        text_above.start += is_factors or _numbers_columns(table, start)
         return text_above
     if has_header:
         if start + 1 >= len(table.rows):

@@ -44,6 +44,7 @@ _SPAN_S = (3.0, 100_000.0)  # and their lengths
 _LATEST_S = 1e6  # of times in minutes, hours or days from any start
 _YEAR_2040_S = 2_208_988_800.0  # later numbers of days would be those of other calendars
 _SAME_RATE = 0.02  # two clocks whose rates differ by less are one
+_ROWS_PER_STAMP = 4  # with fewer, a row without a stamp has lost it
 _MOST_DATES = 8  # of a log
 _SECONDS = r"(?P<n>-)?(?P<S>[0-9]{1,10})[.,](?P<f>[0-9]+)"
 _DIGITS = {"y": 4, "S": 10, "l": 3, "u": 6, "N": 9}  # of a part of the time, else 2
@@ -91,7 +92,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     search.refuse_another(clock)
     clock = search.with_date(search.begun(search.counted_on(clock)))
     return replace(
-        clock, is_sparse=bool(clock.pattern) and all(map(search.is_sparse, clock.columns))
+        clock, is_sparse=bool(clock.pattern) and all(map(search.stands_apart, clock.columns))
     )
 
 
@@ -691,6 +692,12 @@ class _ClockSearch:
     def is_sparse(self, i: int) -> bool:
         """Whether most cells of a column are empty, as of a date that stands only in some rows."""
         return len(self.dialect.column(i)) < len(self.dialect.rows) / 2
+
+    def stands_apart(self, i: int) -> bool:
+        """Whether the cells of a column stand alone, with rows without one between them."""
+        has_cell = [not is_null(row[i]) for row in self.dialect.rows]
+        rare = _ROWS_PER_STAMP * sum(has_cell) <= len(has_cell) + _ROWS_PER_STAMP
+        return rare and not any(a and b for a, b in pairwise(has_cell))
 
 
 def _step(values: Sequence[float]) -> float:

@@ -365,6 +365,24 @@ def test_a_row_of_factors_is_no_data(tmp_path: Path) -> None:
         numbers_of(tmp_path / "a.csv", head + "".join(f";{k};{k % 7}\n" for k in range(60)))
     stated = settings.load(assignments=pasted(error.value.hint), folder=False)
     assert stated.mappings[0].unit == "0.01 bar"
+    rows = "".join(f";{k};{k % 7}\n" for k in range(60))
+    _, (_, column) = numbers_of(tmp_path / "b.csv", head.replace("0.01", "1.0") + rows)
+    assert column.value.tolist() == [k % 7 for k in range(60)]
+
+
+def test_a_row_without_a_stamp_beside_rows_that_have_one_is_a_loss(tmp_path: Path) -> None:
+    stamps = [f"2026-11-25 10:00:{k // 50:02}.{k % 50 * 20:03}" for k in range(400)]
+    rows = (f"{'' if 20 <= k < 320 else t},{k % 7}\n" for k, t in enumerate(stamps))
+    source, (column,) = numbers_of(tmp_path / "a.csv", "Time,p [bar]\n" + "".join(rows))
+    assert len(column.t) == 100
+    (loss,) = [f for f in source.findings if f.code == "csv-rows-skipped"]
+    assert loss.count == 300
+
+
+def test_the_number_of_a_thread_is_no_time(tmp_path: Path) -> None:
+    rows = "".join(f"{k / 50},{4000 + 3 * k},{k % 7}\n" for k in range(60))
+    _, (_, column) = numbers_of(tmp_path / "a.csv", "time [s],tid,p [bar]\n" + rows)
+    assert column.t[-1] == 1_180_000_000
 
 
 def test_columns_by_number_are_read_below_a_header_of_another_width(tmp_path: Path) -> None:
