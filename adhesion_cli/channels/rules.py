@@ -31,7 +31,7 @@ class Rule(NamedTuple):
 
     Attributes:
         quantity: by its unit, or by a word where it states no unit; see `_Name.quantities`. A
-            state has no unit, a switch none or "-".
+            state has no unit, a switch none, or "-" and no word for a quantity.
         pattern: kinds of words of the vocabulary; all conditions must hold. "own" asks only the
             words of the field itself, not of its topic. "|" separates alternatives. "!" asks that
             there are no such words. "?" finds words for the reason, and asks nothing.
@@ -106,6 +106,7 @@ RULES = (
     Rule("switch", "own vent valve", "vent_valve", _SHOWN),
     Rule("switch", "own hold valve", "hold_valve", _SHOWN),
     Rule("any", "own magnetic braking", "magnetic_brake", _ON),
+    Rule("switch", "track brake, !own no switch", "magnetic_brake", _ON),
     Rule("any", "own retarder", "retarder", _ON),
     Rule("switch", "own sand", "sanding", _SHOWN),
     Rule("switch", "own emergency", "emergency", _SHOWN),
@@ -165,7 +166,7 @@ _NO_COUNT = re.compile(
     r"|\b\d{4}[-./]\d\d[-./]\d\d\b|\b\d{1,2}:\d\d\b"
     r"|(?<!\w)(?:0\s*-\s*\d+|\d+\s*-\s*\d+\s?m?[AV]\b)"
     r"|(?<![\w.,])(?:\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+|\d[\d.,]*(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)\b"
-    r"|\d+\s*(?:teeth|zähne)\b|\d\d+\s(?:k?Hz|ms)\b|\d+\s?(?:°|degC|%))"
+    r"|\d+\s*(?:teeth|zähne)\b|\d\d+\s(?:k?Hz|ms)\b|\d+\s?(?:°|degC)|\d\d+\s?%)"
 )
 _LABELS = re.compile(r"""(\w+)=("+|')[^"']*\2,?\s*""")  # of a series: instance="10.0.0.1:9100"
 _AXLES = re.compile(r"([^\W\d_]+)\.?[\s_]*(\d)\s*([-–+&/])\s*(\d)(?!\d)")  # as in "axles 1-4"
@@ -222,9 +223,13 @@ def _part_of_kind(kind: str, word: str) -> str:
     vocabulary = _WORDS_BY_KIND[kind]
     if word in vocabulary or any(stem in vocabulary and stem in word for stem in _STEMS):
         return word
-    return next(
-        (e for e in vocabulary if not e.isascii() and len(e) <= len(word) and e in word), ""
-    )
+    return next((e for e in vocabulary if not e.isascii() and _is_part(e, word)), "")
+
+
+def _is_part(entry: str, word: str) -> bool:
+    """Whether a word that is not ASCII says this: short ones of letters only at its beginning."""
+    is_short = len(entry) < 4 and entry < "ぁ"  # "оси" is no part of "относительная"
+    return word.startswith(entry) if is_short else entry in word
 
 
 class _Name:
@@ -276,7 +281,7 @@ class _Name:
         unit_of = {"any": self.unit} | dict.fromkeys(may_be, self.rare_unit)
         if not measured and not may_be:
             unit_of["state"] = unit_of["switch"] = self.unit
-        elif self.rare_unit == "-":
+        elif self.rare_unit == "-" and "no switch" not in self.own_kinds:
             unit_of["switch"] = self.unit
         if not measured:
             if "force" in self.own_kinds:
@@ -363,8 +368,9 @@ def _ed_brake(kinds: Mapping[str, str]) -> str:
 
 def _track_brake(name: _Name) -> str:
     """The word that calls this the magnetic track brake, "" where none does."""
-    is_named = ("track", "brake") in zip(name.own, name.own[1:], strict=False)
-    return _both(name.own_kinds, "magnetic", "braking") or "track brake" * is_named
+    phrase = " ".join(name.own)
+    is_named = re.search(r"\btrack ?brake\b(?! test\b)", phrase)
+    return is_named[0] if is_named else ""
 
 
 def _valve(kinds: Mapping[str, str], state: str) -> str:
@@ -389,7 +395,10 @@ _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
     "own vent valve": lambda name: _valve(name.own_kinds, "vent"),
     "own hold valve": lambda name: _valve(name.own_kinds, "hold"),
     "own WSP": lambda name: _wsp(name.own_kinds),
-    "own magnetic braking": _track_brake,
+    "own magnetic braking": lambda name: (
+        name.own_kinds.get("magnetic braking", "") or _both(name.own_kinds, "magnetic", "braking")
+    ),
+    "track brake": _track_brake,
     "own braking demand": lambda name: _both(name.own_kinds, "braking", "demand"),
 }
 
@@ -476,6 +485,8 @@ def _place_in(text: str, is_path: bool) -> Place:
     name = re.sub(_CHINESE_PLACES, lambda m: str(_CHINESE_NUMBERS[m[0]]), units.in_name(text)[0])
     name, pair = _without_axles(_NO_COUNT.sub(" ", _DEVICE.sub(" ", name)))
     name_parts = list(name_words(name))
+    while _take_number(name_parts, "run")[1]:
+        pass  # a second run has the same axles
     bogie = _take_number(name_parts, "bogie")[1] or pair
     owners = [_take_number(name_parts, "car")]
     while (unit := _take_number(name_parts, "control unit"))[1]:  # "cDAQ1Mod3/ai2" has several

@@ -77,6 +77,14 @@ def test_axles_that_each_car_counts_from_one_are_counted_on(speed: str, pressure
     assert [f.code for f in findings] == ["bogie-pressure", "bogie-pressure", "axles-counted-on"]
 
 
+@pytest.mark.parametrize("word", ["Run", "test", "Versuch", "Messung"])
+def test_a_second_run_is_no_second_car(word: str) -> None:
+    names = [f"{word} {n} {x}" for n in (1, 2) for x in ("axle 1 speed [km/h]", "BC 1 [bar]")]
+    axles, findings = served(names)
+    assert axles == {names[0]: [1], names[1]: [1]}
+    assert [f.code for f in findings] == ["channel-ambiguous", "channel-ambiguous"]
+
+
 def test_axles_that_each_bogie_counts_from_one_are_counted_on() -> None:
     names = [f"{bogie}架{axle}轴速度(km/h)" for bogie in (1, 2) for axle in (1, 2)]
     assert list(served(names)[0].values()) == [[1], [2], [3], [4]]
