@@ -122,6 +122,7 @@ def understood(
     _own_stamps(meant, guesses)
     _prefer_the_qualified(meant, guesses)
     _speed_itself(meant, guesses)
+    _take_spare_numbers(meant, guesses)
     findings = _count_from_one(meant, guesses)
     _drop_sums(meant, guesses)
     findings += _assign_axles(meant, guesses)
@@ -244,6 +245,31 @@ def _speed_itself(meant: list[Meant], guesses: list[int]) -> None:
         if i in guesses:
             reason = "an acceleration, not needed: the log has the train's speed itself"
             meant[i] = replace(meant[i], meaning=None, reason=reason)
+
+
+def _take_spare_numbers(meant: list[Meant], guesses: list[int]) -> None:
+    """Takes numbers of inputs and labels as axles where nothing else tells channels apart.
+
+    The numbers of pressures must be those of the speeds' axles. "BCP 1/2" is that of axle 1 where
+    another channel is that of axle 2.
+    """
+    speed_axles: set[int | None] = set()
+    for meaning in ("wheel_speed", "pressure"):
+        places = {i: place_of(meant[i].field) for i in guesses if meant[i].meaning == meaning}
+        axles = {meant[i].axle for i in places}
+        unnamed = [i for i, p in places.items() if meant[i].axle is None and not p.bogie]
+        numbers = {p.spare for p in places.values()}
+        tells_apart = len(unnamed) == len(places) == len(numbers) > 1 and None not in numbers
+        if meaning == "pressure":
+            tells_apart = tells_apart and numbers == speed_axles
+        else:
+            tells_apart = tells_apart and not any(p.part for p in places.values())
+        for i, p in places.items():
+            is_one_of_two = p.bogie and meant[i].axle is None and 2 * p.bogie in axles
+            if p.spare is not None and (tells_apart or is_one_of_two):
+                meant[i] = replace(meant[i], axle=p.spare)
+        if meaning == "wheel_speed":
+            speed_axles = {meant[i].axle for i in places}
 
 
 def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:

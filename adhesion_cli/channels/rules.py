@@ -168,7 +168,13 @@ _NO_COUNT = re.compile(
     r"|(?<![\w.,])(?:\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+|\d[\d.,]*(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)\b"
     r"|\d+\s*(?:teeth|zähne)\b|\d\d+\s(?:k?Hz|ms)\b|\d+\s?(?:°|degC)|\d\d+\s?%)"
 )
-_LABELS = re.compile(r"""(\w+)=("+|')[^"']*\2,?\s*""")  # of a series: instance="10.0.0.1:9100"
+_LABELS = re.compile(r"""(\w+)=("+|')([^"']*)\2,?\s*""")  # of a series: instance="10.0.0.1:9100"
+_NAMING = {"name", "signal", "__name__", "channel", "tag", "topic"}  # keys of labels
+# A number of two digits at most: of an input, of a sensor's label, or behind a module's.
+_SPARE = re.compile(
+    r"""(?i)(?<![^\W\d_])(?:in|input|eingang|ch|channel|kanal)[\s_]*(\d\d?)(?!\d)"""
+    r"""|=["']+(\d\d?)["']|^\[\d+[:.](\d\d?)\]"""
+)
 _AXLES = re.compile(r"([^\W\d_]+)\.?[\s_]*(\d)\s*([-–+&/])\s*(\d)(?!\d)")  # as in "axles 1-4"
 _MEASURED = {"speed", "pressure"}
 _NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
@@ -462,11 +468,13 @@ class Place(NamedTuple):
     bogie: int | None
     part: str  # the car, or the control unit: "car 2"; "" for none
     is_loose: bool = False  # no word says that the axle's number is one
+    spare: int | None = None  # a number that may be the axle's, if other channels say so
 
 
 @lru_cache(1 << 15)
 def place_of(field: Field) -> Place:
     """Where on the train the names say that a channel is measured."""
+    spare_numbers = [int(next(filter(None, m))) for m in _SPARE.findall(field.channel)]
     field = _without_device(field)
     group, word_kinds = field.group, {"wheel", "cylinder", "bogie", "car"}
     # A folder "CAN 1" is no axle; "axle 1" is one.
@@ -477,7 +485,9 @@ def place_of(field: Field) -> Place:
     numbered = next((p for p in places if p.axle is not None), Place(None, None, ""))
     bogie = next((p.bogie for p in places if p.bogie is not None), None)
     owner = next((p.part for p in places if p.part), "")
-    return Place(numbered.axle, bogie, owner, numbered.is_loose)
+    spare_numbers += [p.spare for p in places if p.spare]
+    spare = next(reversed(spare_numbers), None)
+    return Place(numbered.axle, bogie, owner, numbered.is_loose, spare)
 
 
 def _place_in(text: str, is_path: bool) -> Place:
@@ -499,7 +509,8 @@ def _place_in(text: str, is_path: bool) -> Place:
     axle, is_loose = _axle_in(name_parts, text, is_path)
     if bogie in _LETTERS:
         bogie = str(1 + _LETTERS.index(bogie))
-    return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, owner, is_loose)
+    spare = 2 * int(pair) - 1 if pair else None  # "1/2" may be the first of two
+    return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, owner, is_loose, spare)
 
 
 def _without_axles(name: str) -> tuple[str, str]:
@@ -582,7 +593,7 @@ def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int |
 def _without_device(field: Field) -> Field:
     r"""The field without what is behind its names: a device, as in "WheelSpeed2\CAN-Monitoring:1".
 
-    Of the labels of a series, in braces, those of an axle, bogie or car stay.
+    Of the labels of a series, in braces, those of an axle, bogie or car and the names stay.
     """
     names = (_LABELS.sub(_own_label, x) for x in (field.channel, field.label))
     channel, label = (re.sub(r"\\[^\\:]*:\d+$|\{\s*\}$", "", x) for x in names)
@@ -590,6 +601,8 @@ def _without_device(field: Field) -> Field:
 
 
 def _own_label(match: re.Match[str]) -> str:
-    """A label of a series, "" where it says nothing of a place."""
-    kinds = _kinds_of(name_words(match[1])).keys()
-    return match[0] if kinds & {"wheel", "bogie", "car"} else ""
+    """A label of a series, "" where it says nothing of a place and is no name."""
+    key, value = match[1], _kinds_of(name_words(match[3])).keys()
+    of_place = _kinds_of(name_words(key)).keys() & {"wheel", "bogie", "car"}
+    is_name = value & {"wheel", "bogie", "cylinder"} or (value and key.lower() in _NAMING)
+    return match[0] if of_place or is_name else ""

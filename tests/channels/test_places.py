@@ -85,6 +85,33 @@ def test_a_second_run_is_no_second_car(word: str) -> None:
     assert [f.code for f in findings] == ["channel-ambiguous", "channel-ambiguous"]
 
 
+@pytest.mark.parametrize(
+    ("speed", "pressure"),
+    [
+        ("Channel 3{n} axle {n} speed [km/h]", "Channel {n} BC pressure [bar]"),
+        ("v{n} [km/h]", "p_in_{n} [bar]"),
+        ("ws{n} [km/h]", "BC_in{n} [bar]"),
+        ("axle {n} speed [km/h]", "Input {n} BC pressure [bar]"),
+        ("Achse {n} v [km/h]", "Eingang {n} Druck [bar]"),
+        ('wheel_speed{{sensor="{n}"}} [km/h]', 'bc_pressure{{sensor="{n}"}} [bar]'),
+        ('{{name="wheel_speed_{n}"}} [km/h]', '{{name="bc_pressure_{n}"}} [bar]'),
+        ('value{{signal="wheel_speed_{n}"}}', 'value{{signal="bc_pressure_{n}"}}'),
+        ("[1.{n}] speed [km/h]", "[1.{n}] BC [bar]"),
+        ("WS {n}/2 [km/h]", "BCP {n}/2 [bar]"),
+        ('speed{{sensor="{n}"}} [km/h]', 'bc{{sensor="{n}", job="train"}} [bar]'),
+    ],
+)
+def test_numbers_that_alone_tell_channels_apart_are_axles(speed: str, pressure: str) -> None:
+    names = [x.format(n=n) for x in (speed, pressure) for n in (1, 2)]
+    axles, _ = served(names)
+    assert [axles[name] for name in names] == [[1], [2], [1], [2]]
+
+
+def test_four_of_four_are_no_bogies() -> None:
+    axles, _ = served([*AXLES, *(f"BCP {n}/4 [bar]" for n in (1, 2, 3, 4))])
+    assert list(axles.values()) == 2 * [[1], [2], [3], [4]]
+
+
 def test_axles_that_each_bogie_counts_from_one_are_counted_on() -> None:
     names = [f"{bogie}架{axle}轴速度(km/h)" for bogie in (1, 2) for axle in (1, 2)]
     assert list(served(names)[0].values()) == [[1], [2], [3], [4]]
