@@ -19,6 +19,7 @@ from ..core.model import (
     Meaning,
     Parameter,
 )
+from ..core.text import enumerated
 from ..formats.source import Field
 from .places import UNCLEAR, served
 from .rules import GENERIC, guess, name_words, place_of, word_of_kind
@@ -340,7 +341,7 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if m.meaning in MOTOR_FORCES and len(axles) > 1:
             findings.append(_spread_finding(m, axles))
         elif len(axles) > 1:
-            names = {"axles": f"{', '.join(map(str, axles[:-1]))} and {axles[-1]}"}
+            names = {"axles": enumerated(axles)}
             findings.append(Finding("bogie-pressure", "info", channel=m.title, names=names))
     if counted_on:
         names = {"example": counted_on[0]}

@@ -169,6 +169,7 @@ class _Run:
 
     def go(self) -> int:
         """Follows the sender to its end, or to Ctrl-C; returns the exit code."""
+        from ..analysis.vehicle_findings import live_findings
         from ..live.run import follow, with_any_brake
         from ..live.shown import StatusLine
         from ..live.wheels import LiveWheels
@@ -179,7 +180,7 @@ class _Run:
                 stated, axles = self._stated, self._shared.axle
                 wheels = LiveWheels(self._feed.head(), stated.mappings, stated.vehicle, axles)
                 by_pressure = any(p.is_pressure for p in wheels.axles)
-                self._tally.add(self._defaults(by_pressure))
+                self._tally.add(live_findings(stated, by_pressure))
                 self._settings = with_any_brake(stated, by_pressure)
                 if not (self._shared.json or self._shared.quiet) and sys.stderr.isatty():
                     self._status = StatusLine(self._algos_shown[0], self._settings.vehicle)
@@ -195,11 +196,6 @@ class _Run:
             return _INTERRUPTED
         self._sum_up()
         return 3 if any(f.lossy for f in self._tally.findings) else 0
-
-    def _defaults(self, by_pressure: bool) -> "list[Finding]":
-        from ..analysis.vehicle_findings import live_findings
-
-        return live_findings(self._stated, by_pressure)
 
     def _say(self, text: str) -> None:
         """Text on stderr, above the line of the samples."""

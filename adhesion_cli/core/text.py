@@ -121,6 +121,12 @@ def listed(names: Iterable[str], limit: int = 6) -> str:
     return ", ".join(quoted_names[:limit]) + suffix
 
 
+def enumerated(items: Iterable[object]) -> str:
+    """A list as a sentence has it: `1, 2 and 3`."""
+    *leading, final = map(str, items)
+    return f"{', '.join(leading)} and {final}" if leading else final
+
+
 def distinct(names: list[str]) -> list[str]:
     """The same names, each later repetition numbered.
 

@@ -81,9 +81,8 @@ class AxleChannels(NamedTuple):
         factor = heavier * axle_vehicle.friction.value / mean.friction.value
         table = axle_vehicle.friction_table
         if table is None and mean.friction_table:
-            table = FrictionTable(
-                (0.0,), (), ((axle_vehicle.friction.value,),)
-            )  # the same at every speed
+            same_at_every_speed = ((axle_vehicle.friction.value,),)
+            table = FrictionTable((0.0,), (), same_at_every_speed)
         elif table:
             table = table._replace(clamping_force=tuple(factor * K for K in table.clamping_force))
         motors = self.motors and self.motors.scaled(heavier)

@@ -96,9 +96,8 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
         if speed and brake:
             axle_keys.append(AxleKeys(axle, speed, brake))
         elif axle in requested and (key := speed or brake):
-            lacking = BRAKES if speed else ("wheel_speed",)
-            others = [c for (meaning, _), c in channels.items() if meaning in lacking]
-            findings.append(incomplete(axle, channels[key].title, speed is not None, others))
+            brakes = [c for (meaning, _), c in channels.items() if speed and meaning in BRAKES]
+            findings.append(incomplete(axle, channels[key].title, speed is not None, brakes))
     return Choice(channels, tuple(axle_keys), requested, rates[0] if rates else None, findings)
 
 
@@ -141,18 +140,17 @@ def axle_numbers(
     return numbers
 
 
-def incomplete(axle: int, title: str, has_speed: bool, others: Sequence[Channel] = ()) -> Finding:
+def incomplete(axle: int, title: str, has_speed: bool, brakes: Sequence[Channel] = ()) -> Finding:
     """An axle with a wheel speed and no brake, or the other way round.
 
     Args:
         axle: its number.
         title: of the channel that it has.
         has_speed: whether that is the speed.
-        others: channels of other axles that may be the missing one.
+        brakes: of other axles, which may be the missing one; a speed is of one wheel.
     """
     lacking = "pressure or clamping force" if has_speed else "wheel speed"
-    shared = others if has_speed else ()  # a pressure may serve both, and a speed is one wheel's
-    entry = next(({"channel": c.name, "field": c.field} for c in shared), {"channel": "NAME"})
+    entry = next(({"channel": c.name, "field": c.field} for c in brakes), {"channel": "NAME"})
     key = f'channels.{"pressure" if has_speed else "speed"}."axle {axle}"'
     names = {"lacking": lacking, "option": toml.option(f"{key} = {toml.table(entry)}")}
     return Finding("axle-incomplete", "warning", channel=title, values={"axle": axle}, names=names)

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 from ..core.finding import Finding
 from ..core.summary import FindingSummary
-from ..core.text import by_uncertainty, printable
+from ..core.text import by_uncertainty, enumerated, printable
 from ..rail.highest import SLIPPERY
 
 NARROW = 80  # columns where there is no terminal, and in a recording
@@ -165,12 +165,6 @@ def describe_times(findings: Sequence[Finding | FindingSummary]) -> str:
     return f"{first_span} and {len(spans) - 1} more" if len(spans) > 1 else first_span
 
 
-def listed(names: Sequence[object]) -> str:
-    """A list as a sentence has it."""
-    *leading, final = map(str, names)
-    return f"{', '.join(leading)} and {final}" if leading else final
-
-
 def numbered(numbers: Sequence[int]) -> str:
     """Numbers as a sentence has them; three or more in a row as a range.
 
@@ -186,7 +180,7 @@ def numbered(numbers: Sequence[int]) -> str:
     parts: list[object] = []
     for run in runs:
         parts += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else run
-    return listed(parts)
+    return enumerated(parts)
 
 
 def bounded_number(value: float | None, digits: int, bound: bool) -> str:

@@ -38,6 +38,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Parameter, Result, Times, Vehicle
 from ..core.physics import JUDGED_FROM, STANDING
+from ..core.signals import running_integral
 from ..core.text import printable
 from ..rail import fit, sliding
 from ..rail.creep_law import Condition, condition
@@ -541,8 +542,8 @@ def _distance(braking: _Braking, t: int | None) -> float:
     if t is None:
         return INF
     seconds = (braking.t - braking.t[0]) * 1e-9
-    run = np.concatenate([[0.0], np.cumsum((braking.speed[1:] + braking.speed[:-1]) / 2.0)])
-    return float(np.interp((t - braking.t[0]) * 1e-9, seconds, run * _KNOT_INTERVAL))
+    distance = running_integral(seconds, braking.speed)
+    return float(np.interp((t - braking.t[0]) * 1e-9, seconds, distance))
 
 
 def _demand(

@@ -17,11 +17,11 @@ from markupsafe import Markup, escape
 
 from ... import __version__
 from ...core.model import Vehicle, quantities
-from ...core.text import printable, utf8
+from ...core.text import enumerated, printable, utf8
 from .. import application_tables, result_rows, stop_rows
 from ..carried_vehicle import is_of_vehicle
 from ..result_rows import channel_row
-from ..text_tables import DASH, listed
+from ..text_tables import DASH
 from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_motors
 from . import comparison, words
@@ -126,7 +126,11 @@ def _templates() -> Environment:
         undefined=StrictUndefined,
         finalize=_text,
     )
-    environment.globals |= {"version": __version__, "MANY_AXLES": MANY_AXLES, "listed": listed}
+    environment.globals |= {
+        "version": __version__,
+        "MANY_AXLES": MANY_AXLES,
+        "enumerated": enumerated,
+    }
     environment.globals |= {"result_rows": result_rows, "words": words}
     environment.filters |= {"prose": _prose, "budget_row": result_rows.budget_row}
     return environment
@@ -167,7 +171,7 @@ def _about(run: ReportRun) -> list[dict[str, str]]:
         "SHA-256 of the log": run.summary.log.sha256,
         "Result file": run.file,
         "Analysed by": f"adhesion {run.provenance.get('version', 'unknown')}",
-        "Reference": listed(methods),
+        "Reference": enumerated(methods),
     }
     return _pairs(facts.items(), "Fact")
 

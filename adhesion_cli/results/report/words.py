@@ -6,10 +6,11 @@ from typing import Literal
 
 from ...core.finding import catalogue
 from ...core.summary import BrakeApplication, FindingSummary
+from ...core.text import enumerated
 from ...rail.events import HIDDEN_TIME
 from ..application_tables import application_tables
 from ..result_rows import mean_coefficient
-from ..text_tables import DASH, TitledTable, describe_times, listed, number, numbered
+from ..text_tables import DASH, TitledTable, describe_times, number, numbered
 from .run import ReportAxle, ReportRun
 
 Mark = Literal["good", "slid", "locked", "unknown"]
@@ -218,14 +219,16 @@ def summary_line(group: FindingGroup) -> str:
         list(dict.fromkeys(line[name] for line in group.lines if line[name]))
         for name in ("Channel", "Time", "What")
     )
-    channel_text = listed(channels) if channels else ""
+    channel_text = enumerated(channels) if channels else ""
     if len(channel_text) > _NAMED:
         channel_text = f"{channels[0].partition(', ')[0]} and others"
     spans = [t for t in times if t.endswith((" s", "more"))]
     span_text = f"{spans[0]}{' and others' * (len(spans) > 1)}" if spans else ""
     message = messages[0] if len(messages) == 1 else f"{group.title}."
     logs = group.logs
-    log_text = listed(logs) if 0 < len(logs) <= _NAMED_LOGS else f"{len(logs)} logs" * bool(logs)
+    log_text = (
+        enumerated(logs) if 0 < len(logs) <= _NAMED_LOGS else f"{len(logs)} logs" * bool(logs)
+    )
     place = ", ".join(text for text in (log_text, channel_text, span_text) if text)
     return f"{place}: {message}" if place else message
 
