@@ -109,16 +109,7 @@ def compare(  # noqa: PLR0913 (the options of the command, each with a default)
 ) -> Comparison:
     """Ranks online estimators against the true force, or the reference where none is known.
 
-    Args:
-        logs: one log or a list of logs and results.
-        settings: see `analyze`, as all others.
-        algos: names of online estimators; all if empty.
-        reference: name of the offline reference.
-        axles: numbers of axles.
-        from_s: seconds after each log's start [s].
-        to_s: as `from_s` [s].
-        strict: whether damaged data is an error.
-        sections: any section of the settings.
+    `logs` is one log or a list of logs and results; the keywords are those of `analyze`.
 
     Raises:
         UserError: see `analyze`.
@@ -146,15 +137,7 @@ def slip(  # noqa: PLR0913 (the options of the command, each with a default)
 ) -> SlipAnalysis:
     """Slip, slides and the adhesion curve of every axle.
 
-    Args:
-        log: path, `Signals` or table; also a result file.
-        settings: see `analyze`, as all others.
-        reference: name of the offline reference.
-        axles: numbers of axles.
-        from_s: seconds after the log's start [s].
-        to_s: as `from_s` [s].
-        strict: whether damaged data is an error.
-        sections: any section of the settings.
+    `log` and keywords are as in `analyze`.
 
     Raises:
         UserError: see `analyze`.

@@ -7,10 +7,7 @@ _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 
 
 def check_display(serves: str) -> None:
-    """Refuses where the viewer cannot open a window.
-
-    Args:
-        serves: the command that shows the result in a browser.
+    """Refuses where the viewer cannot open a window; `serves` is the command for a browser.
 
     Raises:
         UserError: on Linux without a display.

@@ -142,14 +142,7 @@ def _check_dbc(source: str, shared: Shared) -> None:
 
 
 class _Run:
-    """One run, from the first sample to the last.
-
-    Args:
-        feed: the sender.
-        settings: in force.
-        shared: the options.
-        screens: where the samples are shown.
-    """
+    """One run, from the first sample to the last."""
 
     def __init__(
         self, feed: "Feed", settings: "Settings", shared: Shared, screens: _Screens

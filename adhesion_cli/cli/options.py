@@ -139,10 +139,7 @@ def shared(
     """Gives a command these of the shared options, and only these.
 
     The command receives them as one `Shared` named `shared`; those it does not have are unset.
-
-    Args:
-        names: fields of `Shared`.
-        texts: the help of some of them, where it differs from the usual one.
+    `texts` are the help of some of them, where it differs from the usual one.
     """
     extra = _parameters((*names, *ALWAYS), texts or {})
 
@@ -197,11 +194,6 @@ def assignments(shared: Shared) -> list[str]:
 
 def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
     """Refuses what could not be written after the work, of all that the run writes.
-
-    Args:
-        shared: whether older results are replaced, and whether a viewer opens.
-        paths: all files that the run writes.
-        logs: what the run reads.
 
     Raises:
         UserError: as `atomic_files.check`; a viewer without display.

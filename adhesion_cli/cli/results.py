@@ -30,11 +30,7 @@ def analysed(
 ) -> "list[Result]":
     """Every log analysed, after a check of options, settings and outputs.
 
-    Args:
-        shared: what to analyse, and how.
-        logs: the logs.
-        paths: everything that will be written.
-        train_speed: whether a log without a train speed gets a reference speed of its axles.
+    With `train_speed`, a log without one gets a reference speed of its axles.
 
     Raises:
         UserError: for what would fail later, and for a log with nothing to analyse.
@@ -106,12 +102,8 @@ def written(
 ) -> Iterator[dict[Path, Path]]:
     """Writes record and recording of each result; names appear when all is written.
 
-    Args:
-        shared: whether existing files are replaced.
-        results: of the logs.
-        sets: the files of each: record, recording, and those that the caller writes.
-        summaries: of each, from `summarise`.
-        slips: the document on each log's slip, and a note on that of each axle with its rail.
+    `sets` has the files of each: record, recording, and those that the caller writes. `slips` has
+    the document on each log's slip, and a note on that of each axle with its rail.
 
     Yields:
         Where to write each file, by its name.

@@ -76,11 +76,8 @@ def table(
 ) -> str:
     """What the screen shows of a log: rail and regions of every axle, and its slides.
 
-    Args:
-        summaries: of the axles.
-        start_ns: of the log, from which times count [ns].
-        route: where the train was.
-        all_rows: whether every slide is shown; else of many the worst ones, these first.
+    Times count from `start_ns`, the start of the log [ns]. Without `all_rows`, of many slides the
+    worst ones are shown, these first.
     """
     from ..rail.slope import REGION_TITLES
     from ..records.route import NOWHERE

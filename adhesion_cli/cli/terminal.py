@@ -35,9 +35,7 @@ _LISTED_ALIKE = 3  # messages of one code that are shown one by one
 def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
     """The scores of the estimators, by what they are measured against.
 
-    Args:
-        rows: the axle and a score, best first.
-        log: named in the heading, if not empty.
+    A log that has a name is named in the heading.
     """
     by_target: dict[str, list[dict[str, str]]] = {}
     for axle, s in rows:
@@ -131,10 +129,7 @@ def show_of_logs(
 ) -> None:
     """The findings of several logs on stderr, each code once for all logs that have it.
 
-    Args:
-        logs: the name of each, and its findings.
-        quiet: whether only those are shown that set exit code 3.
-        series: findings on all logs together.
+    Of a quiet run, those that set exit code 3. `series` are on all logs together.
     """
     by_code: dict[tuple[Severity, str], dict[str, list[Finding]]] = {}
     for name, findings_of_log in (("the series", series), *logs):

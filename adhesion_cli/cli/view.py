@@ -199,12 +199,7 @@ def _is_free(port: int) -> int:
 
 
 def _start_program(command: list[str], **options: Any) -> "subprocess.Popen[bytes]":
-    """Starts a program that an interrupt of this one (Ctrl-C) does not reach.
-
-    Args:
-        command: its path and arguments.
-        options: as of `subprocess.Popen`.
-    """
+    """Starts a program that an interrupt of this one (Ctrl-C) does not reach."""
     import subprocess
 
     null = subprocess.DEVNULL

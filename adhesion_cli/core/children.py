@@ -34,9 +34,7 @@ STEP = 0.5  # of a wait that an interrupt must end: Windows delivers no Ctrl-C d
 class ChildDiedError(Exception):
     """A child ended before its answer.
 
-    Attributes:
-        code: its exit code.
-        was_late: it was ended because its time was over.
+    `code` is its exit code. One that `was_late` was ended because its time was over.
     """
 
     def __init__(self, code: int, was_late: bool = False) -> None:
@@ -80,10 +78,7 @@ class Child:
     def call(self, function: Callable[..., Any], *arguments: Any, seconds: float = math.inf) -> Any:
         """What the function returns or raises there.
 
-        Args:
-            function: of a module that the child can import.
-            arguments: for it.
-            seconds: after which the process is ended.
+        It is of a module that the child can import. After so many seconds the process is ended.
 
         Raises:
             ChildDiedError: the process died.

@@ -121,9 +121,7 @@ def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
 def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callable[..., Any]:
     """`target`, a plain function at module level, compiled at its first call and kept on disk.
 
-    Args:
-        target: the function.
-        stand_ins: plain functions, by those that they replace wherever one is named.
+    `stand_ins` are plain functions, by those that they replace wherever one is named.
     """
     assert isinstance(target, FunctionType)
     stand_ins = stand_ins or {}
@@ -189,9 +187,7 @@ def _compiled(
 def _lower(f: FunctionType, lowered: dict[FunctionType, Any]) -> Any:
     """A plain function for numba, with every plain function that it names.
 
-    Args:
-        f: the function.
-        lowered: what was lowered before, by function; receives more.
+    `lowered` has what was lowered before, by function, and receives more.
     """
     if f not in lowered:
         named = {name: f.__globals__.get(name) for name in f.__code__.co_names}
@@ -207,10 +203,7 @@ def _lower(f: FunctionType, lowered: dict[FunctionType, Any]) -> Any:
 def _inner(f: FunctionType, functions: tuple[tuple[str, Any], ...], constants: str) -> Any:
     """A function that only compiled code calls: all loops of this process share what it compiles.
 
-    Args:
-        f: the plain function.
-        functions: those that it calls, for numba, by name.
-        constants: the values that it names, as text: other ones give other machine code.
+    `constants` are the values that it names, as text: other ones give other machine code.
     """
     from numba import njit
 

@@ -30,11 +30,8 @@ class UserError(Exception):
 def unknown(kind: str, name: str, names: list[str], listed_by: str = "") -> UserError:
     """The error for an unknown name, with the nearest known one as the hint.
 
-    Args:
-        kind: what the name stands for.
-        name: the unknown name.
-        names: the known names.
-        listed_by: what shows the known names, where there are too many for a line.
+    `kind` is what the name stands for, `listed_by` what shows the known names, where there are too
+    many for a line.
     """
     nearest = get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""

@@ -109,12 +109,7 @@ class Finding:
 
 
 def merge_spans(spans: Sequence[Span], limit: int = 20) -> tuple[Span, ...]:
-    """The spans in the order of time, those with the least between them joined to at most `limit`.
-
-    Args:
-        spans: from and to [s], in any order.
-        limit: how many may be left.
-    """
+    """The spans [s] in the order of time, the nearest joined until at most `limit` are left."""
     merged: list[Span] = []
     for start, stop in sorted(spans):
         if merged and start <= merged[-1][1]:

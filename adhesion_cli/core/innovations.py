@@ -41,9 +41,7 @@ def score(p_below: float, p_above: float) -> float:
 def square(p_lower: tuple[float, float], p_upper: tuple[float, float]) -> float:
     """Mean of z² over a reading that is known to lie between two values; runs compiled.
 
-    Args:
-        p_lower: the probabilities below and above the smaller value.
-        p_upper: the same for the larger one.
+    `p_lower` has the probabilities below and above the smaller value, `p_upper` those of the other.
     """
     a, b = score(p_lower[0], p_lower[1]), score(p_upper[0], p_upper[1])
     inside = min(p_upper[0] - p_lower[0], 1.0) if p_lower[0] < 0.5 else p_lower[1] - p_upper[1]
@@ -57,13 +55,9 @@ def mean(squares: Floats) -> Nis | None:
     """Mean of z² and the 95 % interval in which it lies if the model is right.
 
     The means of consecutive parts show how much the whole mean varies. So the interval is right for
-    innovations that are correlated within a part, and for any distribution.
-
-    Args:
-        squares: z² in the order of time (n,); NaN where the filter did not use the sample.
-
-    Returns:
-        None for too few innovations, and where all are zero.
+    innovations that are correlated within a part, and for any distribution. `squares` are in the
+    order of time (n,), NaN where the filter did not use the sample. None for too few innovations,
+    and where all are zero.
     """
     finite_squares = squares[np.isfinite(squares)]
     if len(finite_squares) < _FEWEST or not finite_squares.any():

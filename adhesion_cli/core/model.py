@@ -454,9 +454,8 @@ class Vehicle:
     def covariance(self, a_terms: Mapping[str, Any], b_terms: Mapping[str, Any]) -> Any:
         """Covariance of two quantities by the tolerances. Source: JCGM 100, 5.2.2.
 
-        Args:
-            a_terms: by a parameter's name, the tolerance times the sensitivity; numbers or arrays.
-            b_terms: the same of the other quantity; `a_terms` again gives the variance.
+        `a_terms` has, by a parameter's name, the tolerance times the sensitivity, numbers or
+        arrays. `b_terms` has those of the other quantity; `a_terms` again gives the variance.
         """
         # In the order of the names: sums of floats in another order have other last bits.
         total = sum(

@@ -78,9 +78,7 @@ def friction_share(rim: Any, K: Any, vehicle: Vehicle) -> Any:
 def friction_change(effect: SpeedEffect, stated: Vehicle) -> float:
     """Slope of ln φ over the speed that a log shows beyond what is stated [s/m]; 0 if not clear.
 
-    Args:
-        effect: as the log shows it, without what a friction table says.
-        stated: the vehicle with its `friction_fade`.
+    `effect` is without what a friction table says. `stated` has a `friction_fade`.
     """
     without_table = replace(stated, friction_table=None)
     at_low, at_high = (friction_share(v, 0.0, without_table) for v in (effect.low, effect.high))
@@ -172,13 +170,9 @@ def reference_speed(previous: float, fastest: float, braking: float, h: float) -
     """Reference speed [m/s], one step later: the train speed as a WSP controller estimates it.
 
     The fastest axle is the train. It decelerates no harder than all brakes together on a gradient.
-    Where every axle does, all slide. The speed then continues at that limit.
-
-    Args:
-        previous: the same at the step before [m/s].
-        fastest: largest rim speed of all axles [m/s].
-        braking: deceleration by the axles' brakes, from `braked`, or by their forces [m/s²].
-        h: interval [s].
+    Where every axle does, all slide. The speed then continues at that limit. All speeds are in m/s.
+    `fastest` is the largest rim speed, `braking` the deceleration by the axles' brakes, from
+    `braked`, or by their forces [m/s²], `h` the interval [s].
     """
     slowest = previous - (HARDER * braking + GRADIENT) * h
     return max(min(max(fastest, slowest), previous + RISE * h), 0.0)

@@ -201,11 +201,8 @@ def edges(mask: Bools) -> NDArray[np.int64]:
 def bends(t: Floats | Times, x: Floats) -> Floats:
     """Square deviation from the straight line through both neighbours, (..., n − 2).
 
-    Its mean is the variance of white noise on a smooth signal.
-
-    Args:
-        t: times, rising strictly along the last axis, (..., n).
-        x: values, likewise.
+    Its mean is the variance of white noise on a smooth signal. Times rise strictly along the last
+    axis, (..., n).
     """
     share = (t[..., 1:-1] - t[..., :-2]) / (t[..., 2:] - t[..., :-2])  # of the later neighbour
     deviation = x[..., 1:-1] - (1.0 - share) * x[..., :-2] - share * x[..., 2:]
@@ -217,10 +214,8 @@ def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
     """Variance of the white noise on smooth signals; 0 where too short.
 
     Mean square deviation from the straight line through both neighbours, in blocks of 50 samples.
-    It is the median of the blocks: steps in fewer than half of them do not count.
-
-    Args:
-        runs: times, rising strictly, and values of each run, shape (n,).
+    It is the median of the blocks: steps in fewer than half of them do not count. Times and values
+    of each run have shape (n,), and the times rise strictly.
     """
     blocks = []
     for t, x in runs:

@@ -18,9 +18,7 @@ max_threads = _processors or 1  # threads at once; a program sets it
 def run_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
     """`function` of each, in order; the first error in that order is raised.
 
-    Args:
-        function: must not change what another call uses.
-        items: what it is done for.
+    No call may change what another one uses.
     """
     return list(run_ahead(function, items)) if len(items) > 1 else [function(x) for x in items]
 
@@ -28,9 +26,7 @@ def run_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
 def run_ahead(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
     """`function` of each, in order; while one is used, the next are being made.
 
-    Args:
-        function: must not change what another call uses.
-        items: what it is done for; as many as there are processors are in work.
+    As many are in work as there are processors. No call may change what another one uses.
     """
     if max_threads < 2:
         yield from map(function, items)

@@ -33,26 +33,15 @@ _MEANED = 0.5  # rounding and jitter are averaged over as long on either side [s
 
 @dataclass(frozen=True, slots=True)
 class TimeAxis:
-    """One channel's own time, cleaned.
+    """One channel's own time, cleaned."""
 
-    Attributes:
-        data: the samples that may be used; time rises strictly within a piece.
-        starts: first index of each piece of `data`; the clock was set back between two pieces.
-        interval_ns: median sample interval.
-        gap_ns: a longer interval is a gap.
-        gaps: how many there are.
-        duplicates: samples that repeat a time stamp.
-        backward: samples older than one before them.
-        findings: what was wrong.
-    """
-
-    data: Column
-    starts: tuple[int, ...]
-    interval_ns: int
-    gap_ns: int
+    data: Column  # the samples that may be used; time rises strictly within a piece
+    starts: tuple[int, ...]  # first index of each piece; the clock was set back between two
+    interval_ns: int  # median sample interval
+    gap_ns: int  # a longer interval is a gap
     gaps: int
-    duplicates: int
-    backward: int
+    duplicates: int  # samples that repeat a time stamp
+    backward: int  # samples older than one before them
     findings: tuple[Finding, ...]
 
 
@@ -73,11 +62,8 @@ def gap_limit(intervals: Times) -> int:
 def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> TimeAxis:
     """Finds what is wrong with a channel's time, masks bad samples, and splits where time jumps.
 
-    Args:
-        name: the channel, for the findings.
-        column: samples as the log has them.
-        start_ns: the log's start, for the findings.
-        max_gap_ns: intervals longer than this are gaps; 0 decides from the channel itself.
+    The findings have the `name` of the channel and times after `start_ns`. Intervals longer than
+    `max_gap_ns` are gaps; 0 decides from the channel itself.
     """
     t, wraps = unwrapped(column.t)
     report = _Report(name, t, start_ns)
@@ -340,9 +326,7 @@ def _without_rounding(report: _Report, value: Floats) -> Times:
 def _width(late: Floats, period: float) -> int:
     """Over how many samples on either side to average: fewer where samples are lost.
 
-    Args:
-        late: how late each stamp is, by an even cycle (n,) [ns].
-        period: of the cycle [ns].
+    `late` says how late each stamp is, by an even cycle of this period [ns], (n,).
     """
     width, nearby = round(_MEANED * 1e9 / period), np.std(late[_NEAR:] - late[:-_NEAR])
     while width > _NEAR and np.std(late[width:] - late[:-width]) > 1.2 * nearby:

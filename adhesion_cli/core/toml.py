@@ -59,9 +59,7 @@ def _nearby(path: Path) -> str:
 def parsed(text: str, origin: str) -> Table:
     """The tables of a text, with finite numbers of bounded size and depth.
 
-    Args:
-        text: TOML.
-        origin: names the text in an error.
+    `origin` names the text in an error.
 
     Raises:
         tomllib.TOMLDecodeError: where it is not TOML.
@@ -149,10 +147,8 @@ def value(item: Any) -> str:
 def option(*lines: str) -> str:
     """The options that state lines of TOML, as `--set vehicle.friction=0.3`, in back quotes.
 
-    A text that cannot be pasted into every shell makes them lines for `adhesion.toml`.
-
-    Args:
-        lines: each with its heading; the same line may stand at the top of a TOML file.
+    A text that cannot be pasted into every shell makes them lines for `adhesion.toml`. Each line
+    has its heading: it may as well stand at the top of a TOML file.
     """
     values = [pair for line in lines for pair in _values(tomllib.loads(line), "")]
     texts = [f"{name}={x if isinstance(x, str) else value(x)}" for name, x in values]

@@ -69,9 +69,7 @@ class Number(NamedTuple):
 class Types:
     """The structs of one export, in the order in which C must declare them.
 
-    Args:
-        prefix: first part of their names.
-        real: the name of the floating-point type.
+    Their names begin with `prefix`; `real` is the name of the floating-point type.
     """
 
     def __init__(self, prefix: str, real: str) -> None:
@@ -82,10 +80,6 @@ class Types:
 
     def kind(self, hint: Any, public: bool = False) -> Kind:
         """The C type of a Python annotation.
-
-        Args:
-            hint: the annotation.
-            public: as of `named`.
 
         Raises:
             UserError: for a type without a counterpart.
@@ -99,10 +93,8 @@ class Types:
     def named(self, source: Any, name: str = "", public: bool = False) -> Struct:
         """The struct of a NamedTuple; the structs inside come before it.
 
-        Args:
-            source: the NamedTuple.
-            name: its name in C; its own name if empty.
-            public: whether the header declares it, and what it holds.
+        It has its own name if none is given. `public`: whether the header declares it and what it
+        holds.
         """
         if source in self._structs and (self._structs[source].public or not public):
             return self._structs[source]

@@ -90,9 +90,7 @@ class Function(NamedTuple):
 class Program:
     """What expressions need of the whole: constants, structs and functions, in their order.
 
-    Args:
-        prefix: first part of public names, as `adhesion_td`.
-        number: its floating-point type.
+    Public names begin with `prefix`, as `adhesion_td`.
     """
 
     def __init__(self, prefix: str, number: Number) -> None:
@@ -139,12 +137,7 @@ class Program:
 
 
 class Expressions:
-    """Translates the expressions of one function.
-
-    Args:
-        program: the whole.
-        f: the function.
-    """
+    """Translates the expressions of one function."""
 
     def __init__(self, program: Program, f: FunctionType) -> None:
         self.program = program

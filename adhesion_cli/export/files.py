@@ -53,13 +53,8 @@ def export(
 ) -> Exported:
     """The files of one method.
 
-    Args:
-        algo: estimator or controller.
-        settings: parameters by the names of methods; others have their defaults.
-        vehicle: for the wheelset.
-        axle: the one whose wheel radius counts.
-        double: double precision, else single.
-        progress: receives a line at each step.
+    `settings` are parameters by the names of methods; others have their defaults. `axle` is the one
+    whose wheel radius counts.
 
     Raises:
         UserError: an unknown name, a value out of range, parameters that are unstable on the log.

@@ -51,12 +51,8 @@ class Code(NamedTuple):
 class Interface:
     """Writes the C of one method.
 
-    Args:
-        method: estimator or controller.
-        p: the parameters that are the defaults of the export.
-        vehicle: R [m], friction, inertia [kg m²] and mass [kg] of the default wheelset.
-        number: the floating-point type.
-        version: of this program.
+    `p` are the defaults of the export, `vehicle` is R [m], friction, inertia [kg m²] and mass [kg]
+    of the default wheelset.
     """
 
     def __init__(
@@ -175,11 +171,7 @@ class Interface:
         return ", ".join(map(self.number.literal, values))
 
     def _tests(self, read: frozenset[str]) -> dict[str, str]:
-        """What holds for parameters, wheelset, inputs, interval and answers that are in order.
-
-        Args:
-            read: the inputs that the method reads.
-        """
+        """What holds for parameters, wheelset, the inputs that are read, interval and answers."""
         annotations = quantities(self.method.Params)
         tests = {
             "params": [

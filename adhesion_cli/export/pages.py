@@ -43,12 +43,7 @@ def readme(
 ) -> str:
     """The README: use, units and ranges, operations, accuracy, deviations.
 
-    Args:
-        interface: of the method.
-        code: its C.
-        vectors: of the test program.
-        values: the vehicle's, by the names of `WHEELSET_INPUTS`.
-        vehicle: K follows from its brake.
+    `values` are the vehicle's, by the names of `WHEELSET_INPUTS`; K follows from its brake.
     """
     annotations, numbers = quantities(Vehicle), [kind.c for _, kind in flat(interface.state())]
     wheelset = {x: (values[x], annotations[name]) for x, name in WHEELSET_INPUTS.items()}

@@ -20,8 +20,7 @@ _EXACT = {"sqrt", "fabs", "copysign", "floor", "ceil", "fmod", "isfinite", "isna
 class Single:
     """Gives the single-precision form of functions; each is made once.
 
-    Args:
-        seed: of the errors of the C library, 0: it rounds exactly.
+    `seed` is that of the C library's errors; 0: it rounds exactly.
     """
 
     def __init__(self, seed: int = 0) -> None:

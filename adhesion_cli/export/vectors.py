@@ -57,11 +57,7 @@ class Vectors(NamedTuple):
 def of_estimator(est: Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vectors:
     """Clamping force [N] and wheel speed [rad/s] of axle 1, with the estimates.
 
-    Args:
-        est: the estimator.
-        p: its parameters.
-        w: the wheelset.
-        vehicle: that of the log, with one wheel radius.
+    `vehicle` is that of the log, with one wheel radius.
 
     Raises:
         UserError: where an interval of the log is unstable with euler = 1.

@@ -35,19 +35,12 @@ _PARQUET = dataset.ParquetFileFormat(
 
 
 class KeptTables(NamedTuple):
-    """What is written of one log.
+    """What is written of one log."""
 
-    Attributes:
-        key: hash of its content, or what stands for it.
-        names: all names of this content.
-        row: of the table of logs.
-        files: the bytes of the other tables; none of a log that failed.
-    """
-
-    key: str
-    names: tuple[str, ...]
+    key: str  # hash of its content, or what stands for it
+    names: tuple[str, ...]  # all names of this content
     row: LogRow
-    files: Mapping[str, bytes]
+    files: Mapping[str, bytes]  # the other tables; none of a log that failed
 
 
 class DoneLog(NamedTuple):
@@ -69,8 +62,7 @@ class Dataset:
     def prepare(self, settings: Json) -> None:
         """Makes the folders, writes the settings, and removes what killed runs left.
 
-        Args:
-            settings: what the hash is of.
+        The hash is of these settings.
 
         Raises:
             UserError: they cannot be made.
@@ -148,9 +140,7 @@ def read_logs(files: Sequence[Path], columns: Sequence[str]) -> tuple[list[Json]
 def is_whole(log: Path, tables_sha256: str | None) -> bool:
     """Whether the other tables of an analysed log are there, as they were written.
 
-    Args:
-        log: its file in the table of logs.
-        tables_sha256: what this says of the others.
+    `log` is its file in the table of logs, which says `tables_sha256` of the others.
     """
     try:
         contents = [(log.parents[1] / name / log.name).read_bytes() for name in OF_RESULTS]

@@ -13,19 +13,13 @@ from . import work
 
 
 class Processes:
-    """So many child processes; one that dies is known with its log.
+    """So many child processes; one that dies is known with its log."""
 
-    Attributes:
-        capacity: logs that are in work at once.
-        died: what the future of a log raises whose process died.
-        tries: how often a log whose process died is tried.
-    """
-
-    died: type[Exception] = ChildDiedError
-    tries = 2
+    died: type[Exception] = ChildDiedError  # what the future of a log raises whose process died
+    tries = 2  # of a log whose process died
 
     def __init__(self, count: int) -> None:
-        self.capacity = count
+        self.capacity = count  # logs that are in work at once
         self._idle: SimpleQueue[Child | None] = SimpleQueue()
         for _ in range(count):
             self._idle.put(None)  # started when there is work for it

@@ -26,23 +26,14 @@ Workers = Processes | Cluster
 
 @dataclass(slots=True)
 class FleetProgress:
-    """How far a run is; counts are logs as the user names them.
-
-    Attributes:
-        logs: all.
-        read: of these, how many have been looked at.
-        completed: analysed in this run.
-        skipped: those that were there already.
-        lossy: of those two, how many have a finding that data was lost or may be wrong.
-        failed: those that have no result.
-    """
+    """How far a run is; counts are logs as the user names them."""
 
     logs: int
-    read: int = 0
-    completed: int = 0
-    skipped: int = 0
-    lossy: int = 0
-    failed: list[FailedLog] = field(default_factory=list)
+    read: int = 0  # of all logs, how many have been looked at
+    completed: int = 0  # analysed in this run
+    skipped: int = 0  # those that were there already
+    lossy: int = 0  # of those two, how many have a finding that data was lost or may be wrong
+    failed: list[FailedLog] = field(default_factory=list)  # those that have no result
 
 
 def run(
@@ -55,13 +46,8 @@ def run(
 ) -> FleetProgress:
     """Analyses the logs that have no result in the dataset.
 
-    Args:
-        logs: the logs; those with the same content are analysed once, by the name of the first.
-        job: what is the same for all.
-        dataset: where the results are.
-        workers: who does the work.
-        force: whether results that are there are made again.
-        progress: receives the state of the run after each step.
+    Those with the same content are analysed once, by the name of the first. With `force`, results
+    that are there are made again.
 
     Raises:
         UserError: results cannot be written, or the cluster is lost.

@@ -36,27 +36,16 @@ _THRESHOLD = 100_000  # as in `__main__`: what is imported stays
 
 
 class Job(NamedTuple):
-    """What is the same for every log of a run.
+    """What is the same for every log of a run."""
 
-    Attributes:
-        stated: settings, from `settings.stated`.
-        strict: whether damaged data is an error.
-        algos: estimators, all if empty.
-        axles: axles, all if empty.
-        window: seconds after each log's start, from and to.
-        version: of this program.
-        settings: hash of what `depends` gives.
-        recordings: folder for recordings, empty for none.
-    """
-
-    stated: Json
-    strict: bool
-    algos: tuple[str, ...]
-    axles: tuple[int, ...]
-    window: tuple[float | None, float | None]
-    version: str
-    settings: str = ""
-    recordings: str = ""
+    stated: Json  # settings, from `settings.stated`
+    strict: bool  # whether damaged data is an error
+    algos: tuple[str, ...]  # estimators, all if empty
+    axles: tuple[int, ...]  # all if empty
+    window: tuple[float | None, float | None]  # seconds after each log's start, from and to
+    version: str  # of this program
+    settings: str = ""  # hash of what `depends` gives
+    recordings: str = ""  # folder for recordings, empty for none
 
     def depends(self) -> Json:
         """All that a result depends on, except the log and the version."""
@@ -72,15 +61,10 @@ class Item(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """A log that was analysed, or failed.
+    """A log that was analysed, or failed."""
 
-    Attributes:
-        row: its row of the table of logs.
-        files: the bytes of its other tables by name; none of a log that failed.
-    """
-
-    row: LogRow
-    files: dict[str, bytes]
+    row: LogRow  # of the table of logs
+    files: dict[str, bytes]  # its other tables by name; none of a log that failed
 
 
 def identified(log: LogLocation) -> str | FailedLog:

@@ -118,13 +118,7 @@ class _Clock:
 
 
 class LiveAxle:
-    """An axle.
-
-    Args:
-        measuring: how it is measured.
-        vehicle: its constants.
-        algos: estimators with their parameters.
-    """
+    """An axle."""
 
     def __init__(
         self, measuring: Measuring, vehicle: Vehicle, algos: Mapping[str, tuple[Estimator, Any]]

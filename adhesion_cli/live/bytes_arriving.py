@@ -17,16 +17,11 @@ STDIN = "standard input"
 
 
 class Pieces:
-    """Bytes as they arrive, None where none came for `TICK`; ends with the sender.
-
-    Attributes:
-        name: of the sender, for people.
-        begins: the first bytes, once `peek` was called.
-    """
+    """Bytes as they arrive, None where none came for `TICK`; ends with the sender."""
 
     def __init__(self, name: str, pieces: Iterator[bytes | None]) -> None:
-        self.name, self.begins = name, b""
-        self._pieces = pieces
+        self.name, self._pieces = name, pieces
+        self.begins = b""  # the first bytes, once `peek` was called
 
     def __iter__(self) -> Iterator[bytes | None]:
         return self._pieces

@@ -14,9 +14,7 @@ _INSTALL = installed_by("can")
 class Can(Messages):
     """A CAN bus, only listened to.
 
-    Args:
-        place: INTERFACE:CHANNEL as python-can has them; a channel alone is one of socketcan.
-        options: the DBC files.
+    `place` is INTERFACE:CHANNEL as python-can has them; a channel alone is one of socketcan.
 
     Raises:
         UserError: where there is no such bus, no DBC, or a library is missing.

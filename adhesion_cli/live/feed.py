@@ -45,13 +45,9 @@ def _rows(columns: dict[int, Column]) -> Iterator[FeedRow]:
 
 
 class Feed:
-    """A sender of samples.
+    """A sender of samples."""
 
-    Attributes:
-        name: for people and for the names of files.
-    """
-
-    name: str
+    name: str  # for people and for the names of files
 
     def head(self) -> Source:
         """The fields, by the header or the first messages; waits for them.
@@ -85,9 +81,8 @@ class Feed:
 class Pump(Generic[T]):
     """Takes pieces from a blocking sender in a thread of its own.
 
-    Args:
-        take: gives the next piece, None at the end.
-        patient: whether the sender waits; else the oldest piece makes room for the newest.
+    `take` gives None at the end. Of a sender that is not `patient`, and so does not wait, the
+    oldest piece makes room for the newest.
     """
 
     def __init__(self, take: Callable[[], T | None], patient: bool) -> None:

@@ -18,13 +18,8 @@ _REFUSAL = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\
 class Gate:
     """Takes connections, and passes on those that are allowed.
 
-    Args:
-        host: it listens there.
-        port: and there; 0: on a free one.
-        target: host and port of the server.
-
-    Attributes:
-        port: that it listens on.
+    It listens on `host` and `port`, or on a free port where that is 0; the attribute `port` says
+    which.
 
     Raises:
         OSError: the port is taken.

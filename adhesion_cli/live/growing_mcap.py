@@ -13,12 +13,7 @@ from .feed import PAUSE, TICK, AddSource, Feed, FeedRow, rows_of
 
 
 class GrowingMcap(Feed):
-    """The messages of an MCAP, as they are appended; ends with the data section.
-
-    Args:
-        path: of the file.
-        options: how to read it.
-    """
+    """The messages of an MCAP, as they are appended; ends with the data section."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.name = str(path)

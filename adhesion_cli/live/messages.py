@@ -43,13 +43,9 @@ class Messages(Feed):
     """Messages of a sender, each an object in JSON with names and numbers.
 
     A name of time gives the stamp: a number, or a date in ISO 8601. Without one the time of arrival
-    is the stamp. A name of an axle or device, as `axle`, says whose values they are.
-
-    Args:
-        name: of the sender.
-        arriving: its messages; None where there was none for `TICK`.
-        options: how to read them.
-        dropped: how many messages were dropped since the last call.
+    is the stamp. A name of an axle or device, as `axle`, says whose values they are. `arriving`
+    gives None where there was no message for `TICK`, `dropped` how many were dropped since its last
+    call.
     """
 
     _form = "not an object in JSON"  # what a message is that cannot be read

@@ -18,9 +18,7 @@ _KEEPALIVE = 30  # [s]
 class Mqtt(Messages):
     """A topic of a broker. After a lost connection, it is subscribed to again.
 
-    Args:
-        place: HOST/TOPIC or HOST:PORT/TOPIC; the topic may have the wildcards + and #.
-        options: how the messages are read.
+    `place` is HOST/TOPIC or HOST:PORT/TOPIC; the topic may have the wildcards + and #.
 
     Raises:
         UserError: where there is no such broker, or the library is missing.

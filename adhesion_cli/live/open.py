@@ -19,11 +19,7 @@ SOURCES = (
 
 
 def open_feed(source: str, options: ReadOptions) -> Feed:
-    """A sender of samples.
-
-    Args:
-        source: `SOURCES`.
-        options: how its samples are read.
+    """The sender of samples that `source` names; `SOURCES` says which there are.
 
     Raises:
         UserError: where there is none, or it cannot be opened.

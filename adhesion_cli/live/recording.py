@@ -32,11 +32,6 @@ def new_files(paths: Sequence[Path], force: bool, inputs: Sequence[Path]) -> Ite
     They have their names while they grow, so that they can be read. What had a name before is
     removed, and not written to: another program may hold it, or it may be a link.
 
-    Args:
-        paths: the files of one run.
-        force: whether results that exist may be replaced.
-        inputs: what the run reads, which must survive.
-
     Raises:
         UserError: as `atomic_files.check`, another run writes these files, or they cannot be made.
     """
@@ -76,13 +71,8 @@ def _locked(path: Path) -> Iterator[None]:
 class Batches(Sink):
     """Samples as columns, every so often, in a thread of its own: writing holds up no sample.
 
-    Args:
-        target: what takes them.
-        algos: names of the estimators.
-        axles: numbers of the axles.
-        interval: between two batches [s].
-        report: None for a target that samples wait for. Of another one it is called once, with the
-            text that samples are dropped.
+    They go to `target` every `interval` [s]. Samples wait for a target without `report`. For
+    another one, this is called once, with the text that samples are dropped.
     """
 
     def __init__(
@@ -161,13 +151,7 @@ class Batches(Sink):
 class Mcap:
     """A file of all samples; see `GrowingResult`.
 
-    Args:
-        path: of the file, which is empty.
-        log: name of the sender.
-        settings: in force.
-        algos: estimators with their parameters.
-        axles: numbers of the axles that are known.
-        report: called with what is not written; in the thread of `add`.
+    `path` is an empty file. `report` gets what is not written, in the thread of `add`.
 
     Raises:
         UserError: where the file cannot be written, here and later.
@@ -217,9 +201,7 @@ def _written(path: Path) -> Iterator[None]:
 class LiveView:
     """A recording in a viewer or a file. Whatever becomes of it, the samples go on.
 
-    Args:
-        recording: that shows them.
-        report: called once with what went wrong.
+    `report` is called once, with what went wrong.
     """
 
     def __init__(self, recording: LiveRecording, report: Any) -> None:

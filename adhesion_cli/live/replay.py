@@ -13,10 +13,7 @@ from .feed import TICK, AddSource, Feed, FeedRow, rows_of
 class Replay(Feed):
     """The rows of a log in the order of time, or in the log's own where one clock has them all.
 
-    Args:
-        path: of the log.
-        options: how to read it.
-        speed: seconds of the log per second; 0: as fast as they are taken.
+    `speed` is in seconds of the log per second; 0: as fast as they are taken.
     """
 
     def __init__(self, path: Path, options: ReadOptions, speed: float) -> None:

@@ -24,10 +24,7 @@ _SPANS = 20  # of a finding that grows
 class Tally:
     """Findings as they come, those of one kind together.
 
-    Args:
-        report: called with the findings of new kinds, those that come together at once.
-        name: of the sender.
-        strict: whether damaged data end the run.
+    `report` is called with the findings of new kinds. With `strict`, damaged data end the run.
     """
 
     def __init__(
@@ -101,14 +98,6 @@ def follow(
     tally: Tally,
 ) -> None:
     """Takes every row of a sender, until it ends.
-
-    Args:
-        feed: the sender.
-        wheels: what it measures.
-        settings: the vehicle, and what a gap is.
-        algos: estimators with their parameters.
-        sinks: who takes the samples.
-        tally: who takes the findings.
 
     Raises:
         UserError: where the sender cannot be read on.

@@ -96,11 +96,8 @@ class _Track(NamedTuple):
 class Leaps:
     """Samples that the sensor's quantity cannot reach from the last one that counts.
 
-    Where the others tell more than those that counted, or stay, they are the signal.
-
-    Args:
-        meaning: of the channel.
-        limits: what its quantity can do, by its newest samples, without their noise.
+    Where the others tell more than those that counted, or stay, they are the signal. `limits` says
+    what the quantity can do, by its newest samples, without their noise.
     """
 
     def __init__(self, meaning: Meaning, limits: Callable[[Channel], Limits]) -> None:
@@ -180,11 +177,8 @@ class StuckSpeed:
     def stuck(self, t: int, y: float, force: float, gap: float) -> bool:
         """Whether the sensor is stuck at this sample.
 
-        Args:
-            t: [ns].
-            y: [rad/s].
-            force: K [N], NaN where not known, or its sensor is stuck.
-            gap: longer intervals are gaps [s].
+        The time is in ns, the speed in rad/s, `force` is K [N], NaN where that is not known or its
+        sensor is stuck. Intervals longer than `gap` [s] are gaps.
         """
         window = self._window
         window.add(t, y, force)

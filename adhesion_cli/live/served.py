@@ -21,13 +21,8 @@ _INNER = "127.{}.{}.{}" if sys.platform != "darwin" else _HOST
 class LiveServer(Sink):
     """A server on this computer, whose port refuses pages of other web sites.
 
-    On macOS, the SDK's own server behind it has the same address, on a port that changes.
-
-    Args:
-        port: it listens there; 0: on a free one.
-        vehicle: for the coefficient.
-        axles: numbers of the axles that are known.
-        algos: names of the estimators.
+    On macOS, the SDK's own server behind it has the same address, on a port that changes. A port of
+    0 stands for a free one.
 
     Raises:
         UserError: where the port is taken, or the library is missing.

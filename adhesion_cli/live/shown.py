@@ -31,12 +31,8 @@ Say = Callable[[str], None]
 class JsonLines(Sink):
     """An object per sample, axle and estimator, each on a line of its own.
 
-    Args:
-        algos: estimators that are printed.
-        vehicle: for the coefficient.
-        single_axle: whether nobody else takes the samples; else they go on without a reader,
-            and without the lines that one who reads no more leaves.
-        report: called at the end with how many lines were dropped, if any.
+    With `single_axle` nobody else takes the samples; else they go on without a reader, and without
+    the lines that one who reads no more leaves. `report` gets their number at the end.
     """
 
     def __init__(
@@ -129,12 +125,7 @@ class Counts(Sink):
 
 
 class Waiting(Sink):
-    """Says once that no sample comes, and once that they come again.
-
-    Args:
-        name: of the sender.
-        say: called with the text.
-    """
+    """Says once that no sample comes, and once that they come again."""
 
     def __init__(self, name: str, say: Say) -> None:
         self._name, self._say = name, say
@@ -162,12 +153,7 @@ class Waiting(Sink):
 
 
 class StatusLine(Sink):
-    """The newest sample of each axle on one line of the terminal, as wide as that is.
-
-    Args:
-        algo: the estimator that is shown.
-        vehicle: for the coefficient.
-    """
+    """The newest sample of each axle on one line of the terminal, as wide as that is."""
 
     def __init__(self, algo: str, vehicle: Vehicle) -> None:
         self._algo, self._vehicle = algo, vehicle

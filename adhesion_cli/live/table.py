@@ -20,10 +20,7 @@ _FEWEST = 4  # lines that must do where no more come for `PAUSE`
 class LiveTable(Feed):
     """Rows of a table of text.
 
-    Args:
-        pieces: its bytes.
-        options: how to read it.
-        reopen: gives the bytes of the file that took its place, if it can be replaced.
+    `reopen` gives the bytes of the file that took its place, if it can be replaced.
     """
 
     def __init__(

@@ -13,9 +13,7 @@ _LARGEST = 1 << 16  # bytes of a datagram
 class Udp(Messages):
     """A port on which datagrams arrive; it listens where HOST says, and nowhere else.
 
-    Args:
-        place: HOST:PORT; the host is an address of this machine.
-        options: how the messages are read.
+    `place` is HOST:PORT; the host is an address of this machine.
 
     Raises:
         UserError: where that is no address, or the port is taken.

@@ -48,11 +48,8 @@ class MotorPlace(NamedTuple):
 class LiveWheels:
     """What a sender measures, by its fields.
 
-    Args:
-        source: its fields.
-        mappings: what the user stated about them.
-        vehicle: for the wheel radius, where a wheel speed is in km/h.
-        axles: only these, all if empty.
+    `mappings` are what the user stated about the fields. Only these `axles` are taken, all if
+    empty.
 
     Attributes:
         fields: those that are needed, in the order of the places; `add_source` appends to it.

@@ -72,10 +72,7 @@ class AxleChannels(NamedTuple):
     def as_mean_axle(self, vehicle: Vehicle, mean: Vehicle, heavier: float = 1.0) -> "AxleChannels":
         """The axle as one of a train of equal axles: with what makes the mean axle brake as it.
 
-        Args:
-            vehicle: with this axle's own values.
-            mean: the mean axle, from `core.mean_axle`.
-            heavier: its mass over that of the mean axle of this log.
+        `heavier` is its mass over that of the mean axle of this log.
         """
         axle_vehicle, record = vehicle.of_axle(self.record.axle), self.record
         factor = heavier * axle_vehicle.friction.value / mean.friction.value

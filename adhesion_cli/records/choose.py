@@ -64,11 +64,7 @@ class Choice(NamedTuple):
 
 
 def choose(log: Log, axles: Sequence[int]) -> Choice:
-    """The channels that are used.
-
-    Args:
-        log: with its channels' meanings.
-        axles: only these are asked for, all if empty.
+    """The channels that are used, for the axles that are asked for; for all if none is.
 
     Raises:
         UserError: where a needed channel is missing, or an axle asked for is not there.
@@ -110,12 +106,8 @@ def axle_numbers(
 ) -> list[int]:
     """Numbers of the axles of which a log has anything; a log without numbers is of axle 1.
 
-    Args:
-        path: of the log.
-        keys: what its channels mean.
-        axles: those that are asked for, all if empty.
-        titles: names of its channels.
-        proposals: options for what is missing, see `Log`.
+    `axles` are those that are asked for, all if empty, `titles` the names of its channels,
+    `proposals` options for what is missing, see `Log`.
 
     Raises:
         UserError: where a needed channel is missing, or an axle asked for is not there.
@@ -143,11 +135,8 @@ def axle_numbers(
 def incomplete(axle: int, title: str, has_speed: bool, brakes: Sequence[Channel] = ()) -> Finding:
     """An axle with a wheel speed and no brake, or the other way round.
 
-    Args:
-        axle: its number.
-        title: of the channel that it has.
-        has_speed: whether that is the speed.
-        brakes: of other axles, which may be the missing one; a speed is of one wheel.
+    `title` is of the channel that it has. `brakes` are of other axles, which may be the missing
+    one; a speed is of one wheel.
     """
     lacking = "pressure or clamping force" if has_speed else "wheel speed"
     entry = next(({"channel": c.name, "field": c.field} for c in brakes), {"channel": "NAME"})
@@ -184,14 +173,7 @@ def _missing(path: str, titles: Sequence[str], quantity: str, proposal: str | No
 def no_records_error(
     log: Log, choice: Choice, view: View, findings: Iterable[Finding]
 ) -> UserError:
-    """Why there is no record at all.
-
-    Args:
-        log: as read.
-        choice: what was chosen of it.
-        view: the window that was asked for.
-        findings: of all steps.
-    """
+    """Why there is no record at all."""
     if reasons := [f for f in findings if f.code in _LEAVE_OUT]:
         text = " ".join(f"{f.channel}: {f.message}" for f in reasons)
         return UserError(f"{log.path}: nothing to analyse: {text}", reasons[0].hint or "")

@@ -50,11 +50,7 @@ class View(NamedTuple):
     ) -> list[Finding]:
         """The finding of a fault; none where the window holds no sample of it.
 
-        Args:
-            fault: its mask is over the channel's samples.
-            channel: whose fault it is.
-            values: numbers that the message quotes.
-            names: texts that the message quotes.
+        Its mask is over the channel's samples. The message quotes `values` and `names`.
         """
         t = channel.data.t
         mask = fault.mask

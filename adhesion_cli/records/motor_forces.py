@@ -16,12 +16,7 @@ _CLEAR_RATE = 0.1  # of a rim, with the wrong sign, that no gradient explains [m
 
 
 def with_signs(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Finding]]:
-    """The channels with ED forces that brake above zero, and traction forces that drive.
-
-    Args:
-        channels: of the log.
-        vehicle: for the wheel radius.
-    """
+    """The channels with ED forces that brake above zero, and traction forces that drive."""
     signed, findings = dict(channels), list[Finding]()
     for meaning, sign in zip(MOTOR_FORCES, (-1.0, 1.0), strict=True):
         forces = {key: c for key, c in channels.items() if key[0] == meaning}

@@ -17,14 +17,7 @@ _ACTING_SHARE = 0.1  # of the highest value of a channel: from there its brake a
 def other_brake_findings(
     log: Log, axles: Sequence[AxleChannels], vehicle: Vehicle, view: View
 ) -> tuple[Finding, ...]:
-    """A finding for each brake that acts while the train moves, with its times.
-
-    Args:
-        log: with its channels' meanings.
-        axles: of the log, for the speed.
-        vehicle: for the wheel radius.
-        view: only its window counts.
-    """
+    """A finding for each brake that acts while the train moves, with its times."""
     findings = []
     for c in log.channels:
         if c.meaning not in OTHER_BRAKES or not len(c.data.t):

@@ -43,14 +43,7 @@ class _Sampled(NamedTuple):
 def resample(
     choice: Choice, screened: Screened, vehicle: Vehicle, view: View
 ) -> tuple[list[AxleChannels], list[Finding]]:
-    """The axles of which something is left, and what was left out of them.
-
-    Args:
-        choice: which channels are which axle's.
-        screened: these channels.
-        vehicle: for the force line.
-        view: only the samples of its window are used.
-    """
+    """The axles of which something is left, and what was left out of them."""
     axles, findings = [], []
     for keys in choice.axles:
         if keys.speed in screened.channels and keys.brake in screened.channels:
@@ -170,13 +163,8 @@ def _report_missing(
 ) -> list[Finding]:
     """Samples without a recent value: only a note where these are the first or the last ones.
 
-    Args:
-        speed: of the axle.
-        brake: of the axle.
-        stale: samples of the speed without a recent value, (n,).
-        known: samples of the speed of which the first and the last have a value, (n,).
-        quantity: that misses.
-        view: only its window counts.
+    `stale` are samples without one, `known` those of which the first and the last have one, (n,)
+    each.
     """
     within = np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
     lasts_ns = stale.sum() * np.median(np.diff(speed.data.t, append=speed.data.t[-1]))

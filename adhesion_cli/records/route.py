@@ -135,9 +135,8 @@ def find_route(log: Log) -> Route:
 def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -> Route:
     """Where a train was.
 
-    Args:
-        columns: by meaning: positions and distances [m], latitudes and longitudes [°].
-        speed: of the train [m/s], where it is known: no place moves faster.
+    `columns` are positions and distances [m], latitudes and longitudes [°], by meaning. No place
+    moves faster than `speed` [m/s].
     """
     coordinates = _coordinates(columns, speed)
     for source in _ALONG:
@@ -154,12 +153,7 @@ def make_route(columns: Mapping[Meaning, Column], speed: Column | None = None) -
 
 
 def check_route(log: Log, vehicle: Vehicle) -> list[Finding]:
-    """Findings on places that jump, and on a way that contradicts the speed.
-
-    Args:
-        log: with its channels' meanings.
-        vehicle: for the wheels' radii, where the log has no train speed.
-    """
+    """Findings on places that jump, and on a way that contradicts the speed."""
     speed = _speed(log, vehicle)
     has_train = any(c.meaning == "train_speed" and len(c.data.t) > 1 for c in log.channels)
     share = _CONTRADICTION if has_train else _CONTRADICTION_TO_WHEELS

@@ -42,14 +42,7 @@ class Screened(NamedTuple):
 
 
 def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Screened:
-    """The channels that records are made of.
-
-    Args:
-        choice: of the log.
-        vehicle: for the force line.
-        view: findings are of its window only.
-        p: thresholds of the checks.
-    """
+    """The channels that records are made of."""
     channels, findings = sample_and_hold.remove_repeats(choice.channels, view)
 
     def remove_faults(faults: Mapping[Key, Sequence[Fault]]) -> Channels:

@@ -130,10 +130,8 @@ def _silent(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> Bools:
 def _turns(value: Floats, largest_noise: float, clear_change: float) -> Bools:
     """Where small changes up and down follow each other, shape (k - 2,).
 
-    Args:
-        value: of stretches that follow each other (k,).
-        largest_noise: a larger change is no noise.
-        clear_change: one of both must be larger than this.
+    `value` is of stretches that follow each other (k,). A change above `largest_noise` is no noise;
+    one of both must be larger than `clear_change`.
     """
     changes = np.diff(value)
     rising, falling, size = changes > 0.0, changes < 0.0, np.abs(changes)

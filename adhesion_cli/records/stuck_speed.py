@@ -45,14 +45,7 @@ class Params(NamedTuple):
 def find_wheel_faults(
     p: Params, channels: Channels, axles: Sequence[AxleKeys], vehicle: Vehicle
 ) -> dict[Key, list[Fault]]:
-    """Where the wheel speed of each axle is stuck.
-
-    Args:
-        p: thresholds.
-        channels: of the log, without other faults.
-        axles: which channels are which axle's.
-        vehicle: for the force line.
-    """
+    """Where the wheel speed of each axle is stuck."""
     faults = {}
     for axle in reversed(axles):
         speed, brake = channels.get(axle.speed), channels.get(axle.brake)
@@ -86,17 +79,11 @@ def stuck(
     """Samples at which a stuck speed sensor repeats its last value, shape (n,).
 
     The speed should have changed as much as the other axles and the train. Where the log has none,
-    the usual effect of the brake counts. Then the speed leaps by a good part of that,
-    or never changes again. A wheel that turns from sliding to recovering leaves its value gently.
-    The highest value of all may be the end of the sensor's range: there the train speed counts. So
-    it does where no other wheel moves.
-
-    Args:
-        p: thresholds.
-        speed: wheel speed [rad/s], or train speed [m/s].
-        clamping: K at the speed's times, shape (n,).
-        other_speeds: speeds of other axles and the train, in any unit.
-        among: of what the others moved by, what counts.
+    the usual effect of the brake counts. Then the speed leaps by a good part of that, or never
+    changes again. A wheel that turns from sliding to recovering leaves its value gently. The
+    highest value of all may be the end of the sensor's range: there the train speed counts. So it
+    does where no other wheel moves. The speed is in rad/s, of a train in m/s, `clamping` is K at
+    its times, (n,), and `among` says what counts of that by which the others moved.
     """
     y, equal_runs = speed.data.value, runs(speed)
     value = equal_runs.value

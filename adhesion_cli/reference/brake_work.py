@@ -21,13 +21,7 @@ class BrakeWork(NamedTuple):
 
 
 def brake_work(record: AxleRecord, vehicle: Vehicle, pieces: Iterable[slice]) -> BrakeWork:
-    """The work of an axle's brakes at the rim of its wheels.
-
-    Args:
-        record: of the axle.
-        vehicle: with its tolerances.
-        pieces: of the record, over none of which a gap lies.
-    """
+    """The work of an axle's brakes at the rim of its wheels, over pieces without a gap."""
     axle_vehicle = vehicle.of_axle(record.axle)
     phi, rim = axle_vehicle.friction.value, record.wheel_speed * vehicle.radius(record.axle).value
     friction = record.friction_clamping_smooth

@@ -31,11 +31,7 @@ MOTORS = "ed_force"  # name of the row for the force of the motors
 def coefficient_u95(u95: float, force: float, vehicle: Vehicle, together: float) -> float:
     """Expanded uncertainty of F/(m g), times the stated m g: the mass has a tolerance, too [N].
 
-    Args:
-        u95: expanded uncertainty of F [N].
-        force: F [N].
-        vehicle: with the mass.
-        together: covariance of F with ln m [N].
+    `u95` is that of F, `together` the covariance of F with ln m [N].
     """
     share = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
     added = share**2 * force**2 - 2.0 * together * force
@@ -45,13 +41,7 @@ def coefficient_u95(u95: float, force: float, vehicle: Vehicle, together: float)
 def contributions_by_parameter(
     record: AxleRecord, vehicle: Vehicle, reference: Reference
 ) -> Mapping[str, Floats]:
-    """By how much each parameter's tolerance moves the force of an axle [N]; (n,) each.
-
-    Args:
-        record: one axle's record.
-        vehicle: with its tolerances.
-        reference: the force; NaN where it is not known.
-    """
+    """By how much each parameter's tolerance moves the force of an axle [N]; (n,) each."""
     w = wheelset(vehicle, record.axle)
     record = with_fade(record, vehicle)
     K, speed = record.clamping_force_smooth, record.wheel_speed * w.radius
@@ -73,12 +63,8 @@ def mean_budget(
 ) -> tuple[tuple[Contribution, ...], Coverage]:
     """The budget of the mean force of a brake application, the largest share first, and its sum.
 
-    Args:
-        axle: with its reference.
-        vehicle: with its tolerances.
-        columns: of the axle, from `contributions_by_parameter`.
-        mean: over the application's samples with a force, of a column of shape (n,).
-        samples: how many these are.
+    `columns` are from `contributions_by_parameter`. `mean` is that over the application's `samples`
+    with a force, of a column of shape (n,).
     """
     contributions = {name: mean(column) for name, column in columns.items()}
     noise = mean(axle.reference.sigma)

@@ -112,14 +112,7 @@ class MeanBrake(NamedTuple):
 def evidence(
     explanation: Explanation, start_ns: int, record: AxleRecord, applications: Sequence[slice]
 ) -> Evidence:
-    """What a log says.
-
-    Args:
-        explanation: of how its train slows.
-        start_ns: first time of the explanation's grid [ns].
-        record: of its first axle.
-        applications: of that record.
-    """
+    """What a log says; `start_ns` is the first time of the explanation's grid [ns]."""
     seconds = (record.t - start_ns) * 1e-9
     spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1])) for s in applications)
     return Evidence(
@@ -154,13 +147,7 @@ def calibrate_vehicle(
 ) -> Calibrated:
     """The vehicle of a posterior, which the next log's error from log to log widens.
 
-    Args:
-        vehicle: as stated.
-        record: any of the logs.
-        brake_point: the mean brake of the logs, from `mean_brake`.
-        prior: of the shared parameters, from `prior`.
-        posterior: their posterior.
-        logs: how many there are.
+    `record` is any of the logs', `prior` and `posterior` are of the shared parameters.
     """
     covariance = posterior.covariance.copy()
     for i, sigma in LOG_TO_LOG.items():  # the next log differs, and each of these did
@@ -182,9 +169,7 @@ def brake_shares(vehicle: Vehicle) -> dict[str, float]:
 def slowing_shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
     """By how much each tolerance moves ln s: C is `brake_shares`, M is `axle_mass`.
 
-    Args:
-        vehicle: with its tolerances.
-        radius: whether the speed is ω times the stated radius, not a measured train speed.
+    `radius`: whether the speed is ω times the stated radius, not a measured train speed.
     """
     R, w = vehicle.radius(1), wheelset(vehicle, 1).rolling
     radius_factor = 2.0 * (1.0 - w) - radius  # a rim speed is ω times the radius that is stated
@@ -220,10 +205,7 @@ def prior(
 def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:
     """1 sigma of ln s by what is stated.
 
-    Args:
-        vehicle: with its tolerances.
-        by_wheels: whether the deceleration is that of the wheels.
-        train: how alike its axles are.
+    `by_wheels`: whether the deceleration is that of the wheels.
     """
     shares = slowing_shares(vehicle, by_wheels)
     return math.hypot(math.sqrt(float(vehicle.covariance(shares, shares))), train.alike)
@@ -232,14 +214,7 @@ def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:
 def _vehicle(
     v: Vehicle, brake_point: MeanBrake, prior: dict[int, Parameter], posterior: solve.Posterior
 ) -> tuple[Vehicle, dict[str, CalibratedParameter], Floats]:
-    """The calibrated vehicle, the table, and the correlation of its rows.
-
-    Args:
-        v: as stated.
-        brake_point: the mean brake of the logs.
-        prior: of the shared parameters.
-        posterior: the posterior of these.
-    """
+    """The calibrated vehicle, the table, and the correlation of its rows."""
     n, shares = len(model.UNITS), slowing_shares(v, brake_point.by_wheels)
     mass, inertia = ({name: _share(v, name)} for name in ("axle_mass", "wheelset_inertia"))
     errors = (brake_shares(v), mass, inertia)
@@ -324,11 +299,7 @@ def _posterior_vehicle(
 def _scaled_table(v: Vehicle, table: FrictionTable, determined: _Values, speed: float) -> _Values:
     """The friction table of the posterior: scaled, and tilted by what φ changes with speed.
 
-    Args:
-        v: as stated.
-        table: its table.
-        determined: the posterior; its friction is the scale.
-        speed: at which the tilt is 1 [m/s].
+    `determined` is the posterior, whose friction is the scale. The tilt is 1 at `speed` [m/s].
     """
     scale, fade = determined["friction"], determined["friction_fade"]
     factor = scale.value * v.friction.value / table.reference

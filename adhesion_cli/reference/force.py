@@ -79,12 +79,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
 
     They are NaN in a segment of too few samples, where the wheel stands, and where a motor drives
     it. The run-out of a tone ring is removed first. If the pressure is delayed, sigma contains the
-    error of K.
-
-    Args:
-        record: one axle's record, `faded`.
-        vehicle: its values give F, its tolerances the band.
-        method: a name from `METHODS`.
+    error of K. The record is `faded`. The vehicle's values give F, its tolerances the band.
 
     Raises:
         UserError: the method is not known.
@@ -394,15 +389,8 @@ def _as_means(
     """The probability that speeds are means since the last one, the rates then, and the samples.
 
     Where samples are sparse, nothing shows it: both are as likely. Without a probability there are
-    no rates.
-
-    Args:
-        runs: unbroken runs of the record.
-        wheel: the same for the smoother.
-        informative: the samples of these that tell something, as speeds of their instant.
-        fitted: the noise of these.
-        regimes: when the wheel rolls and slides.
-        prior: of the noise.
+    no rates. `informative` are the samples of `wheel` that tell something, as speeds of their
+    instant, and `fitted` is their noise.
     """
     means = [informative_samples(run, mean=True) for run in wheel]
     probability, noise = 0.5, fitted

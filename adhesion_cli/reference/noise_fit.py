@@ -180,11 +180,8 @@ def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:
     whose means vary as much. A wheel that is not braked shows them best, for it has no force. Where
     it is always braked, only means count that move more than the force moves them. Vibration in a
     narrow band can leave these means alone: there the peak of the spectrum without brake counts.
-    The variance is 0 where neither is clearly above white noise.
-
-    Args:
-        run: the readings.
-        steps: quantisation step of each; a step bounds its errors, which are not counted.
+    The variance is 0 where neither is clearly above white noise. A quantisation step bounds its
+    errors, which are not counted.
     """
     z = run.y - running_integral(run.t, run.u)
     starts, sizes = _slices(run.t, _SLICE)

@@ -23,12 +23,8 @@ _ANGLE_STEP = 0.1  # of a turn at the end of a stretch: step of the search for t
 def find_run_out(t: Floats, y: Floats) -> tuple[Floats, float]:
     """The run-out in a wheel speed, and its largest share A; 0 where it is not certain.
 
-    Args:
-        t: time of an uninterrupted run [s], shape (n,).
-        y: wheel speed [rad/s], shape (n,).
-
-    Returns:
-        The part of y [rad/s], shape (n,), and A [-].
+    Times [s] and speeds [rad/s] are those of an uninterrupted run, shape (n,). The run-out is the
+    part of y [rad/s], shape (n,).
     """
     run_out_speed, largest = np.zeros(len(t)), 0.0
     count = max(1, round((t[-1] - t[0]) / _STRETCH))

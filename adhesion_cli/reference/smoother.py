@@ -92,11 +92,8 @@ def fit(
 ) -> tuple[MeasurementNoise, float]:
     """The most likely noise levels and their log posterior.
 
-    Args:
-        runs: what was measured.
-        regimes: the regimes.
-        prior: what is known beforehand.
-        start_noise: levels that fit nearly the same measurements, as a start; else the guess is.
+    The search starts at `start_noise`, levels that fit nearly the same measurements, or at the
+    guess.
     """
     width, guess, floor = np.array(prior.decades) * math.log(10.0), prior.guess, prior.floor
 

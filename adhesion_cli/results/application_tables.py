@@ -56,9 +56,7 @@ _SHOWN_STOPS = 20  # of more, the worst ones
 def stop_table(summaries: Sequence[ResultSummary], all_rows: bool = False) -> list[TitledTable]:
     """The stops of the whole train, of one log or of several; none without a stop.
 
-    Args:
-        summaries: of the logs.
-        all_rows: whether each stop is shown, with all of its figures.
+    With `all_rows` each stop is shown, with all of its figures.
     """
     named = [
         (_named(Path(x.log.path).name if len(summaries) > 1 else ""), stop)
@@ -84,10 +82,8 @@ def application_tables(
 ) -> list[TitledTable]:
     """The brake applications: a row each, or, where they are many, a row per stop.
 
-    Args:
-        summaries: of one log or of several.
-        all_rows: whether each brake application of each axle has its row, however many.
-        cars: name of the car of each axle, where it is stated.
+    With `all_rows` each brake application of each axle has its row, however many. `cars` has the
+    name of the car of each axle, where it is stated.
     """
     is_single = len(summaries) == 1
     logs = [

@@ -55,10 +55,7 @@ _MANIFEST_HEAD = "# adhesion: written last, when the files below were whole\n"  
 def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) -> None:
     """Refuse before the long work what could not be written after it.
 
-    Args:
-        paths: everything the run will write.
-        force: whether existing results may be replaced.
-        inputs: what it reads, which must survive.
+    `inputs` are what the run reads, which must survive.
 
     Raises:
         UserError: a target is a URL, its folder is missing or read-only, a result exists already,
@@ -134,15 +131,9 @@ def outputs(
 ) -> Iterator[list[Path]]:
     """Places to write to; on leaving without an exception they get their names, all or none.
 
-    With several files a manifest of their SHA-256 is written to the same folder.
-
-    Args:
-        paths: final names; the first is the record the others are made from.
-        force: whether existing results may be replaced.
-        inputs: what the run reads, which must survive.
-
-    Yields:
-        One path to write to for each final name. They have no suffix.
+    With several files a manifest of their SHA-256 is written to the same folder. The first path is
+    the record that the others are made from. `inputs` are what the run reads, which must survive.
+    The places have no suffix.
 
     Raises:
         UserError: as `check`, or the disk is full, fails or refuses.
@@ -161,14 +152,7 @@ def sets(
 ) -> Iterator[list[list[Path]]]:
     """Several sets of `outputs`, as there: none appears before all are written and on the disk.
 
-    Args:
-        path_sets: the final names of each set.
-        force: whether existing results may be replaced.
-        inputs: what the run reads, which must survive.
-        sweeps: whether what killed runs left goes first; a folder with many files takes long.
-
-    Yields:
-        The paths to write to, of each set.
+    Without `sweeps`, what killed runs left stays: a folder with many files takes long.
     """
     targets = [path for paths in path_sets for path in paths]
     check(targets, force, inputs=inputs)

@@ -9,13 +9,7 @@ _AXLES = ".axles"
 
 
 def parameter(settings: Mapping[str, str], name: str, axle: int) -> Parameter:
-    """A vehicle parameter of an axle.
-
-    Args:
-        settings: dotted keys with JSON values.
-        name: of the parameter.
-        axle: number, from 1.
-    """
+    """A vehicle parameter of an axle, from dotted keys with JSON values."""
     section, place = _place(settings, axle)
     key = f"{section}.{name}"
     if several := settings.get(key):

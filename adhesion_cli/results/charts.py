@@ -62,11 +62,6 @@ class Panel:
 def write(path: Path, title: str, panels: Sequence[Panel]) -> None:
     """Write the panels row by row under a title; the same panels give the same bytes.
 
-    Args:
-        path: file to write; its old content is lost.
-        title: above all panels.
-        panels: the charts.
-
     Raises as `verified.verified`.
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps fonts is no result

@@ -22,8 +22,7 @@ def _files() -> dict[str, FileDescriptorProto]:
 def schema(name: str) -> bytes:
     """FileDescriptorSet of one message and its imports, as an MCAP schema record carries it.
 
-    Args:
-        name: without the package, as "AxleInput".
+    The name is without the package, as "AxleInput".
     """
     file = _files()[f"adhesion/{name}.proto"]
     imports = [_files()[path] for path in file.dependency]  # which import nothing

@@ -84,11 +84,8 @@ def find_friction_differs(
 ) -> list[Finding]:
     """The finding on each group that brakes otherwise than the first; its remedy is commands.
 
-    Args:
-        runs: all of them.
-        groups: of `group_by_friction`.
-        vehicle_files: files of the stated vehicle.
-        by_name: whether runs are called by their logs, not by their places.
+    `vehicle_files` are those of the stated vehicle. `by_name` calls runs by their logs, not by
+    their places.
     """
     if len(groups) < 2:
         return []

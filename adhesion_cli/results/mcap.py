@@ -90,14 +90,9 @@ def write_results(
     """Write analysed logs, read the file back and check it.
 
     Topics and metadata of several logs are parted by their names. A file of one log can be analysed
-    again.
-
-    Args:
-        path: file to write; its old content is lost.
-        results: the analysed logs.
-        metrics: the document that `--json` prints, kept as metadata `adhesion.metrics`.
-        slip: what `slip --json` prints of the log, kept as metadata `adhesion.slip`.
-        full: whether all that was computed on a long log is written, see `thinning`.
+    again. `metrics` is the document that `--json` prints, kept as metadata `adhesion.metrics`, and
+    `slip` that of `slip --json`, as `adhesion.slip`. With `full` all that was computed on a long
+    log is written, see `thinning`.
 
     Raises as `verified.verified`, and for a time stamp that MCAP cannot hold.
     """
@@ -119,9 +114,7 @@ def write_results(
 def write_log(path: Path, log: Log) -> None:
     """Write a log as one topic of `adhesion.Scalar` per channel, each with its unit.
 
-    Args:
-        path: file to write; its old content is lost.
-        log: channels with a meaning are in SI, others in the unit they state.
+    Channels with a meaning are in SI, others in the unit they state.
 
     Raises as `write_results`.
     """
@@ -142,15 +135,8 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
 ) -> None:
     """Write one stop in closed loop as a result: a log of what the unit measured, with the truth.
 
-    Args:
-        path: file to write; its old content is lost.
-        name: of the scenario.
-        stop: the stop.
-        vehicle: that was stopped.
-        settings: as of a result, with all that the stop was made from; whoever reads the file as
-            a log takes them.
-        metrics: the document that `--json` prints, kept as metadata `adhesion.metrics`.
-        sources: literature of the methods in the loop.
+    `settings` has all that the stop was made from; whoever reads the file as a log takes them.
+    `metrics` is the document that `--json` prints, kept as metadata `adhesion.metrics`.
 
     Raises as `verified.verified`.
     """
@@ -177,12 +163,7 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
 class GrowingResult:
     """A result that grows with its log. What `add` wrote can be read, even after a kill.
 
-    Args:
-        file: to write, empty.
-        log: name of the log.
-        settings: every parameter in force.
-        vehicle: for the coefficient.
-        nothing: `Samples` of no row for each axle, with the estimators that will come.
+    `nothing` has `Samples` of no row for each axle, with the estimators that will come.
     """
 
     def __init__(

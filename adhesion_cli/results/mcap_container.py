@@ -43,10 +43,7 @@ class Packed(NamedTuple):
 def packed(messages: bytes, index: Mapping[int, Offsets], level: int = 3) -> Packed:
     """Compresses messages; several threads may do so at once.
 
-    Args:
-        messages: whole records.
-        index: log times [ns] and offsets of each channel's messages, by its id; shape (n, 2).
-        level: of zstd.
+    `index` has log times [ns] and offsets of each channel's messages, by its id; shape (n, 2).
     """
     chunk = Chunk(
         compression="zstd",
@@ -62,10 +59,7 @@ def packed(messages: bytes, index: Mapping[int, Offsets], level: int = 3) -> Pac
 class Container:
     """A file that is written front to back: definitions before the chunks that use them.
 
-    Args:
-        file: empty, open for writing.
-        profile: what the header says of the messages.
-        library: what the header says of the program.
+    The header says `profile` of the messages, and `library` of the program.
     """
 
     def __init__(self, file: BinaryIO, profile: str, library: str) -> None:

@@ -166,10 +166,7 @@ def describe_reasons(stops: Sequence[StopSummary]) -> str:
 def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[TitledTable]:
     """The tables of a series, those with rows.
 
-    Args:
-        x: the series.
-        braked_weight: whether the braked weight percentage is among them.
-        budget: whether the uncertainty budget is.
+    With `braked_weight` and `budget` these are among them.
     """
     stops = x.stops
     in_order = [s.stop for s in stops]

@@ -158,11 +158,7 @@ def parameters(rows: Mapping[str, CalibratedParameter]) -> Any:
 
 
 def series(arrays: Mapping[str, tuple[Any, str]]) -> Any:
-    """Arrays of one length as a table, a field each.
-
-    Args:
-        arrays: by name, the array of shape (n,) and its unit.
-    """
+    """Arrays of one length (n,), each with its unit, as a table: a field each."""
     fields = [_field(name, pa.array(x[:0]).type, unit) for name, (x, unit) in arrays.items()]
     return pa.table([pa.array(x) for x, _ in arrays.values()], schema=pa.schema(fields))
 
@@ -202,10 +198,7 @@ def kind(path: Path) -> str:
 def write(path: Path, suffix: str, sheets: Mapping[str, pa.Table]) -> None:
     """Write tables in the format of a suffix, see `kind`.
 
-    Args:
-        path: file to write; its old content is lost.
-        suffix: of its name; a workbook holds all tables, other files the first one.
-        sheets: a `pyarrow.Table` by the name of its sheet.
+    A workbook holds all tables, by the names of their sheets, other files the first one.
 
     Raises as `verified.verified`.
     """

@@ -50,12 +50,8 @@ def table(
 ) -> str:
     """Columns under their header: texts to the left, numbers to the right.
 
-    Args:
-        header: the names of the columns; they are never folded.
-        rows: the cells.
-        text_columns: how many columns are texts, from the left.
-        width: columns to fold texts to, else those of the terminal. Numbers are never folded:
-            the table is wider where they have no room.
+    The first `text_columns` columns are texts. They are folded to `width`, or to the terminal.
+    Names of columns and numbers are never folded: the table is wider where they have no room.
     """
     from rich.cells import cell_len
     from rich.console import Console
@@ -125,9 +121,7 @@ def folded(text: str, indent: str = "", width: int | None = None) -> str:
 def when_and_where(time: str | None, km: float | None = None) -> dict[str, str]:
     """The columns of the log's clock and of the position on the line, where a log has them.
 
-    Args:
-        time: ISO 8601, None without a calendar.
-        km: the position, None where not known.
+    `time` is ISO 8601, None without a calendar.
     """
     clock = {"clock": time.partition("T")[2][:8]} if time else {}
     return clock if km is None else clock | {"km": number(km, 3)}
@@ -141,10 +135,7 @@ def number(value: float | None, digits: int = 0) -> str:
 def with_u95(x: Sequence[float | None] | None, factor: float = 1.0, digits: int = _DECIMALS) -> str:
     """A value with its uncertainty, the first two numbers of `x`; a dash without them.
 
-    Args:
-        x: value and expanded uncertainty; a value that is None says nothing.
-        factor: to the unit that is shown.
-        digits: decimals, as of `by_uncertainty`.
+    A value that is None says nothing. `factor` is to the unit that is shown.
     """
     if x is None:
         return DASH

@@ -106,10 +106,6 @@ def group_numbers(
 ) -> list[tuple[str, list[int]]]:
     """Axles by their cars; by fours, as on a car, where no car is stated. Names and numbers.
 
-    Args:
-        numbers: of the axles, rising.
-        cars: name of the car of each axle, where it is stated.
-
     >>> group_numbers(range(1, 7))
     [('1–4', [1, 2, 3, 4]), ('5–6', [5, 6])]
     >>> group_numbers([1, 2, 3], {1: "A", 2: "A", 3: "B"})

@@ -68,12 +68,7 @@ def describe_vehicles(logs: Sequence[VehicleOfLog]) -> list[str]:
 
 
 def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ()) -> str:
-    """The line, as plain text.
-
-    Args:
-        vehicle: that was used.
-        axles: of the result, whose µ has an uncertainty.
-    """
+    """The line, as plain text; the µ of these axles has an uncertainty."""
     statement = "stated in part" if vehicle.unstated else "not stated"
     extent = "whole " if vehicle.unstated else ""
     if not vehicle.known:

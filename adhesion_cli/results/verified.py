@@ -14,10 +14,7 @@ _BLOCK = 1 << 20  # bytes read at once
 
 @contextmanager
 def verified(path: Path) -> Iterator[BinaryIO]:
-    """A file to write to, front to back; on leaving it is read back and checked.
-
-    Args:
-        path: file to write; its old content is lost.
+    """A file to write to, front to back; its old content is lost. On leaving it is read back.
 
     Raises:
         UserError: it does not read back.

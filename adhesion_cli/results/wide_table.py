@@ -28,10 +28,6 @@ _ROWS = 1 << 16  # made at once
 def write_csv(path: Path, log: Log) -> None:
     """Write a log with units in the header; a cell without a value is empty.
 
-    Args:
-        path: file to write; its old content is lost.
-        log: channels with a meaning are in SI, others in the unit they state.
-
     Raises as `verified.verified`.
     """
     titles = map(names.cell, _titles(log))

@@ -41,9 +41,6 @@ class _SheetColumn(NamedTuple):
 def workbook(path: Path) -> Iterator["Workbook"]:
     """A workbook that is written when the context ends without an error.
 
-    Args:
-        path: file to write; its old content is lost.
-
     Raises as `verified.verified`.
     """
     from xlsxwriter import Workbook as Writer
@@ -79,9 +76,7 @@ class Workbook:
     def sheet(self, name: str, schema: Any) -> "Sheet":
         """Adds an empty sheet.
 
-        Args:
-            name: of the sheet, 31 characters at most.
-            schema: of its table; a field states its unit in the metadata.
+        The name has 31 characters at most. A field of the schema states its unit in the metadata.
         """
         sheet = self._writer.add_worksheet(name)
         sheet.freeze_panes(1, 0)

@@ -100,12 +100,8 @@ def run(
 ) -> BrakeTest:
     """Evaluates a series.
 
-    Args:
-        logs: the logs, each of one group or of none where the plan has no groups.
-        load: gives the settings with those of further files: a group may state its vehicle.
-        plan: of the series.
-        request: what of each log is taken.
-        progress: receives a line at each step.
+    Each log is of one group, or of none where the plan has no groups. `load` gives the settings
+    with those of further files: a group may state its vehicle.
 
     Raises:
         UserError: a log is in no group, or every log fails.

@@ -83,11 +83,6 @@ def calibrate(
 ) -> CalibrationRun:
     """Calibrates one vehicle.
 
-    Args:
-        paths: its logs.
-        settings: see `analyze`.
-        progress: receives a line at each step.
-
     Raises:
         UserError: where a log cannot be read, or is a result; where the logs do not determine the
             vehicle; where they contradict each other.
@@ -343,12 +338,7 @@ def as_tables(calibration: CalibrationRun) -> dict[str, Json]:
 
 
 def document(calibration: CalibrationRun, outputs: dict[str, str]) -> Json:
-    """The document of `calibrate`.
-
-    Args:
-        calibration: the calibration.
-        outputs: the files written, by format.
-    """
+    """The document of `calibrate`; `outputs` are the files written, by format."""
     result = calibration.result
     return tagged(
         "calibrate",

@@ -24,13 +24,8 @@ def identify_together(
 
     Where logs show different brakes, as with old and with new pads, each group of logs has its own,
     within the tolerances of what is stated. None for a log that is alone, that cannot be read, or
-    that carries its vehicle.
-
-    Args:
-        paths: of the logs.
-        settings: what is stated.
-        axles: those asked for, all if empty.
-        window: seconds after each log's start.
+    that carries its vehicle. Only these `axles` count, all if empty, in a window of seconds after
+    each log's start.
     """
     logs: dict[int, AlignedLog] = {}
     for place, path in enumerate(paths if len(paths) > 1 else ()):

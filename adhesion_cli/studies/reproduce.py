@@ -123,9 +123,7 @@ def reproduce(
 ) -> Reproduction:
     """Both conditions of section 3 and the field test of section 4, measured.
 
-    Args:
-        seeds: of the noise; fewer of them are used where the noise matters little.
-        progress: receives a line at each step.
+    Fewer of the seeds of the noise are used where it matters little.
     """
     progress("constant adhesion")
     alternatives = [

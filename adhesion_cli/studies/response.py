@@ -48,11 +48,7 @@ def responses(
 ) -> list[FrequencyResponse]:
     """The response at each of `AMPLITUDES`, or a single one where they make no difference.
 
-    Args:
-        est: the estimator.
-        p: its parameters, from `methods.validate`.
-        w: constants of the wheelset.
-        frequencies: rising, below half of 1/`STEP` [Hz].
+    The frequencies rise, below half of 1/`STEP` [Hz].
     """
     f = np.array(frequencies)
     measured = np.array([[_answer(est, p, w, x, A) / A for x in f] for A in AMPLITUDES])

@@ -83,13 +83,7 @@ def tune(
 ) -> Tuned:
     """Tunes one estimator.
 
-    Args:
-        paths: at least two logs.
-        settings: see `analyze`.
-        algo: the estimator's name.
-        hold_back: share of the logs that the search does not see.
-        seed: of their choice.
-        progress: receives a line at each step.
+    `hold_back` is the share of the logs that the search does not see, `seed` that of their choice.
 
     Raises:
         UserError: a log cannot be read, too few have a brake application, or the result is not
@@ -227,9 +221,7 @@ def _split(names: Sequence[str], hold_back: float, seed: int) -> tuple[list[str]
 class _Space:
     """The parameters that are searched, as coordinates: logarithms where they span decades.
 
-    Args:
-        est: the estimator.
-        default_parameters: its parameters; those that are 0 by default stay.
+    Parameters that are 0 by default stay.
     """
 
     def __init__(self, est: Estimator, default_parameters: Any) -> None:

@@ -198,14 +198,8 @@ def run(
 ) -> Stop:
     """One stop.
 
-    Args:
-        scenario: train, brake, rail and WSP. Its sensors and its simple WSP belong to the log and
-            are not used.
-        controller: a name in `controller.registry()`.
-        seed: of the sensors' noise, in place of the scenario's.
-        algo: online estimator in the loop.
-        settings: as in `wsp_controller.choose`.
-        track: the rail, in place of the scenario's.
+    The scenario's sensors and its simple WSP belong to its log and are not used. `seed` and `track`
+    stand in place of its own; `settings` are those of `wsp_controller.choose`.
 
     Raises:
         UserError: no such controller or estimator, a parameter unknown, out of range or unstable,
@@ -243,12 +237,8 @@ def follow(scenario: Scenario, track: RailConditions, logged: Logged) -> Stop:
 
     A wheel that slides has the log's slip, and so the force of the rail at that slip. With the
     logged pressures alone it would lock or roll: a wheel past the peak is not stable. The pads'
-    friction scales the forces of wheels that do not slide.
-
-    Args:
-        scenario: train and brake.
-        track: the rail.
-        logged: what the log shows, from the start of the scenario on.
+    friction scales the forces of wheels that do not slide. What the log shows begins with the
+    scenario.
 
     Raises:
         UserError: the train does not stop.
@@ -398,9 +388,7 @@ def speed_noise(s: Scenario) -> float:
 def dry_distance(scenario: Scenario, track: RailConditions | None = None) -> float:
     """Stopping distance of the same train and brake on dry rail, without controller [m].
 
-    Args:
-        scenario: train and brake.
-        track: whose resistance acts, too.
+    The resistance of `track` acts, too.
     """
     dry = replace(scenario, rail=DRY, train=replace(scenario.train, cleaning=()))
     rail = plants.track_of(dry)

@@ -25,13 +25,9 @@ def antiskid_document(
 ) -> Json:
     """The `adhesion.antiskid/1` document.
 
-    Args:
-        stop: one of the stops: they share estimator and seed.
-        scenario: its name.
-        parameters: in force, from `wsp_controller.parameters`.
-        dry: stopping distance on dry rail [m], None where it is not known.
-        controllers: fields of each controller's `Verdict`.
-        more: limits, or entries of a replayed log.
+    `stop` is one of the stops, which share estimator and seed. `dry` is the stopping distance on
+    dry rail [m], None where it is not known. `controllers` has the fields of each controller's
+    `Verdict`, `more` has limits or entries of a replayed log.
     """
     head = {"scenario": scenario, "seed": stop.seed, "estimator": stop.algo}
     body = {"parameters": parameters, "dry_distance_m": dry, "controllers": controllers}
@@ -78,13 +74,7 @@ def stop_settings(
 ) -> Json:
     """All that a stop was made from, as the settings its file carries.
 
-    Args:
-        stop: the stop.
-        case: its scenario.
-        settings: as stated.
-        settings_tree: those of the vehicle and the bands, from `settings.tree`.
-        track: the fitted rail, where that is not the scenario's.
-        more: on the log it was fitted to.
+    `settings_tree` states vehicle and bands, `more` the log that `track` was fitted to.
     """
     unused = ("vehicle", "sensor", "wsp", "limit")  # the vehicle has its own section
     loop: Json = {"controller": stop.controller, "estimator": stop.algo, **more}

@@ -55,12 +55,8 @@ def estimate_next(
 ) -> TrainEstimate:
     """The train one step later.
 
-    Args:
-        previous: at the step before.
-        rolls: whether any axle does.
-        fastest: largest rim speed [m/s].
-        slowing: ΣF̂/Σm [m/s²].
-        h: interval [s].
+    `rolls`: whether any axle does. `fastest` is the largest rim speed [m/s], `slowing` ΣF̂/Σm
+    [m/s²], `h` the interval [s].
     """
     if rolls:
         return TrainEstimate(reference_speed(previous.v, fastest, slowing, h), 0.0, previous.pilot)

@@ -118,9 +118,7 @@ class _Braking(NamedTuple):
 def case(result: Result, train_speed: Literal["measured", "axles"] | None = None) -> Case:
     """The stop of a log with the longest slide, and the rails that are likely under it.
 
-    Args:
-        result: the analysed log.
-        train_speed: source of the WSP's train speed, if not that of `scenario.Antiskid`.
+    `train_speed` is the source of the WSP's train speed, if not that of `scenario.Antiskid`.
 
     Raises:
         UserError: where the log does not show the rail, with the reason.
@@ -263,12 +261,8 @@ def _balanced(
     """Scales of the forces that the deceleration of the train makes likely, too.
 
     Forces whose scale is not known may not slow the train more than it slows, or leave more of its
-    deceleration than resistance and gradient explain.
-
-    Args:
-        scales: true over computed force, of each draw.
-        braking: the stop of the log.
-        impulse: from `_impulse`.
+    deceleration than resistance and gradient explain. `scales` are true over computed force, of
+    each draw.
     """
     sigma = float(np.std(np.log(scales)))
     if impulse is None or not impulse[-1] > 0.0 or not sigma > 0.0:
@@ -328,12 +322,7 @@ def _with_resistance(
 ) -> RailConditions:
     """The track with what slows the train beside its axles: a constant, and drag over v².
 
-    Args:
-        track: the rail.
-        braking: the stop of the log.
-        impulse: from `_impulse`.
-        scale: of the forces.
-        error: of the train's deceleration, as a share.
+    `scale` is that of the forces, `error` that of the train's deceleration, as a share.
     """
     if impulse is None:
         return track
@@ -376,12 +365,7 @@ def answers(
 ) -> tuple[float | None, dict[str, Answer]]:
     """Dry distance [m], None where the demand is not known, and every controller's stop, by name.
 
-    Args:
-        case: the stop.
-        algo: online estimator in the loop.
-        settings: as in `closed_loop.run`.
-        seed: of the sensors' noise.
-        progress: gets the progress.
+    `algo`, `settings` and `seed` are those of `closed_loop.run`.
 
     Raises:
         UserError: as `closed_loop.run`.
@@ -433,13 +417,8 @@ def _draw_rails(
     """Draws of every axle's rail; draw k has similar adhesion of locked wheels under all axles.
 
     The slides do not show how far friction falls. Independent draws of it under each axle would
-    average out, and the stop would seem too certain.
-
-    Args:
-        rails: under each axle; None: dry.
-        scales: true over computed μ, of each draw.
-        vehicle: for the curves.
-        random: for the order of the draws.
+    average out, and the stop would seem too certain. A rail that is None is dry. `scales` are true
+    over computed μ, of each draw.
     """
     order: NDArray[np.int64] | None = None
     conditions: list[list[Condition] | None] = []
@@ -512,11 +491,7 @@ def _brake(result: Result, slides: Sequence[Sequence[Slide]], instant: int) -> t
 
 
 def _last_full_brake(demand: Floats) -> int:
-    """Index at which the brake begins to be released.
-
-    Args:
-        demand: the largest clamping force of all axles [N], shape (n,).
-    """
+    """Index at which the brake begins to be released, by the largest K of all axles [N], (n,)."""
     largest = float(demand.max())
     smallest = float(demand.min())
     offset = smallest if smallest < _OFFSET * largest else 0.0
@@ -551,10 +526,7 @@ def _demand(
 ) -> tuple[Floats, Bools, list[Finding]]:
     """The least demand [N], where it is the demand itself, and findings; shape (n,).
 
-    Args:
-        braking: the stop.
-        firsts: when each axle began to slide, 0: it did not.
-        start_ns: the log's start.
+    `firsts` says when each axle began to slide, 0: it did not.
     """
     sliding_later, findings = [instant == 0 for instant in firsts], []
     seconds = (braking.t - start_ns) * 1e-9
@@ -602,10 +574,7 @@ def _track(
 ) -> RailConditions:
     """Each axle's rail at its places, in their order; dry elsewhere.
 
-    Args:
-        places: of each axle.
-        rails: under each axle; None: dry.
-        scale: true over computed μ, of these rails.
+    A rail that is None is dry. `scale` is true over computed μ, of these rails.
     """
     limits = {x for axle in places for place in axle.spans for x in place if x < INF}
     of_levels = (axle.level_places for axle in places)

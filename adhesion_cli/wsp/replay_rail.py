@@ -58,12 +58,7 @@ def rail_under_axle(
 ) -> tuple[RailUnderAxle, list[Finding]]:
     """The rail under the slides of one stop, and findings about it.
 
-    Args:
-        axle: with its slip.
-        vehicle: of the log.
-        slides: slides of the axle in the stop, in the order of time; at least one.
-        begin: of the stop [ns].
-        stop: of the stop [ns].
+    `slides` are those of the axle in the stop from `begin` to `stop` [ns], in the order of time.
 
     Raises:
         UserError: the slides show no rail, with the reason.

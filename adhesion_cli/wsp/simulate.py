@@ -133,10 +133,7 @@ class Simulation:
 def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) -> Simulation:
     """The true signals of a scenario.
 
-    Args:
-        scenario: from `load`.
-        seed: of the sensor noise, in place of the scenario's.
-        dt: step of integration and output [s], in place of the scenario's.
+    `seed` and `dt`, the step of integration and output [s], stand in place of the scenario's.
 
     Raises:
         UserError: where the step is too long for the scenario, or the run too large for memory.

@@ -158,18 +158,9 @@ def observed(  # noqa: PLR0913 (compiled: plain floats)
 ) -> Observed:
     """The inputs of the controller. Source: [S1].
 
-    ds/dt = −(R dω/dt + (1 − s) |dv/dt|)/v with dω/dt from (1).
-
-    Args:
-        w: the wheelset.
-        train: its speed.
-        y: wheel speed [rad/s].
-        K: clamping force [N].
-        F: estimated adhesion force [N].
-        slowing: deceleration of the train by these forces of its axles [m/s²].
-        k: slope at the operating point.
-        speed_noise: as in `Constants`.
-        at_least: least valve command.
+    ds/dt = −(R dω/dt + (1 − s) |dv/dt|)/v with dω/dt from (1). `y` is the wheel speed [rad/s], K
+    the clamping and F the estimated adhesion force [N], `slowing` the deceleration of the train by
+    these forces [m/s²], `at_least` the least valve command.
     """
     s = slip_of(w.radius, train.v, y)
     rate = w.radius**2 / w.inertia * (w.phi * K - F) - (1.0 - s) * slowing  # (1)
@@ -221,14 +212,8 @@ def tick(  # noqa: PLR0913 (compiled: state, interval and measured values)
 ) -> tuple[TrainEstimate, list[ControlledAxle]]:
     """The train and the state of every axle one tick later.
 
-    Args:
-        c: constants.
-        train: at the tick before.
-        previous: state of every axle at the tick before.
-        h: interval since then [s].
-        v: train speed [m/s]; NaN where it is not measured.
-        y: wheel speeds [rad/s], shape (axles,).
-        K: clamping forces [N], shape (axles,).
+    `h` is the interval since then [s]. `v` is the train speed [m/s], NaN where it is not measured,
+    `y` the wheel speeds [rad/s], K the clamping forces [N], shape (axles,).
     """
     total, fastest, rolls = 0.0, 0.0, False
     sets, estimates = [], []
@@ -280,12 +265,8 @@ def choose(
 ) -> Chosen:
     """A WSP controller.
 
-    Args:
-        controller: a name in `controller.registry()`.
-        algo: online estimator in the loop.
-        settings: parameters by name of controller, of estimator, and of "slope".
-        vehicle: its train.
-        speed_noise: 1 sigma of v − ωR as measured [m/s].
+    `settings` are parameters by name of controller, of estimator, and of "slope". `speed_noise` is
+    1 sigma of v − ωR as measured [m/s].
 
     Raises:
         UserError: an unknown name, a parameter unknown or out of range, a band without width.

@@ -19,13 +19,9 @@ def rows(
     """The rows to draw, rising: every one where there is room, else extremes of equal parts.
 
     Of each part of a column the rows with its lowest and its highest value stay. No value is made
-    up, and no slide or outlier is lost.
-
-    Args:
-        t: seconds (n,).
-        columns: each (n,); NaN where there is no value.
-        ranks: time spans that matter, the most important ones first; what is in none comes last.
-        limit: how many rows may stay, about; at least a few hundred are useful.
+    up, and no slide or outlier is lost. Times are in seconds (n,), each column is (n,), NaN where
+    it has no value. `ranks` are the time spans that matter, the most important ones first; what is
+    in none comes last. About `limit` rows stay; at least a few hundred are useful.
     """
     n = len(t)
     if n <= limit:

@@ -148,12 +148,8 @@ def _of_force(
 ) -> tuple[float, float]:
     """Expanded uncertainty of a difference of mean forces: with shared parameters, without [N].
 
-    Args:
-        a: brake application of the first run.
-        b: of the other one.
-        run: the other one.
-        axle: number of the axle.
-        by_weight: the difference, if it will be divided by the weight: the mass then counts [N].
+    `run` is that of `b`. `by_weight` is the difference [N], if it will be divided by the weight:
+    the mass then counts.
     """
     rows = [{row.quantity: row for row in row_a.budget or ()} for row_a in (a, b)]
     shared: dict[str, float] = {}

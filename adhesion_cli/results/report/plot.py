@@ -19,12 +19,8 @@ _FRAME = 60  # pixels around all figures
 class Plot:
     """Figures below each other with one time axis; a notebook shows them.
 
-    Args:
-        run: what is drawn.
-        axles: numbers of axles that are drawn one by one; none: speeds and µ of all together.
-
-    Attributes:
-        layout: the Bokeh layout, as `bokeh.io.show` takes it.
+    `axles` are drawn one by one; without any, speeds and µ of all together. `layout` is the Bokeh
+    layout, as `bokeh.io.show` takes it.
     """
 
     def __init__(self, run: ReportRun, axles: Sequence[int] = ()) -> None:

@@ -67,8 +67,7 @@ class RunFigures:
 class Figures:
     """All figures of a page, in one document: what is linked stays linked.
 
-    Args:
-        values: numbers in all of them together, about.
+    They have about so many `values`, all of them together.
     """
 
     def __init__(self, values: int = 800_000) -> None:
@@ -78,9 +77,7 @@ class Figures:
     def of_run(self, run: ReportRun, axles: Sequence[int] | None = None) -> RunFigures:
         """Overview, then four or five figures per axle, all with one time axis.
 
-        Args:
-            run: that is drawn.
-            axles: that are drawn one by one; None: those that the run has chosen.
+        `axles` are drawn one by one; None: those that the run has chosen.
         """
         axle_numbers = run.detailed if axles is None else axles
         earliest, latest = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
@@ -100,12 +97,8 @@ class Figures:
     def of_runs(self, runs: Sequence[ReportRun], adhesion: bool = True) -> dict[int, list[str]]:
         """Speed and adhesion coefficient of each axle, all runs from the start of their braking.
 
-        Args:
-            runs: that are overlaid.
-            adhesion: whether the coefficients of the runs may be compared; else there is the speed.
-
-        Returns:
-            places of the figures, by axle.
+        Where the coefficients may not be compared, without `adhesion`, there is the speed. Returns
+        the places of the figures, by axle.
         """
         time = Range1d(*_common_time(runs))
         axle_numbers = runs[0].detailed
@@ -476,13 +469,8 @@ def _common_time(runs: Sequence[ReportRun]) -> tuple[float, float]:
 def _source(axle: ReportAxle, limit: int, zero: float = 0.0) -> tuple[ColumnDataSource, float]:
     """The columns of an axle that are drawn over time, as many rows as there is room for.
 
-    Args:
-        axle: with its columns.
-        limit: numbers, about.
-        zero: where time counts from, after the log's start [s].
-
-    Returns:
-        them, and the usual interval between rows in brake applications, 0 if all are there [s].
+    There are about `limit` numbers. Time counts from `zero`, after the log's start [s]. Returns as
+    well the usual interval between rows in brake applications, 0 if all are there [s].
     """
     brake = axle.pressure * 1e-5 if axle.has_values("pressure") else axle.clamping * 1e-3
     columns = {
@@ -548,14 +536,9 @@ def _edged(
     """The rows, with one more on each side of a stretch where the band is not known.
 
     Bokeh draws an area past points that are not known. It shows nothing there if the band has no
-    height at both sides.
-
-    Args:
-        indices: rows, −1 where a line is broken.
-        finite: whether a row has a band.
-
-    Returns:
-        rows with those at the sides twice, and whether a row is such a second one.
+    height at both sides. A row of `indices` is −1 where a line is broken, `finite` says whether it
+    has a band. Returns the rows with those at the sides twice, and whether a row is such a second
+    one.
     """
     has_value = (indices >= 0) & finite[indices]
     inner = np.flatnonzero(has_value)

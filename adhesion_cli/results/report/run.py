@@ -134,11 +134,8 @@ class ReportRun:
 def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> ReportRun:
     """Reads a result file.
 
-    Args:
-        path: of the file.
-        name: that it will have, if it has none yet.
-        axles: that are drawn one by one; the others have speeds, force and slip. None: as many as a
-            page has room for, the worst ones.
+    `axles` are drawn one by one, the others have speeds, force and slip. None: as many as a page
+    has room for, the worst ones. `name` is that of a file that has none yet.
 
     Raises:
         UserError: for a raw log, a comparison, a damaged file or one of an older version; for axles
@@ -176,12 +173,7 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
 
 
 def of_result(result: Result, summary: ResultSummary) -> ReportRun:
-    """An analysed log that no file holds, as a report shows it.
-
-    Args:
-        result: the analysed log.
-        summary: of it.
-    """
+    """An analysed log that no file holds, as a report shows it."""
     settings, start = flat(result.settings), result.log.start_ns()
     pairs = zip(summary.axles, result.axles, strict=True)
     axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)

@@ -71,10 +71,7 @@ def stretches(state: LoggedState, log_times: Floats = _NO_TIMES) -> tuple[Floats
 
     A sample holds until the next one, until a gap of the log before that, or to the end of the log.
     Of more stretches than a picture shows, the highest value of each of equal times is taken.
-
-    Args:
-        state: of the log.
-        log_times: of the samples of its axles, shape (m,) [s].
+    `log_times` are those of the samples of its axles, shape (m,) [s].
     """
     t, value = state.t, state.value
     end_by_row = _ends_at_gaps(t, decimate.gaps(log_times))

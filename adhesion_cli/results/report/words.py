@@ -190,8 +190,7 @@ def finding_groups(findings: Sequence[FindingSummary]) -> list[FindingGroup]:
 def finding_groups_of_logs(findings: Sequence[tuple[str, FindingSummary]]) -> list[FindingGroup]:
     """The same of several logs; a line that several logs have names them all.
 
-    Args:
-        findings: each after the name of its log, "" where there is one log.
+    Each finding stands after the name of its log, "" where there is one log.
     """
     order = ("error", "warning", "info")
     by_code: dict[tuple[str, str], list[tuple[str, FindingSummary]]] = {}

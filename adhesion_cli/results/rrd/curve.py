@@ -67,17 +67,9 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
 ) -> None:
     """The scatter, the slip band of the AND-test, the operating point as it moves.
 
-    Args:
-        rec: where to.
-        path: of the picture.
-        times: of `t`.
-        t: times [ns], shape (n,).
-        slip: s [-], shape (n,).
-        mu: [-], shape (n,).
-        bands: whose slip band is drawn; None for none.
-        peak: slip and µ of the curve's peak, shape (n,) each, where they are known.
-        fitted: whose curve and peak are drawn; None for none.
-        judged: what is said of the slip that the band judges.
+    Times [ns], slip [-] and µ [-] have shape (n,), as slip and µ of the curve's peak have, where
+    they are known. The slip band of `bands` is drawn, and curve and peak of `fitted`. `judged` says
+    what the band judges.
     """
     frame = _send_scatter(rec, path, slip, mu)
     notes = "blue: start, yellow: end, white: now" + (", red: the rail's peak" if peak else "")

@@ -29,13 +29,7 @@ class LineBars(NamedTuple):
 
 
 def find_bars(result: Result, route: Route, slides: Mapping[int, Sequence[Slide]]) -> LineBars:
-    """The bars of an analysed log.
-
-    Args:
-        result: the analysed log.
-        route: of the train.
-        slides: of each axle, by its number.
-    """
+    """The bars of an analysed log."""
     positions, coefficients, slid = [np.empty(0)], [np.empty(0)], [np.empty(0)]
     for axle in result.axles:
         record, force = axle.record, axle.reference.force
@@ -55,13 +49,7 @@ def find_bars(result: Result, route: Route, slides: Mapping[int, Sequence[Slide]
 
 
 def send_chart(rec: rr.RecordingStream, path: str, bars: LineBars) -> None:
-    """Sends the bars, those with slides in another colour.
-
-    Args:
-        rec: where to.
-        path: of the chart.
-        bars: from `find_bars`.
-    """
+    """Sends the bars, those with slides in another colour."""
     for name, is_in_series, colour in (
         ("rolls", ~bars.slid, palette.SKY),
         ("slides", bars.slid, palette.VERMILLION),

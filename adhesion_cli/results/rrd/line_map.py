@@ -24,18 +24,7 @@ _TEXT, _WAY = 0xD0D0D0FF, 0x8A8A8AFF
 def send_map(
     rec: rr.RecordingStream, path: str, times: Clock, route: Route, slides: Sequence[Slide]
 ) -> bool:
-    """Sends the map.
-
-    Args:
-        rec: where to.
-        path: of the picture.
-        times: of time stamps.
-        route: of the train.
-        slides: of all axles.
-
-    Returns:
-        whether there is one: the log has coordinates.
-    """
+    """Sends the map; returns whether there is one: the log has coordinates."""
     lines = route.lines()
     if not lines or route.coordinates is None:
         return False

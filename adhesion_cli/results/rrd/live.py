@@ -33,12 +33,8 @@ def check_viewer(url: str) -> None:
 class LiveRecording:
     """A recording of samples that arrive.
 
-    Args:
-        name: shown for it.
-        vehicle: for rim speed and coefficient.
-        axles: numbers of the axles that are known; others may come.
-        algos: estimators; the first is shown for all axles.
-        target: a file, or the address of a viewer.
+    The first of the estimators is shown for all axles. `target` is a file, or the address of a
+    viewer.
     """
 
     def __init__(

@@ -41,14 +41,7 @@ def listed(slides: Slides, start_ns: int, route: Route) -> str:
 
 
 def send(rec: rr.RecordingStream, root: str, times: parts.Clock, result: Result) -> None:
-    """Sends a line per axle and chart, each span of samples by its lowest and highest value.
-
-    Args:
-        rec: where to.
-        root: of the log's entities.
-        times: of time stamps.
-        result: of several axles.
-    """
+    """Sends a line per axle and chart, each span of samples by its lowest and highest value."""
     names: dict[str, int] = {}
     groups = _groups(result)
     for i, axle in enumerate(result.axles):

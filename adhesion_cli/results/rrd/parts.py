@@ -47,12 +47,7 @@ def write(
 ) -> None:
     """Writes a recording; its old content is lost.
 
-    Args:
-        path: the file.
-        name: shown for it.
-        source_identity: whatever tells it from other recordings.
-        pages: a tab for each.
-        timeline: that is shown.
+    `source_identity` is whatever tells it from other recordings. Each page is a tab.
 
     Raises as `verified.verified`.
     """
@@ -82,10 +77,6 @@ class RecordingInFile(rr.RecordingStream):
     recording is written at its end, with the footer by which a reader finds its parts. A long one,
     and one that grows, is written bit by bit and has no footer, as with the SDK's `write_footer`
     off: memory is bounded, and a file that a kill has cut can be read.
-
-    Args:
-        file: to write to.
-        recording_id: tells it from others; a new one if it is not given.
     """
 
     def __init__(self, file: BinaryIO, recording_id: str | None = None) -> None:
@@ -296,10 +287,7 @@ def send_band(
 class Layout(rrb.Blueprint):
     """The whole window: side panels shut, every chart on the same time axis, all of it.
 
-    Args:
-        layouts: a tab for each.
-        timeline: that is shown.
-        live: whether the cursor follows the newest samples, or stands.
+    There is a tab for each of `layouts`. With `live` the cursor follows the newest samples.
     """
 
     def __init__(self, layouts: Sequence[rrb.Container], timeline: str, live: bool = False) -> None:

@@ -73,14 +73,9 @@ def write_results(
     """Write analysed logs into one recording.
 
     Several are laid over each other in the first tab, and each has its own tab. On the timeline
-    `brake`, which is then shown, time counts from each log's own brake start.
-
-    Args:
-        path: file to write; its old content is lost.
-        results: the analysed logs.
-        notes: on the slip of each axle of one log, with its rail; with them, slip is shown first.
-        full: whether a long log is drawn with every sample between its brake applications, too.
-        summaries: of the logs, for the tables of stops and brake applications.
+    `brake`, which is then shown, time counts from each log's own brake start. `notes` are on the
+    slip of each axle of one log, with its rail; with them, slip is shown first. With `full` a long
+    log is drawn with every sample between its brake applications, too.
 
     Raises as `verified.verified`.
     """
@@ -173,12 +168,7 @@ class _Page:
     ) -> dict[str, int]:
         """The charts of an axle, by parts of a long log; returns names and colours of forces.
 
-        Args:
-            rec: where to.
-            path: of the axle.
-            axle: that is shown.
-            lane: its rows.
-            bucket_rows: first row of each span of them, see `_spans`.
+        `bucket_rows` has the first row of each span of the lane's rows, see `_spans`.
         """
         _, t, index, inside = lane
         span = -(-2 * len(t) // rows.OVERVIEW)

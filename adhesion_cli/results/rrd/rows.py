@@ -63,12 +63,7 @@ def _places(t: Times) -> NDArray[np.int64]:
 
 
 def spans(index: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """First row of each span of so many rows; a break is a span of its own.
-
-    Args:
-        index: of a lane, (m,).
-        size: of a span.
-    """
+    """First row of each span of `size` rows of a lane's index (m,); a break is its own span."""
     breaks = np.flatnonzero(index < 0)
     starts = np.concatenate([np.arange(0, len(index), size), breaks, breaks + 1])
     return np.unique(starts[starts < len(index)])
@@ -77,10 +72,7 @@ def spans(index: NDArray[np.int64], size: int) -> NDArray[np.int64]:
 def envelope(t: Times, plot: SeriesPlot, starts: NDArray[np.int64]) -> tuple[Times, SeriesPlot]:
     """The lowest and the highest value of each span of rows, in the order in which the line goes.
 
-    Args:
-        t: of the rows [ns], shape (n,).
-        plot: their values.
-        starts: row of each span, rising from 0, shape (k,). A span of one row stays that row.
+    `starts` has the row of each span, rising from 0, shape (k,). A span of one row stays that row.
     """
     if len(starts) == len(t):
         return t, plot

@@ -154,11 +154,6 @@ def _since_start(t: Times) -> list[rr.TimeColumn]:
 def write_stops(path: Path, name: str, page: StopsPage) -> None:
     """Write stops side by side, a tab for each axle.
 
-    Args:
-        path: file to write; its old content is lost.
-        name: of the scenario.
-        page: the stops.
-
     Raises as `verified.verified`.
     """
     key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in page.stops)])
