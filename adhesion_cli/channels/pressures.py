@@ -29,13 +29,14 @@ _LEAST_REDUCTION = 0.25e5  # of a brake pipe [Pa]
 _AIR = 0.85e5, 1.1e5  # pressure of the air, with the error of a sensor [Pa]
 _SURELY_FREE = -0.2  # a train that slows by more may be braked by the lowest pressure [m/s²]
 _AIR_SPREAD = 0.05e5  # that of a released cylinder is constant [Pa]
+_LEVEL_SIGMA = 3.0**-0.5  # 1 sigma of a zero that is 0 or the air's level, as a share of that
 
 
 class Motion(NamedTuple):
     """How the train moves, at some times of a log."""
 
     instants: time_axis.Instants
-    rolls: Bools  # freely, for some time
+    rolls: Bools  # freely
     slows: Bools  # by a brake, for some time
     free_slope: float  # how its speed changes where it rolls freely [m/s²]
 
@@ -55,13 +56,13 @@ def judge(
     motion = _find_motion(channels, vehicle) if pressures else None
     for i in pressures:
         c = channels[i]
-        rolling = slowing = np.empty(0)
+        briefly_rolling = rolling = slowing = np.empty(0)
         if motion:
             pressure = time_axis.interpolated(motion.instants, c)
             has_value = np.isfinite(pressure)
-            rolling, slowing = (
-                pressure[motion.rolls & has_value],
-                pressure[motion.slows & has_value],
+            briefly_rolling, rolling, slowing = (
+                pressure[mask & has_value]
+                for mask in (motion.rolls, _long_runs(motion.rolls), motion.slows)
             )
         if _is_brake_pipe(rolling, slowing):
             level = float(np.median(rolling))
@@ -70,7 +71,8 @@ def judge(
             values = {"level_bar": level / 1e5}
             findings.append(Finding("pressure-of-brake-pipe", "info", c.title, values=values))
         elif meant[i].zero is None and not _is_absolute(c) and _seems_absolute(c.data.value):
-            judged[i], finding = _above_air(c, rolling, motion.free_slope if motion else 0.0)
+            free_rolling = rolling if len(rolling) >= _SHORTEST_RUN else briefly_rolling
+            judged[i], finding = _above_air(c, free_rolling, motion.free_slope if motion else 0.0)
             findings += [finding] if finding else []
     return judged, list(dict.fromkeys(findings))
 
@@ -99,6 +101,8 @@ def _seems_absolute(pressure: Floats) -> bool:
 def _above_air(c: Channel, rolling: Floats, free_slope: float) -> tuple[Channel, Finding | None]:
     """The pressure above its level in a freely rolling train, if that is the air's.
 
+    Where it is used as logged, its zero is uncertain by that level.
+
     Args:
         c: a pressure that never falls far below that of the air.
         rolling: its values where the train rolls freely [Pa].
@@ -108,17 +112,20 @@ def _above_air(c: Channel, rolling: Floats, free_slope: float) -> tuple[Channel,
         The channel, and the finding; None where the level varies as that of a brake in use.
     """
     names = {"unit": c.unit, "use": "It never falls far below 1 bar, and is used as logged"}
-    values = {}
-    if len(rolling) >= _SHORTEST_RUN:
+    values, lowest = {}, float(np.quantile(c.data.value, 0.02))
+    zero = Parameter(0.0, _LEVEL_SIGMA * lowest)
+    if len(rolling):
         lower, level, upper = (float(x) for x in np.quantile(rolling, [0.25, 0.5, 0.75]))
-        if not _AIR[0] < level < _AIR[1] or upper - lower > _AIR_SPREAD:
+        is_air = _AIR[0] < level < _AIR[1] and upper - lower < _AIR_SPREAD
+        if not is_air and len(rolling) >= _SHORTEST_RUN:
             return c, None
-        if free_slope > _SURELY_FREE:
+        if is_air and free_slope > _SURELY_FREE:
             zero = Parameter(level, max((upper - lower) / 1.35, c.step / 12.0**0.5))
-            c = replace(c, data=replace(c.data, value=c.data.value - level), zero=zero)
-            names["use"] = f"Its released level of {level / 1e5:.2f} bar is taken off"
+            c = replace(c, data=replace(c.data, value=c.data.value - level))
+            names["use"] = f"Its released level of {level / 1e5:.1f} bar is taken off"
             values["level_bar"] = level / 1e5
-    return c, Finding("pressure-absolute", "warning", c.title, values=values, names=names)
+    finding = Finding("pressure-absolute", "warning", c.title, values=values, names=names)
+    return replace(c, zero=zero), finding
 
 
 def _find_motion(channels: Sequence[Channel], vehicle: Vehicle) -> Motion | None:
@@ -153,12 +160,9 @@ def _find_motion(channels: Sequence[Channel], vehicle: Vehicle) -> Motion | None
     if not len(braked):
         return None
     slows_range = free_slope - float(np.median(braked))
-    return Motion(
-        instants,
-        _long_runs(is_moving & (slope > free_slope - _FREE_ROLLING * slows_range)),
-        _long_runs(is_moving & (slope < free_slope - _SLOWS * slows_range)),
-        free_slope,
-    )
+    rolls = is_moving & (slope > free_slope - _FREE_ROLLING * slows_range)
+    slows = _long_runs(is_moving & (slope < free_slope - _SLOWS * slows_range))
+    return Motion(instants, rolls, slows, float(np.median(slope[rolls])))
 
 
 def _long_runs(mask: Bools) -> Bools:

@@ -12,6 +12,7 @@ from ..core.physics import LONGEST_DUMP, SLOW, STANDING
 from ..core.signals import true_runs
 from .signals import StopSignals, TimeSeries
 
+BEGUN = "the log begins with the brake applied"  # why a braking has no command
 STEP = 0.1  # of the grid on which brakings are looked for [s]
 _ON_SHARE, _OFF_SHARE = 0.08, 0.04  # shares of the highest brake at which a braking begins and ends
 _LEAST_BRAKE = 5e3  # and the least: pressure [Pa], or clamping force [N]
@@ -55,7 +56,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         last_speed = float(v[braked_until])
         gap = STEP * _longest(~has_speed[first_index : braked_until + 1])
         if first_index == 0:
-            reason = "the log begins with the brake applied"
+            reason = BEGUN
         elif gap:
             reason = f"no speed for {gap:.1f} s"
         elif not standing and release_index == len(t):

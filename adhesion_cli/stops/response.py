@@ -9,7 +9,7 @@ from ..core.model import Floats, Parameter
 from ..core.physics import SLOW
 from ..core.signals import true_runs
 from .brake_levels import DROP, brake_levels, quantisation_step
-from .find import Braking
+from .find import BEGUN, Braking
 from .signals import StopSignals
 
 FULL_SHARE = 0.95  # of the full value of a brake: the build-up ends
@@ -39,7 +39,7 @@ def find_response(
     """The mean response of all axles, weighted by their brakes.
 
     It is not defined where WSP, a slide or another brake disturbs the build-up, nor where a
-    pressure is at the end of its sensor's range.
+    pressure is at the end of its sensor's range, nor where the log begins after the command.
 
     Args:
         signals: of the log.
@@ -48,6 +48,8 @@ def find_response(
         start_share: share of the full brake at which the delay ends.
     """
     axles, unknown = [], Parameter(math.nan, math.nan)
+    if braking.reason == BEGUN:
+        return BrakeResponse(unknown, unknown, math.nan)
     if np.any((signals.saturated > command) & (signals.saturated < braking.stop)):
         return BrakeResponse(unknown, unknown, math.nan)  # nobody knows the full value
     disturbed = False

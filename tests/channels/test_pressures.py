@@ -82,9 +82,19 @@ def test_a_sound_cylinder_pressure_is_not_suspected(log) -> None:
 def test_the_pressure_of_the_air_is_taken_off() -> None:
     log = logged(BRAKE + 1.013, speed(BRAKE), "BC pressure [bar]")
     assert codes(log) == ["pressure-absolute"]
-    assert log.findings[0].names["use"] == "Its released level of 1.01 bar is taken off"
+    assert log.findings[0].values["level_bar"] == pytest.approx(1.013, abs=0.001)
     assert np.allclose(first(log).data.value, 1e5 * BRAKE)
     assert first(log).zero.value == pytest.approx(1.013e5)
+
+
+@pytest.mark.parametrize("coasting", [2.5, 3.0])
+def test_a_train_that_coasts_only_for_a_moment_shows_the_pressure_of_the_air(
+    coasting: float,
+) -> None:
+    brake = np.interp(T, [coasting, coasting + 1.0], [0.0, 3.0])
+    log = logged(brake + 1.004, speed(brake, -0.02), "BC pressure [bar]")
+    assert codes(log) == ["pressure-absolute"]
+    assert np.allclose(first(log).data.value, 1e5 * brake)
 
 
 def test_without_a_released_brake_or_with_a_stated_zero_it_stays() -> None:
@@ -92,6 +102,7 @@ def test_without_a_released_brake_or_with_a_stated_zero_it_stays() -> None:
     log = logged(pressure, speed(pressure), "BC pressure [bar]")
     assert codes(log) == ["pressure-absolute"]
     assert np.allclose(first(log).data.value, 1e5 * pressure)
+    assert 1.96 * first(log).zero.tolerance > 1e5  # the band holds both 0 and 1 bar
     zero = Mapping("pressure", None, "", zero=Parameter(0.0, 0.0))
     signals = {"BC pressure [bar]": BRAKE + 1.013, "axle 1 [m/s]": speed(BRAKE)}
     assert not codes(survey(source(signals), (zero,), Vehicle()))

@@ -100,3 +100,9 @@ def test_a_cylinder_that_is_released_slowly_has_no_zero_and_no_drift() -> None:
     tail = np.where(since > 0.0, 0.3 * np.exp(-since / 2.0), 0.0)
     assert not bogies(tail)
     assert not bogies(tail * (t > 700.0))
+
+
+def test_a_level_within_the_stated_uncertainty_of_the_zero_is_not_reported() -> None:
+    line = '`--set "channels.pressure.zero = {value = 0, tolerance = %s}"`'
+    assert bogies(0.3, line % 0.1)
+    assert not bogies(0.3, line % 0.2)

@@ -246,6 +246,7 @@ def test_stops_that_are_none_say_why() -> None:
         )
     )
     assert (stop.valid, stop.reason) == (False, "the log begins with the brake applied")
+    assert (stop.delay_s, stop.response_time_s) == (None, None)
 
 
 def test_a_brief_brake_and_shunting_are_no_stops() -> None:

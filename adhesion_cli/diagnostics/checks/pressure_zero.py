@@ -115,6 +115,8 @@ def _offset(
     )
     if not differs and abs(level) < max(p.share * rest.top, p.least):
         return
+    if abs(level) < 2.0 * a.brake.zero.tolerance:  # its zero is reported as not known
+        return
     force = force_line(s.vehicle.of_axle(a.record.axle)).per_pascal * level
     values = {"level_bar": level / 1e5, "force_n": force}
     names = {"others": f", another one at {other_level / 1e5:+.2f} bar" if differs else ""}
