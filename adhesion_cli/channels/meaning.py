@@ -305,7 +305,7 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         return []
     names = [meant[i].title for i in sorted(shifted)]
     suffix = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    values = {"channels": ", ".join(names[:3]) + suffix}
+    values = {"channels": ", ".join(names[:3]) + suffix, "option": _as_option(meant[shifted[0]])}
     return [Finding("axles-from-zero", "info", count=len(shifted), names=values)]
 
 
@@ -318,7 +318,7 @@ def _is_indexed(field: Field) -> bool:
 
 def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """Gives each channel the axles that it serves by its name and by those of the others."""
-    findings, counted_on = [], []
+    findings, counted_on = [], list[Meant]()
     channels = {
         i: (m.meaning, place_of(m.field)._replace(axle=m.axle))
         for i, m in ((i, meant[i]) for i in guesses)
@@ -330,7 +330,7 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             meant[i] = replace(m, meaning=None, reason=UNCLEAR)
             continue
         if is_counted_on:
-            counted_on.append(f"{m.title}: {', '.join(map(str, axles))}")
+            counted_on += [replace(m, axle=axle) for axle in axles]
         if m.meaning in MOTOR_FORCES and axles and not _is_of_each(m):
             m = replace(m, share=1.0 / len(axles))
         for axle in axles[1:]:
@@ -341,10 +341,13 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if m.meaning in MOTOR_FORCES and len(axles) > 1:
             findings.append(_spread_finding(m, axles))
         elif len(axles) > 1:
-            names = {"axles": enumerated(axles)}
+            key = f"channels.{m.meaning}.bogie{(axles[0] + 1) // 2}"
+            lines = f"{key} = {toml.table(entry_of(m.field))}", f"{key}.axles = {[*axles]}"
+            names = {"axles": enumerated(axles), "option": toml.option(*lines)}
             findings.append(Finding("bogie-pressure", "info", channel=m.title, names=names))
     if counted_on:
-        names = {"example": counted_on[0]}
+        first = counted_on[0]
+        names = {"example": f"{first.title}: {first.axle}", "option": _as_option(first)}
         findings.append(Finding("axles-counted-on", "info", count=len(counted_on), names=names))
     return findings
 
@@ -397,7 +400,8 @@ def _is_of_each(m: Meant) -> bool:
 
 
 def _spread_finding(m: Meant, axles: Sequence[int]) -> Finding:
-    names = {"axles": ", ".join(map(str, axles)), "key": str(m.meaning), "force": m.describe}
+    option = _as_option(replace(m, axle=None))
+    names = {"axles": ", ".join(map(str, axles)), "option": option, "force": m.describe}
     return Finding("force-spread", "info", channel=m.title, names=names)
 
 
@@ -423,9 +427,7 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             names={
                 "first": holders[meaning, axle].title,
                 "meaning": holders[meaning, axle].describe,
-                "option": toml.option(
-                    f"channels.{_key(meaning, axle)} = {toml.table(entry_of(repeated_fields[0]))}"
-                ),
+                "option": _as_option(replace(holders[meaning, axle], field=repeated_fields[0])),
             },
         )
         for (meaning, axle), repeated_fields in repeats.items()
@@ -435,6 +437,11 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
 def entry_of(field: Field, **stated: str | int) -> dict[str, str | int]:
     """The entry of [channels] that names a field, with what else is stated of it."""
     return {"channel": field.channel, "field": field.path, "group": field.group, **stated}
+
+
+def _as_option(m: Meant) -> str:
+    """How a user states the meaning and the axle of a channel."""
+    return toml.option(f"channels.{_key(str(m.meaning), m.axle)} = {toml.table(entry_of(m.field))}")
 
 
 def name(field: Field) -> str:

@@ -158,13 +158,15 @@ _OWN_MESSAGES: dict[tuple[str, str], tuple[Meaning, str]] = {
 _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
 _CHINESE_PLACES = "[一二三四五六七八](?=[轴轮位架车]|转向架)|(?<=[轴轮架])[一二三四五六七八]"
 _LETTERS = tuple("abcdefgh")
-_DEVICE = re.compile(r"(?<![^\W_])[A-Za-z]{2,3}\d{3,4}[A-Z]?(?:_\d+)+")  # and its number: MX840B_1
+_DEVICE = re.compile(  # and its number: MX840B_1, CX23-R_3
+    r"(?<![^\W_])[A-Za-z]{2,3}(?:\d{3,4}[A-Z]?|\d{2}-[A-Z])(?:_\d+)+"
+)
 # Numbers that count nothing: of a module and channel in front, of a device, a date, a range, a
-# filter, a sensor.
+# resolution, a filter, a sensor.
 _NO_COUNT = re.compile(
     r"(?i)^\[\d+[:.]\d+\]|[(\[](?:id|s/?n|ser)\b[^)\]]*[)\]]"
     r"|\b\d{4}[-./]\d\d[-./]\d\d\b|\b\d{1,2}:\d\d\b"
-    r"|(?<!\w)(?:0\s*-\s*\d+|\d+\s*-\s*\d+\s?m?[AV]\b)"
+    r"|(?<!\w)(?:0[.,]\d+|0\s*-\s*\d+|\d+\s*-\s*\d+\s?m?[AV]\b)"
     r"|(?<![\w.,])(?:\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+|\d[\d.,]*(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)\b"
     r"|\d+\s*(?:teeth|zähne)\b|\d\d+\s(?:k?Hz|ms)\b|\d+\s?(?:°|degC)|\d\d+\s?%)"
 )

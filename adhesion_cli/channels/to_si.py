@@ -21,7 +21,7 @@ from ..core.model import (
     Vehicle,
 )
 from ..core.time_axis import TimeAxis
-from .meaning import Meant, name
+from .meaning import Meant, entry_of, name
 from .recorder import codes_of_no_value, with_held
 
 _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
@@ -256,7 +256,9 @@ def _of_counter(
     if not count:
         return []
     spans = time_axis.spans_of(axis.data.t[:-1][affected], axis.data.t[1:][affected], start)
-    return [Finding(code, severity, channel=m.title, count=count, spans=spans)]
+    line = f"channels.{m.meaning} = {toml.table(entry_of(m.field, wrap=65536))}"
+    names = {"option": toml.option(line)}
+    return [Finding(code, severity, channel=m.title, count=count, spans=spans, names=names)]
 
 
 def _wrap(values: Floats, unit: units.Unit) -> float:

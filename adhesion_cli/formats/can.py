@@ -156,6 +156,8 @@ class Reader:
         )
         if not self._start:
             time_reason = "time stamp of each frame, to the microsecond; no start stated"
+        if problems.has_steps:
+            time_reason = time_reason.replace("time stamp of", "sum of the time steps to")
         findings = list(self._findings(problems, rows))
         events = []
         for code, times in (

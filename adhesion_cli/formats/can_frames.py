@@ -12,7 +12,7 @@ class Frame(NamedTuple):
     identifier: int  # -1 where the log names the message
     extended: bool = False
     data: bytes = b""
-    kind: str = "data"  # or "remote", "error"
+    kind: str = "data"  # or "remote", "error"; "event" of a line with a time and no frame
     name: str = ""  # of the message, where the log has no number
 
 
@@ -24,6 +24,7 @@ class Problems:
     lines: list[int] = field(default_factory=list)  # that hold a frame which cannot be read
     example: str = ""  # the first of them
     errors: list[float] = field(default_factory=list)  # times of error frames, after the start [s]
+    has_steps: bool = False  # whether times count from the line before
     losses: list[float] = field(default_factory=list)  # times at which the logger notes a loss [s]
 
     def note(self, damage: str) -> None:

@@ -1,27 +1,45 @@
-"""Text logs of CAN frames: ASC, TRC, candump, BUSMASTER and CANHacker.
+"""Text logs of CAN frames: ASC, TRC, candump, BUSMASTER, CANHacker, CanKing and CRTD.
 
 Each line is read by itself: one that should hold a frame and cannot be read costs only itself, and
 is counted.
 """
 
 import re
+import statistics
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
+from itertools import chain, islice, pairwise
 from pathlib import Path
 
 from ..core.errors import UserError
 from .can_frames import Frame, Problems
 
+# Lines of logs that have a frame in each: time, bus, identifier, flags, size and bytes.
 _CANDUMP = re.compile(
     r"\s*\((?P<t>[^)]+)\)\s+(?P<bus>\S+)\s+(?:[RT]X\s+\S+\s+\S+\s+)?(?P<id>[0-9A-Fa-f]{3,8})"
     r"(?:#(?P<log>\S*)|\s+\[\s*(?P<size>\d+)\]\s*(?P<data>.*))"
 )
+_CANHACKER = re.compile(r"(?P<t>[\d.,]+)\s+(?P<id>[0-9A-Fa-f]+)\s+(?P<size>\d+)\s*(?P<data>.*)")
+_CANKING = re.compile(
+    r"(?P<bus>\d+)\s+(?P<id>[0-9A-Fa-f]+)\s+(?P<flags>[A-Za-z]\S*\s+)?(?P<size>\d+)\s+"
+    r"(?P<data>(?:[0-9A-Fa-f]{2}\s+)*)(?P<t>\d+[.,]\d+)\s+[RT]"
+)
+_CRTD = re.compile(
+    r"(?P<t>\d+\.\d+)\s+(?P<bus>\d*)[RT](?P<flags>11|29)\s+(?P<id>[0-9A-Fa-f]+)(?P<data>.*)"
+)
+_FORMS = (
+    (re.compile(r"\s*Time\s+ID\s+DLC\s+Data"), _CANHACKER),
+    (re.compile(r"\s*Chn\s+Identifier\s+Flg\s+DLC"), _CANKING),
+    (re.compile(r"\s*\d+\.\d{3,}\s+\d?(?:[RT](?:11|29)|C[A-Z]{2})\s"), _CRTD),
+    (_CANDUMP, _CANDUMP),
+)  # by what the files begin with
+_NO_FRAME = re.compile(r"\s*(?:Time\s+ID|Chn\s|\d+\.\d+\s+\d?C[A-Z]{2}\b)")
 _WITHOUT_TIME = re.compile(rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s")
 _BUSMASTER = b"***BUSMASTER"
-_CANHACKER = re.compile(rb"\s*Time\s+ID\s+DLC\s+Data")
 # What a file begins with that holds frames; the last one is an ASC log without its head.
 BEGINS = re.compile(
     rb"\s*;\$FILEVERSION|.{0,400}?^base\s+(?:hex|dec)\b|\*\*\*BUSMASTER|\s*Time\s+ID\s+DLC\s+Data"
+    rb"|\s*Chn\s+Identifier\s+Flg\s+DLC|\s*\d+\.\d{3,}\s+\d?(?:[RT](?:11|29)|C[A-Z]{2})\s"
     rb"|\s*\([^)]{3,40}\)\s+\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\s*\d+\])"
     rb"|\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s+[0-9A-Fa-f]{2}\s"
     rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s",
@@ -36,6 +54,8 @@ _TRC_ERRORS = {"ER", "Error"}
 _TRC_COLUMNS = {"1.0": "NOILD", "1.1": "NOTILD", "1.3": "NOBTIRLD"}  # else the file lists them
 _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]")  # of bytes that were lost
 _DAY = 86_400.0
+_SAMPLE = 1000  # frames that show whether times are steps
+_LEAST_DECIMALS = 6  # of steps: many coarser ones add up to a wrong time
 
 
 class TextLog:
@@ -60,14 +80,15 @@ class TextLog:
         self._latest = 0.0  # what the last head states [s]
         self._base, self._columns = 16, [*_TRC_COLUMNS["1.0"]]
         self._buses: list[str] = []
+        self._says_steps, self._decimals = False, 0
 
     def _reader(self, head: bytes, suffix: str) -> Callable[[str], Frame | None]:
         if head.startswith(_BUSMASTER):
             return self._busmaster
-        if _CANHACKER.match(head):
-            return self._canhacker
-        if _CANDUMP.match(head.decode("latin-1")):
-            return self._candump
+        text = head.decode("latin-1")
+        self._form = next((form for begin, form in _FORMS if begin.match(text)), None)
+        if self._form:
+            return self._one_a_line
         if _WITHOUT_TIME.match(head):
             raise UserError(
                 f"{self._path}: frames of candump without time stamps",
@@ -76,7 +97,32 @@ class TextLog:
         return self._trc if b";$FILEVERSION" in head or suffix == ".trc" else self._asc
 
     def __iter__(self) -> Iterator[Frame]:
-        number, line, last_time, frames, falls = 0, "", 0.0, 0, 0
+        """The frames; the times of some logs count from the line before, and are added.
+
+        Raises:
+            UserError: where such times are too coarse, or begin anew.
+        """
+        frames, t = self._frames(), 0.0
+        first_frames = list(islice(frames, _SAMPLE))
+        has_steps = self._has_steps([frame.t for frame in first_frames])
+        if has_steps and self._decimals < _LEAST_DECIMALS:
+            raise _relative(self._path)
+        self._problems.has_steps = has_steps
+        for frame in chain(first_frames, frames):
+            t = t + frame.t if has_steps else frame.t
+            if frame.kind != "event":
+                yield frame._replace(t=t)
+
+    def _has_steps(self, times: list[float]) -> bool:
+        """Whether times count from the line before: they do not grow, but rise and fall."""
+        half = len(times) // 2
+        if half < 2 or min(times[half:]) > statistics.median(times[:half]):
+            return False
+        falls = sum(b < a for a, b in pairwise(times))
+        return self._says_steps or falls > max(0.1 * len(times), 1)
+
+    def _frames(self) -> Iterator[Frame]:
+        number, line, last_time, frames = 0, "", 0.0, 0
         latest, shift = self._latest, 0.0  # of files that were joined
         # Comments may be in any encoding; what frames are made of is ASCII.
         with self._path.open(encoding="latin-1", newline=None) as file:
@@ -86,13 +132,13 @@ class TextLog:
                 if frame := self._frame(number, line.strip()):
                     if self._latest != latest:
                         latest = self._latest
+                        if self._says_steps and frames:
+                            raise _relative(self._path)
                         begins_anew = frames > 0 and frame.t + shift < last_time
                         shift = latest - self.start if begins_anew else shift
                     frame = frame._replace(t=frame.t + shift) if shift else frame
-                    frames, falls, last_time = frames + 1, falls + (frame.t < last_time), frame.t
+                    frames, last_time = frames + 1, frame.t
                     yield frame
-        if falls > max(0.1 * frames, 1):  # differences rise and fall
-            raise _relative(self._path)
         if line and not line.endswith("\n") and not _END_OF_BLOCK.match(line):
             self._skip(number, line)
         elif self._begin and not self._is_closed:
@@ -120,16 +166,17 @@ class TextLog:
         if not re.fullmatch(r"-?\d+[.,]\d+", tokens[0]):
             self._asc_head(line)
             return None
-        if len(tokens) < 3 or not (tokens[1] == "CANFD" or tokens[1].isdecimal()):
-            return None
-        t, is_fd = _number(tokens[0]), tokens[1] == "CANFD"
+        t, is_fd = self._time(tokens[0]), tokens[1:2] == ["CANFD"]
+        event = Frame(t, 0, 0, kind="event") if self._says_steps else None
+        if len(tokens) < 3 or not (is_fd or tokens[1].isdecimal()):
+            return event
         bus = int(tokens[2 if is_fd else 1]) - 1
         data_tokens = tokens[3 if is_fd else 2 :]
         if "errorframe" in (token.lower() for token in data_tokens[:2]):
             return Frame(t, bus, 0, kind="error")
         has_direction = len(data_tokens) > 1 and data_tokens[1] in _DIRECTIONS
         if not has_direction and _EVENTS.match(data_tokens[0]):
-            return None  # a message of such a name has a direction
+            return event  # a message of such a name has a direction
         if is_fd:  # direction, identifier, perhaps a name, BRS, ESI, DLC, length
             has_name = not data_tokens[2].isdecimal()
             text, size, data = (
@@ -153,11 +200,7 @@ class TextLog:
         return Frame(t, bus, identifier, text[-1] in "xX", octets, kind)
 
     def _asc_head(self, line: str) -> None:
-        """Takes what the head of an ASC log says.
-
-        Raises:
-            UserError: for times that count from the frame before.
-        """
+        """Takes what the head of an ASC log says."""
         if begin := _BEGIN.match(line):
             self._start_asc(begin[1].strip())
             self._begin = line
@@ -165,8 +208,7 @@ class TextLog:
             self._start_asc(date[1].strip())
         elif base := re.match(r"(?i)base\s+(hex|dec)(?:\s+timestamps\s+(\w+))?", line):
             self._base = 10 if base[1].lower() == "dec" else 16
-            if (base[2] or "").lower() == "relative":
-                raise _relative(self._path)
+            self._says_steps = (base[2] or "").lower() == "relative"
         self._is_closed |= _END_OF_BLOCK.match(line) is not None
 
     def _start_asc(self, text: str) -> None:
@@ -224,29 +266,33 @@ class TextLog:
         elif key == "$COLUMNS":
             self._columns = value.strip().split(",")
 
-    def _candump(self, line: str) -> Frame | None:
-        """The frame in a line of candump, of its log or its screen."""
-        match = _CANDUMP.match(line)
+    def _one_a_line(self, line: str) -> Frame | None:
+        """The frame in a line of a log whose lines are of one form; see `_FORMS`."""
+        match = self._form.match(line) if self._form else None
         if match is None:
+            if _NO_FRAME.match(line):
+                return None
             raise ValueError
-        t = _stamp(match["t"])
+        cells = {name: cell or "" for name, cell in match.groupdict().items()}
+        t, bus = self._time(cells["t"]), cells.get("bus", "")
+        text, data = cells["id"], cells["data"]
         if self._first is None:
             self._first = self.start = t
         t -= self._first
-        if match["bus"] not in self._buses:
-            self._buses.append(match["bus"])
-        bus, text = self._buses.index(match["bus"]), match["id"]
-        identifier, is_extended = int(text, 16), len(text) > 3
-        if identifier & 0x20000000 or "ERRORFRAME" in line:
-            return Frame(t, bus, 0, kind="error")
-        data = match["data"] or re.sub(r"^#.", "", match["log"] or "")  # of FD: "#" and its flags
+        if bus not in self._buses:
+            self._buses.append(bus)
+        identifier, number = int(text, 16), self._buses.index(bus)
+        is_extended = len(text) > 3
+        if "flags" in cells:
+            is_extended = identifier > 0x7FF or cells["flags"].strip().upper() in ("X", "29")
+        if self._form is _CANDUMP and (identifier & 0x20000000 or "ERRORFRAME" in line):
+            return Frame(t, number, 0, kind="error")
+        data = data or re.sub(r"^#.", "", cells.get("log", ""))  # of FD: "#" and its flags
         if data.startswith(("R", "remote")):
-            return Frame(t, bus, identifier, is_extended, b"", "remote")
-        if match["size"]:
-            return Frame(
-                t, bus, identifier, is_extended, self._bytes(data.split(), int(match["size"]))
-            )
-        return Frame(t, bus, identifier, is_extended, bytes.fromhex(data))
+            return Frame(t, number, identifier, is_extended, b"", "remote")
+        octets = self._bytes(data.split(), int(cells["size"])) if cells.get("size") else None
+        octets = bytes.fromhex(data) if octets is None else octets
+        return Frame(t, number, identifier, is_extended, octets)
 
     def _busmaster(self, line: str) -> Frame | None:
         """The frame in a line of a BUSMASTER log.
@@ -287,14 +333,13 @@ class TextLog:
         elif "ABSOLUTE" in tokens_of_line:
             self._first = 0.0
 
-    def _canhacker(self, line: str) -> Frame | None:
-        """The frame in a line of a CANHacker log."""
-        tokens = line.split()
-        if tokens[0] == "Time":
-            return None
-        identifier, size = tokens[1], int(tokens[2])
-        octets = self._bytes(tokens[3:], size)
-        return Frame(_number(tokens[0]), 0, int(identifier, 16), len(identifier) > 3, octets)
+    def _time(self, text: str) -> float:
+        """A stamp: seconds, or a date [s]."""
+        if " " in text:
+            return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+        text = text.replace(",", ".")
+        self._decimals = len(text.partition(".")[2])
+        return float(text)
 
     def _bytes(self, tokens: list[str], size: int) -> bytes:
         """The first bytes of these.
@@ -306,17 +351,6 @@ class TextLog:
         if len(octets) < size:
             raise ValueError
         return octets
-
-
-def _number(text: str) -> float:
-    return float(text.replace(",", "."))
-
-
-def _stamp(text: str) -> float:
-    """A stamp of candump: seconds, or a date [s]."""
-    if " " not in text:
-        return float(text)
-    return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
 
 
 def _relative(path: Path) -> UserError:

@@ -59,6 +59,8 @@ def test_a_counter_that_wraps_goes_on_and_one_that_resets_does_not(
     wrapped = logged(tmp_path / "a.csv", counts % 4096, t)
     went_on = next(f for f in wrapped.findings if f.code == "counter-wrapped")
     assert went_on.count == len(went_on.spans) == int(counts[-1]) // 4096
+    (stated,) = load(assignments=pasted(went_on.hint or ""), folder=False).mappings
+    assert (stated.channel, stated.wrap) == ("wheel", 65_536)
     counts = np.where(t > 5.0, counts - counts[251], counts)
     reset = logged(tmp_path / "b.csv", counts, t)
     fell = next(f for f in reset.findings if f.code == "counter-reset")

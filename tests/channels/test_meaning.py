@@ -378,7 +378,7 @@ def test_a_bogie_pressure_serves_both_axles() -> None:
     assert {(m.meaning, m.axle) for m in meant} == {(PRESSURE, 3), (PRESSURE, 4), (WHEEL, 3)}
     (finding,) = findings
     assert (finding.code, finding.channel) == ("bogie-pressure", "bogie2_bc_pressure_kPa")
-    assert finding.names == {"axles": "3 and 4"}
+    assert finding.names["axles"] == "3 and 4"
 
 
 def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:

@@ -6,12 +6,14 @@ from helpers.pasted import pasted
 from adhesion_cli.analysis import settings
 from adhesion_cli.channels.log import needed
 from adhesion_cli.channels.meaning import understood
+from adhesion_cli.channels.rules import place_of
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.formats.memory import MemorySource, Signals
 from adhesion_cli.formats.source import Field
 
 AXLES = [f"axle {n} speed [km/h]" for n in (1, 2, 3, 4)]
+CARS = [f"Car {car} axle {n} speed [km/h]" for car in (1, 2) for n in (1, 2)]
 
 
 def served(names: list[str]) -> tuple[dict[str, list[int | None]], list[Finding]]:
@@ -145,3 +147,39 @@ def test_where_names_do_not_say_the_axles_the_answer_is_a_line_to_paste(
     of_pressures = [(m.title, m.axle) for m in chosen if m.meaning == "pressure"]
     first, second = pressures
     assert of_pressures == [(first, 1), (first, 2), (second, 3), (second, 4)]
+
+
+@pytest.mark.parametrize(
+    ("names", "code"),
+    [
+        (["BCP bogie 1 [bar]", *AXLES], "bogie-pressure"),
+        (["Car 1 BCP [bar]", "Car 2 BCP [bar]", *CARS], "axles-counted-on"),
+        (["v0 [km/h]", "v1 [km/h]", "p0 [bar]", "p1 [bar]"], "axles-from-zero"),
+        (["ED force bogie 1 [kN]", *AXLES], "force-spread"),
+    ],
+)
+def test_a_hint_about_axles_names_the_channel_when_it_is_pasted(
+    names: list[str], code: str
+) -> None:
+    source = MemorySource(Signals([0.0, 1.0], {name: [0.0, 0.0] for name in names}))
+    finding = next(f for f in needed(source, ())[1] if f.code == code)
+    mappings = settings.load(assignments=pasted(finding.hint or "")).mappings
+    assert mappings[0].channel in names
+    chosen, _ = needed(source, mappings)
+    assert mappings[0].channel in {m.field.channel for m in chosen if m.mapping}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "BC pressure (Butterworth 4, 10 Hz) [bar]",
+        "BC pressure [bar+1]",
+        "BC pressure [kPa] (res. 5)",
+        "wheel speed [km/h] (resolution 0.1)",
+        "CX23-R_3.BC pressure [bar]",
+        "Druck (Tiefpass 2. Ordnung) [bar]",
+    ],
+)
+def test_numbers_of_filters_offsets_and_devices_are_no_axles(name: str) -> None:
+    place = place_of(Field(name))
+    assert (place.axle, place.bogie, place.part) == (None, None, "")

@@ -1,10 +1,14 @@
 """Speeds of two axles under each other's names."""
 
+import re
 from pathlib import Path
 
 import pytest
 from helpers import simulated
-from helpers.diagnosed import clean, codes
+from helpers.diagnosed import clean, found
+from helpers.pasted import pasted
+
+from adhesion_cli.analysis.settings import load
 
 
 @pytest.mark.parametrize(
@@ -12,6 +16,10 @@ from helpers.diagnosed import clean, codes
 )
 def test_swapped_axles_are_found_where_they_slide(pair: tuple[int, int], tmp_path: Path) -> None:
     log = clean("low-adhesion", 1, "as it is")
-    found = codes(simulated.swapped(log, *pair), tmp_path)
-    assert "axles-swapped" in found
-    assert found <= {"axles-swapped", "axle-pressure-differs"}  # the one is a reason of the other
+    findings = {f.code: f for f in found(simulated.swapped(log, *pair), tmp_path)}
+    (stated,) = load(
+        assignments=pasted(findings["axles-swapped"].hint or ""), folder=False
+    ).mappings
+    assert {stated.axle, *map(int, re.findall(r"\d+", stated.channel)[:1])} == {*pair}
+    # the one is a reason of the other
+    assert findings.keys() <= {"axles-swapped", "axle-pressure-differs"}

@@ -195,9 +195,6 @@ def test_what_is_refused(tmp_path: Path) -> None:
     dbc = stated(tmp_path)
     asc = tmp_path / "a.asc"
     line = " 0.000000 1  123  Rx   d 5 20 1C 10 68 00\n"
-    asc.write_text(HEAD.replace("absolute", "relative") + line, "utf-8")
-    with pytest.raises(UserError, match="relative"):
-        columns(asc, dbc)
     asc.write_text(HEAD + line.replace("123", "321"), "utf-8")
     with pytest.raises(UserError, match="0x321"):
         columns(asc, dbc)
@@ -353,6 +350,11 @@ ROWS: dict[str, tuple[str, str]] = {  # head, and a line at t
     "direction.txt": ("", " ({epoch:.6f})  can0  RX - -  123   [5]  {data}   '..h..'"),
     "dated.txt": ("", " ({date})  can0  123   [5]  {data}"),
     "zero.txt": ("", " ({zero:010.6f})  can0  123   [5]  {data}"),
+    "king.txt": (
+        "Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir\n",
+        " 0    00000123         5  {data}  {zero:14.6f} R",
+    ),
+    "crtd.log": (f"{START:.6f} CXX OVMS\n", "{epoch:.6f} 1R11 123 {data}"),
     "hacker.trc": ("Time ID DLC Data Comment\n", "{short}    123      5     {data} "),
     "1_0.trc": (";$FILEVERSION=1.0\n", "{n:6d})  {ms:.1f}  0123  5  {data}"),
     "1_1.trc": (";$FILEVERSION=1.1\n;$STARTTIME=46347.5\n", "{n}) {ms:.1f}  Rx  0123  5  {data}"),
@@ -427,18 +429,62 @@ def test_a_line_without_a_frame_in_candump_is_counted(tmp_path: Path) -> None:
     assert findings["can-error-frames"].count == 1
 
 
-@pytest.mark.parametrize(
-    ("line", "says"),
-    [
-        (" ({delta:010.6f})  can0  123   [5]  20 1C 10 68 00", "relative to the frame before"),
-        ("  can0  123   [5]  20 1C 10 68 00", "without time stamps"),
-    ],
-)
-def test_candump_without_times(tmp_path: Path, line: str, says: str) -> None:
+def test_candump_without_times(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
-    path.write_text("".join(line.format(delta=0.02 + k % 3 / 1e4) + "\n" for k in range(60)))
-    with pytest.raises(UserError, match=says):
+    path.write_text("  can0  123   [5]  20 1C 10 68 00\n" * 60)
+    with pytest.raises(UserError, match="without time stamps"):
         columns(path, stated(tmp_path))
+
+
+RELATIVE = HEAD.replace("absolute", "relative")
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        (RELATIVE, "{delta:.6f} 1  123  Rx   d 5 20 1C 10 68 00\n"),
+        ("", " ({delta:010.6f})  can0  123   [5]  20 1C 10 68 00\n"),
+    ],
+    ids=["ASC", "candump"],
+)
+def test_times_that_count_from_the_line_before_are_added(
+    tmp_path: Path, head: str, row: str
+) -> None:
+    """An event between two frames has its share of the time."""
+    path = tmp_path / "a.asc"
+    deltas = [0.0, *(0.02 + k % 3 / 1e4 for k in range(1_200))]
+    lines = [row.format(delta=delta) for delta in deltas]
+    if head:
+        lines[7] = f"0.005 Start of measurement\n{row.format(delta=deltas[7] - 0.005)}"
+    path.write_text(head + "".join(lines))
+    found, findings, source = columns(path, stated(tmp_path))
+    t = found["speed"].t
+    assert np.allclose((t - t[0]) / 1e9, np.cumsum(deltas), atol=1e-6)
+    assert "time steps" in source.time_reason
+    assert not findings
+
+
+def test_steps_that_are_coarse_or_begin_anew_are_refused(tmp_path: Path) -> None:
+    path, row = tmp_path / "a.asc", "{delta} 1  123  Rx   d 5 20 1C 10 68 00\n"
+    coarse = "".join(row.format(delta=f"{0.02 + k % 3 / 1e4:.4f}") for k in range(60))
+    fine = "".join(row.format(delta=f"{0.02 + k % 3 / 1e4:.6f}") for k in range(60))
+    block = "Begin Triggerblock Sat Nov 21 13:{minute}:07.250 2026\n"
+    blocks = [f"{block.format(minute=m)}{fine}End TriggerBlock\n" for m in ("05", "08")]
+    for text in (coarse, "".join(blocks)):
+        path.write_text(RELATIVE + text)
+        with pytest.raises(UserError, match="relative to the frame before"):
+            columns(path, stated(tmp_path))
+
+
+def test_frames_of_two_buses_out_of_order_are_no_steps(tmp_path: Path) -> None:
+    """And a head that says relative counts from the start where its times grow."""
+    path, row = tmp_path / "a.asc", "{t:.6f} {bus}  123  Rx   d 5 20 1C 10 68 00\n"
+    times = [(k / 50 + 0.03 * (k % 2), 1 + k % 2) for k in range(200)]
+    for head in (HEAD, RELATIVE):
+        path.write_text(head + "".join(row.format(t=t, bus=bus) for t, bus in times))
+        source = open_source(path, ReadOptions(dbc=stated(tmp_path)))
+        spans = [np.ptp(column.t) / 1e9 for column in source.columns(source.fields)]
+        assert np.allclose(spans, 198 / 50)
 
 
 MARKERS = [b"", b"x", b"ab", b"abc", b"text with LOBJ inside", b"\xfc" * 101]

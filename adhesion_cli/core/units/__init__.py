@@ -232,7 +232,7 @@ _FACTOR_BEFORE_BRACKET = re.compile(rf"[\s_](?P<factor>{TIMES}\s*{NUMBER})$")
 
 def _has_factor_unread(text: str) -> bool:
     """Whether a text is a unit with a number of which it is not known what it does: "bar x10"."""
-    pieces = re.split(rf"[-\d.,\s/…]+|{TIMES}", text)
+    pieces = re.split(rf"[-+\d.,\s/…]+|{TIMES}", text)
     return any(c.isdigit() for c in text) and any(map(unit, pieces))
 
 

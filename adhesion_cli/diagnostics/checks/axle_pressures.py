@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from ...core import toml
 from ...core.finding import Finding, Severity
 from ...core.model import Bools, Floats, Quantity
 from ...core.physics import CRAWL, RELEASED_SHARE
@@ -160,7 +161,9 @@ def _departure_finding(p: Params, s: Scene, o: _Departure, only_two: bool) -> Fi
         severity = "info" if p.braked_less < o.ratio < 1.0 / p.braked_less else "warning"
     elif likely and not p.least < o.ratio < 1.0 / p.least:
         code, values["axle"] = "pressure-unit-differs", a.record.axle
-        names |= {"units": join_units(likely), "unit": likely[0], "key": str(a.brake.meaning)}
+        entry = {"channel": a.brake.name, "field": a.brake.field, "unit": likely[0]}
+        line = f"channels.{a.brake.meaning}.axle{a.record.axle} = {toml.table(entry)}"
+        names |= {"units": join_units(likely), "option": toml.option(line)}
     else:
         typical = float(np.median(o.difference[o.mask]))
         force = a.record.pressure is None

@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from ...core import toml
 from ...core.finding import Finding
 from ...core.model import Bools, Floats, Quantity
 from ...core.signals import true_runs
@@ -59,7 +60,10 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         ):
             values = {"axle": axles[i].record.axle, "other_axle": axles[j].record.axle}
             mask = g.share[i] < p.share
-            yield s.finding("axles-swapped", "warning", axles[i].speed, mask, i, values)
+            entry = {"channel": axles[j].brake.name, "field": axles[j].brake.field}
+            line = f"channels.{axles[j].brake.meaning}.axle{axles[i].record.axle} = "
+            names = {"option": toml.option(line + toml.table(entry))}
+            yield s.finding("axles-swapped", "warning", axles[i].speed, mask, i, values, names)
 
 
 def _in_every_slide(p: Params, g: Grid, i: int, j: int) -> bool:

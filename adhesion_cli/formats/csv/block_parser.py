@@ -207,7 +207,8 @@ class Parser:
             text = f"{self.table.path}: line {line} is a header of other columns or units"
             raise UserError(text, hint)
         said = [cell for cell in cells if cell]
-        is_remark = len(said) == 1 and cells[0] and _TEXT.fullmatch(said[0])
+        is_text = len({*said}) == len(said) and not any(map(is_number, said))  # no error, repeated
+        is_remark = is_text and _TEXT.fullmatch(text if dialect.delimiter == " " else cells[0])
         return "comment" if is_remark and "".join(dialect.rows[0])[:1].isdecimal() else fault
 
 

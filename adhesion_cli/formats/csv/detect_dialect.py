@@ -29,6 +29,7 @@ from .header import (
     lines_before,
     refuse_table_above,
     refuse_width,
+    take_keyed_names,
 )
 from .header_words import label
 from .number_text import (
@@ -39,7 +40,7 @@ from .number_text import (
     number_grammar,
     unit_behind,
 )
-from .stamps import is_stamp
+from .stamps import CLOCKS, DATES, forms_of, is_stamp
 
 _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
@@ -78,13 +79,14 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     decimal, reasons["decimal"] = _decimal(of_width, width, options, path)
     table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
+    take_keyed_names(table, header)
     rows_above += rows[: header.top]
     pairs = [x if any(x[1:]) else [c.strip() for c in x[0].split(":", 1)] for _, x in rows_above]
     labels = {kind: x for x in pairs if len(x) > 1 and (kind := label(x[0]))}
     if not header.names and "names" in labels:
         header.names = [["", *labels["names"][1:]]]
     data = table.of_width(header.start)
-    header.names = [["", *x] if _lacks_row_names(x, data) else x for x in header.names]
+    header.names = [[*_name_missing(x, data), *x] for x in header.names]
     last_name = fit(header.names[-1], width)[-1] if header.names else ""
     # a delimiter at the end of each row makes an empty column
     used_width = width - (width > 2 and not last_name and not any(row[-1] for row in data))
@@ -133,11 +135,17 @@ def _cells(text: str, delimiter: str, width: int) -> list[str]:
     return cells
 
 
-def _lacks_row_names(names: list[str], data: list[list[str]]) -> bool:
-    """Whether a header has no name for the first column, which numbers the rows, as R writes."""
-    firsts = [row[0] for row in data]
-    is_counted = firsts == [str(k) for k in range(1, len(firsts) + 1)]
-    return is_counted and len(data) > 2 and len(names) == len(data[0]) - 1
+def _name_missing(names: list[str], data: list[list[str]]) -> list[str]:
+    """The name of the first column, where a header has one less than the rows have cells.
+
+    It numbers the rows, as R writes, or is the date of a stamp that a blank parts.
+    """
+    if len(data) < 3 or len(names) != len(data[0]) - 1:
+        return []
+    firsts, seconds = ([row[k] for row in data] for k in (0, 1))
+    if firsts == [str(k) for k in range(1, len(firsts) + 1)]:
+        return [""]
+    return [names[0]] if forms_of(firsts, DATES) and forms_of(seconds, CLOCKS) else []
 
 
 def _units_row(
@@ -374,4 +382,6 @@ def _why_header(table: FirstRows, header: Header, options: ReadOptions) -> str:
     if named := header.named(table):
         lines = " + ".join(f"line {n}" for n, _ in named)
         return f"{lines} ({'stated' if options.header else 'text above numbers'})"
+    if header.top < header.start:
+        return f"line {table.rows[header.top][0]} (a name beside each time)"
     return "a comment line above the data (it names as many columns)"

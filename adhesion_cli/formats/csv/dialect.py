@@ -159,7 +159,7 @@ def fit(cells: list[str], width: int) -> list[str]:
 
 
 def without_brackets(unit: str) -> str:
-    """A units cell without its brackets; "" for a dash."""
+    """A units cell without its brackets; "" for dashes."""
     bracketed = re.fullmatch(r"[\[({<](.*)[\])}>]", unit)
     text = (bracketed[1] if bracketed else unit).strip()
-    return "" if text in ("-", "--") else text
+    return text if text.strip("-") else ""

@@ -12,7 +12,7 @@ from ...core.errors import UserError
 from ...core.text import distinct
 from .dialect import fit, is_comment, is_null, split, uncommented
 from .head import Line
-from .header_words import STATISTICS, TYPES, is_named, is_units_row, label, time_name
+from .header_words import STATISTICS, TYPES, is_named, is_units_row, label, normal, time_name
 from .number_text import is_number, number_grammar, number_of
 from .stamps import is_stamp
 
@@ -49,7 +49,8 @@ class Header:
 
     def named(self, table: FirstRows) -> list[Row]:
         """The rows of names with the numbers of their lines; none where a comment names them."""
-        return [row for row in table.rows[self.top : self.start] if row[1] in self.names]
+        rows = table.rows[self.top : self.start]
+        return [(n, x) for n, cells in rows for x in self.names if x[-len(cells) :] == cells]
 
 
 def find_header(table: FirstRows, has_header: bool | None) -> Header:
@@ -61,9 +62,8 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
     start = _first_data(table)
     if start is None:
         reason = f"no row of {table.width} cells holds numbers"
-        hint = "give a log with data rows; if its numbers use a decimal comma, state it, as "
-        hint += "`--set csv.decimal=comma`"
-        raise UserError(f"{table.path}: no data rows under the header ({reason})", hint)
+        text = f"{table.path}: no data rows under the header ({reason})"
+        raise UserError(text, "give a log with data rows, its numbers as 1.5 or 1.5e3")
     if has_header is False:
         return Header([], None, start, start)
     line, cells = table.rows[start]
@@ -86,6 +86,32 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
         return Header([table.rows[start][1]], None, start, start + 1)
     text_above.names = _commented_header(table, table.rows[start][0])
     return text_above
+
+
+def take_keyed_names(table: FirstRows, header: Header) -> None:
+    """Gives a header the names beside a key that each time has, as in "Name;p;Name;v" of TwinCAT.
+
+    Raises:
+        UserError: where another such row scales the numbers.
+    """
+    rows = {
+        normal(cells[0]): (line, cells)
+        for line, cells in table.rows[: header.start]
+        if len(cells) == table.width > 3 and len({*cells[::2]}) == 1
+    }
+    for key, neutral in (("scalefactor", 1.0), ("offset", 0.0)):
+        line, cells = rows.get(key, (0, []))
+        if {number_of(cell) for cell in cells[1::2]} - {neutral}:
+            text = f"{table.path}: line {line} states {cells[0]}, and not whether the numbers below"
+            raise UserError(f"{text} have it", "correct the numbers, and delete the line")
+    if "name" in rows and len(rows) > 1:
+        unit = next(
+            (time_name(cells[0]) for _, cells in rows.values() if time_name(cells[0])), None
+        )
+        time = f"Time [{unit[1]}]" if unit and unit[1] else "Time"
+        names = rows["name"][1]
+        header.names = [[time if k % 2 == 0 else cell for k, cell in enumerate(names)]]
+        header.units, header.top = None, next(k for k, x in enumerate(table.rows) if x[1] is names)
 
 
 def _numbers_columns(table: FirstRows, row: int) -> bool:
@@ -158,13 +184,18 @@ def _text_above(table: FirstRows, start: int) -> Header:
     # the other columns of a spreadsheet hold notes beside the table
     data_columns = sum(n >= _DATA_SHARE * len(data) for n in filled)
     while len(names) < 4 and texts(top - 1):
-        cells = rows[top - 1][1]
+        line, cells = rows[top - 1]
+        between = (text for n, text in table.lines if line < n < rows[top][0])
+        if names and any(map(is_comment, between)):
+            break  # the row of another table
         if all(is_named(c, TYPES) for c in cells if c) or _is_statistics(cells):
             pass
         elif units is None and is_units_row(cells) and (names or texts(top - 2)):
             units = top - 1
         elif _continues(names, cells, width, data_columns):
             names.insert(0, cells)
+        elif not names and not cells[0] and texts(top - 2):
+            pass  # as of serial numbers
         else:
             break
         top -= 1

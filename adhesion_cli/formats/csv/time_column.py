@@ -64,7 +64,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         UserError: where no column is a time, or its unit or order of day and month is open.
     """
     unit = options.time_unit
-    if unit is not None and unit not in TIME_UNITS:
+    if unit is not None and unit not in TIME_UNITS and not time_unit(unit):
         hint = f"{_stated_time('')}; known: {', '.join(TIME_UNITS)}"
         raise UserError(f"unknown time unit {unit!r}", hint, code=2)
     search = _ClockSearch(dialect, unit, rows, path)
@@ -246,9 +246,10 @@ class _ClockSearch:
                 continue
             factor = stated_units[0].factor if stated_units else 1.0
             value = (number_of(cells[0].removesuffix(suffix)) or 0.0) * factor
-            if value > 0.0:
-                step = round(_S * (value if kind == "interval" else 1.0 / value))
-                reason = f"rows are counted; {step / _S:g} s apart by {labels[kind][0]!r}"
+            step_s = value if kind == "interval" or not value else 1.0 / value
+            if _STEP_S[0] <= step_s <= _STEP_S[1]:
+                step = round(_S * step_s)
+                reason = f"rows are counted; {step_s:g} s apart by {labels[kind][0]!r}"
                 return Clock((), "", "", self.dialect.decimal, False, reason, step=step)
         return None
 
@@ -446,6 +447,9 @@ class _ClockSearch:
         columns = range(len(self.dialect.names)) if i is None else [i]
         for k in (k for k in columns if k not in without):
             numbers = values or (self.dialect.numbers(k) if _rises(self.dialect, k) else [])
+            if i is None and set(np.diff(numbers)) == {1.0}:  # they count rows
+                stated = _stated_time(self.dialect.names[k], "20 ms")
+                return f"if the rows of {self.dialect.names[k]!r} are 20 ms apart, {stated}"
             shown_unit = self._shown_unit(k, [*numbers], None) if numbers else None
             units = [shown_unit[0]] if shown_unit else []
             units = units or self._usual_units(numbers) or self._usual_units(numbers, 0.0)

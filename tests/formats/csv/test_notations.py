@@ -550,3 +550,78 @@ def test_a_row_that_numbers_the_columns_is_no_sample(tmp_path: Path) -> None:
     text = text.replace("1,2,3\n\n" + rows, "".join(f"{k},{k + 1},{k + 2}\n" for k in range(1, 50)))
     source, (p, _) = numbers_of(tmp_path / "a.csv", text)
     assert (source.rows, p.value[0]) == (49, 2.0)
+
+
+RAW = "".join(f"{k // 50},{k % 50 * 2:02d};{k % 7},5;70,1\n" for k in range(50))  # s, bar, km/h
+DATED = [f"2026-11-24 10:15:0{k / 50:.2f} {k % 7}.5 70.1\n" for k in range(50)]
+PAIRS = "".join(f"{20 * k};{k % 7},5;{20 * k};70,1\n" for k in range(50))
+TWINCAT = (
+    "Name;Brake\nStart;24.11.2026 10:15:00\n\nName;BC pressure [bar];Name;wheel speed [km/h]\n"
+    "SymbolName;MAIN.p;SymbolName;MAIN.v\nSampleTime[ms];20;SampleTime[ms];20\n"
+    "ScaleFactor;1;ScaleFactor;1\nPort;851;Port;851\n"
+)
+IN_COMMAS = RAW.replace(",", ".").replace(";", ",")
+FACTS = ["Record Length,50,", "Sample Interval,0.02,", *[",,"] * 48]
+HEADS = {  # of programs, each above the same rows
+    "TwinCAT": TWINCAT + PAIRS,
+    "sqlcmd": "ts  bc_pressure_bar wheel_speed_kmh\n---- ---------- --------\n"
+    f"{''.join(DATED)}\n(50 rows affected)\n",
+    "LeCroy": "LECROY,15132,Waveform\nSegment,TrigTime,TimeSinceSegment1\n"
+    f"#1,24-Nov-2026 10:15:00,0\nTime [s],BC pressure [bar],wheel speed [km/h]\n{IN_COMMAS}",
+    "catman": f"Zeit 1 - Rate [s];C-Druck [bar];v_Rad [km/h]\n;SN: 123;SN: 124\n{RAW}",
+    "an oscilloscope": "x-axis;1;2\nsecond;bar;km/h\n" + RAW,
+    "a checksum": f"Time [s];p [bar];v [km/h]\n{RAW}End of file;;\nChecksum;0x3F2A;\n",
+}
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_heads_and_ends_that_programs_write(tmp_path: Path, name: str) -> None:
+    source, (p, v) = numbers_of(tmp_path / "a.csv", HEADS[name])
+    assert np.array_equal(p.t - p.t[0], np.arange(50) * 20_000_000)
+    assert np.allclose(p.value, np.arange(50) % 7 + 0.5)
+    assert (v.value == 70.1).all()
+    units = [unit(f.unit or in_name(f.channel)[1]) for f in source.fields]
+    assert [x and x.name for x in units] == ["bar", "km/h"]
+    assert not [f for f in source.findings if f.code != "csv-missing-cells"]
+
+
+def test_rows_of_errors_are_reported(tmp_path: Path) -> None:
+    text = f"t [s];p [bar];v [km/h]\n{RAW}Error;Error;Error\n"
+    source, _ = numbers_of(tmp_path / "a.csv", text)
+    assert [f.code for f in source.findings] == ["csv-rows-skipped"]
+
+
+def test_factors_of_twincat_are_refused(tmp_path: Path) -> None:
+    text = TWINCAT.replace("ScaleFactor;1", "ScaleFactor;0,1") + PAIRS
+    with pytest.raises(UserError, match="line 7 states ScaleFactor"):
+        numbers_of(tmp_path / "a.csv", text)
+
+
+@pytest.mark.parametrize("interval", ["5 min", "0 s"])
+def test_an_interval_that_no_brake_log_has_is_no_time(tmp_path: Path, interval: str) -> None:
+    rows = "".join(f"{k % 7}.5;70\n" for k in range(50))
+    text = f"Interval: {interval}\nDevice: X\np [bar];v [km/h]\n{rows}"
+    with pytest.raises(UserError, match="no column is a time"):
+        numbers_of(tmp_path / "a.csv", text)
+
+
+UNNAMED = {
+    "facts beside the table": "".join(
+        f"{fact},{row}" for fact, row in zip(FACTS, IN_COMMAS.splitlines(True), strict=True)
+    ),
+    "stamps": "".join(f"{row[:22]};{row[-9:-6]};70.1\n" for row in DATED),
+    "numbers of rows": "Sample;p [bar];v [km/h]\n"
+    + "".join(f"{k};{k % 7}.5;70\n" for k in range(50)),
+}
+
+
+@pytest.mark.parametrize("name", UNNAMED)
+def test_a_hint_about_columns_works_when_it_is_pasted(tmp_path: Path, name: str) -> None:
+    with pytest.raises(UserError) as error:
+        numbers_of(tmp_path / "a.csv", UNNAMED[name])
+    stated = settings.load(assignments=pasted(error.value.hint), folder=False)
+    source, columns = numbers_of(tmp_path / "a.csv", UNNAMED[name], stated.read)
+    assert {m.channel for m in stated.mappings} <= {str(f.column) for f in source.fields}
+    p = columns[-2]
+    assert np.array_equal(p.t - p.t[0], np.arange(50) * 20_000_000)
+    assert np.allclose(p.value, np.arange(50) % 7 + 0.5)
