@@ -151,13 +151,9 @@ class Reader:
             "messages": len(keys),
             "buses": len({key.bus for key in keys}),
         }
-        time_reason = (
-            "time stamp of each frame, to the microsecond; the start of the log is taken as UTC"
-        )
-        if not self._start:
-            time_reason = "time stamp of each frame, to the microsecond; no start stated"
-        if problems.has_steps:
-            time_reason = time_reason.replace("time stamp of", "sum of the time steps to")
+        clock = "sum of the time steps to" if problems.has_steps else "time stamp of"
+        begin = "the start of the log is taken as UTC" if self._start else "no start stated"
+        time_reason = f"{clock} each frame, to the microsecond; {begin}"
         findings = list(self._findings(problems, rows))
         events = []
         for code, times in (

@@ -29,7 +29,6 @@ from .header import (
     lines_before,
     refuse_table_above,
     refuse_width,
-    take_keyed_names,
 )
 from .header_words import label
 from .number_text import (
@@ -79,7 +78,6 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     decimal, reasons["decimal"] = _decimal(of_width, width, options, path)
     table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
-    take_keyed_names(table, header)
     rows_above += rows[: header.top]
     pairs = [x if any(x[1:]) else [c.strip() for c in x[0].split(":", 1)] for _, x in rows_above]
     labels = {kind: x for x in pairs if len(x) > 1 and (kind := label(x[0]))}

@@ -77,6 +77,7 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
         )
         raise UserError(text, f'{hint}, as `--set "channels.pressure.unit=0.01 bar"`')
     text_above = _text_above(table, start)
+    _take_keyed_names(table, text_above)
     if text_above.names:
         text_above.start += is_factors or _numbers_columns(table, start)
         return text_above
@@ -88,30 +89,26 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
     return text_above
 
 
-def take_keyed_names(table: FirstRows, header: Header) -> None:
+def _take_keyed_names(table: FirstRows, header: Header) -> None:
     """Gives a header the names beside a key that each time has, as in "Name;p;Name;v" of TwinCAT.
 
     Raises:
         UserError: where another such row scales the numbers.
     """
     rows = {
-        normal(cells[0]): (line, cells)
-        for line, cells in table.rows[: header.start]
+        normal(cells[0]): k
+        for k, (_, cells) in enumerate(table.rows[: header.start])
         if len(cells) == table.width > 3 and len({*cells[::2]}) == 1
     }
     for key, neutral in (("scalefactor", 1.0), ("offset", 0.0)):
-        line, cells = rows.get(key, (0, []))
+        line, cells = table.rows[rows[key]] if key in rows else (0, [])
         if {number_of(cell) for cell in cells[1::2]} - {neutral}:
             text = f"{table.path}: line {line} states {cells[0]}, and not whether the numbers below"
             raise UserError(f"{text} have it", "correct the numbers, and delete the line")
-    if "name" in rows and len(rows) > 1:
-        unit = next(
-            (time_name(cells[0]) for _, cells in rows.values() if time_name(cells[0])), None
-        )
-        time = f"Time [{unit[1]}]" if unit and unit[1] else "Time"
-        names = rows["name"][1]
-        header.names = [[time if k % 2 == 0 else cell for k, cell in enumerate(names)]]
-        header.units, header.top = None, next(k for k, x in enumerate(table.rows) if x[1] is names)
+    if {"name", "sampletime[ms]"} <= rows.keys():
+        header.top, header.units = rows["name"], None
+        names = table.rows[header.top][1]
+        header.names = [["Time [ms]" if k % 2 == 0 else cell for k, cell in enumerate(names)]]
 
 
 def _numbers_columns(table: FirstRows, row: int) -> bool:
