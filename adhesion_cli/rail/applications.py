@@ -150,6 +150,8 @@ def _measured(
 ) -> tuple[MeanAndHighest, MeanAndHighest, tuple[Contribution, ...], Coverage] | None:
     """Force [N], µ and budget of an application; None where the reference has no value.
 
+    Nor has it an interval where the pressure is at the end of its sensor's range.
+
     Args:
         axle: with its reference.
         vehicle: with its tolerances.
@@ -158,6 +160,8 @@ def _measured(
         peak_time: the highest force is a mean over this time [s].
     """
     ref, finite_pieces = axle.reference, []
+    if ref.saturated is not None and any(ref.saturated[piece].any() for piece in pieces):
+        return None
     for piece in pieces:
         indices = piece.start + np.flatnonzero(np.isfinite(ref.force[piece]))
         if len(indices) > 1:

@@ -8,6 +8,8 @@ from helpers import simulated
 from helpers.diagnosed import analysed, clean, found, outside, warned
 from helpers.grids import thinned
 
+from adhesion_cli.rail.applications import find_applications
+
 
 def test_a_pressure_lost_on_a_single_axle_is_a_warning(tmp_path: Path) -> None:
     log = [r for r in simulated.recordings("service-brake", train=False) if r.axle in (None, 1)]
@@ -31,6 +33,10 @@ def test_a_saturated_pressure_leaves_the_band_open(name: str, share: float, tmp_
         known = np.isfinite(a.reference.force)
         assert (ends & known).any()
         assert (np.isfinite(a.reference.upper) == (known & ~ends)).all()
+        for x in find_applications(a, result.vehicle):
+            t = a.record.t / 1e9
+            braked = (t >= x.start_s) & (t <= x.end_s)
+            assert (x.coefficient is None) == bool(ends[braked].any())
     assert outside(result) < 0.1
 
 
