@@ -1,0 +1,56 @@
+"""An ED force that is spread over axles which have no ED brake: their cylinders keep the pressure.
+
+Blending takes pressure off the cylinders of the axles whose motors brake. So an axle that keeps its
+pressure while others lose theirs has no part in the ED force.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ...core.finding import Finding
+from ...core.model import Quantity
+from ...core.physics import CRAWL
+from ...train.grid import FEWEST
+from ..registry import About
+from ..scene import Scene
+
+ABOUT = About("Axles of the ED force", "motors", 10)
+_EQUAL = 0.05  # of the highest force: more, and each axle has its own
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    acts: Annotated[
+        float, Quantity("-", "of the highest ED force, which acts on the pressures", 0.0, 1.0)
+    ] = 0.3
+    blended: Annotated[
+        float,
+        Quantity("-", "of the highest pressure of an axle: the ED brake replaces it", 0.0, 1.0),
+    ] = 0.5
+    kept: Annotated[
+        float, Quantity("-", "of the others' highest pressure: it replaces nothing", 0.0, 1.0)
+    ] = 0.8
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """One finding where a force is spread evenly, and only some axles are blended."""
+    g = s.grid
+    by_motors = np.nan_to_num(g.clamping - g.friction_clamping)
+    highest = float(by_motors.max(initial=0.0))
+    acts = (by_motors.min(axis=0) > p.acts * highest) & (g.fastest > CRAWL)
+    acts &= np.isfinite(g.pressure).all(axis=0)
+    if not highest or acts.sum() < FEWEST or np.ptp(by_motors, axis=0).max() > _EQUAL * highest:
+        return
+    tops = np.nanmax(g.pressure, axis=1)
+    usual = np.median(g.pressure[:, acts], axis=1)
+    is_blended, keeps = usual < p.blended * tops, usual > p.kept * tops.max()
+    if is_blended.any() and keeps.any() and (is_blended | keeps).all():
+        first = int(np.argmax(keeps))
+        numbers = [[a.record.axle for a, x in zip(s.axles, mask, strict=True) if x]
+                   for mask in (is_blended, keeps)]  # fmt: skip
+        blended, others = (", ".join(map(str, x)) for x in numbers)
+        names = {"blended": blended, "others": others}
+        yield s.finding("ed-force-axles", "warning", s.axles[first].brake, acts, first, {}, names)
