@@ -1,0 +1,107 @@
+"""An axle whose wheels creep less than its brake force says, or a pressure that is too low.
+
+The creepage of a braked wheel that rolls grows with its brake force. Against the train speed v,
+
+    ωR = v (1 + c) − k v µ + τ dv/dt,
+
+with µ by pressure and vehicle, the error c of the radius, the creepage k for each µ, which one rail
+has for all axles alike, and the delay τ between the two speeds. A rail that is wet under one axle
+makes k larger, never smaller. So a larger one counts only with a pressure below the others'.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ...core.finding import Finding
+from ...core.model import Z95, Bools, Floats, Quantity
+from ...core.physics import CRAWL, G
+from ...train.grid import FEWEST
+from ..registry import About
+from ..scene import Scene
+
+ABOUT = About("Creepage against the other axles", "creepage", 10)
+_FEWEST_AXLES = 3  # of two, either may be wrong
+_BLOCK = 1.0  # errors of a train speed are alike within that time [s]
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    least: Annotated[
+        float, Quantity("-", "of the others' creepage: rail and load of axles differ", 0.0, 1.0)
+    ] = 0.85
+    sure: Annotated[float, Quantity("-", "1 sigma of a share that says something", 0.0, 1.0)] = 0.1
+    lower: Annotated[
+        float, Quantity("-", "of the others' brake force: a pressure that may be wrong", 0.0, 1.0)
+    ] = 0.9
+
+
+class _Creepages(NamedTuple):
+    """The creepage of each axle for each µ, k of the equation; shape (axles,)."""
+
+    value: Floats
+    sigma: Floats  # 1 sigma against the other axles
+    common: float  # 1 sigma that they share: errors of the train speed
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """One finding for each axle that surely brakes otherwise than pressure and vehicle say."""
+    if s.grid.train is None or len(s.axles) < _FEWEST_AXLES:
+        return
+    creepages = _creepages(s, s.grid.train)
+    if creepages is None:
+        return
+    brakes = np.nansum(s.grid.clamping, axis=1)
+    for i, (value, sigma) in enumerate(zip(creepages.value, creepages.sigma, strict=True)):
+        usual = float(np.median(np.delete(creepages.value, i)))
+        if usual < 4.0 * creepages.common:
+            continue
+        share = float(value) / usual
+        share_sigma = float(np.hypot(sigma, (1.0 - share) * creepages.common)) / usual
+        u95 = Z95 * share_sigma
+        is_more = share - u95 > 1.0 / p.least and brakes[i] < p.lower * np.median(brakes)
+        if share_sigma < p.sure * max(share, 1.0) and (share + u95 < p.least or is_more):
+            values = {"share": share, "share_u95": u95}
+            yield s.finding("axle-force-suspect", "warning", s.axles[i].brake, None, i, values)
+
+
+def _creepages(s: Scene, v: Floats) -> _Creepages | None:
+    """The creepages, by the train speed (n,) [m/s]; None where the log does not show them."""
+    g, fits = s.grid, []
+    used = g.rolling.all(axis=0) & np.isfinite(g.braking) & (v > 2.0 * CRAWL)
+    size = max(1, round(_BLOCK / g.step))
+    for a, rim, K in zip(s.axles, g.rim, g.clamping, strict=True):
+        vehicle = s.vehicle.of_axle(a.record.axle)
+        mu = vehicle.friction.value * K / (vehicle.axle_mass.value * G)
+        columns = np.array([v, -v * mu, g.slope(v), rim - v])
+        known = used & np.isfinite(columns).all(axis=0)
+        blocks = _means(np.where(known, columns, 0.0), known, size)
+        if (fit := _fit(blocks[:3].T, blocks[3])) is None:
+            return None
+        fits.append(fit)
+    values, variances, residuals = (np.array(x) for x in zip(*fits, strict=True))
+    others = (residuals.sum(axis=0) - residuals) / (len(fits) - 1)
+    freedom = residuals.shape[1] - 3
+    own, total = (np.sum(r**2, axis=1) / freedom for r in (residuals - others, residuals))
+    common = float(np.sqrt(np.max(total * variances)))
+    return _Creepages(values, np.sqrt(own * variances), common)
+
+
+def _fit(A: Floats, y: Floats) -> tuple[float, float, Floats] | None:
+    """k, its variance for an error of 1 m/s, and what is left [m/s]; None where not shown."""
+    if len(y) < FEWEST or np.linalg.matrix_rank(A) < A.shape[1]:
+        return None
+    covariance = np.linalg.inv(A.T @ A)
+    x = covariance @ A.T @ y
+    return float(x[1]), float(covariance[1, 1]), y - A @ x
+
+
+def _means(columns: Floats, known: Bools, size: int) -> Floats:
+    """Means of the known samples over blocks of so many, without blocks of few, (m, blocks)."""
+    starts = np.arange(0, len(known), size)
+    counts = np.add.reduceat(known.astype(np.float64), starts)
+    full = counts > size / 2.0
+    means: Floats = np.add.reduceat(columns, starts, axis=1)[:, full] / counts[full]
+    return means

@@ -1,0 +1,65 @@
+"""One axle whose creepage contradicts its pressure, in comparison with the other axles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from adhesion_cli.analysis.prepare import prepare
+from adhesion_cli.channels.log import read
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import Parameter, Vehicle
+from adhesion_cli.formats.memory import MemorySource, Signals
+
+T = np.arange(0.0, 50.0, 0.05)
+BRAKE = np.interp(T, [8.0, 10.0], [0.0, 3.0])  # [bar]
+DIAMETERS = (1.0, 1.01, 0.99, 1.005)
+
+
+def findings(
+    force: float = 1.0, rail: float = 1.0, read_low: float = 1.0, late: float = 0.0, axle: int = 2
+) -> list[Finding]:
+    """On a stop of four axles with a stiffness of 25 per unit of slip.
+
+    Args:
+        force: of one axle, as a share of what its pressure gives.
+        rail: stiffness of its rail, as a share.
+        read_low: what its pressure sensor reads, as a share.
+        late: by how much its speed is delayed [s].
+        axle: which one.
+    """
+    v = np.maximum(32.0 - 0.05 * np.cumsum(0.35 * BRAKE + 0.02), 0.0)
+    rng, signals = np.random.default_rng(4), {}
+    for number in (1, 2, 3, 4):
+        share, stiffness, reading, delay = (
+            (force, rail, read_low, late) if number == axle else (1.0, 1.0, 1.0, 0.0)
+        )
+        slip = 0.035 * BRAKE * share / (25.0 * stiffness)
+        rim = DIAMETERS[number - 1] * np.interp(T - delay, T, v * (1.0 - slip))
+        signals[f"BCP {number} [bar]"] = reading * BRAKE
+        noise = rng.normal(0.0, 0.02, len(T))
+        signals[f"axle {number} [km/h]"] = np.round(3.6 * rim + noise, 1)
+    signals["train speed [km/h]"] = 3.6 * v
+    vehicle = replace(Vehicle(), spring_force=Parameter(0.0, 0.0))
+    log = read(MemorySource(Signals(T, signals)), (), vehicle)
+    return [f for f in prepare(log, vehicle).findings if f.code == "axle-force-suspect"]
+
+
+@pytest.mark.parametrize("axle", [1, 3])
+def test_an_axle_that_creeps_less_brakes_less(axle: int) -> None:
+    (finding,) = findings(force=0.7, axle=axle)
+    assert finding.channel == f"BCP {axle} [bar]"
+    assert finding.values["share"] == pytest.approx(0.7, abs=finding.values["share_u95"])
+    assert finding.values["share_u95"] < 0.1
+
+
+def test_a_pressure_that_reads_too_low_is_seen_by_the_creepage() -> None:
+    (finding,) = findings(read_low=0.7)
+    assert finding.values["share"] == pytest.approx(1.0 / 0.7, abs=finding.values["share_u95"])
+
+
+def test_a_wet_rail_under_one_axle_and_a_delayed_speed_are_no_brake() -> None:
+    assert not findings()
+    assert not findings(rail=0.7)
+    assert not findings(late=0.1)
+    assert not findings(force=0.7, read_low=0.7)  # an axle that is braked less by design
