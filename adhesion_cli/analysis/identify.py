@@ -426,6 +426,7 @@ def _posterior(
     """
     vehicle = prior.vehicle
     evidence = [_evidence(logs[i], vehicle, setting) for i in lines]
+    setting = setting._replace(train=calibrated_vehicle.train_by(evidence, setting.train))
     rolling = [e for e in evidence if e.applications()]
     line = min(lines.values(), key=lambda x: x.sigma)
     calibrated, sigmas = None, abs(_contradiction(vehicle, line, setting))

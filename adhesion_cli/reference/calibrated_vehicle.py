@@ -37,6 +37,7 @@ from . import force
 
 # 1 sigma from log to log, assumed: of the friction by heat and wear, of the pressure's zero.
 LOG_TO_LOG = {model.SCALE: 0.02, model.OFFSET: 0.005}
+_UNLIKE = 0.5  # 1 sigma of the brake force per mass of other cars that brake later, as a share
 _Values = dict[str, Any]  # of a vehicle, by their names
 _SOURCES = {
     "force_over_mass": "stated tolerances",
@@ -200,6 +201,13 @@ def prior(
     priors[model.SCALE] = Parameter(0.0, scale_sigma(vehicle, by_wheels, train))
     priors[model.DELAY] = Parameter(0.0, max(priors[model.DELAY].tolerance, delay))
     return priors
+
+
+def train_by(logs: Sequence[Evidence], train: Train) -> Train:
+    """The rest of the train: where it brakes later than the axles of a log, it is not alike."""
+    if not any(x.delay < -model.EARLY for x in logs):
+        return train
+    return train._replace(alike=max(train.alike, _UNLIKE))
 
 
 def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:

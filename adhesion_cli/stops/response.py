@@ -39,7 +39,8 @@ def find_response(
     """The mean response of all axles, weighted by their brakes.
 
     It is not defined where WSP, a slide or another brake disturbs the build-up, nor where a
-    pressure is at the end of its sensor's range, nor where the log begins after the command.
+    pressure is at the end of its sensor's range, nor where the log begins after the command or
+    other cars brake later than its axles.
 
     Args:
         signals: of the log.
@@ -48,7 +49,7 @@ def find_response(
         start_share: share of the full brake at which the delay ends.
     """
     axles, unknown = [], Parameter(math.nan, math.nan)
-    if braking.reason == BEGUN:
+    if braking.reason == BEGUN or signals.others_later:
         return BrakeResponse(unknown, unknown, math.nan)
     if np.any((signals.saturated > command) & (signals.saturated < braking.stop)):
         return BrakeResponse(unknown, unknown, math.nan)  # nobody knows the full value

@@ -17,6 +17,7 @@ from ..rail.speed_errors import (
     unknown_delay,
 )
 from ..rail.wheel_calibration import calibrate_radius
+from ..train.longitudinal import EARLY
 
 SpeedSource = Literal["train", "axles"]
 FAST = 0.275  # longest interval of a fast train speed: 4 readings a second, and 10 % [s]
@@ -59,6 +60,7 @@ class StopSignals(NamedTuple):
     reservoir: TimeSeries | None = None  # pressure [Pa]
     saturated: Floats = np.empty(0)  # when a pressure is at the end of its sensor's range [s]
     by_pressure: bool = True  # whether `brakes` are pressures
+    others_later: bool = False  # whether other cars brake later than the axles of the log
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]
     knows_delay: bool = True  # whether the speed's delay is known, or as short as usual
@@ -113,6 +115,7 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
     signals = signals._replace(
         saturated=np.concatenate([signals.saturated, *ends]),
         by_pressure=by_pressure,
+        others_later=any(r.pressure_late.value < -EARLY for r in records),
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
         knows_delay=not (measured and has_uncertain_delay(base)),

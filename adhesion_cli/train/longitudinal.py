@@ -59,6 +59,7 @@ DRAG_OF_TRAINS = Parameter(3e-5, 2e-5)  # C [1/m]
 _EXACT = 1e-4  # 1 sigma of ln s of a vehicle without tolerances
 DELAY_SIGMA = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
 _ZERO_SIGMA = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
+EARLY = 0.5  # no sensor is as early: the train brakes later than the axles of the log [s]
 LARGEST_DELAY = 5.0  # the largest delay that is looked for [s]
 FLOOR = 0.005  # 1 sigma by which the model misses a rolling wheel's speed [m/s]
 

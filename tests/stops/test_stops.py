@@ -288,6 +288,13 @@ def test_a_pressure_at_the_end_of_its_range_leaves_no_response() -> None:
     assert later.response_time_s is not None
 
 
+def test_axles_that_brake_before_the_rest_of_the_train_leave_no_response() -> None:
+    x, _ = signals()
+    (stop,) = measured(x._replace(others_later=True))
+    assert (stop.delay_s, stop.response_time_s, stop.equivalent_deceleration) == (None, None, None)
+    assert stop.distance_m is not None
+
+
 def test_a_wheel_is_locked_where_the_train_is_fast_and_not_in_the_last_metres() -> None:
     x, _ = signals()
     t, v = x.speed.t, x.speed.value

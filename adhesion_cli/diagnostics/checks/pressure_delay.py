@@ -5,6 +5,7 @@ from typing import Annotated, NamedTuple
 
 from ...core.finding import Finding, Severity
 from ...core.model import Z95, Quantity
+from ...train.longitudinal import EARLY
 from ..registry import About
 from ..scene import Scene
 
@@ -24,5 +25,10 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     delay = s.explanation.pressure_delay
     if delay.value:
         values = {"delay_s": delay.value, "delay_u95_s": Z95 * delay.tolerance}
+        names = {
+            "sense": "late" if delay.value > 0.0 else "early",
+            "amount": f"{abs(delay.value):.2f}",
+            "why": " Other cars may brake later." if delay.value < -EARLY else "",
+        }
         severity: Severity = "warning" if abs(delay.value) > p.warns else "info"
-        yield s.finding("pressure-delay", severity, s.axles[0].brake, values=values)
+        yield s.finding("pressure-delay", severity, s.axles[0].brake, values=values, names=names)
