@@ -47,11 +47,6 @@ report: Callable[[str], None] = silent  # reports what takes seconds; a program 
 
 _KEPT_FOLDERS = 64  # cache folders that stay, those used last: one per loop, of a few versions
 
-_WRAPPER = """
-def call({arguments}):
-    return target({arguments})
-"""
-
 _compiling = threading.RLock()
 
 # Slices, because an index that counts from 0 needs no check for a negative one.
@@ -125,14 +120,9 @@ def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callabl
     """
     assert isinstance(target, FunctionType)
     stand_ins = stand_ins or {}
-    code = target.__code__
-    arguments = ", ".join(code.co_varnames[: code.co_argcount])
     name = "_".join(f"{f.__module__}.{f.__name__}" for f in (target, *stand_ins.values()))
-    text = _WRAPPER.format(arguments=arguments)
     with _compiling:
-        return _compiled(
-            name.replace(".", "_"), text, (("target", target),), tuple(stand_ins.items())
-        )
+        return _compiled(name.replace(".", "_"), target, (), tuple(stand_ins.items()))
 
 
 def _loop(est: Estimator) -> Callable[..., Any]:
@@ -153,31 +143,37 @@ def _loop(est: Estimator) -> Callable[..., Any]:
 @cache
 def _compiled(
     name: str,
-    text: str,
+    source: str | FunctionType,
     names: tuple[tuple[str, Any], ...],
     stand_ins: tuple[tuple[Any, Any], ...] = (),
 ) -> Callable[..., Any]:
-    """`call` of the source `text`, which finds functions and types under these names.
+    """A function, or `call` of a source that finds functions and types under these names.
 
-    Of each pair of `stand_ins` the second function is called wherever the first one is named. The
-    source is a separate file, because numba's disk cache recognises a function by its file. It does
-    not recognise a function that is an argument or a closure.
+    Of each pair of `stand_ins` the second function is called wherever the first one is named. Each
+    has a file of its own, because numba's disk cache recognises a function by its file. It does not
+    recognise a function that is an argument or a closure.
     """
     from numba import njit
 
-    folder = _folder(_key(x for _, x in (*names, *stand_ins)))
-    if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
+    roots = [x for _, x in (*names, *stand_ins)]
+    folder = _folder(_key(roots if isinstance(source, str) else [source, *roots]))
+    if not any(folder.glob(f"__pycache__/{name}.*.nbi")):
         report("compiling, for the first run with these methods ...")
     path = folder / f"{name}.py"
-    has_file = _write_source(path, text)
-    module = sys.modules[name] = ModuleType(name)  # where numba looks for its globals
+    has_file = _write_source(path, source if isinstance(source, str) else "")
     lowered: dict[FunctionType, Any] = {}
     for replaced, replacement in stand_ins:
         lowered[replaced] = _lower(replacement, lowered)
-    for key, x in names:
-        setattr(module, key, _lower(x, lowered) if isinstance(x, FunctionType) else x)
-    exec(compile(text, path, "exec"), module.__dict__)
-    call: Any = njit(cache=has_file, nogil=True, error_model="numpy")(module.__dict__["call"])
+    if isinstance(source, str):
+        module = sys.modules[name] = ModuleType(name)  # where numba looks for its globals
+        for key, x in names:
+            setattr(module, key, _lower(x, lowered) if isinstance(x, FunctionType) else x)
+        exec(compile(source, path, "exec"), module.__dict__)
+        plain = module.__dict__["call"]
+    else:  # no second function around it: that costs a third of the compiling
+        plain = _copy(source, _functions(source, lowered), str(path))
+    options: Any = {"cache": has_file, "nogil": True, "no_cfunc_wrapper": True}
+    call: Any = njit(error_model="numpy", **options)(plain)
     if has_file:
         call._cache = _Cache(call._cache)
     dispatcher: Callable[..., Any] = call
@@ -192,11 +188,20 @@ def _lower(f: FunctionType, lowered: dict[FunctionType, Any]) -> Any:
     if f not in lowered:
         named = {name: f.__globals__.get(name) for name in f.__code__.co_names}
         constants = {name: x for name, x in named.items() if isinstance(x, int | float | tuple)}
-        functions = {
-            name: _lower(x, lowered) for name, x in named.items() if isinstance(x, FunctionType)
-        }
-        lowered[f] = _inner(f, tuple(functions.items()), repr(constants))
+        lowered[f] = _inner(f, tuple(_functions(f, lowered).items()), repr(constants))
     return lowered[f]
+
+
+def _functions(f: FunctionType, lowered: dict[FunctionType, Any]) -> dict[str, Any]:
+    """The plain functions that `f` names, for numba; arguments as of `_lower`."""
+    named = {name: f.__globals__.get(name) for name in f.__code__.co_names}
+    return {name: _lower(x, lowered) for name, x in named.items() if isinstance(x, FunctionType)}
+
+
+def _copy(f: FunctionType, functions: Mapping[str, Any], file: str) -> FunctionType:
+    """The function of that file which calls these functions, by name."""
+    code = f.__code__.replace(co_filename=file)
+    return FunctionType(code, f.__globals__ | dict(functions), f.__name__, f.__defaults__)
 
 
 @cache
@@ -207,7 +212,7 @@ def _inner(f: FunctionType, functions: tuple[tuple[str, Any], ...], constants: s
     """
     from numba import njit
 
-    copy = FunctionType(f.__code__, f.__globals__ | dict(functions), f.__name__, f.__defaults__)
+    copy = _copy(f, dict(functions), f.__code__.co_filename)
     options: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return njit(error_model="numpy", **options)(copy)
 

@@ -90,7 +90,8 @@ def _integrate(  # noqa: PLR0913 (compiled: one array each)
             if not recorded:
                 recorded = True
                 speed[k], distance[k] = train.v, train.x
-                pressure[k], rim_speed[k] = wheels.p, wheels.w
+                for i in range(len(wheels.w)):  # rows at once take 2 s to compile
+                    pressure[k, i], rim_speed[k, i] = wheels.p[i], wheels.w[i]
             tick_end = min(step_end, decisions * wsp.period) if decisions > 0 else step_end
             train = advance_to(plant, track, demand, train, wheels, tick_end)
             if math.isnan(train.v):
