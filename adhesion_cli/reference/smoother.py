@@ -29,6 +29,8 @@ from ..core import compiled
 from ..core.innovations import ROOT_TAU, score
 from ..core.model import Z95, Floats
 
+_SAME_STEP = 1e-9  # steps that differ by a smaller share are one, rounded
+
 
 class UnbrokenRun(NamedTuple):
     """Measurements without interruption; columns of shape (n,)."""
@@ -295,7 +297,7 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
     for k in range(1, n):
         h, ds = t[k] - t[k - 1], s[k] - s[k - 1]
         gain = h * (u[k - 1] + u[k]) / 2.0
-        if h != last_h:
+        if abs(h - last_h) > _SAME_STEP * h:
             _switching(leave, h, T)
             last_h = h
         smallest = math.inf
@@ -401,7 +403,7 @@ def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
         if k < n - 1:
             h, ds = t[k + 1] - t[k], s[k + 1] - s[k]
             gain = h * (u[k + 1] + u[k]) / 2.0
-            if h != last_h:
+            if abs(h - last_h) > _SAME_STEP * h:
                 _switching(leave, h, T)
                 last_h = h
             for j in range(M):  # the regime after the step

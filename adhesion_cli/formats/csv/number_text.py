@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 import numpy as np
 
@@ -37,7 +37,7 @@ def plain(text: str) -> str:
     >>> plain("\u22125\u202f987,0")
     "-5'987,0"
     """
-    return _DASH.sub("-", _GAP.sub("'", text)).translate(_PLAIN)
+    return text if text.isascii() else _DASH.sub("-", _GAP.sub("'", text)).translate(_PLAIN)
 
 
 def number_of(text: str) -> float | None:
@@ -75,7 +75,7 @@ def group_mark(cells: Sequence[str], decimal: str = "") -> str:
     >>> group_mark(["980", "1,000.5", "1,020"]), group_mark(["0.9", "1.000", "1.1"])
     (',', '')
     """
-    matches = [m for c in cells if (m := _GROUPS.fullmatch(c))]
+    matches = [m for m in takewhile(bool, map(_GROUPS.fullmatch, cells)) if m]
     marks, decimal_marks = ({m[k] for m in matches if m[k]} for k in (1, 2))
     if len(matches) < max(3, len(cells)) or len(marks) != 1 or marks & decimal_marks:
         return ""

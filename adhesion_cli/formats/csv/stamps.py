@@ -6,6 +6,7 @@ A form is a pattern; its named groups are the parts of a stamp, see `stamps.toml
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,7 @@ def _any_of(forms: Mapping[str, str]) -> re.Pattern[str]:
 _ANY = [_any_of(forms) for forms in (CLOCKS | {"": "[0-9]{1,3}:[0-9]{2}"}, DATES, STAMPS)]
 
 
+@lru_cache(1 << 14)  # as of `is_number`
 def is_stamp(cell: str) -> bool:
     """Whether a cell reads like a date, a time of day or both."""
     return cell != "" and any(form.fullmatch(cell) for form in _ANY)
