@@ -66,12 +66,9 @@ def read(
 ) -> Log:
     """The channels of an opened log that mean something, in SI, on clean time axes.
 
-    Args:
-        source: the opened log.
-        mappings: what the user stated about its channels.
-        vehicle: for the wheel radius, where a wheel speed is in km/h.
-        max_gap_ns: longer intervals are gaps; 0 decides per channel.
-        further: meanings of channels that are read as well, where their unit is known.
+    `mappings` is what the user stated, `vehicle` has the wheel radius. Intervals longer than
+    `max_gap_ns` are gaps; 0 decides per channel. Channels of `further` meanings are read as well,
+    where their unit is known.
 
     Raises:
         UserError: where the log cannot be read, a unit that is needed cannot be known, a channel
@@ -120,11 +117,6 @@ def _judged(log: Log, meant: Sequence[Meant], vehicle: Vehicle) -> Log:
 
 def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant], proposal: str | None) -> None:
     """Refuses a log whose only pressure acts as that of a brake pipe, and is not named so.
-
-    Args:
-        log: the log.
-        chosen: what its channels mean by their names.
-        proposal: an option that states the brake cylinder's.
 
     Raises:
         UserError: names it.
@@ -495,9 +487,6 @@ def _joined(findings: Sequence[tuple[int, Finding]]) -> list[Finding]:
 
     Faults are shared by the channels of one clock. Notes with the same numbers are shared by all:
     each message of a bus has stamps of its own, which are rounded alike.
-
-    Args:
-        findings: each with its channel's clock.
     """
     joined: dict[tuple[int, Finding], tuple[Finding, list[str]]] = {}
     for clock, f in findings:

@@ -39,9 +39,8 @@ def bogie_axles(bogie: int) -> tuple[int, ...]:
 def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
     """The axles that each channel serves.
 
-    Args:
-        channels: meaning and place of each, by any key; those that no axle has are not in the
-            answer.
+    `channels` has meaning and place of each, by any key. Those that no axle has are not in the
+    answer.
     """
     places = {i: place for i, (meaning, place) in channels.items() if meaning in _OF_AXLES}
     places = _counted_in_bogies(places)
@@ -98,13 +97,7 @@ def _axles_of_parts(speeds: Iterable[Place]) -> dict[str, set[int]]:
 def _are_unclear(
     pressures: Mapping[int, Place], numbers: Mapping[str, set[int]], axles: Mapping[int, Served]
 ) -> bool:
-    """Whether the names do not say which axles the pressures serve.
-
-    Args:
-        pressures: their places.
-        numbers: the axles of each car, by the wheel speeds.
-        axles: what would be served.
-    """
+    """Whether the names do not say which axles the pressures serve."""
     if len(pressures) < 2:
         return False
     words = {p.part for p in pressures.values()}

@@ -44,13 +44,7 @@ class Motion(NamedTuple):
 def judge(
     channels: Sequence[Channel], meant: Sequence[Meant], vehicle: Vehicle
 ) -> tuple[list[Channel], list[Finding]]:
-    """The channels, with brake pipes named and the pressure of the air taken off.
-
-    Args:
-        channels: of a log, in SI.
-        meant: what each of them means, and what the user states of it.
-        vehicle: for the wheel radius.
-    """
+    """The channels, with brake pipes named and the pressure of the air taken off."""
     judged, findings = list(channels), []
     pressures = [i for i, c in enumerate(channels) if c.meaning == "pressure" and len(c.data.t)]
     motion = _find_motion(channels, vehicle) if pressures else None

@@ -35,12 +35,8 @@ def channel(
 ) -> tuple[Channel, list[Finding]]:
     """One channel in SI where its unit is known, and what was wrong with its samples.
 
-    Args:
-        m: the channel with its meaning and its unit.
-        column: its samples, as the log has them.
-        vehicle: for the wheel radius, where a wheel speed is in km/h.
-        ends: the log's start and end [ns].
-        max_gap_ns: longer intervals are gaps; 0 decides from the channel itself.
+    `ends` are those of the log [ns]. Intervals longer than `max_gap_ns` are gaps; 0 decides by the
+    channel itself.
 
     Raises:
         UserError: where the stated zero is larger than every value.
@@ -100,12 +96,7 @@ def channel(
 
 
 def zero(m: Meant, vehicle: Vehicle) -> Parameter:
-    """What is taken off a channel, SI.
-
-    Args:
-        m: the channel with its meaning.
-        vehicle: for the wheel radius, where a wheel speed is in km/h.
-    """
+    """What is taken off a channel, SI."""
     unit = units.unit_for(m.unit, m.meaning) if m.meaning else None
     factor = scale(m, unit, vehicle) if unit else 0.0
     value, tolerance = m.zero or (0.0, 0.0)
@@ -141,13 +132,7 @@ def is_rim(unit: units.Unit) -> bool:
 
 
 def scale(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
-    """What makes a value SI, before the unit's offset; of a cumulative counter, an angle [rad].
-
-    Args:
-        m: the channel with its meaning.
-        unit: its unit.
-        vehicle: for the wheel radius, where a wheel speed is in km/h.
-    """
+    """What makes a value SI, before the unit's offset; of a cumulative counter, an angle [rad]."""
     if unit.dimension == "count":
         return 2.0 * math.pi / max(m.teeth, 1)
     if unit.dimension == "pulse rate":

@@ -28,12 +28,7 @@ def open_text(
 ) -> CsvSource:
     """Opens a table of another format as text.
 
-    Args:
-        kind: its format.
-        path: of the log.
-        write: writes the table as text, as `write_table` does, and gives the unit of each column.
-        unit_source: where these units stand.
-        options: what the user stated.
+    `write` writes it as text, as `write_table` does, and gives the unit of each column.
 
     Raises:
         UserError: where the table is no log.

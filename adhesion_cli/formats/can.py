@@ -45,9 +45,6 @@ class _Key(NamedTuple):
 class _Database:
     """The messages of the DBC files.
 
-    Args:
-        names: of the files.
-
     Raises:
         UserError: where a file cannot be read, or two define one message differently.
     """
@@ -296,8 +293,7 @@ class Reader:
 def bus(place: str) -> Any:
     """A bus that is listened to, as python-can has it.
 
-    Args:
-        place: INTERFACE:CHANNEL; a channel alone is one of socketcan.
+    `place` is INTERFACE:CHANNEL; a channel alone is one of socketcan.
 
     Raises:
         UserError: where there is no such bus.
@@ -315,9 +311,6 @@ def bus(place: str) -> Any:
 class FrameDecoder:
     """Frames one by one, by the DBC of the vehicle.
 
-    Args:
-        dbc: its files.
-
     Raises:
         UserError: where one of them cannot be read.
     """
@@ -327,13 +320,7 @@ class FrameDecoder:
         self._fields: dict[int, list[tuple[Any, Field]]] = {}
 
     def values(self, identifier: int, extended: bool, data: bytes) -> dict[Field, float]:
-        """What a frame says; nothing where the DBC does not know it, or says that it is no value.
-
-        Args:
-            identifier: of the frame.
-            extended: whether it has 29 bits.
-            data: of the frame.
-        """
+        """What a frame says; nothing where the DBC does not know it, or calls it no value."""
         message = self._known.message(identifier, extended)
         if message is None:
             return {}

@@ -61,10 +61,6 @@ _LEAST_DECIMALS = 6  # of steps: many coarser ones add up to a wrong time
 class TextLog:
     """A text log of frames.
 
-    Args:
-        path: of the log.
-        problems: takes what is wrong with it.
-
     Attributes:
         start: since 1970 [s], known once the first frame is read; 0 where the log states none.
     """

@@ -303,10 +303,6 @@ def _physical(signal: Any, conversions: Sequence[int]) -> tuple[Floats, NDArray[
 
     A conversion that gives a text for some values converts each value that occurs once.
 
-    Args:
-        signal: its raw values and their conversion.
-        conversions: types that give texts.
-
     Returns:
         Numbers, NaN where a text stands; and texts, None where a number stands; or None where
         the channel has no texts. Shape (n,).

@@ -145,14 +145,7 @@ def write_text(
 def _choice(
     book: "_Book", names: Sequence[str], says_brake: Callable[[str], object], stated: Sequence[str]
 ) -> tuple[str, str, list[_Column]] | None:
-    """The sheet to read, why, and its columns; None where no visible one has two of numbers.
-
-    Args:
-        book: the workbook.
-        names: of its sheets.
-        says_brake: whether a cell of a head is a brake's.
-        stated: names of channels.
-    """
+    """The sheet to read, why, and its columns; None where no visible one has two of numbers."""
     best_rank, choice = (-1, False), None
     for name in names:
         columns, is_visible = book.columns(name)

@@ -165,10 +165,6 @@ class NamedColumn(NamedTuple):
 def fields(named: Sequence[NamedColumn], unit_from: str) -> list[Field]:
     """A field for each channel of numbers; with its group, if its name is not enough.
 
-    Args:
-        named: of each channel.
-        unit_from: where its unit stands.
-
     >>> both = [NamedColumn(f"Axle {k}", "p", "bar", k) for k in "12"]
     >>> [(f.channel, f.group) for f in fields([*both, NamedColumn("Train", "v", "", "3")], "DBC")]
     [('p', 'Axle 1'), ('p', 'Axle 2'), ('v', '')]
@@ -199,10 +195,7 @@ def state_fields(
 ) -> list[Field]:
     """A field for each channel of words.
 
-    Args:
-        named: what the file says of each channel, by its place.
-        words: those in its head, by place.
-        numbers: fields of channels of numbers, by place; words may stand for numbers.
+    `words` are those in its head. Words may stand for the `numbers` of a place.
     """
     unread_names = {
         place: x for place, x in named.items() if place in words and place not in numbers

@@ -23,12 +23,7 @@ Row = tuple[int, dict[int, float]]  # time [ns]; values by place in what was wan
 
 
 class ArrivingCsv:
-    """The rows after header and preamble.
-
-    Args:
-        source: the log, opened by its first rows.
-        wanted: fields of it.
-    """
+    """The rows after header and preamble."""
 
     def __init__(self, source: CsvSource, wanted: Sequence[Field]) -> None:
         self._table = source.table

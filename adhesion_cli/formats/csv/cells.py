@@ -24,10 +24,6 @@ NUMBER, NO_VALUE, NO_NUMBER, IS_INFINITE, OTHER_MARK, IN_GROUPS, DIGITS = range(
 def floats(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
     """Numbers of one column by the strict grammar.
 
-    Args:
-        text: the cells.
-        decimal: their decimal mark.
-
     Returns:
         float64 values, NaN where the cell is no number, and states; both of shape (n,).
     """

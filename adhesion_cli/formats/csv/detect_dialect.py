@@ -53,11 +53,7 @@ _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that ali
 def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dialect:
     """Decides how to read a file from its head.
 
-    Args:
-        head: first bytes of the (decompressed) file, `HEAD_BYTES` at most.
-        complete: whether that is the whole file.
-        options: what the user stated; it has priority over what the head suggests.
-        path: of the file.
+    `head` has at most `HEAD_BYTES`, decompressed; `complete` says whether that is the whole file.
 
     Raises:
         UserError: where this is no table of numbers, or cannot be read only one way.

@@ -207,11 +207,7 @@ def _is_statistics(cells: list[str]) -> bool:
 def _continues(names: list[list[str]], cells: list[str], width: int, data_columns: int) -> bool:
     """Whether a row of text above the header's rows so far is one of them.
 
-    Args:
-        names: of these rows.
-        cells: of the row.
-        width: cells of a data row.
-        data_columns: columns with data.
+    `names` are the cells of these rows.
     """
     said = sum(map(bool, cells))
     pairs = sum(bool(re.match(r"[^:=\[(]+[:=]\s*\S", c)) for c in cells)

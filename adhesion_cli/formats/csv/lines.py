@@ -64,10 +64,7 @@ class LineBlock:
 class Splitter:
     """Whole lines of bytes that come in pieces, as UTF-8 with line feeds.
 
-    Args:
-        path: for messages.
-        dialect: of the text.
-        skip: lines at the start that are no rows.
+    The first `skip` lines are no rows.
     """
 
     def __init__(self, path: Path, dialect: Dialect, skip: int) -> None:

@@ -90,9 +90,7 @@ class Losses:
         Their mark is the column's own decimal mark, or it separates groups of digits. Where it may
         be both, or more than a hundredth of the cells cannot be read, all values become NaN.
 
-        Args:
-            i: the column.
-            value: its values, shape (n,); changed in place.
+        `value` is changed in place.
         """
         losses = {k: self.cells.pop((i, k), None) for k in (OTHER_MARK, IN_GROUPS, DIGITS)}
         if not any(losses.values()):
@@ -124,9 +122,7 @@ class Losses:
     def findings(self, t: Times, start: int) -> Iterator[Finding]:
         """What was left out, as findings.
 
-        Args:
-            t: times of the rows that are used [ns], shape (n,).
-            start: the log's first time [ns].
+        `t` are the times of the rows that are used [ns], `start` is that of the log.
         """
         for kind, loss in sorted(self.rows.items(), key=lambda item: [*SKIPPED].index(item[0])):
             spans, values = _spans(loss, t, start, between_rows=True), {"line": loss.line}

@@ -68,9 +68,7 @@ def group_mark(cells: Sequence[str], decimal: str = "") -> str:
     In cells that count up, a second mark shows it, or that they would fall as decimals. Elsewhere
     it may be the decimal mark of others: each number from 1000 on has it, and none below.
 
-    Args:
-        cells: of the column.
-        decimal: the decimal mark, where some number proves it.
+    `decimal` is the decimal mark, where some number proves it.
 
     >>> group_mark(["980", "1,000.5", "1,020"]), group_mark(["0.9", "1.000", "1.1"])
     (',', '')

@@ -39,10 +39,7 @@ _MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
 def open_csv(path: Path, options: ReadOptions, name: str = "") -> "CsvSource":
     """Opens a delimited text log, plain or compressed.
 
-    Args:
-        path: the log.
-        options: what the user stated; it has priority over what the file suggests.
-        name: of the log in messages, if it is not its path.
+    `name` is that of the log in messages, if it is not its path.
 
     Raises:
         UserError: where the file is no such table, or can be read in more than one way.
@@ -64,12 +61,7 @@ def open_table(
 ) -> "CsvSource":
     """Opens a text log whose dialect is known.
 
-    Args:
-        path: the log.
-        dialect: how it is written.
-        rows: of the whole file, estimated.
-        options: what the user stated.
-        name: of the log in messages, if it is not its path.
+    `rows` estimates those of the whole file; `name` is as above.
 
     Raises:
         UserError: where no column is a time, or it can be read in more than one way.

@@ -107,10 +107,7 @@ def _numbers_of(parsed: ParsedBlock, i: int, timed: Bools, words: list[str]) -> 
 class UsedRows:
     """Which rows are used, block by block: those with a time, and with a key that is wanted.
 
-    Args:
-        table: how it is read.
-        keys: columns that separate series.
-        wanted: their cells; None for every series that occurs.
+    Of `wanted` keys, None are all that occur.
     """
 
     def __init__(self, table: CsvTable, keys: tuple[int, ...], wanted: list[Key] | None) -> None:

@@ -76,10 +76,7 @@ def month_number(name: str) -> int:
 def forms_of(cells: Sequence[str], forms: Mapping[str, str], order: str | None = None) -> list[str]:
     """Names of the forms in which the most of the cells are read; none where that are few.
 
-    Args:
-        cells: of a column.
-        forms: patterns by name.
-        order: the order of a date that the user states, as "dmy".
+    The user states `order`, that of a date, as "dmy".
     """
     sample = cells[:: len(cells) // _SAMPLE + 1]
     count, most_misses = {}, int(len(sample) - READABLE * len(sample))
@@ -99,9 +96,7 @@ def decided(cells: Sequence[str], forms: Mapping[str, str]) -> tuple[str, str, s
 
     With one date, all forms give the same times after the log's start.
 
-    Args:
-        cells: of the first rows and the last ones.
-        forms: more than one, as `forms_of` names them.
+    `cells` are those of the first rows and the last ones.
 
     Returns:
         The form, the reason, and another form that gives another date, "" for none.

@@ -54,11 +54,7 @@ _ORDERS = {"dmy": "day/month", "mdy": "month/day", "yymd": "year/month/day"}
 def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) -> Clock:
     """Decides which column is the time, in which form and unit, and why.
 
-    Args:
-        dialect: with the first rows.
-        options: `time_channel` and `time_unit` have priority over what the rows suggest.
-        rows: rows of the whole file, estimated.
-        path: of the file.
+    `rows` estimates those of the whole file.
 
     Raises:
         UserError: where no column is a time, or its unit or order of day and month is open.
@@ -101,11 +97,6 @@ def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, r
 
     They are named alike, or begin together: else nobody knows whether they count from one start.
 
-    Args:
-        dialect: with the first rows.
-        rows: rows of the whole file, estimated.
-        path: of the file.
-
     Returns:
         Each clock, with the columns whose time it is.
     """
@@ -133,14 +124,7 @@ def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, r
 
 
 def another_time(dialect: Dialect, clock: Clock, rows: float, path: Path) -> str:
-    """What to do where the columns of a clock hold no times: another column, if one may be it.
-
-    Args:
-        dialect: with the first rows.
-        clock: whose columns do not serve.
-        rows: rows of the whole file, estimated.
-        path: of the file.
-    """
+    """What to do where the columns of a clock hold no times: another column, if one may be it."""
     return _ClockSearch(dialect, None, rows, path).proposal(without=clock.columns)
 
 

@@ -29,10 +29,6 @@ class ArrivingMcap:
     Each part that was appended is read as a log of its own, with all schemas and channels that were
     defined before it: so it is checked and decoded as every other log is.
 
-    Args:
-        path: the file.
-        options: how to read it.
-
     Attributes:
         ended: whether the file is complete.
         lost: what could not be read, and that another file took its place; whoever reads it may
@@ -69,9 +65,7 @@ class ArrivingMcap:
     ) -> dict[int, Column]:
         """What has arrived of these fields since the last call, by their places.
 
-        Args:
-            wanted: the fields.
-            add_source: called with every field where new ones came; it may add to `wanted`.
+        `add_source` is called with every field where new ones came; it may add to `wanted`.
         """
         if not self.arrived():
             return {}

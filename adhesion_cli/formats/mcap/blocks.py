@@ -57,12 +57,7 @@ class Records(NamedTuple):
 
 
 class BlockReader:
-    """Reads the records of blocks.
-
-    Args:
-        file: the file.
-        options: limits.
-    """
+    """Reads the records of blocks."""
 
     def __init__(self, file: LogFile, options: ReadOptions) -> None:
         self._file, self._limit = file, options.max_inflated

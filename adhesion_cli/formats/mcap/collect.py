@@ -58,14 +58,7 @@ def deal(
 
 
 class Collector:
-    """The columns of one series.
-
-    Args:
-        series: the topic.
-        source: the clock.
-        leaves: the numbers and words of it that are wanted.
-        log_start: the log's start [ns], for the findings.
-    """
+    """The columns of one series."""
 
     def __init__(
         self, series: Series, source: TimeSource, leaves: list[Leaf], log_start: int

@@ -106,11 +106,7 @@ class Decoded:
 
 
 class Spread:
-    """Takes parsed messages apart, place by place, all messages at once.
-
-    Args:
-        decoded: takes their numbers, and what differs from the first messages.
-    """
+    """Takes parsed messages apart, place by place, all messages at once."""
 
     def __init__(self, decoded: Decoded) -> None:
         self._decoded = decoded
@@ -121,11 +117,7 @@ class Spread:
     def walk(self, nodes: Sequence[Any], rows: Offsets, shape: Tree, steps: Steps = ()) -> None:
         """Takes what is wanted of the values at a place.
 
-        Args:
-            nodes: the values.
-            rows: the messages that have them, shape (len(nodes),).
-            shape: what the first messages have there.
-            steps: the place.
+        `rows` are the messages that have `nodes`, `shape` is what the first messages have there.
         """
         if isinstance(shape, (dict, list)):
             nodes, rows = self._usable(nodes, rows, shape, steps)
@@ -225,12 +217,7 @@ class Decoder(ABC):
     ) -> None:
         """Decodes many messages at once. As many are parsed as may stand in memory together.
 
-        Args:
-            decoded: takes their numbers.
-            first_row: the number of the first message.
-            data: bytes that hold the messages.
-            start: offsets of the messages' first bytes, shape (n,).
-            stop: offsets after their last bytes, shape (n,).
+        `start` and `stop` are the offsets of each message in `data`, shape (n,).
         """
         cuts = np.flatnonzero(np.diff(np.cumsum(stop - start + _OVERHEAD) // _TOGETHER)) + 1
         for begin, end in pairwise([0, *cuts.tolist(), len(start)]):

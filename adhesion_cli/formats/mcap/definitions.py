@@ -17,8 +17,7 @@ _HEAD_BYTES = 1 << 18  # of one channel, beyond which no more than the first is 
 class Definitions:
     """Schemas and channels; each keeps the definition that it had first.
 
-    Args:
-        limit: bytes that one may have.
+    One may have `limit` bytes.
     """
 
     def __init__(self, limit: int) -> None:
@@ -29,11 +28,6 @@ class Definitions:
 
     def read(self, opcode: int, raw: bytes, offset: int) -> None:
         """Reads a Schema or Channel record.
-
-        Args:
-            opcode: its kind.
-            raw: its content.
-            offset: offset in the file that an error names.
 
         Raises:
             DamageError: where it is broken, too long, or contradicts an earlier one.

@@ -84,9 +84,7 @@ class _JsonSpread(Spread):
 class JsonDecoder(Decoder):
     """JSON messages of one channel, with or without a JSON schema.
 
-    Args:
-        schema: the JSON schema, or b"".
-        limit: bytes of one message; a message takes up to twenty times that when it is read.
+    A message may have `limit` bytes; it takes up to twenty times that when it is read.
 
     Raises:
         UndecodableError: where the schema is no JSON object.

@@ -56,9 +56,7 @@ class _ProtobufSpread(Spread):
 class ProtobufDecoder(Decoder):
     """Messages of one protobuf schema.
 
-    Args:
-        name: full name of the message type.
-        data: a serialized FileDescriptorSet.
+    `data` is a serialized FileDescriptorSet.
 
     Raises:
         UndecodableError: where the set is broken, incomplete, cyclic or has no such type.
@@ -149,9 +147,7 @@ def _pool(data: bytes) -> DescriptorPool:
 def _check_wire(message: Any, numbers: Container[int]) -> None:
     """Refuses a message that does not hold these fields as its schema says.
 
-    Args:
-        message: the message; the messages in it are not looked at.
-        numbers: of the fields.
+    The messages in it are not looked at.
 
     Raises:
         UndecodableError: where one has another wire type, or a value that its enum does not have.

@@ -38,11 +38,8 @@ def open_mcap(path: Path, options: ReadOptions) -> "McapSource":
 class McapSource(Source):
     """An MCAP log, opened.
 
-    Args:
-        path: the file.
-        options: how to read it.
-        content: the bytes of the file, where they are in memory.
-        owners: of messages, which are known from earlier parts of the log.
+    `content` has the bytes of the file, where they are in memory; `owners` those of messages that
+    earlier parts of the log have.
     """
 
     format = "mcap"

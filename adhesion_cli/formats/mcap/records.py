@@ -46,12 +46,7 @@ class DamageError(Exception):
 
 
 class Content(ReadDataStream):
-    """The fields of one record, for the mcap package's record classes; none may be cut short.
-
-    Args:
-        data: the record without its header.
-        offset: offset of the record in the file.
-    """
+    """The fields of one record, for the mcap package's record classes; none may be cut short."""
 
     def __init__(self, data: bytes, offset: int) -> None:
         super().__init__(BytesIO(data))
@@ -77,10 +72,8 @@ class Content(ReadDataStream):
 class LogFile:
     """A log whose bytes are read by offset, a bounded piece at a time.
 
-    Args:
-        path: the file.
-        max_record: bytes that a record may have, attachments aside.
-        content: the bytes of the log, where they are in memory.
+    A record may have `max_record` bytes, attachments aside. `content` has those of the log, where
+    they are in memory.
 
     Raises:
         UserError: where it cannot be opened.

@@ -54,9 +54,7 @@ _Types = dict[str, tuple[_Member, ...]]
 class Ros2Decoder(Decoder):
     """Messages of one ros2msg schema.
 
-    Args:
-        name: schema name, "sensor_msgs/msg/JointState".
-        data: the schema: message definitions, joined by lines of "=".
+    `data` has message definitions, joined by lines of "=".
 
     Raises:
         UndecodableError: where the schema is no such text or names types that it does not define.

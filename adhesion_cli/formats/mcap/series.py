@@ -119,10 +119,7 @@ Owners = dict[str, tuple[Steps, tuple[Tree, ...]]]  # by topic: where they are n
 def discover(series: list[Series], options: ReadOptions, owners: Owners) -> Iterator[Finding]:
     """Finds the numbers in the first messages of all series that have messages.
 
-    Args:
-        series: the topics; one whose messages have several owners becomes a series of each.
-        options: how to read them.
-        owners: those that are known; new ones are added.
+    One whose messages have several owners becomes a series of each; `owners` gets the new ones.
     """
     decoders: _Decoders = {}
     discovered = list[Series]()

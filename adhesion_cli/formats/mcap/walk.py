@@ -34,10 +34,7 @@ _FOOTER = struct.Struct("<BQQQI8s")  # a footer, and the magic bytes after it
 class Walk:
     """One walk over a file: what it defines, where its messages are, and what is damaged.
 
-    Args:
-        path: the file.
-        options: limits, and whether damage is an error.
-        content: the bytes of the file, where they are in memory.
+    `content` has the bytes of the file, where they are in memory.
 
     Raises:
         UserError: where the file cannot be read, is no MCAP, holds nothing whole, or is damaged
