@@ -162,13 +162,14 @@ _DEVICE = re.compile(  # and its number: MX840B_1, CX23-R_3
     r"(?<![^\W_])[A-Za-z]{2,3}(?:\d{3,4}[A-Z]?|\d{2}-[A-Z])(?:_\d+)+"
 )
 # Numbers that count nothing: of a module and channel in front, of a device, a date, a range, a
-# resolution, a filter, a sensor.
+# resolution, a filter, a sensor, a version.
 _NO_COUNT = re.compile(
-    r"(?i)^\[\d+[:.]\d+\]|[(\[](?:id|s/?n|ser)\b[^)\]]*[)\]]"
+    r"(?i)^\[\d+[:.]\d+\]|[(\[](?:(?:id|s/?n|ser)\b[^)\]]*|v\d+\.\d+)[)\]]|\b0x[0-9a-f]+\b"
     r"|\b\d{4}[-./]\d\d[-./]\d\d\b|\b\d{1,2}:\d\d\b"
     r"|(?<!\w)(?:0[.,]\d+|0\s*-\s*\d+|\d+\s*-\s*\d+\s?m?[AV]\b)"
-    r"|(?<![\w.,])(?:\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+|\d[\d.,]*(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)\b"
-    r"|\d+\s*(?:teeth|zähne)\b|\d\d+\s(?:k?Hz|ms)\b|\d+\s?(?:°|degC)|\d\d+\s?%)"
+    r"|(?<![\w.,])(?:\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+"
+    r"|(?:\d[\d.,]*|\d+[.,]\d+ )(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)\b"
+    r"|\d+\s*(?:teeth|zähne)\b|\d\d+(?:\s(?:k?Hz|ms)|(?-i:V))\b|\d+\s?(?:°|degC)|\d\d+\s?%)"
 )
 _LABELS = re.compile(r"""(\w+)=("+|')([^"']*)\2,?\s*""")  # of a series: instance="10.0.0.1:9100"
 _NAMING = {"name", "signal", "__name__", "channel", "tag", "topic"}  # keys of labels
@@ -261,7 +262,7 @@ class _Name:
             self.unit_from = "in the name"
         if not self.unit:
             self.unit, self.unit_from = _by_convention(field)
-        if not path and (last_part := re.search(r"[/.]([^/.]{3,})$", base)):
+        if not path and (last_part := re.search(r"(?:/|\.(?! ))([^/.]{3,})$", base)):
             path = last_part[1]  # a topic and field written as one column header
         own_words = [w for w in name_words(path) if not w.isdecimal() and w not in GENERIC]
         around = [*name_words(base), *name_words(label), *name_words(field.group)]
@@ -505,8 +506,7 @@ def _place_in(text: str, is_path: bool) -> Place:
         owners.append(unit)
     owner = " ".join(f"{word} {number}" for word, number in owners if number)
     word, number = [*name_parts[:2], "", ""][:2]
-    is_part = number.isdecimal() and word.isalpha() and len(word) < 4 and not _kinds(word)
-    if bogie and not owner and is_part:  # of something else, as "CW1"
+    if bogie and not owner and number.isdecimal() and _is_code(word):  # as in "CW1"
         owner, name_parts[:2] = f"{word} {number}", ["", ""]
     axle, is_loose = _axle_in(name_parts, text, is_path)
     if bogie in _LETTERS:
@@ -541,9 +541,12 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
         if not owner:
             continue
         index_before = [i - 1] if i and name_parts[i - 1].isdecimal() else []
-        after = "".join(name_parts[i + 1 : i + 2])
+        after, number = [*name_parts[i + 1 : i + 3], "", ""][:2]
+        has_code = kind == "car" and _is_code(after) and number.isdecimal()  # as in "Car DM1"
+        if has_code:
+            name_parts[i + 1 : i + 3] = [after + number]
         has_letter = kind in ("car", "bogie") and after in _LETTERS  # as in "Car B"
-        index_after = [i + 1] if after.isdecimal() or has_letter else []
+        index_after = [i + 1] if after.isdecimal() or has_letter or has_code else []
         if word >= "一":
             numbers = index_before + index_after
         else:
@@ -555,6 +558,11 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
                 name_parts[j] = ""
             return owner, number
     return "", ""
+
+
+def _is_code(word: str) -> bool:
+    """Whether a word may be a short code of a car or a device."""
+    return word.isalpha() and len(word) < 4 and not _kinds(word)
 
 
 def _owner(kind: str, name_parts: Sequence[str]) -> str:

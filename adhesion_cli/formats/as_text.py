@@ -82,7 +82,7 @@ def printable(array: Any) -> Any:
         return array.cast(pa.int8())
     if types.is_float16(kind) or types.is_decimal(kind):
         return array.cast(pa.float64(), safe=False)
-    if types.is_date(kind):
+    if types.is_date64(kind):
         return array.cast(pa.timestamp("ms"), safe=False).cast(pa.string())
     if types.is_timestamp(kind):
         # The text of another zone needs a database of time zones, which not every Windows has.

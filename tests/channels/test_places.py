@@ -69,6 +69,7 @@ def test_inputs_are_counted_where_nothing_else_is(word: str) -> None:
         ("BCU{}.WheelSpeed{} [km/h]", "BCU{}.BCP [bar]"),
         ("Car {} axle {} [km/h]", "Car {} BCP [bar]"),
         ("{}车{}轴速度(km/h)", "{}车制动缸压力(bar)"),
+        ("Car DM{} axle {} [km/h]", "Car DM{} BCP [bar]"),
     ],
 )
 def test_axles_that_each_car_counts_from_one_are_counted_on(speed: str, pressure: str) -> None:
@@ -178,8 +179,23 @@ def test_a_hint_about_axles_names_the_channel_when_it_is_pasted(
         "wheel speed [km/h] (resolution 0.1)",
         "CX23-R_3.BC pressure [bar]",
         "Druck (Tiefpass 2. Ordnung) [bar]",
+        "MVB.0x1A4.BCP [bar]",
+        "BCP (max 3.8 bar) [bar]",
+        "BC pressure 24V [bar]",
+        "p_C (V2.3) [bar]",
     ],
 )
 def test_numbers_of_filters_offsets_and_devices_are_no_axles(name: str) -> None:
     place = place_of(Field(name))
     assert (place.axle, place.bogie, place.part) == (None, None, "")
+
+
+def test_cars_with_codes_are_told_apart_by_their_letters() -> None:
+    speeds = [f"Car {car} axle {n} speed [km/h]" for car in ("DM1", "TC1") for n in (1, 2)]
+    axles, _ = served([*speeds, "Car DM1 BCP [bar]", "Car TC1 BCP [bar]"])
+    assert list(axles.values()) == [[1], [2], [3], [4], [1, 2], [3, 4]]
+
+
+def test_a_blank_after_a_point_ends_no_topic() -> None:
+    axles, _ = served(["C-Druck 1. DG [bar]", *AXLES])
+    assert axles["C-Druck 1. DG [bar]"] == [1, 2]

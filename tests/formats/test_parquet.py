@@ -1,5 +1,6 @@
 """Parquet logs: which column is the time, what a damaged or hostile file costs."""
 
+import datetime as dt
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,18 @@ def test_a_time_of_single_precision_keeps_its_steps(tmp_path: Path) -> None:
     source = log(tmp_path / "a.parquet", pa.array(3000 + SECONDS, pa.float32()), "s")
     speed, _ = source.columns(source.fields)
     assert np.array_equal(np.diff(speed.t), np.full(N - 1, 10**7))
+
+
+def test_a_date_beside_the_time_of_day(tmp_path: Path) -> None:
+    day = dt.date(2026, 11, 24)
+    of_day = pa.array([36_900_000_000 + 20_000 * k for k in range(50)], pa.time64("us"))
+    table = pa.table({"date": [day] * 50, "time": of_day, "p [bar]": [k % 7 for k in range(50)]})
+    pq.write_table(table, tmp_path / "a.parquet")
+    source = open_source(tmp_path / "a.parquet", ReadOptions())
+    (p,) = source.columns(source.fields)
+    start = dt.datetime(2026, 11, 24, 10, 15, tzinfo=dt.UTC)
+    assert source.absolute
+    assert p.t[0] == start.timestamp() * 10**9
 
 
 def test_a_line_end_in_a_name_is_no_row(tmp_path: Path) -> None:
