@@ -318,7 +318,7 @@ def _is_indexed(field: Field) -> bool:
 
 def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """Gives each channel the axles that it serves by its name and by those of the others."""
-    findings, counted_on = [], list[Meant]()
+    findings, counted_on = [], []
     channels = {
         i: (m.meaning, place_of(m.field)._replace(axle=m.axle))
         for i, m in ((i, meant[i]) for i in guesses)
@@ -330,7 +330,7 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             meant[i] = replace(m, meaning=None, reason=UNCLEAR)
             continue
         if is_counted_on:
-            counted_on += [replace(m, axle=axle) for axle in axles]
+            counted_on.append((replace(m, axle=axles[0]), axles))
         if m.meaning in MOTOR_FORCES and axles and not _is_of_each(m):
             m = replace(m, share=1.0 / len(axles))
         for axle in axles[1:]:
@@ -346,8 +346,9 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             names = {"axles": enumerated(axles), "option": toml.option(*lines)}
             findings.append(Finding("bogie-pressure", "info", channel=m.title, names=names))
     if counted_on:
-        first = counted_on[0]
-        names = {"example": f"{first.title}: {first.axle}", "option": _as_option(first)}
+        first, axles = counted_on[0]
+        names = {"example": f"{first.title}: {', '.join(map(str, axles))}"}
+        names["option"] = _as_option(first)
         findings.append(Finding("axles-counted-on", "info", count=len(counted_on), names=names))
     return findings
 

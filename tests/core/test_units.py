@@ -115,6 +115,9 @@ def test_a_number_behind_the_unit_is_named() -> None:
     assert units.unknown_in("BCP [bar] (x100)") == "bar x100"
     assert units.unknown_in("BCP [0.01 bar/LSB]") == ""
     assert units.in_name("BCP [bar] (x10)") == ("BCP", "")
+    assert units.in_name("BCP x100 [bar]") == ("BCP", "")  # too coarse for a factor that holds
+    assert units.unknown_in("BCP x100 [bar]") == "bar x100"
+    assert units.unknown_in("BCP [% of 10 bar]") == "% of 10 bar"
     assert units.unknown_in("BCP 10 kPa") == "10 kPa"
     assert units.contradicting("x10 kPa", ["BCP x10 [kPa]"], "pressure") == ""
     assert units.contradicting("0.01 bar", ["BCP [bar]"], "pressure") == "bar"

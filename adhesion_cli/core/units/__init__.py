@@ -225,7 +225,7 @@ _FACTOR_AT_END = re.compile(
     rf"(?P<text>{TIMES}?\s*(?:1\s*/\s*)?{NUMBER}[\s_]*[^\W\d_]\S*(?:\sper\s\S+)?)$"
 )
 _RANGE_AT_END = re.compile(
-    r"(?i)(?<!axle)(?<!achse)(?<!wheel)[\s_](?P<text>(?:\d{2,}|10+\s+)[^\W\d_]\S*)$"
+    r"(?i)(?<!axle)(?<!achse)(?<!wheel)[\s_](?P<text>(?:\d{2,}|10+\s+)[^\W\d_][^\s\])]*)$"
 )
 _FACTOR_BEFORE_BRACKET = re.compile(rf"[\s_](?P<factor>{TIMES}\s*{NUMBER})$")
 
@@ -245,6 +245,9 @@ def unknown_in(name: str) -> str:
     for match in _BRACKETS.finditer(name):
         if _FACTOR_BEHIND_BRACKET.match(suffix := name[match.end() :]):
             return f"{match[1]} {suffix.strip(' []()')}"
+        factor = _FACTOR_BEFORE_BRACKET.search(name[: match.start()].rstrip())
+        if factor and unit(match[1]) and not unit(f"{factor['factor']} {match[1]}"):
+            return f"{match[1]} {factor['factor']}"
     at_end = _RANGE_AT_END.search(name.strip())
     if at_end and _has_factor_unread(at_end["text"]):
         return at_end["text"]
@@ -277,8 +280,10 @@ def _in_brackets(name: str) -> tuple[str, str] | None:
             if _FACTOR_BEHIND_BRACKET.match(name[match.end() :]):
                 return name[: match.start()].strip(" _-,/"), ""
             factor = _FACTOR_BEFORE_BRACKET.search(name[: match.start()].rstrip())
-            if factor and unit(scaled_text := f"{factor['factor']} {match[1].strip()}"):
-                return base[: factor.start()].strip(" _-,/"), scaled_text
+            if factor:
+                scaled_text = f"{factor['factor']} {match[1].strip()}"
+                is_known = unit(scaled_text) is not None
+                return base[: factor.start()].strip(" _-,/"), scaled_text if is_known else ""
             return base, match[1].strip()
     for match in brackets:
         if _has_factor_unread(match[1]):  # its digits are no axle

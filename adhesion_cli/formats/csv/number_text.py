@@ -91,9 +91,9 @@ def group_mark(cells: Sequence[str], decimal: str = "") -> str:
 
 
 def has_smaller_jumps(cells: Sequence[str], mark: str) -> bool:
-    """Whether numbers have smaller jumps if a mark separates groups of digits, and no decimals."""
+    """Whether numbers have far smaller jumps if a mark separates groups of digits."""
     grouped, as_decimals = (np.array([float(c.replace(mark, x)) for c in cells]) for x in ("", "."))
-    return largest_jump(grouped) < largest_jump(as_decimals)
+    return 2.0 * largest_jump(grouped) < largest_jump(as_decimals)
 
 
 def largest_jump(values: Floats) -> float:

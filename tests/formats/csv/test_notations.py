@@ -625,3 +625,18 @@ def test_a_hint_about_columns_works_when_it_is_pasted(tmp_path: Path, name: str)
     p = columns[-2]
     assert np.array_equal(p.t - p.t[0], np.arange(50) * 20_000_000)
     assert np.allclose(p.value, np.arange(50) % 7 + 0.5)
+
+
+def test_decimals_below_two_whole_numbers_stay_decimals(tmp_path: Path) -> None:
+    """The rows 0 and 300 may be the ends of a range."""
+    speeds = ["0", "300", *(f"{88.56 - k / 8:.3f}" for k in range(50))]
+    rows = "".join(f"{k / 50:.3f},{v}\n" for k, v in enumerate(speeds))
+    _, (v,) = numbers_of(tmp_path / "a.csv", f"t [s],v [km/h]\n{rows}")
+    assert np.allclose(v.value, [float(x) for x in speeds])
+
+
+def test_underscores_between_the_digits_of_a_stamp(tmp_path: Path) -> None:
+    rows = "".join(f"20261124_1015{k // 50:02d}_{k % 50 * 20:03d},{k % 7}\n" for k in range(100))
+    source, (p,) = numbers_of(tmp_path / "a.csv", f"Time,p [bar]\n{rows}")
+    assert source.absolute
+    assert np.array_equal(p.t - p.t[0], np.arange(100) * 20_000_000)
