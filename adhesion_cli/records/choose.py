@@ -92,8 +92,12 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
         if speed and brake:
             axle_keys.append(AxleKeys(axle, speed, brake))
         elif axle in requested and (key := speed or brake):
-            brakes = [c for (meaning, _), c in channels.items() if speed and meaning in BRAKES]
-            findings.append(incomplete(axle, channels[key].title, speed is not None, brakes))
+            others = [
+                c
+                for (meaning, a), c in channels.items()
+                if (meaning in BRAKES if speed else _is_alone(channels, meaning, a))
+            ]
+            findings.append(incomplete(axle, channels[key].title, speed is not None, others))
     return Choice(channels, tuple(axle_keys), requested, rates[0] if rates else None, findings)
 
 
@@ -132,14 +136,18 @@ def axle_numbers(
     return numbers
 
 
-def incomplete(axle: int, title: str, has_speed: bool, brakes: Sequence[Channel] = ()) -> Finding:
+def _is_alone(keys: Collection[Key], meaning: Meaning, axle: int | None) -> bool:
+    """Whether this is a wheel speed of an axle without a brake: it may be that of another one."""
+    return meaning == "wheel_speed" and axle is not None and brake_of(keys, axle) is None
+
+
+def incomplete(axle: int, title: str, has_speed: bool, others: Sequence[Channel] = ()) -> Finding:
     """An axle with a wheel speed and no brake, or the other way round.
 
-    `title` is of the channel that it has. `brakes` are of other axles, which may be the missing
-    one; a speed is of one wheel.
+    `title` is of the channel that it has. One of `others` may be the missing one.
     """
     lacking = "pressure or clamping force" if has_speed else "wheel speed"
-    entry = next(({"channel": c.name, "field": c.field} for c in brakes), {"channel": "NAME"})
+    entry = next(({"channel": c.name, "field": c.field} for c in others), {"channel": "NAME"})
     key = f'channels.{"pressure" if has_speed else "speed"}."axle {axle}"'
     names = {"lacking": lacking, "option": toml.option(f"{key} = {toml.table(entry)}")}
     return Finding("axle-incomplete", "warning", channel=title, values={"axle": axle}, names=names)

@@ -176,6 +176,9 @@ def test_an_axle_without_pressure_is_reported() -> None:
         Vehicle(),
     )
     assert "channels.speed.axle2.channel=NAME" in (findings[0].hint or "")  # of one wheel
+    with pytest.raises(UserError) as error:
+        records(log(channel("pressure", t, p, 2), channel("wheel_speed", t, y, 3)), Vehicle())
+    assert "channels.speed.axle2.channel=wheel_speed" in error.value.hint  # of no other axle
 
 
 def test_the_window_counts_from_the_logs_start() -> None:
