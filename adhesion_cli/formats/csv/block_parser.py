@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from ..source import ReadOptions
-from .cells import floats, is_missing
+from .cells import IS_BAD, floats, is_missing
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment, split, stamps_in
-from .header_words import STATISTICS, is_named
+from .header_words import STATISTICS, is_named, quality_column
 from .lines import LineBlock, Rows
 from .number_text import is_number
 from .stamps import is_stamp
 
 _MOST_READ = 10_000  # lines of a block without a row that may be a header
+_BAD = r"(?i)^\s*(?:bad|schlecht|mauvais|invalid|ungültig)"  # of a quality
 _NONE: Rows = np.empty(0, np.int64)
 # a line as "End of measurement"; one that begins with a stamp has two words
 _TEXT = re.compile(r'(?:(?!\d)(?=.*[^\W\d_]{3})|(?=(?:.*\b[^\W\d_]{3,}\b){2}))[^"\s][^"]{0,200}')
@@ -100,6 +101,11 @@ class Parser:
             "time unreadable": lines[~timed & ~missing],
         }
         numbers = {i: floats(columns[i], decimal) for i in self.indices}
+        for i, quality in self._qualities.items():
+            bad = pc.match_substring_regex(columns[quality], _BAD)
+            is_bad = np.asarray(pc.fill_null(bad, False))
+            value, state = numbers[i]
+            value[is_bad], state[is_bad] = np.nan, IS_BAD
         return ParsedBlock(
             block,
             times,
@@ -111,6 +117,12 @@ class Parser:
             self._classified(block, faults) | {"other group": lines[absent]},
         )
 
+    @property
+    def _qualities(self) -> dict[int, int]:
+        """The columns of numbers that have a column of their quality, and which."""
+        columns = ((i, quality_column(self.table.dialect.names, i)) for i in self.indices)
+        return {i: quality for i, quality in columns if quality is not None}
+
     def _cells(self, data: bytes, rows: int) -> Any:
         """The wanted columns of so many rows as an Arrow table of text.
 
@@ -118,7 +130,8 @@ class Parser:
             pa.ArrowInvalid: where a row has more or fewer cells than the table.
         """
         dialect, arrow = self.table.dialect, pyarrow.csv
-        wanted = dict.fromkeys((*self.table.clock.columns, *self.indices, *self.texts))
+        qualities = self._qualities.values()
+        wanted = dict.fromkeys((*self.table.clock.columns, *self.indices, *self.texts, *qualities))
         schema = pa.schema([(f"c{i}", pa.string()) for i in wanted])
         if not data:
             return schema.empty_table()

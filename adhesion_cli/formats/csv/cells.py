@@ -16,9 +16,9 @@ from ...core.model import Bools, Floats, Times
 from .dialect import INFINITE, NULLS
 from .number_text import number_grammar
 
-# States of a cell. The last ones are numbers by their column: with the other decimal mark, or such
-# that this mark may separate groups of digits; and texts of digits.
-NUMBER, NO_VALUE, NO_NUMBER, IS_INFINITE, OTHER_MARK, IN_GROUPS, DIGITS = range(7)
+# States of a cell. Some are numbers by their column: with the other decimal mark, or such that this
+# mark may separate groups of digits; and texts of digits. The last one is bad by its quality.
+NUMBER, NO_VALUE, NO_NUMBER, IS_INFINITE, OTHER_MARK, IN_GROUPS, DIGITS, IS_BAD = range(8)
 
 
 def floats(text: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:

@@ -23,9 +23,9 @@ _PARTS = {word: part for part, words in _VOCABULARY["parts"].items() for word in
 _LABELS = {word: kind for kind, words in _VOCABULARY["labels"].items() for word in words.split()}
 _TIME: list[str] = _VOCABULARY["time"].split()
 _UNITS_ROW = frozenset(_VOCABULARY["units_row"].split())
-GROUP, SIGNAL, VALUE, UNITS, STATISTICS, TYPES = (
+GROUP, SIGNAL, VALUE, UNITS, STATISTICS, TYPES, _QUALITY = (
     frozenset(_VOCABULARY[kind].split())
-    for kind in ("group", "signal", "value", "units", "statistics", "types")
+    for kind in ("group", "signal", "value", "units", "statistics", "types", "quality")
 )
 
 
@@ -94,6 +94,21 @@ def time_part(header: str) -> str | None:
 def label(cell: str) -> str | None:
     """What a row above a table holds by its first cell: "names", "units", "interval" and so on."""
     return _LABELS.get(normal(re.sub(r"(?<=\w)\s*[\[(].*", "", cell)).strip(":[]"))
+
+
+@lru_cache(1 << 10)
+def quality_column(names: tuple[str, ...], i: int) -> int | None:
+    """The column that says how good the values of column `i` are, None for none.
+
+    Where a row has the values of several channels, another one's quality says nothing.
+
+    >>> quality_column(("t", "p [bar]", "p quality", "v", "v quality"), 1)
+    2
+    """
+    own_name = "" if is_named(names[i], VALUE) else normal(units.in_name(names[i])[0])
+    normal_names = [normal(name) for name in names]
+    qualities = {own_name + word for word in _QUALITY}
+    return next((k for k, name in enumerate(normal_names) if name in qualities), None)
 
 
 def speaks_of_time(header: str) -> bool:

@@ -10,7 +10,7 @@ from ...core.finding import Finding, Severity, Span
 from ...core.model import Bools, Floats, Times
 from ...core.time_axis import spans_of
 from .block_parser import ParsedBlock
-from .cells import DIGITS, IN_GROUPS, IS_INFINITE, NO_NUMBER, NO_VALUE, OTHER_MARK
+from .cells import DIGITS, IN_GROUPS, IS_BAD, IS_INFINITE, NO_NUMBER, NO_VALUE, OTHER_MARK
 from .dialect import Dialect, split
 from .lines import Rows
 from .number_text import largest_jump
@@ -31,6 +31,7 @@ _CELLS: dict[int, tuple[str, Severity]] = {
     NO_VALUE: ("csv-missing-cells", "info"),
     NO_NUMBER: ("csv-bad-cells", "warning"),
     IS_INFINITE: ("not-a-number", "warning"),
+    IS_BAD: ("value-of-bad-quality", "warning"),
 }
 
 

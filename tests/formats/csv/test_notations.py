@@ -640,3 +640,24 @@ def test_underscores_between_the_digits_of_a_stamp(tmp_path: Path) -> None:
     source, (p,) = numbers_of(tmp_path / "a.csv", f"Time,p [bar]\n{rows}")
     assert source.absolute
     assert np.array_equal(p.t - p.t[0], np.arange(100) * 20_000_000)
+
+
+LONG = "Time;Name;Value;Quality\n" + "".join(
+    f"{k / 50:.2f};{name};{k % 7}.5;{'Bad' if name[0] == 'p' and 10 <= k < 15 else 'Good'}\n"
+    for k in range(50)
+    for name in ("p [bar]", "v [km/h]")
+)
+WIDE = "Time;p [bar];p quality;v [km/h];Quality\n" + "".join(
+    f"{k / 50:.2f};{k % 7}.5;{'Bad (comm. failure)' if 10 <= k < 15 else 'Good'};70.5;Bad\n"
+    for k in range(50)
+)
+
+
+@pytest.mark.parametrize("text", [LONG, WIDE], ids=["long", "wide"])
+def test_values_that_a_historian_calls_bad_are_left_out(tmp_path: Path, text: str) -> None:
+    source, (p, v) = numbers_of(tmp_path / "a.csv", text)
+    assert np.array_equal(np.flatnonzero(~p.valid), np.arange(10, 15))
+    assert v.valid.all()
+    (finding,) = (f for f in source.findings if f.severity != "info")
+    assert (finding.code, finding.count) == ("value-of-bad-quality", 5)
+    assert (finding.spans[0][0], finding.spans[-1][1]) == (0.2, 0.28)
