@@ -17,6 +17,8 @@ _CALIBRATION_SPEED = 3.0  # least speed of a calibration, below which (2) is mos
 _SHORTEST_COASTING = 2.0  # least time of coasting for a calibration [s]
 _LARGEST_CORRECTION = 0.1  # largest correction of a wheel radius: beyond it, a unit is wrong
 _ROUNDED_SHARE = 0.3  # of the readings' spread: rounding that is more needs least squares
+_SLOWER = 2.5  # times the interval of the fastest speed: another tachometer, with another delay
+_LATEST = 2.0  # of its intervals, the delay of a slower tachometer: a mean, or a filter
 _SLIDING_SHARE = 0.03  # where all axles are this far below the reference speed, all slide
 
 
@@ -143,6 +145,7 @@ def with_reference_speed(
     t = np.unique(np.concatenate([r.t for r in all_records]))
     rim, K = np.full((2, len(all_records), len(t)), np.nan)
     mean = mean_axle(vehicle, [r.axle for r in all_records])
+    intervals = [float(np.median(np.diff(r.t))) for r in all_records]
     for i, r in enumerate(all_records):
         for s in r.segments:
             inside = (t >= r.t[s.start]) & (t <= r.t[s.stop - 1])
@@ -164,6 +167,9 @@ def with_reference_speed(
         )
         if measured and abs(measured[0] - 1.0) < _LARGEST_CORRECTION:
             rim[i] *= measured[0]
+        if intervals[i] > _SLOWER * min(intervals):  # a braked wheel looks faster by its delay
+            later = np.interp(t + _LATEST * intervals[i], t, rim[i], right=np.nan)
+            rim[i] = np.minimum(rim[i], later)
     finite = np.isfinite(rim).any(axis=0)
     fastest = np.where(finite, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
     usual_force = signals.finite_median(K)

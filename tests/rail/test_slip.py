@@ -405,6 +405,28 @@ def test_without_a_train_speed_the_fastest_axle_is_the_train() -> None:
     )
 
 
+def test_a_slower_tachometer_with_another_delay_is_no_slide_of_the_others() -> None:
+    def record(axle: int, interval: float, delay: float, slip: float = 0.0) -> AxleRecord:
+        seconds = np.arange(0.0, 24.0, interval)
+        v = 25.0 - 1.0 * np.maximum(seconds - delay - 3.0, 0.0)
+        y = v * (1.0 - slip * ((seconds > 8.0) & (seconds < 10.0))) / 0.42
+        K = np.where(seconds > 3.0, 18000.0, 0.0)
+        t = np.round(seconds * 1e9).astype(np.int64)
+        return AxleRecord(axle, t, K, K, y, (slice(0, len(t)),))
+
+    def highest_slip(first: AxleRecord, second: AxleRecord) -> float:
+        records = [first, second, record(3, 0.2, 0.35), record(4, 0.2, 0.35)]
+        made, _ = wheel_calibration.with_reference_speed(records, records, Vehicle(), 0)
+        v = made[0].train_speed
+        assert v is not None
+        slip = 1.0 - 0.42 * first.wheel_speed / v
+        return float(np.nanmax(slip[v > 3.0]))
+
+    assert highest_slip(record(1, 0.02, 0.0), record(2, 0.02, 0.0)) < 0.005
+    sliding = record(1, 0.02, 0.0, 0.2), record(2, 0.02, 0.0, 0.2)
+    assert highest_slip(*sliding) == pytest.approx(0.2, abs=0.02)  # the slow ones are the train
+
+
 def test_a_step_of_rounded_speeds_is_no_slide_of_all_axles() -> None:
     t = np.arange(0, 20 * 10**9, 2 * 10**7)
     seconds = t * 1e-9
