@@ -21,3 +21,12 @@ def test_a_delay_as_of_a_valve_is_a_note(tmp_path: Path) -> None:
     log = simulated.late(clean("service-brake", 1, "as it is"), "pressure", 0.2)
     (finding,) = found(log, tmp_path)
     assert (finding.code, finding.severity) == ("pressure-delay", "info")
+
+
+@pytest.mark.parametrize("axles", [(3, 4), (4,)])
+def test_axles_that_slide_and_are_not_logged_are_no_delay(
+    axles: tuple[int, ...], tmp_path: Path
+) -> None:
+    log = [r for r in clean("low-adhesion", 1, "as it is") if r.axle in (None, *axles)]
+    delays = [f for f in found(log, tmp_path) if f.code == "pressure-delay"]
+    assert all(f.severity == "info" and f.names["why"] for f in delays)

@@ -28,7 +28,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         names = {
             "sense": "late" if delay.value > 0.0 else "early",
             "amount": f"{abs(delay.value):.2f}",
-            "why": " Other cars may brake later." if delay.value < -EARLY else "",
+            "why": " Other axles of the train may brake later." if delay.value < 0.0 else "",
         }
-        severity: Severity = "warning" if abs(delay.value) > p.warns else "info"
+        # No sensor is early, so either a clock is wrong or the other axles brake later.
+        severity: Severity = "warning" if not -EARLY <= delay.value <= p.warns else "info"
         yield s.finding("pressure-delay", severity, s.axles[0].brake, values=values, names=names)
