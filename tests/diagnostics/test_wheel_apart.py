@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import simulated
-from helpers.diagnosed import APART, DEFAULT, found
+from helpers.diagnosed import APART, DEFAULT, DIAMETER, found
 from helpers.grids import thinned
 from helpers.simulated import Recordings
 
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
+from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import cylinder_pressure, force_line, wheelset
+from adhesion_cli.formats.memory import MemorySource, Signals
 from adhesion_cli.formats.open import open_source
 
 
@@ -56,3 +58,16 @@ def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_pa
     assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
     assert all((f.code, f.severity) == ("wheel-speed-drift", "warning") for f in told)
     assert all(f.values["share"] * by < 0.0 for f in told)  # beside the train
+
+
+def test_a_wheel_that_is_always_slower_by_the_same_share_has_another_diameter() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    brake = np.interp(t, [20.0, 21.0], [0.0, 3.0])
+    v = np.maximum(28.0 - 0.1 * np.cumsum(0.02 + 0.3 * brake), 0.0)
+    noise = np.random.default_rng(3).normal(0.0, 0.2, len(t)) * (v > 0.0)
+    signals = {"BCP [bar]": brake, "axle 1 [rpm]": v / 0.46 * 30.0 / np.pi}
+    signals["train speed [km/h]"] = 3.6 * (v + noise)
+    log = read(MemorySource(Signals(t, signals)), (), Vehicle())  # of a wheel of 0.84 m
+    codes = {f.code for f in prepare(log, Vehicle()).findings}
+    assert codes & DIAMETER
+    assert not codes & APART

@@ -46,7 +46,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         if not 1.0 / p.unit < scale < p.unit:
             yield _unit(s, i, scale)
         elif (scale := _scale(p, s, i, reference, floor)) != 1.0:
-            yield _unit(s, i, scale) if not 0.8 < scale < 1.25 else _diameter(s, i, scale)
+            yield _unit(s, i, scale) if not 0.8 < scale < 1.25 else diameter_finding(s, i, scale)
 
 
 def _reference(g: Grid, i: int) -> Floats | None:
@@ -135,7 +135,7 @@ def _unit(s: Scene, i: int, scale: float) -> Finding:
     )
 
 
-def _diameter(s: Scene, i: int, scale: float) -> Finding:
+def diameter_finding(s: Scene, i: int, scale: float) -> Finding:
     """A wheel of another diameter than stated, or than the logger takes it for."""
     a, values = s.axles[i], {"factor": 1.0 / scale}
     unit, code = UNITS.get(a.speed.unit.strip().lower()), "wheel-diameter-in-logger"
