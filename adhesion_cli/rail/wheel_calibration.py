@@ -121,6 +121,19 @@ def _slide_together(sliding: Bools, seconds_of_log: Floats) -> Finding:
     return Finding("all-axles-slide", "warning", count=count, spans=merge_spans(spans))
 
 
+def _without_delays(t: Floats, rim: Floats, intervals: Sequence[float]) -> Floats:
+    """Rim speeds (axles, n) at times t (n,), without what the delay of a slow one may add.
+
+    Where the train slows, a wheel that is logged later looks faster than it.
+    """
+    least = rim.copy()
+    for i, interval in enumerate(intervals):
+        if interval > _SLOWER * min(intervals):
+            later = np.interp(t + _LATEST * interval, t, rim[i], right=np.nan)
+            least[i] = np.minimum(rim[i], later)
+    return least
+
+
 def with_reference_speed(
     records: Sequence[AxleRecord],
     all_records: Sequence[AxleRecord],
@@ -145,7 +158,6 @@ def with_reference_speed(
     t = np.unique(np.concatenate([r.t for r in all_records]))
     rim, K = np.full((2, len(all_records), len(t)), np.nan)
     mean = mean_axle(vehicle, [r.axle for r in all_records])
-    intervals = [float(np.median(np.diff(r.t))) for r in all_records]
     for i, r in enumerate(all_records):
         for s in r.segments:
             inside = (t >= r.t[s.start]) & (t <= r.t[s.stop - 1])
@@ -167,9 +179,7 @@ def with_reference_speed(
         )
         if measured and abs(measured[0] - 1.0) < _LARGEST_CORRECTION:
             rim[i] *= measured[0]
-        if intervals[i] > _SLOWER * min(intervals):  # a braked wheel looks faster by its delay
-            later = np.interp(t + _LATEST * intervals[i], t, rim[i], right=np.nan)
-            rim[i] = np.minimum(rim[i], later)
+    rim = _without_delays(t, rim, [float(np.median(np.diff(r.t))) for r in all_records])
     finite = np.isfinite(rim).any(axis=0)
     fastest = np.where(finite, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
     usual_force = signals.finite_median(K)
