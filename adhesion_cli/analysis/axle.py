@@ -24,11 +24,7 @@ def analyze_axle(
 ) -> tuple[AxleResult, list[Finding]]:
     """The result of one axle, and what must be reported about it.
 
-    Args:
-        record: the axle's record.
-        settings: of the run.
-        estimators: to run.
-        start_ns: the log's start, from which spans count [ns].
+    Spans of the findings count from `start_ns`, the log's start [ns].
     """
     vehicle = settings.vehicle.of_axle(record.axle)
     w, faded = physics.wheelset(vehicle, record.axle), physics.with_fade(record, vehicle)

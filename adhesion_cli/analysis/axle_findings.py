@@ -29,13 +29,7 @@ def find_axle_findings(
 ) -> Iterator[Finding]:
     """The findings of one axle.
 
-    Args:
-        record: the axle's record.
-        vehicle: its vehicle.
-        ref: its reference.
-        applications: its brake applications.
-        start_ns: the log's start, from which spans count [ns].
-        limits: from when on a standing wheel is locked.
+    Spans count from `start_ns`, the log's start [ns]. `limits` say when a standing wheel is locked.
     """
     name = f"axle {record.axle}"
     masks = _without_value(record, vehicle, ref, limits) | _impossible_force(record, vehicle, ref)

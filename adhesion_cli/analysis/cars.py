@@ -34,8 +34,7 @@ class AxleTable(NamedTuple):
 def by_axle(tables: Tables) -> list[AxleTable]:
     """The axles that are stated one by one, in order; none where one statement serves all.
 
-    Args:
-        tables: of the settings, with each parameter under its own name.
+    The tables of the settings have each parameter under its own name.
 
     Raises:
         UserError: for cars without axles or with the same axle, and lists of a wrong length.

@@ -81,10 +81,6 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
     """The vehicle of logs of one train.
 
     The log shows one error of all axles, in a train of unlike ones too: see `core.mean_axle`.
-
-    Args:
-        logs: on one clock each.
-        settings: what is stated.
     """
     logs, mean = as_equal_axles(logs, settings)
     identified = _identify(logs, replace(settings, vehicle=mean))
@@ -107,11 +103,7 @@ def of_all_axles(
 ) -> IdentifiedVehicle:
     """What was identified of a mean axle, for the axles of a vehicle.
 
-    Args:
-        identified: with the mean axle.
-        mean: as stated.
-        vehicle: as stated.
-        first: number of the axle whose force per bar is reported.
+    `mean` and `vehicle` are as stated, `first` is the axle whose force per bar is reported.
     """
     cars = car_brakes(vehicle) if identified.stated_force_per_bar else ()
     identified = replace(identified, mean_axle=(mean, identified.vehicle), cars=cars)
@@ -219,9 +211,7 @@ def find_prior(
 def find_log_brake(log: AlignedLog, settings: Settings) -> LogBrake | None:
     """The brake that one log alone shows; None where it shows none, or another brake acted.
 
-    Args:
-        log: on one clock.
-        settings: with the vehicle that is used.
+    The settings have the vehicle that is used.
     """
     # The force of motors and a friction table are in the grid by the vehicle that is used, too.
     (log,), mean = as_equal_axles([log.clamped_by(settings.vehicle)], settings)

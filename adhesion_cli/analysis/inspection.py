@@ -44,10 +44,7 @@ class LogInspection(NamedTuple):
 def inspect(path: Path, settings: Settings, debug: bool = False) -> LogInspection:
     """What is in a log, also where it cannot be read.
 
-    Args:
-        path: the log.
-        settings: what is stated.
-        debug: whether the traceback of an error goes to stderr.
+    With `debug`, the traceback of an error goes to stderr.
     """
     try:
         inspection = inspect_log(path, settings)

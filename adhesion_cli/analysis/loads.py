@@ -68,12 +68,7 @@ def as_stated(load: Load) -> Table:
 
 
 def with_load(vehicle: Vehicle, log: Log) -> tuple[Vehicle, list[Finding]]:
-    """The vehicle with the masses of its axles in a log, and what must be said of them.
-
-    Args:
-        vehicle: as stated.
-        log: with load pressures, and the speeds that show where the train is steady.
-    """
+    """The vehicle with the masses of its axles in a log, and what must be said of them."""
     numbers = {c.axle for c in log.channels if c.meaning == "wheel_speed"}
     last_axle = max((number or 1 for number in numbers), default=1)
     stated_load = [a.number for a in vehicle.axles] or range(1, last_axle + 1)

@@ -34,13 +34,9 @@ def write_results(
 ) -> None:
     """Writes record and recording of one analysed log, or of several together.
 
-    Args:
-        places: where to write the MCAP and the Rerun recording.
-        results: the analysed logs.
-        summaries: from `summarise`.
-        slip: the document on the slip of one log, if that was asked for.
-        notes: text on the slip of each of its axles, with its rail.
-        every_sample: whether the files of a long log have every computed sample.
+    `places` are those of the MCAP and of the Rerun recording. `slip` is the document on the slip of
+    one log, `notes` the texts on that of its axles, each with its rail. With `every_sample`, the
+    files of a long log have every computed sample.
     """
     from ..results import mcap, rrd
     from .json_documents import embedded
@@ -53,10 +49,7 @@ def write_results(
 def write_report(place: Path, record: Path, name: str) -> None:
     """Writes the report of a record.
 
-    Args:
-        place: where to write the page.
-        record: the MCAP that was written by `write_results`.
-        name: that the record will have.
+    The record is the MCAP that `write_results` wrote; it will have this name.
     """
     from ..results import verified
     from ..results.report import page, run

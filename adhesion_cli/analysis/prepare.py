@@ -132,14 +132,7 @@ def diagnose_log(
     checks: Checks | None = None,
     train: Train = Train(),  # noqa: B008 (a value that cannot change)
 ) -> Prepared:
-    """The last step.
-
-    Args:
-        log: on one clock.
-        vehicle: that everything after uses.
-        checks: parameters of checks by name; the defaults where there are none.
-        train: the rest of the train.
-    """
+    """The last step: after it, everything uses this vehicle."""
     log = log.clamped_by(vehicle)
     mean = mean_axle(vehicle, log.numbers)
     equal_axles = log.as_mean_axles(mean)
@@ -165,12 +158,8 @@ def prepare(
 ) -> Prepared:
     """One record per axle that has a wheel speed and a pressure (or K), by a known vehicle.
 
-    Args:
-        log: with its channels' meanings.
-        vehicle: for the force line.
-        axles: only these, all if empty.
-        window: only the samples between these seconds after the log's start.
-        checks: parameters of checks by name; the defaults where there are none.
+    Only these `axles` are taken, all if empty, and only samples in the window of seconds after the
+    log's start.
 
     Raises:
         UserError: where a needed channel is missing, an axle asked for is not there, or no two

@@ -322,11 +322,7 @@ def tree(
 ) -> Table:
     """Every parameter in force, as a TOML would state it; `Settings.over` takes it back.
 
-    Args:
-        settings: the settings.
-        algos: the estimators that ran.
-        axles: `--axle`, as given.
-        window: `--from` and `--to`, as given.
+    `algos` are the estimators that ran; axles and window are as given by the flags.
     """
     return {
         **cars.as_tables(settings.vehicle),

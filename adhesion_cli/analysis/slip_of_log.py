@@ -45,12 +45,7 @@ def carried(slip: SlipOfLog) -> "tuple[str, list[Note]]":
 
 
 def slip_document(slips: Sequence[SlipOfLog], outputs: Sequence[Mapping[str, str]]) -> Json:
-    """The `adhesion.slip/1` document.
-
-    Args:
-        slips: of the logs.
-        outputs: the files written of each log, by format.
-    """
+    """The `adhesion.slip/1` document; `outputs` are the files written of each log, by format."""
     return tagged(
         "slip",
         outputs={x.result.log.path: files for x, files in zip(slips, outputs, strict=True)},
@@ -62,9 +57,7 @@ def slip_document(slips: Sequence[SlipOfLog], outputs: Sequence[Mapping[str, str
 def summarise_slip(slip: SlipOfLog, by_name: bool = False) -> list[SlipSummary]:
     """The axles of the document; what the log does not show is None.
 
-    Args:
-        slip: of a log.
-        by_name: whether the document has the log's name, wherever it lies, in place of its path.
+    With `by_name`, it has the log's name, wherever it lies, in place of its path.
     """
     path = slip.result.log.path
     return [_summarise_axle(slip, Path(path).name if by_name else path, s) for s in slip.axles]

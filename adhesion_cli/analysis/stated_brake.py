@@ -102,11 +102,7 @@ _OWN = ("discs", "lever_ratio", "radius_ratio", "cylinder_diameter", *_OF_CYLIND
 def with_parameters(vehicle: Table) -> Table:
     """The `[vehicle]` table with brake and friction as engineers state them, as of one axle.
 
-    Args:
-        vehicle: what the user states, with each parameter under its own name.
-
-    Returns:
-        The table without `disc_brake`, `tread_brake` and `rotating_mass`.
+    Each parameter is under its own name. `disc_brake`, `tread_brake` and `rotating_mass` are gone.
 
     Raises:
         UserError: two statements of the same brake, a missing or unknown key, a value out of

@@ -117,10 +117,8 @@ MATERIALS: Mapping[str, Material] = {
 def per_axle(entry: Any, faces: float | None) -> Any:
     """`friction` with a material's name as its table, and block forces as those of an axle.
 
-    Args:
-        entry: as stated.
-        faces: pads or blocks of an axle times the ratio of radii; 0 where nobody states them. None
-            where no brake is stated: a material then changes over the speed only.
+    `faces` are pads or blocks of an axle times the ratio of radii; 0 where nobody states them. None
+    where no brake is stated: a material then changes over the speed only.
 
     Raises:
         UserError: an unknown name; a table over the block force without the number of blocks.
@@ -167,8 +165,7 @@ def replaces(earlier: Mapping[str, Any], later_layer: Mapping[str, Any]) -> bool
 def friction_table(entry: Table) -> tuple[Parameter, FrictionTable]:
     """φ in the middle of a table with its 1 sigma, and the table.
 
-    Args:
-        entry: as stated, with forces of an axle.
+    The entry has forces of an axle.
 
     Raises:
         UserError: an unknown key; numbers out of range; a speed or force that does not rise; rows

@@ -17,10 +17,7 @@ _PER_MILLE, _KM = 1e-3, 1e3
 
 
 def stated_track(table: Table) -> Track:
-    """The line as stated.
-
-    Args:
-        table: `[track]`.
+    """The line as `[track]` states it.
 
     Raises:
         UserError: an unknown key, a gradient that is no number, a profile that cannot be read.

@@ -26,12 +26,7 @@ _UNKNOWN_GRADIENT = Parameter(0.0, 3.0)  # of a line of which nothing is stated 
 def stops_of_result(
     result: Result, applications: Iterable[Sequence[BrakeApplication]]
 ) -> tuple[StopSummary, ...]:
-    """The stops of an analysed log, with the adhesion that its axles used.
-
-    Args:
-        result: the analysed log.
-        applications: the brake applications of each axle.
-    """
+    """The stops of an analysed log, with the adhesion that its axles used."""
     records = [axle.record for axle in result.axles]
     settings = StopSettings(**result.settings.get("stops", {}))
     gradient = find_gradient(result.log, result.track)
@@ -46,10 +41,7 @@ def stops_of_result(
 def stops_of_log(log: Log, settings: Settings, window: Window) -> tuple[StopSummary, ...]:
     """The stops of a log without wheel speeds, or without brakes.
 
-    Args:
-        log: with its channels' meanings.
-        settings: the vehicle for the rotating mass, the line, and how stops are measured.
-        window: seconds after the log's start, from and to.
+    The settings say the vehicle, for the rotating mass, the line, and how stops are measured.
     """
     signals = of_log(log, settings.vehicle)
     if signals is None:

@@ -40,10 +40,7 @@ def summarise(
 ) -> ResultSummary:
     """The summary of an analysed log.
 
-    Args:
-        result: the analysed log.
-        outputs: the files written, by kind.
-        braked: what `brake_applications` gave, if that is known.
+    `braked` is what `brake_applications` gave, if that is known.
     """
     from .stops_of_log import stops_of_result  # slow to import, and only results need it
 
@@ -61,13 +58,7 @@ def summarise(
 
 
 def summarise_stops(log: Log, vehicle: Vehicle, stops: tuple[StopSummary, ...]) -> ResultSummary:
-    """The summary of a log that has stops, and no axle to analyse.
-
-    Args:
-        log: with its channels' meanings.
-        vehicle: as stated.
-        stops: of the whole train.
-    """
+    """The summary of a log that has stops, and no axle to analyse."""
     unknown = IdentifiedVehicle(vehicle, "default", None, known=False)
     return ResultSummary(
         _summarise_log(log, 0),

@@ -39,13 +39,7 @@ def without_force_findings(findings: Sequence[Finding]) -> list[Finding]:
 def find_vehicle_findings(
     settings: Settings, identified: IdentifiedVehicle, log: AlignedLog
 ) -> list[Finding]:
-    """What must be said of the vehicle first.
-
-    Args:
-        settings: as stated.
-        identified: the vehicle that is used.
-        log: that is analysed with it.
-    """
+    """What must be said of the vehicle first."""
     findings = []
     if identified.other_brake:
         values = {} if identified.factor is None else {"factor": identified.factor}
@@ -180,9 +174,7 @@ def with_friction_findings(
 ) -> list[Result]:
     """The results of logs named together; first in each is that some have another brake.
 
-    Args:
-        results: of all logs.
-        vehicle_files: files of the stated vehicle.
+    `vehicle_files` are those of the stated vehicle.
     """
     runs = [run_of_log(x.log.path, x.brake, x.identified) for x in results]
     findings = find_friction_differs(runs, group_by_friction(runs), vehicle_files, by_name=True)

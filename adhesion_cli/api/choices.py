@@ -62,15 +62,9 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
 ) -> Choices:
     """Settings and options from the keywords of a call.
 
-    Args:
-        sources: files or tables of settings.
-        sections: further keywords: each a section of the settings, or a vehicle parameter.
-        keywords: other keywords of the call, which an unknown one may have meant.
-        strict: whether damaged data is an error.
-        span: seconds after the log's start, from and to.
-        reference: name of the offline reference.
-        axles: numbers of axles.
-        algos: names of estimators.
+    `sections` are further keywords: each a section of the settings, or a vehicle parameter. An
+    unknown one may have meant one of `keywords`. `span` is seconds after the log's start, from and
+    to.
 
     Raises:
         UserError: for an unknown name, a value out of range.

@@ -81,11 +81,7 @@ def inspect(
 ) -> Inspection:
     """Channels of a log with meaning, unit and reason, its rates, gaps and findings.
 
-    Args:
-        log: path, `Signals` or table.
-        settings: see `analyze`.
-        strict: whether damaged data is an error.
-        sections: see `analyze`.
+    `log` and keywords are as in `analyze`.
 
     Raises:
         UserError: where the log cannot be read.
@@ -157,11 +153,7 @@ def calibrate(
 ) -> Calibration:
     """The vehicle's force from the deceleration of its own logs.
 
-    Args:
-        logs: one log or a list of logs, all of one vehicle.
-        settings: see `analyze`.
-        strict: whether damaged data is an error.
-        sections: see `analyze`.
+    `logs` is one log or a list of logs, all of one vehicle; keywords are as in `analyze`.
 
     Raises:
         UserError: where the logs do not determine the vehicle, or contradict each other.
@@ -198,16 +190,8 @@ def convert(
 ) -> Path:
     """Writes a log in the format of the target's suffix; units survive.
 
-    Args:
-        log: path, `Signals` or table.
-        target: the file to write.
-        settings: see `analyze`.
-        strict: whether damaged data is an error.
-        force: whether an older file is replaced.
-        sections: see `analyze`.
-
-    Returns:
-        The file.
+    Returns the file. An older one is replaced with `force`; log and other keywords are as in
+    `analyze`.
 
     Raises:
         UserError: where it exists already, the log cannot be read, or the disk refuses.

@@ -18,8 +18,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     shared: Shared,
     scores: Annotated[bool, option("--scores", None, "Score the estimators axle by axle.")] = False,
     rows: Annotated[
-        bool,
-        option("--rows", None, "Show every brake application of every axle, however many."),
+        bool, option("--rows", None, "Show every brake application of every axle, however many.")
     ] = False,
     budget: Annotated[
         bool, option("--budget", None, "Show what each quantity adds to the uncertainty.")

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from ..core.errors import UserError
+from ..core.text import printable
 from . import results
 from .options import (
     ScenarioName,
@@ -65,8 +67,6 @@ def command(
 
     Example: adhesion antiskid slippery-stop --set patent.slip_high=0.05
     """
-    from ..core.errors import UserError
-
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
     settings: Stated = load_settings(shared).overrides
@@ -131,7 +131,6 @@ def _on_own_rail(
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
-    from ..core.text import printable
     from ..wsp.controller import registry
     from ..wsp.documents import replay_document
     from ..wsp.replay import answers, case, distance_findings

@@ -4,16 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from . import results
-from .options import (
-    Logs,
-    Shared,
-    check,
-    inputs,
-    load_settings,
-    option,
-    settings_file,
-    shared,
-)
+from .options import Logs, Shared, check, inputs, load_settings, option, settings_file, shared
 
 if TYPE_CHECKING:
     from ..studies.calibrate import CalibrationRun

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from ..core.text import printable
 from . import results
 from .options import ALL_NAMES, Shared, inputs, shared
 
@@ -29,7 +30,6 @@ def command(
     from ..analysis.outputs import write_results
     from ..analysis.summarise import summarise
     from ..core.document import dumps
-    from ..core.text import printable
     from ..results import atomic_files
     from ..results.vehicle_text import VehicleOfLog, describe_vehicles
     from ..scores.metrics import pool_scores

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ..core.errors import UserError
 from .options import Shared, load_settings, option, shared
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ def command(
     """
     from ..analysis.request import choose_estimators
     from ..core.document import dumps, tagged
-    from ..core.errors import UserError
 
     chosen, settings = choose_estimators(shared.algo), load_settings(shared)
     if response:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..core.errors import unknown
 from .options import Shared, completes, shared
 
 if TYPE_CHECKING:
@@ -87,12 +88,7 @@ def _thresholds(code: str) -> list[dict[str, object]]:
 
 
 def _entry_of(code: str) -> "CatalogueEntry":
-    """The entry of a code.
-
-    Raises:
-        UserError: for an unknown code.
-    """
-    from ..core.errors import unknown
+    """The entry of a code."""
     from ..core.finding import catalogue
 
     codes = catalogue()

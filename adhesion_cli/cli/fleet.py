@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..core.errors import UserError
+from ..core.text import printable
 from .options import Shared, assignments, check_settings, option, shared
 
 if TYPE_CHECKING:
@@ -27,8 +29,7 @@ def command(  # noqa: PLR0913 (one option each)
     paths: Annotated[list[str], typer.Argument(metavar="PATH", help="Logs, folders, globs, URLs.")],
     shared: Shared,
     out: Annotated[
-        Path | None,
-        option("-o --out", "DIR", "Folder for the tables; fleet-results if not given."),
+        Path | None, option("-o --out", "DIR", "Folder for the tables; fleet-results if not given.")
     ] = None,
     workers: Annotated[
         int | None, option("--workers", "N", "Processes; one per processor if not given.", min=1)
@@ -55,8 +56,6 @@ def command(  # noqa: PLR0913 (one option each)
 
     Example: adhesion fleet sample_logs -o results
     """
-    from ..core.errors import UserError
-
     if summary and out is None:
         return _summary(paths, shared)
     if workers and scheduler:
@@ -133,8 +132,6 @@ def _workers(count: int | None, scheduler: str | None) -> "Iterator[Workers]":
 
 def _status_text(state: "FleetProgress", folder: Path, seconds: float) -> str:
     """The counts of a run, and what shows its results."""
-    from ..core.text import printable
-
     counts = {"analysed": state.completed, "skipped, as they have results": state.skipped}
     counts["failed"] = len(state.failed)
     counts_text = [f"{n} {count_name}" for count_name, n in counts.items() if n]
@@ -161,7 +158,6 @@ def _show_failed(state: "FleetProgress", quiet: bool) -> None:
 def _summary(paths: list[str], shared: Shared) -> int:
     from ..core.annotated import as_json
     from ..core.document import dumps, tagged
-    from ..core.errors import UserError
     from ..fleet.summary import summarise_fleet
     from . import terminal
 
@@ -177,7 +173,6 @@ def _summary(paths: list[str], shared: Shared) -> int:
 
 def _text(fleet: "FleetSummary") -> str:
     """The summary as tables, at most 100 columns wide."""
-    from ..core.text import printable
     from ..fleet import summary_tables
     from . import terminal
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ..core.text import printable
 from .options import Logs, Shared, load_settings, shared
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ def command(logs: Logs, shared: Shared) -> int:
 def _text(
     log: "InspectedLog", findings: "Sequence[Finding]", vehicle: "VehicleSummary | None"
 ) -> str:
-    from ..core.text import printable
     from ..results.vehicle_text import describe_vehicle
     from . import terminal
 
@@ -58,7 +58,6 @@ def _text(
 
 def _channels(channels: "Sequence[InspectedChannel]") -> list[str]:
     """A row each, with a column for each fault that occurs; then the reason for each meaning."""
-    from ..core.text import printable
     from ..results.result_rows import channel_row
     from . import terminal
 

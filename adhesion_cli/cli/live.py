@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from .options import Ended, Shared, check_settings, option, shared
+from ..core.errors import UserError
+from .options import Ended, Shared, check_display, check_settings, option, shared
 
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
@@ -37,8 +38,7 @@ _BAND_ESTIMATOR = "imm"  # the estimator with a band of its own
 def command(
     shared: Shared,
     source: Annotated[
-        str,
-        typer.Argument(metavar="SOURCE", help="A growing file, -, udp://, mqtt:// or can:."),
+        str, typer.Argument(metavar="SOURCE", help="A growing file, -, udp://, mqtt:// or can:.")
     ] = "",
     replay: Annotated[
         Path | None, option("--replay", "LOG", "Play a log of any format, instead of SOURCE.")
@@ -70,8 +70,6 @@ def command(
 
     Example: adhesion live --replay sample_logs/service-brake.csv --speed 0
     """
-    from ..core.errors import UserError
-
     settings = check_settings(shared)
     if (replay is None) == (not source):
         raise UserError("name SOURCE, or --replay LOG", "adhesion live --help", code=2)
@@ -110,18 +108,13 @@ class _Screens(NamedTuple):
 
 
 def _viewer(shared: Shared, connect: str) -> str:
-    """The address of the viewer that shows the samples, "" for none; starts one for --view.
-
-    Raises:
-        UserError: where there is no display, or the address is none.
-    """
+    """The address of the viewer that shows the samples, "" for none; starts one for --view."""
     if connect:
         from ..results.rrd.live import check_viewer
 
         check_viewer(connect)
     if not shared.view or connect:
         return connect
-    from .display import check_display
     from .view import start_viewer
 
     check_display("adhesion live ... -o DIR")
@@ -129,14 +122,8 @@ def _viewer(shared: Shared, connect: str) -> str:
 
 
 def _check_dbc(source: str, shared: Shared) -> None:
-    """Refuses a DBC that no frame is decoded with.
-
-    Raises:
-        UserError: as said.
-    """
+    """Refuses a DBC that no frame is decoded with."""
     if shared.dbc and not source.startswith("can:"):
-        from ..core.errors import UserError
-
         text = f"--dbc {shared.dbc[0]}: is for frames of a CAN bus, and {source} has none"
         raise UserError(text, "leave it out, or name a bus as can:can0", code=2)
 

@@ -3,6 +3,8 @@
 import copy
 import functools
 import inspect
+import os
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -12,12 +14,12 @@ import typer
 
 from ..core import cache_folder
 from ..core.errors import UserError
-from .display import check_display
 
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
 
 _PACKAGE = Path(__file__).parents[1]
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 
 
 def scenarios() -> list[str]:
@@ -173,11 +175,7 @@ def _report(quiet: bool, text: str) -> None:
 
 
 def load_settings(shared: Shared) -> "Settings":
-    """The settings that these options state.
-
-    Raises:
-        UserError: as `settings.load`.
-    """
+    """The settings that these options state."""
     from ..analysis.settings import load
 
     return load(shared.config, assignments(shared), strict=shared.strict)
@@ -206,11 +204,7 @@ def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
 
 
 def refuse_page_name(logs: Sequence[Path]) -> None:
-    """Refuses the name of a page among the logs, as of somebody who gave --report a name.
-
-    Raises:
-        UserError: there is one.
-    """
+    """Refuses the name of a page among the logs, as of somebody who gave --report a name."""
     for log in logs if len(logs) > 1 else ():
         is_missing_name = not log.suffix and not log.exists()
         if is_missing_name or log.suffix.lower() in (".html", ".htm"):
@@ -243,3 +237,15 @@ def check_settings(shared: Shared) -> "Settings":
     from ..analysis.request import check_request
 
     return check_request(load_settings(shared), shared.algo, (shared.from_, shared.to))
+
+
+def check_display(serves: str) -> None:
+    """Refuses where the viewer cannot open a window; `serves` is the command for a browser."""
+    if sys.platform == "linux" and not any(map(os.environ.get, _DISPLAYS)):
+        raise no_window_error("there is no display", serves)
+
+
+def no_window_error(reason: str, serves: str) -> UserError:
+    """The error where the viewer has no window, with what to do instead."""
+    hint = f"in a browser: `{serves}`; or copy the .rrd to a computer with a display"
+    return UserError(f"the viewer cannot open a window: {reason}", hint)

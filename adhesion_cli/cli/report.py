@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..core.errors import UserError
 from . import results
 from .options import Shared, option, shared
 
@@ -38,7 +39,6 @@ def command(
     Example: adhesion report service-brake.adhesion.mcap -o brake.html
     """
     from ..core.document import dumps, findings_document, tagged
-    from ..core.errors import UserError
     from ..results import atomic_files, verified
     from ..results.report import differences, page, run
     from . import terminal

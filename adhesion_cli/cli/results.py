@@ -11,6 +11,7 @@ from ..analysis import outputs
 from ..analysis.outputs import Pair
 from ..analysis.outputs import named as named
 from ..analysis.outputs import stem as stem
+from ..core.errors import as_user_error
 from .options import Shared, check, check_settings, inputs
 
 if TYPE_CHECKING:
@@ -47,7 +48,6 @@ def analysed_or_failed(
     Raises:
         UserError: as `analysed`; for a log that fails with --strict; where every log fails.
     """
-    from ..core.errors import as_user_error
     from ..core.summary import FailedLog
     from . import terminal
 

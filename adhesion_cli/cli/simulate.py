@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+from ..core.errors import UserError
 from .options import ScenarioName, Seed, Shared, option, shared
 
 
@@ -27,7 +28,6 @@ def command(
     Example: adhesion simulate leaf-film -o leaf-film.mcap
     """
     from ..core.document import dumps, tagged
-    from ..core.errors import UserError
     from ..results import atomic_files
     from ..results.log_writer import writer
     from ..wsp import simulate

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated
 
+from ..core.text import printable
 from . import results
 from .options import ALL_NAMES, Logs, Shared, option, shared
 
@@ -30,7 +31,6 @@ def command(
     from ..analysis.summarise import summarise
     from ..core.document import dumps
     from ..core.summary import summarise_vehicle
-    from ..core.text import printable
     from ..results.vehicle_text import describe_vehicle
     from . import terminal
 

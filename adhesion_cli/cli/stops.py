@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..core.errors import UserError
 from . import results
 from .options import (
     LOG_KINDS,
@@ -68,7 +69,6 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
     Example: adhesion stops sample_logs/service-brake.csv
     """
     from ..core.document import dumps
-    from ..core.errors import UserError
     from ..results import atomic_files, tables, verified
     from ..results.geojson import as_text, check_name
     from ..results.report import page
@@ -96,7 +96,8 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         logs,
         lambda files: load_settings(replace(shared, config=[*shared.config, *files])),
         stated_plan,
-        brake_test.Request(tuple(shared.axle), (shared.from_, shared.to)),
+        shared.axle,
+        (shared.from_, shared.to),
         progress,
     )
     if files:
@@ -127,8 +128,6 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
 
 def _check_report(shared: Shared, logs: Sequence[Path]) -> None:
     """Raises UserError where the protocol has no folder, or a page is among the logs."""
-    from ..core.errors import UserError
-
     refuse_page_name(logs)
     if not shared.out:
         raise UserError("--report writes into a folder", "add -o DIR", code=2)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ..core.errors import UserError
 from . import results
 from .options import (
     Logs,
@@ -42,7 +43,6 @@ def command(
     Example: adhesion tune sample_logs/service-brake.csv leaf-film.mcap -a leso
     """
     from ..core.document import dumps
-    from ..core.errors import UserError
     from ..results import atomic_files
     from ..studies import tune
     from . import terminal

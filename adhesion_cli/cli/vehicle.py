@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..core.errors import UserError
 from .options import Shared, shared
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ def command(
     """
     from ..analysis.stated_friction import MATERIALS
     from ..analysis.vehicle_presets import names, preset_toml
-    from ..core.errors import UserError
 
     if preset:
         if shared.config or shared.set_ or shared.json:

@@ -13,9 +13,9 @@ from zlib import crc32
 
 import typer
 
+from ..core.errors import UserError
 from ..core.text import shell_word
-from .display import check_display, no_window_error
-from .options import Shared, option, shared
+from .options import Shared, check_display, no_window_error, option, shared
 
 if TYPE_CHECKING:
     import subprocess
@@ -42,7 +42,6 @@ def command(
 
     Example: adhesion view service-brake.adhesion.mcap
     """
-    from ..core.errors import UserError
     from ..results import atomic_files
     from . import terminal
 
@@ -61,14 +60,9 @@ def command(
 
 
 def _remake(result: Path, recording: Path, progress: Callable[[str], None]) -> None:
-    """Writes the recording of one analysed log again, with the settings that the result holds.
-
-    Raises:
-        UserError: for another kind of file, whose recording shows something else.
-    """
+    """Writes the recording of one analysed log again, with the settings that the result holds."""
     from ..analysis import analyze, settings
     from ..analysis.summarise import summarise
-    from ..core.errors import UserError
     from ..core.estimator import registry
     from ..formats.open import open_source
     from ..formats.source import ReadOptions
@@ -132,11 +126,7 @@ def start_viewer() -> str:
 
 
 def _started(command: list[str], serves: str) -> None:
-    """Starts a viewer.
-
-    Raises:
-        UserError: where it ends at once.
-    """
+    """Starts a viewer."""
     import subprocess
 
     viewer = _start_program(command, stderr=subprocess.DEVNULL)
@@ -155,7 +145,6 @@ def serve_recording(recording: Path) -> None:
         UserError: where the server ends by itself.
     """
     from ..core.children import STEP
-    from ..core.errors import UserError
 
     page, data = map(_is_free, _PORTS)
     url = f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"

@@ -113,11 +113,7 @@ class Child:
             self._answers.put(error)
 
     def _answer(self, seconds: float) -> Any:
-        """The next answer.
-
-        Raises:
-            ChildDiedError: it did not come in time.
-        """
+        """The next answer; a process without one in time has died."""
         deadline = time.monotonic() + seconds
         while True:
             try:

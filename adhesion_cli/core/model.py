@@ -56,24 +56,14 @@ Meaning = Literal[
     "temperature",
 ]
 
-# What an analysis takes; channels of another meaning are only named.
-INPUTS: frozenset[Meaning | None] = frozenset(
-    (
-        "pressure",
-        "wheel_speed",
-        "train_speed",
-        "clamping_force",
-        "truth",
-        "true_slip",
-        "ed_force",
-        "traction_force",
-        "magnetic_brake",
-        "retarder",
-    )
-)
 # Brakes of which it is known only whether they act.
 OTHER_BRAKES: tuple[Meaning, Meaning] = ("magnetic_brake", "retarder")
 MOTOR_FORCES: tuple[Meaning, Meaning] = ("ed_force", "traction_force")
+_MEASURED: tuple[Meaning, ...] = ("pressure", "clamping_force", "wheel_speed", "train_speed")
+# What an analysis takes; channels of another meaning are only named.
+INPUTS: frozenset[Meaning | None] = frozenset(
+    (*_MEASURED, "truth", "true_slip", *MOTOR_FORCES, *OTHER_BRAKES)
+)
 MOTOR_TOLERANCE = 0.05  # 1 sigma of a force that a converter calculates from its currents, a share
 # States, 0 or 1 mostly: they need no unit. Stops, report and viewer show them.
 STATES: tuple[Meaning, ...] = (

@@ -230,8 +230,7 @@ class AxleStop(NamedTuple):
         Quantity("-", "expanded uncertainty of the share with slip to 5 %, by the speeds (95 %)"),
     ] = None
     at_least: Annotated[
-        bool,
-        Quantity("", "whether slip and energy are lower bounds: the train speed may be wrong"),
+        bool, Quantity("", "whether slip and energy are lower bounds: the train speed may be wrong")
     ] = False
 
 

@@ -69,11 +69,11 @@ class Number(NamedTuple):
 class Types:
     """The structs of one export, in the order in which C must declare them.
 
-    Their names begin with `prefix`; `real` is the name of the floating-point type.
+    Their names begin with `prefix`; the floating-point type is called `real`.
     """
 
-    def __init__(self, prefix: str, real: str) -> None:
-        self.real = Scalar(real)
+    def __init__(self, prefix: str) -> None:
+        self.real = Scalar("real")
         self.structs: list[Struct] = []
         self._prefix = prefix
         self._structs: dict[Any, Struct] = {}

@@ -95,7 +95,7 @@ class Program:
 
     def __init__(self, prefix: str, number: Number) -> None:
         self.number = number
-        self.types = Types(prefix, "real")
+        self.types = Types(prefix)
         self.constants: dict[str, tuple[str, str]] = {}  # value and comment by name
         self.functions: list[str] = []
         self.read: set[tuple[str, str]] = set()  # struct and field
@@ -130,10 +130,6 @@ class Program:
             text = _HELPERS[name].format(**names, **numbers)
             self.functions.insert(0, f"{INLINE} {text}\n")
         return c_name
-
-    def reads(self, struct: Struct, field: str) -> None:
-        """Notes that a field is read."""
-        self.read.add((struct.c, field))
 
 
 class Expressions:
@@ -204,7 +200,7 @@ class Expressions:
         if not isinstance(owner.kind, Struct):
             self.refuse(node, f"{node.attr} of something without fields")
         name = c_name(node.attr)
-        self.program.reads(owner.kind, name)
+        self.program.read.add((owner.kind.c, name))
         text = f"{owner.bracketed()}.{name}"
         if owner.address and not owner.address.startswith("&"):
             text = f"{owner.address}->{name}"

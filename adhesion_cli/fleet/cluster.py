@@ -87,11 +87,7 @@ class Cluster:
         return workers
 
     def _check(self) -> None:
-        """The workers are there and have this version.
-
-        Raises:
-            UserError: where they are not, or have not.
-        """
+        """Refuses a cluster without workers, or whose workers have another version."""
         hint = f"install adhesion-cli {__version__} with its extras on every worker"
         try:
             versions = self._client.run(version)

@@ -132,11 +132,7 @@ def _count(state: FleetProgress, same_logs: Sequence[LogLocation], row: LogRow) 
 def _worked(
     items: Iterable[Item], job: Job, workers: Workers
 ) -> Iterator[list[tuple[Item, Outcome]]]:
-    """Each log with what became of it, as soon as that is known; new logs go into work first.
-
-    Raises:
-        UserError: the cluster is lost.
-    """
+    """Each log with what became of it, as soon as that is known; new logs go into work first."""
     queue = deque((item, 1) for item in items)
     running: dict[Future[Outcome], tuple[Item, int]] = {}
     batch: list[tuple[Item, Outcome]] = []

@@ -19,7 +19,6 @@ from ..analysis.summarise import summarise
 from ..core import bundled, threads
 from ..core.annotated import Json
 from ..core.errors import UserError, as_user_error
-from ..core.model import Log, Result
 from ..core.summary import FailedLog, ResultSummary
 from ..core.text import printable
 from ..formats.open import check_kind
@@ -136,28 +135,22 @@ def recordings(item: Item, job: Job) -> list[Path]:
 
 
 def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
-    """A log's summary, and the bytes of its tables.
-
-    Raises:
-        UserError: it cannot be analysed, or has changed since it was identified.
-    """
+    """A log's summary, and the bytes of its tables."""
     name, algos = item.log.name, job.algos
     evaluated = evaluate(path, load_settings(job), algos, job.axles, job.window, train_speed=True)
-    _check_unchanged(evaluated.log, item)
+    if evaluated.log.sha256 != item.sha256:
+        hint = "run again when the logger has closed it"
+        raise UserError(f"{evaluated.log.path}: the file changed during the run", hint)
     summary = evaluated.summary
     summary = replace(summary, log=summary.log._replace(path=name))
     if result := evaluated.result:
         result = replace(result, log=replace(result.log, path=name))
-        _record(result, summary, recordings(item, job))
+        if files := recordings(item, job):
+            files[0].parent.mkdir(parents=True, exist_ok=True)
+            with atomic_files.sets([files], True, sweeps=False) as (places,):
+                write_results(places, [result], [summary])
     by_name = {name: tables.of_results(name, [summary]) for name in OF_RESULTS}
     return summary, {name: tables.packed(_of_run(rows, job)) for name, rows in by_name.items()}
-
-
-def _check_unchanged(log: Log, item: Item) -> None:
-    """Raises UserError where a log has changed since it was identified."""
-    if log.sha256 != item.sha256:
-        hint = "run again when the logger has closed it"
-        raise UserError(f"{log.path}: the file changed during the run", hint)
 
 
 def _of_run(table: Any, job: Job) -> Any:
@@ -166,11 +159,3 @@ def _of_run(table: Any, job: Job) -> Any:
         value = getattr(job, name)
         table = table.append_column(name, pa.array([value] * len(table), pa.string()))
     return table
-
-
-def _record(result: Result, summary: ResultSummary, files: list[Path]) -> None:
-    if not files:
-        return
-    files[0].parent.mkdir(parents=True, exist_ok=True)
-    with atomic_files.sets([files], True, sweeps=False) as (places,):
-        write_results(places, [result], [summary])

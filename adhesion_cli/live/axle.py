@@ -209,8 +209,10 @@ class LiveAxle:
         self._last_time = t
         self._first_time = t if self._first_time is None else self._first_time
         self._motor_part = self._by_motors(t)
-        K = self._force * self._share(self._force, y) + self._motor_part[0]
-        slip = self._slip(v, y)
+        radius, slowest = self._wheelset.radius, self._measuring.slowest
+        share = float(physics.friction_share(y * radius, self._force, self._vehicle))
+        K = self._force * share + self._motor_part[0]
+        slip = float(physics.slip(v, y, radius, slowest))  # type: ignore[arg-type]
         status = self._fault(t, y, K, start)
         if status in ("no-pressure", "pressure-stuck", "speed-stuck"):
             self._states.clear()
@@ -219,7 +221,7 @@ class LiveAxle:
         if not self._states:
             status = "start"
         estimates = {name: self._stepped(name, h, K, y) for name in self._algos}
-        regime = self._regime(slip, y * self._wheelset.radius if math.isnan(v) else v)
+        regime = self._regime(slip, y * radius if math.isnan(v) else v)
         return LiveSample(t, self.number, self._pressure, K, y, v, slip, estimates, status, regime)
 
     def _in_order(self, t: int, start: int) -> bool:
@@ -317,17 +319,6 @@ class LiveAxle:
             if self._algos[name][0].State._fields[: len(_REGIMES)] == _REGIMES:
                 return max(_REGIMES, key=lambda r: getattr(state, r).p)
         return ""
-
-    def _share(self, K: float, y: float) -> float:
-        """φ(v, K) / φ at this clamping force and wheel speed."""
-        if not physics.has_fade(self._vehicle):
-            return 1.0
-        return float(physics.friction_share(y * self._wheelset.radius, K, self._vehicle))
-
-    def _slip(self, v: float, y: float) -> float:
-        if not v >= self._measuring.slowest:
-            return math.nan
-        return float(physics.slip_over(v, y * self._wheelset.radius, self._measuring.slowest))
 
     def _report(self, code: str, t: int, start: int = 0, **values: float) -> None:
         spans = (((t - start) * 1e-9,) * 2,)

@@ -189,8 +189,7 @@ class Messages(Feed):
         unit = unit or next((u for smallest, u in _LARGE if abs(value) > smallest), "s")
         if unit not in NS_PER_UNIT:
             raise UnreadableError(f"its time is stated in {unit!r}")
-        exact = value * NS_PER_UNIT[unit]
-        return round(exact)
+        return round(value * NS_PER_UNIT[unit])
 
 
 def _flat(said: Json, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:

@@ -48,11 +48,7 @@ def new_files(paths: Sequence[Path], force: bool, inputs: Sequence[Path]) -> Ite
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Keeps other runs from a file.
-
-    Raises:
-        UserError: another run has it.
-    """
+    """Keeps other runs from a file."""
     lock = FileLock(path.with_name(f".{path.name}.lock"), blocking=False)
     with _written(path), suppress(NotImplementedError):  # a file system without locks
         try:

@@ -141,11 +141,9 @@ class LiveWheels:
                 axle_places = self._place(speed), self._place(brake), brake[0] == "pressure"
                 zero = to_si.zero(self._by_key[brake], self._vehicle)
                 self.axles.append(Places(axle, *axle_places, None, of_rim, zero))
-            i = index_of.get(axle, len(self.axles) - 1)
-            self.axles[i] = self.axles[i]._replace(motors=motors_by_axle[axle])
-            if train:
-                i = index_of.get(axle, len(self.axles) - 1)
-                self.axles[i] = self.axles[i]._replace(train=self._place(train))
+            i, train_place = index_of.get(axle, -1), self._place(train) if train else None
+            changed = self.axles[i]._replace(motors=motors_by_axle[axle], train=train_place)
+            self.axles[i] = changed
         return lacking
 
     def _find_motors(self, axle: int) -> tuple[MotorPlace, ...]:
@@ -169,7 +167,9 @@ class LiveWheels:
             size = m.wrap or (2.0 * math.pi / unit.factor if unit.dimension == "angle" else 0.0)
             self._places[key] = len(self.fields)
             self.fields.append(m.field)
-            convert = _Total(factor, size).convert if total else _scale(factor, offset)
+            convert = (
+                _Total(factor, size).convert if total else lambda t, x: (t, factor * x + offset)
+            )
             self._conversions.append(convert)
         return self._places[key]
 
@@ -181,11 +181,6 @@ class LiveWheels:
             if reading and abs(reading[1]) < _LARGEST:
                 values[place] = reading
         return values
-
-
-def _scale(factor: float, offset: float) -> Conversion:
-    """Of a value that is proportional to what it measures."""
-    return lambda t, x: (t, factor * x + offset)
 
 
 class _Total:

@@ -13,28 +13,15 @@ Key = tuple[Meaning, int | None]  # what a channel means, and of which axle; Non
 Channels = dict[Key, Channel]
 BRAKES: tuple[Meaning, ...] = ("pressure", "clamping_force")
 SHORTEST = 3  # samples: fewer give no derivative with an error
-_LEAVE_OUT = {
-    "axle-incomplete",
-    "speed-outlier",
-    "speed-stuck",
-    "speed-unusable",
-    "pressure-negative",
-    "pressure-outlier",
-    "pressure-stuck",
-    "pressure-unusable",
-}
+_LEAVE_OUT = (
+    "axle-incomplete speed-outlier speed-stuck speed-unusable pressure-negative pressure-outlier "
+    "pressure-stuck pressure-unusable"
+).split()
 # What a reader leaves out, which may be the channel that is missing.
-_NOT_READ = {
-    "channel-not-read",
-    "csv-no-numbers",
-    "dbc-not-used",
-    "group-not-read",
-    "mcap-encoding",
-    "mcap-not-offered",
-    "mcap-text-change",
-    "mcap-topic-unreadable",
-    "nested-columns",
-}
+_NOT_READ = (
+    "channel-not-read csv-no-numbers dbc-not-used group-not-read mcap-encoding mcap-not-offered "
+    "mcap-text-change mcap-topic-unreadable nested-columns"
+).split()
 
 
 class AxleKeys(NamedTuple):

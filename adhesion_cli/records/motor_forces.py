@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import MOTOR_FORCES, Channel, Floats, Meaning, Vehicle
+from ..core.model import MOTOR_FORCES, Channel, Floats, Vehicle
 from .choose import Channels, Key, find
 
 _STEP = 0.5  # of the times at which they are compared [s]
@@ -26,13 +26,9 @@ def with_signs(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Fin
         for key, c in forces.items():
             signed[key] = replace(c, data=replace(c.data, value=-c.data.value))
         titles = ", ".join(dict.fromkeys(c.title for c in forces.values()))
-        names = {"force": _name(meaning)}
+        names = {"force": "ED force" if meaning == MOTOR_FORCES[0] else "Traction force"}
         findings.append(Finding("motor-force-sign", "warning", channel=titles, names=names))
     return signed, findings
-
-
-def _name(meaning: Meaning) -> str:
-    return "ED force" if meaning == MOTOR_FORCES[0] else "Traction force"
 
 
 def _rates(key: Key, force: Channel, channels: Channels, vehicle: Vehicle) -> Sequence[float]:

@@ -22,7 +22,9 @@ def other_brake_findings(
     for c in log.channels:
         if c.meaning not in OTHER_BRAKES or not len(c.data.t):
             continue
-        acting = _is_acting(c) & view.contains(c.data.t) & _is_moving(c, axles, vehicle)
+        size = np.abs(c.data.value)
+        acting = size > _ACTING_SHARE * float(np.max(size, initial=0.0))
+        acting &= view.contains(c.data.t) & _is_moving(c, axles, vehicle)
         runs = true_runs(acting)
         if not runs:
             continue
@@ -32,12 +34,6 @@ def other_brake_findings(
         names = {"reason": f"The {name} is on while the train moves"}
         findings.append(Finding("other-brake", "warning", c.title, len(runs), spans, {}, names))
     return tuple(findings)
-
-
-def _is_acting(c: Channel) -> Bools:
-    size = np.abs(c.data.value)
-    acting: Bools = size > _ACTING_SHARE * float(np.max(size, initial=0.0))
-    return acting
 
 
 def _is_moving(c: Channel, axles: Sequence[AxleChannels], vehicle: Vehicle) -> Bools:

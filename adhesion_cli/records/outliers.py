@@ -119,9 +119,8 @@ def _fault(outlier_code: str, unusable_code: str, outliers: Bools) -> Fault:
 
 def wheel_outliers(p: Params, speed: Channel) -> Bools:
     """Outliers of a wheel speed [rad/s], shape (n,); single zeros at low rates, too."""
-    limits = wheel_limits(p)
     dropped = _single_outliers(speed, p.wheel_single) & (speed.data.value == 0.0)
-    outliers: Bools = _excursions(speed, limits) | dropped
+    outliers: Bools = _excursions(speed, wheel_limits(p)) | dropped
     return outliers
 
 
@@ -161,11 +160,8 @@ def _single_outliers(c: Channel, steep: float) -> Bools:
     peaks = np.flatnonzero(large[:-1] & large[1:])  # few: only there is more to look at
     if not len(peaks):
         return outliers
-    departure, return_change, longer_dt = (
-        change[peaks],
-        -change[peaks + 1],
-        np.maximum(dt[peaks], dt[peaks + 1]),
-    )
+    departure, return_change = change[peaks], -change[peaks + 1]
+    longer_dt = np.maximum(dt[peaks], dt[peaks + 1])
     smaller = np.minimum(np.abs(departure), np.abs(return_change))
     single = (departure * return_change > 0.0) & (np.abs(departure - return_change) < smaller / 2.0)
     single &= (np.minimum(dt[peaks], dt[peaks + 1]) > 0.0) & (

@@ -91,7 +91,8 @@ def readings(channel: Channel, interval: float) -> Channel:
 
 def _reading_index(channel: Channel, piece: slice, interval: float) -> NDArray[np.int64]:
     """Index, in an uninterrupted piece, of each sample that is no repeat."""
-    t, x = _seconds(channel, piece), channel.data.value[piece]
+    t, x = channel.data.t[piece], channel.data.value[piece]
+    t = (t - t[0]) * np.float64(1e-9)
     change_index = _changes(x)
     readings_per_hold = np.maximum(
         np.rint(np.diff(t[change_index], append=t[-1]) / interval), 1.0
@@ -116,9 +117,3 @@ def _pieces(channel: Channel) -> Iterator[slice]:
 def _changes(x: Floats) -> NDArray[np.int64]:
     """Index of each sample that is another value than the one before, the first one too."""
     return np.concatenate([[0], np.flatnonzero(x[1:] != x[:-1]) + 1])
-
-
-def _seconds(channel: Channel, piece: slice) -> Floats:
-    t = channel.data.t[piece]
-    since: Floats = (t - t[0]) * 1e-9
-    return since

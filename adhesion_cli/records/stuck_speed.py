@@ -143,7 +143,11 @@ def _stuck_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> Bools:
     speed is early, or that of rollers.
     """
     delays = np.linspace(0.0, p.late, 4)
-    delayed_wheels = [_delayed(w, delay) for w in wheels for delay in delays]
+    delayed_wheels = [
+        replace(w, data=replace(w.data, t=w.data.t + round(delay * 1e9)))
+        for w in wheels
+        for delay in delays
+    ]
     frozen = stuck(p, train, np.zeros(len(train.data.t)), delayed_wheels, np.nanmin)
     equal_runs = runs(train)
     if equal_runs.value[-1] > p.slow and frozen[equal_runs.start[-1] :].any():
@@ -154,11 +158,6 @@ def _stuck_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> Bools:
         if equal_runs.seconds[-1] < p.early or not smallest_change > p.rollers:
             frozen[equal_runs.start[-1] :] = False
     return frozen
-
-
-def _delayed(speed: Channel, delay: float) -> Channel:
-    """A speed as it reads later by a delay [s]."""
-    return replace(speed, data=replace(speed.data, t=speed.data.t + round(delay * 1e9)))
 
 
 def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:

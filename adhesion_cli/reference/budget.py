@@ -71,7 +71,9 @@ def mean_budget(
     variance = max(vehicle.covariance(contributions, contributions), 0.0) + noise**2
     rows = [Contribution(NOISE, None, "N", "A", noise, 1.0, noise, _share(noise**2, variance))]
     if by_motors := contributions.get(MOTORS, 0.0):
-        mean_force = wheelset(vehicle, axle.record.axle).phi * mean(_motor_clamping(axle.record))
+        assert axle.record.motor_clamping_smooth is not None
+        phi = wheelset(vehicle, axle.record.axle).phi
+        mean_force = phi * mean(axle.record.motor_clamping_smooth)
         share = _share(by_motors**2, variance)
         rows.append(Contribution(MOTORS, mean_force, "N", "B", by_motors, 1.0, by_motors, share))
     for name, contribution in contributions.items():
@@ -99,11 +101,6 @@ def _quantity(name: str, record: AxleRecord, vehicle: Vehicle) -> Parameter:
         return record.pressure_zero
     parameter: Parameter = getattr(vehicle, name)
     return vehicle.radius(record.axle) if name == "wheel_radius" else parameter
-
-
-def _motor_clamping(record: AxleRecord) -> Floats:
-    assert record.motor_clamping_smooth is not None
-    return record.motor_clamping_smooth
 
 
 def _share(variance: float, total: float) -> float:

@@ -271,7 +271,10 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     counts, step = counts_together(max(runs, key=len)), runs[0].wheel_speed_step
     wheel = [_rolling_run(r, x, c.K, w) for r, x, c in zip(runs, ripples, clamping, strict=True)]
     if counts:
-        informative, fitted_to = _pulse_means(runs, ripples, wheel, counts)
+        triples = zip(runs, ripples, wheel, strict=True)
+        informative = [pulse_means(r, x, run, counts) for r, x, run in triples]
+        # The errors of successive means are correlated, those of every second one are not.
+        fitted_to = [smoother.UnbrokenRun(*(c[::2].copy() for c in run)) for run in informative]
         rounding, slack, white = step**2 / 6.0 / counts**2, _COUNTER_SLACK, fitted_to
     else:
         wheel = [
@@ -443,20 +446,6 @@ def _delay(
     return clamping, wheel
 
 
-def _pulse_means(
-    runs: list[AxleRecord],
-    ripples: list[Floats],
-    wheel: list[smoother.UnbrokenRun],
-    counts: int,
-) -> tuple[list[smoother.UnbrokenRun], list[smoother.UnbrokenRun]]:
-    """Means over `counts` readings of a pulse counter, all and every second one.
-
-    The errors of successive means are correlated, those of every second one are not.
-    """
-    means = [pulse_means(r, x, run, counts) for r, x, run in zip(runs, ripples, wheel, strict=True)]
-    return means, [smoother.UnbrokenRun(*(c[::2].copy() for c in run)) for run in means]
-
-
 def _noise(c: SmoothedClamping, rate: ValueAndSigma, w: Wheelset) -> ValueAndSigma:
     """K, and 1 sigma of φK + ω̇/a [N]."""
     return c.K, np.hypot(rate[1] / w.a, w.phi * np.hypot(c.sigma, c.missed))
@@ -469,17 +458,12 @@ def _between_samples(c: SmoothedClamping, rate: ValueAndSigma, w: Wheelset) -> V
     lines of K explain by −a(1 − rolling)φ times the error of K. How far K may be off the line
     bounds it, so a slow δ stays one.
     """
-    rate_per_force, n, measured_index = (
-        w.a * (1.0 - w.rolling),
-        np.arange(len(c.K)),
-        np.flatnonzero(c.measured),
-    )
+    rate_per_force = w.a * (1.0 - w.rolling)
+    n, measured_index = np.arange(len(c.K)), np.flatnonzero(c.measured)
     departure = rate[0] + rate_per_force * w.phi * c.K
     departure = departure - np.interp(n, measured_index, departure[measured_index])
-    variance_here, variance_there = (
-        rate[1] ** 2,
-        np.interp(n, measured_index, rate[1][measured_index] ** 2),
-    )
+    variance_here = rate[1] ** 2
+    variance_there = np.interp(n, measured_index, rate[1][measured_index] ** 2)
     missed = (w.phi * c.missed) ** 2
     gain = missed / np.maximum(missed + (variance_here + variance_there) / rate_per_force**2, FLOOR)
     K = c.K - gain * departure / rate_per_force / w.phi

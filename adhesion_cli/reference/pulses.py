@@ -128,10 +128,8 @@ def remove_steps(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
     large_jump = np.abs(np.concatenate([[0.0], jump, [0.0]])) >= 1.5 * step[[*run_start, -1]]
     change, lasts = run_start[1:], np.diff(t[run_start], append=t[-1])
     slow = (np.minimum(length[1:], length[:-1]) > 1) & (np.abs(jump) < 1.5 * step[change])
-    own_variance[change[~slow]], own_variance[change[~slow] - 1] = (
-        variance[change[~slow]],
-        variance[change[~slow] - 1],
-    )
+    fast = np.concatenate([change[~slow], change[~slow] - 1])
+    own_variance[fast] = variance[fast]
     change, jump, lasts = change[slow], jump[slow], np.minimum(lasts[1:], lasts[:-1])[slow]
     share = np.minimum((t[change] - t[change - 1]) / lasts, 1.0)  # of a step in one interval
     level[change] -= 0.5 * jump * (1.0 - share)

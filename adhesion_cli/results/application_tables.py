@@ -9,13 +9,7 @@ from ..core.finding import is_doubt
 from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
 from .result_rows import OF_MARK, row, slid_row
-from .stop_rows import (
-    describe_columns,
-    describe_reasons,
-    describe_sources,
-    short_row,
-    stop_row,
-)
+from .stop_rows import describe_columns, describe_reasons, describe_sources, short_row, stop_row
 from .text_tables import DOUBT, TitledTable, describe_not_known, doubted, non_empty
 from .train_stops import (
     MANY_AXLES,
@@ -87,7 +81,11 @@ def application_tables(
     """
     is_single = len(summaries) == 1
     logs = [
-        _NamedLog("" if is_single else Path(x.log.path).name, x.axles, _is_doubtful(x))
+        _NamedLog(
+            "" if is_single else Path(x.log.path).name,
+            x.axles,
+            any(is_doubt(f.code, f.severity) for f in x.findings),
+        )
         for x in summaries
     ]
     count = sum(len(axle.applications) for log in logs for axle in log.axles)
@@ -100,11 +98,6 @@ def application_tables(
             rows = non_empty([_named(name) | group_row(x) for x in group_axles(axles, cars)])
             tables.append(TitledTable("Groups of axles", rows, note=_OF_GROUPS))
     return tables
-
-
-def _is_doubtful(x: ResultSummary) -> bool:
-    """Whether a log contradicts its vehicle."""
-    return any(is_doubt(f.code, f.severity) for f in x.findings)
 
 
 class _NamedLog(NamedTuple):

@@ -89,11 +89,7 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
 
 
 def refuse_url(path: Path) -> None:
-    """Refuse a target that is a URL, which would become a folder with the name `s3:`.
-
-    Raises:
-        UserError: as said.
-    """
+    """Refuse, by a UserError, a URL, which would become a folder with the name `s3:`."""
     if url := as_url(path):
         hint = "write to a folder of this machine, and copy the results from there"
         raise UserError(f"{printable(url)}: results cannot be written to a URL", hint, code=2)
@@ -253,11 +249,7 @@ def check_closed(paths: Iterable[Path]) -> None:
 
 
 def _patiently(path: Path, action: Callable[[], object]) -> None:
-    """Does something to a result that another program may hold open, as Windows lets it.
-
-    Raises:
-        UserError: it is still open after a short while.
-    """
+    """Does something to a result that another program may hold open, as Windows lets it."""
     end = time.monotonic() + _PATIENCE
     while True:
         try:

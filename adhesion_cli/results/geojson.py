@@ -41,11 +41,7 @@ def map_of_log(log: Log, stops: Sequence[StopSummary], axles: Sequence[AxleSumma
 
 
 def check_name(path: Path) -> None:
-    """Refuses a name that maps do not know.
-
-    Raises:
-        UserError: for another suffix.
-    """
+    """Refuses, by a UserError, a name that maps do not know."""
     if path.suffix.lower() not in (".geojson", ".json"):
         text, hint = f"{path}: a map is GeoJSON", f"--geojson {path.stem}.geojson"
         raise UserError(text, hint, code=2)

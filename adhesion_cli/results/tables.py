@@ -101,15 +101,14 @@ def _of_axles(r: ResultSummary, name: str) -> _Rows:
     return (({"axle": a.axle}, x) for a in r.axles for x in getattr(a, name))
 
 
-def _slides(r: ResultSummary) -> _Rows:
-    return ((keys, x) for keys, a in _of_axles(r, "applications") for x in a.slide_list)
-
-
 # The tables of results, by name: the schema, and the rows of a log with their further keys.
 _OF_RESULTS: dict[str, tuple[Any, Callable[[ResultSummary], _Rows]]] = {
     "applications": (APPLICATIONS, lambda r: _of_axles(r, "applications")),
     "stops": (STOPS, lambda r: (({}, x) for x in r.stops)),
-    "slides": (SLIDES, _slides),
+    "slides": (
+        SLIDES,
+        lambda r: ((k, x) for k, a in _of_axles(r, "applications") for x in a.slide_list),
+    ),
     "estimators": (ESTIMATORS, lambda r: _of_axles(r, "estimators")),
     "findings": (FINDINGS, lambda r: (({}, x) for x in r.findings)),
 }

@@ -73,7 +73,8 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
     extent = "whole " if vehicle.unstated else ""
     if not vehicle.known:
         return _UNKNOWN.format(statement=statement, extent=extent)
-    evidence = _evidence(vehicle)
+    stops = f"{vehicle.stops} brake application{'s' * (vehicle.stops != 1)}"
+    evidence = f"{stops} of {'this log' if vehicle.logs <= 1 else f'{vehicle.logs} logs'}"
     if vehicle.source == "log":
         share = _median_share(axles)
         accuracy = f", µ ± {share:.0f} %" if np.isfinite(share) else ""
@@ -136,19 +137,13 @@ def _brakes(cars: Sequence[CarSummary]) -> str:
         columns = ([c.force_per_bar_n / 1e3 for c in cars], [c.deceleration_per_bar for c in cars])
         force, slowing = (f"{min(column):.3g} to {max(column):.3g}" for column in columns)
         return f": {force} kN at the rail per bar and axle, {slowing} m/s² per bar."
-    heads = [f"Car {car.name}" if car.name else _axles(car.axles) for car in cars]
+    heads = [
+        f"Car {car.name}"
+        if car.name
+        else f"Axle{'s' * (len(car.axles) > 1)} {', '.join(map(str, car.axles))}"
+        for car in cars
+    ]
     return " ".join([".", *(f"{head}: {text}" for head, text in zip(heads, texts, strict=True))])
-
-
-def _axles(numbers: Sequence[int]) -> str:
-    listing = ", ".join(map(str, numbers))
-    return f"Axle {listing}" if len(numbers) == 1 else f"Axles {listing}"
-
-
-def _evidence(vehicle: VehicleSummary) -> str:
-    """How many brake applications of how many logs were used."""
-    stops = "1 brake application" if vehicle.stops == 1 else f"{vehicle.stops} brake applications"
-    return f"{stops} of {'this log' if vehicle.logs <= 1 else f'{vehicle.logs} logs'}"
 
 
 def _force(force: float | None, u95: float | None) -> str:

@@ -113,10 +113,6 @@ class _Axis(NamedTuple):
     t: Times
     edges: NDArray[np.int64]  # where each begins, and the end
 
-    @classmethod
-    def from_times(cls, t: Times) -> "_Axis":
-        return cls(t, np.concatenate([[0], np.flatnonzero(t[1:] < t[:-1]) + 1, [len(t)]]))
-
     def place(self, row: int) -> tuple[int, int]:
         """The pass of a sample, and its stamp."""
         return int(np.searchsorted(self.edges, row, side="right")) - 1, int(self.t[row])
@@ -129,7 +125,10 @@ class _Axis(NamedTuple):
 
 def _axes(log: Log) -> dict[int, _Axis]:
     """The times of the channels, by the identity of their arrays."""
-    return {id(c.data.t): _Axis.from_times(c.data.t) for c in log.channels}
+    return {
+        id(t): _Axis(t, np.concatenate([[0], np.flatnonzero(t[1:] < t[:-1]) + 1, [len(t)]]))
+        for t in (c.data.t for c in log.channels)
+    }
 
 
 def _slices(axes: dict[int, _Axis]) -> Iterator[dict[int, slice]]:

@@ -63,11 +63,7 @@ class Workbook:
         self._time = writer.add_format({"num_format": _TIME})
 
     def check(self, rows: int, columns: int) -> None:
-        """Refuses a table that is larger than a sheet.
-
-        Raises:
-            UserError: names both sizes.
-        """
+        """Refuses, by a UserError, a table that is larger than a sheet."""
         if rows >= MAX_ROWS or columns > MAX_COLUMNS:
             text = f"an Excel sheet holds {MAX_ROWS - 1} rows and {MAX_COLUMNS} columns, "
             text += f"the table has {rows} and {columns}"

@@ -245,12 +245,8 @@ def score_estimates(
 ) -> tuple[Score, ...]:
     """Every estimate of one axle against the truth where the record has it, else the reference.
 
-    Args:
-        record: the axle's record.
-        reference: its reference.
-        estimates: F̂ [N] by algorithm, shape (n,).
-        applications: the brake applications to use, less what `find_start_ups` finds in them.
-        sigmas: standard uncertainty [N] of the estimates that have one, shape (n,).
+    Estimates and their standard uncertainties, where they have one, are by algorithm [N], (n,).
+    What `find_start_ups` finds in the brake applications is not used.
     """
     against, target, applications = choose_target(record, reference, applications)
     scores = []

@@ -42,13 +42,6 @@ from .plan import Plan, PlannedGroup
 _ALGO = "td"  # the quickest estimator: stops need the reference only
 
 
-class Request(NamedTuple):
-    """What of each log is taken."""
-
-    axles: tuple[int, ...] = ()
-    window: Window = (None, None)
-
-
 class TestedLog(NamedTuple):
     """What a series needs of a log besides its stops."""
 
@@ -95,7 +88,8 @@ def run(
     logs: Sequence[Path],
     load: Callable[[Sequence[Path]], Settings],
     plan: Plan,
-    request: Request,
+    axles: Sequence[int],
+    window: Window,
     progress: Callable[[str], None],
 ) -> BrakeTest:
     """Evaluates a series.
@@ -115,13 +109,13 @@ def run(
         settings_of_group = _load_for(group, load)
         if len(paths) > 1:
             progress(f"finding the vehicle of {len(paths)} logs")
-        vehicles = identify_together(paths, settings_of_group, request.axles, request.window)
+        vehicles = identify_together(paths, settings_of_group, axles, window)
         runs: list[GroupedRun] = []
         its_stops: list[SeriesStop] = []
         for path, identified in zip(paths, vehicles, strict=True):
             progress(f"{path.name}: stops")
             try:
-                log = _test_log(path, group, settings_of_group, request, identified)
+                log = _test_log(path, group, settings_of_group, axles, window, identified)
             except UserError as error:
                 failed.append(FailedLog(str(path), error.text, error.hint))
                 if len(failed) == len(logs):
@@ -132,7 +126,9 @@ def run(
             for stop in log.map.stops:
                 name = log.group or f"{stop.nominal_speed_kmh:g} km/h"
                 its_stops.append(SeriesStop(log.path, name, log.map.label, stop, log.is_doubtful))
-        stops += _by_clock(its_stops)
+        if all(s.stop.time for s in its_stops):  # in the order of time, in which they may drift
+            its_stops.sort(key=lambda s: s.stop.time or "")
+        stops += its_stops
         findings += find_friction_differs(runs, group_by_friction(runs), by_name=True)
     groups = group_stops(stops)
     wsp: tuple[WspSummary, ...] = ()
@@ -161,13 +157,6 @@ def _members(logs: Sequence[Path], plan: Plan) -> list[tuple[PlannedGroup | None
     return [(group, by_name[group.name]) for group in plan.groups]
 
 
-def _by_clock(stops: Sequence[SeriesStop]) -> Sequence[SeriesStop]:
-    """Stops in the order of time, in which they may drift; as named where a log has no clock."""
-    if not all(s.stop.time for s in stops):
-        return stops
-    return sorted(stops, key=lambda s: s.stop.time or "")
-
-
 def _load_for(group: PlannedGroup | None, load: Callable[[Sequence[Path]], Settings]) -> Settings:
     """The settings of a group: those of all, with its own vehicle and nominal speed."""
     settings = load([group.vehicle] if group and group.vehicle else [])
@@ -181,11 +170,11 @@ def _test_log(
     path: Path,
     group: PlannedGroup | None,
     settings: Settings,
-    request: Request,
+    axles: Sequence[int],
+    window: Window,
     identified: IdentifiedVehicle | None,
 ) -> TestedLog:
     """A log with its stops and their places, by its axles or else by what it has."""
-    axles, window = request
     evaluated = evaluate(path, settings, [_ALGO], axles, window, identified=identified)
     log, summary, result = evaluated
     map_ = map_of_log(log, summary.stops, summary.axles)

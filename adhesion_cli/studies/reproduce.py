@@ -126,8 +126,9 @@ def reproduce(
     Fewer of the seeds of the noise are used where it matters little.
     """
     progress("constant adhesion")
-    alternatives = [
-        _alternative(r.text, "constant", algo, _measure_constant(r, algo, seeds[:10]))
+    alternatives: list[Json] = [
+        {"reading": r.text, "condition": "constant", "algo": algo}
+        | _measure_constant(r, algo, seeds[:10])
         for r in ALTERNATIVES
         for algo in r.algos
     ]
@@ -149,7 +150,7 @@ def reproduce(
         )
     measured = _measure_varying("kalman", seeds[:5], {"q": 1e-5})
     text = "kept alive by process noise q = 1e-5"
-    alternatives.append(_alternative(text, "varying", "kalman", measured))
+    alternatives.append({"reading": text, "condition": "varying", "algo": "kalman", **measured})
     document = {
         **tagged("reproduce", source=PAPER),
         "seeds": len(seeds),
@@ -160,10 +161,6 @@ def reproduce(
         "unmatched": [a for a, row in constant.items() if row["max_error_matched_by"] is None],
     }
     return Reproduction(document, results)
-
-
-def _alternative(text: str, condition: str, algo: str, measured: Json) -> Json:
-    return {"reading": text, "condition": condition, "algo": algo, **measured}
 
 
 def printed(algo: str, interval: float) -> dict[str, float]:
@@ -251,6 +248,9 @@ def _with_sensors(s: Scenario, interval: float = INTERVAL, variance: float = POW
     return replace(s, sensor=sensors)
 
 
+_run = cache(simulate.run)
+
+
 def _estimate(
     scenario: Scenario, seed: int, algo: str, parameters: Mapping[str, float]
 ) -> tuple[Floats, Floats, Floats]:
@@ -267,11 +267,6 @@ def _estimate(
     )[0]
     true_force = np.interp(speed.t, simulation.t, simulation.signal("truth", 1))
     return speed.t.astype(np.float64) * 1e-9, F, true_force
-
-
-@cache
-def _run(scenario: Scenario) -> simulate.Simulation:
-    return simulate.run(scenario)
 
 
 # --- varying condition --------------------------------------------------------------------------

@@ -329,11 +329,7 @@ def _litres(rise: float, antiskid: Antiskid) -> float:
 
 
 def _check_stopped(name: str, stop_index: int, ticks: int, h: float) -> None:
-    """Nothing, if the train stands after `stop_index` ticks.
-
-    Raises:
-        UserError: it does not.
-    """
+    """Refuses a train that does not stand after `stop_index` ticks."""
     if stop_index < 0:
         raise UserError(f"{name}: no solution at {-stop_index * h:g} s", "take a shorter dt")
     if stop_index == ticks:

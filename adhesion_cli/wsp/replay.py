@@ -438,11 +438,7 @@ def _draw_rails(
 
 
 def _equal_axle(result: Result) -> Vehicle:
-    """An axle of the stop, which all equal but for their radii.
-
-    Raises:
-        UserError: where they differ.
-    """
+    """An axle of the stop, which all equal but for their radii; refuses others."""
     numbers = [a.record.axle for a in result.axles]
     vehicle = mean_axle.mean_axle(result.vehicle, numbers)
     if not mean_axle.have_equal_values(result.vehicle, numbers):

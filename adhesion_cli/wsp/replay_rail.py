@@ -113,11 +113,7 @@ def levels(course: SlidCourse, rail: Condition, vehicle: Vehicle) -> Floats:
 def _shortcomings(
     context: rail_under_slides.AxleContext, slides: Sequence[Slide]
 ) -> tuple[fit.RailFit, int | None, list[Finding]]:
-    """A fit to the slides up to where the rail gets better, and when that is [ns].
-
-    Raises:
-        UserError: too little slip, or no curve fits.
-    """
+    """A fit to the slides up to where the rail gets better, and when that is [ns]."""
     record, radius = context.axle.record, context.radius
     points, mu_error = rail_under_slides.points(context, slides)
     peak_passed = _gets_better(points)

@@ -15,12 +15,7 @@ from ...core.model import Vehicle
 from ...core.signals import coverage_factor
 from ...core.summary import BrakeApplication
 from ..carried_vehicle import correlation, is_of_vehicle, parameter
-from ..friction_groups import (
-    FrictionGroup,
-    GroupedRun,
-    find_friction_differs,
-    group_by_friction,
-)
+from ..friction_groups import FrictionGroup, GroupedRun, find_friction_differs, group_by_friction
 from .run import ReportAxle, ReportRun
 
 _NOISE = "noise"

@@ -236,11 +236,7 @@ def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
 
 
 def _entry(path: Path, source: Source) -> Json:
-    """The entry of the log in the document that a result carries.
-
-    Raises:
-        UserError: where it carries none, or several.
-    """
+    """The entry of the log in the document that a result carries; refuses none or several."""
     if any(name.startswith(f"{SETTINGS}/") for name in source.metadata):
         raise UserError(f"{path}: a comparison of several logs, not one result", _TWO_LOGS)
     carried = source.metadata.get(METRICS, {}).get("json", "{}")

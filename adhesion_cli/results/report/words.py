@@ -46,11 +46,6 @@ def slides_known(axle: ReportAxle) -> bool:
     return axle.has_values("slip")
 
 
-def _is_observed(axle: ReportAxle, a: BrakeApplication) -> bool:
-    """Whether a slide in this brake application would have been seen."""
-    return slides_known(axle) and a.slip_unknown_s < HIDDEN_TIME
-
-
 def brake_tables(runs: Sequence[ReportRun], all_rows: bool = False) -> list[TitledTable]:
     """Brake applications and slides, as on the screen; those of several runs together."""
     summaries = []
@@ -116,7 +111,7 @@ def verdict(axle: ReportAxle) -> AxleVerdict:
     if not slides_known(axle):
         text = "Without a train speed, slides cannot be seen."
         return AxleVerdict("unknown", "slides not known", text, adhesion)
-    if not all(_is_observed(axle, a) for a in applications):
+    if not all(a.slip_unknown_s < HIDDEN_TIME for a in applications):
         text = "No slide seen. Without a train speed in parts of the braking, slides may be hidden."
         return AxleVerdict("unknown", "slides not known", text, adhesion)
     count = len(applications)

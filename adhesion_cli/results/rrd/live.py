@@ -17,11 +17,7 @@ from . import overview, parts
 
 
 def check_viewer(url: str) -> None:
-    """Refuses what is no address of a viewer; whether one is there shows later.
-
-    Raises:
-        UserError: as said.
-    """
+    """Refuses, by a UserError, what is no address of a viewer; whether one is there shows later."""
     try:
         rr.GrpcSink(url)
     except RuntimeError as error:  # the binding's word for what it cannot read

@@ -49,13 +49,7 @@ OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overvi
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ON = 0.5  # a state is 0 or 1
-_SWITCHED: tuple[Meaning, ...] = (
-    "emergency",
-    "hold_valve",
-    "vent_valve",
-    "wsp_active",
-    "sanding",
-)
+_SWITCHED: tuple[Meaning, ...] = ("emergency", "hold_valve", "vent_valve", "wsp_active", "sanding")
 _MOST_LEVELS = 8  # of a command that are states of their own
 _ROWS = 1 << 16  # rows sent at once
 Note = tuple[str, fit.RailFit | None]

@@ -1,6 +1,6 @@
 """Stops in closed loop: a tab for each axle, its controllers side by side."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,7 +43,8 @@ class StopsPage:
         colours = {x.controller: palette.rgba(palette.of_method(x.controller)) for x in self.stops}
         start = int(self.stops[0].t[0])
         parts.send_names(rec, "lines", _since_start, start, [*colours.items()])
-        widths = _widths(colours)
+        # Lines may coincide: the viewer draws by name, so the last is the thinnest.
+        widths = {name: 1.5 + 2.0 * i for i, name in enumerate(sorted(colours, reverse=True))}
         for stop in self.stops:
             colour = colours[stop.controller]
             train = [(stop.controller, colour, stop.train_speed * 3.6)]
@@ -140,11 +141,6 @@ class StopsPage:
             rrb.Horizontal(*judged, name="Force, slip, slope"),
             name=f"Axle {axle}",
         )
-
-
-def _widths(names: Iterable[str]) -> dict[str, float]:
-    """Widths of lines that may coincide: the viewer draws by name, so the last is the thinnest."""
-    return {name: 1.5 + 2.0 * i for i, name in enumerate(sorted(names, reverse=True))}
 
 
 def _since_start(t: Times) -> list[rr.TimeColumn]:
