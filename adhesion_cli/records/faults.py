@@ -59,17 +59,8 @@ class View(NamedTuple):
             return []
         since = self.seconds(t)
         spans = merge_spans([(float(since[a]), float(since[b - 1])) for a, b in true_runs(mask)])
-        return [
-            Finding(
-                fault.code,
-                fault.severity,
-                channel=channel.title,
-                count=int(mask.sum()),
-                spans=spans,
-                values=values or {},
-                names=names or {},
-            )
-        ]
+        place, count, data = channel.title, int(mask.sum()), (values or {}, names or {})
+        return [Finding(fault.code, fault.severity, place, count, spans, *data)]
 
 
 def remove_samples(channel: Channel, excluded: Bools) -> Channel:

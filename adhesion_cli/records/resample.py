@@ -101,12 +101,8 @@ def _axle(
         wheel_period_step=speed.period_step,
     )
     if motors:
-        motors = MotorForce(
-            motors.last_value[in_segment],
-            motors.smooth[in_segment],
-            motors.sigma[in_segment],
-            motors.traction_known,
-        )
+        held, between, sigma = (x[in_segment] for x in motors[:3])
+        motors = MotorForce(held, between, sigma, motors.traction_known)
     axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None, motors)
     return axle.clamped_by(vehicle), findings
 

@@ -30,16 +30,9 @@ def remove_repeats(channels: Channels, view: View) -> tuple[Channels, list[Findi
             measured[key] = readings(c, seconds)
             start, stop = view.seconds(c.data.t[[0, -1]])
             repeats = len(c.data.t) - len(measured[key].data.t)
-            findings.append(
-                Finding(
-                    "speed-repeated" if of_speed else "pressure-repeated",
-                    "info",
-                    channel=c.title,
-                    count=repeats,
-                    spans=((float(start), float(stop)),),
-                    values={"interval_s": seconds},
-                )
-            )
+            code = "speed-repeated" if of_speed else "pressure-repeated"
+            spans, values = ((float(start), float(stop)),), {"interval_s": seconds}
+            findings.append(Finding(code, "info", c.title, repeats, spans, values))
     return measured, findings
 
 

@@ -267,17 +267,10 @@ def _vehicle(
     places = [place for place, *_ in table.values()]
     sigma = np.sqrt(np.maximum(np.diag(joint), 1e-30))
     correlation = (joint / np.outer(sigma, sigma))[np.ix_(places, places)]
-    rows = {
-        name: CalibratedParameter(
-            prior_value,
-            prior_u,
-            posterior_value,
-            factor * float(sigma[place]),
-            unit,
-            _SOURCES[name],
-        )
-        for name, (place, factor, prior_value, prior_u, posterior_value, unit) in table.items()
-    }
+    rows = {}
+    for name, (place, factor, before, before_u, value, unit) in table.items():
+        u = factor * float(sigma[place])
+        rows[name] = CalibratedParameter(before, before_u, value, u, unit, _SOURCES[name])
     return _posterior_vehicle(v, rows, correlation, brake_point.speed), rows, correlation
 
 

@@ -113,22 +113,11 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     pulses = count_pulses(max(runs, key=len)) if runs else math.inf
     squares = [estimate.squares for estimate in estimates if estimate.squares is not None]
     nis = innovations.mean(np.concatenate(squares)) if squares else None
+    lag = max((estimate.pad_lag for estimate in estimates), default=0.0)
     source, saturated = METHODS[method].source, record.saturated
+    further = mass, nis, impulse, clamping, lag
     return Reference(
-        method,
-        source,
-        force,
-        sigma,
-        tolerance,
-        saturated,
-        largest,
-        pulses,
-        averaged,
-        mass,
-        nis,
-        impulse,
-        clamping,
-        max((estimate.pad_lag for estimate in estimates), default=0.0),
+        method, source, force, sigma, tolerance, saturated, largest, pulses, averaged, *further
     )
 
 
@@ -224,19 +213,13 @@ def contributions(
     """
     R, inertia, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction
     fade, speed_difference = vehicle.friction_fade, speed - vehicle.friction_speed.value
+    by_fade = phi.value * K * speed_difference / (1.0 + fade.value * speed_difference)
+    by_radius = (-2.0 if record.of_rim else -1.0) * dw * inertia.value / R.value**2
     terms = {
         "friction": K * phi.tolerance,
-        "friction_fade": phi.value
-        * K
-        * speed_difference
-        / (1.0 + fade.value * speed_difference)
-        * fade.tolerance,
+        "friction_fade": by_fade * fade.tolerance,
         "wheelset_inertia": dw / R.value * inertia.tolerance,
-        "wheel_radius": (-2.0 if record.of_rim else -1.0)
-        * dw
-        * inertia.value
-        / R.value**2
-        * R.tolerance,
+        "wheel_radius": by_radius * R.tolerance,
     }
     if record.pressure is not None and earlier is not None:
         terms["friction_lag"] = phi.value * (earlier - K)
@@ -311,21 +294,13 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         for pair in zip(clamping, rates, strict=True)
     ]
     level = math.inf if counts else judged.noise.measurement  # a count is a mean, not a level
-    return [
-        RunEstimate(
-            K,
-            rate,
-            sigma,
-            averaged,
-            z2,
-            np.maximum(np.sqrt(level + run.own_variance), np.abs(_misfit(run, rate))),
-            w.phi * np.hypot(c.sigma, c.missed),
-            lag,
-        )
-        for (K, sigma), (rate, _), z2, run, c in zip(
-            forces, rates, squares, wheel, clamping, strict=True
-        )
-    ]
+    estimates, runs_of_wheel = [], zip(forces, rates, squares, wheel, clamping, strict=True)
+    for (K, sigma), (rate, _), z2, run, c in runs_of_wheel:
+        speed_sigma = np.maximum(np.sqrt(level + run.own_variance), np.abs(_misfit(run, rate)))
+        clamping_sigma = w.phi * np.hypot(c.sigma, c.missed)
+        by_noise = speed_sigma, clamping_sigma
+        estimates.append(RunEstimate(K, rate, sigma, averaged, z2, *by_noise, lag))
+    return estimates
 
 
 def _rolling_squares(

@@ -189,16 +189,8 @@ def _loosen(
 def _arguments(
     run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise
 ) -> tuple[Floats | float, ...]:
-    return (
-        run.t,
-        run.u,
-        run.s,
-        run.input_variance,
-        noise.rough,
-        noise.coupling,
-        regimes.follow,
-        regimes.rates,
-    )
+    inputs = run.t, run.u, run.s, run.input_variance
+    return *inputs, noise.rough, noise.coupling, regimes.follow, regimes.rates
 
 
 def _forward(
@@ -211,16 +203,9 @@ def _forward(
     """Log-likelihood of the run; fills `states` (n, M, 6) and `scores` (n,) where given."""
     table = np.empty((0, len(regimes.follow), 6)) if states is None else states
     scores = np.empty(0) if scores is None else scores
-    value: float = compiled.function(_filter)(
-        *_arguments(run, regimes, noise),
-        run.y,
-        noise.measurement + run.own_variance,
-        run.span**3 / 320.0,
-        regimes.start,
-        regimes.spread**2,
-        table,
-        scores,
-    )
+    measured = run.y, noise.measurement + run.own_variance, run.span**3 / 320.0
+    arguments = *_arguments(run, regimes, noise), *measured, regimes.start, regimes.spread**2
+    value: float = compiled.function(_filter)(*arguments, table, scores)
     return value
 
 
@@ -353,7 +338,7 @@ def _normal_score(mixture: Floats, T: Floats, nu: Floats, half_chi2: Floats) -> 
             share = 0.5 * mixture[i, 5] * T[i, j]
             tail = math.erfc(
                 math.sqrt(half_chi2[i, j])
-            )  # the other one is 2 less it, to the last digit
+            )  # 2 less it is the other, to the last digit
             p_below += share * (tail if nu[i, j] < 0.0 else 2.0 - tail)
             p_above += share * (2.0 - tail if nu[i, j] < 0.0 else tail)
     return score(p_below, p_above)
@@ -421,15 +406,9 @@ def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
                     G00, G01 = (c0 * P11 - F01 * P01) / det, (F01 * P00 - c0 * P01) / det
                     G10, G11 = (c1 * P11 - F11 * P01) / det, (F11 * P00 - c1 * P01) / det
                     e0, e1 = mixture[j, 0] - m0, mixture[j, 1] - m1
-                    D00, D01, D11 = _without_growth(
-                        mixture[j, 2] - P00,
-                        mixture[j, 3] - P01,
-                        mixture[j, 4] - P11,
-                        P00,
-                        P01,
-                        P11,
-                        det,
-                    )
+                    D00, D01 = mixture[j, 2] - P00, mixture[j, 3] - P01
+                    D11 = mixture[j, 4] - P11
+                    D00, D01, D11 = _without_growth(D00, D01, D11, P00, P01, P11, det)
                     pair[j, i, 0] = f0 + G00 * e0 + G01 * e1
                     pair[j, i, 1] = f1 + G10 * e0 + G11 * e1
                     pair[j, i, 2] = F00 + G00 * G00 * D00 + 2.0 * G00 * G01 * D01 + G01 * G01 * D11
@@ -482,11 +461,8 @@ def _without_growth(  # noqa: PLR0913 (numba: plain arrays and floats)
     if lambda_1 <= 0.0:
         return D00, D01, D11
     factor = min(lambda_2, 0.0) / (lambda_1 - lambda_2 + 1e-300)
-    return (
-        factor * (lambda_1 * P00 - D00),
-        factor * (lambda_1 * P01 - D01),
-        factor * (lambda_1 * P11 - D11),
-    )
+    D00, D01, D11 = lambda_1 * P00 - D00, lambda_1 * P01 - D01, lambda_1 * P11 - D11
+    return factor * D00, factor * D01, factor * D11
 
 
 def _half_width(mixture: Floats, i: int, mean: float, mass: float) -> float:
@@ -496,20 +472,15 @@ def _half_width(mixture: Floats, i: int, mean: float, mass: float) -> float:
     for j in range(M):
         if mixture[j, 5] > 1e-4 * mass:
             width = Z95 * math.sqrt(max(mixture[j, 4 if i else 2], 0.0))
-            narrow, wide_limit = (
-                min(narrow, width),
-                max(wide_limit, width + abs(mixture[j, i] - mean)),
-            )
+            narrow = min(narrow, width)
+            wide_limit = max(wide_limit, width + abs(mixture[j, i] - mean))
     while wide_limit > 1.01 * narrow and wide_limit > 0.0:
         middle, outside = math.sqrt(narrow * wide_limit) if narrow > 0.0 else 0.5 * wide_limit, 0.0
         for j in range(M):
             scale = math.sqrt(2.0 * max(mixture[j, 4 if i else 2], 1e-300))
             d = mixture[j, i] - mean
-            outside += (
-                0.5
-                * (math.erfc((middle - d) / scale) + math.erfc((middle + d) / scale))
-                * (mixture[j, 5] / mass)
-            )
+            tails = math.erfc((middle - d) / scale) + math.erfc((middle + d) / scale)
+            outside += 0.5 * tails * (mixture[j, 5] / mass)
         if outside > 0.05:
             narrow = middle
         else:
