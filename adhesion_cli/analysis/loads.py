@@ -137,8 +137,7 @@ def _steady(channel: Channel, log: Log, axle: int) -> Bools:
     half_width = 500_000_000  # [ns]
     shifts = -half_width, half_width
     v = [np.interp(t + shift, speed.data.t, speed.data.value) for shift in shifts]
-    steady: Bools = np.abs(v[1] - v[0]) * radius < _STEADY
-    return steady
+    return np.abs(v[1] - v[0]) * radius < _STEADY
 
 
 def _range(load: Load) -> Mapping[str, float]:

@@ -707,8 +707,7 @@ class AxleResult:
         against = {s.algo: s.against for s in self.scores}.get(algo, "reference")
         target = self.record.truth if against == "truth" else self.reference.force
         assert target is not None  # only a known truth is scored against
-        difference: Floats = self.estimates[algo][rows] - target[rows]
-        return difference
+        return self.estimates[algo][rows] - target[rows]
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,8 +58,7 @@ def finite_median(x: Floats) -> Floats:
 def median_of_five(x: Floats) -> Floats:
     """Running median of five (n,): no single sample starts or ends anything."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(x, 2, mode="edge"), 5)
-    median: Floats = np.median(windows, axis=-1)
-    return median
+    return np.median(windows, axis=-1)
 
 
 def pressed_part(record: AxleRecord, application: slice) -> tuple[slice, bool]:
@@ -206,8 +205,7 @@ def bends(t: Floats | Times, x: Floats) -> Floats:
     """
     share = (t[..., 1:-1] - t[..., :-2]) / (t[..., 2:] - t[..., :-2])  # of the later neighbour
     deviation = x[..., 1:-1] - (1.0 - share) * x[..., :-2] - share * x[..., 2:]
-    square: Floats = deviation**2 / (1.0 + share**2 + (1.0 - share) ** 2)
-    return square
+    return deviation**2 / (1.0 + share**2 + (1.0 - share) ** 2)
 
 
 def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:

@@ -30,16 +30,14 @@ class View(NamedTuple):
 
     def seconds(self, t: Times) -> Floats:
         """Time after the log's start, shape (n,) [s]."""
-        since: Floats = (t - self.start_ns) / 1e9
-        return since
+        return (t - self.start_ns) / 1e9
 
     def contains(self, t: Times) -> Bools:
         """Which times lie in the window, shape (n,)."""
         since, (start, stop) = self.seconds(t), self.window
-        inside: Bools = (since >= (-np.inf if start is None else start)) & (
+        return (since >= (-np.inf if start is None else start)) & (
             since <= (np.inf if stop is None else stop)
         )
-        return inside
 
     def report(
         self,

@@ -131,8 +131,7 @@ def brake_outliers(p: Params, brake: Channel) -> Bools:
     """
     rates = brake_limits(p, scale_of(brake))
     single = _single_outliers(brake, p.pressure_single * np.max(brake.data.value, initial=0.0))
-    outliers: Bools = _excursions(brake, rates) | single
-    return outliers
+    return _excursions(brake, rates) | single
 
 
 def scale_of(brake: Channel) -> float:

@@ -27,8 +27,7 @@ class RepeatedRuns(NamedTuple):
         edges = np.zeros(self.final[-1] + 2, dtype=np.int64)
         edges[self.start[stuck] + 1] += 1
         edges[self.final[stuck] + 1] -= 1
-        inside: Bools = np.cumsum(edges[:-1]) > 0
-        return inside
+        return np.cumsum(edges[:-1]) > 0
 
 
 def runs(c: Channel) -> RepeatedRuns:

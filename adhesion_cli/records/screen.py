@@ -88,8 +88,7 @@ def _reversals(channels: Channels) -> dict[Key, list[Fault]]:
 
 def runs_backwards(speed: Channel) -> Bools:
     """Samples of a speed that say the train runs backwards, shape (n,)."""
-    reversed_samples: Bools = speed.data.value < -max(_BACKWARDS, speed.step)
-    return reversed_samples
+    return speed.data.value < -max(_BACKWARDS, speed.step)
 
 
 def _unsigned(speed: Channel) -> Channel:

@@ -141,22 +141,18 @@ class AxleMeasurement(Protocol):
     @property
     def axle(self) -> int:
         """Its number."""
-        ...
 
     @property
     def of_rim(self) -> bool:
         """Whether the wheel speed was logged as ωR."""
-        ...
 
     @property
     def pressure(self) -> object:
         """None where K itself was logged."""
-        ...
 
     @property
     def pressure_zero(self) -> Parameter:
         """What was taken off the pressure [Pa]."""
-        ...
 
 
 def before_lag(record: AxleRecord, vehicle: Vehicle, K: Floats) -> Floats:
@@ -316,8 +312,7 @@ def _rolling_squares(
         if t[stop - 1] - t[start] > _SHORTEST_SLIDE:
             around = np.searchsorted(t, [t[start] - _ONSET_TIME, t[stop - 1] + _ONSET_TIME])
             judged[slice(*around)] = False
-    squares: Floats = scores[judged] ** 2
-    return squares
+    return scores[judged] ** 2
 
 
 def _regains_grip(run: smoother.UnbrokenRun, K: Floats) -> bool:
@@ -345,8 +340,7 @@ def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:
     A peak of a few samples that the smoother takes for noise departs by more than its sigma.
     """
     drift = run.y - running_integral(run.t, rate)
-    misfit: Floats = drift - means_around(run.t, drift, _MISFIT_TIME)
-    return misfit
+    return drift - means_around(run.t, drift, _MISFIT_TIME)
 
 
 class _Judged(NamedTuple):

@@ -168,8 +168,7 @@ def line_error(t: Floats, knots: Floats, x: Floats) -> Floats:
     """Possible error at the times t of straight lines between x at `knots`, shape (n,)."""
     right = np.clip(np.searchsorted(knots, t), 1, len(knots) - 1)
     fraction = (t - knots[right - 1]) / (knots[right] - knots[right - 1])
-    error: Floats = largest_bend(x)[right] * fraction * (1.0 - fraction)
-    return error
+    return largest_bend(x)[right] * fraction * (1.0 - fraction)
 
 
 def common_noise(run: smoother.UnbrokenRun, steps: Floats) -> float:

@@ -93,8 +93,7 @@ def pulse_means(
 def _integral(t: Floats, u: Floats) -> Floats:
     """∫u from the first sample on, shape (n,)."""
     mean = (u + np.concatenate([u[:1], u[:-1]])) / 2.0
-    gained: Floats = np.cumsum(np.diff(t, prepend=t[0]) * mean)
-    return gained
+    return np.cumsum(np.diff(t, prepend=t[0]) * mean)
 
 
 def remove_steps(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:

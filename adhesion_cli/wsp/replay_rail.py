@@ -104,10 +104,7 @@ def levels(course: SlidCourse, rail: Condition, vehicle: Vehicle) -> Floats:
     places = zip(course.slip.tolist(), course.speed.tolist(), strict=True)
     mu = [creep_force(s * v, v, rail, patch)[0] / patch.load for s, v in places]
     t = (course.t - course.t[0]) * 1e-9
-    level: Floats = means_around(t, course.mu, _LEVEL_TIME) / means_around(
-        t, np.array(mu), _LEVEL_TIME
-    )
-    return level
+    return means_around(t, course.mu, _LEVEL_TIME) / means_around(t, np.array(mu), _LEVEL_TIME)
 
 
 def _shortcomings(

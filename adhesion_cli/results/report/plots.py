@@ -564,13 +564,11 @@ def _rounded(values: Floats) -> NDArray[np.float32]:
     rounding = np.uint32(1 << (22 - _BITS))
     mask = np.uint32(0xFFFFFFFF << (23 - _BITS) & 0xFFFFFFFF)
     finite = np.isfinite(values)
-    rounded: NDArray[np.float32] = np.where(finite, (bits + rounding) & mask, bits).view(np.float32)
-    return rounded
+    return np.where(finite, (bits + rounding) & mask, bits).view(np.float32)
 
 
 def _column(source: ColumnDataSource, name: str) -> Floats:
-    values: Floats = np.asarray(source.data.get(name, np.empty(0)), np.float64)
-    return values
+    return np.asarray(source.data.get(name, np.empty(0)), np.float64)
 
 
 def _slides(axle: ReportAxle) -> list[tuple[float, float]]:

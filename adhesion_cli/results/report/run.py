@@ -341,8 +341,7 @@ def _interpolate(t: Times, column: Column) -> Floats:
         return column.value
     if not len(column.t) or (np.diff(column.t) < 0).any() or (np.diff(t) < 0).any():
         return np.full(len(t), np.nan)
-    values: Floats = np.interp(t, column.t, column.value, np.nan, np.nan)
-    return values
+    return np.interp(t, column.t, column.value, np.nan, np.nan)
 
 
 def _rolling_radius(wheel: Floats, train: Floats, slip: Floats, nominal: float) -> float:
