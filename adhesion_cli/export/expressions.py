@@ -108,17 +108,9 @@ class Program:
     def constant(self, f: FunctionType, name: str, value: float) -> str:
         """The macro of a number at module level."""
         macro = f"{stem(f)}_{name.strip('_')}".upper()
-        text = f"(int32_t){value}" if isinstance(value, int) else self.literal(value)
+        text = f"(int32_t){value}" if isinstance(value, int) else self.number.literal(value)
         self.constants[macro] = (text, _comment(f, name))
         return macro
-
-    def literal(self, x: float) -> str:
-        """A number in the export's type."""
-        return self.number.literal(x)
-
-    def library(self, name: str) -> str:
-        """A function of the C library in the export's type."""
-        return name + self.number.suffix
 
     def helper(self, name: str) -> str:
         """A function of the export's own, as `min` and `max` with Python's answer to NaN."""
@@ -126,7 +118,7 @@ class Program:
         if name not in self._helpers:
             self._helpers.add(name)
             names = {"real": self.types.real.c, "name": c_name, "f": self.number.suffix}
-            numbers = {"one": self.literal(1.0), "largest": self.number.largest}
+            numbers = {"one": self.number.literal(1.0), "largest": self.number.largest}
             text = _HELPERS[name].format(**names, **numbers)
             self.functions.insert(0, f"{INLINE} {text}\n")
         return c_name
@@ -178,7 +170,7 @@ class Expressions:
         if isinstance(x, int):
             return Expr(str(x), INT, simple=True)
         if isinstance(x, float):
-            return Expr(self.program.literal(x), self.real, simple=True)
+            return Expr(self.program.number.literal(x), self.real, simple=True)
         self.refuse(node, f"{x!r} is no number")
 
     def _Name(self, node: ast.Name) -> Expr:
@@ -195,7 +187,9 @@ class Expressions:
 
     def _Attribute(self, node: ast.Attribute) -> Expr:
         if self._is_math(node):
-            return Expr(self.program.literal(getattr(math, node.attr)), self.real, simple=True)
+            return Expr(
+                self.program.number.literal(getattr(math, node.attr)), self.real, simple=True
+            )
         owner = self(node.value)
         if not isinstance(owner.kind, Struct):
             self.refuse(node, f"{node.attr} of something without fields")
@@ -319,12 +313,12 @@ class Expressions:
             self.refuse(node, f"math.{name}: the C library has none with the same bits")
         operation = {"fabs": "sign", "copysign": "sign"}.get(name, name)
         cost += Cost({operation: 1})
-        return Expr(f"{self.program.library(name)}({arguments})", self.real, cost, True)
+        return Expr(f"{name}{self.program.number.suffix}({arguments})", self.real, cost, True)
 
     def _builtin(self, node: ast.Call, name: str) -> Expr:
         match name, node.args:
             case "float", [ast.Constant(value=str() as text)]:
-                return Expr(self.program.literal(float(text)), self.real, simple=True)
+                return Expr(self.program.number.literal(float(text)), self.real, simple=True)
         arguments = [self(x) for x in node.args]
         if name == "float":
             argument = arguments[0]  # math.ceil and math.floor are whole numbers in a float already
@@ -335,7 +329,7 @@ class Expressions:
         if name == "abs":
             if arguments[0].kind != self.real:
                 self.refuse(node, "abs of something that is no float")
-            text = f"{self.program.library('fabs')}({arguments[0].text})"
+            text = f"fabs{self.program.number.suffix}({arguments[0].text})"
             return Expr(text, self.real, arguments[0].cost + Cost({"sign": 1}), True)
         extreme = arguments[0]
         for operand in arguments[1:]:

@@ -248,7 +248,7 @@ class _Body:
         if isinstance(kind, Struct):
             zeros = [self._zero(k) for _, k in kind.fields]
             return f"{{{', '.join(zeros)}}}"
-        zeros_of = {self.program.types.real: self.program.literal(0.0), BOOL: "false"}
+        zeros_of = {self.program.types.real: self.program.number.literal(0.0), BOOL: "false"}
         return zeros_of.get(kind, "0")
 
     def _ahead(self, depth: int) -> list[str]:
