@@ -41,11 +41,8 @@ def analyze_axle(
     findings = list(
         find_axle_findings(record, vehicle, reference, applications, start_ns, settings.stops.locks)
     )
-    findings += noise_model.check(
-        settings.checks["noise_model"],
-        f"axle {record.axle}",
-        {"the reference": reference.nis, **nis},
-    )
+    by_method, thresholds = {"the reference": reference.nis, **nis}, settings.checks["noise_model"]
+    findings += noise_model.check(thresholds, f"axle {record.axle}", by_method)
     drowned = [s for s in applications if _is_drowned(reference, s)]
     if drowned:
         reference, finding = _remove_drowned(record, reference, drowned, start_ns)
@@ -95,13 +92,8 @@ def _remove_drowned(
     )
     for s in drowned:
         force[s] = sigma[s] = tolerance[s] = np.nan
-    finding = Finding(
-        "reference-noise",
-        "warning",
-        channel=f"axle {record.axle}",
-        count=len(drowned),
-        spans=spans_of(
-            record.t[[s.start for s in drowned]], record.t[[s.stop - 1 for s in drowned]], start_ns
-        ),
-    )
+    begins, ends = [s.start for s in drowned], [s.stop - 1 for s in drowned]
+    spans = spans_of(record.t[begins], record.t[ends], start_ns)
+    name, count = f"axle {record.axle}", len(drowned)
+    finding = Finding("reference-noise", "warning", name, count, spans)
     return replace(reference, force=force, sigma=sigma, tolerance=tolerance), finding

@@ -45,28 +45,16 @@ def find_axle_findings(
     for code, (severity, mask) in masks.items():
         if count := int(mask.sum()):
             mask_spans = spans(record, mask, start_ns)
-            yield Finding(
-                code,
-                severity,
-                channel=name,
-                count=count,
-                spans=mask_spans,
-                values=values.get(code, {}),
-            )
+            yield Finding(code, severity, name, count, mask_spans, values.get(code, {}))
     if record.train_speed is not None:
         unknown, unknown_s = np.zeros(len(record), dtype=np.bool_), 0.0
         for s in applications:
             unknown[s], lasts = rail_under_slides.unknown_slip(record, s, vehicle)
             unknown_s += lasts
         if unknown_s > HIDDEN_TIME:
-            yield Finding(
-                "slip-unknown",
-                "warning",
-                channel=name,
-                count=int(unknown.sum()),
-                spans=spans(record, unknown, start_ns),
-                values={"unknown_s": unknown_s},
-            )
+            count, mask_spans = int(unknown.sum()), spans(record, unknown, start_ns)
+            lost = {"unknown_s": unknown_s}
+            yield Finding("slip-unknown", "warning", name, count, mask_spans, lost)
     if ref.runout:
         yield Finding("wheel-runout", "info", channel=name, values={"share": ref.runout})
     if ref.averaged > _SURE_PROBABILITY:

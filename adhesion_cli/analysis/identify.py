@@ -313,12 +313,8 @@ def _rotating_share(vehicle: Vehicle, stated: frozenset[str]) -> Parameter:
     w, R = wheelset(vehicle, 1), vehicle.radius(1)
     share = w.inertia / (w.mass * w.radius**2)
     inertia, mass = vehicle.wheelset_inertia, vehicle.axle_mass
-    sigma = math.hypot(
-        inertia.tolerance / inertia.value,
-        mass.tolerance / mass.value,
-        2.0 * R.tolerance / R.value,
-    )
-    return Parameter(share, sigma * share)
+    shares = (x.tolerance / x.value for x in (inertia, mass))
+    return Parameter(share, math.hypot(*shares, 2.0 * R.tolerance / R.value) * share)
 
 
 def _single_pressure(logs: Sequence[AlignedLog]) -> bool:

@@ -4,7 +4,6 @@
 the train stands or rolls steadily, since a braked car pitches.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -88,7 +87,8 @@ def with_load(vehicle: Vehicle, log: Log) -> tuple[Vehicle, list[Finding]]:
             pressures[channel.title] = pressure
         elif channel.title not in refused:
             refused.add(channel.title)
-            values = {"pressure_bar": pressure / BAR, **_range(v.load)}
+            low, high = (p / BAR for p in v.load.pressure)
+            values = {"pressure_bar": pressure / BAR, "low_bar": low, "high_bar": high}
             findings.append(Finding("load-out-of-range", "warning", channel.title, values=values))
     if masses:
         by_load = [m.value for m in masses.values()]
@@ -140,15 +140,10 @@ def _steady(channel: Channel, log: Log, axle: int) -> Bools:
     return np.abs(v[1] - v[0]) * radius < _STEADY
 
 
-def _range(load: Load) -> Mapping[str, float]:
-    return {"low_bar": load.pressure[0] / BAR, "high_bar": load.pressure[1] / BAR}
-
-
 def _pair(name: str, numbers: Any) -> tuple[float, float]:
     if not isinstance(numbers, list) or len(numbers) != 2 or not all(map(is_number, numbers)):
-        raise UserError(
-            f"{name} = {numbers!r} is not two numbers", f"for example {_EXAMPLE}", code=2
-        )
+        text = f"{name} = {numbers!r} is not two numbers"
+        raise UserError(text, f"for example {_EXAMPLE}", code=2)
     empty_mass, loaded_mass = map(float, numbers)
     if not empty_mass < loaded_mass:
         text = f"{name} does not rise: {loaded_mass:g} after {empty_mass:g}"

@@ -59,32 +59,15 @@ READ_KEYS: Tree[str, dict[str, type]] = {  # of the sections on how logs are rea
 }
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
 GROUP_KEYS = {"channel": str, "equals": str}
-CHANNEL_KEYS = {
-    "channel": str,
-    "field": str,
-    "unit": str,
-    "group": str,
-    "teeth": int,
-    "wrap": float,
-    "zero": Parameter,
-    "axles": list,
-}
+_ENTRY_KEYS: dict[str, type] = dict.fromkeys(("channel", "field", "unit", "group"), str)
+CHANNEL_KEYS = {**_ENTRY_KEYS, "teeth": int, "wrap": float, "zero": Parameter, "axles": list}
 # Places of a channel, and the axles of the n-th where nothing else is stated.
 PLACES: dict[str, Callable[[int], tuple[int, ...]]] = {
     "axle": lambda n: (n,),
     "bogie": bogie_axles,
 }
 # of a force of motors, which several axles may share
-FORCE_KEYS = {
-    "channel": str,
-    "field": str,
-    "unit": str,
-    "group": str,
-    "axles": list,
-    "arm": float,
-    "full_force": float,
-    "tolerance": float,
-}
+FORCE_KEYS = {**_ENTRY_KEYS, "axles": list, "arm": float, "full_force": float, "tolerance": float}
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
 _OF_LOGS = ("channels", *READ_KEYS)  # sections on how logs are read
 _ORIGIN = (*_OF_LOGS, "selection", "antiskid")  # what a result was made from
@@ -380,9 +363,8 @@ def assignment(text: str) -> Table:
     """
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
-        raise UserError(
-            f"--set {text[:80]!r} has no '='", "for example --set neso.beta1=100", code=2
-        )
+        problem = f"--set {text[:80]!r} has no '='"
+        raise UserError(problem, "for example --set neso.beta1=100", code=2)
     try:
         return toml.parsed(text, "--set")
     except tomllib.TOMLDecodeError:
@@ -467,13 +449,8 @@ def sections() -> list[str]:
 
 def _numeric() -> "dict[str, methods.Tunable]":
     """The sections that hold numbers only."""
-    sections = (
-        _Section("slope", Params),
-        _Section("bands", Bands),
-        _Section("train", Train),
-        _Section("stops", StopSettings),
-    )
-    own_sections = {x.name: x for x in sections}
+    kinds = {"slope": Params, "bands": Bands, "train": Train, "stops": StopSettings}
+    own_sections = {name: _Section(name, kind) for name, kind in kinds.items()}
     return {**estimator.registry(), **controller.registry(), **own_sections}
 
 

@@ -45,45 +45,31 @@ def summarise(
     from .stops_of_log import stops_of_result  # slow to import, and only results need it
 
     braked = brake_applications(result) if braked is None else braked
-    return ResultSummary(
+    log, vehicle = (
         _summarise_log(result.log, _rows_used(result)),
-        outputs,
         summarise_vehicle(result.identified),
-        tuple(_summarise_axle(a, braked[a.record.axle]) for a in result.axles),
-        _used_channels(result.log),
-        tuple(map(summarise_finding, result.findings)),
-        result.brake,
-        stops_of_result(result, braked.values()),
     )
+    axles = tuple(_summarise_axle(a, braked[a.record.axle]) for a in result.axles)
+    findings = tuple(map(summarise_finding, result.findings))
+    stops = stops_of_result(result, braked.values())
+    channels = _used_channels(result.log)
+    return ResultSummary(log, outputs, vehicle, axles, channels, findings, result.brake, stops)
 
 
 def summarise_stops(log: Log, vehicle: Vehicle, stops: tuple[StopSummary, ...]) -> ResultSummary:
     """The summary of a log that has stops, and no axle to analyse."""
-    unknown = IdentifiedVehicle(vehicle, "default", None, known=False)
-    return ResultSummary(
-        _summarise_log(log, 0),
-        {},
-        summarise_vehicle(unknown),
-        (),
-        _used_channels(log),
-        tuple(map(summarise_finding, log.findings)),
-        stops=stops,
-    )
+    unknown = summarise_vehicle(IdentifiedVehicle(vehicle, "default", None, known=False))
+    findings, channels = tuple(map(summarise_finding, log.findings)), _used_channels(log)
+    log_summary = _summarise_log(log, 0)
+    return ResultSummary(log_summary, {}, unknown, (), channels, findings, stops=stops)
 
 
 def _summarise_log(log: Log, rows_used: int) -> LogSummary:
     times_of_channels = [c.data.t for c in log.channels if c.meaning and len(c.data.t)]
     start_ns = log.start_ns()
     stop_ns = max((int(t.max()) for t in times_of_channels), default=start_ns)
-    return LogSummary(
-        log.path,
-        log.format,
-        log.sha256,
-        iso(start_ns) if log.absolute else None,
-        (stop_ns - start_ns) / 1e9,
-        log.rows_read,
-        rows_used,
-    )
+    start, duration = iso(start_ns) if log.absolute else None, (stop_ns - start_ns) / 1e9
+    return LogSummary(log.path, log.format, log.sha256, start, duration, log.rows_read, rows_used)
 
 
 def _used_channels(log: Log) -> tuple[ChannelSummary, ...]:
@@ -99,18 +85,10 @@ def _summarise_axle(axle: AxleResult, braked: Sequence[BrakeApplication]) -> Axl
     return AxleSummary(axle.record.axle, reference, tuple(braked), axle.scores)
 
 
-def summarise_channel(channel: Channel) -> ChannelSummary:
+def summarise_channel(c: Channel) -> ChannelSummary:
     """What a channel was taken for, and why."""
-    meaning = "truth" if channel.meaning == "true_slip" else channel.meaning  # by its unit
-    return ChannelSummary(
-        channel.name,
-        channel.field,
-        meaning,
-        channel.axle,
-        channel.unit,
-        channel.reason,
-        levels=channel.levels,
-    )
+    meaning = "truth" if c.meaning == "true_slip" else c.meaning  # by its unit
+    return ChannelSummary(c.name, c.field, meaning, c.axle, c.unit, c.reason, levels=c.levels)
 
 
 def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]]:
