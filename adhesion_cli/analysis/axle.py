@@ -92,8 +92,8 @@ def _remove_drowned(
     )
     for s in drowned:
         force[s] = sigma[s] = tolerance[s] = np.nan
-    begins, ends = [s.start for s in drowned], [s.stop - 1 for s in drowned]
-    spans = spans_of(record.t[begins], record.t[ends], start_ns)
+    begin_rows, end_rows = [s.start for s in drowned], [s.stop - 1 for s in drowned]
+    spans = spans_of(record.t[begin_rows], record.t[end_rows], start_ns)
     name, count = f"axle {record.axle}", len(drowned)
     finding = Finding("reference-noise", "warning", name, count, spans)
     return replace(reference, force=force, sigma=sigma, tolerance=tolerance), finding

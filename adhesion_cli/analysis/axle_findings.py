@@ -53,8 +53,8 @@ def find_axle_findings(
             unknown_s += lasts
         if unknown_s > HIDDEN_TIME:
             count, mask_spans = int(unknown.sum()), spans(record, unknown, start_ns)
-            lost = {"unknown_s": unknown_s}
-            yield Finding("slip-unknown", "warning", name, count, mask_spans, lost)
+            durations = {"unknown_s": unknown_s}
+            yield Finding("slip-unknown", "warning", name, count, mask_spans, durations)
     if ref.runout:
         yield Finding("wheel-runout", "info", channel=name, values={"share": ref.runout})
     if ref.averaged > _SURE_PROBABILITY:

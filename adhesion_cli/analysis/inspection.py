@@ -112,13 +112,13 @@ def _judge_records(
     """The vehicle, and what only the channels together show; or why there is no record."""
     severity: Severity = "info"
     try:
-        further = further_meanings(settings)
-        chosen, findings = needed(source, settings.mappings, further)
+        other_meanings = further_meanings(settings)
+        chosen, findings = needed(source, settings.mappings, other_meanings)
         chosen_keys = {(name(m.field), m.field.path, m.axle) for m in chosen}
         meant = tuple(
             c
             for c in log.channels
-            if (c.name, c.field, c.axle) in chosen_keys and c.meaning in {*INPUTS, *further}
+            if (c.name, c.field, c.axle) in chosen_keys and c.meaning in {*INPUTS, *other_meanings}
         )
         severity = "warning"  # where all of what is needed is lost
         whole_log = without_empty(replace(log, channels=meant))

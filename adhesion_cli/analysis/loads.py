@@ -87,8 +87,8 @@ def with_load(vehicle: Vehicle, log: Log) -> tuple[Vehicle, list[Finding]]:
             pressures[channel.title] = pressure
         elif channel.title not in refused:
             refused.add(channel.title)
-            low, high = (p / BAR for p in v.load.pressure)
-            values = {"pressure_bar": pressure / BAR, "low_bar": low, "high_bar": high}
+            low_bar, high_bar = (p / BAR for p in v.load.pressure)
+            values = {"pressure_bar": pressure / BAR, "low_bar": low_bar, "high_bar": high_bar}
             findings.append(Finding("load-out-of-range", "warning", channel.title, values=values))
     if masses:
         by_load = [m.value for m in masses.values()]

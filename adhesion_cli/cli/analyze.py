@@ -99,8 +99,8 @@ def command(  # noqa: PLR0913 (one parameter per option)
         entries = (f if isinstance(f, FailedLog) else next(of_log) for f in outcomes)
         print(dumps(result_document(list(entries))))
     else:
-        shown = _Shown(shared.quiet, rows, scores, budget)
-        _show(analysed, summaries, shown)
+        choice = _Shown(shared.quiet, rows, scores, budget)
+        _show(analysed, summaries, choice)
         terminal.show_failed(f for f in outcomes if isinstance(f, FailedLog))
     code = results.finished(shared, written[-1][1], [f for r in analysed for f in r.findings])
     return 3 if len(successes) < len(outcomes) else code
@@ -124,7 +124,9 @@ class _Shown(NamedTuple):
     budget: bool
 
 
-def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown) -> None:
+def _show(
+    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", choice: _Shown
+) -> None:
     """Tables, findings, scores, files; of several logs what they have in common once."""
     from ..results.application_tables import application_tables, stop_table
     from ..results.vehicle_text import VehicleOfLog, describe_vehicles
@@ -136,8 +138,8 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
         for r in results
     ]
     friction_findings = [f for f in results[0].findings if f.code == "friction-differs"]
-    terminal.show(friction_findings, shown.quiet)
-    terminal.show_commands(friction_findings, shown.quiet)
+    terminal.show(friction_findings, choice.quiet)
+    terminal.show_commands(friction_findings, choice.quiet)
     vehicles = describe_vehicles([
         VehicleOfLog("", Path(x.log.path).name, x.vehicle, x.axles) for x in summaries
     ])  # fmt: skip
@@ -145,29 +147,29 @@ def _show(results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", sho
     head = terminal.describe_log(summaries[0]) if is_single else logs
     print("\n".join([head, *map(terminal.folded, vehicles)]))
     cars = {axle.number: axle.car for axle in results[0].vehicle.axles}
-    tables = [*stop_table(summaries), *application_tables(summaries, shown.rows, cars)]
+    tables = [*stop_table(summaries), *application_tables(summaries, choice.rows, cars)]
     print("\n" + "\n\n".join(x.text() for x in tables) + "\n", flush=True)
-    for summary in summaries if shown.budget else ():
+    for summary in summaries if choice.budget else ():
         name = f"{summary.log.path}:\n" * (not is_single)
         print(f"{name}{terminal.budgets(summary.axles)}")
     if is_single:
-        terminal.show(results[0].findings, shown.quiet)
+        terminal.show(results[0].findings, choice.quiet)
     else:
-        terminal.show_of_logs(findings, shown.quiet)
-    _show_scores(results, summaries, shown)
+        terminal.show_of_logs(findings, choice.quiet)
+    _show_scores(results, summaries, choice)
     files = [[*x.outputs.values()] for x in summaries]
     print(terminal.wrote(*files[0]) if is_single else terminal.wrote_sets(files))
 
 
 def _show_scores(
-    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", shown: _Shown
+    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", choice: _Shown
 ) -> None:
     """The scores: of all axles together, or axle by axle if asked for."""
     from ..scores.metrics import pool_scores
     from . import terminal
 
     axles = [axle for result in results for axle in result.axles]
-    if shown.scores:
+    if choice.scores:
         for result, summary in zip(results, summaries, strict=True):
             print("\n".join(map(terminal.describe_reference, summary.axles)))
             rows = [(str(a.record.axle), s) for a in result.axles for s in a.scores]

@@ -52,8 +52,8 @@ def report(doc: "Json") -> list[str]:
     sections = [_table_2(doc)]
     for algo in doc["unmatched"]:
         row = constant[algo]
-        others = [a for a in constant_alternatives if a["algo"] == algo]
-        tried = [("as read", row), *((a["reading"], a) for a in others)]
+        other_readings = [a for a in constant_alternatives if a["algo"] == algo]
+        tried = [("as read", row), *((a["reading"], a) for a in other_readings)]
         numbers = "; ".join(f"{text}: {number(x['max_error_n'], 1)}" for text, x in tried)
         sections.append(
             f"{algo}: no reading gives the printed maximum error, "

@@ -101,8 +101,8 @@ def _axle(
         wheel_period_step=speed.period_step,
     )
     if motors:
-        held, between, sigma = (x[in_segment] for x in motors[:3])
-        motors = MotorForce(held, between, sigma, motors.traction_known)
+        step_force, line_force, sigma = (x[in_segment] for x in motors[:3])
+        motors = MotorForce(step_force, line_force, sigma, motors.traction_known)
     axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None, motors)
     return axle.clamped_by(vehicle), findings
 
@@ -131,8 +131,8 @@ def _motor_force(channels: Channels, speed: Channel, axle: int) -> tuple[MotorFo
 
 def _sampled(speed: Channel, brake: Channel) -> _Sampled:
     """A brake, pressure or K, at the wheel speed's times."""
-    held = [time_axis.hold_last(instants, brake) for instants in time_axis.instants_of(speed)]
-    last_value, fresh = (np.concatenate(column) for column in zip(*held, strict=True))
+    pairs = [time_axis.hold_last(instants, brake) for instants in time_axis.instants_of(speed)]
+    last_value, fresh = (np.concatenate(column) for column in zip(*pairs, strict=True))
     smooth = _interpolated(speed, brake)
     return _Sampled(last_value, np.where(np.isfinite(smooth), smooth, last_value), fresh)
 

@@ -109,9 +109,9 @@ def _cut_off(brake: Channel, other_brakes: Sequence[Channel], speeds: Sequence[C
     x, equal_runs = brake.data.value, runs(brake)
     top = float(x.max())
     at_top = (equal_runs.value == top) & (equal_runs.seconds > _HOLDS)
-    ends = [t for k in equal_runs.start[at_top] if (t := _sharp_end(brake, int(k), top))]
-    ends = [t for t in ends if not any(_growth_of_brake(c, t) > _LARGER for c in other_brakes)]
-    growths = np.array([g for t in ends for c in speeds if (g := _growth(c, t))]).reshape(-1, 2)
+    times = [t for k in equal_runs.start[at_top] if (t := _sharp_end(brake, int(k), top))]
+    times = [t for t in times if not any(_growth_of_brake(c, t) > _LARGER for c in other_brakes)]
+    growths = np.array([g for t in times for c in speeds if (g := _growth(c, t))]).reshape(-1, 2)
     cut_off = np.zeros(len(x), dtype=np.bool_)
     if len(growths):
         growth, sigma = np.median(growths, axis=0)

@@ -100,8 +100,8 @@ def stuck(
     steps = np.full(len(value), p.steps_alone)
     at_range_end = np.zeros(len(value), dtype=np.bool_)  # of the sensor's range
     if other_speeds:
-        ends = equal_runs.start, equal_runs.final
-        relative_change = value * [_relative_change(speed, *ends, other) for other in other_speeds]
+        rows = equal_runs.start, equal_runs.final
+        relative_change = value * [_relative_change(speed, *rows, x) for x in other_speeds]
         # Where all of them stand still to the last digit, it is the logger that does.
         comparable = np.isfinite(relative_change).any(axis=0) & (
             np.nan_to_num(relative_change).max(axis=0) > 0.0

@@ -115,9 +115,9 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     nis = innovations.mean(np.concatenate(squares)) if squares else None
     lag = max((estimate.pad_lag for estimate in estimates), default=0.0)
     source, saturated = METHODS[method].source, record.saturated
-    further = mass, nis, impulse, clamping, lag
+    extras = mass, nis, impulse, clamping, lag
     return Reference(
-        method, source, force, sigma, tolerance, saturated, largest, pulses, averaged, *further
+        method, source, force, sigma, tolerance, saturated, largest, pulses, averaged, *extras
     )
 
 

@@ -32,9 +32,9 @@ class GroupedRun(NamedTuple):
     brake: LogBrake | None  # None where the log shows none: it stays in the first group
 
 
-def run_of_log(log: str, brake: LogBrake | None, used: IdentifiedVehicle | None) -> GroupedRun:
+def run_of_log(log: str, brake: LogBrake | None, vehicle: IdentifiedVehicle | None) -> GroupedRun:
     """A run, with its brake over that of the first logs: they may have another vehicle."""
-    factor = used.factor_of_logs if used else 1.0
+    factor = vehicle.factor_of_logs if vehicle else 1.0
     return GroupedRun(log, brake and brake._replace(ratio=brake.ratio * factor))
 
 

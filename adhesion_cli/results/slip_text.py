@@ -75,11 +75,11 @@ def slide_rows(
     for s, slide in pairs:
         place = s.place_of(slide)
         rail = place.rail if place else None
-        used = rail.utilisation if rail else None
+        used_share = rail.utilisation if rail else None
         own = {
             "µ": number(rail.mean_mu if rail else None, 3),
             "peak µ": _spread(rail.peak_mu if rail else None, 3),
-            "used [%]": number(used and 100.0 * used.value),
+            "used [%]": number(used_share and 100.0 * used_share.value),
         }
         rows.append(slide_row(s.axle, slide, start_ns, route) | own)
     return rows

@@ -83,24 +83,24 @@ def describe_vehicle(vehicle: VehicleSummary, axles: Sequence[AxleSummary] = ())
             f"State the {extent}vehicle (-c FILE.toml) for newtons and a narrower band."
         )
     default = ", the rest by default" if vehicle.unstated else ", the default one"
-    words = "as stated" if vehicle.source == "stated" else statement + default
-    words = "that of the result file" if vehicle.carried else words
+    origin = "as stated" if vehicle.source == "stated" else statement + default
+    origin = "that of the result file" if vehicle.carried else origin
     brakes, used = _brakes(vehicle.cars), _force(vehicle.force_per_bar_n, vehicle.u95)
     if vehicle.other_brake:
         return (
-            f"Vehicle: {words}, but another brake slows the train as well. Force and µ are those "
+            f"Vehicle: {origin}, but another brake slows the train as well. Force and µ are those "
             "of the air brake alone."
         )
     if vehicle.contradicted_by:
         factor = f"{vehicle.contradicted_by:.2g} times"
-        return f"Vehicle: {words}, but the log contradicts it: its brake is {factor} as strong."
+        return f"Vehicle: {origin}, but the log contradicts it: its brake is {factor} as strong."
     if not vehicle.stops:
-        return f"Vehicle: {words}{brakes}"
+        return f"Vehicle: {origin}{brakes}"
     if not used or not vehicle.stated_force_per_bar_n:
-        return f"Vehicle: {words}, with {evidence}."
+        return f"Vehicle: {origin}, with {evidence}."
     if len(vehicle.cars) > 1 and vehicle.force_per_bar_n:
         used = f"{vehicle.force_per_bar_n / vehicle.stated_force_per_bar_n:.3f} times that"
-    return f"Vehicle: {words}{brakes} Used: {used}, with {evidence}."
+    return f"Vehicle: {origin}{brakes} Used: {used}, with {evidence}."
 
 
 def _median_share(axles: Sequence[AxleSummary]) -> float:

@@ -57,7 +57,7 @@ class EstimateAndTarget:
         reach = min(_LAG, longest / 2.0)
         coarse, fine = (_SampledFit(self, max(len(target) // n, 1)) for n in (5_000, 50_000))
         lags = np.linspace(-reach, reach, 201)
-        shares = [x for some in np.split(lags, 3) for x in coarse.unexplained(some)[0].tolist()]
+        shares = [x for third in np.split(lags, 3) for x in coarse.unexplained(third)[0].tolist()]
         inner = range(1, len(lags) - 1)
         minima = [i for i in inner if shares[i] <= min(shares[i - 1], shares[i + 1])]
         if not minima:

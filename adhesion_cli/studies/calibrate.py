@@ -314,8 +314,8 @@ def as_toml(calibration: CalibrationRun) -> str:
     lines += ["# the tolerance of all. Do not change one of them, or friction, alone.", "# Logs:"]
     lines += [f"# - {Path(u.log.path).name!r}, sha256 {u.log.sha256}" for u in calibration.logs]
     lines += ["# Found as well, and not part of the vehicle:"]
-    further = ("pressure_delay", "creep_stiffness", "running_resistance", "air_drag")
-    for name, r in ((name, calibration.result.rows[name]) for name in further):
+    longitudinal_names = ("pressure_delay", "creep_stiffness", "running_resistance", "air_drag")
+    for name, r in ((name, calibration.result.rows[name]) for name in longitudinal_names):
         text = " ± ".join(by_uncertainty(r.posterior, r.posterior_u))
         lines.append(f"# - {name} = {text} {r.unit}")
     tables = as_tables(calibration)

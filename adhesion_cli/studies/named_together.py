@@ -56,8 +56,8 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
     vehicles = [common] * len(logs)
     if common.source == "default" or len(logs) < 2:
         return vehicles
-    used = replace(settings, vehicle=common.vehicle)
-    runs = [GroupedRun(x.path, find_log_brake(x, used)) for x in logs]
+    used_settings = replace(settings, vehicle=common.vehicle)
+    runs = [GroupedRun(x.path, find_log_brake(x, used_settings)) for x in logs]
     groups = group_by_friction(runs)
     effects = common.speed_effects.values() if common.source == "log" else ()
     if any(friction_change(x, settings.vehicle) for x in effects):

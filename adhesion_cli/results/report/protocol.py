@@ -49,9 +49,9 @@ def parts(p: Protocol) -> list[tuple[str, list[tuple[str, str]]]]:
     """The fields of each part with their texts, empty where nobody stated them."""
     stated = {key.replace("_", " "): text for key, text in p.texts.items()}
     named = {field for fields in FIELDS.values() for field in fields}
-    further = [(key, text) for key, text in stated.items() if key not in named]
+    other_facts = [(key, text) for key, text in stated.items() if key not in named]
     filled = [
         (part, [(field, stated.get(field, "")) for field in fields])
         for part, fields in FIELDS.items()
     ]
-    return [*filled, *([("Further", further)] if further else [])]
+    return [*filled, *([("Further", other_facts)] if other_facts else [])]
