@@ -148,7 +148,9 @@ def settings_page() -> str:
         '```toml\n[car.trailer]\naxles = [5, 6, 7, 8]\naxle_mass = 12000\n```\n',
         "## [track]\n",
         "`gradient` of the line in per mille, uphill positive. It slows the train and is no brake. "
-        "Where it is not known, 5 per mille (1 sigma) are in the band.\n",
+        "Where it is not known, 5 per mille (1 sigma) are in the band. A train that gains speed "
+        "until the brake begins is driven or rolls downhill: the band holds both, unless a channel "
+        "of traction or gradient says which.\n",
         "| line | states |\n|---|---|",
         "| `gradient = 5.0` | one gradient; 1 sigma is 0.5 per mille |",
         "| `gradient = {value = 5.0, tolerance = 2.0}` | the same with its 1 sigma |",

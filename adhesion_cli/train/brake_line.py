@@ -124,7 +124,7 @@ def find_brake_line(
     braked = next((mask for mask in choices if mask.sum() >= fewest), None)
     if braked is None:
         return None
-    released = measured & rolling & (mean_x < _RELEASED * top)
+    released = measured & rolling & (mean_x < _RELEASED * top) & ~grid.driven
     coasting = _coasting_deceleration((slowing - motors)[released])
     by_brake = (slowing + rho * rim_slowing) / (1.0 + rho) - coasting - motors
     zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
@@ -307,7 +307,7 @@ def _speed_effect(
 
 def _coasting_deceleration(slowing: Floats) -> float:
     """The deceleration without brake [m/s²], by resistance and gradient; driven stretches apart."""
-    coasting = slowing[np.abs(slowing) < GRADIENT / 2.0]
+    coasting = slowing[np.abs(slowing) < GRADIENT]
     if len(coasting) < FEWEST:
         return RESISTANCE_OF_TRAINS.value
     return float(np.median(coasting))

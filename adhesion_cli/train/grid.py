@@ -1,5 +1,6 @@
 """All axles of a log on one coarse, even grid, on which an hour is 14 400 numbers."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,7 +10,7 @@ import numpy as np
 
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, Bools, Floats, Times, Vehicle, without_motors
-from ..core.physics import GRADIENT, RELEASED_SHARE, G, table_share, wheelset
+from ..core.physics import CRAWL, GRADIENT, RELEASED_SHARE, G, table_share, wheelset
 from ..core.signals import running_integral, true_runs
 from ..records.axle_channels import AxleChannels
 from .track import Gradient
@@ -24,6 +25,9 @@ _MOST_SAMPLES = 20_000  # samples on it
 _FIRM_BRAKE = 0.3  # of the highest K: a brake that no motor works against
 # a train that gains more than this without brake is driven: 3 % of gradient [m/s²]
 _DRIVEN_RATE = 0.3
+_GAIN = 0.05  # one that gains more beside a brake application is driven, or rolls downhill [m/s²]
+_BESIDE = 6.0  # before and after a brake application [s]
+_LEAST_BESIDE = 1.5  # of it that shows a gain [s]
 
 
 @dataclass(frozen=True)
@@ -66,13 +70,53 @@ class Grid:
         """
         return np.where(self.driven, np.nan, self._slowing_of_all)
 
-    @cached_property
+    @property
     def driven(self) -> Bools:
-        """Where the train gains speed without brake, and a second around: a motor drives it."""
+        """Where the train gains speed without brake, and two seconds around: a motor drives it.
+
+        One that gains alike before and after a brake application rolls downhill.
+        """
+        return self._drive[0]
+
+    @property
+    def downhill_sigma(self) -> Floats:
+        """1 sigma of a gradient, where it may drive the train instead of motors, (n,) [m/s²]."""
+        return self._drive[1]
+
+    @cached_property
+    def has_traction(self) -> bool:
+        """Whether the log has the force by which motors drive the train."""
+        return self.motors is not None and bool(np.nanmin(self.motors, initial=0.0) < 0.0)
+
+    @cached_property
+    def _drive(self) -> tuple[Bools, Floats]:
         K = self.smooth(largest(self.clamping))
-        gains = self._slowing_of_all < -_DRIVEN_RATE
-        driven = (RELEASED_SHARE * np.nanmax(K, initial=0.0) > K) & gains
-        return ~erode(~driven, 2 * self.half_width)
+        least = RELEASED_SHARE * np.nanmax(K, initial=0.0)  # that brakes
+        gain, sigma = -self._slowing_of_all, np.zeros(len(K))
+        driven = ~erode(~((least > K) & (gain > _DRIVEN_RATE)), 4 * self.half_width)
+        applications = [] if self.has_traction else true_runs(least <= K)
+        edges = [0, *np.ravel(applications).astype(int), len(K)]
+        near = round(_BESIDE / self.step) + 2 * self.half_width
+        for i, (start, stop) in enumerate(applications):
+            before, after = slice(edges[2 * i], start), slice(stop, edges[2 * i + 3])
+            sides = gain[before][::-1], gain[after]
+            rates = [self._mean_gain(side[2 * self.half_width : near]) for side in sides]
+            if not self.fastest[stop - 1] > CRAWL:
+                rates[1] = math.nan  # it stood
+            if abs(rates[0] - rates[1]) < _GAIN:
+                continue
+            for rate, side in zip(rates, (before, after), strict=True):
+                driven[side] |= (rate > _GAIN) & (gain[side] > _GAIN)
+            if driven[max(start - 2 * self.half_width, 0) : start].any():
+                driven[start : start + 4 * self.half_width] = True  # the motor releases late
+            if _GAIN < rates[0] < GRADIENT:
+                sigma[max(before.start, start - near) : stop] = rates[0] / 2.0
+        return ~erode(~driven, 1), sigma
+
+    def _mean_gain(self, gain: Floats) -> float:
+        """The mean of what is finite; NaN where that lasts too short."""
+        finite = gain[np.isfinite(gain)]
+        return float(np.mean(finite)) if len(finite) * self.step >= _LEAST_BESIDE else math.nan
 
     @cached_property
     def _slowing_of_all(self) -> Floats:

@@ -118,11 +118,12 @@ def motor_deceleration(
 ) -> tuple[Floats, Floats]:
     """The deceleration by the force of the motors, and 1 sigma of it, shape (n,) [m/s²].
 
-    Arguments as of `build_design`. Both are 0 without a channel of that force.
+    Without a channel of that force it is 0, and its error that of a gradient in their place.
+    Arguments as of `build_design`.
     """
     n = grid.rim.shape[1]
     if grid.motors is None or grid.motor_sigma is None:
-        return np.zeros(n), np.zeros(n)
+        return np.zeros(n), grid.downhill_sigma
     w, mass = wheelset(vehicle, axles[0].record.axle), vehicle.axle_mass
     slowing = braked_share * braked(np.nan_to_num(np.mean(grid.motors, axis=0)), w)
     sigma = braked_share * braked(np.nan_to_num(np.mean(grid.motor_sigma, axis=0)) / w.phi, w)
@@ -218,9 +219,8 @@ def _pieces(
     rolling: Bools = np.all(coarse_grid.rolling, axis=0)
     place = np.clip(np.rint(t / coarse_grid.step).astype(int), 0, len(rolling) - 1)
     usable: Bools = near_change & rolling[place] & finite & (v > CRAWL)
-    if coarse_grid.motors is None or not np.nanmin(coarse_grid.motors, initial=0.0) < 0.0:
-        # No traction force is known. A motor takes a second to release, too.
-        usable &= erode(~coarse_grid.driven, 2 * coarse_grid.half_width)[place]
+    if not coarse_grid.has_traction:
+        usable &= ~coarse_grid.driven[place]
     pieces: list[NDArray[np.int64]] = []
     run: list[int] = []
     for start, stop in true_runs(usable):

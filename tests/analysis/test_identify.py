@@ -96,6 +96,13 @@ def test_the_default_vehicle_is_kept_where_the_log_agrees(tmp_path: Path) -> Non
     assert result.vehicle.friction.tolerance < 0.03
 
 
+def test_motors_that_drive_until_the_brake_begins_are_no_downhill(tmp_path: Path) -> None:
+    path = log(tmp_path / "log.csv", true(), traction=0.15)
+    result = run(path)
+    for c, mu in zip(coefficients(result), true_coefficients(path, true(), result), strict=True):
+        assert c.mean == pytest.approx(mu, abs=c.mean_u95)
+
+
 @pytest.mark.parametrize("factor", [0.85, 1.2])
 def test_a_stated_friction_that_is_wrong_is_mended_by_half(factor: float, tmp_path: Path) -> None:
     path, as_is = tmp_path / "log.csv", true(factor)

@@ -28,7 +28,7 @@ def true(friction: float = 1.0, mass: float = 1.0, **more: Parameter) -> Vehicle
 
 def log(
     path: Path, vehicle: Vehicle, seed: int = 1, applications: int = 3, drag: float = 0.0,
-    before: float = 7.0, gradient: float = 0.0,
+    before: float = 7.0, gradient: float = 0.0, traction: float = 0.0,
 ) -> Path:  # fmt: skip
     """A train that rolls, braked several times on gradients that change; no train speed.
 
@@ -40,6 +40,7 @@ def log(
         drag: of the air, over the square of speed [1/m].
         before: from a change of the gradient to the next brake application [s].
         gradient: of the whole line, uphill positive; the others are less than it and more.
+        traction: acceleration by motors, until a brake begins and again after it [m/s²].
     """
     rng, h = np.random.default_rng(seed), 0.05
     t = np.arange(0.0, 10.0 + 26.0 * applications, h)
@@ -49,6 +50,7 @@ def log(
         up = np.minimum((t - begin) / 1.5, (begin + 12.0 - t) / 1.5)
         p = np.maximum(p, np.clip(up, 0.0, 1.0) * rng.uniform(1.5e5, 3.5e5))
         slope[t > begin - before] = rng.normal(0.0, 0.02)
+        slope[(t > begin - 12.0 + 2.0 * (i > 0)) & (t < begin)] -= traction
     v, speed = np.empty(len(t)), 42.0
     w, K = wheelset(vehicle, 1), clamping_force(p, vehicle)
     for i in range(len(t)):
