@@ -1,8 +1,11 @@
 """The vehicles of several logs that are named together: one, or one for each brake."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from ..analysis.identify import brake_kinds, find_log_brake, identify
 from ..analysis.prepare import AlignedLog, Window, align_log
@@ -12,6 +15,10 @@ from ..core.model import IdentifiedVehicle
 from ..core.physics import friction_change
 from ..formats.memory import Signals
 from ..results.friction_groups import FrictionGroup, GroupedRun, group_by_friction
+
+_FEWEST_OF_DRIFT = 6  # runs that show a drift
+_LEAST_DRIFT = 0.08  # of the brake force, from the first to the last third of the runs
+_CLEAR = 4.0  # Student's t of the order of the runs
 
 
 def identify_together(
@@ -50,7 +57,7 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
     """The vehicle of each log, one for all with the same brake.
 
     Friction that changes over speed, as of cast iron, does so over force, too: then each log has
-    its own.
+    its own. So it has where the friction drifts from log to log, as of pads that bed in.
     """
     common = identify(logs, settings)
     vehicles = [common] * len(logs)
@@ -58,7 +65,7 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
         return vehicles
     used_settings = replace(settings, vehicle=common.vehicle)
     runs = [GroupedRun(x.path, find_log_brake(x, used_settings)) for x in logs]
-    groups = group_by_friction(runs)
+    groups = [part for group in group_by_friction(runs) for part in _without_drift(group, runs)]
     effects = common.speed_effects.values() if common.source == "log" else ()
     if any(friction_change(x, settings.vehicle) for x in effects):
         single_logs = [(i, run.brake.ratio) for i, run in enumerate(runs, 1) if run.brake]
@@ -68,3 +75,23 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
         for place in group.places:
             vehicles[place - 1] = replace(group_vehicle, factor_of_logs=group.factor)
     return vehicles
+
+
+def _without_drift(group: FrictionGroup, runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
+    """A group of runs, or each run as a group where their brake drifts in the order of the runs.
+
+    Gradients that differ from run to run show no such order.
+    """
+    brakes = [(place, brake) for place in group.places if (brake := runs[place - 1].brake)]
+    n = len(brakes)
+    if n < _FEWEST_OF_DRIFT:
+        return [group]
+    change = np.log([brake.ratio for _, brake in brakes])
+    change -= change.mean()
+    ranks = np.argsort(np.argsort(change))
+    order = float(np.corrcoef(ranks, np.arange(n))[0, 1])  # Spearman's
+    third = n // 3
+    total = abs(float(np.mean(change[-third:]) - np.mean(change[:third])))
+    if total < _LEAST_DRIFT or abs(order) * math.sqrt((n - 2) / max(1.0 - order**2, 1e-9)) < _CLEAR:
+        return [group]
+    return [FrictionGroup((place,), brake.ratio, group.u95) for place, brake in brakes]

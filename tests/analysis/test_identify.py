@@ -1,7 +1,7 @@
 """The vehicle of a run: stated values are the prior, the log's deceleration is the evidence."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -309,6 +309,24 @@ def test_cast_iron_at_several_pressures_has_no_common_brake(tmp_path: Path) -> N
         summary = summarise(analyze(path, stated, ["td"], identified=vehicle), {})
         of_logs.append(VehicleOfLog("", path.name, summary.vehicle, summary.axles))
     assert "found from each log" in describe_vehicles(of_logs)[0]
+
+
+@pytest.mark.parametrize("order", [range(7), (3, 6, 1, 5, 0, 4, 2)])
+def test_pads_that_bed_in_have_another_friction_in_each_log(
+    order: Sequence[int], tmp_path: Path
+) -> None:
+    """Not the same frictions in any order: those may be gradients."""
+    final, stated = METRO.friction.value, settings.load(folder=False)
+    logs = []
+    for place, number in enumerate(order):
+        pads = replace(METRO, friction=Parameter((1.0 - 0.04 * number) * final, 0.0))
+        logs.append(log(tmp_path / f"{place}.csv", pads, place, 1))
+    vehicles = [x.vehicle for x in identify_together(logs, stated) if x]
+    drifts = order == range(7)
+    assert len({x.friction.value * x.lever_ratio.value for x in vehicles}) == (7 if drifts else 1)
+    if drifts:
+        forces = [x.friction.value * x.lever_ratio.value / x.axle_mass.value for x in vehicles]
+        assert forces[-1] / forces[0] == pytest.approx(0.76, abs=0.06)
 
 
 def test_a_stop_under_another_brake_is_told_where_it_is(tmp_path: Path) -> None:
