@@ -94,7 +94,8 @@ def test_a_second_run_does_not_write_what_the_first_one_writes(tmp_path: Path) -
         first.send_signal(signal.SIGINT)
         lines = 5 + len(lines_of(first.communicate(timeout=60)[0]))
     whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load())
-    assert len(whole.axles[0].record.t) == lines
+    # An interrupt may come between the file and the line.
+    assert len(whole.axles[0].record.t) - lines in (0, 1)
     assert not list(tmp_path.glob("out/.*"))
     with running(tmp_path, *arguments, "--speed", "0") as third:
         third.communicate(timeout=60)
