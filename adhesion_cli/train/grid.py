@@ -90,33 +90,40 @@ class Grid:
 
     @cached_property
     def _drive(self) -> tuple[Bools, Floats]:
-        K = self.smooth(largest(self.clamping))
-        least = RELEASED_SHARE * np.nanmax(K, initial=0.0)  # that brakes
-        gain, sigma = -self._slowing_of_all, np.zeros(len(K))
-        driven = ~erode(~((least > K) & (gain > _DRIVEN_RATE)), 4 * self.half_width)
-        applications = [] if self.has_traction else true_runs(least <= K)
+        K, second = self.smooth(largest(self.clamping)), 2 * self.half_width
+        least_braking = RELEASED_SHARE * np.nanmax(K, initial=0.0)
+        gain, downhill_sigma = -self._slowing_of_all, np.zeros(len(K))
+        motor_mask = ~erode(~((least_braking > K) & (gain > _DRIVEN_RATE)), 2 * second)
+        applications = [] if self.has_traction else true_runs(least_braking <= K)
         edges = [0, *np.ravel(applications).astype(int), len(K)]
-        near = round(_BESIDE / self.step) + 2 * self.half_width
         for i, (start, stop) in enumerate(applications):
-            before, after = slice(edges[2 * i], start), slice(stop, edges[2 * i + 3])
-            sides = gain[before][::-1], gain[after]
-            rates = [self._mean_gain(side[2 * self.half_width : near]) for side in sides]
+            releases = slice(edges[2 * i], start), slice(stop, edges[2 * i + 3])
+            gain_before, gain_after = (
+                self._gain_beside(gain[release][::order])
+                for release, order in zip(releases, (-1, 1), strict=True)
+            )
             if not self.fastest[stop - 1] > CRAWL:
-                rates[1] = math.nan  # it stood
-            if abs(rates[0] - rates[1]) < _GAIN:
+                gain_after = math.nan  # it stood
+            if abs(gain_before - gain_after) < _GAIN:
                 continue
-            for rate, side in zip(rates, (before, after), strict=True):
-                driven[side] |= (rate > _GAIN) & (gain[side] > _GAIN)
-            if driven[max(start - 2 * self.half_width, 0) : start].any():
-                driven[start : start + 4 * self.half_width] = True  # the motor releases late
-            if _GAIN < rates[0] < GRADIENT:
-                sigma[max(before.start, start - near) : stop] = rates[0] / 2.0
-        return ~erode(~driven, 1), sigma
+            for rate, release in zip((gain_before, gain_after), releases, strict=True):
+                motor_mask[release] |= (rate > _GAIN) & (gain[release] > _GAIN)
+            if motor_mask[max(start - second, 0) : start].any():  # the motor releases late
+                motor_mask[start : start + 2 * second] = True
+            if _GAIN < gain_before < GRADIENT:
+                downhill_sigma[edges[2 * i] : stop] = gain_before / 2.0
+        return ~erode(~motor_mask, 1), downhill_sigma
 
-    def _mean_gain(self, gain: Floats) -> float:
-        """The mean of what is finite; NaN where that lasts too short."""
-        finite = gain[np.isfinite(gain)]
-        return float(np.mean(finite)) if len(finite) * self.step >= _LEAST_BESIDE else math.nan
+    def _gain_beside(self, gain: Floats) -> float:
+        """The mean gain beside a brake, of samples in order from it; NaN where too few are known.
+
+        Within a second of it a gain is not that of a train without brake.
+        """
+        second = 2 * self.half_width
+        near_gain = gain[second : second + round(_BESIDE / self.step)]
+        near_gain = near_gain[np.isfinite(near_gain)]
+        lasts = len(near_gain) * self.step >= _LEAST_BESIDE
+        return float(np.mean(near_gain)) if lasts else math.nan
 
     @cached_property
     def _slowing_of_all(self) -> Floats:
