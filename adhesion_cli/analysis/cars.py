@@ -106,7 +106,6 @@ def as_tables(vehicle: Vehicle) -> Table:
 
 
 def _parameters(vehicle: Vehicle) -> Table:
-    """The parameters of a vehicle without cars."""
     radii = [p._asdict() for p in vehicle.wheel_radius]
     table: Table = {"wheel_radius": radii if len(radii) > 1 else radii[0]}
     for name in quantities(Vehicle):

@@ -88,7 +88,6 @@ def _thresholds(code: str) -> list[dict[str, object]]:
 
 
 def _entry_of(code: str) -> "CatalogueEntry":
-    """The entry of a code."""
     from ..core.finding import catalogue
 
     codes = catalogue()

@@ -79,7 +79,6 @@ def _derived(shared: Shared) -> int:
 
 
 def _figures(brake: "CarBrake", vehicle: "Vehicle") -> "Json":
-    """The figures of a car for `--json`."""
     from ..core.model import Z95
     from ..core.physics import BAR, force_line
 

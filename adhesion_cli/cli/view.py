@@ -126,7 +126,6 @@ def start_viewer() -> str:
 
 
 def _started(command: list[str], serves: str) -> None:
-    """Starts a viewer."""
     import subprocess
 
     viewer = _start_program(command, stderr=subprocess.DEVNULL)

@@ -12,8 +12,6 @@ LIBRARY_ERROR = 1e-9  # error of another C library in double precision, over the
 
 
 class _Answer(NamedTuple):
-    """What the program compares."""
-
     name: str
     c: str  # its type
     limit: float  # largest error accepted

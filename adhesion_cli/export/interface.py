@@ -122,7 +122,6 @@ class Interface:
         return calls, costs
 
     def _call(self, f: Any, arguments: Sequence[tuple[str, Kind]]) -> tuple[str, Cost]:
-        """A call of a translated function."""
         function = self.c.function(cast(FunctionType, f), tuple(kind for _, kind in arguments))
         used_values = [arguments[i] for i in function.used_arguments]
         texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in used_values]

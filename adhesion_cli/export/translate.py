@@ -44,8 +44,6 @@ class Translation(Program):
 
 
 class _Body:
-    """One function."""
-
     def __init__(self, program: Translation, f: FunctionType, kinds: tuple[Kind, ...]) -> None:
         self.program = program
         self.f = f

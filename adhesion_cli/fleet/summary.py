@@ -175,8 +175,6 @@ class FleetSummary:
 
 
 class _LogRow(NamedTuple):
-    """A row of the table of logs."""
-
     log: str
     status: str
     error: str | None
@@ -295,7 +293,6 @@ def _spread(table: Any, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Json:
 
 
 def _stops(table: Any) -> list[StopGroup]:
-    """The stops by their nominal speed."""
     speeds = _column(table, "nominal_speed_kmh")
     valid = _column(table, "valid") > 0.0
     groups = []

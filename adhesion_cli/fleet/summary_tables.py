@@ -164,7 +164,6 @@ def _speeds(row: SpeedBand) -> str:
 
 
 def _spread(row: Distribution) -> dict[str, str]:
-    """The cells of a distribution."""
     return {
         "number": str(row.applications),
         "slid": str(row.with_slides),
@@ -237,7 +236,6 @@ def _bar(name: str, begin: float, stop: float, row: Distribution) -> Bar:
 
 
 def _stopped(row: StopGroup) -> dict[str, str]:
-    """The cells of the stops from one nominal speed."""
     return {
         "speed [km/h]": f"{row.nominal_speed_kmh:g}",
         "stops": str(row.stops),
@@ -251,7 +249,6 @@ def _stopped(row: StopGroup) -> dict[str, str]:
 
 
 def _slid(row: SlidApplication) -> dict[str, str]:
-    """The cells of a brake application with slides."""
     heat = row.slide_energy_j
     return {
         "log": row.log,

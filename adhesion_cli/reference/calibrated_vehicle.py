@@ -277,7 +277,6 @@ def _vehicle(
 def _posterior_vehicle(
     v: Vehicle, rows: dict[str, CalibratedParameter], correlation: Floats, speed: float
 ) -> Vehicle:
-    """The vehicle of the posterior."""
     names = ("friction", "axle_mass", "wheelset_inertia", "spring_force", "friction_fade")
     places = {_PARAMETERS.get(name, name): i for i, name in enumerate(rows)}
     related = tuple(

@@ -159,7 +159,6 @@ def _fit(
 def _prior(
     count: int, prior: smoother.MeasurementNoise, slack: tuple[float, ...]
 ) -> smoother.Prior:
-    """The prior of the first `count` regimes."""
     guess = prior._replace(rough=prior.rough[:count])
     return smoother.Prior(guess, _DECADES[: 2 + count], FLOOR, slack)
 

@@ -101,8 +101,6 @@ def application_tables(
 
 
 class _NamedLog(NamedTuple):
-    """A log in the tables."""
-
     name: str  # empty for one log
     axles: Sequence[AxleSummary]
     in_doubt: bool  # whether it contradicts its vehicle

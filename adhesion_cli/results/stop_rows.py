@@ -137,7 +137,6 @@ def stop_row(s: StopSummary) -> dict[str, str]:
 
 
 def _coefficient(x: Measured | None) -> str:
-    """A µ with its uncertainty."""
     return with_u95(x, 1.0, 3) if x is None or is_known(x.value, x.u95) else NOT_KNOWN
 
 
@@ -283,7 +282,6 @@ def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, s
 
 
 def _limits_note(x: StopSeries) -> str:
-    """What stands below the limits."""
     has_equivalent = any(verdict.quantity == _EQUIVALENT for verdict in x.limits)
     has_all = all(verdict.value is not None for verdict in x.limits)
     notes = _OF_LIMITS, "" if has_all else _OF_NO_VALUE, _OF_EQUIVALENT if has_equivalent else ""
@@ -340,7 +338,6 @@ def _air(x: WspSummary) -> str:
 
 
 def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
-    """The axles in the wet stops."""
     return [
         {
             "axle": str(a.axle),

@@ -76,7 +76,6 @@ def _titles(log: Log) -> Iterator[str]:
 
 
 def _types(log: Log) -> list[Any]:
-    """The Arrow types of the columns: the time's, and each channel's."""
     time = pa.timestamp("ns", "UTC") if log.absolute else pa.float64()
     return [time] + [pa.float64()] * len(log.channels)
 

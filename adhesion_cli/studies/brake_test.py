@@ -205,7 +205,6 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
 
 
 def _describe_group(group: PlannedGroup) -> str:
-    """What the plan states of a group."""
     vehicle = group.vehicle and group.vehicle.name
     speed = f"{group.nominal_speed:g} km/h" if group.nominal_speed else ""
     values = {

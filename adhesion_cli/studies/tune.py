@@ -252,7 +252,6 @@ class _Space:
 def _search(
     est: Estimator, default_parameters: Any, errors: Callable[[Sequence[Any]], Floats]
 ) -> Any:
-    """The parameters with the least error."""
     space, random_numbers = _Space(est, default_parameters), np.random.default_rng(0)
     d = len(space.start)
     set_count = _SETS_PER_ROW * math.ceil(d / _PARAMETERS_PER_ROW)

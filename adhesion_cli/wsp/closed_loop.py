@@ -58,8 +58,6 @@ class Logged(NamedTuple):
 
 
 class _World(NamedTuple):
-    """Train, rail and sensors."""
-
     plant: Plant
     track: RailConditions
     demand: Demand

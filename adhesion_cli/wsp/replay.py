@@ -166,7 +166,6 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
 
 
 def _places(braking: _Braking, x: RailUnderAxle | None, vehicle: Vehicle) -> _AxlePlaces:
-    """Where the rail of an axle lies."""
     if x is None:
         return _AxlePlaces([], vehicle)
     spans = [(_distance(braking, a), _distance(braking, b)) for a, b in x.spans]

@@ -158,7 +158,6 @@ def _packed(content: str) -> str:
 
 
 def _pairs(items: Iterable[tuple[str, str]], head: str) -> list[dict[str, str]]:
-    """Rows of a table of names and values."""
     return [{head: name, "Value": value} for name, value in items]
 
 

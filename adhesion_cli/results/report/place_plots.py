@@ -118,7 +118,6 @@ def _points(
 
 
 def _label_kilometres(fig: figure, run: ReportRun, plane: Plane) -> None:
-    """Whole kilometres at the way."""
     posts = kilometre_posts(run.route)
     east, north = plane.at(posts.places)
     fig.scatter(east, north, size=4, color=palette.BLACK)

@@ -524,7 +524,6 @@ def _highest_deceleration(stops: Sequence[SeriesStop]) -> float:
 
 
 def _with_bar(fig: figure, x: float, value: Measured, colour: str) -> list[Any]:
-    """A point with its expanded uncertainty."""
     style = {"color": colour, "line_width": 1.5}
     bar = fig.segment([x], [value.value - value.u95], [x], [value.value + value.u95], **style)
     return [bar, fig.scatter([x], [value.value], size=6, color=colour)]

@@ -100,7 +100,6 @@ class LiveRecording:
             self._file.close()
 
     def _plots(self, axle: int, x: Samples) -> list[tuple[str, parts.SeriesPlot]]:
-        """Entity and plot of each chart."""
         name = f"axle {axle}"
         colour = palette.rgba(palette.nth(self._axles.index(axle)))
         force, sigma, tolerance = x.estimates[self._algos[0]]

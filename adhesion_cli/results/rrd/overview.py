@@ -65,8 +65,6 @@ def _groups(result: Result) -> list[tuple[str, list[int]]]:
 
 
 class _Line(NamedTuple):
-    """A line of an axle in a chart."""
-
     chart: str
     key: str  # part of its entity
     name: str  # in the legend

@@ -208,7 +208,6 @@ class _Page:
     def _measured(
         self, record: AxleRecord, column: Callable[[Floats, float], Floats]
     ) -> Iterator[parts.SeriesPlot]:
-        """What the sensors say."""
         radius = self.result.vehicle.radius(record.axle).value
         speeds = [("wheel", parts.WHEEL, column(record.wheel_speed, radius * 3.6))]
         if record.train_speed is not None:
@@ -288,7 +287,6 @@ class _Page:
         slip: Floats,
         rail: fit.RailFit | None,
     ) -> None:
-        """The operating point on its curve."""
         vehicle = self.result.vehicle.of_axle(axle.record.axle)
         mu = physics.coefficient(axle.reference.force, vehicle, axle.record.axle)
         t, times, bands, fitted = axle.record.t, self.times, self.bands, None
