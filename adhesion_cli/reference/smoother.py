@@ -114,11 +114,12 @@ def fit(
         log_prior = -0.5 * float(np.sum(((x - centre)[fitted] / width[fitted]) ** 2))
         return log_prior + sum(_forward(run, regimes, noise(x), None) for run in runs)
 
+    value_at = cache(lambda *x: posterior(np.array(x)))  # a fifth of the points occur twice
     if start_noise is None:
-        best, value = _climb(posterior, centre, width / 2.0)
+        best, value = _climb(value_at, centre, width / 2.0)
     else:
-        best, value = _climb(posterior, logarithms(start_noise), width / 8.0)
-    return noise(_loosen(posterior, best, value, width, prior.slack)), value
+        best, value = _climb(value_at, logarithms(start_noise), width / 8.0)
+    return noise(_loosen(value_at, best, value, width, prior.slack)), value
 
 
 def likelihood(runs: Sequence[UnbrokenRun], regimes: Regimes, noise: MeasurementNoise) -> float:
@@ -148,17 +149,16 @@ def smooth(run: UnbrokenRun, regimes: Regimes, noise: MeasurementNoise) -> Smoot
     return Smooth(smoothed[:, 0], smoothed[:, 1], run.u + smoothed[:, 2], smoothed[:, 3])
 
 
-def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[Floats, float]:
+def _climb(f: Callable[..., float], start: Floats, steps: Floats) -> tuple[Floats, float]:
     """Maximum of f by search along the axes, with steps halved down to 0.2."""
-    value_at = cache(lambda *x: f(np.array(x)))  # a fifth of the points occur twice
-    x, best = start.copy(), value_at(*start)
+    x, best = start.copy(), f(*start)
     while steps.max() > 0.2:
         improved = False
         for i in np.flatnonzero(steps):
             for sign in (1.0, -1.0):
                 trial = x.copy()
                 trial[i] += sign * steps[i]
-                while (value := value_at(*trial)) > best:
+                while (value := f(*trial)) > best:
                     x, best, improved = trial.copy(), value, True
                     trial[i] += sign * steps[i]
         if not improved:
@@ -167,7 +167,7 @@ def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[
 
 
 def _loosen(
-    f: Callable[[Floats], float], x: Floats, best: float, width: Floats, slack: Sequence[float]
+    f: Callable[..., float], x: Floats, best: float, width: Floats, slack: Sequence[float]
 ) -> Floats:
     """The point x with larger coupling, then larger roughness of each regime, as `slack` allows.
 
@@ -179,10 +179,10 @@ def _loosen(
         step = width[i] / 16.0
         while step > 0.0:
             x[i] += step
-            if f(x) < best - nats:
+            if f(*x) < best - nats:
                 x[i] -= step
                 break
-        best = f(x) if step > 0.0 else best
+        best = f(*x) if step > 0.0 else best
     return x
 
 
