@@ -135,7 +135,11 @@ class BrakeApplication:
     slide_s: Annotated[float, Quantity("s", "duration of all slides together")]
     slide_distance_m: Annotated[float, Quantity("m", "distance of the train in them")]
     max_slip: Annotated[Number, Quantity("-", "largest slip above 10 km/h; null without a slide")]
-    slide_energy_j: Annotated[Number, Quantity("J", "friction energy; null where a wheel locked")]
+    slide_energy_j: Annotated[Number, Quantity("J", "friction energy; null where F is not known")]
+    slide_energy_u95_j: Annotated[
+        Number,
+        Quantity("J", "its expanded uncertainty (95 %), by F; in a lock F is between its ends"),
+    ] = None
     locked_s: Annotated[
         Number, Quantity("s", "time in which the wheel stands and the train is faster than stated")
     ] = None

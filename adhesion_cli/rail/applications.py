@@ -3,6 +3,7 @@
 Uncertainties are those of JCGM 100 (GUM), see `reference.budget`.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 
@@ -102,6 +103,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         slide_distance_m=sum(x.distance for x in slides),
         max_slip=1.0 if locks else max(slips, default=None),
         slide_energy_j=sum(energies) if len(energies) == len(slides) else None,
+        slide_energy_u95_j=force and _energy_u95(force, sum(energies), slides),
         at_least=any(x.is_lower_bound for x in slides),
         utilisation=utilisation and utilisation.value,
         utilisation_ci=utilisation and (utilisation.lower, utilisation.upper),
@@ -117,6 +119,12 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         longitude=place.longitude,
         ed_share=work and motor_share([work], vehicle),
     )
+
+
+def _energy_u95(force: MeanAndHighest, energy: float, slides: Sequence[Slide]) -> float:
+    """Expanded uncertainty of the energy of slides [J]: that of F, and that of locks."""
+    by_force = energy * force.mean_u95 / max(abs(force.mean), 1e-9)
+    return math.hypot(by_force, sum(x.lock_u95 for x in slides))
 
 
 def summarise_slide(

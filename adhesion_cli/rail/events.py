@@ -30,6 +30,7 @@ class Slide(NamedTuple):
     # ∫ F (v − ωR) dt, heat and wear of tread and rail, by a straight line of F over a lock [J]
     energy: float | None  # None without F
     is_lower_bound: bool  # the train speed is estimated, or its delay is unknown
+    lock_u95: float = 0.0  # of the energy, by a lock: its F is that before, that after or between
 
     def __str__(self) -> str:
         heat = "" if self.energy is None else f", {self.energy / 1e3:.1f} kJ"
@@ -69,9 +70,13 @@ def slides(  # noqa: PLR0913 (one column each)
         fast = v[samples] > WORKING
         force = F[samples]
         finite = np.isfinite(force)
+        sliding_speed = s[samples] * v[samples]  # v − ωR = s v
+        lock_u95 = 0.0
         if is_known := bool(finite.any()):  # a locked wheel of a log has no F
+            force = np.maximum(force, 0.0)  # a braked wheel that slides is not driven
+            lock_u95 = _lock_u95(seconds, force, sliding_speed)
             force = np.interp(seconds, seconds[finite], force[finite])
-        heat = force * s[samples] * v[samples]  # v − ωR = s v
+        heat = force * sliding_speed
         yield Slide(
             samples,
             int(t[samples.start]),
@@ -80,7 +85,25 @@ def slides(  # noqa: PLR0913 (one column each)
             float(s[samples][fast].max()) if fast.any() else None,
             float(np.trapezoid(heat, seconds)) if is_known else None,
             is_lower_bound,
+            lock_u95,
         )
+
+
+def _lock_u95(t: Floats, F: Floats, sliding_speed: Floats) -> float:
+    """By how much the energy of a slide is uncertain where F is NaN; all columns (n,) [J].
+
+    F is there between that before and that after, and any up to twice the known one at an end.
+    """
+    known, u95 = np.flatnonzero(np.isfinite(F)), 0.0
+    for start, stop in true_runs(~np.isfinite(F)):
+        place = int(np.searchsorted(known, start))
+        before, after = (F[known[i]] if 0 <= i < len(known) else None for i in (place - 1, place))
+        half = before or after or 0.0
+        if before is not None and after is not None:
+            half = abs(after - before) / 2.0
+        part = slice(max(start - 1, 0), stop + 1)
+        u95 += float(half) * float(np.trapezoid(sliding_speed[part], t[part]))
+    return u95
 
 
 def axle_events(

@@ -38,12 +38,13 @@ _OF_SLIDES = (
     "together, largest slip, energy of friction between wheel and rail, and share of the available "
     "adhesion that was used (- where the slides do not show the available one). Its "
     "95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and other shapes of "
-    "the slip-adhesion curve. The energy has at least the relative uncertainty of F."
+    "the slip-adhesion curve. The energy has the relative uncertainty of F. Where a wheel is "
+    "locked, F is not measured: it is taken as between that before and that after."
 )
 _OF_DOUBT = f" {DOUBT}: the log contradicts its vehicle. µ and F may be wrong with it."
 _OF_ROWS = "`adhesion analyze --rows` shows every brake application of every axle."
 _TITLE, _SLIDES = "Brake applications", "Slides"
-_BOUND = "≥: the true value is at least this."
+_BOUND = "≥: the true value is at least this, less its uncertainty."
 _SHOWN_STOPS = 20  # of more, the worst ones
 
 

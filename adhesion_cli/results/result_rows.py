@@ -61,6 +61,9 @@ def mean_coefficient(a: BrakeApplication) -> str:
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """The slides of a brake application, together; their time is the begin of the first."""
     energy, bound = a.slide_energy_j, a.at_least
+    energy_text = number(energy and 1e-3 * energy, 1)
+    if energy is not None and a.slide_energy_u95_j is not None:
+        energy_text = with_u95((energy, a.slide_energy_u95_j), 1e-3, 1)
     first: SlideSummary | BrakeApplication = a.slide_list[0] if a.slide_list else a
     return {
         "axle": axle,
@@ -71,7 +74,7 @@ def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
         "distance [m]": bounded_number(a.slide_distance_m, 0, bound),
         "max slip [%]": slip_text(a.max_slip, bound),
         **({"locked [s]": number(a.longest_lock_s, 1)} if a.locked_s else {}),
-        "energy [kJ]": bounded_number(energy and 1e-3 * energy, 1, bound),
+        "energy [kJ]": "≥ " * (bound and energy is not None) + energy_text,
         "used [%]": share_with_interval(a.utilisation, a.utilisation_ci),
     }
 

@@ -30,6 +30,13 @@ def test_the_share_used_has_its_interval() -> None:
     assert slid_row("1", shown)["used [%]"] == "71 (60–85)"
 
 
+def test_the_energy_has_its_uncertainty() -> None:
+    assert slid_row("1", application())["energy [kJ]"] == "90.0"
+    assert slid_row("1", application(slide_energy_u95_j=2e4))["energy [kJ]"] == "90±20"
+    bound = application(slide_energy_u95_j=2e4, at_least=True)
+    assert slid_row("1", bound)["energy [kJ]"] == "≥ 90±20"
+
+
 def test_a_share_above_100_percent_is_explained() -> None:
     def budget(*shares: float) -> BrakeApplication:
         rows = (Contribution("friction", 0.3, "-", "B", 0.01, 1e4, 100.0, x) for x in shares)

@@ -1,0 +1,39 @@
+"""Slides: their energy, and how uncertain it is where a wheel is locked."""
+
+import numpy as np
+import pytest
+
+from adhesion_cli.rail.events import Slide, slides
+
+T = np.arange(0.0, 12.0, 0.01)
+SLIP = np.interp(T, [2.0, 3.0, 8.0, 9.0], [0.0, 1.0, 1.0, 0.0])
+V = np.full(len(T), 20.0)
+LOCKED = SLIP >= 1.0
+
+
+def slide(force: np.ndarray) -> Slide:
+    t = np.round(T * 1e9).astype(np.int64)
+    (found,) = slides(slice(0, len(T)), t, V, SLIP, SLIP, force, is_lower_bound=False)
+    return found
+
+
+def test_the_energy_of_a_lock_holds_each_force_between_that_before_and_that_after() -> None:
+    true = np.interp(T, [5.0, 5.5], [3000.0, 15000.0])  # the rail changes under the locked wheel
+    shown = slide(np.where(LOCKED, np.nan, true))
+    energy = float(np.trapezoid(true * SLIP * V, T))
+    assert shown.energy is not None
+    assert 0.0 < abs(shown.energy - energy) < shown.lock_u95
+    assert shown.lock_u95 == pytest.approx(6000.0 * 20.0 * 5.0, rel=0.02)
+    same = slide(np.where(LOCKED, np.nan, 3000.0))
+    assert same.lock_u95 == 0.0
+
+
+def test_a_lock_without_a_force_at_one_end_may_have_twice_the_other() -> None:
+    shown = slide(np.where(T >= 3.0, np.nan, 3000.0))
+    assert shown.energy is not None
+    assert shown.lock_u95 == pytest.approx(3000.0 * 20.0 * 5.5, rel=0.02)
+
+
+def test_a_sliding_wheel_with_its_brake_on_heats_the_rail() -> None:
+    shown = slide(np.full(len(T), -2000.0))
+    assert shown.energy == 0.0
