@@ -100,7 +100,7 @@ class TextLog:
         """
         frames, t = self._frames(), 0.0
         first_frames = list(islice(frames, _SAMPLE))
-        has_steps = self._has_steps([frame.t for frame in first_frames])
+        has_steps = self._has_steps(first_frames)
         if has_steps and self._decimals < _LEAST_DECIMALS:
             raise _relative(self._path)
         self._problems.has_steps = has_steps
@@ -109,12 +109,13 @@ class TextLog:
             if frame.kind != "event":
                 yield frame._replace(t=t)
 
-    def _has_steps(self, times: list[float]) -> bool:
-        """Whether times count from the line before: they do not grow, but rise and fall."""
-        half = len(times) // 2
+    def _has_steps(self, frames: list[Frame]) -> bool:
+        """Whether times count from the line before: they do not grow, and fall on each bus."""
+        half, times = len(frames) // 2, [frame.t for frame in frames]
         if half < 2 or min(times[half:]) > statistics.median(times[:half]):
             return False
-        falls = sum(b < a for a, b in pairwise(times))
+        by_bus = sorted(frames, key=lambda frame: frame.bus)
+        falls = sum(b.t < a.t for a, b in pairwise(by_bus))
         return self._says_steps or falls > max(0.1 * len(times), 1)
 
     def _frames(self) -> Iterator[Frame]:

@@ -479,8 +479,8 @@ def test_steps_that_are_coarse_or_begin_anew_are_refused(tmp_path: Path) -> None
 def test_frames_of_two_buses_out_of_order_are_no_steps(tmp_path: Path) -> None:
     """And a head that says relative counts from the start where its times grow."""
     path, row = tmp_path / "a.asc", "{t:.6f} {bus}  123  Rx   d 5 20 1C 10 68 00\n"
-    times = [(k / 50 + 0.03 * (k % 2), 1 + k % 2) for k in range(200)]
-    for head in (HEAD, RELATIVE):
+    for head, apart in ((HEAD, 0.03), (RELATIVE, 0.03), (HEAD, 100.0)):
+        times = [(k / 50 + apart * (k % 2), 1 + k % 2) for k in range(200)]
         path.write_text(head + "".join(row.format(t=t, bus=bus) for t, bus in times))
         source = open_source(path, ReadOptions(dbc=stated(tmp_path)))
         spans = [np.ptp(column.t) / 1e9 for column in source.columns(source.fields)]

@@ -39,7 +39,7 @@ from .number_text import (
     number_grammar,
     unit_behind,
 )
-from .stamps import CLOCKS, DATES, forms_of, is_stamp
+from .stamps import CLOCKS, DATES, STAMPS, forms_of, is_stamp
 
 _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
@@ -80,7 +80,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     if not header.names and "names" in labels:
         header.names = [["", *labels["names"][1:]]]
     data = table.of_width(header.start)
-    header.names = [[*_name_missing(x, data), *x] for x in header.names]
+    header.names = [_completed(x, data) for x in header.names]
     last_name = fit(header.names[-1], width)[-1] if header.names else ""
     # a delimiter at the end of each row makes an empty column
     used_width = width - (width > 2 and not last_name and not any(row[-1] for row in data))
@@ -129,17 +129,21 @@ def _cells(text: str, delimiter: str, width: int) -> list[str]:
     return cells
 
 
-def _name_missing(names: list[str], data: list[list[str]]) -> list[str]:
-    """The name of the first column, where a header has one less than the rows have cells.
+def _completed(names: list[str], data: list[list[str]]) -> list[str]:
+    """The names of a header; with the one that lacks, where rows have one cell more.
 
-    It numbers the rows, as R writes, or is the date of a stamp that a blank parts.
+    It numbers the rows, as R writes, or a delimiter parts a stamp: a blank the date from the clock,
+    a comma the milliseconds from the seconds.
     """
     if len(data) < 3 or len(names) != len(data[0]) - 1:
-        return []
+        return names
     firsts, seconds = ([row[k] for row in data] for k in (0, 1))
     if firsts == [str(k) for k in range(1, len(firsts) + 1)]:
-        return [""]
-    return [names[0]] if forms_of(firsts, DATES) and forms_of(seconds, CLOCKS) else []
+        return ["", *names]
+    if forms_of(firsts, DATES) and forms_of(seconds, CLOCKS):
+        return [names[0], *names]
+    is_parted = forms_of(firsts, STAMPS) and all(re.fullmatch("[0-9]{3}", c) for c in seconds)
+    return [names[0], "ms", *names[1:]] if is_parted else names
 
 
 def _units_row(

@@ -41,6 +41,7 @@ _EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
 _GPS_END_S = 1_893_456_000.0  # 2030: what would be later as GPS time counts from 1970
 _STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit is not stated
 _SPAN_S = (3.0, 100_000.0)  # and their lengths
+_SLOW_S = 10.0  # steps that no brake log has
 _LATEST_S = 1e6  # of times in minutes, hours or days from any start
 _YEAR_2040_S = 2_208_988_800.0  # later numbers of days would be those of other calendars
 _SAME_RATE = 0.02  # two clocks whose rates differ by less are one
@@ -388,6 +389,11 @@ class _ClockSearch:
             notes = (*notes, note)
         count = count_of(unit)
         absolute = bool(count.at_1970) or count.seconds(values[0]) >= _EPOCH_S[0]
+        is_slow = unit == "s" and source != "stated" and _step(values) >= _SLOW_S and not absolute
+        if is_slow and "ms" in self._usual_units(values):
+            text = f"time column {name!r} says s, and has steps of {_step(values):g} s: the log "
+            text += f"would be {self._length(values):g} s long"
+            raise self._refusal(i, text, values)
         epoch = "Unix epoch, " if absolute else ""
         reason = f"{choice}; {count.name or epoch + unit} ({source})"
         if count.seconds(values[0]) > (2**62 / _S if source == "stated" else _EPOCH_S[1]):

@@ -566,6 +566,8 @@ HEADS = {  # of programs, each above the same rows
     "TwinCAT": TWINCAT + PAIRS,
     "sqlcmd": "ts  bc_pressure_bar wheel_speed_kmh\n---- ---------- --------\n"
     f"{''.join(DATED)}\n(50 rows affected)\n",
+    "logging of Python": "asctime,bc_pressure_bar,wheel_speed_kmh\n"
+    + "".join(f"{row[:19]},{row[20:22]}0,{row[23:26]},70.1\n" for row in DATED),
     "LeCroy": "LECROY,15132,Waveform\nSegment,TrigTime,TimeSinceSegment1\n"
     f"#1,24-Nov-2026 10:15:00,0\nTime [s],BC pressure [bar],wheel speed [km/h]\n{IN_COMMAS}",
     "catman": f"Zeit 1 - Rate [s];C-Druck [bar];v_Rad [km/h]\n;SN: 123;SN: 124\n{RAW}",
@@ -661,3 +663,17 @@ def test_values_that_a_historian_calls_bad_are_left_out(tmp_path: Path, text: st
     (finding,) = (f for f in source.findings if f.severity != "info")
     assert (finding.code, finding.count) == ("value-of-bad-quality", 5)
     assert (finding.spans[0][0], finding.spans[-1][1]) == (0.2, 0.28)
+
+
+def test_seconds_that_are_far_apart_may_be_milliseconds(tmp_path: Path) -> None:
+    """Unless the user states seconds, or their steps are usual for a slow log."""
+    path, rows = tmp_path / "a.csv", "".join(f"{20 * k},{k % 7}.5,70\n" for k in range(300))
+    head = "Time [s],p [bar],v [km/h]\n"
+    with pytest.raises(UserError, match="has steps of 20 s") as error:
+        numbers_of(path, head + rows)
+    for assignments, step in ((pasted(error.value.hint), 0.02), (["channels.time.unit=s"], 20.0)):
+        stated = settings.load(assignments=assignments, folder=False)
+        _, (p, _) = numbers_of(path, head + rows, stated.read)
+        assert p.t[1] - p.t[0] == step * 1e9
+    _, (p, _) = numbers_of(path, head + "".join(f"{5 * k},1.5,70\n" for k in range(300)))
+    assert p.t[1] == 5_000_000_000
