@@ -101,6 +101,10 @@ class Parser:
             "time unreadable": lines[~timed & ~missing],
         }
         numbers = {i: floats(columns[i], decimal) for i in self.indices}
+        for i in self._with_unit:
+            if pc.any(pc.not_equal(columns[i + 1], self.table.dialect.unit_beside(i))).as_py():
+                text = f"{self.table.path}: the unit beside {self.table.dialect.names[i]!r} changes"
+                raise UserError(text, "export the column in one unit")
         for i, quality in self._qualities.items():
             bad = pc.match_substring_regex(columns[quality], _BAD)
             is_bad = np.asarray(pc.fill_null(bad, False))
@@ -118,6 +122,12 @@ class Parser:
         )
 
     @property
+    def _with_unit(self) -> list[int]:
+        """The columns of numbers whose unit stands behind each, and separates no series."""
+        numeric = (i for i in self.indices if i + 1 not in self.texts)
+        return list(filter(self.table.dialect.unit_beside, numeric))
+
+    @property
     def _qualities(self) -> dict[int, int]:
         """The columns of numbers that have a column of their quality, and which."""
         columns = ((i, quality_column(self.table.dialect.names, i)) for i in self.indices)
@@ -130,8 +140,8 @@ class Parser:
             pa.ArrowInvalid: where a row has more or fewer cells than the table.
         """
         dialect, arrow = self.table.dialect, pyarrow.csv
-        qualities = self._qualities.values()
-        wanted = dict.fromkeys((*self.table.clock.columns, *self.indices, *self.texts, *qualities))
+        besides = (*self._qualities.values(), *(i + 1 for i in self._with_unit))
+        wanted = dict.fromkeys((*self.table.clock.columns, *self.indices, *self.texts, *besides))
         schema = pa.schema([(f"c{i}", pa.string()) for i in wanted])
         if not data:
             return schema.empty_table()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ...core.units import in_name, unit
-from .header_words import is_units_row, label, normal, time_name
+from .header_words import UNITS, is_named, is_units_row, label, normal, time_name
 from .number_text import is_number, number_grammar
 from .stamps import is_stamp
 
@@ -72,6 +72,14 @@ class Dialect:
         number = number_grammar(self.mark(index))
         cells = (c for c in self.column(index) if number.fullmatch(c))
         return [float(c.replace(",", ".")) for c in cells]
+
+    def unit_beside(self, index: int) -> str:
+        """The unit that each row of the head has in the column behind, "" for none."""
+        k = index + 1
+        if k >= len(self.names) or not self.headed or not is_named(self.header_cells[-1][k], UNITS):
+            return ""
+        cells = {row[k] for row in self.rows} - _NULLS
+        return cells.pop() if len(cells) == 1 and all(map(unit, cells)) else ""
 
     def repeats_header(self, cells: list[str]) -> bool:
         """Whether a row among the data is a row of the header, or the units row, once more."""

@@ -161,8 +161,8 @@ class CsvSource(Source):
                     channel += f" {name}"
                 unit = self._dialect.units[i]
                 source = "cells" if i in self._dialect.removals else self._dialect.unit_source
-                if series.unit:
-                    unit, source = series.unit, "units column"
+                if in_column := series.unit or self._dialect.unit_beside(i):
+                    unit, source = in_column, "units column"
                 unit_from = source if unit else ""
                 f = Field(channel, "", "", series.group, unit, unit_from, column=i + 1)
                 places[replace(f, signal=series.signal)] = k, i

@@ -677,3 +677,21 @@ def test_seconds_that_are_far_apart_may_be_milliseconds(tmp_path: Path) -> None:
         assert p.t[1] - p.t[0] == step * 1e9
     _, (p, _) = numbers_of(path, head + "".join(f"{5 * k},1.5,70\n" for k in range(300)))
     assert p.t[1] == 5_000_000_000
+
+
+def test_units_in_the_column_behind_hold_for_all_rows(tmp_path: Path) -> None:
+    rows = [f"{k / 50:.2f};{k % 7}00;mbar;{k % 5};m/s\n" for k in range(2_000)]
+    head = "Zeit [s];C-Druck;Einheit;v_Rad;Einheit\n"
+    source, (p, _) = numbers_of(tmp_path / "a.csv", head + "".join(rows))
+    assert [f.unit for f in source.fields] == ["mbar", "m/s"]
+    assert p.value[6] == 600.0
+    rows[1_500] = rows[1_500].replace("00;mbar", ";bar")  # as of a meter that chooses its range
+    with pytest.raises(UserError, match="the unit beside 'C-Druck' changes"):
+        numbers_of(tmp_path / "a.csv", head + "".join(rows))
+    blocks = [
+        f"{k / 50:.2f};{name};{k % 7};{symbol}\n"
+        for name, symbol in (("p", "bar"), ("v", "km/h"))
+        for k in range(700)
+    ]
+    source, _ = numbers_of(tmp_path / "a.csv", "Time;Name;Value;Unit\n" + "".join(blocks))
+    assert [(f.channel, f.unit) for f in source.fields] == [("p", "bar"), ("v", "km/h")]
