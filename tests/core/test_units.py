@@ -68,6 +68,8 @@ def test_finds_the_unit_in_a_name(name: str, base: str, unit: str) -> None:
         ("psi", 50.0, 344737.8646584181),
         ("bara", 1.01325, 0.0),
         ("kPa abs", 101.325, 0.0),
+        ("kPa absolute", 101.325, 0.0),
+        ("bar gauge", 4.0, 4e5),
         ("kPa(a)", 401.325, 3e5),
         ("km/h", 72.0, 20.0),
         ("mph", 10.0, 4.4704),

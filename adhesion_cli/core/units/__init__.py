@@ -135,10 +135,10 @@ def unit(text: str) -> Unit | None:
         return None
     if plain_unit := UNITS.get(key.strip("[](){}（）【】")) or UNITS.get(text.strip().lower()):
         return plain_unit
-    relative = re.fullmatch(r"(.*?)(?:\(g\)|\(rel\.?\)|_?rel\.?|_g)", key)
+    relative = re.fullmatch(r"(.*?)(?:\(g\)|\(rel\.?\)|_?rel\.?|_g|gauge)", key)
     if relative and (of_gauge := UNITS.get(relative[1])) and of_gauge.dimension == "pressure":
         return of_gauge
-    absolute = re.fullmatch(r"(.*?)(?:\(a\)|\(abs\.?\)|_?abs\.?|_a)", key)
+    absolute = re.fullmatch(r"(.*?)(?:\(a\)|\(abs\.?\)|_?abs(?:\.|olute)?|_a)", key)
     gauge = UNITS.get(absolute[1]) if absolute else None
     if gauge is None or gauge.dimension != "pressure":
         return _scaled(text)
