@@ -17,22 +17,22 @@ DIAMETERS = (1.0, 1.01, 0.99, 1.005)
 
 
 def findings(
-    force: float = 1.0, rail: float = 1.0, read_low: float = 1.0, late: float = 0.0, axle: int = 2
+    force: float = 1.0, rail: float = 1.0, read_low: float = 1.0, late: float = 0.0, *axles: int
 ) -> list[Finding]:
     """On a stop of four axles with a stiffness of 25 per unit of slip.
 
     Args:
-        force: of one axle, as a share of what its pressure gives.
-        rail: stiffness of its rail, as a share.
-        read_low: what its pressure sensor reads, as a share.
-        late: by how much its speed is delayed [s].
-        axle: which one.
+        force: of some axles, as a share of what their pressure gives.
+        rail: stiffness of their rail, as a share.
+        read_low: what their pressure sensors read, as a share.
+        late: by how much their speeds are delayed [s].
+        axles: which ones; the second by default.
     """
     v = np.maximum(32.0 - 0.05 * np.cumsum(0.35 * BRAKE + 0.02), 0.0)
     rng, signals = np.random.default_rng(4), {}
     for number in (1, 2, 3, 4):
         share, stiffness, reading, delay = (
-            (force, rail, read_low, late) if number == axle else (1.0, 1.0, 1.0, 0.0)
+            (force, rail, read_low, late) if number in (axles or (2,)) else (1.0, 1.0, 1.0, 0.0)
         )
         slip = 0.035 * BRAKE * share / (25.0 * stiffness)
         rim = DIAMETERS[number - 1] * np.interp(T - delay, T, v * (1.0 - slip))
@@ -47,7 +47,7 @@ def findings(
 
 @pytest.mark.parametrize("axle", [1, 3])
 def test_an_axle_that_creeps_less_brakes_less(axle: int) -> None:
-    (finding,) = findings(force=0.7, axle=axle)
+    (finding,) = findings(0.7, 1.0, 1.0, 0.0, axle)
     assert finding.channel == f"BCP {axle} [bar]"
     assert finding.values["share"] == pytest.approx(0.7, abs=finding.values["share_u95"])
     assert finding.values["share_u95"] < 0.1
@@ -62,4 +62,5 @@ def test_a_wet_rail_under_one_axle_and_a_delayed_speed_are_no_brake() -> None:
     assert not findings()
     assert not findings(rail=0.7)
     assert not findings(late=0.1)
+    assert not findings(0.7, 1.0, 1.0, 0.0, 3, 4)  # which two are right, nothing shows
     assert not findings(force=0.7, read_low=0.7)  # an axle that is braked less by design

@@ -55,9 +55,11 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         return
     brakes = np.nansum(s.grid.clamping, axis=1)
     for i, (value, sigma) in enumerate(zip(creepages.value, creepages.sigma, strict=True)):
-        usual = float(np.median(np.delete(creepages.value, i)))
-        if usual < 4.0 * creepages.common:
-            continue
+        others = np.delete(creepages.value, i)
+        usual = float(np.median(others))
+        agree = (np.abs(others - usual) < (1.0 - p.least) * usual).sum()
+        if usual < 4.0 * creepages.common or 2 * agree <= len(creepages.value):
+            continue  # no majority says what is usual
         share = float(value) / usual
         share_sigma = float(np.hypot(sigma, (1.0 - share) * creepages.common)) / usual
         u95 = Z95 * share_sigma
