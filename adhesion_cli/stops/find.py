@@ -24,6 +24,7 @@ _FASTEST_START = 2.0  # that a train reaches in a second [m/s]
 _LOCKED = 10.0  # all wheels may be locked for this long [s]
 _STOPPING_TIME = 2.0  # time before standstill whose speeds lead to it [s]
 _FEWEST = 4  # samples of a line
+_BEND_SIGMAS = 4.0  # from which the train slows less in the last second than in the one before
 _SLOWING = 0.15  # deceleration that is braking, where no brake is logged [m/s²]
 _AVERAGED = 1.0  # time over which that is a mean [s]
 
@@ -139,6 +140,25 @@ def _longest(mask: Bools) -> int:
     return max((stop - start for start, stop in true_runs(mask)), default=0)
 
 
+def _bend(t: Floats, v: Floats, later: Bools) -> tuple[float, float] | None:
+    """Slope and level of the line through the later speeds, where they surely slow less; or None.
+
+    Args:
+        t: times, shape (n,) [s].
+        v: speeds [m/s].
+        later: the later half of them.
+    """
+    lines, variances = [], []
+    for half in (~later, later):
+        line = np.polyfit(t[half], v[half], 1)
+        noise = float(np.mean((v[half] - np.polyval(line, t[half])) ** 2))
+        lines.append(line)
+        variances.append(noise / max(float(np.sum((t[half] - t[half].mean()) ** 2)), 1e-9))
+    softer = float(lines[1][0] - lines[0][0])
+    is_sure = softer > _BEND_SIGMAS * math.sqrt(sum(variances)) and lines[1][0] < -_SLOWING / 2.0
+    return (float(lines[1][0]), float(lines[1][1])) if is_sure else None
+
+
 def _standstill(speed: TimeSeries, slow: float, reading: float) -> Parameter:
     """When the train stands, and 1 sigma [s].
 
@@ -163,6 +183,9 @@ def _standstill(speed: TimeSeries, slow: float, reading: float) -> Parameter:
     slope, level = np.polyfit(t - slow, v, 1)
     if slope > -_SLOWING / 2.0:
         return usual
+    later = t >= np.median(t)
+    if later.sum() >= _FEWEST and (bend := _bend(t - slow, v, later)):  # a brake that is released
+        t, v, slope, level = t[later], v[later], *bend
     residual = v - slope * (t - slow) - level
     sigma = math.sqrt(float(np.sum(residual**2)) / max(len(t) - 2, 1)) / -slope
     moving = np.flatnonzero((ending.value > 0.0) & ((ending.t <= last_t) | (reading == 0.0)))

@@ -88,6 +88,19 @@ def test_distance_and_decelerations_are_those_of_the_train(
     assert stop.equivalent_deceleration.value == pytest.approx(a, rel=0.03 + 2.0 * a / (v0 * rate))
 
 
+@pytest.mark.parametrize("soft", [1.0, 0.5])
+def test_a_brake_that_is_released_in_the_last_metre_stops_the_train_later(soft: float) -> None:
+    x, _ = signals(20.0, 1.0)
+    t, v = x.speed
+    slows = np.interp(v, [0.55, 0.6], [soft, 1.0]) * brake_share(t)
+    v = np.maximum(20.0 - np.cumsum(slows) / 50.0, 0.0)
+    stands = float(t[np.argmax(v <= 0.0)]) - ON
+    noise = np.random.default_rng(2).normal(0.0, 0.015, len(t))
+    (stop,) = measured(x._replace(speed=TimeSeries(t, v + noise)))
+    assert stop.duration_s is not None
+    assert abs(stop.duration_s.value - stands) < min(stop.duration_s.u95, 0.15)
+
+
 def test_without_a_command_the_first_rise_is_the_command() -> None:
     x, _ = signals(command=False)
     (stop,) = measured(x)
