@@ -184,8 +184,8 @@ def _text_above(table: FirstRows, start: int) -> Header:
     data_columns = sum(n >= _DATA_SHARE * len(data) for n in filled)
     while len(names) < 4 and texts(top - 1):
         line, cells = rows[top - 1]
-        between = (text for n, text in table.lines if line < n < rows[top][0])
-        if names and any(map(is_comment, between)):
+        between = [split(x, table.delimiter) for n, x in table.lines if line < n < rows[top][0]]
+        if names and any(len(x) > 1 and any(map(is_number, x)) for x in between):
             break  # the row of another table
         if all(is_named(c, TYPES) for c in cells if c) or _is_statistics(cells):
             pass

@@ -587,6 +587,13 @@ def test_heads_and_ends_that_programs_write(tmp_path: Path, name: str) -> None:
     assert not [f for f in source.findings if f.code != "csv-missing-cells"]
 
 
+def test_a_remark_between_two_rows_of_a_header_parts_nothing(tmp_path: Path) -> None:
+    head = "Time;Axle 1;;Axle 2;\n# exported, by A; B\n[s];p [bar];v [km/h];p [bar];v [km/h]\n"
+    rows = "".join(f"{k / 50:.2f};1.5;70.5;2.5;71.5\n" for k in range(50))
+    source, _ = numbers_of(tmp_path / "a.csv", head + rows)
+    assert [f.channel[:6] for f in source.fields] == ["Axle 1", "Axle 1", "Axle 2", "Axle 2"]
+
+
 def test_rows_of_errors_are_reported(tmp_path: Path) -> None:
     text = f"t [s];p [bar];v [km/h]\n{RAW}Error;Error;Error\n"
     source, _ = numbers_of(tmp_path / "a.csv", text)
