@@ -3,13 +3,8 @@
 A sensor is stuck where its noise ends, or where it shows one value in the whole log while all other
 axles are applied and released. A pressure without noise that is stuck for a part of the log is
 found by the comparison of the axles.
-
-A pressure without noise is saturated where its rise ends sharply at the highest value, which then
-does not change, while the train decelerates more and more. A valve that ends a rise sharply ends
-that of the deceleration, too.
 """
 
-import itertools
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
@@ -25,12 +20,6 @@ from .repeats import RepeatedRuns, runs
 ABOUT = About("Stuck and saturated pressures", "the chance of equal samples of white noise")
 _SHORT_RUN = 30  # samples: so long a stretch is no noise
 _ENOUGH_SAMPLES = 20  # samples that show noise
-_HOLDS = 4.0  # so long a pressure must stay at the end of its range [s]
-_LEVELS = 0.6, 0.8, 1.0  # shares of the highest value: a cylinder fills ever more slowly
-_SHARP = 2.0  # times the first half of the rise to the top that the second one may take
-_AFTER = (0.3, 0.8), (2.0, 4.0)  # after the rise, when the decelerations are compared [s]
-_LARGER = 1.05  # than gradient and friction change a deceleration in that time
-_SURE = 4.0  # sigma
 
 
 class Params(NamedTuple):
@@ -57,10 +46,7 @@ def find_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
     faults = {}
     for key, brake in channels.items():
         if key[0] in BRAKES:
-            other_brakes = channels_of(channels, key[0], but=key)
-            stuck, saturated = standing(p, brake, other_brakes)
-            if not saturated.any():
-                saturated = _cut_off(brake, other_brakes, channels_of(channels, "wheel_speed"))
+            stuck, saturated = standing(p, brake, channels_of(channels, key[0], but=key))
             faults[key] = [
                 Fault("pressure-stuck", stuck),
                 Fault("pressure-saturated", saturated, False),
@@ -99,60 +85,6 @@ def _flat_top(p: Params, brake: Channel, equal_runs: RepeatedRuns, silent: Bools
         earlier = np.maximum(start - max(2, round((brake.rate_hz or 1.0) / 2.0)), 0)
         flat[flat] = top - x[earlier] > p.rises * top
     return flat
-
-
-def _cut_off(brake: Channel, other_brakes: Sequence[Channel], speeds: Sequence[Channel]) -> Bools:
-    """Where a pressure without noise is at the end of its range, by the deceleration (n,).
-
-    Where another brake's pressure still rises, that explains the deceleration.
-    """
-    x, equal_runs = brake.data.value, runs(brake)
-    top = float(x.max())
-    at_top = (equal_runs.value == top) & (equal_runs.seconds > _HOLDS)
-    times = [t for k in equal_runs.start[at_top] if (t := _sharp_end(brake, int(k), top))]
-    times = [t for t in times if not any(_growth_of_brake(c, t) > _LARGER for c in other_brakes)]
-    growths = np.array([g for t in times for c in speeds if (g := _growth(c, t))]).reshape(-1, 2)
-    cut_off = np.zeros(len(x), dtype=np.bool_)
-    if len(growths):
-        growth, sigma = np.median(growths, axis=0)
-        if growth - _SURE * sigma / np.sqrt(len(growths)) > 1.0 and growth > _LARGER:
-            cut_off = x == top
-    return cut_off
-
-
-def _sharp_end(brake: Channel, k: int, top: float) -> int | None:
-    """When a rise to the top ends [ns], at sample k; None where it becomes slower before."""
-    t, x = brake.data.t, brake.data.value
-    below = [int(np.flatnonzero(x[:k] < share * top)[-1:].sum()) for share in _LEVELS[:-1]]
-    edges = [*below, k]
-    first_half, second_half = (int(t[b] - t[a]) for a, b in itertools.pairwise(edges))
-    return int(t[k]) if 0 < second_half < _SHARP * first_half else None
-
-
-def _growth_of_brake(c: Channel, t_ns: int) -> float:
-    """How many times a pressure grows after a time [ns]."""
-    middles = [t_ns + 1e9 * float(np.mean(span)) for span in _AFTER]
-    earlier, later = np.interp(middles, c.data.t, c.data.value)
-    return float(later / earlier) if earlier > 0.0 else np.inf
-
-
-def _growth(speed: Channel, t_ns: int) -> tuple[float, float] | None:
-    """How many times the deceleration grows after a time [ns], and its 1 sigma; None if unknown."""
-    slopes, sigmas = [], []
-    for start, stop in _AFTER:
-        since = (speed.data.t - t_ns) / 1e9
-        inside = (since >= start) & (since <= stop)
-        if inside.sum() < 5 or not (speed.data.value[inside] > 0.0).all():
-            return None
-        line, residuals, *_ = np.polyfit(since[inside], speed.data.value[inside], 1, full=True)
-        n, width = int(inside.sum()), stop - start
-        noise = max(float(residuals[0]) / (n - 2) if len(residuals) else 0.0, speed.step**2 / 12.0)
-        slopes.append(float(line[0]))
-        sigmas.append(np.sqrt(12.0 * noise / n) / width)
-    if slopes[0] > -_SURE * sigmas[0]:
-        return None
-    growth = slopes[1] / slopes[0]
-    return growth, growth * float(np.hypot(*(s / a for s, a in zip(sigmas, slopes, strict=True))))
 
 
 def _range_ends_low(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> bool:

@@ -20,7 +20,6 @@ from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Channel, Column, Floats, Meaning, Result
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.records import stuck_pressure, stuck_speed
-from adhesion_cli.records.choose import Key
 from adhesion_cli.wsp import simulate
 
 DEFAULT = settings.load()
@@ -100,33 +99,6 @@ def test_a_saturated_pressure_is_not_a_stuck_one() -> None:
     standing = stuck_pressure.standing(PARAMS, pressure(np.minimum(p, 2e5), 25.0, 1000.0))
     assert standing.saturated.sum() > 300
     assert not standing.stuck.any()
-
-
-def filled(limit: float, valve: float = 9e5, rate: float = 50.0) -> dict[Key, Channel]:
-    """A cylinder that fills to 3.4 bar or a valve's limit, its sensor's range, and a wheel."""
-    t = np.arange(0.0, 20.0, 1.0 / rate)
-    p = np.minimum(3.4e5 * -np.expm1(-np.maximum(t - 4.0, 0.0) / 0.6), valve)
-    wheel = np.maximum(60.0 - np.cumsum(0.8e-5 * p) / rate, 0.0)
-    wheel += np.random.default_rng(5).normal(0.0, 0.02, len(t))
-    keys: list[Key] = [("pressure", 1), ("wheel_speed", 1)]
-    columns = np.round(np.minimum(p, limit), -3), wheel
-    return {
-        key: replace(pressure(x, rate, 0.0), meaning=key[0])
-        for key, x in zip(keys, columns, strict=True)
-    }
-
-
-def saturated(channels: dict[Key, Channel]) -> int:
-    faults = stuck_pressure.find_faults(PARAMS, channels)[("pressure", 1)]
-    return sum(int(f.mask.sum()) for f in faults if f.code == "pressure-saturated")
-
-
-def test_a_pressure_without_noise_is_cut_off_where_the_train_still_brakes_harder() -> None:
-    assert saturated(filled(2.5e5)) > 500
-    assert not saturated(filled(9e5))  # a cylinder that is full
-    assert not saturated(filled(9e5, valve=2.5e5))  # a valve that ends the rise
-    other = filled(9e5)[("pressure", 1)]  # goes on, and so explains the deceleration
-    assert not saturated(filled(2.5e5) | {("pressure", 2): other})
 
 
 # --- sensors that are dead all along ------------------------------------------------------------
