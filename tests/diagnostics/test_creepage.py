@@ -64,3 +64,16 @@ def test_a_wet_rail_under_one_axle_and_a_delayed_speed_are_no_brake() -> None:
     assert not findings(late=0.1)
     assert not findings(0.7, 1.0, 1.0, 0.0, 3, 4)  # which two are right, nothing shows
     assert not findings(force=0.7, read_low=0.7)  # an axle that is braked less by design
+
+
+def test_a_pressure_that_one_axle_lacks_for_a_while_does_not_stop_the_comparison() -> None:
+    rim = 3.6 * np.maximum(32.0 - 0.05 * np.cumsum(0.35 * BRAKE + 0.02), 0.0)
+    signals = {f"axle {n} [km/h]": rim for n in (1, 2, 3, 4)} | {"train speed [km/h]": rim}
+    rng = np.random.default_rng(1)
+    for n in (1, 2, 3, 4):
+        pressure = BRAKE + rng.normal(0.0, 0.02, len(T))
+        signals[f"BCP {n} [bar]"] = np.minimum(pressure, 2.5) if n == 2 else pressure
+    log = read(MemorySource(Signals(T, signals)), (), Vehicle())
+    codes = {f.code for f in prepare(log, Vehicle()).findings}
+    assert "pressure-saturated" in codes
+    assert "axle-force-suspect" not in codes  # wheels without creepage show nothing

@@ -23,6 +23,7 @@ from ..scene import Scene
 
 ABOUT = About("Creepage against the other axles", "creepage", 10)
 _FEWEST_AXLES = 3  # of two, either may be wrong
+_LEAST_CREEPAGE = 0.005  # for each µ: no rail is as stiff
 _BLOCK = 1.0  # errors of a train speed are alike within that time [s]
 
 
@@ -58,7 +59,9 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         others = np.delete(creepages.value, i)
         usual = float(np.median(others))
         agree = (np.abs(others - usual) < (1.0 - p.least) * usual).sum()
-        if usual < 4.0 * creepages.common or 2 * agree <= len(creepages.value):
+        if usual < max(4.0 * creepages.common, _LEAST_CREEPAGE) or 2 * agree <= len(
+            creepages.value
+        ):
             continue  # no majority says what is usual
         share = float(value) / usual
         share_sigma = float(np.hypot(sigma, (1.0 - share) * creepages.common)) / usual
@@ -74,12 +77,14 @@ def _creepages(s: Scene, v: Floats) -> _Creepages | None:
     g, fits = s.grid, []
     used = g.rolling.all(axis=0) & np.isfinite(g.braking) & (v > 2.0 * CRAWL)
     size = max(1, round(_BLOCK / g.step))
+    columns = []
     for a, rim, K in zip(s.axles, g.rim, g.clamping, strict=True):
         vehicle = s.vehicle.of_axle(a.record.axle)
         mu = vehicle.friction.value * K / (vehicle.axle_mass.value * G)
-        columns = np.array([v, -v * mu, g.slope(v), rim - v])
-        known = used & np.isfinite(columns).all(axis=0)
-        blocks = _means(np.where(known, columns, 0.0), known, size)
+        columns.append([v, -v * mu, g.slope(v), rim - v])
+    used &= np.isfinite(columns).all(axis=(0, 1))  # the same times of all axles
+    for of_axle in columns:
+        blocks = _means(np.where(used, of_axle, 0.0), used, size)
         if (fit := _fit(blocks[:3].T, blocks[3])) is None:
             return None
         fits.append(fit)
@@ -95,7 +100,7 @@ def _fit(A: Floats, y: Floats) -> tuple[float, float, Floats] | None:
     """k, its variance for an error of 1 m/s, and what is left [m/s]; None where not shown."""
     if len(y) < FEWEST or np.linalg.matrix_rank(A) < A.shape[1]:
         return None
-    covariance = np.linalg.inv(A.T @ A)
+    covariance = np.linalg.pinv(A.T @ A)
     x = covariance @ A.T @ y
     return float(x[1]), float(covariance[1, 1]), y - A @ x
 
