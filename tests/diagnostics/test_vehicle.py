@@ -120,6 +120,7 @@ def test_time_stamps_too_fast_are_told_by_as_much_with_a_train_speed_too(
 
 
 def test_milliseconds_taken_for_seconds_are_told_as_that(tmp_path: Path) -> None:
-    told = found(simulated.slower(clean("service-brake", 1, "as it is"), 1e3), tmp_path)
+    stated = settings.load(None, ["channels.time.unit=s"])
+    told = found(simulated.slower(clean("service-brake", 1, "as it is"), 1e3), tmp_path, stated)
     assert [(f.code, f.severity) for f in told] == [("deceleration-unit-suspect", "warning")]
     assert "ms for s" in told[0].names["candidates"]
