@@ -192,13 +192,13 @@ def _lower(f: FunctionType, lowered: dict[FunctionType, Any]) -> Any:
     return lowered[f]
 
 
-def _functions(f: FunctionType, lowered: dict[FunctionType, Any]) -> dict[str, Any]:
+def _functions(f: FunctionType, lowered: dict[FunctionType, Any]) -> dict[str, object]:
     """The plain functions that `f` names, for numba; arguments as of `_lower`."""
     named = {name: f.__globals__.get(name) for name in f.__code__.co_names}
     return {name: _lower(x, lowered) for name, x in named.items() if isinstance(x, FunctionType)}
 
 
-def _copy(f: FunctionType, functions: Mapping[str, Any], file: str) -> FunctionType:
+def _copy(f: FunctionType, functions: Mapping[str, object], file: str) -> FunctionType:
     """The function of that file which calls these functions, by name."""
     code = f.__code__.replace(co_filename=file)
     return FunctionType(code, f.__globals__ | dict(functions), f.__name__, f.__defaults__)

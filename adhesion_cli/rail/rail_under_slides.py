@@ -15,7 +15,7 @@ from ..core.physics import LONGEST_DUMP
 from ..core.signals import true_runs
 from . import fit
 from .events import Slide
-from .sliding import certain_slip, find_creep, slides
+from .sliding import find_creep, slides
 from .slope import REGIONS
 from .speed_errors import has_slow_receiver, speed_error, speed_noise
 from .wheel_calibration import calibrate_radius
@@ -175,10 +175,8 @@ class AxleContext:
     @cached_property
     def creep(self) -> list[slice]:
         """Where it creeps, as `find_creep`."""
-        record, s = self.axle.record, self.axle.slip
-        assert s is not None
-        # each point has the error of an unknown delay
-        return find_creep(record, s if record.train_speed_late is None else certain_slip(record, s))
+        assert self.axle.slip is not None
+        return find_creep(self.axle.record, self.axle.slip)
 
 
 def unknown_slip(record: AxleRecord, samples: slice, vehicle: Vehicle) -> tuple[Bools, float]:

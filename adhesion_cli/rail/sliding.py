@@ -55,7 +55,7 @@ def limited_from(axle: AxleResult, start_ns: int, end_ns: int) -> int | None:
     record, s = axle.record, axle.slip
     if s is None or record.train_speed is None:
         return None
-    runs = [x.samples for x in slides(axle)] + find_creep(record, certain_slip(record, s))
+    runs = [x.samples for x in slides(axle)] + find_creep(record, s)
     starts = [int(record.t[x.start]) for x in runs]
     return min((t for t in starts if start_ns <= t <= end_ns), default=None)
 
@@ -63,10 +63,10 @@ def limited_from(axle: AxleResult, start_ns: int, end_ns: int) -> int | None:
 def find_creep(record: AxleRecord, s: Floats) -> list[slice]:
     """Where a braked wheel has lasting slip above a rolling wheel's, in the order of time.
 
-    Args:
-        record: of the axle.
-        s: its slip, or the part of it that is certain, shape (n,).
+    Slip s has shape (n,). Its certain part counts; all of it where nothing is known of the train
+    speed's delay, which may hide a wheel at its limit.
     """
+    s = s if record.train_speed_late is None else certain_slip(record, s)
     is_creeping, runs = (s > END_SLIP) & (record.clamping_force > 0.0), []
     for segment in record.segments:
         for start, stop in signals.true_runs(is_creeping[segment]):

@@ -389,7 +389,7 @@ def test_draws_of_an_unknown_demand_reach_what_locks_a_wheel(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_guessed_demand_is_in_every_interval(
+def test_a_guessed_demand_is_in_the_intervals(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All axles are at the limit from the first moment, and slide past it 640 m later."""
@@ -397,19 +397,35 @@ def test_a_guessed_demand_is_in_every_interval(
     there = ["-o", str(tmp_path), "--json"]
     assert app(["antiskid", "slippery-stop", "--seed", "1", *there], standalone_mode=False) == 0
     true = json.loads(capsys.readouterr().out)["controllers"]
-    log = str(tmp_path / "slippery-stop.patent.antiskid.mcap")
+    log = str(tmp_path / "slippery-stop.rule.antiskid.mcap")
     assert app(["antiskid", "--from-log", log, *there], standalone_mode=False) == 3
     document = json.loads(capsys.readouterr().out)
     assert "demand-unknown" in {f["code"] for f in document["findings"]}
     assert document["dry_distance_m"] is None
+    outside = []
     for law, values in document["controllers"].items():
         assert values["extension"] is None
-        # The log is the patent's. Its own slides are replayed for the distance.
-        truth = true["patent" if law == "logged" else law]
+        # The log is the rule's. Its own slides are replayed for the distance.
+        truth = true["rule" if law == "logged" else law]
         names = {"stopping_distance_m"} if law == "logged" else values.keys() - {"extension"}
         for name in names:
             low, high = document["intervals"][law][name]
-            assert 0.98 * low <= truth[name] <= 1.02 * high, (law, name)  # 24 of 95 % each
+            if not 0.98 * low <= truth[name] <= 1.02 * high:
+                outside.append((law, name))
+    assert len(outside) <= 2, outside  # of 25 of 95 % each
+
+
+@pytest.mark.slow
+def test_slides_that_an_unknown_delay_may_hide_are_not_taken_for_grip(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The patent's law slides so little that the slip may be a delay of the train speed."""
+    there = ["-o", str(tmp_path), "--json"]
+    assert app(["antiskid", "slippery-stop", "--seed", "1", *there], standalone_mode=False) == 0
+    capsys.readouterr()
+    log = str(tmp_path / "slippery-stop.patent.antiskid.mcap")
+    with pytest.raises(UserError, match="delay of the train speed is not known, and may hide"):
+        app(["antiskid", "--from-log", log, *there], standalone_mode=False)
 
 
 @pytest.mark.parametrize(
