@@ -45,10 +45,8 @@ def summarise(
     from .stops_of_log import stops_of_result  # slow to import, and only results need it
 
     braked = brake_applications(result) if braked is None else braked
-    log, vehicle = (
-        _summarise_log(result.log, _rows_used(result)),
-        summarise_vehicle(result.identified),
-    )
+    log = _summarise_log(result.log, _rows_used(result))
+    vehicle = summarise_vehicle(result.identified)
     axles = tuple(_summarise_axle(a, braked[a.record.axle]) for a in result.axles)
     findings = tuple(map(summarise_finding, result.findings))
     stops = stops_of_result(result, braked.values())

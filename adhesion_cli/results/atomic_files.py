@@ -89,7 +89,7 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
 
 
 def refuse_url(path: Path) -> None:
-    """Refuse, by a UserError, a URL, which would become a folder with the name `s3:`."""
+    """Refuses, by a UserError, a URL, which would become a folder with the name `s3:`."""
     if url := as_url(path):
         hint = "write to a folder of this machine, and copy the results from there"
         raise UserError(f"{printable(url)}: results cannot be written to a URL", hint, code=2)

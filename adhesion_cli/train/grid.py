@@ -111,7 +111,8 @@ class Grid:
             if motor_mask[max(start - second, 0) : start].any():  # the motor releases late
                 motor_mask[start : start + 2 * second] = True
             if _GAIN < gain_before < GRADIENT:
-                downhill_sigma[edges[2 * i] : stop] = gain_before / 2.0
+                ignorance = self.gradient_sigma / GRADIENT_SIGMA  # 1 where no gradient is known
+                downhill_sigma[edges[2 * i] : stop] = ignorance * gain_before / 2.0
         return ~erode(~motor_mask, 1), downhill_sigma
 
     def _gain_beside(self, gain: Floats) -> float:

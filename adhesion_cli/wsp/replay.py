@@ -201,7 +201,10 @@ def _rails_under(
                     findings.append(
                         Finding("replay-rail-ends", "info", f"axle {number}", spans=spans)
                     )
-        elif axle.record.train_speed_late is None and sliding.limited_from(axle, begin, stop):
+        elif (
+            axle.record.train_speed_late is None
+            and sliding.limited_from(axle, begin, stop) is not None
+        ):
             text = "the delay of the train speed is not known, and may hide its slides"
             hint = "Replay a log with a brake on a dry rail, too: it shows the delay."
             refused.append((number, UserError(text, hint)))

@@ -54,3 +54,10 @@ def test_the_gradient_is_in_no_doubt_where_the_force_of_motors_is_logged() -> No
     grid = replace(grid, motors=pulls, motor_sigma=np.full(pulls.shape, 300.0))
     assert grid.has_traction
     assert not grid.downhill_sigma.any()
+
+
+def test_a_known_gradient_leaves_a_gain_to_the_motors() -> None:
+    unknown = braked(0.25, -0.02)
+    known = replace(unknown, gradient_sigma=unknown.gradient_sigma / 10.0)
+    assert at(known, known.driven, 6.0)
+    assert known.downhill_sigma == pytest.approx(unknown.downhill_sigma / 10.0)
