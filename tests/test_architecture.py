@@ -13,7 +13,7 @@ from adhesion_cli.cli.app import app
 from adhesion_cli.core.bundled import SAMPLE, folder
 
 ROOT = Path(__file__).parents[1]
-HEAVY = ["numpy", "scipy", "numba", "pyarrow", "rerun", "mcap", "rich", "matplotlib"]
+HEAVY = ["numpy", "scipy", "numba", "pyarrow", "rerun", "mcap", "rich"]
 
 
 def test_the_contracts_between_packages_hold() -> None:

@@ -75,8 +75,6 @@ def test_codes_of_findings_that_pages_name_exist() -> None:
 
 def test_every_figure_is_made_by_a_command_of_its_page() -> None:
     makes = {
-        "reproduce.svg": "adhesion reproduce",
-        "response.svg": "--response",
         "viewer.png": "adhesion view",
         "viewer-axle.png": "adhesion view",
         "viewer-slip.png": "adhesion view",

@@ -1,9 +1,7 @@
 """`adhesion estimators`: the registry, and the frequency response of its members."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..core.errors import UserError
 from .options import Shared, load_settings, option, shared
 
 if TYPE_CHECKING:
@@ -11,7 +9,7 @@ if TYPE_CHECKING:
     from ..core.estimator import Estimator
 
 
-@shared("config", "set_", "out", "algo", "axle", "json", "force")
+@shared("config", "set_", "algo", "json")
 def command(
     shared: Shared,
     response: Annotated[
@@ -22,8 +20,7 @@ def command(
 
     With method and source; each parameter as set, with unit, range and default.
 
-    --response measures the response to sines with the settings stated; writes response.svg.
-    --out, --axle and --force need --response.
+    --response measures the response to sines with the settings stated.
 
     Example: adhesion estimators --response --set neso.beta1=100
     """
@@ -33,9 +30,6 @@ def command(
     chosen, settings = choose_estimators(shared.algo), load_settings(shared)
     if response:
         return _response(chosen, settings, shared)
-    if shared.out or shared.axle or shared.force:
-        text = "--out, --axle and --force have no effect without --response"
-        raise UserError(text, "add --response, or leave them out", code=2)
     if shared.json:
         listed = [_entry(e, settings.params(e)._asdict()) for e in chosen]
         print(dumps(tagged("estimators", estimators=listed)))
@@ -73,16 +67,11 @@ def _text(e: "Estimator", values: dict[str, float]) -> str:
 def _response(chosen: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
     from ..core.document import dumps, finite, tagged
     from ..core.physics import wheelset
-    from ..results import atomic_files, charts
-    from ..studies.response import FREQUENCIES, panels, responses
+    from ..studies.response import FREQUENCIES, responses
     from . import terminal
 
-    picture = (shared.out or Path()) / "response.svg"
-    atomic_files.check([picture], shared.force)
-    w = wheelset(settings.vehicle, min(shared.axle, default=1))
+    w = wheelset(settings.vehicle, 1)
     all_responses = [r for e in chosen for r in responses(e, settings.params(e), w)]
-    with atomic_files.outputs([picture], shared.force) as (temporary,):
-        charts.write(temporary, "Frequency response of the estimators", panels(all_responses))
     if shared.json:
         listed = []
         for r in all_responses:
@@ -91,7 +80,7 @@ def _response(chosen: "list[Estimator]", settings: "Settings", shared: Shared) -
             for name in ("gain", "delay_s", "noise_gain"):
                 curves[name] = [finite(x) for x in getattr(r, name).tolist()]
             listed.append(head | curves)
-        print(dumps(tagged("response", responses=listed, outputs={"svg": str(picture)})))
+        print(dumps(tagged("response", responses=listed)))
         return 0
     for title, name, factor, digits in (
         ("Gain of the force", "gain", 1.0, 2),
@@ -104,5 +93,5 @@ def _response(chosen: "list[Estimator]", settings: "Settings", shared: Shared) -
             columns = {f"{f:g}": terminal.number(factor * x, digits) for f, x in values}
             rows.append({"method": r.algo, "A [N]": terminal.number(r.amplitude_n), **columns})
         print(f"{title} by frequency [Hz]:\n{terminal.records(rows)}\n")
-    print(f"A: amplitude of the force; - where it makes no difference.\n{terminal.wrote(picture)}")
+    print("A: amplitude of the force; - where it makes no difference.")
     return 0

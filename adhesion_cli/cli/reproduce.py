@@ -15,25 +15,24 @@ def command(shared: Shared) -> int:
     """Reproduce the paper's table and figures.
 
     They are in its sections 3 and 4. The command states the reading of the text behind each number,
-    and what another reading would give. Writes reproduce.mcap, reproduce.rrd and reproduce.svg.
+    and what another reading would give. Writes reproduce.mcap and reproduce.rrd.
 
     Example: adhesion reproduce
     """
     from ..core.document import dumps
-    from ..results import atomic_files, charts, mcap
-    from ..studies.reproduce import panels, reproduce
+    from ..results import atomic_files, mcap
+    from ..studies.reproduce import reproduce
     from .terminal import progress, wrote
 
-    paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
+    paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd")]
     check(shared, paths)
     study = reproduce(progress=progress(shared.quiet))
 
     from ..results import rrd  # slow to import: only after the checks
 
-    with atomic_files.outputs(paths, shared.force) as (record, recording, figure):
+    with atomic_files.outputs(paths, shared.force) as (record, recording):
         mcap.write_results(record, study.results, dumps(study.document))
         rrd.write_results(recording, study.results)
-        charts.write(figure, "The paper, reproduced", panels(study))
     if shared.json:
         outputs = {path.suffix[1:]: str(path) for path in paths}
         print(dumps({**study.document, "outputs": outputs}))

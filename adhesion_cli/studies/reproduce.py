@@ -20,12 +20,10 @@ from ..core import compiled
 from ..core.annotated import Json
 from ..core.document import tagged
 from ..core.estimator import registry
-from ..core.model import AxleResult, Floats, Result, Vehicle
+from ..core.model import Floats, Result, Vehicle
 from ..core.physics import wheelset
 from ..estimators import PAPER
-from ..results.charts import Line, Panel
 from ..results.log_writer import writer
-from ..results.palette import BLACK, BLUE, GREY, ORANGE, of_method
 from ..scores import metrics
 from ..wsp import simulate
 from ..wsp.scenario import Scenario, Wave
@@ -310,7 +308,7 @@ def _measure_varying(
     return {**{key: scenario_row[key] for key in ("rmse_n", "lag_s", "gain")}, "frequency": rows}
 
 
-# --- field test, files and figure ---------------------------------------------------------------
+# --- field test and files -----------------------------------------------------------------------
 
 
 def _analyze_scenario(path: Path, scenario: Scenario, settings: Settings) -> Result:
@@ -337,64 +335,3 @@ def _field_test(result: Result) -> Json:
         "rmse_share": values["rmse_n"] / mean,
         **{name: values[name] for name in ("bias_n", "lag_s", "gain")},
     }
-
-
-def panels(reproduction: Reproduction) -> list[Panel]:
-    """The counterparts of the paper's figures 2, 3, 5 and 6, and gain and lag over frequency."""
-    constant, varying, braked = (r.axles[0] for r in reproduction.results)
-    colours = {algo: of_method(algo) for algo in PUBLISHED}
-    rows = reproduction.document["conditions"]["varying"]
-
-    def forces(axle: AxleResult, end_s: float) -> list[Line]:
-        t = _since_start(axle)
-        shown = t <= end_s
-        assert axle.record.truth is not None
-        return [
-            *(Line(a, t[shown], 1e-3 * axle.estimates[a][shown], c) for a, c in colours.items()),
-            Line("true force", t[shown], 1e-3 * axle.record.truth[shown], BLACK, dashed=True),
-        ]
-
-    def over_frequency(key: str) -> list[Line]:
-        f = np.array(FREQUENCIES)
-        return [
-            Line(a, f, np.array([x[key] for x in rows[a]["frequency"]]), c)
-            for a, c in colours.items()
-        ]
-
-    t, record, reference = _since_start(braked), braked.record, braked.reference
-    assert record.pressure is not None
-    radius = reproduction.results[2].vehicle.radius(record.axle).value
-    time, force, kilonewtons = "time [s]", "adhesion force [kN]", (0.0, 8.0)
-    neso = 1e-3 * braked.estimates["neso"]
-    return [
-        Panel(
-            "Constant adhesion (Fig. 2)", time, force, forces(constant, 4.0), y_range=kilonewtons
-        ),
-        Panel("Varying adhesion (Fig. 3)", time, force, forces(varying, 10.0), y_range=kilonewtons),
-        Panel(
-            "Field test, simulated (Fig. 5)",
-            time,
-            "speed [km/h], pressure [0.1 bar]",
-            [
-                Line("wheel speed", t, 3.6 * radius * record.wheel_speed, BLUE),
-                Line("cylinder pressure", t, 1e-4 * record.pressure, ORANGE),
-            ],
-        ),
-        Panel("Varying: gain", "frequency [Hz]", "gain", over_frequency("gain"), log_x=True),
-        Panel("Varying: lag", "frequency [Hz]", "lag [s]", over_frequency("lag_s"), log_x=True),
-        Panel(
-            "Field test, simulated (Fig. 6)",
-            time,
-            force,
-            [
-                Line("reference", t, 1e-3 * reference.force, BLACK, dashed=True),
-                Line("neso", t, neso, colours["neso"]),
-                Line("neso - reference", t, neso - 1e-3 * reference.force, GREY),
-            ],
-        ),
-    ]
-
-
-def _since_start(axle: AxleResult) -> Floats:
-    seconds: Floats = (axle.record.t - axle.record.t[0]) * 1e-9
-    return seconds

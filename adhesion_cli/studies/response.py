@@ -16,8 +16,6 @@ import numpy as np
 from ..core import compiled
 from ..core.estimator import Estimator
 from ..core.model import Floats, Wheelset
-from ..results.charts import Line, Panel
-from ..results.palette import of_method
 
 FREQUENCIES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [Hz]
 AMPLITUDES = (100.0, 1000.0, 5000.0)  # A [N]
@@ -71,25 +69,6 @@ def harmonic(t: Floats, x: Floats, frequency: float) -> complex:
     columns = np.stack([np.sin(angle), np.cos(angle), np.ones_like(t), t - np.mean(t)], axis=1)
     sine, cosine, _, _ = np.linalg.solve(columns.T @ columns, columns.T @ x)
     return complex(float(sine), float(cosine))
-
-
-def panels(responses: Sequence[FrequencyResponse]) -> list[Panel]:
-    """Gain, delay and noise gain over frequency; larger amplitudes are dashed."""
-    gains = [_line(r, r.gain) for r in responses]
-    delays = [_line(r, 1e3 * r.delay_s) for r in responses]
-    noise_gains = [_line(r, r.noise_gain) for r in responses]
-    f, noise = "frequency [Hz]", "Noise of the wheel speed"
-    return [
-        Panel("Gain of the force", f, "gain", gains, log_x=True, log_y=True),
-        Panel("Delay of the force", f, "delay [ms]", delays, log_x=True),
-        Panel(noise, f, "N per rad/s", noise_gains, log_x=True, log_y=True),
-    ]
-
-
-def _line(r: FrequencyResponse, y: Floats) -> Line:
-    name = r.algo if r.amplitude_n is None else f"{r.algo} {r.amplitude_n:.0f} N"
-    dashed = r.amplitude_n not in (None, AMPLITUDES[0])
-    return Line(name, r.frequency_hz, y, of_method(r.algo), dashed=dashed)
 
 
 def _answer(est: Estimator, p: Any, w: Wheelset, f: float, A: float) -> complex:

@@ -29,7 +29,6 @@ COMMANDS = {
     "tune": ("s.csv a.csv -a leso -o {out}/b.toml", ["b.toml"]),
     "convert": ("a.csv {out}/b.mcap", ["b.mcap"]),
     "simulate": ("service-brake --dt 0.02 -o {out}/b.csv", ["b.csv"]),
-    "estimators": ("--response -a td -o {out}", ["response.svg"]),
     "antiskid": (
         "slippery-stop -o {out}",
         ["slippery-stop.antiskid.rrd", "slippery-stop.antiskid.sha256"]
@@ -41,7 +40,7 @@ COMMANDS = {
         + ["test_td.c", "Makefile", "README.md"],
     ),
     "report": ("r/a.adhesion.mcap -o {out}/b.html", ["b.html"]),
-    "reproduce": ("-o {out}", [f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg", "sha256")]),
+    "reproduce": ("-o {out}", [f"reproduce.{kind}" for kind in ("mcap", "rrd", "sha256")]),
 }
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 LONG = ("antiskid", "reproduce")
@@ -69,13 +68,9 @@ def command(name: str, out: Path, *more: str) -> list[str]:
     return [name, *COMMANDS[name][0].format(out=out).split(), *more]
 
 
-SHORTER = {"estimators": "from adhesion_cli.studies import response; response.STEP = 5e-3\n"}
-
-
 def started(folder: Path, arguments: list[str], code: str = "", **more: Any) -> Forked:
     """The command, after some code that spoils what it relies on."""
     more = {"stdout": subprocess.PIPE, **more}
-    code = SHORTER.get(arguments[0], "") + code
     return Forked(folder, arguments, code, stderr=subprocess.PIPE, **more)
 
 

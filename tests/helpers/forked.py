@@ -106,7 +106,6 @@ def _import_all() -> None:
     from adhesion_cli.analysis import analyze, settings
     from adhesion_cli.cli.app import app
     from adhesion_cli.core import bundled
-    from adhesion_cli.results import charts
 
     for module in pkgutil.walk_packages(adhesion_cli.__path__, "adhesion_cli."):
         importlib.import_module(module.name)
@@ -119,7 +118,6 @@ def _import_all() -> None:
     with tempfile.TemporaryDirectory() as folder:
         output = ["-o", f"{folder}/a.toml"]
         app(["calibrate", str(low), str(service), *output], standalone_mode=False)
-        charts.write(Path(folder) / "a.svg", "", [charts.Panel("", "", "", [])])
     gc.freeze()  # else every fork looks through all of this for garbage as it ends, 2 s long
 
 

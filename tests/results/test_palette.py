@@ -12,7 +12,6 @@ from helpers.recordings import static
 from adhesion_cli.core import estimator
 from adhesion_cli.results import palette, report, rrd
 from adhesion_cli.results.rrd import curve, parts
-from adhesion_cli.studies.response import FrequencyResponse, panels
 from adhesion_cli.wsp import controller
 
 ESTIMATORS, CONTROLLERS = estimator.registry(), controller.registry()
@@ -41,9 +40,7 @@ PICTURES = {
         *recorded(parts.REFERENCE, parts.TRUTH), *known(ESTIMATORS)
     ],
     "errors on a page": [palette.WHITE, *known(ESTIMATORS)],
-    "figures of the study": [palette.WHITE, palette.BLACK, palette.GREY, *known(ESTIMATORS)],
     "force on a page": [palette.WHITE, palette.BLACK, palette.GREEN],
-    "calibration": [palette.WHITE, palette.BLACK, palette.GREY, palette.BLUE, palette.ORANGE],
     "axles on a page": [palette.WHITE, palette.BLACK, *map(palette.nth, range(8))],
     "axles in the viewer": [*recorded(parts.TRAIN), *map(palette.nth, range(8))],
     "speeds": recorded(parts.TRAIN, parts.WHEEL),
@@ -80,13 +77,10 @@ def test_every_method_has_its_own_colour() -> None:
     assert palette.of_method("a new one") in palette._FURTHER_COLOURS
 
 
-def test_figures_and_viewer_agree(tmp_path: Path) -> None:
+def test_the_viewer_has_the_colours_of_the_methods(tmp_path: Path) -> None:
     made = result(1, 50)
     rrd.write_results(tmp_path / "a.rrd", [made])
     names, colours = (
         static(tmp_path / "a.rrd", "/axle/1/force/estimates", of) for of in ("names", "colors")
     )
-    t = made.axles[0].reference.force
-    (gain, *_) = panels([FrequencyResponse(name, None, t, t, t, t) for name in names[1:]])
-    drawn = [palette.rgba(line.colour) for line in gain.lines]
-    assert drawn == colours[1:]
+    assert [palette.rgba(palette.of_method(name)) for name in names[1:]] == colours[1:]

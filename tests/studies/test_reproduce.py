@@ -4,7 +4,6 @@ import functools
 import json
 import math
 import re
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -151,8 +150,6 @@ def test_command_writes_and_states_everything(
         assert {"rmse_n", "lag_s", "gain"} <= set(row)
     for path in document["outputs"].values():
         assert (tmp_path / path).stat().st_size > 1000
-    texts = {e.text for e in ET.parse(tmp_path / "reproduce.svg").iter()}
-    assert {"Constant adhesion (Fig. 2)", "Field test, simulated (Fig. 6)", "neso"} <= texts
     refused = run()
     assert refused.returncode == 1
     assert "--force" in refused.stderr

@@ -3,7 +3,6 @@
 import functools
 import json
 import math
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +59,7 @@ def test_harmonic_is_exact_beside_a_slope() -> None:
     assert response.harmonic(t, x, 1.0) == pytest.approx(2.0 - 0.5j)
 
 
-def test_command_shows_and_draws_the_settings_stated(tmp_path: Path) -> None:
+def test_command_shows_the_settings_stated(tmp_path: Path) -> None:
     run = functools.partial(in_process, tmp_path, "estimators", "--response")
 
     done = run("-a", "leso", "--set", "leso.beta2=2160", "--json")
@@ -69,8 +68,4 @@ def test_command_shows_and_draws_the_settings_stated(tmp_path: Path) -> None:
     exact = [abs(observer(216.0, 2160.0, f)) for f in found["frequency_hz"]]
     assert found["gain"] == pytest.approx(exact, rel=0.02)
     assert found["amplitude_n"] is None
-    tree = ET.parse(tmp_path / "response.svg")
-    assert "leso" in {e.text for e in tree.iter() if e.tag.endswith("text")}
-    refused = run("-a", "leso")
-    assert refused.returncode == 1
-    assert "--force" in refused.stderr
+    assert "Gain of the force by frequency [Hz]:" in run("-a", "leso").stdout
