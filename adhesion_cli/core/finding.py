@@ -46,8 +46,6 @@ class _NotStated:
 
 
 class _Fields(dict[str, Any]):
-    """What a template is filled with."""
-
     def __missing__(self, _: str) -> _NotStated:
         return _NotStated()
 

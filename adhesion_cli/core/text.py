@@ -86,13 +86,7 @@ def by_uncertainty(value: float, u: float, max_decimals: int = 15) -> tuple[str,
     """A value and its uncertainty, with the digits that the uncertainty allows.
 
     Two significant digits of the uncertainty are kept, and the value to the same decimal place
-    (GUM 7.2.6).
-
-    Args:
-        value: of any unit.
-        u: in the same unit.
-        max_decimals: decimals at most, where a column has little room: the uncertainty then has one
-            significant digit.
+    (GUM 7.2.6). Where `max_decimals` allow fewer, the uncertainty has one significant digit.
 
     >>> by_uncertainty(-7.398e-05, 0.00011)
     ('-0.00007', '0.00011')

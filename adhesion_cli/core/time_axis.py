@@ -179,7 +179,6 @@ def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
 def _report_order(
     report: _Report, t: Times, restarts: tuple[int, ...], is_late: Bools, ahead: Bools
 ) -> None:
-    """Reports where the clock was set back, and samples out of order."""
     # The stamp before a jump says where it is.
     before_jump = np.array(restarts[1:], dtype=np.int64) - 1
     largest_s = float((t[before_jump] - t[before_jump + 1]).max(initial=0)) / 1e9

@@ -159,7 +159,6 @@ def option(*lines: str) -> str:
 
 
 def _values(tree: Table, heading: str) -> Iterator[tuple[str, Any]]:
-    """Every value by its dotted key."""
     for name, item in tree.items():
         path = heading + re.sub("^(axle|bogie) ", r"\1", name)
         if isinstance(item, Mapping):

@@ -15,12 +15,7 @@ Checks = Mapping[str, Any]  # parameters of checks, by the check's name
 
 
 def diagnose(scene: Scene, params: Checks | None = None) -> list[Finding]:
-    """Everything that cannot be true, or hardly.
-
-    Args:
-        scene: all axles of the log that have a record, on one time axis.
-        params: of checks by name; the default's where there are none.
-    """
+    """Everything that cannot be true, or hardly; `params` are by the name of a check."""
     findings: list[Finding] = []
     groups_that_warned: set[str] = set()
     for name, check in registry().items():

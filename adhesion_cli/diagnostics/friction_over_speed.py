@@ -14,9 +14,7 @@ from ..core.physics import friction_change
 def check(stated: Vehicle, effect: SpeedEffect | None) -> Iterator[Finding]:
     """One finding, where the friction changes with the speed by more than is stated.
 
-    Args:
-        stated: vehicle. What its friction table says is not in the effect.
-        effect: as the log shows it; None where it does not.
+    What the friction table of the stated vehicle says is not in the `effect`.
     """
     if effect and friction_change(effect, stated):
         speeds = {"low_kmh": 3.6 * effect.low, "high_kmh": 3.6 * effect.high}

@@ -33,13 +33,7 @@ class Params(NamedTuple):
 
 
 def check(p: Params, channel: str, nis_by_filter: Mapping[str, Nis | None]) -> Iterator[Finding]:
-    """One finding, where the speeds of an axle contradict the model of a filter.
-
-    Args:
-        p: thresholds.
-        channel: the axle's.
-        nis_by_filter: NIS by the name of the filter.
-    """
+    """One finding, where the speeds of an axle contradict a filter, by the NIS of each filter."""
     contradicted = {
         name: x
         for name, x in nis_by_filter.items()

@@ -157,7 +157,6 @@ def _read(path: Path, kind: str, options: ReadOptions, wanted: list[int] | None)
 
 
 def _as_user_error(error: Exception, description: str, path: Path) -> UserError:
-    """What went wrong, as the user sees it."""
     if isinstance(error, MemoryError):
         size = _allowed(path.stat().st_size) / 2**30
         text = f"{path}: reading it takes more than {size:.0f} GiB of memory"

@@ -186,7 +186,6 @@ def _column(name: str, t: Times, values: ArrayLike) -> Column:
 
 
 def _arrow(table: Any) -> Any:
-    """The table as a `pyarrow.Table`."""
     import pyarrow as pa
 
     try:

@@ -44,8 +44,6 @@ class _Master(NamedTuple):
 
 
 class _ChannelPlace(NamedTuple):
-    """Where a channel is in the file."""
-
     group: int
     channel: int
 
@@ -244,7 +242,6 @@ class Reader:
         return kind in _PLAIN_CONVERSIONS[self._is_version_4]
 
     def _named(self, place: _ChannelPlace) -> NamedColumn:
-        """What the file says of a channel."""
         g, i = place
         name = self._mdf.groups[g].channels[i].name or f"channel {i + 1}"
         unit = (self._mdf.get_channel_unit(group=g, index=i) or "").strip()
@@ -299,13 +296,10 @@ def _is_date(seconds: float) -> bool:
 
 
 def _physical(signal: Any, conversions: Sequence[int]) -> tuple[Floats, NDArray[Any] | None]:
-    """The numbers of a channel, and the texts that stand for some of them, None for no text.
+    """The numbers of a channel, and the texts that stand for some of them, None for no text; (n,).
 
-    A conversion that gives a text for some values converts each value that occurs once.
-
-    Returns:
-        Numbers, NaN where a text stands; and texts, None where a number stands; or None where
-        the channel has no texts. Shape (n,).
+    A conversion that gives a text for some values converts each value that occurs once. A number is
+    NaN where a text stands, a text None where a number stands.
     """
     raw, conversion = signal.samples, signal.conversion
     has_texts = conversion is not None and conversion.conversion_type in conversions

@@ -297,7 +297,6 @@ class Reader:
         return t, ok
 
     def _numbers(self, axis: _Columns, rows: int | None = None) -> tuple[Times, Bools]:
-        """The times as the numbers say, and which of them hold."""
         return axis.clock.nanoseconds(
             [_cells(self._file[axis.group][name][:rows]) for name in axis.names]
         )
@@ -312,7 +311,6 @@ class Reader:
         return f"byte {end_row}: no segment begins there" if is_cut_off else ""
 
     def _reason(self, start: int) -> str:
-        """Which time was taken, for people."""
         axes = dict.fromkeys(axis for _, axis in self._channels)
         by_columns = [axis.clock.reason for axis in axes if isinstance(axis, _Columns)]
         waves = "start and increment of each channel" + (" (UTC)" if start else "; no start stated")
@@ -320,7 +318,6 @@ class Reader:
         return "; ".join(dict.fromkeys(descriptions))
 
     def _named(self, pair: tuple[Any, _Axis]) -> NamedColumn:
-        """What the file says of a channel."""
         channel, axis = pair
         axes = list(dict.fromkeys((c.group_name, axis) for c, axis in self._channels))
         folder = f"{axes.index((channel.group_name, axis))} {channel.group_name}"
@@ -364,9 +361,7 @@ _Changes = list[tuple[dict[str, int], dict[str, _Properties]]]
 def _open_file(path: Path) -> tuple[Any, _Changes]:
     """The file, and the properties of each segment; the library keeps the last of each.
 
-    Returns:
-        The file; for each segment with properties the samples that each channel has before it, and
-        the properties by the path of what has them.
+    A segment with properties has the samples that each channel has before it.
     """
     from nptdms import tdms
 
@@ -525,7 +520,6 @@ def _may_be_time(channel: Any, by_default: bool) -> bool:
 
 
 def _array(values: Any) -> Any:
-    """Values of a channel as an Arrow array; stamps with their zone."""
     names = values.dtype.names or ()
     if "second_fractions" in names:
         stamps = _stamps(np.asarray(values["seconds"]), np.asarray(values["second_fractions"]))
@@ -539,6 +533,5 @@ def _cells(values: Any) -> Any:
 
 
 def _unit(channel: Any) -> str:
-    """The unit that a channel's properties state, "" for none."""
     texts: Iterator[str] = (str(channel.properties.get(name, "")).strip() for name in _UNITS)
     return next((unit for unit in texts if unit), "")

@@ -32,13 +32,8 @@ def find_applications(
 ) -> tuple[BrakeApplication, ...]:
     """The brake applications of an axle, in the order of time.
 
-    Args:
-        axle: with its slip, where the log has a train speed.
-        vehicle: for the coefficient and its tolerance.
-        start_ns: the log's start, from which times count [ns].
-        route: where the train was.
-        limits: from when on a standing wheel is locked.
-        peak_time: the highest force is a mean over this time [s].
+    Times count from `start_ns`, the log's start [ns]. `limits` say from when on a standing wheel is
+    locked. The highest force is a mean over `peak_time` [s].
     """
     slides, merged = sliding.slides(axle), rail_under_slides.braked_pieces(axle)
     context = rail_under_slides.AxleContext(axle, vehicle)
@@ -158,14 +153,8 @@ def _measured(
 ) -> tuple[MeanAndHighest, MeanAndHighest, tuple[Contribution, ...], Coverage] | None:
     """Force [N], µ and budget of an application; None where the reference has no value.
 
-    Nor has it an interval where the pressure is at the end of its sensor's range.
-
-    Args:
-        axle: with its reference.
-        vehicle: with its tolerances.
-        pieces: of the application in which the wheel turns.
-        contributions: what each parameter adds, from `budget.contributions_by_parameter`.
-        peak_time: the highest force is a mean over this time [s].
+    Nor has it an interval where the pressure is at the end of its sensor's range. `pieces` are
+    those in which the wheel turns.
     """
     ref, finite_pieces = axle.reference, []
     if ref.saturated is not None and any(ref.saturated[piece].any() for piece in pieces):
@@ -196,14 +185,7 @@ def _mean(t: Times, x: Floats, pieces: Sequence[NDArray[np.int64]]) -> float:
 def _coefficient(
     force: MeanAndHighest, vehicle: Vehicle, mean_mass: float, highest_mass: float
 ) -> MeanAndHighest:
-    """A force over the weight of the axle.
-
-    Args:
-        force: of an application [N].
-        vehicle: with the mass.
-        mean_mass: covariance of the mean force with ln m [N].
-        highest_mass: that of the highest force [N].
-    """
+    """A force [N] over the weight of the axle; the masses are the forces' covariances with ln m."""
     assert force.max is not None
     weight = vehicle.axle_mass.value * physics.G
     mean_u95 = budget.coefficient_u95(force.mean_u95, force.mean, vehicle, mean_mass)

@@ -71,13 +71,8 @@ class Contact:
 def creep_force(sliding: float, speed: float, rail: Condition, patch: Patch) -> tuple[float, float]:
     """Longitudinal adhesion force of a wheelset and its slope.
 
-    Creepage counts from `CREEP_FROM` up, so that force and slope exist at every speed.
-
-    Args:
-        sliding: v − ωR [m/s], positive when braking.
-        speed: v [m/s].
-        rail: rail condition.
-        patch: contact constants.
+    Creepage counts from `CREEP_FROM` up, so that force and slope exist at every speed. `sliding` is
+    v − ωR [m/s], positive when braking, `speed` v [m/s].
 
     Returns:
         F [N], odd in `sliding`, and ∂F/∂sliding [N s/m] at constant speed (with lateral creep, at

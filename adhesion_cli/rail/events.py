@@ -51,15 +51,9 @@ def slides(  # noqa: PLR0913 (one column each)
 ) -> Iterator[Slide]:
     """Slides in a segment, in the order of time.
 
-    Args:
-        segment: of the columns, all of shape (n,).
-        t: [ns].
-        v: train speed [m/s].
-        s: slip [-].
-        certain_slip: slip minus its possible error.
-        F: adhesion force [N].
-        is_lower_bound: as in `Slide`.
-        noise: of slip; a slide must exceed it (n,).
+    All columns have shape (n,): times [ns], train speed [m/s], slip, slip minus its possible error,
+    adhesion force [N]; and `noise` of slip, which a slide must exceed. `is_lower_bound` is as in
+    `Slide`.
     """
     for start, stop in true_runs(certain_slip[segment] > END_SLIP):
         samples = slice(segment.start + start, segment.start + stop)
@@ -111,12 +105,7 @@ def axle_events(
 ) -> tuple[Event, ...]:
     """Slides, and changes of region that last; in the order of time.
 
-    Args:
-        axle: its number.
-        slides: its slides.
-        segments: of `t` and `code`.
-        t: [ns], shape (n,).
-        code: index into `slope.REGION_TITLES`, shape (n,).
+    `segments` are of `t` [ns] and `code`, the index into `slope.REGION_TITLES`, both of shape (n,).
     """
     name = f"axle {axle}"
     events = [

@@ -303,12 +303,8 @@ def fit(
 ) -> RailFit | None:
     """The rail under the points; None where they last less than `SHORTEST_FIT` or nothing fits.
 
-    Args:
-        points: of slides and between them, without NaN.
-        vehicle: for the load; the contact is `creep_law.Contact`'s.
-        radius_error: 1 sigma of wheel radius over train speed, as a share of it.
-        mu_error: 1 sigma of μ's scale over μ.
-        draws: how many; an interval of few is rougher.
+    The points are of slides and between them, without NaN. The errors are 1 sigma: of wheel radius
+    over train speed, and of μ's scale, as shares. An interval of few `draws` is rougher.
     """
     seconds = clear_time(points)
     if seconds < SHORTEST_FIT:
@@ -359,7 +355,6 @@ def _best(search: "_FitSearch") -> "tuple[_Optimum, float] | None":
 
 
 def _largest_mu(p: Points) -> float:
-    """The largest μ, but for outliers."""
     return max(float(np.quantile(np.abs(p.mu), 0.9)), 1e-6)
 
 
@@ -471,8 +466,6 @@ def _utilisation(
 
 
 class _Optimum(NamedTuple):
-    """The best curve of a search."""
-
     x: Floats  # the unknowns, shape (unknowns,)
     residuals: Floats  # residuals, in sigma, shape (n,)
     likely: float  # log evidence of the points on such curves, but for a constant
@@ -510,12 +503,7 @@ class _LocalSearch:
     """Searches from one start: what all of them need there is computed once.
 
     The curve at the start turns noise of slip into noise of μ. New weights at each iteration would
-    favour steep and bent curves.
-
-    Args:
-        search: among which curves.
-        sigma: 1 sigma of μ.
-        start: the unknowns, shape (unknowns,).
+    favour steep and bent curves. `sigma` is that of μ, the start has shape (unknowns,).
     """
 
     def __init__(self, search: _FitSearch, sigma: float, start: Floats) -> None:
@@ -548,12 +536,7 @@ class _LocalSearch:
         return slopes
 
     def solve(self, prior_mean: Floats, added: Floats | float) -> tuple[Floats, Floats]:
-        """The unknowns of the best curve, and the errors there.
-
-        Args:
-            prior_mean: centre of the prior, shape (unknowns,).
-            added: errors added to the residuals, in sigma.
-        """
+        """The unknowns of the best curve, and the errors there; `added` are errors in sigma."""
         from scipy.optimize import leastsq
 
         _, _, prior_sigma, weight = self._search
@@ -589,8 +572,7 @@ class _LocalSearch:
     def shifts(self, error_draws: Floats) -> Floats:
         """By how much errors of μ move the unknowns, to first order; shape (draws, unknowns).
 
-        Args:
-            error_draws: errors of `Points.common_errors`, in sigma, shape (draws, errors).
+        The draws are of errors of `Points.common_errors`, in sigma, shape (draws, errors).
         """
         errors = self._search.weight * (self._search.setup.p.common_errors @ error_draws.T)
         stacked = np.zeros((self._first_slopes.shape[1], len(error_draws)))
@@ -599,7 +581,6 @@ class _LocalSearch:
 
 
 def _search(setup: Setup) -> _FitSearch:
-    """The search among curves (3)."""
     size = len(_PRIOR_SIGMA) + 2
     prior_mean, prior_sigma = np.zeros(size), np.ones(size)
     prior_mean[:_RADIUS], prior_sigma[:_RADIUS] = _encode(_PRIOR_RAIL), _PRIOR_SIGMA

@@ -49,13 +49,10 @@ def is_known(coefficient: float, u95: float) -> bool:
 def highest_mean(
     t: Times, reference: Reference, pieces: Sequence[NDArray[np.int64]], peak_time: float
 ) -> HighestMean:
-    """The highest mean force over `peak_time`, with its band.
+    """The highest mean force over `peak_time` [s], with its band.
 
-    Args:
-        t: of the reference (n,) [ns].
-        reference: the force.
-        pieces: the samples to search, each in the order of time and without NaN.
-        peak_time: [s]. Where samples are further apart than half of it, each is taken as it is.
+    Each of `pieces` is in the order of time and without NaN. Where samples are further apart than
+    half of that time, each is taken as it is.
     """
     windows = [_windows(t[i], reference.rows(i), peak_time) for i in pieces]
     mean, sigma, tolerance, mass = (np.concatenate(column) for column in zip(*windows, strict=True))
@@ -71,15 +68,9 @@ def highest_mean(
 
 
 def _windows(t: Times, r: Reference, peak_time: float) -> tuple[Floats, ...]:
-    """The highest window of each `peak_time`.
+    """The highest window of each `peak_time` [s], at times `t` [ns].
 
-    Args:
-        t: (n,) [ns].
-        r: the force at these times.
-        peak_time: [s].
-
-    Returns:
-        Mean force, its sigma by noise and by tolerances, and its covariance with ln m, (k,) [N].
+    Mean force, its sigma by noise and by tolerances, and its covariance with ln m [N]; (k,).
     """
     seconds = (t - t[0]) * 1e-9
     mean, sigma, interval = r.force, r.sigma, float(np.median(np.diff(seconds)))

@@ -29,11 +29,7 @@ class Lock(NamedTuple):
 def find_locks(t: Floats, v: Floats, rim: Floats, limits: LockLimits) -> list[Lock]:
     """The locks of a wheel, in the order of time.
 
-    Args:
-        t: time [s], shape (n,), as the others.
-        v: train speed [m/s]; NaN where it is not known.
-        rim: speed of the wheel's rim [m/s]; NaN where it is not known.
-        limits: what counts.
+    Times [s], speeds of train and rim [m/s] have shape (n,); a speed is NaN where it is not known.
     """
     locks = []
     with np.errstate(invalid="ignore"):
@@ -45,12 +41,9 @@ def find_locks(t: Floats, v: Floats, rim: Floats, limits: LockLimits) -> list[Lo
 
 
 def locks_of_axle(record: AxleRecord, radius: float, limits: LockLimits) -> list[Lock]:
-    """The locks of an axle; none reaches across its segments, none is an error of the train speed.
+    """The locks of an axle, whose wheels have a radius [m].
 
-    Args:
-        record: of the axle.
-        radius: of its wheels [m].
-        limits: what counts.
+    None reaches across its segments, none is an error of the train speed.
     """
     if record.train_speed is None:
         return []

@@ -135,9 +135,7 @@ def _differ(a: ApplicationSlides, b: ApplicationSlides, vehicle: Vehicle) -> boo
 class AxleContext:
     """What a fit needs of the whole axle, computed once for all its brake applications.
 
-    Args:
-        axle: with its slip and a train speed, before anything is asked for.
-        vehicle: for μ and the wheel radius.
+    The axle has its slip and a train speed before anything is asked for.
     """
 
     def __init__(self, axle: AxleResult, vehicle: Vehicle) -> None:
@@ -180,16 +178,7 @@ class AxleContext:
 
 
 def unknown_slip(record: AxleRecord, samples: slice, vehicle: Vehicle) -> tuple[Bools, float]:
-    """Where the wheel turns and the train speed is not known, and for how long [s].
-
-    Args:
-        record: the axle's record.
-        samples: a brake application.
-        vehicle: for the radius.
-
-    Returns:
-        A mask of the brake application, shape (m,), and its time.
-    """
+    """Where the wheel turns and the train speed is not known, (m,), and for how long [s]."""
     mask: Bools = record.wheel_speed[samples] * vehicle.radius(record.axle).value > physics.CRAWL
     if record.train_speed is not None:
         mask &= ~np.isfinite(record.train_speed[samples])

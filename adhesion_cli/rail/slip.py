@@ -59,14 +59,8 @@ def observe_slip(
 ) -> tuple[AxleResult, list[Finding]]:
     """The result of an axle with a train speed, with its slip, slope, regions and their events.
 
-    Noise of either speed, over v, raises the excitation that a slope needs.
-
-    Args:
-        axle: as far as it is computed.
-        vehicle: for μ and the wheel radius.
-        slowest: no slip below this train speed [m/s].
-        p: of the slope.
-        bands: of the AND-test.
+    Noise of either speed, over v, raises the excitation that a slope needs. There is no slip below
+    the `slowest` train speed [m/s].
     """
     record = axle.record
     assert record.train_speed is not None

@@ -30,14 +30,7 @@ def add_slides(
     applications: Sequence[Sequence[BrakeApplication]],
     limits: LockLimits,
 ) -> StopSummary:
-    """A stop with what the slides of each axle show.
-
-    Args:
-        stop: with its axles.
-        result: the analysed log.
-        applications: the brake applications of each axle of the result.
-        limits: from when on a standing wheel is locked.
-    """
+    """A stop with what the slides of each axle show, by the brake applications of each axle."""
     rows = {row.axle: row for row in stop.axles}
     for axle, of_axle in zip(result.axles, applications, strict=True):
         row = rows.get(axle.record.axle)
@@ -52,8 +45,6 @@ def add_slides(
 
 
 class _SlidesOfAxle(NamedTuple):
-    """An axle of a stop, and its brake applications with slides."""
-
     t: Floats  # of its record, after the log's start [s]
     span: tuple[float, float]  # of the stop [s]
     axle: AxleResult
@@ -62,7 +53,6 @@ class _SlidesOfAxle(NamedTuple):
 
 
 def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> AxleStop:
-    """An axle of a stop with largest slip, initial adhesion, energies of its slides."""
     t, (begin, end), axle, vehicle, applications = slides
     record, radius = axle.record, vehicle.radius(axle.record.axle).value
     assert record.train_speed is not None  # there is no slide without

@@ -26,11 +26,8 @@ def _of_rounded(runs: Sequence[tuple[Floats, Floats]], step: float) -> tuple[flo
     """The ratio of rounded train speeds to a wheel's by least squares, and its 1 sigma.
 
     Rounding errs by as much at each speed. Readings of one level all have one error; over n levels
-    that a train coasts through, the mean of the errors is n times smaller.
-
-    Args:
-        runs: of coasting: train speed and rim speed, each of shape (n,), [m/s].
-        step: to which the train speed is rounded [m/s].
+    that a train coasts through, the mean of the errors is n times smaller. A run of coasting is
+    train speed and rim speed; these and the step of rounding are in m/s.
     """
     squares, error = sum(float(rim @ rim) for _, rim in runs), step / math.sqrt(12.0)
     ratio = sum(float(v @ rim) for v, rim in runs) / squares
@@ -143,15 +140,8 @@ def with_reference_speed(
 ) -> tuple[list[AxleRecord], list[Finding]]:
     """Records without a train speed get one estimated from all axles: `physics.reference_speed`.
 
-    Where the vehicle is not known, the fastest axle is the train: slides of all axles together
+    Where the vehicle is not `known`, the fastest axle is the train: slides of all axles together
     cannot be told from a hard brake.
-
-    Args:
-        records: the axles that need it.
-        all_records: all axles of the log.
-        vehicle: for the brake's deceleration, and the radii.
-        start_ns: the log's start.
-        known: whether the vehicle is.
     """
     if any((np.diff(r.t) <= 0).any() for r in all_records):
         return list(records), [Finding("no-train-speed", "warning")]

@@ -208,8 +208,6 @@ class _Signal(NamedTuple):
 
 
 class _Pieces(NamedTuple):
-    """Stretches between large changes, shape (k,)."""
-
     start: NDArray[np.int64]
     stop: NDArray[np.int64]
     weight: Floats  # how much each tells of the true signal

@@ -145,7 +145,6 @@ def _interpolated(speed: Channel, channel: Channel) -> Floats:
 def _report_gaps(
     speed: Channel, brake: Channel, stale: Bools, too_short: Bools, view: View
 ) -> list[Finding]:
-    """What is reported of samples without a recent pressure, and of segments that are too short."""
     t, quantity = speed.data.t, str(brake.meaning).replace("_", " ")
     recorded = (t >= brake.data.t.min()) & (t <= brake.data.t.max())
     return [

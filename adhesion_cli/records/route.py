@@ -171,7 +171,6 @@ def check_route(log: Log, vehicle: Vehicle) -> list[Finding]:
 def _logged(
     columns: Mapping[Meaning, Column], speed: Column | None
 ) -> Iterator[tuple[Meaning, Trace]]:
-    """Every trace of the places that a log has, by meaning."""
     for meaning in _ALONG:
         t, value = _usable_samples(columns.get(meaning))
         if len(t) > 1:
@@ -204,7 +203,6 @@ def _contradiction(trace: Trace, title: str, speed: Column, share: float) -> lis
 
 
 def _channels(log: Log) -> dict[Meaning, Channel]:
-    """The channels of places, the first one of each meaning."""
     by_meaning: dict[Meaning, Channel] = {}
     for c in log.channels:
         if c.meaning in PLACES and len(c.data.t):

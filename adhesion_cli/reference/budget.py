@@ -96,7 +96,6 @@ def mean_budget(
 
 
 def _quantity(name: str, record: AxleRecord, vehicle: Vehicle) -> Parameter:
-    """What a row is about: a parameter of the vehicle, or the zero of the pressure."""
     if name == ZERO:
         return record.pressure_zero
     parameter: Parameter = getattr(vehicle, name)

@@ -182,7 +182,6 @@ def slowing_shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
 
 
 def _share(vehicle: Vehicle, name: str) -> float:
-    """The tolerance of a parameter as a share of it."""
     p: Parameter = getattr(vehicle, name)
     return p.tolerance / p.value
 
@@ -222,7 +221,6 @@ def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:
 def _vehicle(
     v: Vehicle, brake_point: MeanBrake, prior: dict[int, Parameter], posterior: solve.Posterior
 ) -> tuple[Vehicle, dict[str, CalibratedParameter], Floats]:
-    """The calibrated vehicle, the table, and the correlation of its rows."""
     n, shares = len(model.UNITS), slowing_shares(v, brake_point.by_wheels)
     mass, inertia = ({name: _share(v, name)} for name in ("axle_mass", "wheelset_inertia"))
     errors = (brake_shares(v), mass, inertia)

@@ -197,15 +197,9 @@ def contributions(
     """By how much each tolerance moves F = φK + I ω̇/R, first order [N]; (n,) each.
 
     Every parameter varies on its own, at measured ω and p, or K if the log has K. A speed logged in
-    m/s or km/h is ωR, and the reader has divided it by R: an error of R counts twice there.
-
-    Args:
-        record: what its sensors measure.
-        vehicle: with tolerances.
-        K: clamping force of the friction brake, with the friction's change over speed (n,) [N].
-        dw: ω̇ (n,) [rad/s²].
-        speed: ωR (n,) [m/s].
-        earlier: K before the lag of the pads, from `before_lag`; None where K is steady.
+    m/s or km/h is ωR, and the reader has divided it by R: an error of R counts twice there. `K` is
+    that of the friction brake, with the friction's change over speed; `earlier` that before the lag
+    of the pads, from `before_lag`, None where K is steady. `speed` is ωR [m/s].
     """
     R, inertia, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction
     fade, speed_difference = vehicle.friction_fade, speed - vehicle.friction_speed.value
@@ -344,8 +338,6 @@ def _misfit(run: smoother.UnbrokenRun, rate: Floats) -> Floats:
 
 
 class _Judged(NamedTuple):
-    """By what the innovations are judged."""
-
     runs: list[smoother.UnbrokenRun]
     noise: smoother.MeasurementNoise
 
@@ -467,7 +459,6 @@ def _rolling_run(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> smo
 
 
 def _inputs(t: Floats, K: Floats, w: Wheelset) -> dict[str, Floats]:
-    """The columns of a run that K gives."""
     u = -rolling_deceleration(w) * K
     bend = np.diff(t, prepend=0.0) * largest_bend(u) / 8.0  # as by a kink in u half way
     return {"u": u, "s": w.a * w.phi * w.rolling * K, "input_variance": bend**2}

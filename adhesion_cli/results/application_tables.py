@@ -118,7 +118,6 @@ def _of_doubt(logs: Sequence[_NamedLog]) -> str:
 
 
 def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
-    """A row per stop of each log; of many the worst ones, these first."""
     stops = [(log, stop) for log in logs for stop in find_stops(log.axles)]
     shown_stops, lead = stops, ""
     has_slides = any(a.slides for _, stop in stops for a in stop.applications)
@@ -139,7 +138,6 @@ def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
 
 
 def _by_application(logs: Sequence[_NamedLog]) -> list[TitledTable]:
-    """Brake applications of every axle, then those with slides."""
     keyed = [
         (log, str(axle.axle), a) for log in logs for axle in log.axles for a in axle.applications
     ]
@@ -155,7 +153,6 @@ def _by_application(logs: Sequence[_NamedLog]) -> list[TitledTable]:
 
 
 def _named(name: str) -> dict[str, str]:
-    """The column of the log, if there are several."""
     return {"log": name} if name else {}
 
 

@@ -94,7 +94,6 @@ def _flat(properties: Json) -> Json:
 
 
 def _point(place: StopSummary | SlideSummary, properties: Json) -> list[Json]:
-    """A point, none where the place is not known."""
     if place.latitude is None or place.longitude is None:
         return []
     other_properties = {k: v for k, v in properties.items() if k not in ("latitude", "longitude")}

@@ -219,7 +219,6 @@ class GrowingResult:
         self._container.metadata(names.PROVENANCE, origin)
 
     def _define(self, samples: Mapping[int, Samples]) -> None:
-        """Adds the topics of axles that are new."""
         if not samples.keys() - self._nothing.keys():
             return
         self._nothing |= {n: x.rows(slice(0)) for n, x in samples.items() if n not in self._nothing}
@@ -399,7 +398,6 @@ def _stop_events(stop: Stop, i: int) -> Iterator[LogEvent]:
 
 
 def _events(events: Iterable[LogEvent], prefix: str) -> list[_Stream]:
-    """The topic of events, or nothing if there are none."""
     ordered, event = sorted(events, key=lambda e: e.t), descriptors.message("Event")
     if not ordered:
         return []
@@ -502,7 +500,6 @@ def _begun(
 
 
 def _schemas(streams: Sequence[_Stream]) -> list[str]:
-    """The messages, in the order of their schema ids from 1."""
     return sorted({s.message for s in streams})
 
 

@@ -189,7 +189,6 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
 
 
 def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
-    """The stops of a series, numbered, each with its log and group."""
     has_logs = len({s.log for s in stops}) > 1
     rows = [
         {"stop": str(i)}
@@ -241,7 +240,6 @@ def _describe_slides(stop: StopSummary) -> str:
 
 
 def _group_rows(groups: Sequence[Group]) -> list[dict[str, str]]:
-    """The statistics of each group and quantity; a group of one stop has none."""
     rows = []
     for group in groups:
         if group.n == 1:
@@ -270,7 +268,6 @@ def _uncertainty(x: float | None) -> str:
 
 
 def _difference_rows(differences: Sequence[GroupDifference]) -> list[dict[str, str]]:
-    """What a group has more than another."""
     rows = []
     for x in differences:
         name, factor = _named(x.quantity)
@@ -325,7 +322,6 @@ def _describe_wsp(x: WspSummary) -> str:
 
 
 def _wsp_table(x: WspSummary) -> TitledTable:
-    """The axles in the wet stops, and what stands below them."""
     rows = _wsp_rows(x)
     notes = [_OF_WSP, describe_not_known(rows)] if rows else []
     return TitledTable(_WSP, rows, 1, "\n".join([_describe_wsp(x), *filter(None, notes)]))
@@ -362,7 +358,6 @@ def _initial(a: AxleStop) -> str:
 
 
 def _bands(a: AxleStop) -> dict[str, str]:
-    """The slip histogram: share of the time in each band, the first with its uncertainty."""
     shares = [number(100.0 * x, 0) for x in a.slip_bands or ()] or [DASH] * len(SLIP_BANDS)
     if a.slip_bands and a.rolling_u95 is not None:
         shares[0] = with_u95((a.slip_bands[0], max(a.rolling_u95, 0.01)), 100.0)
@@ -374,7 +369,6 @@ def _bands(a: AxleStop) -> dict[str, str]:
 
 
 def _braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
-    """The braked weight percentage of each stop whose nominal speed has constants."""
     rows = []
     for i, s in enumerate(stops, 1):
         level = s.measured("corrected_distance_m")

@@ -268,11 +268,8 @@ def _blocks(
 ) -> tuple[Floats, Floats]:
     """Of each stretch of `_BLOCK`: mean square error, and what the target's noise does to it.
 
-    Args:
-        record: the axle's record.
-        error: estimate less target (n,) [N].
-        noise: 1 sigma of the target (n,) [N], with errors that are alike within a stretch.
-        applications: in which errors count.
+    `error` is estimate less target, `noise` 1 sigma of the target, with errors that are alike
+    within a stretch; both (n,) [N]. Errors count in the applications.
     """
     squares, doubts = [], []
     for s in applications:

@@ -80,13 +80,7 @@ def _rolling_u95(t: Floats, v: Floats, slips: Floats, delay_sigma: float) -> flo
     """Expanded uncertainty of the share of the time in the first band [-].
 
     Noise of the speeds moves a slip over the limit of the band, and a train speed with a delay
-    moves all of them. Both are larger the slower the train is.
-
-    Args:
-        t: times [s].
-        v: speed of the train [m/s].
-        slips: of the wheel [-].
-        delay_sigma: standard uncertainty of the delay of the train speed [s].
+    moves all of them. Both are larger the slower the train is. `delay_sigma` is in s.
     """
     noise = robust_sigma((slips - median_of_five(slips)) * v)
     slowing = abs(float(v[0] - v[-1])) / max(float(t[-1] - t[0]), 1e-9)

@@ -80,7 +80,6 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
 
 
 def _has_speed(speed: TimeSeries, t: Floats) -> Bools:
-    """Where the speed has a sample nearby."""
     finite = speed.t[np.isfinite(speed.value)]
     place = np.clip(np.searchsorted(finite, t), 1, len(finite) - 1)
     usual = float(np.median(np.diff(finite)))
@@ -104,7 +103,6 @@ def _applied(signals: StopSignals, t: Floats) -> Bools:
 
 
 def _slows(v: Floats) -> Bools:
-    """Where the train slows as by a brake."""
     half_width = max(1, round(_AVERAGED / STEP / 2.0))
     slope = np.zeros(len(v))
     slope[half_width:-half_width] = (v[2 * half_width :] - v[: -2 * half_width]) / (
@@ -141,13 +139,7 @@ def _longest(mask: Bools) -> int:
 
 
 def _bend(t: Floats, v: Floats, later: Bools) -> tuple[float, float] | None:
-    """Slope and level of the line through the later speeds, where they surely slow less; or None.
-
-    Args:
-        t: times, shape (n,) [s].
-        v: speeds [m/s].
-        later: the later half of them.
-    """
+    """Slope and level of the line through the later speeds; None unless they surely slow less."""
     lines, variances = [], []
     for half in (~later, later):
         line = np.polyfit(t[half], v[half], 1)
@@ -163,12 +155,8 @@ def _standstill(speed: TimeSeries, slow: float, reading: float) -> Parameter:
     """When the train stands, and 1 sigma [s].
 
     The line through the last speeds crosses zero there: sensors read zero too early, and noise
-    crosses any threshold too early.
-
-    Args:
-        speed: of the train.
-        slow: when it is slower than `STANDING` [s].
-        reading: between its readings, from the last of which to zero a line is no speed [s].
+    crosses any threshold too early. It is `slow` when slower than `STANDING`. From the last reading
+    to zero, `reading` seconds, a line is no speed.
     """
     ending = speed.cut(slow - _STOPPING_TIME, slow + 1.0)
     zero = ending.t[ending.value <= 0.0]

@@ -59,14 +59,7 @@ class _Values(NamedTuple):
 def measure_stop(
     signals: StopSignals, braking: Braking, to_level: ToLevel, settings: StopSettings
 ) -> StopSummary:
-    """The figures of one braking.
-
-    Args:
-        signals: of the log.
-        braking: from `find_brakings`.
-        to_level: gradient of the line, and inertia.
-        settings: how.
-    """
+    """The figures of one braking."""
     command, command_u, source = find_command(signals, braking)
     if source == "pressure":
         command -= settings.dead_time
@@ -154,11 +147,7 @@ def _drop(reservoir: TimeSeries | None, start: float, stop: float) -> float | No
 class _Figures:
     """All quantities of a stop, and how each source of error changes them.
 
-    Args:
-        values: what is measured itself.
-        errors: the values changed by one standard uncertainty, by the source.
-        nominal: speed [km/h].
-        to_level: gradient of the line, and inertia.
+    `errors` are the values changed by one standard uncertainty, by the source.
     """
 
     def __init__(
@@ -202,8 +191,6 @@ _COMMON = (
 
 
 class _Sigmas(NamedTuple):
-    """Standard uncertainties of one stop."""
-
     speed: float  # noise of one sample [m/s]
     interval: float  # between samples of the speed [s]
     command: float  # of the command time [s]
@@ -215,7 +202,6 @@ class _Sigmas(NamedTuple):
 
 
 def _bar(pressure: float) -> float | None:
-    """A pressure [Pa] in bar; None where it is not known."""
     return pressure / BAR if math.isfinite(pressure) else None
 
 

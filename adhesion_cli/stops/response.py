@@ -40,13 +40,7 @@ def find_response(
 
     It is not defined where WSP, a slide or another brake disturbs the build-up, nor where a
     pressure is at the end of its sensor's range, nor where the log begins after the command or
-    other cars brake later than its axles.
-
-    Args:
-        signals: of the log.
-        command: its time [s].
-        braking: from `find_brakings`.
-        start_share: share of the full brake at which the delay ends.
+    other cars brake later than its axles. The delay ends at `start_share` of the full brake.
     """
     axles, unknown = [], Parameter(math.nan, math.nan)
     if braking.reason == BEGUN or signals.others_later:
@@ -101,13 +95,9 @@ def _since_command(time: Parameter, command: float) -> Parameter:
 
 
 def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter | None:
-    """The first time at which a rising share reaches a level, between samples.
+    """The first time at which a rising share of the full brake reaches a level, between samples.
 
-    Args:
-        t: times, shape (n,) [s].
-        share: of the full brake, shape (n,).
-        level: that is reached.
-        error: 1 sigma of the share: the flatter it rises, the less is its time known.
+    `error` is 1 sigma of the share: the flatter it rises, the less is its time known.
     """
     reached = np.flatnonzero(share >= level)
     if not len(reached):

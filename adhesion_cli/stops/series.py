@@ -187,11 +187,7 @@ def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
 def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> Statistic | None:
     """Statistics of the stops that have a quantity; None where none has it.
 
-    Outliers are places in what was measured, from 0.
-
-    Args:
-        measured: the quantity of each stop.
-        level: of the test for outliers.
+    Outliers, by a test of this level, are places in what was measured, from 0.
     """
     places = [i for i, x in enumerate(measured, 1) if x is not None]
     known_values = [x for x in measured if x is not None]
@@ -211,7 +207,6 @@ def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> St
 
 
 def _student(freedom: float) -> float:
-    """The factor of 95 % for so many degrees of freedom."""
     from scipy.special import stdtrit  # scipy.stats takes half a second to import
 
     return float(stdtrit(freedom, 0.975))
@@ -248,12 +243,7 @@ def _drift(runs: Floats, values: Floats) -> tuple[float | None, float | None]:
 
 
 def differences(groups: Sequence[Group], pairs: Iterable[tuple[str, str]]) -> list[GroupDifference]:
-    """What the second group of each pair has more than the first, quantity by quantity.
-
-    Args:
-        groups: of the series.
-        pairs: names of two groups each.
-    """
+    """What the second group of each pair has more than the first, quantity by quantity."""
     by_name = {group.name: group for group in groups}
     rows = []
     for from_group, to_group in pairs:
@@ -324,15 +314,8 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
     """Wet stops against dry ones: extension of the deceleration distance, and the axles.
 
     The deceleration distance is that after the equivalent response time. Where slides hide the
-    response of a wet stop, that of the dry ones stands for it.
-
-    Args:
-        stops: of the series.
-        dry: name of the dry group.
-        wet: name of the wet one.
-        volume: of the reservoir [l]; 0: not known.
-
-    Where the groups stop from other speeds, there is no extension.
+    response of a wet stop, that of the dry ones stands for it. Where the groups stop from other
+    speeds, there is no extension. `volume` is that of the reservoir [l]; 0: not known.
     """
     of_dry, of_wet = ([s.stop for s in stops if s.group == n and s.stop.valid] for n in (dry, wet))
     responses = [s.response_time_s.value for s in of_dry if s.response_time_s]
@@ -397,7 +380,6 @@ def _braked_length(stop: StopSummary, response: float) -> Measured | None:
 
 
 def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> AxleStop:
-    """An axle over the wet stops."""
     rows = [a for s in stops for a in s.axles if a.axle == axle]
 
     def values(name: str) -> list[float]:

@@ -79,13 +79,7 @@ class StopSignals(NamedTuple):
 
 
 def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> StopSignals:
-    """The signals of a log with wheel speeds and brakes.
-
-    Args:
-        records: every axle, on one clock.
-        log: the log that they are of.
-        vehicle: for the wheels' radii.
-    """
+    """The signals of a log with wheel speeds and brakes, every axle on one clock."""
     start_ns = log.start_ns()
     base = max(records, key=len)
     t = _seconds(base, start_ns)
@@ -135,15 +129,7 @@ def _by_force(record: AxleRecord) -> bool:
 
 
 def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
-    """The signals of a log from which no record can be made: those that it has, as logged.
-
-    Args:
-        log: with its channels' meanings.
-        vehicle: for the wheels' radii.
-
-    Returns:
-        None where it has no speed.
-    """
+    """The signals of a log from which no record can be made, as logged; None without a speed."""
     start_ns = log.start_ns()
     speeds = _channels(log, "train_speed") or _channels(log, "wheel_speed")
     if not speeds:
@@ -248,5 +234,4 @@ def _shaped(
 
 
 def _fastest(rims: Mapping[int, TimeSeries], t: Floats) -> TimeSeries:
-    """The speed of the fastest rim."""
     return TimeSeries(t, np.fmax.reduce([rim.interpolated(t) for rim in rims.values()]))

@@ -39,17 +39,12 @@ class SmoothSpeed(NamedTuple):
 
 
 def smoothed_speed(speed: TimeSeries, command: float, stop: float, interval: float) -> SmoothSpeed:
-    """The smoothed speed of a braking.
+    """The smoothed speed of a braking, from the command to standstill [s].
 
     Local polynomials of second degree over one second, of lines between the readings. They begin a
-    second before the command, where the train still rolls. Slow readings are not smoothed. A sensor
-    that reads zero before the train stands is followed by a line to standstill.
-
-    Args:
-        speed: of the train.
-        command: time of the command [s].
-        stop: time of standstill [s].
-        interval: between readings of the speed [s].
+    second before the command, where the train still rolls. Slow readings, whose `interval` [s] is
+    long, are not smoothed. A sensor that reads zero before the train stands is followed by a line
+    to standstill.
     """
     run = speed.cut(command - 2.0, stop + interval)
     finite = np.isfinite(run.value)
@@ -96,9 +91,7 @@ def _readings(interval: float) -> Floats:
 def _of_noise(answer: Floats, interval: float) -> float:
     """1 sigma of a filter's values for readings with a noise of 1, mean over the places.
 
-    Args:
-        answer: of the filter to `_readings`.
-        interval: between readings [s].
+    `answer` is that of the filter to `_readings`, `interval` that between readings [s].
     """
     return float(np.linalg.norm(answer)) * math.sqrt(_STEP / interval / _PLACES)
 
@@ -153,15 +146,8 @@ def largest_jerk(speed: SmoothSpeed, command: float, creep: float = 0.0) -> Para
     or behind the last reading, there is no jerk.
 
     Lines between readings smooth, too: most where a deceleration begins at once. The noise is that
-    of the readings, not of the samples on these lines.
-
-    Args:
-        speed: from `smoothed_speed`.
-        command: time of the command [s].
-        creep: 1 sigma by the creep of wheels that show the speed, as a share.
-
-    Returns:
-        None for slow readings, and for a braking of less than a second.
+    of the readings, not of the samples on these lines. `creep` is 1 sigma by the creep of wheels
+    that show the speed, as a share. None for slow readings, and for brakings below a second.
     """
     from scipy.special import ndtri  # slow to import
 
@@ -191,16 +177,10 @@ def _third_degree(v: Floats) -> Floats:
 
 
 def local_polynomial(x: Floats, window: int, degree: int, derivative: int = 0) -> Floats:
-    """Least-squares polynomials over a moving window, or a derivative of them, per sample.
+    """Least-squares polynomials over a moving window of samples (odd), or a derivative of them.
 
     At the ends, those of the first and the last whole window. Source: A. Savitzky, M. J. E. Golay,
     Analytical Chemistry 36 (1964).
-
-    Args:
-        x: even samples, shape (n,), at least one window.
-        window: samples of a polynomial, odd.
-        degree: of the polynomials.
-        derivative: which of them.
     """
     half_width = window // 2
     place = np.arange(-half_width, half_width + 1, dtype=np.float64)

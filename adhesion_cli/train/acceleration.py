@@ -149,12 +149,7 @@ def _smooth(s: _AccelerationSamples, moments: Floats, smoothed: Floats) -> None:
 
 
 def integrate(g: Grid, a: Channel) -> Integrated | str:
-    """The train's speed, or why there is none.
-
-    Args:
-        g: all axles, without a train speed.
-        a: the train's acceleration [m/s²], in any sign.
-    """
+    """The train's speed by its acceleration [m/s²], in any sign; or why there is none."""
     n = g.rim.shape[1]
     t: Floats = g.step * np.arange(n, dtype=np.float64)
     sample_t: Floats = np.multiply(a.data.t - g.start_ns, 1e-9)
@@ -199,10 +194,7 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
 def _sign(rate: Floats, braked: Bools, unbraked: Bools) -> int:
     """Of the axis: a brake slows the train; 0 where what is read does not show that.
 
-    Args:
-        rate: of ∫ a dt over about a second, (n,) [m/s²].
-        braked: where all wheels are braked, (n,).
-        unbraked: where none is, (n,).
+    `rate` is that of ∫ a dt over about a second [m/s²], beside where all and no wheels are braked.
     """
     braked, unbraked = braked & np.isfinite(rate), unbraked & np.isfinite(rate)
     if min(braked.sum(), unbraked.sum()) < 2:
@@ -217,13 +209,8 @@ def _samples(
 ) -> _AccelerationSamples:
     """What the filter takes.
 
-    Args:
-        g: all axles.
-        gain: ∫ ±a dt on it [m/s].
-        mean: ±a over about a second (n,) [m/s²].
-        a: the acceleration.
-        rolling: which wheels roll surely (k, n).
-        standstill: where all of them stand, for a while (n,).
+    `gain` is ∫ ±a dt [m/s], `mean` ±a over about a second, (n,) [m/s²]. `rolling` says which wheels
+    roll surely (k, n), `standstill` where all of them stand, for a while (n,).
     """
     h, n = g.step, len(gain)
     t: Floats = h * np.arange(n, dtype=np.float64)

@@ -35,14 +35,7 @@ class Aligned(NamedTuple):
 def align(
     axles: list[AxleChannels], accelerometer: Channel | None, vehicle: Vehicle, view: View
 ) -> Aligned:
-    """The axles on one clock.
-
-    Args:
-        axles: all of a log, resampled.
-        accelerometer: the train's acceleration, where the log has no train speed.
-        vehicle: for the equations.
-        view: for the log's start.
-    """
+    """The axles on one clock; `accelerometer` is that of a log without a train speed."""
     findings: list[Finding] = []
     if accelerometer and all(a.train is None for a in axles):
         axles, integration_findings = _integrated(axles, accelerometer, vehicle)
@@ -154,7 +147,6 @@ def _same_samples(channel: Channel, other_channel: Channel) -> bool:
 
 
 def _shifted(axle: AxleChannels, delay: Parameter) -> AxleChannels:
-    """An axle whose train speed is that much earlier."""
     record, train = axle.record, axle.train
     assert train is not None
     record = replace(record, train_speed_late=delay)

@@ -82,14 +82,11 @@ def find_brake_line(
     rotating: Parameter = ROTATING,
     by_motors: tuple[Floats, Floats] | None = None,
 ) -> BrakeLine | None:
-    """The line of a log; None where it shows none.
+    """The line of a log, whose axles are on one clock; None where it shows none.
 
-    Args:
-        axles: all axles of the log, on one clock.
-        grid: the same on one time axis.
-        rotating: ρ, rotating mass over mass.
-        by_motors: deceleration by the force of the motors, and 1 sigma of it (n,) [m/s²]; None
-            where no mass is known that it slows: then only samples without it are used.
+    `rotating` is ρ, rotating mass over mass. `by_motors` is the deceleration by the force of the
+    motors, and 1 sigma of it (n,) [m/s²]; None where no mass is known that it slows: then only
+    samples without it are used.
     """
     rho = rotating.value
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
@@ -199,12 +196,7 @@ def _slows_less(grid: Grid, acting: Floats, rim_slowing: Floats, line: BrakeLine
     """Where wheels that roll slow much less than the line says, shape (n,).
 
     A brake that takes over from another one has the same deceleration at a higher pressure.
-
-    Args:
-        grid: of all axles.
-        acting: the least that acts within a second, (n,).
-        rim_slowing: deceleration of the rims by the brake, (n,) [m/s²].
-        line: of all brake applications.
+    `acting` is the least that acts within a second; `rim_slowing` is by the brake [m/s²].
     """
     slowest = _LEAST_SHARE * line.slope * acting
     slows_less: Bools = erode(_agree(grid), 4 * grid.half_width) & (
@@ -230,14 +222,8 @@ def _agree(grid: Grid) -> Bools:
 def _takes_over(x: Floats, by_brake: Floats, applied: Bools, steady: Bools, step: float) -> bool:
     """Whether most stops end at a higher pressure than they began, but with the same deceleration.
 
-    An ED brake fades out at low speed, and the brake by pressure takes over from it.
-
-    Args:
-        x: mean of the pressures or clamping forces, (n,).
-        by_brake: deceleration by the brake, (n,) [m/s²].
-        applied: where a brake is on, and no axle slides, (n,).
-        steady: where x does not change, (n,).
-        step: of the grid [s].
+    An ED brake fades out at low speed, and the brake by pressure takes over from it. `x` is the
+    mean of the pressures or clamping forces; masks and columns have shape (n,).
     """
     size, judged, taken_over = max(round(_SHORTEST_PART / step), 1), 0, 0
     for start, stop in true_runs(applied):
@@ -254,12 +240,7 @@ def _differing_stops(
 ) -> Iterator[DifferingStop]:
     """The stops that no gradient and no scatter of the friction brings to the line.
 
-    Args:
-        grid: of all axles.
-        acting: in the stops, (n,).
-        by_brake: deceleration by the brake in them, (n,) [m/s²].
-        stops: where they are on the grid.
-        line: of all of them.
+    `acting`, and the deceleration by the brake [m/s²], are those in the stops, (n,).
     """
     expected = line.slope * acting.excess(line.zero)
     place = 0  # of the stop's first sample in those of all stops
@@ -279,14 +260,8 @@ def _speed_effect(
 ) -> SpeedEffect | None:
     """How much harder the brake slows at low than at high speed, over what the line says.
 
-    Low is the lowest third of the speeds, high the highest.
-
-    Args:
-        grid: of all axles.
-        expected: deceleration by the line, (n,) [m/s²].
-        by_brake: as measured, (n,) [m/s²].
-        v: speed, (n,) [m/s].
-        stops: brake applications. The gradient of each is one error.
+    Low is the lowest third of the speeds, high the highest. The decelerations by the line and by
+    the brake are in m/s², the gradient of each brake application is one error.
     """
     is_strong = expected > _STRONG_SHARE * np.max(expected)
     is_slow, is_fast = (is_strong & mask for mask in (v < np.max(v) / 3.0, v > np.max(v) / 1.5))
@@ -318,12 +293,7 @@ def _fit(
 ) -> BrakeLine | None:
     """Slope and zero by least squares with weights, and with the prior of the zero.
 
-    Args:
-        acting: pressures or clamping forces, (n,).
-        by_brake: deceleration by the brake, (n,) [m/s²].
-        zero: the prior of x₀.
-        stops: uninterrupted stretches of these. The gradient of each is one error.
-        gradient_sigma: 1 sigma of it [m/s²].
+    The gradient of each uninterrupted stretch of `stops` is one error, with 1 sigma [m/s²].
     """
     x0, (mean_x, share) = zero.value, acting
     slope = float(np.sum(by_brake)) / max(float(np.sum(acting.excess(x0))), 1e-9)

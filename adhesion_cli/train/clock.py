@@ -122,8 +122,6 @@ class ClockOffset(NamedTuple):
 
 
 class _LikeliestClock(NamedTuple):
-    """The likeliest τ or o."""
-
     value: Parameter
     loss: float
     clear: bool  # no other is nearly as likely
@@ -132,10 +130,8 @@ class _LikeliestClock(NamedTuple):
 def compare_clocks(g: Grid, interval: float, resolution: float = 0.0) -> ClockOffset:
     """Delay of the train speed, negative where it is early, and its offset.
 
-    Args:
-        g: all axles on one time axis, with the train speed.
-        interval: of the train speed's own samples [s].
-        resolution: of its values [m/s]; an offset within it is none, as of whole miles per hour.
+    `interval` is that of the train speed's own samples [s]. An offset within the `resolution` of
+    its values [m/s] is none, as of whole miles per hour.
     """
     train = g.train
     if train is None or np.isfinite(train).sum() < 2 * FEWEST:
@@ -288,12 +284,8 @@ def _likeliest(
 ) -> _LikeliestClock | None:
     """The value at which most of the samples fit; None where the wheels do not show it.
 
-    Args:
-        s: the samples.
-        candidates: values of the cause.
-        speed_by: the train's speed by one of them, (n,) [m/s].
-        model_sigma: its 1 sigma where everything else is known.
-        unknown: its 1 sigma from which on it is not known.
+    `speed_by` gives the train's speed by a candidate, (n,) [m/s]. `model_sigma` is 1 sigma where
+    everything else is known; from `unknown` on the value is not known.
     """
     fits = _fit_each(s, speed_by, candidates)
     losses = fits.loss
@@ -335,14 +327,9 @@ def _likeliest(
 
 
 def _start(s: _ClockSamples, v: Floats) -> Floats:
-    """First c and q: a wheel coasts without slip, and one that rolls is the faster one.
+    """First c and q, (m, axles + 1): a wheel coasts without slip, one that rolls is the faster.
 
-    Args:
-        s: the samples.
-        v: the train's true speed, by each candidate (m, n) [m/s].
-
-    Returns:
-        Shape (m, axles + 1).
+    `v` is the train's true speed by each candidate (m, n) [m/s].
     """
     fast = s.fast & (v > CRAWL)[:, None]  # (m, axles, n)
     coasting = fast & s.released & ~s.train_slows
@@ -396,15 +383,10 @@ def _fit(s: _ClockSamples, v: Floats) -> _Fits:
 
 
 def _solved(s: _ClockSamples, rolling: Bools, d: Floats) -> Floats:
-    """Every axle's c, and q, by the normal equations of the samples without slides.
+    """Every axle's c, and q, by the normal equations of the samples without slides; (m, axles + 1).
 
-    Args:
-        s: all samples.
-        rolling: which are used, by each candidate (m, axles, n).
-        d: what c and q explain (m, axles, n) [m/s].
-
-    Returns:
-        Shape (m, axles + 1).
+    `rolling` are the samples that are used, by each candidate (m, axles, n); `d` is what c and q
+    explain, of that shape [m/s].
     """
     k, c, q = len(s.rim), s.by_radius * rolling, s.by_creep * rolling
     expected = np.append(np.zeros(k), s.creepage[0])

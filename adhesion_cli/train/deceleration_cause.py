@@ -62,7 +62,6 @@ _ANY_FACTOR = 25.0  # s or 1/s above this is no other vehicle
 
 
 def _start_points(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
-    """The points at which a search begins: a grid over each parameter that is free."""
     base = np.array([prior[i].value for i in range(SHARED)])
     reach = min(LARGEST_DELAY, float(d.t[-1]) / 4.0)
     delays = np.linspace(-reach, reach, 41) if math.isinf(prior[DELAY].tolerance) else [0.0]
@@ -96,11 +95,7 @@ def explain_deceleration(
 ) -> Explanation:
     """The best explanation of how the train slows; the stated vehicle where the log shows none.
 
-    Args:
-        axles: all axles of the log, each on one clock.
-        grids: these axles on one time axis; None where they have none in common.
-        vehicle: the stated vehicle.
-        train: its other cars.
+    `grids` are None where the axles have no time in common. `train` says what its other cars do.
     """
     if grids is None:
         return AS_STATED
@@ -254,14 +249,7 @@ def _judge(d: Design, fits: _CauseFits, vehicle: Vehicle, clear_gain: float) -> 
 
 
 def _line_differs(s: float, o: float, top: float, vehicle: Vehicle) -> bool:
-    """Whether the force line s (K − o) is outside of what is stated.
-
-    Args:
-        s: its factor.
-        o: its offset, of the highest K.
-        top: the highest K [N].
-        vehicle: the stated vehicle.
-    """
+    """Whether the force line s (K − o) is outside of what is stated; o is a share of `top` [N]."""
     offset_limit = STATED_SIGMAS * spring_share(top, vehicle).tolerance
     factor_limit = math.log1p(math.hypot(STATED_SIGMAS * tolerance(vehicle), offset_limit))
     largest_factor = max(abs(math.log(s)), abs(math.log(s * max(1.0 - o, 1e-3))))

@@ -204,13 +204,7 @@ class Grids(NamedTuple):
 
 
 def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Grids:
-    """The grids of a log whose gradient is known.
-
-    Args:
-        grids: of the log.
-        gradient: None where it is not known.
-        vehicle: for the rotating mass.
-    """
+    """The grids of a log whose gradient is known, or None."""
     if gradient is None:
         return grids
     share = wheelset(replace(vehicle, axles=()), 1).rolling  # of the mean axle
@@ -224,13 +218,7 @@ def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Gr
 
 
 def without_pressures(grids: Grids, start_ns: int, other_brakes: Sequence[Finding]) -> Grids:
-    """The grids without the pressures while another brake acts: they do not show what slows.
-
-    Args:
-        grids: of the log.
-        start_ns: of the log [ns].
-        other_brakes: what says when it acts.
-    """
+    """The grids without the pressures while another brake acts: they do not show what slows."""
     spans = [span for f in other_brakes for span in f.spans]
     if not spans:
         return grids
@@ -252,10 +240,7 @@ def build_grids(axles: Sequence[AxleChannels], vehicle: Vehicle) -> Grids | None
 def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) -> Grid | None:
     """None where all axles share too little time, or where a clock jumps back.
 
-    Args:
-        axles: of one log.
-        vehicle: for the wheels' radii.
-        finest: step where the log is fast enough [s].
+    The step is `finest` [s] where the log is fast enough.
     """
     step = _step(axles, finest)
     if step is None:
@@ -318,11 +303,7 @@ def _step(axles: Sequence[AxleChannels], finest: float) -> float | None:
 def _means(record: AxleRecord, x: Floats, start_ns: int, t: Floats) -> Floats:
     """Means of a channel of an axle over the steps of a grid, (n,); NaN outside the segments.
 
-    Args:
-        record: of the axle.
-        x: the channel, NaN where it has no value.
-        start_ns: the first time of the grid [ns].
-        t: times of the grid after that, (n,) [s].
+    The times of the grid `t` [s] count from `start_ns`.
     """
     means, half_step = np.full(len(t), np.nan), t[1] / 2.0
     for s in record.segments:

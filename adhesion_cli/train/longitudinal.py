@@ -74,11 +74,7 @@ def line_prior(
 ) -> dict[int, Parameter]:
     """The prior of every shared parameter by what is stated of the vehicle.
 
-    Args:
-        vehicle: with tolerances.
-        top: the highest K [N].
-        speed: the mean speed [m/s].
-        interval: the longest one between samples [s].
+    It depends on the highest K [N], the mean speed [m/s] and the longest interval of samples [s].
     """
     fade, mean_share = vehicle.friction_fade, friction_share(vehicle, speed)
     spring = spring_share(top, vehicle).tolerance

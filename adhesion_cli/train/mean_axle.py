@@ -27,22 +27,14 @@ _BRAKE = ("friction", *CHAIN, "cylinder_diameter")  # factors of the force per p
 
 
 def vehicle_of_axles(axles: Sequence[CarAxle]) -> Vehicle:
-    """The vehicle of axles that are stated one by one.
-
-    Args:
-        axles: in the order of their numbers.
-    """
+    """The vehicle of axles that are stated one by one, in the order of their numbers."""
     mean = _mean({a.number: a.vehicle for a in axles})
     differ = axles[0].car or not _have_equal_values([a.vehicle for a in axles])
     return replace(mean, axles=tuple(axles)) if differ else mean
 
 
 def mean_axle(vehicle: Vehicle, axles: Sequence[int]) -> Vehicle:
-    """The mean axle of some axles, with the wheel radius of each; the vehicle where all are alike.
-
-    Args:
-        vehicle: of the train.
-        axles: their numbers.
+    """The mean axle of these numbers, with the wheel radius of each; the vehicle if all are alike.
 
     Raises:
         UserError: where the vehicle does not have one of them.
@@ -109,13 +101,7 @@ def _have_equal_values(vehicles: Sequence[Vehicle]) -> bool:
 
 
 def move_axles(vehicle: Vehicle, stated_mean: Vehicle, identified: Vehicle) -> Vehicle:
-    """The vehicle with what a log shows of its mean axle, as one error of all axles.
-
-    Args:
-        vehicle: as stated.
-        stated_mean: its mean axle.
-        identified: the mean axle as the log shows it.
-    """
+    """The vehicle with what a log shows of its mean axle, as one error of all axles."""
     if identified == stated_mean:
         return vehicle
     if vehicle == stated_mean:
@@ -219,7 +205,6 @@ def _at_speed(v: Vehicle, speed: float) -> Vehicle:
 
 
 def _share(x: Parameter) -> float:
-    """A tolerance as a share of its value."""
     return x.tolerance / x.value if x.value else 0.0
 
 

@@ -42,12 +42,8 @@ def find_motor_mass(
 ) -> Parameter | None:
     """The mass of an axle with 1 sigma [kg]; None where the log does not show it.
 
-    Args:
-        axles: all axles of the log, on one clock.
-        grid: the same on one time axis.
-        vehicle: its φ makes the motors' part of K a force at the rim.
-        braked_share: s.
-        is_inertia_stated: whether I is the vehicle's, else that of any wheelset.
+    The vehicle's φ makes the motors' part of K a force at the rim; `braked_share` is s. Unless the
+    inertia is stated, it is that of any wheelset.
     """
     if grid.motors is None or grid.motor_sigma is None:
         return None
@@ -109,7 +105,6 @@ def with_mean_mass(line: BrakeLine, lines: Iterable[BrakeLine]) -> BrakeLine:
 
 
 def _mean(parameters: Sequence[Parameter]) -> Parameter:
-    """The mean of independent values, each with the weight of its inverse variance."""
     weights = np.array([x.tolerance**-2.0 for x in parameters])
     mean = float(weights @ np.array([x.value for x in parameters]) / weights.sum())
     return Parameter(mean, float(weights.sum()) ** -0.5)

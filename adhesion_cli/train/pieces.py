@@ -35,12 +35,8 @@ def build_design(
 ) -> Design | None:
     """The pieces of a log; None where no brake application of wheels that roll is seen.
 
-    Args:
-        axles: all axles of the log.
-        vehicle: what is stated of it.
-        grids: the axles on one time axis.
-        braked_share: of the train's mass, see `Train`.
-        by_train: whether the train speed is taken, not the mean of the rims.
+    `braked_share` is of the train's mass, see `Train`. With `by_train` the train speed is taken,
+    not the mean of the rims.
     """
     coarse_grid, fine_grid = grids
     v = (

@@ -197,11 +197,8 @@ def search(
 ) -> Likeliest:
     """The likeliest point, by Gauss and Newton with shortened steps from the best start.
 
-    Args:
-        designs: of one log or of many.
-        sample_counts: independent samples of each piece, from `independent_samples`.
-        prior: of each shared parameter; an infinite tolerance frees it.
-        starts: points to begin at: shared parameters, or these and the gradients.
+    `sample_counts` are from `independent_samples`. An infinite tolerance of the prior frees a
+    parameter. A start is shared parameters, or these and the gradients.
     """
     p = _problem(designs, sample_counts, prior)
     points, costs = zip(*(_start(p, x) for x in starts), strict=True)

@@ -35,10 +35,6 @@ def find_gradient(log: Log, track: Track) -> Gradient | None:
     """The gradient of a log; None where nobody knows it.
 
     A stated constant or profile counts more than a channel of the log.
-
-    Args:
-        log: with its channels' meanings.
-        track: as stated.
     """
     sigma = track.gradient.tolerance
     if track.profile:

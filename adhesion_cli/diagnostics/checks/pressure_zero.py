@@ -151,7 +151,6 @@ def _drift(p: Params, s: Scene, i: int, top: float) -> Iterator[Finding]:
 
 
 def _option(s: Scene, brake: Channel, level: float, tolerance: float) -> str:
-    """The option that states a level [Pa] as the zero of a channel, in the channel's unit."""
     unit = unit_for(brake.unit, "pressure")
     factor = unit.factor if unit else 1.0
     value = round((brake.zero.value + level) / factor, 3)

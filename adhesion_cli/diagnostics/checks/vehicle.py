@@ -66,12 +66,10 @@ def _no_vehicle(p: Params, s: Scene) -> Iterator[Finding]:
 
 
 def _within_tolerance(p: Params, s: Scene, factor: float) -> bool:
-    """Whether the stated tolerances allow that the train slows so many times as hard."""
     return abs(math.log(factor)) < math.log1p(p.sigmas * longitudinal.tolerance(s.vehicle))
 
 
 def _vehicle_finding(p: Params, s: Scene, factor: float) -> Finding:
-    """That the train slows so many times as hard as it should."""
     brake, units = s.axles[0].brake, _units(p, s, factor)
     values = {"factor": factor}
     if units or not 1.0 / p.any_vehicle < factor < p.any_vehicle:

@@ -107,12 +107,7 @@ class BlockReader:
         """Walks over records, one by one; returns them, and where the walk ends.
 
         That is the end of the bytes, or the first record that is not whole, or that may not stand
-        among messages, or one too many.
-
-        Args:
-            data: the records.
-            offset: their offset in the file, or that of their chunk.
-            outside: whether the records stand outside chunks.
+        among messages, or one too many. `offset` is that of the records or their chunk in the file.
 
         Raises:
             DamageError: where there are too many of them, or none outside chunks.
@@ -159,7 +154,6 @@ class BlockReader:
             raise DamageError(offset, damage, RAISE_LIMIT.format("max_inflated", limit))
 
     def _inflate(self, block: RecordBlock) -> bytes:
-        """The records in a chunk."""
         content = self._file.content(block.offset, block.stop - block.offset - HEADER.size)
         content.read(16)  # the time range, which nothing here relies on
         size, crc = content.read8(), content.read4()

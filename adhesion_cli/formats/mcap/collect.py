@@ -133,7 +133,6 @@ class Collector:
         return finding
 
     def _finding(self, fault: DecodingFault, rows: Offsets) -> Finding:
-        """The finding on messages with a fault."""
         first_block = bisect([row for row, _ in self._blocks], rows[0]) - 1
         names = {k: v for k, v in (("field", fault.field), ("reason", fault.reason)) if v}
         numbers = {"byte": self._blocks[first_block][1]}

@@ -38,14 +38,8 @@ class FirstText(NamedTuple):
 class Decoded:
     """The wanted numbers of a topic, filled message by message, and what differs in a message.
 
-    Args:
-        tree: what the first messages hold, all taken together.
-        leaves: the numbers and words that are wanted.
-        stamp: where the messages keep their time.
-        rows: messages of the topic.
-
     Attributes:
-        shape: the tree.
+        shape: what the first messages hold, all taken together.
         numbers: places of the numbers, those of the stamp behind the others.
         lengths: of the arrays that hold wanted numbers, or are empty at first.
         said: units and names that later messages must repeat.
@@ -141,7 +135,6 @@ class Spread:
         return nodes, rows
 
     def _visits(self, shape: Tree, steps: Steps) -> bool:
-        """Whether a place matters."""
         return steps in self._places
 
     def _children(

@@ -126,15 +126,8 @@ def number_leaves(
     3. the channel's metadata (`unit.<path>`, `unit`, `units`),
     4. the schema.
 
-    Args:
-        tree: the message.
-        schema_unit: the unit the schema states for a place.
-        metadata: the channel's metadata.
-        label_at: where the message says whose its numbers are, see `owner_of`.
-
-    Returns:
-        The numbers, the places of texts, and the places that are not offered: too long, too deep
-        or opaque.
+    Returns the numbers, the places of texts, and the places that are not offered: too long, too
+    deep or opaque. `label_at` is as of `owner_of`.
     """
     search = _LeafSearch(tree, schema_unit, metadata)
     search.walk(tree, (), label_at, ())
@@ -151,11 +144,8 @@ class _LeafSearch:
     def walk(self, node: Tree, steps: Steps, label_at: Steps, names_at: Steps) -> None:
         """Takes up the numbers at a place.
 
-        Args:
-            node: what is there.
-            steps: the place.
-            label_at: the text that names it, () for none.
-            names_at: the array of texts that name its elements, () for none.
+        `label_at` is the text that names it, `names_at` the array of texts that name its elements;
+        () for none.
         """
         if is_number(node):
             self._number(steps, label_at)
@@ -250,13 +240,10 @@ def _names(element: Tree, array: Tree) -> bool:
 
 
 def typical(trees: Sequence[Tree]) -> Tree:
-    """What the messages of a channel hold, judged by its first ones.
+    """What the messages of a channel hold, judged by its first ones, at least one.
 
     Keys are those of any message, without very rare ones. An array has its most frequent length
     except 0.
-
-    Args:
-        trees: the first messages, at least one.
     """
     shapes = [
         tuple(len(node) for _, node in nodes(tree) if isinstance(node, list)) for tree in trees

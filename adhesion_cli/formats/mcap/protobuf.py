@@ -115,7 +115,6 @@ class ProtobufDecoder(Decoder):
         return dict(zip(numbers, map(" ".join, pieces), strict=True))
 
     def _field(self, steps: Steps) -> Any:
-        """The descriptor of a field, None where there is none."""
         kind, field = self._type, None
         for step in steps:
             if isinstance(step, str):
@@ -177,11 +176,8 @@ def _is_map(f: Any) -> bool:
 def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
     """A message as plain values.
 
-    Args:
-        message: the parsed message.
-        ancestors: the types of the messages it stands in, and its own.
-        budget: how many more fields may be shown, counted down. Types that hold each other several
-            times make a tree wide without making it deep.
+    `ancestors` are the types of the messages it stands in, and its own. `budget` counts down how
+    many more fields may be shown: types that hold each other several times make a tree wide.
 
     Raises:
         UndecodableError: where a message in it does not fit its type.

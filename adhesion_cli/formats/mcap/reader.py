@@ -76,7 +76,6 @@ class McapSource(Source):
         self._take_clock([s for s in self._series if s.fields])
 
     def _of_walk(self) -> Iterable[Finding]:
-        """What the walk over the records found."""
         walk = self.walk
         if walk.damage:
             example = walk.damage[0]
@@ -100,7 +99,6 @@ class McapSource(Source):
     # ------------------------------------------------------------------ time
 
     def _take_clock(self, series: Sequence[Series]) -> None:
-        """Decides on one clock for these series."""
         self.clock, self.time_reason, self.absolute = self._clock(series)
         self.reasons["time"] = self.time_reason
 
@@ -193,7 +191,6 @@ class McapSource(Source):
 
 
 def _field(s: Series, place: str, leaf: Leaf) -> Field:
-    """A number or a text of a topic."""
     unit = leaf.unit, leaf.unit_from
     return Field(s.topic, place, leaf.label, s.group, *unit, s.name, s.encoding)
 

@@ -34,10 +34,7 @@ def written(*records: McapRecord) -> bytes:
 class DamageError(Exception):
     """Bytes that contradict the specification or the file itself.
 
-    Args:
-        offset: offset in the file.
-        damage: what is wrong there.
-        hint: remedy other than recovering.
+    `offset` is that in the file; `hint` is a remedy other than recovering.
     """
 
     def __init__(self, offset: int, damage: str, hint: str = "") -> None:

@@ -111,10 +111,7 @@ class Ros2Decoder(Decoder):
 
 
 class _Message:
-    """One message, read front to back.
-
-    Attributes:
-        tree: its values; long arrays are cut after LONG_ARRAY + 1 elements.
+    """One message, read front to back; long arrays are cut after LONG_ARRAY + 1 elements.
 
     Raises:
         UndecodableError: where the schema does not fit.

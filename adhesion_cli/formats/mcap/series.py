@@ -222,7 +222,6 @@ def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
 
 
 def _offer(s: Series, decoder: Decoder, trees: list[Tree]) -> Iterator[Finding]:
-    """Offers the numbers of the first messages, and their words."""
     numbers, texts, skipped = number_leaves(s.tree, decoder.unit, s.metadata, s.owner_at)
     for leaf in numbers:
         if s.fields.setdefault(leaf.path, leaf) is not leaf:

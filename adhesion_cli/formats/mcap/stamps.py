@@ -72,10 +72,8 @@ def microseconds(text: Tree) -> float:
 def stamp(tree: Tree, texts: bool) -> Stamp | None:
     """Where a message keeps its own time: the first of the usual names that holds one.
 
-    Args:
-        tree: the message.
-        texts: whether an ISO 8601 text counts. A pair of seconds and nanoseconds always does,
-            and so does a number of s, ms, us or ns that lies between 1990 and 2100.
+    That is a pair of seconds and nanoseconds, or a number of s, ms, us or ns between 1990 and 2100;
+    with `texts` an ISO 8601 text, too.
     """
     for steps in _PLACES:
         value = node_at(tree, steps)

@@ -102,7 +102,6 @@ def _run(place: int, run: ReportRun, comparable: bool) -> dict[str, str]:
 
 
 def _first_axle(run: ReportRun) -> Sequence[BrakeApplication]:
-    """The brake applications of the first axle that has some."""
     return next((axle.applications for axle in run.axles if axle.applications), ())
 
 
@@ -117,7 +116,6 @@ def _mean_deceleration(run: ReportRun) -> float | None:
 
 
 def _rows(all_differences: Sequence[RunDifference]) -> list[dict[str, str]]:
-    """One row per run, axle and brake application."""
     rows: dict[tuple[int, int, int], dict[str, str]] = {}
     heads = [x[0] for q, x in _QUANTITIES.items() if any(d.quantity == q for d in all_differences)]
     for d in all_differences:

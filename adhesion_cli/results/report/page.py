@@ -111,7 +111,6 @@ def _comparison(runs: Sequence[ReportRun], figures: "Figures") -> str:
 
 
 def _page(template: str, title: str, figures: "Figures", context: Mapping[str, object]) -> str:
-    """A page of this template, with what draws its figures."""
     script = {"library": _packed(figures.library()), "drawn": _packed(figures.as_json())}
     return _templates().get_template(template).render(context, title=title, **script)
 

@@ -126,10 +126,8 @@ def _label_kilometres(fig: figure, run: ReportRun, plane: Plane) -> None:
 
 
 def _slides(run: ReportRun) -> list[tuple[int, SlideSummary]]:
-    """Slides after the number of their axle."""
     return [(a.number, x) for a in run.axles for o in a.applications for x in o.slide_list]
 
 
 def _times(run: ReportRun, seconds: Floats) -> Any:
-    """Times after the start of the log as a route has them [ns]."""
     return run.start_ns + np.round(1e9 * seconds).astype(np.int64)

@@ -190,7 +190,6 @@ def of_result(result: Result, summary: ResultSummary) -> ReportRun:
 
 
 def _route(source: Source) -> Route:
-    """Where the train was, by the topics of a result."""
     fields = [f for f in source.fields if f.channel.removeprefix("/") in PLACES]
     columns = source.columns(fields)
     by_meaning = {f.channel.removeprefix("/"): c for f, c in zip(fields, columns, strict=True)}
@@ -200,7 +199,6 @@ def _route(source: Source) -> Route:
 def _states(
     source: Source, start: int, channels: Sequence[ChannelSummary], detailed: Sequence[int]
 ) -> list[LoggedState]:
-    """Switches, valves and commands by the topics of a result: of the train, and of these axles."""
     levels = {(c.meaning, c.axle): c.levels for c in channels}
     fields = {}
     for field in source.fields:
@@ -265,7 +263,6 @@ def _axles(
     settings: Mapping[str, str],
     detailed: Sequence[int],
 ) -> tuple[ReportAxle, ...]:
-    """Every axle of the result, the detailed ones with all columns; the file is read once."""
     by_number = {a.axle: _numbered(a) for a in summaries}
     wanted: dict[tuple[int, str, str], Field] = {}
     for field in source.fields:

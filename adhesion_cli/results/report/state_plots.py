@@ -102,6 +102,5 @@ def _ends_at_gaps(t: Floats, gaps: Floats) -> dict[int, float]:
 
 
 def _word(state: LoggedState, value: float) -> str:
-    """The word of a value, where the log has words; else the value."""
     is_level = value.is_integer() and 0 <= value < len(state.levels)
     return state.levels[int(value)] if is_level else f"{value:g}"

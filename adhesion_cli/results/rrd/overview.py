@@ -81,7 +81,6 @@ def _lines(result: Result, axle: AxleResult, key: str, name: str, place: int) ->
 def _send(
     rec: rr.RecordingStream, path: str, times: parts.Clock, axle: AxleResult, lines: Sequence[_Line]
 ) -> None:
-    """Sends lines of an axle, each below the entity of its chart."""
     for lane in rows.of_axle(axle):
         _, t, index, inside = lane
         bucket_starts = rows.spans(index, -(-2 * len(t) // rows.OVERVIEW))

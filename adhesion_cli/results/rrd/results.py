@@ -393,7 +393,6 @@ class _Page:
         return rrb.Tabs(*tabs, name=self.title, active_tab=tab)
 
     def _places(self) -> list[rrb.View]:
-        """µ over the position, and the way as a map, where the log has places."""
         views = []
         if self.bars is not None:
             views.append(line_chart.chart_view(f"{self.root}/line", self.route))
@@ -479,7 +478,6 @@ class _Page:
         return [name for name, *_ in _logged_states(self.result.log, axle.record)]
 
     def _lists(self, axle: int) -> list[rrb.View]:
-        """Findings and events of an axle; the findings on the whole log are among them."""
         contents = [f"$origin/{list_name}" for list_name in ("log", f"axle/{axle}")]
         return [
             parts.list_view(f"{self.root}/{kind}", f"Axle {axle}: {kind}", contents)
