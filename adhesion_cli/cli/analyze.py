@@ -58,7 +58,6 @@ def command(  # noqa: PLR0913 (one parameter per option)
     from ..analysis.vehicle_findings import with_friction_findings
     from ..core.document import dumps
     from ..core.summary import FailedLog
-    from ..results import verified
     from ..results.geojson import as_text, check_name, map_of_log
     from . import terminal
 
@@ -93,7 +92,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
         if table:
             tables.write(places[table], suffix, _sheets(summaries))
         if geojson:
-            verified.write(places[geojson], map_text)
+            places[geojson].write_bytes(map_text.encode())
     of_log = iter(summaries)
     if shared.json:
         entries = (f if isinstance(f, FailedLog) else next(of_log) for f in outcomes)

@@ -69,7 +69,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
     Example: adhesion stops sample_logs/service-brake.csv
     """
     from ..core.document import dumps
-    from ..results import atomic_files, tables, verified
+    from ..results import atomic_files, tables
     from ..results.geojson import as_text, check_name
     from ..results.report import page
     from ..studies import brake_test
@@ -105,11 +105,11 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         with atomic_files.outputs(files, shared.force, inputs=read) as places:
             for file, place in zip(files, places, strict=True):
                 if file == geojson:
-                    verified.write(place, as_text(log.map for log in test.logs))
+                    place.write_bytes(as_text(log.map for log in test.logs).encode())
                 elif file.name == _PAGE and report:
                     title = f"Brake test: {plan.stem}" if plan else "Brake test"
                     protocol = brake_test.protocol(test, title, braked_weight)
-                    verified.write(place, page.protocol_page(protocol))
+                    place.write_bytes(page.protocol_page(protocol).encode())
                 else:
                     sheets = {"stops": tables.stops_of_series(test.series.stops)}
                     tables.write(place, tables.kind(file), sheets)

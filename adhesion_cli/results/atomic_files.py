@@ -38,7 +38,6 @@ from filelock import FileLock
 from ..core.cache_folder import cache_folder
 from ..core.errors import UserError
 from ..core.text import as_url, printable
-from .verified import verified
 
 _HIDDEN = ".adhesion-"
 _LOCK = "lock"  # a file in the hidden folder, locked as long as its run lives
@@ -165,8 +164,7 @@ def sets(
                 if len(paths) > 1:
                     target = manifest(paths[0])
                     place = files[target] = hidden[target.parent] / target.name
-                    with verified(place) as digests:
-                        digests.write(_manifest(paths, places))
+                    place.write_bytes(_manifest(paths, places))
             for place in files.values():  # one by one: an interrupt would wait for threads
                 with place.open("r+b") as file:  # Windows wants a file that is open for writing
                     os.fsync(file.fileno())

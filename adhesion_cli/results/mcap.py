@@ -49,7 +49,6 @@ from . import descriptors, mcap_container, names, thinning
 from .log_events import LogEvent, of_result
 from .mcap_container import Offsets
 from .samples import Samples
-from .verified import verified
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
 _LEVEL = 5  # of zstd; the indexes, which are not compressed, are larger than what more would save
@@ -94,7 +93,8 @@ def write_results(
     `slip` that of `slip --json`, as `adhesion.slip`. With `full` all that was computed on a long
     log is written, see `thinning`.
 
-    Raises as `verified.verified`, and for a time stamp that MCAP cannot hold.
+    Raises:
+        UserError: for a time stamp that MCAP cannot hold.
     """
     is_single = len(results) == 1
     logs = list(zip([""] if is_single else names.logs(results), results, strict=True))
@@ -137,8 +137,6 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
 
     `settings` has all that the stop was made from; whoever reads the file as a log takes them.
     `metrics` is the document that `--json` prints, kept as metadata `adhesion.metrics`.
-
-    Raises as `verified.verified`.
     """
     axles = range(stop.pressure.shape[1])
     flat_settings = names.flat(settings)
@@ -476,7 +474,7 @@ def _write(
     if len(streams) > _MOST_CHANNELS:
         text = f"{len(streams)} channels to write, an MCAP file holds {_MOST_CHANNELS}"
         raise UserError(text, "choose channels in [channels] of the TOML")
-    with verified(path) as file:
+    with path.open("wb") as file:
         container = _begun(file, streams, metadata)
         for chunk in threads.run_ahead(lambda p: _packed(streams, p, shift), _partition(streams)):
             container.chunk(chunk)

@@ -34,7 +34,7 @@ from ..core.summary import (
 from ..core.text import printable, utf8
 from ..reference.calibrated_vehicle import CalibratedParameter
 from ..stops.series import SeriesStop
-from . import names, verified
+from . import names
 from .workbook import workbook
 
 _TYPES = {
@@ -198,8 +198,6 @@ def write(path: Path, suffix: str, sheets: Mapping[str, pa.Table]) -> None:
     """Write tables in the format of a suffix, see `kind`.
 
     A workbook holds all tables, by the names of their sheets, other files the first one.
-
-    Raises as `verified.verified`.
     """
     first_table = next(iter(sheets.values()))
     if suffix == ".xlsx":
@@ -207,7 +205,7 @@ def write(path: Path, suffix: str, sheets: Mapping[str, pa.Table]) -> None:
     elif suffix == ".csv":
         _write_csv(path, first_table)
     else:
-        verified.write(path, packed(first_table))
+        path.write_bytes(packed(first_table))
 
 
 def _write_workbook(path: Path, sheets: Mapping[str, pa.Table]) -> None:
@@ -227,8 +225,8 @@ def _write_csv(path: Path, table: Any) -> None:
             return names.cell(printable(value))
         return "" if value is None else str(value)
 
-    with verified.verified(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as text_file:
-        rows = csv.writer(text_file, lineterminator="\n")
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
         rows.writerow(table.column_names)
         rows.writerows([cell_text(x) for x in row.values()] for row in table.to_pylist())
 

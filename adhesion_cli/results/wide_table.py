@@ -19,23 +19,19 @@ from pyarrow.csv import CSVWriter, WriteOptions
 from ..core.model import Log, Times
 from ..core.text import distinct
 from . import names
-from .verified import verified
 from .workbook import workbook
 
 _ROWS = 1 << 16  # made at once
 
 
 def write_csv(path: Path, log: Log) -> None:
-    """Write a log with units in the header; a cell without a value is empty.
-
-    Raises as `verified.verified`.
-    """
+    """Write a log with units in the header; a cell without a value is empty."""
     titles = map(names.cell, _titles(log))
     _, *types = _types(log)
     time_type = pa.string() if log.absolute else pa.float64()
     schema = pa.schema(list(zip(titles, [time_type, *types], strict=True)))
     options = WriteOptions(quoting_style="none")  # no cell below the head has a comma
-    with verified(path) as file, CSVWriter(file, schema, write_options=options) as writer:
+    with path.open("wb") as file, CSVWriter(file, schema, write_options=options) as writer:
         _write(writer, log, schema)
 
 
@@ -50,7 +46,7 @@ def write_parquet(path: Path, log: Log) -> None:
         for title, (_, unit), kind in zip(titles, channels, _types(log), strict=True)
     )
     options = {"compression": "zstd", "write_page_checksum": True}
-    with verified(path) as file, ParquetWriter(file, schema, **options) as writer:
+    with path.open("wb") as file, ParquetWriter(file, schema, **options) as writer:
         _write(writer, log, schema)
 
 

@@ -17,7 +17,6 @@ import pyarrow.compute as pc
 
 from ..core.errors import UserError
 from ..core.text import printable
-from .verified import verified
 
 MAX_ROWS, MAX_COLUMNS = 1_048_576, 16_384  # of a sheet, the head among them
 
@@ -39,10 +38,7 @@ class _SheetColumn(NamedTuple):
 
 @contextmanager
 def workbook(path: Path) -> Iterator["Workbook"]:
-    """A workbook that is written when the context ends without an error.
-
-    Raises as `verified.verified`.
-    """
+    """A workbook that is written when the context ends without an error."""
     from xlsxwriter import Workbook as Writer
 
     buffer = io.BytesIO()
@@ -50,8 +46,7 @@ def workbook(path: Path) -> Iterator["Workbook"]:
     writer.set_properties({"created": _CREATED})
     yield Workbook(writer)
     writer.close()
-    with verified(path) as file:
-        file.write(buffer.getbuffer())
+    path.write_bytes(buffer.getbuffer())
 
 
 class Workbook:

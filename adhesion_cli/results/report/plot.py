@@ -9,7 +9,6 @@ from bokeh.embed import file_html
 from bokeh.layouts import column
 from bokeh.resources import INLINE
 
-from .. import verified
 from .plots import Figures
 from .run import ReportRun
 
@@ -42,7 +41,7 @@ class Plot:
         Raises:
             OSError: the file cannot be written.
         """
-        verified.write(Path(place), self.html())
+        Path(place).write_bytes(self.html().encode())
 
     def _repr_html_(self) -> str:
         style = f"width:100%;height:{self._height}px;border:0"

@@ -19,7 +19,6 @@ from ...core.toml import Table
 from ...rail.slope import REGION_TITLES, Bands
 from .. import names, palette
 from ..text_tables import TitledTable
-from ..verified import verified
 from .glyphs import drawable
 
 REFERENCE = TRAIN = palette.rgba(palette.LIGHT)
@@ -48,13 +47,11 @@ def write(
     """Writes a recording; its old content is lost.
 
     `source_identity` is whatever tells it from other recordings. Each page is a tab.
-
-    Raises as `verified.verified`.
     """
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     identity = hashlib.sha256(source_identity.encode()).hexdigest()
     layout = Layout([page.layout() for page in pages], timeline)
-    with verified(path) as file:
+    with path.open("wb") as file:
         rec = RecordingInFile(file, f"adhesion-{identity[:16]}")
         rec.send_blueprint(layout, make_active=False, make_default=True)
         rec.send_recording_name(name)

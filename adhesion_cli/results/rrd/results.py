@@ -70,8 +70,6 @@ def write_results(
     `brake`, which is then shown, time counts from each log's own brake start. `notes` are on the
     slip of each axle of one log, with its rail; with them, slip is shown first. With `full` a long
     log is drawn with every sample between its brake applications, too.
-
-    Raises as `verified.verified`.
     """
     names_of_logs = drawable_names(names.logs(results)) if len(results) > 1 else [""]
     pages = [

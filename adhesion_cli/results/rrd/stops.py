@@ -148,9 +148,6 @@ def _since_start(t: Times) -> list[rr.TimeColumn]:
 
 
 def write_stops(path: Path, name: str, page: StopsPage) -> None:
-    """Write stops side by side, a tab for each axle.
-
-    Raises as `verified.verified`.
-    """
+    """Write stops side by side, a tab for each axle."""
     key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in page.stops)])
     parts.write(path, printable(name), key, [page])
