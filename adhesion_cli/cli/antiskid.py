@@ -105,7 +105,7 @@ def _on_own_rail(
     """The stops of every controller on the scenario's rail."""
     from ..wsp import closed_loop
     from ..wsp.controller import registry
-    from ..wsp.documents import antiskid_document, limits_document
+    from ..wsp.documents import antiskid_document
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
@@ -114,19 +114,11 @@ def _on_own_rail(
     used_parameters = parameters(registry(), algo, settings)
     dry, stops = closed_loop.compare_laws(case, seed, algo, settings, progress)
     verdicts = {law: v._asdict() for law, (_, v) in stops.items()}
-    limit_rows = [
-        (law, *x) for law, (_, v) in stops.items() for x in closed_loop.against(case.limit, v)
-    ]
-    stop, limits = stops["none"][0], limits_document(limit_rows)
-    document = antiskid_document(stop, case.name, used_parameters, dry, verdicts, limits=limits)
-    lines = [
-        f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}",
-        _verdicts(verdicts),
-        _MEANING,
-        *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in limit_rows),
-    ]
     stopped = [stop for stop, _ in stops.values()]
-    outcome = _Outcome(case, settings, stopped, document, "\n".join(lines))
+    document = antiskid_document(stopped[0], case.name, used_parameters, dry, verdicts)
+    head = f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}"
+    text = f"{head}\n{_verdicts(verdicts)}\n{_MEANING}"
+    outcome = _Outcome(case, settings, stopped, document, text)
     return _write(paths, shared, source, outcome)
 
 

@@ -6,7 +6,7 @@ time. The verdict uses the terms of EN 15595, without its limits: no copy of it 
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -32,7 +32,7 @@ from .plant import (
     advance_to,
     rail_under,
 )
-from .scenario import Antiskid, Rail, Scenario, Section, StopLimit
+from .scenario import Antiskid, Rail, Scenario, Section
 from .stop import Stop, Verdict
 from .wsp_controller import Constants, Settings, bands, choose, initial_wheels, slip_of, start, tick
 
@@ -439,10 +439,3 @@ def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
 def _stopping_distance(stop: Stop, scenario: Scenario) -> float:
     demanded = scenario.brake.command[0].at
     return float(stop.distance[-1] - np.interp(demanded, stop.t * 1e-9, stop.distance))
-
-
-def against(limits: Sequence[StopLimit], v: Verdict) -> Iterator[tuple[StopLimit, bool]]:
-    """Each limit, and whether the stop keeps it; a quantity without a value keeps it."""
-    for limit in limits:
-        value = getattr(v, limit.quantity)
-        yield limit, value is None or limit.least <= value <= limit.most

@@ -6,12 +6,12 @@ from dataclasses import asdict
 from typing import Any
 
 from ..core.annotated import Json
-from ..core.document import findings_document, finite, tagged
+from ..core.document import findings_document, tagged
 from ..core.finding import Finding
 from . import wsp_controller
 from .plant import RailConditions
 from .replay import Answer, Case
-from .scenario import Scenario, StopLimit
+from .scenario import Scenario
 from .stop import Stop
 
 
@@ -27,7 +27,7 @@ def antiskid_document(
 
     `stop` is one of the stops, which share estimator and seed. `dry` is the stopping distance on
     dry rail [m], None where it is not known. `controllers` has the fields of each controller's
-    `Verdict`, `more` has limits or entries of a replayed log.
+    `Verdict`, `more` has entries of a replayed log.
     """
     head = {"scenario": scenario, "seed": stop.seed, "estimator": stop.algo}
     body = {"parameters": parameters, "dry_distance_m": dry, "controllers": controllers}
@@ -54,16 +54,6 @@ def replay_document(
     return antiskid_document(stop, name, parameters, dry, median, **of_log)
 
 
-def limits_document(rows: Sequence[tuple[str, StopLimit, bool]]) -> list[Json]:
-    """Which controller keeps which limit; an end that is not stated is None."""
-    limits = []
-    for law, x, ok in rows:
-        bounds = {"least": finite(x.least), "most": finite(x.most)}
-        limit = {"controller": law, "quantity": x.quantity, **bounds}
-        limits.append({**limit, "source": x.source, "kept": ok})
-    return limits
-
-
 def stop_settings(
     stop: Stop,
     case: Scenario,
@@ -76,7 +66,7 @@ def stop_settings(
 
     `settings_tree` states vehicle and bands, `more` the log that `track` was fitted to.
     """
-    unused = ("vehicle", "sensor", "wsp", "limit")  # the vehicle has its own section
+    unused = ("vehicle", "sensor", "wsp")  # the vehicle has its own section
     loop: Json = {"controller": stop.controller, "estimator": stop.algo, **more}
     scenario = {k: v for k, v in asdict(case).items() if k not in unused}
     if track:  # its last knot is at infinity

@@ -166,31 +166,6 @@ class Antiskid:
 
 
 @dataclass(frozen=True, slots=True)
-class StopLimit:
-    """What a stop must keep, with its source; none is built in."""
-
-    quantity: Literal[
-        "stopping_distance_m",
-        "extension",
-        "utilisation",
-        "max_slip",
-        "locked_s",
-        "air_nl",
-        "mean_slip_error",
-        "slide_s",
-    ]
-    source: str
-    most: Annotated[float, Quantity("of the quantity", "largest value allowed", -INF)] = INF
-    least: Annotated[float, Quantity("of the quantity", "least value allowed", -INF)] = -INF
-
-    def __str__(self) -> str:
-        """As in "extension at most 0.3 (EN 15595, 5.2)"."""
-        bounds = ("at least", self.least), ("at most", self.most)
-        span = " and ".join(f"{name} {x:g}" for name, x in bounds if math.isfinite(x))
-        return f"{self.quantity} {span} ({self.source})"
-
-
-@dataclass(frozen=True, slots=True)
 class Rig:
     """A roller rig: constant speed, slip rising evenly from 0, the brake is whatever holds it."""
 
@@ -240,7 +215,6 @@ class Scenario:
     contact: Contact = field(default_factory=Contact)
     wsp: Wsp | None = None
     antiskid: Antiskid = field(default_factory=Antiskid)  # of `adhesion antiskid`, not the log's
-    limit: tuple[StopLimit, ...] = ()
     rig: Rig | None = None
     dt: Annotated[float, Quantity("s", "step of integration and dense output", 1e-6, 0.02)] = 1e-3
     seed: Annotated[int, Quantity("-", "seed of the sensor noise", 0)] = 0
@@ -359,12 +333,6 @@ def _of_rail(s: Scenario) -> _Checks:
         condition(name)
     too_close = any(b[0] - a[0] < s.rail.blend for a, b in pairwise(changes))
     yield too_close, "[rail] sections or film closer than blend", "order them, or shorten blend"
-    for x in s.limit:
-        name, bounds = f"[[limit]] {x.quantity}", (x.least, x.most)
-        hint = "name the document and its clause"
-        yield not x.source.strip(), f"{name} has no source", hint
-        hint = "state most, least, or both in order"
-        yield x.least > x.most or bounds == (-INF, INF), f"{name} is no limit", hint
 
 
 def _of_sensors(s: Scenario) -> _Checks:

@@ -119,7 +119,7 @@ def put(folder: Path, of: Files) -> None:
 
 def test_the_table_has_every_command_that_writes() -> None:
     # The tables of a fleet, and files that grow with the samples, have tests of their own.
-    others = {"explain", "inspect", "view", "fleet", "live", "vehicle"}
+    others = {"estimators", "explain", "inspect", "view", "fleet", "live", "vehicle"}
     assert {c.name for c in app.registered_commands} - set(COMMANDS) == others
 
 

@@ -41,7 +41,7 @@ from adhesion_cli.wsp import (
 from adhesion_cli.wsp.controller import APPLY, DUMP, HOLD, Observed, registry
 from adhesion_cli.wsp.controllers import patent, rule
 from adhesion_cli.wsp.plant import RailConditions
-from adhesion_cli.wsp.scenario import Scenario, StopLimit
+from adhesion_cli.wsp.scenario import Scenario
 from adhesion_cli.wsp.stop import Stop, Verdict
 
 
@@ -609,37 +609,6 @@ def test_same_seed_same_stop() -> None:
     assert len(other.t) != len(again.t) or (other.pressure != again.pressure).any()
 
 
-def test_limits_are_the_users_with_their_source() -> None:
-    v = judged("slippery-stop", "patent")
-    limits = (
-        StopLimit("extension", "a test", most=0.1),
-        StopLimit("utilisation", "a test", least=0.5),
-        StopLimit("locked_s", "a test", most=0.0),
-    )
-    assert [kept for _, kept in closed_loop.against(limits, v)] == [False, True, True]
-    assert case("slippery-stop").limit == ()  # none is built in
-    assert [str(x) for x in (*limits[:2], StopLimit("air_nl", "it", 9.0, 1.0))] == [
-        "extension at most 0.1 (a test)", "utilisation at least 0.5 (a test)",
-        "air_nl at least 1 and at most 9 (it)",
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize("ends", ["", "most = 1.0\nleast = 2.0\n"])
-def test_a_limit_that_limits_nothing_is_refused(tmp_path: Path, ends: str) -> None:
-    path = tmp_path / "short.toml"
-    path.write_text(SLIPPERY + f'[[limit]]\nquantity = "extension"\nsource = "a test"\n{ends}')
-    with pytest.raises(UserError, match=r"\[\[limit\]\] extension is no limit"):
-        scenario.load(path)
-
-
-def test_a_limit_without_a_source_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "short.toml"
-    path.write_text(SLIPPERY + '[[limit]]\nquantity = "extension"\nmost = 1.0\nsource = " "\n')
-    with pytest.raises(UserError, match=r"\[\[limit\]\] extension has no source") as told:
-        scenario.load(path)
-    assert told.value.code == 2
-
-
 def test_a_step_longer_than_the_units_period_is_refused() -> None:
     for dt in (0.015, 0.02):
         with pytest.raises(UserError, match="dt is longer than") as told:
@@ -893,7 +862,7 @@ def test_antiskid_command(tmp_path: Path) -> None:
     doc = json.loads(done.stdout)
     assert set(doc) == {
         "schema", "scenario", "seed", "estimator", "parameters", "dry_distance_m", "controllers",
-        "limits", "outputs",
+        "outputs",
     }  # fmt: skip
     assert doc["estimator"] == closed_loop.ESTIMATOR
     assert list(doc["outputs"]) == ["rrd", "none.mcap", "patent.mcap", "rule.mcap"]
@@ -943,8 +912,7 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
 ) -> None:
     own = estimator.registry()[algo].Params()._asdict()[parameter] * 1.25
     monkeypatch.chdir(tmp_path)
-    limits = '[[limit]]\nquantity = "{}"\nmost = 0.0\nsource = "a test"\n'
-    Path("short.toml").write_text(SLIPPERY + "".join(map(limits.format, ("locked_s", "air_nl"))))
+    Path("short.toml").write_text(SLIPPERY)
     Path("adhesion.toml").write_text(
         "[patent]\nslip_low = 0.01\nslip_high = 0.06\n[slope]\nrho = 0.7\n[vehicle]\nphi = 0.2\n"
     )
@@ -982,12 +950,6 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
         assert loop["scenario"]["antiskid"]["period"] == best.antiskid.period
         assert records["adhesion.provenance"]["input_format"] == "closed loop"
         assert "outputs" not in json.loads(records["adhesion.metrics"]["json"])
-    kept = {(x["controller"], x["quantity"]): x["kept"] for x in doc["limits"]}
-    for law, verdict in doc["controllers"].items():
-        for quantity in ("locked_s", "air_nl"):
-            assert kept.pop((law, quantity)) == (verdict[quantity] <= 0.0)
-    assert not kept
-    assert {(x["least"], x["most"], x["source"]) for x in doc["limits"]} == {(None, 0.0, "a test")}
     found = doc["controllers"]["patent"]["stopping_distance_m"]
     assert found == closed_loop.verdict(again, best, 1.0).stopping_distance_m
     read = analyze.analyze(Path(doc["outputs"]["patent.mcap"]), settings.load(), [algo])
