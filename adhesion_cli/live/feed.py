@@ -60,10 +60,8 @@ class Feed:
     def rows(self, wanted: list[Field], add_source: AddSource) -> Iterator[FeedRow | None]:
         """The rows from the first on, as they arrive; None where none came for `TICK`.
 
-        Args:
-            wanted: their fields; it may grow.
-            add_source: called with all fields before the first row that has a new one. It may add
-                to `wanted`.
+        `wanted` are their fields. `add_source` is called with all fields before the first row that
+        has a new one; it may add to `wanted`.
 
         Raises:
             UserError: where the sender cannot be read on.

@@ -76,11 +76,7 @@ class LiveWheels:
     def add_source(self, source: Source) -> list[Finding]:
         """Takes in what began to send after the first second; what was known stays as it is.
 
-        Args:
-            source: every field up to now.
-
-        Returns:
-            Which axles are new, and what cannot be used.
+        `source` has every field up to now. Returns which axles are new, and what cannot be used.
         """
         axles_before = {p.axle for p in self.axles}
         try:
@@ -186,9 +182,7 @@ class LiveWheels:
 class _Total:
     """A counter of pulses or angle: its speed is the mean over an interval, at its middle.
 
-    Args:
-        counter_range: angle of one count [rad].
-        size: the counter starts anew there; 0: at a power of two.
+    `counter_range` is the angle of one count [rad]. It starts anew at `size`; 0: at a power of two.
     """
 
     def __init__(self, counter_range: float, size: float) -> None:

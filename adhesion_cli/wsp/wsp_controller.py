@@ -293,19 +293,14 @@ def online(
 ) -> Generator[list[int]]:
     """The valves of every axle after each sample, as the samples arrive; needs no compiler.
 
+    A sample is (time [ns], train speed [m/s] or None, wheel speed [rad/s] of every axle, K [N] of
+    every axle), with rising time. It gives `controller.APPLY`, `HOLD` or `DUMP` of every axle,
+    which `drives` get, too.
+
     After a sample with a value that is no number, both valves of every axle are at rest. The next
     sample starts anew, with the known wheel radii. The valves are also at rest when the samples end
     or fail, and when the iterator is closed. A feed that stops without an end needs a watchdog
     behind `drives`.
-
-    Args:
-        unit: from `choose`.
-        samples: (time [ns], train speed [m/s] or None, wheel speed [rad/s] of every axle, K [N] of
-            every axle), with rising time.
-        drives: the valves of every axle, or none.
-
-    Yields:
-        `controller.APPLY`, `HOLD` or `DUMP` of every axle.
 
     Raises:
         UserError: a sample with another number of axles, or not after the one before.
