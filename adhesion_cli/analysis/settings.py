@@ -60,7 +60,14 @@ READ_KEYS: Tree[str, dict[str, type]] = {  # of the sections on how logs are rea
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
 GROUP_KEYS = {"channel": str, "equals": str}
 _ENTRY_KEYS: dict[str, type] = dict.fromkeys(("channel", "field", "unit", "group"), str)
-CHANNEL_KEYS = {**_ENTRY_KEYS, "teeth": int, "wrap": float, "zero": Parameter, "axles": list}
+CHANNEL_KEYS = {
+    **_ENTRY_KEYS,
+    "teeth": int,
+    "wrap": float,
+    "zero": Parameter,
+    "delay": Parameter,
+    "axles": list,
+}
 # Places of a channel, and the axles of the n-th where nothing else is stated.
 PLACES: dict[str, Callable[[int], tuple[int, ...]]] = {
     "axle": lambda n: (n,),
@@ -74,6 +81,7 @@ _ORIGIN = (*_OF_LOGS, "selection", "antiskid")  # what a result was made from
 _SPEED: dict[str, Meaning] = {"speed": "wheel_speed"}
 _BY_NAME: dict[str, Meaning] = {name: name for name in get_args(Meaning) if name != "time"}
 MEANINGS = _SPEED | _BY_NAME  # the meaning of each key of [channels]
+_DELAY_TOLERANCE = 0.1  # 1 sigma of a delay that is stated without one [s]
 
 
 VEHICLE_USES = ("log", "stated")
@@ -668,18 +676,28 @@ def _channel(key: str, table: Table) -> Table:
     """What an entry states of its channel, each value of its type.
 
     Raises:
-        UserError: where it names no channel and states nothing else, or a speed has a zero.
+        UserError: where it names no channel and states nothing else, or a speed has a zero,
+            or another channel than the train speed a delay.
     """
     section = f"channels.{key}"
-    zero = parameter(f"{section}.zero", table["zero"], usual=0.0) if "zero" in table else None
-    table = _fields(section, {k: v for k, v in table.items() if k != "zero"}, CHANNEL_KEYS)
-    if zero and "speed" in key:
+    if "delay" in table:
+        stated = table["delay"] if isinstance(table["delay"], dict) else {"value": table["delay"]}
+        table = {**table, "delay": {"tolerance": _DELAY_TOLERANCE, **stated}}
+    parameters = {key: table[key] for key in ("zero", "delay") if key in table}
+    sensor: Table = {
+        k: parameter(f"{section}.{k}", entry, usual=0.0) for k, entry in parameters.items()
+    }
+    table = _fields(section, {k: v for k, v in table.items() if k not in sensor}, CHANNEL_KEYS)
+    if "zero" in sensor and "speed" in key:
         raise UserError(f"{section} has a zero: a speed has none", "leave zero out", code=2)
-    of_guesses = zero is not None or ("unit" in table and "field" not in table)
+    if "delay" in sensor and key != "train_speed":
+        text = f"{section} has a delay: only a train speed has one"
+        raise UserError(text, "leave delay out", code=2)
+    of_guesses = bool(sensor) or ("unit" in table and "field" not in table)
     if "channel" not in table and not of_guesses:
         line = f"{section} = {toml.value({'channel': 'NAME', **table})}"
         raise UserError(f"{section} names no channel", f"name it, as {toml.option(line)}", code=2)
-    return {"channel": "", **table, "zero": zero}
+    return {"channel": "", **table, **sensor}
 
 
 def _motor_forces(key: str, value: Any) -> list[Mapping]:

@@ -30,8 +30,8 @@ from .state_words import says_state
 class Mapping:
     """One line of `[channels]`, for one axle: this channel means that.
 
-    Without a channel it states unit and zero of the channel whose name has this meaning; without an
-    axle, of every such channel.
+    Without a channel it states unit, zero and delay of the channel whose name has this meaning;
+    without an axle, of every such channel.
     """
 
     meaning: Meaning
@@ -43,6 +43,7 @@ class Mapping:
     teeth: int = 0  # pulses per turn of a pulse counter or pulse rate
     wrap: float = 0.0  # where a cumulative counter starts anew; 0: 2¹⁶ or 2³², by its values
     zero: Parameter | None = None  # what the sensor measures of nothing, in its unit
+    delay: Parameter | None = None  # of a train speed [s]
     # of an ED or traction force:
     place: str = ""  # "vehicle", "bogie 1": whose it is; it is spread over its axles
     axles: tuple[int, ...] = ()  # over these; all of the vehicle, or the two of a bogie
@@ -66,6 +67,7 @@ class Meant:
     unit_too: str = ""  # another unit that its name states, where nobody says which one holds
     share: float = 1.0  # of a force, which is this axle's
     mapping: Mapping | None = None  # what the user states of it
+    delay: Parameter | None = None  # of a train speed [s]; None where nobody states it
 
     @property
     def title(self) -> str:
@@ -153,7 +155,7 @@ def _is_state(field: Field) -> bool:
 def _apply_statements(
     meant: list[Meant], guesses: Collection[int], mappings: Sequence[Mapping]
 ) -> None:
-    """Gives channels the zero, and guesses the unit, that lines without a channel state.
+    """Gives channels the zero and delay, and guesses the unit, that lines without a channel state.
 
     Raises:
         UserError: for a line on an axle that has no such channel.
@@ -170,6 +172,7 @@ def _apply_statements(
             stated = meant[i]
             own_zero = stated.zero
             stated = replace(stated, zero=(m.zero or own_zero) if m.axle else (own_zero or m.zero))
+            stated = replace(stated, delay=stated.delay or m.delay)
             if i in guesses:
                 stated = replace(stated, mapping=m)
             if i in guesses and m.unit:
@@ -188,7 +191,7 @@ def _as_stated(field: Field, m: Mapping) -> Meant:
         unit, reason = guess(field).unit, "stated in [channels]; unit in the name"
     unit_conflict = "" if m.unit else _unit_too(field, m.meaning, unit)
     meant = Meant(field, m.meaning, m.axle, unit, reason, m.teeth, m.wrap, m.zero, unit_conflict)
-    return replace(meant, mapping=m)
+    return replace(meant, delay=m.delay, mapping=m)
 
 
 def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:

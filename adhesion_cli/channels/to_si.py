@@ -91,6 +91,7 @@ def channel(
         m.field.label,
         tick,
         zero=zero(m, vehicle),
+        delay=m.delay,
         held=held,
     ), findings
 

@@ -167,6 +167,7 @@ class Channel:
     period_step: float = 0.0  # of 1/speed, where a timer counts whole ticks from pulse to pulse
     first_unit: str = ""  # of a result: the unit in the log that it was made of, where it matters
     zero: Parameter = Parameter(0.0, 0.0)  # of a pressure's sensor, taken off `data` [Pa]
+    delay: Parameter | None = None  # of a train speed, as stated [s]
     tolerance: float = 0.0  # 1 sigma of an ED or traction force, as a share
     levels: tuple[str, ...] = ()  # of a state in words: the word of 0, of 1, ...
     # samples of `data` that its recorder did not write, as the value held [ns]

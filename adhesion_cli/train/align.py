@@ -40,6 +40,7 @@ def align(
     if accelerometer and all(a.train is None for a in axles):
         axles, integration_findings = _integrated(axles, accelerometer, vehicle)
         findings += integration_findings
+    axles = [_shifted(a, a.train.delay) if a.train and a.train.delay else a for a in axles]
     grids = build_grids(axles, vehicle)
     if not grids:
         return Aligned(axles, None, findings)
@@ -95,8 +96,10 @@ def _on_one_clock(
     values = {}
     if offset is not None:
         values = {"offset_mps": offset.value, "offset_u95_mps": Z95 * offset.tolerance}
-    if delay is None:
+    if delay is None or (offset and train.delay):
         return axles, _clock_findings("train-speed-offset", train, values, view) if offset else []
+    if train.delay:
+        return _beside_stated_delay(axles, train, train.delay, delay, view)
     interval = max(float(np.median(np.diff(a.record.t))) for a in axles) * 1e-9
     findings: list[Finding] = []
     unknown = Parameter(0.0, math.hypot(*delay))  # what remains where nothing is shifted
@@ -114,6 +117,33 @@ def _on_one_clock(
         _shifted(a, delay) if a.train and _same_samples(a.train, train) else a for a in axles
     ]
     return shifted_axles, findings
+
+
+def _beside_stated_delay(
+    axles: list[AxleChannels], train: Channel, stated: Parameter, residual: Parameter, view: View
+) -> tuple[list[AxleChannels], list[Finding]]:
+    """The axles shifted by the mean of both delays by their errors, or by the stated one alone.
+
+    Args:
+        axles: shifted by the stated delay.
+        train: the train speed.
+        stated: its delay [s].
+        residual: the delay that the wheels show beyond it [s].
+        view: for the log's start.
+    """
+    error = math.hypot(*(x.tolerance for x in (stated, residual)))
+    if abs(residual.value) > _SIGMAS * error:
+        values = {
+            "stated_s": stated.value,
+            "delay_s": stated.value + residual.value,
+            "delay_u95_s": Z95 * residual.tolerance,
+        }
+        return axles, _clock_findings("train-speed-delay-differs", train, values, view)
+    delay = Parameter(
+        stated.value + (stated.tolerance / error) ** 2 * residual.value,
+        stated.tolerance * residual.tolerance / error,
+    )
+    return [_shifted(a, delay) if a.train is train else a for a in axles], []
 
 
 def _resolution(channel: Channel) -> float:

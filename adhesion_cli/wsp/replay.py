@@ -33,7 +33,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import physics
+from ..core import physics, toml
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Parameter, Result, Times, Vehicle
@@ -206,7 +206,9 @@ def _rails_under(
             and sliding.limited_from(axle, begin, stop) is not None
         ):
             text = "the delay of the train speed is not known, and may hide its slides"
-            hint = "Replay a log with a brake on a dry rail, too: it shows the delay."
+            line = toml.option("channels.train_speed.delay = 0.8")
+            hint = "Replay a log with a brake on a dry rail, too: it shows the delay. "
+            hint += f"If you know it, state it in seconds, as {line}."
             refused.append((number, UserError(text, hint)))
         axle_rails.append(rail)
     if not refused:

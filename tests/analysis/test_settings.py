@@ -127,6 +127,7 @@ def test_channels() -> None:
         ("channels.pressure.axle1.zero='x'", "number"),
         ("channels.pressure.axle1.zero={value=0.1, tolerance=-1}", "from 0"),
         ("channels.speed.axle1={channel='x', zero=1}", "channels.speed has a zero"),
+        ("channels.pressure.delay=1", "channels.pressure has a delay"),
     ],
 )
 def test_a_mistake_is_an_error_that_names_the_remedy(assignment: str, says: str) -> None:

@@ -10,7 +10,8 @@ from helpers.grids import thinned
 
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
-from adhesion_cli.core.model import Vehicle
+from adhesion_cli.channels.meaning import Mapping
+from adhesion_cli.core.model import Parameter, Vehicle
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
@@ -28,6 +29,30 @@ def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path:
         "four-axles": -0.025,
     }  # late in the scenario; pulses of a past interval
     assert measured == pytest.approx(seconds + own.get(name, 0.0), abs=0.05 + doubt)
+
+
+@pytest.mark.parametrize("stated", [1.1, 2.0])
+def test_a_stated_delay_is_weighed_against_the_wheels(stated: float, tmp_path: Path) -> None:
+    """The wheels of this log show 1.0 s: the stated one is more accurate, or another one."""
+    log = simulated.late(clean("low-adhesion", 1, "as it is"), "train_speed", 1.0)
+    record_by_delay = {}
+    for delay in (None, Parameter(stated, 0.02)):
+        mapping = Mapping("train_speed", None, "", delay=delay)
+        source = open_source(simulated.write(tmp_path / "log.csv", log), ReadOptions())
+        prepared = prepare(read(source, (mapping,) if delay else (), Vehicle()), Vehicle())
+        record_by_delay[delay] = prepared.records[0]
+    shown = record_by_delay[None].train_speed_late
+    used = record_by_delay[Parameter(stated, 0.02)].train_speed_late
+    codes = [f.code for f in prepared.findings if f.code.startswith("train-speed")]
+    assert shown is not None
+    assert used is not None
+    if stated == 1.1:
+        assert codes == []
+        assert shown.value < used.value < stated
+        assert used.tolerance < min(0.02, shown.tolerance)
+    else:
+        assert codes == ["train-speed-delay-differs"]
+        assert used == Parameter(2.0, 0.02)
 
 
 @pytest.mark.parametrize(
