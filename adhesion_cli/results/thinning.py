@@ -10,7 +10,7 @@ from ..core.model import AxleResult, Bools, Times
 
 LONG_ROWS = 20_000  # rows of an axle; one with more is thinned
 AROUND = 2_000_000_000  # before and after a brake application or slide [ns]
-SAMPLE_INTERVAL = 500_000_000  # elsewhere: a file has one sample of so long, a recording two [ns]
+SAMPLE_INTERVAL = 500_000_000  # elsewhere there is one sample of so long [ns]
 THINNED_NOTE = (
     f"computed values: one of each {SAMPLE_INTERVAL / 1e9:g} s; "
     f"in brake applications and slides and {AROUND / 1e9:g} s around them, all"
@@ -22,24 +22,17 @@ def needs_thinning(axle: AxleResult) -> bool:
     return len(axle.record) > LONG_ROWS
 
 
-def near_brakes(axle: AxleResult, t: Times) -> Bools:
-    """Whether these times are in or around a brake application or a slide, (n,)."""
-    is_near = np.zeros(len(t), bool)
+def is_kept(axle: AxleResult, t: Times) -> Bools:
+    """Whether the results of a long log have these times of an axle, (n,)."""
+    is_kept: Bools = np.diff(t // SAMPLE_INTERVAL, prepend=t[0] // SAMPLE_INTERVAL - 1) != 0
     times = [(axle.record.t[s.start], axle.record.t[s.stop - 1]) for s in axle.applications]
     for begin, stop in [*times, *((e.t, e.until) for e in axle.events if e.until is not None)]:
-        is_near |= (t >= begin - AROUND) & (t <= stop + AROUND)
-    return is_near
-
-
-def begins(t: Times) -> Bools:
-    """Whether a row is the first one of its `SAMPLE_INTERVAL`, (n,)."""
-    is_first: Bools = np.diff(t // SAMPLE_INTERVAL, prepend=t[0] // SAMPLE_INTERVAL - 1) != 0
-    return is_first
+        is_kept |= (t >= begin - AROUND) & (t <= stop + AROUND)
+    return is_kept
 
 
 def kept_rows(axle: AxleResult) -> NDArray[np.int64] | None:
     """Rows of an axle whose computed values are kept, rising, (k,); None where all are."""
-    t = axle.record.t
     if not needs_thinning(axle):
         return None
-    return np.flatnonzero(begins(t) | near_brakes(axle, t))
+    return np.flatnonzero(is_kept(axle, axle.record.t))

@@ -103,15 +103,14 @@ class _Page:
         self.zeros = {"time": result.log.start_ns()}
         if name:  # the logs of a comparison, by their own brakes
             self.zeros["brake"] = result.brake_ns()
-        self.spans = [self._spans(a) for a in self.result.axles]
+        self.lanes = [self._lanes(a) for a in self.result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in self.result.axles}
         self.route = find_route(result.log)
         bars = line_chart.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
         self.run = overview.ComparedRun(name, self.result, self.times, self.slides)
-        drawn_axles = [
-            (a, sum(map(len, s))) for a, s in zip(self.result.axles, self.spans, strict=True)
-        ]
+        drawn_rows = [sum(len(lane.t) for lane in lanes) for lanes in self.lanes]
+        drawn_axles = [*zip(self.result.axles, drawn_rows, strict=True)]
         self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn_axles) > OVERVIEW_FROM
         self.thinned = any(n < len(a.record) for a, n in drawn_axles)
         self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity
@@ -129,8 +128,8 @@ class _Page:
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
             lines: dict[str, int] = {}
-            for lane, bucket_rows in zip(rows.of_axle(axle), self.spans[n], strict=True):
-                lines |= self._send_lane(rec, path, axle, lane, bucket_rows)
+            for lane in self.lanes[n]:
+                lines |= self._send_lane(rec, path, axle, lane)
             entity, start = f"{self.root}/lines/{path}", self.zeros["time"]
             parts.send_names(rec, entity, self.times, start, [*lines.items()])
             parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
@@ -151,31 +150,18 @@ class _Page:
         parts.send_text(rec, f"{self.root}/about", about)
 
     def _send_lane(
-        self,
-        rec: rr.RecordingStream,
-        path: str,
-        axle: AxleResult,
-        lane: rows.Lane,
-        bucket_rows: NDArray[np.int64],
+        self, rec: rr.RecordingStream, path: str, axle: AxleResult, lane: rows.Lane
     ) -> dict[str, int]:
-        """The charts of an axle, by parts of a long log; returns names and colours of forces.
-
-        `bucket_rows` has the first row of each span of the lane's rows, see `_spans`.
-        """
+        """The charts of an axle, by parts of a long log; returns names and colours of forces."""
         _, t, index, inside = lane
         span = -(-2 * len(t) // rows.OVERVIEW)
         step = max(_ROWS // span, 1) * span
         lines: dict[str, int] = {}
         for offset in range(0, len(t), step):
             piece = slice(offset, offset + step)
-            starts = bucket_rows[(bucket_rows > offset) & (bucket_rows < offset + step)] - offset
-            starts = np.insert(starts, 0, 0)
             for plot in self._plots(axle, index[piece], inside[piece]):
                 full_path = lane.path_under(f"{self.root}/{path}/{plot.name}")
-                thin = rows.envelope(t[piece], plot, starts)
-                if len(bucket_rows) < len(t):
-                    thin = rows.without_repeats(*thin)
-                parts.send_plot(rec, full_path, self.times, *thin, offset == 0)
+                parts.send_plot(rec, full_path, self.times, t[piece], plot, offset == 0)
                 if plot.name.startswith("force/"):
                     lines |= zip(plot.series, plot.colours, strict=True)
                 if self.large:
@@ -185,15 +171,12 @@ class _Page:
             rec.flush()  # or the SDK queues the whole log
         return lines
 
-    def _spans(self, axle: AxleResult) -> list[NDArray[np.int64]]:
-        """First row of each span of which one or two rows are drawn, (k,), for each lane of rows.
-
-        In and around brake applications and slides that is every row, and in short logs.
-        """
+    def _lanes(self, axle: AxleResult) -> list[rows.Lane]:
+        """The rows that are drawn: of a long log those that its results have, and each break."""
         lanes = rows.of_axle(axle)
         if self.full or not thinning.needs_thinning(axle):
-            return [np.arange(len(lane.t)) for lane in lanes]
-        return [_thinned(axle, lane) for lane in lanes]
+            return lanes
+        return [lane.select(thinning.is_kept(axle, lane.t) | (lane.row < 0)) for lane in lanes]
 
     def times(self, t: Times) -> list[rr.TimeColumn]:
         """Time stamps on each timeline."""
@@ -523,12 +506,6 @@ def _sampled(column: Column, t: Times) -> Floats:
     return values[np.searchsorted(column.t[is_usable], t, side="right")]
 
 
-def _thinned(axle: AxleResult, lane: rows.Lane) -> NDArray[np.int64]:
-    """First row of each span: a row near a brake application, a break, or so long elsewhere."""
-    exact = (lane.row < 0) | thinning.near_brakes(axle, lane.t)
-    return np.flatnonzero(thinning.begins(lane.t) | exact | np.append(False, exact[:-1]))
-
-
 def _motors_title(record: AxleRecord) -> str:
     return "ED force at the rim" + ", traction below 0" * record.traction_known
 
@@ -554,8 +531,8 @@ The log is long. The overviews show the lowest and the highest value of each of
 """
 _THINNED = f"""
 Every sample is drawn in brake applications and slides and {thinning.AROUND / 1e9:g} s around them.
-Between them each {thinning.SAMPLE_INTERVAL / 1e9:g} s is drawn by its lowest and its highest value.
-`--full` draws every sample.
+Between them one sample of each {thinning.SAMPLE_INTERVAL / 1e9:g} s is drawn. `--full` draws every
+sample.
 """
 
 

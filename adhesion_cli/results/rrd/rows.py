@@ -24,6 +24,10 @@ class Lane(NamedTuple):
         """The entity of these rows; a chart shows what is below its own, too."""
         return f"{path}/again/{self.place}" if self.place else path
 
+    def select(self, is_drawn: Bools) -> "Lane":
+        """Some of the rows, by a mask of shape (m,)."""
+        return Lane(self.place, self.t[is_drawn], self.row[is_drawn], self.inside[is_drawn])
+
 
 def of_axle(axle: AxleResult) -> list[Lane]:
     """Rows to draw: each sample, and a break wherever a segment ends or the clock is set back.
@@ -92,14 +96,3 @@ def envelope(t: Times, plot: SeriesPlot, starts: NDArray[np.int64]) -> tuple[Tim
     rises = plot.values[starts + size - 1] >= plot.values[starts]
     values = np.where(rises[bucket] == second[:, None], maxima[bucket], minima[bucket])
     return t[rows_chosen], replace(plot, values=values)
-
-
-def without_repeats(t: Times, plot: SeriesPlot) -> tuple[Times, SeriesPlot]:
-    """The rows that change the lines: of a run of equal rows the first and the last."""
-    columns = [x for x in (plot.values, plot.half_width) if x is not None]
-    bits = np.concatenate(columns, axis=1).view(np.int64)
-    is_repeat = (bits[1:] == bits[:-1]).all(axis=1)
-    is_kept = np.ones(len(t), bool)
-    is_kept[1:-1] = ~(is_repeat[:-1] & is_repeat[1:])
-    half_width = None if plot.half_width is None else plot.half_width[is_kept]
-    return t[is_kept], replace(plot, values=plot.values[is_kept], half_width=half_width)
