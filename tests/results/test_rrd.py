@@ -256,8 +256,8 @@ def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     np.testing.assert_array_equal(np.nanmin(few, axis=0), np.nanmin(full, axis=0))
     np.testing.assert_array_equal(np.nanmax(few, axis=0), np.nanmax(full, axis=0))
     assert np.isnan(few).any()  # the gap shows
-    (lane,) = rows.of_axle(result(1, 2000).axles[0])
-    first = rows.spans(lane.row, -(-2 * len(t) // 100))
+    drawn_rows = rows.of_axle(result(1, 2000).axles[0])
+    first = rows.spans(drawn_rows.row, -(-2 * len(t) // 100))
     k = 0
     for begin, end in zip(first, [*first[1:], len(t)], strict=True):
         count = min(2, end - begin)

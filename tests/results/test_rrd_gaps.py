@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.made_results import result
-from helpers.recordings import batches, column, static
+from helpers.recordings import column
 from helpers.vehicle_logs import WHOLE
 
 from adhesion_cli.analysis import settings
@@ -87,7 +87,7 @@ def test_no_line_of_several_logs_crosses_a_gap(
         assert_breaks(tmp_path / "c.rrd", f"/runs/axle/1/{chart}/1")
 
 
-def test_the_times_of_a_clock_set_back_are_lines_of_their_own(tmp_path: Path) -> None:
+def test_a_clock_set_back_is_drawn_where_its_times_are_new(tmp_path: Path) -> None:
     lines = []
     for line in SAMPLE[1:]:
         t, rest = line.split(",", 1)
@@ -95,24 +95,11 @@ def test_the_times_of_a_clock_set_back_are_lines_of_their_own(tmp_path: Path) ->
     made, path = analysed(tmp_path / "back.csv", lines), tmp_path / "a.rrd"
     rrd.write_results(path, [made])
     (axle,) = made.axles
-    first, second = (slice(s.start, s.stop) for s in axle.record.segments)
+    first, second = (axle.record.t[s] - made.log.start_ns() for s in axle.record.segments)
     for entity in ("speed", "force/reference", "force/estimates"):
         component = "values" if entity == "force/reference" else "scalars"
-        for part, below in ((first, ""), (second, "/again/1")):
-            t, values = column(path, f"/axle/1/{entity}{below}", component)
-            known = np.isfinite(values).all(axis=1)
-            np.testing.assert_array_equal(t[known], axle.record.t[part] - made.log.start_ns())
-        names = [static(path, f"/axle/1/{entity}{x}", "names") for x in ("", "/again/1")]
-        assert names[0] == names[1]
-    assert not batches(path, "/axle/1/speed/again/2")
-
-
-def test_a_lane_is_used_again_when_its_times_are_over() -> None:
-    t = np.array([0, 1, 2, 3, 1, 2, 4, 5, 3, 4, 1], np.int64)
-    assert rows._places(t).tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3]
-    t = np.array([0, 4, 2, 5, 6, 7, 9, 3, 4, 8], np.int64)
-    assert rows._places(t).tolist() == [0, 0, 1, 1, 1, 1, 1, 2, 2, 2]
-    t = np.array([0, 9, 2, 5, 3, 4, 4, 6, 5, 7], np.int64)
-    assert rows._places(t)[:4].tolist() == [0, 0, 1, 1]
-    assert rows._places(np.array([5, 6, 1, 2, 3, 4], np.int64)).tolist() == [0, 0, 1, 1, 1, 1]
-    assert rows._places(np.empty(0, np.int64)).tolist() == []
+        t, values = column(path, f"/axle/1/{entity}", component)
+        known = np.isfinite(values).all(axis=1)
+        expected = np.concatenate([first, second[second > first[-1] + 1]])
+        np.testing.assert_array_equal(t[known], expected)
+        assert not known[np.searchsorted(t, first[-1]) + 1]  # no line from before to after

@@ -81,14 +81,13 @@ def _lines(result: Result, axle: AxleResult, key: str, name: str, place: int) ->
 def _send(
     rec: rr.RecordingStream, path: str, times: parts.Clock, axle: AxleResult, lines: Sequence[_Line]
 ) -> None:
-    for lane in rows.of_axle(axle):
-        _, t, index, inside = lane
-        bucket_starts = rows.spans(index, -(-2 * len(t) // rows.OVERVIEW))
-        for chart, key, name, colour, values in lines:
-            is_valid = (index >= 0) & (inside | (chart == "speed"))
-            plot = parts.lines(key, [(name, colour, np.where(is_valid, values[index], np.nan))])
-            entity = lane.path_under(f"{path}/{chart}/{key}")
-            parts.send_plot(rec, entity, times, *rows.envelope(t, plot, bucket_starts))
+    t, index, inside = rows.of_axle(axle)
+    bucket_starts = rows.spans(index, -(-2 * len(t) // rows.OVERVIEW))
+    for chart, key, name, colour, values in lines:
+        is_valid = (index >= 0) & (inside | (chart == "speed"))
+        plot = parts.lines(key, [(name, colour, np.where(is_valid, values[index], np.nan))])
+        envelope = rows.envelope(t, plot, bucket_starts)
+        parts.send_plot(rec, f"{path}/{chart}/{key}", times, *envelope)
 
 
 def _values(result: Result, axle: AxleResult) -> dict[str, Floats]:

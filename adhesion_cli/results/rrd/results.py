@@ -103,16 +103,16 @@ class _Page:
         self.zeros = {"time": result.log.start_ns()}
         if name:  # the logs of a comparison, by their own brakes
             self.zeros["brake"] = result.brake_ns()
-        self.lanes = [self._lanes(a) for a in self.result.axles]
+        self.drawn = [self._drawn_rows(a) for a in self.result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in self.result.axles}
         self.route = find_route(result.log)
         bars = line_chart.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
         self.run = overview.ComparedRun(name, self.result, self.times, self.slides)
-        drawn_rows = [sum(len(lane.t) for lane in lanes) for lanes in self.lanes]
-        drawn_axles = [*zip(self.result.axles, drawn_rows, strict=True)]
-        self.large = sum(n * (2 * len(a.estimates) + 9) for a, n in drawn_axles) > OVERVIEW_FROM
-        self.thinned = any(n < len(a.record) for a, n in drawn_axles)
+        pairs = [*zip(self.result.axles, self.drawn, strict=True)]
+        points = sum(len(drawn.t) * (2 * len(a.estimates) + 9) for a, drawn in pairs)
+        self.large = points > OVERVIEW_FROM
+        self.thinned = not full and any(map(thinning.needs_thinning, self.result.axles))
         self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity
         for x in log_events.of_result(result):
             kind = "findings" if x.code in catalogue() else "events"
@@ -127,9 +127,7 @@ class _Page:
         """Send everything."""
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
-            lines: dict[str, int] = {}
-            for lane in self.lanes[n]:
-                lines |= self._send_lane(rec, path, axle, lane)
+            lines = self._send_lines(rec, path, axle, self.drawn[n])
             entity, start = f"{self.root}/lines/{path}", self.zeros["time"]
             parts.send_names(rec, entity, self.times, start, [*lines.items()])
             parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
@@ -149,34 +147,34 @@ class _Page:
         about = _about(self.result, self.large, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
 
-    def _send_lane(
-        self, rec: rr.RecordingStream, path: str, axle: AxleResult, lane: rows.Lane
+    def _send_lines(
+        self, rec: rr.RecordingStream, path: str, axle: AxleResult, drawn: rows.DrawnRows
     ) -> dict[str, int]:
         """The charts of an axle, by parts of a long log; returns names and colours of forces."""
-        _, t, index, inside = lane
+        t, index, inside = drawn
         span = -(-2 * len(t) // rows.OVERVIEW)
         step = max(_ROWS // span, 1) * span
         lines: dict[str, int] = {}
         for offset in range(0, len(t), step):
             piece = slice(offset, offset + step)
             for plot in self._plots(axle, index[piece], inside[piece]):
-                full_path = lane.path_under(f"{self.root}/{path}/{plot.name}")
+                full_path = f"{self.root}/{path}/{plot.name}"
                 parts.send_plot(rec, full_path, self.times, t[piece], plot, offset == 0)
                 if plot.name.startswith("force/"):
                     lines |= zip(plot.series, plot.colours, strict=True)
                 if self.large:
-                    overview_path = lane.path_under(f"{self.root}/overview/{path}/{plot.name}")
+                    overview_path = f"{self.root}/overview/{path}/{plot.name}"
                     envelope = rows.envelope(t[piece], plot, rows.spans(index[piece], span))
                     parts.send_plot(rec, overview_path, self.times, *envelope, offset == 0)
             rec.flush()  # or the SDK queues the whole log
         return lines
 
-    def _lanes(self, axle: AxleResult) -> list[rows.Lane]:
+    def _drawn_rows(self, axle: AxleResult) -> rows.DrawnRows:
         """The rows that are drawn: of a long log those that its results have, and each break."""
-        lanes = rows.of_axle(axle)
+        drawn = rows.of_axle(axle)
         if self.full or not thinning.needs_thinning(axle):
-            return lanes
-        return [lane.select(thinning.is_kept(axle, lane.t) | (lane.row < 0)) for lane in lanes]
+            return drawn
+        return drawn.select(thinning.is_kept(axle, drawn.t) | (drawn.row < 0))
 
     def times(self, t: Times) -> list[rr.TimeColumn]:
         """Time stamps on each timeline."""
@@ -214,7 +212,7 @@ class _Page:
     def _plots(
         self, axle: AxleResult, index: NDArray[np.int64], inside: Bools
     ) -> Iterator[parts.SeriesPlot]:
-        """What is drawn of some rows, see `rows.Lane`."""
+        """What is drawn of some rows, see `rows.DrawnRows`."""
         record, reference = axle.record, axle.reference
 
         def column(values: Floats, factor: float = 1.0) -> Floats:
@@ -281,7 +279,7 @@ class _Page:
 
     def _send_states(self, rec: rr.RecordingStream, path: str, axle: AxleResult) -> None:
         """The brake and the logged states; of an axle with slip its region and its wheel, too."""
-        n, lanes = len(axle.record), rows.of_axle(axle)
+        n, drawn = len(axle.record), rows.of_axle(axle)
         braked = np.zeros(n, np.int8)
         for s in axle.applications:
             braked[signals.pressed_part(axle.record, s)[0]] = 1
@@ -291,10 +289,8 @@ class _Page:
             *slip_states,
             *_logged_states(self.result.log, axle.record),
         ):
-            for lane in lanes:
-                lane_codes = np.where(lane.inside, codes[lane.row], -1)
-                entity = lane.path_under(f"{path}/state/{name}")
-                parts.send_states(rec, entity, self.times, lane.t, lane_codes, states)
+            drawn_codes = np.where(drawn.inside, codes[drawn.row], -1)
+            parts.send_states(rec, f"{path}/state/{name}", self.times, drawn.t, drawn_codes, states)
 
     def _slip_states(self, axle: AxleResult) -> list[_StateLane]:
         """The region on the curve, and whether the wheel rolls."""
@@ -520,7 +516,8 @@ def _is_known(columns: Iterable[Floats]) -> bool:
 
 _LINES = """
 The 95 % band of the reference holds the truth with 95 %, vehicle tolerances included. Each
-estimator has its own colour everywhere. A gap in a line is a gap in the data.
+estimator has its own colour everywhere. A gap in a line is a gap in the data, or the clock was set
+back: the line goes on where its times are new.
 
 Time counts from the start of the log, as on the screen and in the findings. The timeline `clock` is
 the log's own. In a comparison, `brake` counts from the first brake application of each log.

@@ -12,62 +12,38 @@ from .parts import SeriesPlot
 OVERVIEW = 10_000  # rows of an overview: two for each column of the finest screens
 
 
-class Lane(NamedTuple):
+class DrawnRows(NamedTuple):
     """Rows to draw as one line, in the order of time; shape (m,)."""
 
-    place: int  # 0, or of a further line where the clock was set back over times that are drawn
     t: Times  # of the rows [ns], rising
     row: NDArray[np.int64]  # of the record, −1 for one without values: a break in each line
     inside: Bools  # whether the row lies in a segment
 
-    def path_under(self, path: str) -> str:
-        """The entity of these rows; a chart shows what is below its own, too."""
-        return f"{path}/again/{self.place}" if self.place else path
-
-    def select(self, is_drawn: Bools) -> "Lane":
+    def select(self, is_drawn: Bools) -> "DrawnRows":
         """Some of the rows, by a mask of shape (m,)."""
-        return Lane(self.place, self.t[is_drawn], self.row[is_drawn], self.inside[is_drawn])
+        return DrawnRows(self.t[is_drawn], self.row[is_drawn], self.inside[is_drawn])
 
 
-def of_axle(axle: AxleResult) -> list[Lane]:
-    """Rows to draw: each sample, and a break wherever a segment ends or the clock is set back.
+def of_axle(axle: AxleResult) -> DrawnRows:
+    """Rows to draw: each sample, and a break wherever a segment ends.
 
     The viewer sorts rows by time. What came after a clock was set back would be mixed with what
-    came before, so it has a lane of its own while their times overlap.
+    came before: it is drawn from where its times pass those.
     """
     t = axle.record.t
     inside = np.zeros(len(t), bool)
     for s in axle.record.segments:
         inside[s] = True
-    backward = np.flatnonzero(np.diff(t) < 0) + 1
-    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)} | {*backward.tolist()}
+    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)}
     edges = np.array(sorted(bounds - {0, len(t)}), np.int64)
     index = np.insert(np.arange(len(t)), edges, -1)
     times, inside = np.insert(t, edges, t[edges - 1] + 1), np.insert(inside, edges, False)
-    places = _places(times)
-    lanes = []
-    for k in range(int(places.max(initial=0)) + 1):
-        rows = np.flatnonzero(places == k)
-        lanes.append(Lane(k, times[rows], index[rows], inside[rows]))
-    return lanes
-
-
-def _places(t: Times) -> NDArray[np.int64]:
-    """The lane of each row: of each stretch of rising times the first that has ended by then."""
-    starts = np.append(0, np.flatnonzero(np.diff(t) < 0) + 1)
-    stops = np.append(starts[1:], len(t))
-    places, lane_ends = np.zeros(len(t), np.int64), [int(t[0]) - 1] if len(t) else []
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        if start == stop:
-            continue
-        k = next((k for k, lane_end in enumerate(lane_ends) if lane_end < t[start]), len(lane_ends))
-        lane_ends[k : k + 1] = [int(t[stop - 1])]
-        places[start:stop] = k
-    return places
+    is_newest = np.diff(np.maximum.accumulate(times), prepend=times[:1] - 1) > 0
+    return DrawnRows(times, index, inside).select(is_newest)
 
 
 def spans(index: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """First row of each span of `size` rows of a lane's index (m,); a break is its own span."""
+    """First row of each span of `size` rows by their index (m,); a break is its own span."""
     breaks = np.flatnonzero(index < 0)
     starts = np.concatenate([np.arange(0, len(index), size), breaks, breaks + 1])
     return np.unique(starts[starts < len(index)])
