@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
@@ -312,6 +313,7 @@ class Analysis(_Tables):
         Raises:
             UserError: for an axle that was not analysed.
         """
+        from ..results import mcap
         from ..results.report import run
         from ..results.report.plot import Plot  # Bokeh is slow to import
 
@@ -319,7 +321,11 @@ class Analysis(_Tables):
         for axle in wanted:
             if axle not in self._braked:
                 raise unknown("axle", str(axle), [str(n) for n in self._braked])
-        return Plot(run.of_result(self.result, self._summary), wanted)
+        with TemporaryDirectory(prefix="adhesion-") as folder:  # a report is that of a result file
+            record = Path(folder, "plot.mcap")
+            document = json_documents.embedded([self._summary])
+            mcap.write_results(record, [self.result], document, full=True)
+            return Plot(run.read(record, axles=[*self._braked]), wanted)
 
     @in_python
     def write(

@@ -16,20 +16,18 @@ from ...core.model import (
     MOTOR_FORCES,
     PLACES,
     STATES,
-    AxleResult,
     Column,
     Floats,
     Meaning,
-    Result,
     Times,
 )
 from ...core.summary import AxleSummary, BrakeApplication, ChannelSummary, ResultSummary
 from ...core.text import shell_word
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
-from ...records.route import Route, find_route, make_route
+from ...records.route import Route, make_route
 from ..carried_vehicle import parameter
-from ..names import METRICS, PROVENANCE, SETTINGS, flat
+from ..names import METRICS, PROVENANCE, SETTINGS
 from ..train_stops import choose_axles
 from ..vehicle_text import describe_vehicle
 
@@ -172,23 +170,6 @@ def read(path: Path, name: str = "", axles: Sequence[int] | None = None) -> Repo
     return ReportRun(name or path.name, summary, columns, *facts)
 
 
-def of_result(result: Result, summary: ResultSummary) -> ReportRun:
-    """An analysed log that no file holds, as a report shows it."""
-    settings, start = flat(result.settings), result.log.start_ns()
-    pairs = zip(summary.axles, result.axles, strict=True)
-    axles = tuple(_axle(a, _columns(x), start, settings) for a, x in pairs)
-    numbers = tuple(axle.number for axle in axles)
-    states = [
-        LoggedState(
-            c.meaning, c.axle, (c.data.t - start) * np.float64(1e-9), c.data.value, c.levels
-        )
-        for c in result.log.channels
-        if c.meaning and c.meaning in _STATES
-    ]
-    facts = settings, dict[str, str](), numbers, find_route(result.log), start, states
-    return ReportRun(Path(summary.log.path).name, summary, axles, *facts)
-
-
 def _route(source: Source) -> Route:
     fields = [f for f in source.fields if f.channel.removeprefix("/") in PLACES]
     columns = source.columns(fields)
@@ -212,25 +193,6 @@ def _states(
         level_words = levels.get((meaning, axle), ())
         states.append(LoggedState(meaning, axle, t[is_used_row], c.value[is_used_row], level_words))
     return states
-
-
-def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
-    """The columns of an axle by topic and field, as a result file has them."""
-    record, ref = axle.record, axle.reference
-    values_by_field = {
-        ("input", "brake_cylinder_pressure"): record.pressure,
-        ("input", "clamping_force"): record.clamping_force,
-        ("input", "wheel_speed"): record.wheel_speed,
-        ("input", "train_speed"): record.train_speed,
-        ("reference", "force"): ref.force,
-        ("reference", "lower"): ref.lower,
-        ("reference", "upper"): ref.upper,
-        ("truth", "force"): record.truth,
-        ("slip", "slip"): axle.slip,
-        **{(f"estimate/{algo}", "force"): force for algo, force in axle.estimates.items()},
-    }
-    fields = values_by_field.items()
-    return {k: Column(record.t, x, np.isfinite(x)) for k, x in fields if x is not None}
 
 
 def _entry(path: Path, source: Source) -> Json:

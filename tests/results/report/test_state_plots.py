@@ -12,10 +12,9 @@ from helpers.pages import analysed, written
 
 from adhesion_cli.analysis.request import open_log, read_log
 from adhesion_cli.analysis.settings import Settings
-from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.model import Channel, Column, Meaning, Result
 from adhesion_cli.results.report.plots import Figures
-from adhesion_cli.results.report.run import LoggedState, ReportRun, of_result, read
+from adhesion_cli.results.report.run import LoggedState, ReportRun, read
 from adhesion_cli.results.report.state_plots import draw_lanes, stretches
 
 COLUMNS = "t train rim pressure clamping force lower upper slip truth".split()
@@ -94,10 +93,9 @@ def test_states_stand_under_the_speeds_and_valves_with_their_axle(run: ReportRun
     assert (source.data["stop"] - source.data["begin"])[:-1] == pytest.approx(1.0)
 
 
-def test_a_run_without_states_has_no_figure_of_them() -> None:
-    made = analysed(axles=2, n=1500, rate=25.0)
-    without, with_some = (of_result(x, summarise(x, {})) for x in (made, with_states(made)))
-    assert len(with_some.states) == 4
+def test_a_run_without_states_has_no_figure_of_them(run: ReportRun) -> None:
+    without = replace(run, states=())
+    assert len(run.states) == 4
     assert "overview-states" not in Figures().of_run(without).overview
 
 
@@ -151,7 +149,7 @@ def test_nothing_is_drawn_across_a_gap_of_the_log(tmp_path: Path) -> None:
         data = Column(x.t[rows], x.value[rows], x.valid[rows])
         channels.append(replace(channel, data=data))
     cut = replace(made, log=replace(made.log, channels=tuple(channels)))
-    shown = of_result(cut, summarise(cut, {}))
+    shown = read(written(tmp_path / "cut.adhesion.mcap", cut))
     whole = shown.axles[0]
     columns = {f: getattr(whole, f)[outside] for f in COLUMNS}
     shown = replace(shown, axles=(replace(whole, errors={}, **columns),))
