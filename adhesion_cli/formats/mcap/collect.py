@@ -68,8 +68,7 @@ class Collector:
         self.rows = 0  # messages so far
         self._blocks: list[tuple[int, int]] = []  # first message and offset of each block
         self._decoded = Decoded(series.tree, leaves, series.stamp, series.rows)
-        self._log = np.empty(series.rows, np.int64)
-        self._publish = np.empty(series.rows if source == "publish" else 0, np.int64)
+        self._t = np.empty(series.rows, np.int64)
 
     def take(self, records: Records, offset: int) -> None:
         """Adds its messages of the block at an offset of the file."""
@@ -78,9 +77,7 @@ class Collector:
         if rows.stop > self.series.rows:
             return  # the caller reports too many rows
         self._blocks.append((rows.start, offset))
-        self._log[rows] = records.log_time
-        if self._source == "publish":
-            self._publish[rows] = records.publish_time
+        self._t[rows] = records.publish_time if self._source == "publish" else records.log_time
         decoder = self.series.decoder
         assert decoder is not None
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
@@ -94,9 +91,8 @@ class Collector:
         """
         decoded, stamp = self._decoded, self.series.stamp
         decoded.values = decoded.values[:, : self.rows]
-        self._log, self._publish = self._log[: self.rows], self._publish[: self.rows]
+        t = self._t = self._t[: self.rows]
         decodes = decoded.finish()
-        t = self._publish if self._source == "publish" else self._log
         values = decoded.values[: len(self.leaves)]
         if self._source == "header" and stamp:
             places = [decoded.numbers.index(steps) for steps in stamp.places]
@@ -138,7 +134,7 @@ class Collector:
         numbers = {"byte": self._blocks[first_block][1]}
         severity = _SEVERITY[fault.code]
         finding = self.series.finding(fault.code, severity, len(rows), numbers, **names)
-        return replace(finding, spans=self._spans(np.unique(rows), self._log))
+        return replace(finding, spans=self._spans(np.unique(rows), self._t))
 
     def _spans(self, rows: Offsets, t: Times) -> tuple[Span, ...]:
         """Time spans of messages, one of each run of them."""

@@ -24,7 +24,6 @@ class Definitions:
         self._limit = limit
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        self._hashes: dict[tuple[int, int], int] = {}  # of records, which many writers repeat
 
     def read(self, opcode: int, raw: bytes, offset: int) -> None:
         """Reads a Schema or Channel record.
@@ -36,9 +35,6 @@ class Definitions:
         if len(raw) > self._limit:
             hint = RAISE_LIMIT.format("max_record", 32 * len(raw))
             raise DamageError(offset, f"a {kind} of {len(raw)} bytes, limit {self._limit}", hint)
-        key, hashed = (opcode, int.from_bytes(raw[:2], "little")), hash(raw)
-        if self._hashes.get(key) == hashed:
-            return
         definition: Any = (Schema if kind == "schema" else Channel).read(Content(raw, offset))
         definitions: dict[int, Any] = self.schemas if kind == "schema" else self.channels
         name = definition.name if kind == "schema" else definition.topic
@@ -50,7 +46,6 @@ class Definitions:
             raise DamageError(
                 offset, f"{kind} {definition.id} is defined a second time, differently"
             )
-        self._hashes[key] = hashed
 
 
 class FirstMessages:
