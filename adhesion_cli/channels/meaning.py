@@ -125,6 +125,7 @@ def understood(
     _own_stamps(meant, guesses)
     _prefer_the_qualified(meant, guesses)
     _speed_itself(meant, guesses)
+    _drop_other_numbers(meant, guesses)
     _take_spare_numbers(meant, guesses)
     findings = _count_from_one(meant, guesses)
     _drop_sums(meant, guesses)
@@ -249,6 +250,27 @@ def _speed_itself(meant: list[Meant], guesses: list[int]) -> None:
         if i in guesses:
             reason = "an acceleration, not needed: the log has the train's speed itself"
             meant[i] = replace(meant[i], meaning=None, reason=reason)
+
+
+def _drop_other_numbers(meant: list[Meant], guesses: list[int]) -> None:
+    """Drops numbers that need not be an axle's: they stand apart from axle and quantity.
+
+    They are those of axles where they tell the channels of a meaning apart, or are the axle of a
+    channel of another meaning. Else they may be those of a sensor, as in "pressure (S-20)".
+    """
+    numbered = [i for i in guesses if meant[i].axle is not None]
+    apart = [i for i in numbered if place_of(meant[i].field).is_apart]
+    axles = {
+        meaning: [meant[i].axle for i in numbered if meant[i].meaning == meaning]
+        for meaning in {meant[i].meaning for i in numbered}
+    }
+    for i in apart:
+        m = meant[i]
+        alike = [k for k in apart if meant[k].meaning == m.meaning]
+        tells_apart = len(alike) > 1 and len(set(axles[m.meaning])) == len(axles[m.meaning])
+        is_shared = any(m.axle in x for meaning, x in axles.items() if meaning != m.meaning)
+        if not (tells_apart or is_shared):
+            meant[i] = replace(m, axle=None)
 
 
 def _take_spare_numbers(meant: list[Meant], guesses: list[int]) -> None:

@@ -61,7 +61,8 @@ def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
         elif p.bogie and repeated_bogies:
             own_number = tuple(word_place[2 * p.bogie - 2 : 2 * p.bogie])
         elif p.bogie:
-            own_number = tuple(n + offset for n in bogie_axles(p.bogie))
+            bogie = tuple(n + offset for n in bogie_axles(p.bogie))
+            own_number = tuple(n for n in bogie if n in word_place) or bogie
         else:
             own_number = tuple(word_place) if len(numbers) > 1 else ()
         axles[i] = Served(own_number, offset > 0)

@@ -166,7 +166,7 @@ _DEVICE = re.compile(  # and its number: MX840B_1, CX23-R_3
 _NO_COUNT = re.compile(
     r"(?i)^\[\d+[:.]\d+\]|[(\[](?:(?:id|s/?n|ser)\b[^)\]]*|v\d+\.\d+)[)\]]|\b0x[0-9a-f]+\b"
     r"|\b\d{4}[-./]\d\d[-./]\d\d\b|\b\d{1,2}:\d\d\b"
-    r"|(?<!\w)(?:0[.,]\d+|0\s*-\s*\d+|\d+\s*-\s*\d+\s?m?[AV]\b)"
+    r"|[~≈]\s*\d+(?:[.,]\d+)?|(?<!\w)(?:0[.,]\d+|0\s*-\s*\d+|\d+\s*-\s*\d+\s?m?[AV]\b)"
     r"|(?<![\w.,])(?:\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+"
     r"|(?:\d[\d.,]*|\d+[.,]\d+ )(?:k?Hz|ms|s|[mk]?bar|[kM]?Pa)\b"
     r"|\d+\s*(?:teeth|zähne)\b|\d\d+(?:\s(?:k?Hz|ms)|(?-i:V))\b|\d+\s?(?:°|degC)|\d\d+\s?%)"
@@ -301,7 +301,9 @@ class _Name:
                 unit_of |= dict.fromkeys(_QUANTITY["speed"], self.unit)
                 unit_of["speed without unit"] = self.unit
         elif "pressure" in unit_of:
-            if not (self.own_kinds.keys() & _PRESSURES or "cylinder" in self.kinds):
+            is_c = {w for w in self.own if not w.isdecimal()} == {"c"}  # as in "C1 [bar]"
+            says_cylinder = "cylinder" in self.kinds or is_c
+            if not (self.own_kinds.keys() & _PRESSURES or says_cylinder):
                 del unit_of["pressure"]
             elif units.unit(f"{self.unit} abs"):
                 unit_of["absolute pressure"] = f"{self.unit} abs"
@@ -382,6 +384,12 @@ def _track_brake(name: _Name) -> str:
     return is_named[0] if is_named else ""
 
 
+def _other_pressure(name: _Name) -> str:
+    """The word that calls this another pressure than the cylinder's, "" where none does."""
+    letters = re.search(r"\b(?:cv|[lrt]) druck\b", " ".join(name.own))  # as "T-Druck", of the load
+    return letters[0] if letters else name.kinds.get("other pressure", "")
+
+
 def _valve(kinds: Mapping[str, str], state: str) -> str:
     """The word that calls this a WSP valve of that state, "" where none does."""
     seconds = ("valve", "WSP", "WSP letters")
@@ -398,6 +406,7 @@ def _wsp(kinds: Mapping[str, str]) -> str:
 _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
     "wheel": _wheel,
     "adhesion force": _adhesion_force,
+    "other pressure": _other_pressure,
     "true force": lambda name: name.own_kinds.get("force", "") if "true" in name.kinds else "",
     "ED brake": lambda name: _ed_brake(name.kinds),
     "own ED brake": lambda name: _ed_brake(name.own_kinds),
@@ -471,6 +480,7 @@ class Place(NamedTuple):
     bogie: int | None
     part: str  # the car, or the control unit: "car 2"; "" for none
     is_loose: bool = False  # no word says that the axle's number is one
+    is_apart: bool = False  # nor is it behind the quantity
     spare: int | None = None  # a number that may be the axle's, if other channels say so
 
 
@@ -490,7 +500,7 @@ def place_of(field: Field) -> Place:
     owner = next((p.part for p in places if p.part), "")
     spare_numbers += [p.spare for p in places if p.spare]
     spare = next(reversed(spare_numbers), None)
-    return Place(numbered.axle, bogie, owner, numbered.is_loose, spare)
+    return numbered._replace(bogie=bogie, part=owner, spare=spare)
 
 
 def _place_in(text: str, is_path: bool) -> Place:
@@ -508,11 +518,12 @@ def _place_in(text: str, is_path: bool) -> Place:
     word, number = [*name_parts[:2], "", ""][:2]
     if bogie and not owner and number.isdecimal() and _is_code(word):  # as in "CW1"
         owner, name_parts[:2] = f"{word} {number}", ["", ""]
-    axle, is_loose = _axle_in(name_parts, text, is_path)
+    axle, is_loose, is_apart = _axle_in(name_parts, text, is_path)
     if bogie in _LETTERS:
         bogie = str(1 + _LETTERS.index(bogie))
     spare = 2 * int(pair) - 1 if pair else None  # "1/2" may be the first of two
-    return Place(axle, int(bogie) if 0 < len(bogie) < 3 else None, owner, is_loose, spare)
+    bogie_number = int(bogie) if 0 < len(bogie) < 3 else None
+    return Place(axle, bogie_number, owner, is_loose, is_apart, spare)
 
 
 def _without_axles(name: str) -> tuple[str, str]:
@@ -575,29 +586,30 @@ def _owner(kind: str, name_parts: Sequence[str]) -> str:
     return word_of_kind(kind, [word])
 
 
-def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int | None, bool]:
+def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int | None, bool, bool]:
     """The number next to a word for wheel or cylinder; else behind a quantity, or the last one.
 
     Returns:
-        The number, and whether no word says that it is an axle's.
+        The number; whether no word says that it is an axle's; and whether it is not behind the
+        quantity either.
     """
     after_quantity: list[int] = []
     for i, word in enumerate(name_parts):
         next_word = "".join(name_parts[i + 1 : i + 2])
         if next_word.isdecimal() and _NUMBERED & _kinds(word).keys():
-            return int(next_word), False
+            return int(next_word), False, False
         if any(c in word for c in "轴轮位") and i and name_parts[i - 1].isdecimal():
-            return int(name_parts[i - 1]), False
+            return int(name_parts[i - 1]), False, False
         is_single = next_word.isdecimal() and not "".join(name_parts[i + 2 : i + 3]).isdecimal()
         if is_single and len(next_word) < 3 and _MEASURED & _kinds(word).keys():
             after_quantity.append(int(next_word))
     if after_quantity:
-        return after_quantity[0], True
+        return after_quantity[0], True, False
     digits = [w for w in name_parts if w.isdecimal() and len(w) < 3]
     if digits and not (is_path and text.endswith("]")):
-        return int(digits[-1]), True
+        return int(digits[-1]), True, True
     match = re.search(r"\[(\d+)\](\.\w+)?$", text)
-    return (int(match[1]) + 1, False) if match else (None, False)  # a list counts from 0
+    return (int(match[1]) + 1 if match else None), False, False  # a list counts from 0
 
 
 def _without_device(field: Field) -> Field:

@@ -6,6 +6,7 @@ is counted.
 
 import re
 import statistics
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from itertools import chain, islice, pairwise
@@ -68,7 +69,10 @@ class TextLog:
     def __init__(self, path: Path, problems: Problems) -> None:
         self._path, self._problems = path, problems
         with path.open("rb") as file:
-            head = file.read(512)
+            head = file.read(1024)
+        # Comments may be in any encoding; what frames are made of is ASCII.
+        self._encoding = "utf-16" if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "latin-1"
+        head = head.decode(self._encoding, "ignore").encode("latin-1", "replace")
         self._line_reader = self._reader(head, path.suffix.lower())
         self.start = 0.0
         self._first: float | None = None  # the first time as the log counts [s]
@@ -121,8 +125,7 @@ class TextLog:
     def _frames(self) -> Iterator[Frame]:
         number, line, last_time, frames = 0, "", 0.0, 0
         latest, shift = self._latest, 0.0  # of files that were joined
-        # Comments may be in any encoding; what frames are made of is ASCII.
-        with self._path.open(encoding="latin-1", newline=None) as file:
+        with self._path.open(encoding=self._encoding, newline=None) as file:
             for number, line in enumerate(file, 1):
                 if not line.endswith("\n") and not _END_OF_BLOCK.match(line):
                     break  # a digit of its last byte may be missing

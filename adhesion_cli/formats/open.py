@@ -2,6 +2,7 @@
 
 import mmap
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -172,6 +173,8 @@ def check_kind(path: Path) -> None:
 
 def _format(path: Path) -> Format | None:
     head, suffix = _first_bytes(path), path.suffix.lower()
+    if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):  # a text
+        head = head.decode("utf-16", "ignore").encode()
     by_head = (candidate for candidate in FORMATS if candidate.begins.match(head))
     by_suffix = (candidate for candidate in FORMATS if suffix in candidate.suffixes)
     return next(by_head, None) or next(by_suffix, None)

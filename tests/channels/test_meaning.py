@@ -374,11 +374,38 @@ def test_axles_counted_from_zero_move_up_and_are_told() -> None:
 
 
 def test_a_bogie_pressure_serves_both_axles() -> None:
-    meant, findings = understood([Field("bogie2_bc_pressure_kPa"), Field("axle3_speed_kmh")], ())
-    assert {(m.meaning, m.axle) for m in meant} == {(PRESSURE, 3), (PRESSURE, 4), (WHEEL, 3)}
+    pressure, *speeds = map(Field, ("bogie2_bc_pressure_kPa", "axle3_speed_kmh", "axle4_speed_kmh"))
+    meant, findings = understood([pressure, *speeds], ())
+    assert {(m.meaning, m.axle) for m in meant} == {
+        (PRESSURE, 3), (PRESSURE, 4), (WHEEL, 3), (WHEEL, 4)
+    }  # fmt: skip
     (finding,) = findings
     assert (finding.code, finding.channel) == ("bogie-pressure", "bogie2_bc_pressure_kPa")
     assert finding.names["axles"] == "3 and 4"
+    meant, findings = understood([pressure, speeds[0]], ())  # the other axle is not measured
+    assert ([(m.meaning, m.axle) for m in meant], findings) == ([(PRESSURE, 3), (WHEEL, 3)], [])
+
+
+@pytest.mark.parametrize(
+    "remark", ["(WIKA S-20)", "~2 s avg", "(MA 5)", "LP10Hz", "cal. 2025-06", "(avg of 10)", "M12"]
+)
+def test_the_number_of_a_sensor_or_a_filter_is_no_axle(remark: str) -> None:
+    names = (f"BC pressure {remark} [bar]", f"wheel speed {remark} [km/h]")
+    for name in names:
+        meant, _ = understood([Field(name)], ())
+        assert [m.axle for m in meant] == [None]
+    axles = [f"BCP {k} {remark} [bar]" for k in (1, 2)] + [f"v{k} {remark} [km/h]" for k in (1, 2)]
+    assert [m.axle for m in understood([Field(x) for x in axles], ())[0]] == [1, 2, 1, 2]
+    places = [Field(f"Druck HBM P{k} [bar]") for k in (3, 4)]  # nothing else tells them apart
+    assert [m.axle for m in understood(places, ())[0]] == [3, 4]
+
+
+def test_german_letters_of_pressures() -> None:
+    names = ("C1 [bar]", "C2 [bar]", "T-Druck [bar]", "Cv-Druck [bar]", "Vist [km/h]", "V1 [km/h]")
+    meanings = [(m.meaning, m.axle) for m in understood([Field(x) for x in names], ())[0]]
+    assert meanings == [
+        (PRESSURE, 1), (PRESSURE, 2), (None, None), (None, None), ("train_speed", None), (WHEEL, 1)
+    ]  # fmt: skip
 
 
 def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:

@@ -174,6 +174,8 @@ def test_times_of_a_second_block_that_begin_anew_follow_its_date(tmp_path: Path)
     t = np.arange(20) * 10**8
     assert (found["speed"].t - found["speed"].t[0]).tolist() == [*t, *(t + 60 * 10**9)]
     assert not findings
+    path.write_text(path.read_text(), "utf-16")  # as PowerShell copies a text
+    assert (columns(path, stated(tmp_path))[0]["speed"].t == found["speed"].t).all()
 
 
 @pytest.mark.parametrize("name", ["StatusBCU1", "ChipTemp", "Overload_1", "Statistics", "J1939_1"])

@@ -209,7 +209,9 @@ def alternative_units(
 # ---- the unit in the name of a channel
 
 
-_BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\((?:[ag]|rel)\))?)\s*[\])）】}>]")
+_BRACKETS = re.compile(
+    r"(?i)[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\((?:[agü]|rel)\))?)\s*[\])）】}>]"
+)
 
 # Units of what is not asked for, with the letters of names: volts are no v, kelvins no K.
 _OTHER_QUANTITIES = re.compile(

@@ -231,7 +231,7 @@ class Parser:
             raise UserError(text, hint)
         said = [cell for cell in cells if cell]
         is_text = len({*said}) == len(said) and not any(map(is_number, said))  # no error, repeated
-        is_remark = is_text and _TEXT.fullmatch(text if dialect.delimiter == " " else cells[0])
+        is_remark = is_text and _TEXT.fullmatch(text if dialect.delimiter == " " else said[0])
         return "comment" if is_remark and "".join(dialect.rows[0])[:1].isdecimal() else fault
 
 

@@ -70,7 +70,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
         reasons["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
     rows = [(number, _cells(text, delimiter, width)) for number, text in body]
     rows_above = [(number, split(text, delimiter)) for number, text in preamble]
-    of_width = [cells for _, cells in rows if len(cells) == width]
+    of_width = [[*map(_without_unit, x)] for _, x in rows if len(x) == width]
     decimal, reasons["decimal"] = _decimal(of_width, width, options, path)
     table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
@@ -127,6 +127,10 @@ def _cells(text: str, delimiter: str, width: int) -> list[str]:
         aligned = re.split(r"[ \t]{2,}|\t", text.strip())
         return aligned if len(aligned) == width else cells
     return cells
+
+
+def _without_unit(cell: str) -> str:
+    return cell.removesuffix(unit_behind(cell)).rstrip()
 
 
 def _completed(names: list[str], data: list[list[str]]) -> list[str]:

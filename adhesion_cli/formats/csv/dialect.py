@@ -12,7 +12,11 @@ from .stamps import is_stamp
 
 HEAD_BYTES = 1 << 20
 
-NULLS = ("", *"NaN nan NAN -nan NULL null Null None none N/A n/a NA - -- --- #N/A #NA #NV".split())
+NULLS = (
+    "",
+    *"NaN nan NAN -nan nan(ind) -nan(ind) -1.#IND 1.#QNAN NULL null Null (null) <NULL> \\N".split(),
+    *"None none N/A n/a NA - -- --- #N/A #NA #NV".split(),
+)
 INFINITE = tuple(
     "inf -inf +inf Inf -Inf +Inf INF -INF +INF Infinity -Infinity infinity -infinity".split()
 )

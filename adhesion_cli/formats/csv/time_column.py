@@ -393,7 +393,9 @@ class _ClockSearch:
         if is_slow and "ms" in self._usual_units(values):
             text = f"time column {name!r} says s, and has steps of {_step(values):g} s: the log "
             text += f"would be {self._length(values):g} s long"
-            raise self._refusal(i, text, values)
+            error = self._refusal(i, text, values)
+            error.hint += " (or s)"
+            raise error
         epoch = "Unix epoch, " if absolute else ""
         reason = f"{choice}; {count.name or epoch + unit} ({source})"
         if count.seconds(values[0]) > (2**62 / _S if source == "stated" else _EPOCH_S[1]):

@@ -702,3 +702,32 @@ def test_units_in_the_column_behind_hold_for_all_rows(tmp_path: Path) -> None:
     ]
     source, _ = numbers_of(tmp_path / "a.csv", "Time;Name;Value;Unit\n" + "".join(blocks))
     assert [(f.channel, f.unit) for f in source.fields] == [("p", "bar"), ("v", "km/h")]
+
+
+def test_no_value_as_databases_and_compilers_write_it(tmp_path: Path) -> None:
+    for text in ("\\N", "(null)", "<NULL>", "-1.#IND", "1.#QNAN", "-nan(ind)"):
+        rows = "".join(f"{k / 50:.2f};{text if k == 9 else k % 7};70\n" for k in range(100))
+        source, (p, _) = numbers_of(tmp_path / "a.csv", f"t [s];p [bar];v [km/h]\n{rows}")
+        assert np.flatnonzero(~p.valid).tolist() == [9], text
+        assert [f.severity for f in source.findings] == ["info"], text
+
+
+def test_decimal_commas_with_units_and_lines_below_the_rows(tmp_path: Path) -> None:
+    rows = [f"{k / 50:.3f} s;{k % 7 / 10:.2f} bar;70,1 km/h\n" for k in range(100)]
+    below = "Max;4,1 bar;70,1 km/h\nAnzahl;100;100\n;Unterschrift;\n"
+    text = "Zeit;C-Druck;v Rad\n" + "".join(rows).replace(".", ",") + below
+    source, (p, v) = numbers_of(tmp_path / "a.csv", text)
+    assert (p.value[6], v.value[0], len(p.t)) == (0.6, 70.1, 100)
+    assert [(f.code, f.count) for f in source.findings] == [("statistics-rows", 2)]
+    assert [in_name(f"C-Druck [{x}]")[1] for x in ("bar ü", "kPa(G)")] == ["bar ü", "kPa(G)"]
+
+
+def test_a_column_of_engineering_units(tmp_path: Path) -> None:
+    rows = [
+        f"{tag},2026-11-24 10:15:{k / 10:06.3f},{k % 7},192,{symbol}\n"
+        for tag, symbol in (("BCP_1", "bar"), ("V_1", "km/h"))
+        for k in range(100)
+    ]
+    text = "TagName,DateTime,Value,QualityDetail,EU\n" + "".join(rows)
+    source, _ = numbers_of(tmp_path / "a.csv", text)
+    assert [(f.channel, f.unit) for f in source.fields] == [("BCP_1", "bar"), ("V_1", "km/h")]
