@@ -122,11 +122,7 @@ def _parameters(vehicle: Vehicle) -> Table:
 
 
 def _places(cars: Mapping[str, Table]) -> Iterator[tuple[int, str, int]]:
-    """Number, car and place in the car of each axle.
-
-    Raises:
-        UserError: for a car without axles, and an axle in two cars.
-    """
+    """Number, car and place in the car of each axle."""
     owner: dict[int, str] = {}
     for car, table in cars.items():
         numbers = table.get("axles")
@@ -145,11 +141,7 @@ def _places(cars: Mapping[str, Table]) -> Iterator[tuple[int, str, int]]:
 
 
 def _of_car(vehicle: Tables, car: str, table: Tables, number: int, place: int) -> Table:
-    """What is stated of one axle of a car.
-
-    Raises:
-        UserError: for a list that does not reach the axle, or is not one for each of the car.
-    """
+    """What is stated of one axle of a car."""
     count, stated_keys, own_table = len(table["axles"]), Table(), Table()
     for name, value in vehicle.items():
         if isinstance(value, list) and 1 < len(value) < number:

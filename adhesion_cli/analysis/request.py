@@ -104,11 +104,7 @@ def load_vehicle(settings: Settings, log: Log) -> tuple[Settings, list[Finding]]
 
 
 def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:
-    """The settings that a result file was made with; none of a raw log.
-
-    Raises:
-        UserError: for the result of a comparison.
-    """
+    """The settings that a result file was made with; none of a raw log."""
     if any(name.startswith("adhesion.settings/") for name in source.metadata):
         raise UserError(
             f"{path}: a comparison of several logs, not a log",

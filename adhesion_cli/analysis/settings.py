@@ -562,11 +562,7 @@ def _single_axle(table: Table) -> Vehicle:
 
 
 def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:
-    """The correlation coefficients that the vehicle states, which some errors must have.
-
-    Raises:
-        UserError: for an unknown parameter, and for coefficients that no errors have.
-    """
+    """The correlation coefficients that the vehicle states, which some errors must have."""
     section, names = "vehicle.correlation", list(quantities(Vehicle))
     coefficients = []
     for a, row in table_of(section, table).items():
@@ -650,11 +646,7 @@ def _place(name: str) -> tuple[str, int] | None:
 
 
 def _axles(section: str, name: str, table: Table) -> tuple[tuple[int | None, ...], Table]:
-    """The axles of a place, None for every axle; and its table without them.
-
-    Raises:
-        UserError: where the place is none, or has no axles.
-    """
+    """The axles of a place, None for every axle; and its table without them."""
     place = _place(name)
     if name and not place:
         line = f'{section}."axle 1" = {{channel = "NAME"}}'
@@ -673,12 +665,7 @@ def _axles(section: str, name: str, table: Table) -> tuple[tuple[int | None, ...
 
 
 def _channel(key: str, table: Table) -> Table:
-    """What an entry states of its channel, each value of its type.
-
-    Raises:
-        UserError: where it names no channel and states nothing else, or a speed has a zero,
-            or another channel than the train speed a delay.
-    """
+    """What an entry states of its channel, each value of its type."""
     section = f"channels.{key}"
     if "delay" in table:
         stated = table["delay"] if isinstance(table["delay"], dict) else {"value": table["delay"]}
@@ -778,11 +765,7 @@ def _marks(options: Tables) -> Table:
 
 
 def _files(options: Table) -> Table:
-    """The options with the names of files checked.
-
-    Raises:
-        UserError: where an entry is no text.
-    """
+    """The options with the names of files checked."""
     names = options.get("dbc", [])
     if not all(isinstance(name, str) for name in names):
         text = f"can.dbc = {names!r} is wrong"

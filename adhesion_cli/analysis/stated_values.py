@@ -43,11 +43,8 @@ def plain_number(name: str, value: Any) -> float:
 def parameter(name: str, entry: Any, share: float = 0.0, usual: float | None = None) -> Parameter:
     """A number, or `{value, tolerance}`.
 
-    Args:
-        name: of it in messages.
-        entry: as stated.
-        share: of the value, which is the tolerance where none is stated.
-        usual: value where only the tolerance is stated; None: it must be stated.
+    Where no tolerance is stated it is a `share` of the value; where only that is stated, the value
+    is the usual one.
 
     Raises:
         UserError: for anything else, and a negative tolerance.

@@ -80,13 +80,9 @@ def merge(a: Gaussian, b: Gaussian, c: Gaussian, wa: float, wb: float, wc: float
 def predict(g: Gaussian, h: float, u: float, input_sigma: float, rise: float, q: float) -> Gaussian:
     """One interval on: dx = gained + h r, where r rises evenly and walks.
 
-    Args:
-        g: the state before.
-        h: effect of the rate on the level; the interval if the rate is that of the level.
-        u: known part of the change of the level.
-        input_sigma: standard deviation of that.
-        rise: known change of the rate.
-        q: variance that the rate's random walk gains.
+    `h` is the effect of the rate on the level: the interval if the rate is that of the level. `u`
+    is the known part of the level's change, with a standard deviation, and `rise` that of the rate.
+    The rate's random walk gains the variance `q`.
     """
     return Gaussian(
         g.x + u + h * (g.r + 0.5 * rise),

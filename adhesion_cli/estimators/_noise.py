@@ -158,15 +158,10 @@ def is_counter(x: Noise) -> bool:
 
 
 def learn(x: Noise, y: float, h: float, u: float, memory: float, known: float) -> Noise:
-    """The noise after one more reading.
+    """The noise after one more reading, an interval `h` [s] after the last one.
 
-    Args:
-        x: what was known before.
-        y: the reading.
-        h: interval since the last one [s].
-        u: known change since then.
-        memory: time over which the variance is a mean [s].
-        known: probability that u is all of the change but noise; weight of a slice.
+    `u` is the known change since then, and `known` the probability that it is all of the change but
+    noise: the weight of a slice. The variance is a mean over `memory` [s].
     """
     last, step, tick, constant_time = x.latest, x.step, x.tick, x.latest.same + h
     if y != last.y:

@@ -43,11 +43,7 @@ class _Key(NamedTuple):
 
 
 class _Database:
-    """The messages of the DBC files.
-
-    Raises:
-        UserError: where a file cannot be read, or two define one message differently.
-    """
+    """The messages of the DBC files."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self._by_id = _messages(names)
@@ -347,11 +343,7 @@ class FrameDecoder:
 
 
 def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
-    """The messages of the DBC files, by identifier and whether it is an extended one.
-
-    Raises:
-        UserError: where a file cannot be read, or two define one message differently.
-    """
+    """The messages of the DBC files, by identifier and whether it is an extended one."""
     by_key: dict[tuple[int, bool], tuple[Any, str]] = {}
     for name in names:
         for message in _load(name).messages:
@@ -368,11 +360,7 @@ def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
 
 
 def _load(name: str) -> Any:
-    """A DBC file, or another one that cantools reads.
-
-    Raises:
-        UserError: where it cannot be read, with the library's reason.
-    """
+    """A DBC file, or another one that cantools reads."""
     from cantools import database
 
     path = Path(name)

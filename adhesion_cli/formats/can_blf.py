@@ -101,11 +101,7 @@ def _frames(data: bytes, place: int, problems: Problems) -> Generator[Frame, Non
 
 
 def _frame(body: bytes, kind: int, t: float) -> Frame | None:
-    """The frame that an object holds, None where it holds none.
-
-    Raises:
-        struct.error: where it is too short.
-    """
+    """The frame that an object holds, None where it holds none."""
     if kind in _ERRORS:
         return Frame(t, 0, 0, kind="error")
     if kind in _CLASSIC:

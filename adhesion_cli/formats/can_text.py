@@ -62,8 +62,7 @@ _LEAST_DECIMALS = 6  # of steps: many coarser ones add up to a wrong time
 class TextLog:
     """A text log of frames.
 
-    Attributes:
-        start: since 1970 [s], known once the first frame is read; 0 where the log states none.
+    `start` [s since 1970] is known once the first frame is read; 0 where the log states none.
     """
 
     def __init__(self, path: Path, problems: Problems) -> None:
@@ -221,11 +220,7 @@ class TextLog:
                 self.start = self._latest
 
     def _trc(self, line: str) -> Frame | None:
-        """The frame in a line of a TRC log.
-
-        Raises:
-            UserError: for a version that is not read.
-        """
+        """The frame in a line of a TRC log."""
         if line.startswith(";"):
             self._trc_head(line)
             return None
@@ -247,11 +242,7 @@ class TextLog:
         return Frame(t, int(bus) - 1, int(identifier, 16), len(identifier) > 4, octets, kind)
 
     def _trc_head(self, line: str) -> None:
-        """Takes what the head of a TRC log says.
-
-        Raises:
-            UserError: for a version that is not read.
-        """
+        """Takes what the head of a TRC log says."""
         key, _, value = line[1:].partition("=")
         if key == "$FILEVERSION":
             version = value.strip()
@@ -295,11 +286,7 @@ class TextLog:
         return Frame(t, number, identifier, is_extended, octets)
 
     def _busmaster(self, line: str) -> Frame | None:
-        """The frame in a line of a BUSMASTER log.
-
-        Raises:
-            UserError: for times that count from the frame before.
-        """
+        """The frame in a line of a BUSMASTER log."""
         if line.startswith("***"):
             self._busmaster_head(line)
             return None
@@ -316,11 +303,7 @@ class TextLog:
         )
 
     def _busmaster_head(self, line: str) -> None:
-        """Takes what the head of a BUSMASTER log says.
-
-        Raises:
-            UserError: for times that count from the frame before.
-        """
+        """Takes what the head of a BUSMASTER log says."""
         tokens_of_line = line.strip("*").split()
         if "RELATIVE" in tokens_of_line:
             raise _relative(self._path)
@@ -342,11 +325,7 @@ class TextLog:
         return float(text)
 
     def _bytes(self, tokens: list[str], size: int) -> bytes:
-        """The first bytes of these.
-
-        Raises:
-            ValueError: where there are fewer.
-        """
+        """The first bytes of these."""
         octets = bytes(int(token, self._base) for token in tokens[:size])
         if len(octets) < size:
             raise ValueError

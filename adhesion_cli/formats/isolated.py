@@ -85,11 +85,7 @@ class _Remote:
         return cast(Columns, self._ask(list(wanted)))
 
     def _ask(self, wanted: list[int] | None) -> Any:
-        """The columns of these numbers, or what the log holds.
-
-        Raises:
-            UserError: where the file cannot be read.
-        """
+        """The columns of these numbers, or what the log holds."""
         return self._library.call(self._path, _read, self._library.kind, self._options, wanted)
 
 
@@ -112,11 +108,7 @@ _opened: dict[Any, Reader] = {}  # the log that was read last, by what it was op
 
 
 def _call(library: Library, path: Path, function: Callable[..., Any], arguments: Any) -> Any:
-    """What the function makes of the file; runs in the other process.
-
-    Raises:
-        UserError: where the file cannot be read.
-    """
+    """What the function makes of the file; runs in the other process."""
     try:
         _limit(path)
         _import(library.modules)

@@ -51,8 +51,8 @@ def open_mat(path: Path, options: ReadOptions) -> CsvSource:
 def write_text(path: Path, text: Path) -> tuple[list[str], list[str]]:
     """Writes the variables as columns; those of the time's length, else of the usual one.
 
-    Returns:
-        The names of the columns; and the other variables of more than one number, with the size.
+    Returns the names of the columns; and the other variables of more than one number, with the
+    size.
 
     Raises:
         UserError: where there are none.

@@ -177,11 +177,7 @@ class Reader:
         return _Master(i, scale, _is_date(first_stamp * scale), counter_span)
 
     def _settle_units(self) -> Iterator[Finding]:
-        """Takes times as ms, us or ns that say s, where the length of another group proves it.
-
-        Raises:
-            UserError: where no group has the step of a brake log, and one would have it so.
-        """
+        """Takes times as ms, us or ns that say s, where the length of another group proves it."""
         lengths, finer = dict[int, float](), dict[int, str]()
         for g, master in self._masters.items():
             stamps = self._mdf.get_master(g, record_offset=0, record_count=_HEAD)

@@ -181,11 +181,7 @@ def _format(path: Path) -> Format | None:
 
 
 def _first_bytes(path: Path) -> bytes:
-    """The first bytes of a file that can be read more than once.
-
-    Raises:
-        UserError: where there is no such file, or it is empty.
-    """
+    """The first bytes of a file that can be read more than once."""
     try:
         check_kind(path)
         with path.open("rb") as file:

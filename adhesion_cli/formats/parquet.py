@@ -92,11 +92,7 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
 
 
 def _read_table(path: Path, file: Any) -> Any:
-    """The columns of a file, the fields of structures in it as columns.
-
-    Raises:
-        UserError: where one is damaged.
-    """
+    """The columns of a file, the fields of structures in it as columns."""
     try:
         table = file.read()
         table.validate(full=True)

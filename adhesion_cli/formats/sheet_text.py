@@ -79,20 +79,12 @@ def write_text(
     passed: Sequence[str] = (),
     stated: Sequence[str] = (),
 ) -> SheetText | None:
-    """Writes the cells of a sheet as lines; row N of the sheet is line N.
+    """Writes the cells of a sheet as lines, tabs between them; row N of the sheet is line N.
 
-    Args:
-        path: the workbook.
-        target: the file to write; tabs are between its cells, the decimal mark is a point, in
-            texts as they have it.
-        sheet_name: as stated; None for the first visible one with columns of numbers, of which one
-            is a brake's by name or unit, else the first with columns of numbers.
-        names_brake: whether a column of this name is a brake's.
-        passed: sheets that are no log.
-        stated: names of channels; the sheet with most of them is read before all others.
-
-    Returns:
-        What was written; None where no other sheet than those passed has columns of numbers.
+    Without `sheet_name` it is the one with most of the `stated` channels, else the first visible
+    one with columns of numbers, of which one is a brake's by name or unit, else the first with
+    columns of numbers. `passed` are sheets that are no log: None where no other has columns of
+    numbers.
 
     Raises:
         UserError: where the workbook cannot be read, or has no such sheet.
@@ -181,12 +173,7 @@ def option(name: str) -> str:
 
 
 class _Book:
-    """An opened workbook.
-
-    Raises:
-        UserError: where it is encrypted, no workbook, or too large.
-        ValueError: where it is damaged.
-    """
+    """An opened workbook."""
 
     def __init__(self, path: Path) -> None:
         import fastexcel
@@ -227,12 +214,7 @@ class _Book:
 
 
 def _check_parts(path: Path) -> None:
-    """Refuses a ZIP file that is no workbook, unpacks to too much, or is damaged.
-
-    Raises:
-        UserError: it is no workbook, or too large.
-        ValueError: a part of it is damaged.
-    """
+    """Refuses a ZIP file that is no workbook, unpacks to too much, or is damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
             if not any(x.startswith("xl/") or x == "content.xml" for x in archive.namelist()):

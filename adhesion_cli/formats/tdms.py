@@ -127,11 +127,7 @@ class Reader:
         )
 
     def _add(self, group: Any) -> None:
-        """Adds the channels of a group.
-
-        Raises:
-            UserError: where one has no time.
-        """
+        """Adds the channels of a group."""
         channels, waves, by_name = self._readable(group), {}, {}
         for name, (channel, states) in channels.items():
             if _kind(channel) != "number":
@@ -214,9 +210,6 @@ class Reader:
         It does where it is stated, or where an increment is the default and the channel has
         another step. A duration, and a time that no rule reads, leave the increments as they are.
         Increments without a start begin where a channel of dates and times does.
-
-        Raises:
-            UserError: where both say a time and differ.
         """
         stated_channel = self._options.time_channel
         has_stated_name = stated_channel in {c.name for c in channels}
@@ -258,11 +251,7 @@ class Reader:
         return None if len(waves) else axis
 
     def _by_columns(self, group: str, channels: Sequence[Any]) -> _Columns:
-        """The time of a group that has time channels.
-
-        Raises:
-            UserError: where no channel is a time.
-        """
+        """The time of a group that has time channels."""
         heads = {c.name: _cells(c[:HEAD]) for c in channels if c.dtype is not None}
         channel_units = tuple(_unit(c) for c in channels if c.name in heads)
         longest = max(map(len, heads.values()), default=0)

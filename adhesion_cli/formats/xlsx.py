@@ -20,11 +20,7 @@ _LIBRARY = Library("xlsx", "Excel", (), "")
 
 
 def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
-    """Opens a sheet of a workbook as a log.
-
-    Args:
-        path: the workbook: .xlsx, .xlsm, .xlsb, .xls or .ods.
-        options: what the user stated, as the sheet.
+    """Opens a sheet of a workbook (.xlsx, .xlsm, .xlsb, .xls or .ods) as a log.
 
     Raises:
         UserError: where the workbook cannot be read or has no such sheet, or the sheet is no log.

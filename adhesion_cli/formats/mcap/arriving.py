@@ -127,11 +127,7 @@ class ArrivingMcap:
         return self._has_messages
 
     def _read_record(self, file: LogFile) -> bool:
-        """Reads the next record; False at the end, and where the record is not whole yet.
-
-        Raises:
-            UserError: where it is beyond the limit.
-        """
+        """Reads the next record; False at the end, and where the record is not whole yet."""
         if file.size < self._offset + HEADER.size:
             return False
         opcode, length = HEADER.unpack(file.read(self._offset, HEADER.size))

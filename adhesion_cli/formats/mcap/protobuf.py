@@ -178,9 +178,6 @@ def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
 
     `ancestors` are the types of the messages it stands in, and its own. `budget` counts down how
     many more fields may be shown: types that hold each other several times make a tree wide.
-
-    Raises:
-        UndecodableError: where a message in it does not fit its type.
     """
     _check_wire(message, message.DESCRIPTOR.fields_by_number)
     if budget[0] <= 0:
