@@ -38,8 +38,8 @@ def command(
     """Export an estimator or a control law as C99 source.
 
     C99 without allocation, translated from the same source that analyze and antiskid run. With a
-    test on a bundled log, a Makefile, and a README with units, ranges and operation counts. The
-    settings stated are the defaults of the C.
+    test on a bundled log, a Makefile, and a README with units and ranges. The settings stated are
+    the defaults of the C.
 
     Example: adhesion export-c kalman -o bcu --float
     """

@@ -6,7 +6,6 @@ last bit may differ from that of `x * x`, which compilers put in its place.
 
 import ast
 import math
-from collections import Counter
 from types import FunctionType
 from typing import Any, NamedTuple, NoReturn
 
@@ -25,8 +24,6 @@ from .c_types import (
     stem,
     tree_of,
 )
-
-Cost = Counter[str]
 
 # Functions of `math` that Python takes from the C library, which round as it does.
 LIBRARY = frozenset(
@@ -48,12 +45,7 @@ _HELPERS = {
         "    return count;\n}}"
     ),
 }
-_OPERATORS: dict[type, tuple[str, str]] = {
-    ast.Add: ("+", "add, subtract"),
-    ast.Sub: ("-", "add, subtract"),
-    ast.Mult: ("*", "multiply"),
-    ast.Div: ("/", "divide"),
-}
+_OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 _COMPARED: dict[type, str] = {
     ast.Lt: "<",
     ast.LtE: "<=",
@@ -69,7 +61,6 @@ class Expr(NamedTuple):
 
     text: str
     kind: Kind
-    cost: Cost = Cost()
     simple: bool = False  # a name, a number or a call: needs no brackets
     address: str = ""  # of a struct in memory
 
@@ -84,7 +75,6 @@ class Function(NamedTuple):
     name: str
     used_arguments: tuple[int, ...]  # which arguments it takes
     kind: Kind
-    cost: Cost
 
 
 class Program:
@@ -199,7 +189,7 @@ class Expressions:
         if owner.address and not owner.address.startswith("&"):
             text = f"{owner.address}->{name}"
         address = f"&{text}" if owner.address else ""
-        return Expr(text, dict(owner.kind.fields)[name], owner.cost, True, address)
+        return Expr(text, dict(owner.kind.fields)[name], True, address)
 
     def _Subscript(self, node: ast.Subscript) -> Expr:
         sequence = self(node.value)
@@ -207,28 +197,26 @@ class Expressions:
         if not isinstance(sequence.kind, Struct) or not isinstance(i, int):
             self.refuse(node, "an index must be a number, of a tuple")
         name, kind = sequence.kind.fields[i]
-        return Expr(f"{sequence.bracketed()}.{name}", kind, sequence.cost, True)
+        return Expr(f"{sequence.bracketed()}.{name}", kind, True)
 
     def _UnaryOp(self, node: ast.UnaryOp) -> Expr:
         if isinstance(node.op, ast.Not):
             operand = self.condition(node.operand)
-            return Expr(f"!{operand.bracketed()}", BOOL, operand.cost)
+            return Expr(f"!{operand.bracketed()}", BOOL)
         operand = self(node.operand)
         if not isinstance(node.op, ast.USub) or operand.kind == BOOL:
             self.refuse(node, "only -x and `not` have one operand")
-        cost = operand.cost + Cost({"add, subtract": 1})
-        return Expr(f"-{operand.bracketed()}", operand.kind, cost)
+        return Expr(f"-{operand.bracketed()}", operand.kind)
 
     def _BinOp(self, node: ast.BinOp) -> Expr:
         if type(node.op) not in _OPERATORS:
             self.refuse(node, f"{type(node.op).__name__}: only + - * / (for x ** 2: x * x)")
         a, b = self(node.left), self(node.right)
         self._require_same_kind(node, a, b)
-        sign, operation = _OPERATORS[type(node.op)]
+        sign = _OPERATORS[type(node.op)]
         if a.kind != self.real and sign == "/":
             self.refuse(node, "a division of whole numbers")
-        cost = a.cost + b.cost + Cost({operation: 1})
-        return Expr(f"{a.bracketed()} {sign} {b.bracketed()}", a.kind, cost)
+        return Expr(f"{a.bracketed()} {sign} {b.bracketed()}", a.kind)
 
     def _Compare(self, node: ast.Compare) -> Expr:
         operands = [self(x) for x in (node.left, *node.comparators)]
@@ -238,22 +226,20 @@ class Expressions:
             if type(op) not in _COMPARED:
                 self.refuse(node, f"comparison {type(op).__name__}")
             texts.append(f"{a.bracketed()} {_COMPARED[type(op)]} {b.bracketed()}")
-        cost = sum((x.cost for x in operands), Cost({"compare": len(texts)}))
-        return Expr(" && ".join(f"({x})" for x in texts) if texts[1:] else texts[0], BOOL, cost)
+        return Expr(" && ".join(f"({x})" for x in texts) if texts[1:] else texts[0], BOOL)
 
     def _BoolOp(self, node: ast.BoolOp) -> Expr:
         operands = [self.condition(x) for x in node.values]
         self._nothing_ahead(node)
         sign = " && " if isinstance(node.op, ast.And) else " || "
-        cost = sum((x.cost for x in operands), Cost())
-        return Expr(sign.join(x.bracketed() for x in operands), BOOL, cost)
+        return Expr(sign.join(x.bracketed() for x in operands), BOOL)
 
     def _IfExp(self, node: ast.IfExp) -> Expr:
         test, a, b = self.condition(node.test), self(node.body), self(node.orelse)
         self._require_same_kind(node, a, b)
         self._nothing_ahead(node)
         text = f"{test.bracketed()} ? {a.bracketed()} : {b.bracketed()}"
-        return Expr(text, a.kind, test.cost + (a.cost | b.cost))
+        return Expr(text, a.kind)
 
     def _Tuple(self, node: ast.Tuple) -> Expr:
         items = [self(x) for x in node.elts]
@@ -283,9 +269,8 @@ class Expressions:
         arguments = [self(x) for x in node.args]
         target = self.program.function(callee, tuple(x.kind for x in arguments))
         used_values = [arguments[i] for i in target.used_arguments]
-        cost = sum((x.cost for x in used_values), target.cost)
         text = f"{target.name}({', '.join(map(self._braced, used_values))})"
-        return Expr(text, target.kind, cost, True)
+        return Expr(text, target.kind, True)
 
     def _braced(self, x: Expr) -> str:
         """An argument: a struct by its address. One that a function returns is kept for that."""
@@ -302,18 +287,15 @@ class Expressions:
 
     def _library(self, node: ast.Call, name: str) -> Expr:
         operands = [self(x) for x in node.args]
-        cost = sum((x.cost for x in operands), Cost())
         arguments = ", ".join(x.text for x in operands)
         if any(x.kind != self.real for x in operands):
             self.refuse(node, f"math.{name} of something that is no float")
         if name in ("isfinite", "isnan"):
             helper = self.program.helper(name.removeprefix("is"))
-            return Expr(f"{helper}({arguments})", BOOL, cost + Cost({"compare": 2}), True)
+            return Expr(f"{helper}({arguments})", BOOL, True)
         if name not in LIBRARY:
             self.refuse(node, f"math.{name}: the C library has none with the same bits")
-        operation = {"fabs": "sign", "copysign": "sign"}.get(name, name)
-        cost += Cost({operation: 1})
-        return Expr(f"{name}{self.program.number.suffix}({arguments})", self.real, cost, True)
+        return Expr(f"{name}{self.program.number.suffix}({arguments})", self.real, True)
 
     def _builtin(self, node: ast.Call, name: str) -> Expr:
         match name, node.args:
@@ -325,24 +307,22 @@ class Expressions:
             text = argument.text
             if argument.kind != self.real:
                 text = f"({self.real.c}){argument.bracketed()}"
-            return Expr(text, self.real, argument.cost, argument.simple)
+            return Expr(text, self.real, argument.simple)
         if name == "abs":
             if arguments[0].kind != self.real:
                 self.refuse(node, "abs of something that is no float")
             text = f"fabs{self.program.number.suffix}({arguments[0].text})"
-            return Expr(text, self.real, arguments[0].cost + Cost({"sign": 1}), True)
+            return Expr(text, self.real, True)
         extreme = arguments[0]
         for operand in arguments[1:]:
             self._require_same_kind(node, extreme, operand)
             helper = self.program.helper(f"{name}_int" if extreme.kind == INT else name)
-            cost = extreme.cost + operand.cost + Cost({"compare": 1})
-            extreme = Expr(f"{helper}({extreme.text}, {operand.text})", extreme.kind, cost, True)
+            extreme = Expr(f"{helper}({extreme.text}, {operand.text})", extreme.kind, True)
         return extreme
 
     def _struct(self, kind: Struct, members: list[Expr]) -> Expr:
-        cost = sum((x.cost for x in members), Cost())
         text = f"({kind.c}){{{', '.join(x.text for x in members)}}}"
-        return Expr(text, kind, cost, True, f"&{text}")
+        return Expr(text, kind, True, f"&{text}")
 
     def _require_same_kind(self, node: ast.AST, a: Expr, b: Expr) -> None:
         if a.kind != b.kind or (isinstance(a.kind, Scalar) and a.kind == BOOL):

@@ -15,7 +15,7 @@ from ..core.physics import wheelset_of
 from ..wsp.controller import Observed
 from .ascii_text import ascii_text
 from .c_types import INT, Kind, Number, Scalar, Struct, c_name, declaration
-from .expressions import INLINE, Cost
+from .expressions import INLINE
 from .templates import render
 from .translate import Translation, folded
 
@@ -43,7 +43,6 @@ class Code(NamedTuple):
 
     header: str
     source: str
-    costs: dict[str, Cost]  # operations at most, by the function's name
     statuses: tuple[tuple[str, str], ...]
     read: frozenset[str]  # inputs that the method reads
 
@@ -77,7 +76,7 @@ class Interface:
 
     def code(self) -> Code:
         """Header and source."""
-        calls, costs = self._calls()
+        calls = self._calls()
         read = frozenset(x for s, x in self.c.read if s == f"{self.name}_observed")
         tests = self._tests(read)
         absent = {"BAD_WHEELSET": not self.estimator, "TOO_LONG": not self.limited}
@@ -93,10 +92,10 @@ class Interface:
             "fold": _fold,
         }
         header, source = (render(f"method.{x}.jinja", **context) for x in ("h", "c"))
-        return Code(header, source, costs, statuses, read)
+        return Code(header, source, statuses, read)
 
-    def _calls(self) -> tuple[dict[str, str], dict[str, Cost]]:
-        """The calls of the method's own functions, and what those of the export cost."""
+    def _calls(self) -> dict[str, str]:
+        """The calls of the method's own functions."""
         p: tuple[str, Kind] = ("*p", self.params)
         own: list[tuple[str, Kind]] = [("state->now", self.now), ("h", self.real)]
         sample: list[tuple[str, Kind]] = [("*o", self.given)]
@@ -104,28 +103,21 @@ class Interface:
         if self.estimator:
             wheelset, sample = [("*w", self.given)], [("K", self.real), ("y", self.real)]
             own.insert(0, ("state->w", self.given))
-        step, step_cost = self._call(self.method.step, [("state->p", self.params), *own, *sample])
-        start, init_cost = self._call(self.method.init, [p, *wheelset, *sample])
+        step = self._call(self.method.step, [("state->p", self.params), *own, *sample])
+        start = self._call(self.method.init, [p, *wheelset, *sample])
         calls = {"step": step, "start": start, "longest": ""}
         if self.limited:
             assert self.estimator
-            calls["longest"], cost = self._call(self.estimator.longest_step, [p])
-            init_cost += cost
-        checks = Cost({"compare": 2 * len(self.inputs) + 2})
-        ranges = Cost({"compare": 2 * len(self.params.fields)})
+            calls["longest"] = self._call(self.estimator.longest_step, [p])
         if self.estimator:
-            four = [(c_name(x), self.real) for x in ("R", "phi", "I", "m")]
-            init_cost += self._call(wheelset_of, four)[1]
-            ranges += Cost({"compare": len(WHEELSET_INPUTS) + len(self.given.fields)})
-        costs = {"init": init_cost + checks + ranges}
-        costs["step"] = step_cost + checks + Cost({"compare": 1 + self.limited})
-        return calls, costs
+            self._call(wheelset_of, [(c_name(x), self.real) for x in ("R", "phi", "I", "m")])
+        return calls
 
-    def _call(self, f: Any, arguments: Sequence[tuple[str, Kind]]) -> tuple[str, Cost]:
+    def _call(self, f: Any, arguments: Sequence[tuple[str, Kind]]) -> str:
         function = self.c.function(cast(FunctionType, f), tuple(kind for _, kind in arguments))
         used_values = [arguments[i] for i in function.used_arguments]
         texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in used_values]
-        return f"{function.name}({', '.join(texts).replace('&*', '')})", function.cost
+        return f"{function.name}({', '.join(texts).replace('&*', '')})"
 
     def signatures(self, real: str) -> dict[str, str]:
         """The public functions, by what they do; `real` is the floating-point type."""

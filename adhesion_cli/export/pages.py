@@ -41,7 +41,7 @@ def readme(
     values: Mapping[str, float],
     vehicle: Vehicle,
 ) -> str:
-    """The README: use, units and ranges, operations, accuracy, deviations.
+    """The README: use, units and ranges, accuracy, deviations.
 
     `values` are the vehicle's, by the names of `WHEELSET_INPUTS`; K follows from its brake.
     """
@@ -65,8 +65,6 @@ def readme(
         line=force_line(vehicle),
         reals=numbers.count("real"),
         integers=len(numbers) - numbers.count("real"),
-        operations=sorted({name for cost in code.costs.values() for name in cost}),
-        substeps=interface.method.step.__globals__.get("SUBSTEPS"),
         double_limit=limits(vectors, Number(True))[-1],
         seconds=sum(row[0] for row in vectors.rows),
         single_errors={x: vectors.single_errors(i) for i, x in enumerate(interface.answers())},

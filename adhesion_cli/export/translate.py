@@ -11,7 +11,7 @@ from types import FunctionType
 
 from .ascii_text import ascii_text
 from .c_types import BOOL, INT, Kind, Number, Struct, c_name, comment_at, definition, file_of, stem
-from .expressions import INLINE, Cost, Expr, Expressions, Function, Program
+from .expressions import INLINE, Expr, Expressions, Function, Program
 
 
 class Translation(Program):
@@ -66,7 +66,7 @@ class _Body:
         """Its text, and how it is called."""
         loaded = {n.id for n in _names(self.node, ast.Load)}
         used_arguments = tuple(i for i, x in enumerate(self.arguments) if x in loaded)
-        lines, cost, _ = self.block(self.node.body, 1, top=True)
+        lines, _ = self.block(self.node.body, 1, top=True)
         if len(self.results) != 1:
             self.expression.refuse(self.node, f"{self.f.__name__} returns several types, or none")
         (result,) = self.results
@@ -82,73 +82,60 @@ class _Body:
             copies.append(f"    {struct.c} {c_name(x)} = {self._zero(struct)};")
         head = f"{INLINE} {result.c} {name}({', '.join(parameters) or 'void'})"
         text = "\n".join([*_origin(self.f), *folded([head]), "{", *copies, *lines, "}", ""])
-        return text, Function(name, used_arguments, result, cost)
+        return text, Function(name, used_arguments, result)
 
-    def block(
-        self, body: list[ast.stmt], depth: int, top: bool = False
-    ) -> tuple[list[str], Cost, bool]:
-        """Lines and cost of statements, and whether they always return."""
+    def block(self, body: list[ast.stmt], depth: int, top: bool = False) -> tuple[list[str], bool]:
+        """The lines of statements, and whether they always return."""
         lines: list[str] = []
-        cost = Cost()
-        for i, node in enumerate(body):
+        for node in body:
             match node:
                 case ast.Expr(value=ast.Constant()) | ast.Pass():
                     continue
                 case ast.Return(value=ast.expr() as value):
                     expression = self.expression(value)
                     self.results.add(expression.kind)
-                    lines += self._lines(f"return {expression.text};", depth, node)
-                    return lines, cost + expression.cost, True
+                    return [*lines, *self._lines(f"return {expression.text};", depth, node)], True
                 case ast.If():
-                    statement_lines, test, branches, returns_always = self._if(node, depth)
-                    lines += statement_lines
-                    if returns_always[0] and not returns_always[1]:
-                        following, cost_after, returns = self.block(body[i + 1 :], depth, top)
-                        total = cost + test + (branches[0] | (branches[1] + cost_after))
-                        return lines + following, total, returns
-                    cost += test + (branches[0] | branches[1])
-                    if all(returns_always):
-                        return lines, cost, True
+                    branch_lines, returns = self._if(node, depth)
+                    lines += branch_lines
+                    if returns:
+                        return lines, True
                 case ast.For():
-                    statement_lines, spent = self._for(node, depth)
-                    lines, cost = lines + statement_lines, cost + spent
+                    lines += self._for(node, depth)
                 case ast.Assign(targets=[target], value=value):
-                    statement_lines, spent = self._assign(node, target, value, depth, top)
-                    lines, cost = lines + statement_lines, cost + spent
+                    lines += self._assign(node, target, value, depth, top)
                 case ast.AugAssign(target=ast.Name() as target, op=op, value=value):
                     previous = ast.copy_location(ast.Name(target.id, ast.Load()), node)
                     total_of = ast.copy_location(ast.BinOp(previous, op, value), node)
-                    statement_lines, spent = self._assign(node, target, total_of, depth, top)
-                    lines, cost = lines + statement_lines, cost + spent
+                    lines += self._assign(node, target, total_of, depth, top)
                 case _:
                     self.expression.refuse(node, f"{type(node).__name__} is not in the subset")
-        return lines, cost, False
+        return lines, False
 
     def chained(self, node: ast.If) -> bool:
         """Whether an `if` is the `elif` of another."""
         return any(isinstance(n, ast.If) and n.orelse == [node] for n in ast.walk(self.node))
 
-    def _if(self, node: ast.If, depth: int) -> tuple[list[str], Cost, list[Cost], list[bool]]:
+    def _if(self, node: ast.If, depth: int) -> tuple[list[str], bool]:
+        """The lines of a condition, and whether every branch returns."""
         test = self.expression.condition(node.test)
-        then_lines, then_cost, then_returns = self.block(node.body, depth + 1)
+        then_lines, then_returns = self.block(node.body, depth + 1)
         lines = [*self._lines(f"if ({test.text}) {{", depth, node.test), *then_lines]
-        indent = "    " * depth
-        costs, returns = [then_cost, Cost()], [then_returns, False]
+        indent, returns = "    " * depth, False
         if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
-            else_lines, else_cost, branches, else_returns = self._if(node.orelse[0], depth)
+            else_lines, returns = self._if(node.orelse[0], depth)
             if not else_lines[0].lstrip().startswith("if "):
                 self.expression.refuse(node.orelse[0], "a struct is made within an `elif`")
-            costs[1], returns[1] = else_cost + (branches[0] | branches[1]), all(else_returns)
             else_lines[0] = f"{indent}}} else {else_lines[0].strip()}"
-            return [*lines, *else_lines], test.cost, costs, returns
+            return [*lines, *else_lines], then_returns and returns
         if node.orelse:
-            second, costs[1], returns[1] = self.block(node.orelse, depth + 1)
+            second, returns = self.block(node.orelse, depth + 1)
             lines += [f"{indent}}} else {{", *second]
         elif self.chained(node):
             lines += [f"{indent}}} else {{", f"{indent}    /* as before */"]
-        return [*lines, f"{indent}}}"], test.cost, costs, returns
+        return [*lines, f"{indent}}}"], then_returns and returns
 
-    def _for(self, node: ast.For, depth: int) -> tuple[list[str], Cost]:
+    def _for(self, node: ast.For, depth: int) -> list[str]:
         match node:
             case ast.For(
                 target=ast.Name(id=name),
@@ -158,19 +145,17 @@ class _Body:
                 pass
             case _:
                 self.expression.refuse(node, "only `for i in range(n)`")
-        bound, count_limit = self._bound(count)
+        bound = self._bound(count)
         self.expression.local[name] = INT
-        lines, cost, _ = self.block(node.body, depth + 1)
+        lines, _ = self.block(node.body, depth + 1)
         i = c_name(name)
         head = f"for (int32_t {i} = 0; {i} < {bound.text}; {i}++) {{"
-        spent = Cost({k: n * count_limit for k, n in (cost + Cost({"compare": 1})).items()})
-        lines = [*self._lines(head, depth, node.iter), *lines, "    " * depth + "}"]
-        return lines, bound.cost + spent
+        return [*self._lines(head, depth, node.iter), *lines, "    " * depth + "}"]
 
-    def _bound(self, count: ast.expr) -> tuple[Expr, int]:
-        """The number of rounds, and the largest that it can be."""
+    def _bound(self, count: ast.expr) -> Expr:
+        """The number of rounds."""
         if isinstance(count, ast.Constant) and isinstance(count.value, int):
-            return self.expression(count), count.value
+            return self.expression(count)
         match count:
             case ast.Call(func=ast.Name(id="int"), args=[number]):
                 expression = self.expression(number)
@@ -180,16 +165,16 @@ class _Body:
         if not isinstance(count_limit, float):
             self.expression.refuse(count, "the file states no SUBSTEPS, the bound of this loop")
         text = f"{self.program.helper('count')}({expression.text}, {int(count_limit)})"
-        return Expr(text, INT, expression.cost + Cost({"compare": 2}), True), int(count_limit)
+        return Expr(text, INT, True)
 
     def _assign(
         self, node: ast.stmt, target: ast.expr, value: ast.expr, depth: int, top: bool
-    ) -> tuple[list[str], Cost]:
+    ) -> list[str]:
         match target, value:
             case ast.Name(), _:
                 expression = self.expression(value)
                 text = self._assignment(target.id, expression, top)
-                return self._lines(text, depth, node), expression.cost
+                return self._lines(text, depth, node)
             case ast.Tuple(elts=targets), ast.Tuple(elts=values) if len(targets) == len(values):
                 return self._several(node, targets, values, depth, top)
             case ast.Tuple(elts=targets), ast.Call():
@@ -202,12 +187,12 @@ class _Body:
                 for x, (field, kind) in zip(targets, expression.kind.fields, strict=True):
                     element = Expr(f"{pair}.{field}", kind)
                     lines.append(indent + self._assignment(self._named(x), element, top))
-                return lines, expression.cost
+                return lines
         self.expression.refuse(node, "only names on the left")
 
     def _several(
         self, node: ast.stmt, targets: list[ast.expr], values: list[ast.expr], depth: int, top: bool
-    ) -> tuple[list[str], Cost]:
+    ) -> list[str]:
         """`a, b = x, y`: through temporary names where a later value needs an earlier name."""
         names = [self._named(x) for x in targets]
         expressions = [self.expression(x) for x in values]
@@ -223,7 +208,7 @@ class _Body:
         for name, temporary in zip(names, temporaries, strict=True):
             lines.append("    " * depth + self._assignment(name, temporary, top))
         lines[-1:] = self._lines(lines[-1].strip(), depth, node)
-        return folded(lines), sum((x.cost for x in expressions), Cost())
+        return folded(lines)
 
     def _assignment(self, name: str, expression: Expr, top: bool) -> str:
         """The statement that gives a variable its value; declares it where it is new."""
