@@ -193,20 +193,15 @@ class _Body:
     def _several(
         self, node: ast.stmt, targets: list[ast.expr], values: list[ast.expr], depth: int, top: bool
     ) -> list[str]:
-        """`a, b = x, y`: through temporary names where a later value needs an earlier name."""
+        """`a, b = x, y`, where no later value needs an earlier name."""
         names = [self._named(x) for x in targets]
         expressions = [self.expression(x) for x in values]
-        needed = [{n.id for n in ast.walk(x) if isinstance(n, ast.Name)} for x in values]
-        crossed = any(set(names[:i]) & names_used for i, names_used in enumerate(needed))
-        lines, temporaries = self._ahead(depth), []
-        for x in expressions:
-            self.temporary += 1
-            temporaries.append(Expr(f"new_{self.temporary}", x.kind) if crossed else x)
-            if crossed:
-                text = f"const {x.kind.c} {temporaries[-1].text} = {x.text};"
-                lines.append("    " * depth + text)
-        for name, temporary in zip(names, temporaries, strict=True):
-            lines.append("    " * depth + self._assignment(name, temporary, top))
+        for i, x in enumerate(values):
+            if {n.id for n in _names(x, ast.Load)} & set(names[:i]):
+                self.expression.refuse(node, "a later value needs an earlier name: one line each")
+        lines = self._ahead(depth)
+        pairs = zip(names, expressions, strict=True)
+        lines += ["    " * depth + self._assignment(name, x, top) for name, x in pairs]
         lines[-1:] = self._lines(lines[-1].strip(), depth, node)
         return folded(lines)
 
