@@ -30,6 +30,7 @@ _TEXTS = {  # of shared options that mean something else here
 # Between two chunks of a file [s]. The Rerun SDK keeps a note of each one up to the end.
 _CHUNK, _RERUN_CHUNK = 0.5, 0.9
 _FRAME = 0.1  # between two frames of the viewer [s]
+_LINES = 0.02  # between two batches of JSON lines [s]
 _INTERRUPTED = Ended(130)  # after Ctrl-C
 _BAND_ESTIMATOR = "imm"  # the estimator with a band of its own
 
@@ -215,6 +216,7 @@ class _Run:
 
     def _sinks(self, axles: list[int]) -> "Iterator[Sink]":
         """Who takes the samples: the file first, so that it has what the others fail on."""
+        from ..live.recording import Batches
         from ..live.shown import JsonLines
 
         names = list(dict.fromkeys([*self._algos_shown, *sorted(self._algos)]))
@@ -226,8 +228,9 @@ class _Run:
             self._say(f"Foxglove: open {server.url}")
             yield server
         if self._shared.json:
-            lines_only = not self._files and self._screens == _Screens("", None)
-            yield JsonLines(self._algos_shown, self._settings.vehicle, lines_only, self._say)
+            goes_on = bool(self._files) or self._screens != _Screens("", None)
+            lines = JsonLines(self._algos_shown, self._settings.vehicle, goes_on)
+            yield Batches(lines, _LINES, self._say if goes_on else None, "the reader of --json")
         elif self._status:
             yield self._status
 
@@ -241,12 +244,12 @@ class _Run:
         if self._files:
             record, picture = self._files
             target = Mcap(record, name, self._stated, self._algos, axles, self._tally.add)
-            yield Batches(target, sorted(self._algos), axles, _CHUNK)
+            yield Batches(target, _CHUNK)
             viewers.append((picture, _RERUN_CHUNK))
         if self._screens.viewer:
             viewers.append((self._screens.viewer, _FRAME))
         for to, interval in viewers:
             live = LiveRecording(name, settings.vehicle, axles, names, to)
-            live_view = LiveView(live, lambda error: self._say(f"the recording ends here: {error}"))
+            tell = lambda error: self._say(f"the recording ends here: {error}")  # noqa: E731
             report = self._say if isinstance(to, str) else None
-            yield Batches(live_view, names, axles, interval, report)
+            yield Batches(LiveView(live, names, tell), interval, report)

@@ -1,8 +1,9 @@
 """What gives samples while they are measured: first its fields, then row after row."""
 
+import queue
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from heapq import merge
 from typing import Generic, NamedTuple, TypeVar
 
@@ -13,7 +14,10 @@ from ..formats.source import Field, Source
 TICK = 0.02  # longest wait for a row, after which the others may do something [s]
 PAUSE = 1.0  # after the first samples: by then the fields are known [s]
 FARTHEST = 1 << 62  # from 1970 [ns], or the differences of times do not fit 64 bits
-WAITING = 4096, 1 << 26  # pieces of a sender that wait, and their bytes
+WAITING = (
+    4096,
+    1024,
+)  # pieces that wait, of a sender that does not wait itself, and of one that does
 
 T = TypeVar("T")
 AddSource = Callable[[Source], None]
@@ -84,26 +88,22 @@ class Pump(Generic[T]):
     """
 
     def __init__(self, take: Callable[[], T | None], patient: bool) -> None:
-        self._take, self._patient = take, patient
-        self._waiting: deque[T] = deque()
-        self._bytes = 0  # of those
-        self._change = threading.Condition()
-        self._has_ended = False
-        self._error: BaseException | None = None
-        self._dropped = 0
+        self._take, self._patient, self._dropped = take, patient, 0
+        self._waiting: queue.Queue[T | BaseException | None] = queue.Queue(WAITING[patient])
         threading.Thread(target=self._run, daemon=True).start()
 
     def __iter__(self) -> Iterator[T | None]:
         """The pieces in order, None where there was none for `TICK`; ends with the sender."""
         while True:
-            with self._change:
-                self._change.wait_for(lambda: self._waiting or self._has_ended, TICK)
-                piece = self._next() if self._waiting else None
-                has_ended = piece is None and self._has_ended
-            if has_ended:
-                if self._error:
-                    raise self._error
+            try:
+                piece = self._waiting.get(timeout=TICK)
+            except queue.Empty:
+                yield None
+                continue
+            if piece is None:
                 return
+            if isinstance(piece, BaseException):
+                raise piece
             yield piece
 
     def dropped_count(self) -> int:
@@ -112,36 +112,17 @@ class Pump(Generic[T]):
         return count
 
     def _run(self) -> None:
+        last: BaseException | None = None
         try:
             while (piece := self._take()) is not None:
                 self._add(piece)
         except BaseException as error:  # raised again where the pieces are taken
-            self._error = error
-        with self._change:
-            self._has_ended = True
-            self._change.notify()
+            last = error
+        self._add(last)
 
-    def _next(self) -> T:
-        piece = self._waiting.popleft()
-        self._bytes -= _size(piece)
-        self._change.notify()
-        return piece
-
-    def _add(self, piece: T) -> None:
-        """Puts a piece behind those that wait, where or as soon as there is room for it."""
-        with self._change:
-            if self._patient:
-                self._change.wait_for(self._has_room)
-            while not self._has_room():
-                self._next()
+    def _add(self, piece: T | BaseException | None) -> None:
+        while self._waiting.full() and not self._patient:
+            with suppress(queue.Empty):
+                self._waiting.get_nowait()
                 self._dropped += 1
-            self._waiting.append(piece)
-            self._bytes += _size(piece)
-            self._change.notify()
-
-    def _has_room(self) -> bool:
-        return len(self._waiting) < WAITING[0] and self._bytes < WAITING[1]
-
-
-def _size(piece: object) -> int:
-    return len(piece) if isinstance(piece, bytes) else 0
+        self._waiting.put(piece)

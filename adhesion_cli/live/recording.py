@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -64,24 +64,32 @@ def _locked(path: Path) -> Iterator[None]:
             Path(lock.lock_file).unlink()
 
 
-class Batches(Sink):
-    """Samples as columns, every so often, in a thread of its own: writing holds up no sample.
+class Target(Protocol):
+    """Who gets samples in batches."""
 
-    They go to `target` every `interval` [s]. Samples wait for a target without `report`. For
-    another one, this is called once, with the text that samples are dropped.
+    def add(self, samples: Sequence[LiveSample]) -> None:
+        """New samples."""
+
+    def finish(self) -> None:
+        """There are no more."""
+
+
+class Batches(Sink):
+    """Samples every `interval` [s], in a thread of its own: writing holds up no sample.
+
+    Samples wait for a target without `report`. For another one, this is called once, with the text
+    that samples are dropped; `name` says for whom.
     """
 
     def __init__(
         self,
-        target: "Mcap | LiveView",
-        algos: Sequence[str],
-        axles: Sequence[int],
+        target: Target,
         interval: float,
         report: Callable[[str], None] | None = None,
+        name: str = "the viewer",
     ) -> None:
-        self._report, self._drops = report, False
-        self._target, self._algos = target, list(algos)
-        self._axles, self._interval = axles, interval
+        self._report, self._name, self._drops = report, name, False
+        self._target, self._interval = target, interval
         self._waiting: list[LiveSample] = []
         self._change = threading.Condition()
         self._is_ending = False
@@ -94,11 +102,7 @@ class Batches(Sink):
         with self._change:
             while len(self._waiting) > _WAITING_SAMPLES and not self._error:  # a slow disk
                 if self._report:
-                    self._waiting.clear()
-                    if not self._drops:
-                        text = "the viewer is slower than the samples: it gets only some of them"
-                        self._report(text)
-                    self._drops = True
+                    self._drop()
                 else:
                     self._change.wait()
             self._check()
@@ -114,9 +118,17 @@ class Batches(Sink):
             self._is_ending = True
             self._change.notify()
         self._thread.join(_PATIENCE if self._report else None)
-        if not self._thread.is_alive():
+        if self._thread.is_alive():
+            self._drop()
+        else:
             self._target.finish()
         self._check()
+
+    def _drop(self) -> None:
+        self._waiting.clear()
+        if self._report and not self._drops:
+            self._report(f"{self._name} is slower than the samples: it gets only some of them")
+        self._drops = True
 
     def _check(self) -> None:
         if self._error:
@@ -130,18 +142,12 @@ class Batches(Sink):
                     is_ending = self._change.wait_for(lambda: self._is_ending, self._interval)
                     waiting, self._waiting = self._waiting, []
                     self._change.notify()
-                self._send(waiting)
+                if waiting:
+                    self._target.add(waiting)
         except BaseException as error:  # raised again where the samples come from
             with self._change:
                 self._error = error
                 self._change.notify()
-
-    def _send(self, samples: Sequence[LiveSample]) -> None:
-        by_axle: dict[int, list[LiveSample]] = {axle: [] for axle in self._axles}
-        for s in samples:
-            by_axle.setdefault(s.axle, []).append(s)  # an axle may begin later
-        if batch := {n: columns(rows, self._algos) for n, rows in by_axle.items() if rows}:
-            self._target.add(batch)
 
 
 class Mcap:
@@ -162,23 +168,23 @@ class Mcap:
         axles: Sequence[int],
         report: Callable[[Sequence[Finding]], None],
     ) -> None:
-        self._path, self._report = path, report
+        self._path, self._report, self._algos = path, report, sorted(algos)
         settings_tree = tree(settings, [est for est, _ in algos.values()], axles)
-        nothing = {axle: columns([], sorted(algos)) for axle in axles}
+        nothing = {axle: columns([], self._algos) for axle in axles}
         with _written(path):
             self._file = path.open("wb")
             self._result = GrowingResult(self._file, log, settings_tree, settings.vehicle, nothing)
 
-    def add(self, samples: Mapping[int, Samples]) -> None:
-        """New samples by axle, of those that have any."""
+    def add(self, samples: Sequence[LiveSample]) -> None:
+        """See `Target`."""
         with _written(self._path):
-            self._result.add(samples)
+            self._result.add(by_axle(samples, self._algos))
         if dropped := self._result.lost:
             self._result.lost = 0
             self._report([Finding("not-recorded", "warning", count=dropped)])
 
     def finish(self) -> None:
-        """Ends the file."""
+        """See `Target`."""
         with _written(self._path), self._file:
             self._result.finish()
 
@@ -200,16 +206,16 @@ class LiveView:
     `report` is called once, with what went wrong.
     """
 
-    def __init__(self, recording: LiveRecording, report: Any) -> None:
+    def __init__(self, recording: LiveRecording, algos: Sequence[str], report: Any) -> None:
         self._recording: LiveRecording | None = recording
-        self._tell = report
+        self._algos, self._tell = algos, report
 
-    def add(self, samples: Mapping[int, Samples]) -> None:
-        """As of `Mcap`."""
-        self._try(lambda recording: recording.add(samples))
+    def add(self, samples: Sequence[LiveSample]) -> None:
+        """See `Target`."""
+        self._try(lambda recording: recording.add(by_axle(samples, self._algos)))
 
     def finish(self) -> None:
-        """As of `Mcap`."""
+        """See `Target`."""
         self._try(lambda recording: recording.finish())
 
     def _try(self, action: Any) -> None:
@@ -220,6 +226,12 @@ class LiveView:
         except Exception as error:  # the binding has errors of many kinds
             self._recording = None
             self._tell(getattr(error, "strerror", None) or str(error))
+
+
+def by_axle(samples: Sequence[LiveSample], algos: Sequence[str]) -> dict[int, Samples]:
+    """The samples of each axle that has some, in the order of the axles."""
+    axles = sorted({s.axle for s in samples})
+    return {n: columns([s for s in samples if s.axle == n], algos) for n in axles}
 
 
 def columns(samples: Sequence[LiveSample], algos: Sequence[str]) -> Samples:

@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import queue
 import shutil
 import sys
 import threading
@@ -22,55 +21,34 @@ from .axle import LiveEstimate, LiveSample, Sink
 _STATE_INTERVAL = 0.2  # between two states of the line [s]
 _USUAL = 80  # columns of a terminal that does not say
 _SILENCE = 3.0  # after which it is said that no sample comes [s]
-_WAITING_ROWS = 4096  # rows of lines that wait for whoever reads them
-_PATIENCE = 1.0  # longest wait for that reader [s]
 
 Say = Callable[[str], None]
 
 
-class JsonLines(Sink):
-    """An object per sample, axle and estimator, each on a line of its own.
+class JsonLines:
+    """An object per sample, axle and estimator, each on a line of its own; a `recording.Target`.
 
-    With `single_axle` nobody else takes the samples; else they go on without a reader, and without
-    the lines that one who reads no more leaves. `report` gets their number at the end.
+    With `goes_on`, a reader that is gone ends the lines only.
     """
 
-    def __init__(
-        self, algos: Sequence[str], vehicle: Vehicle, single_axle: bool, report: Say
-    ) -> None:
-        self._algos, self._vehicle, self._report = algos, vehicle, report
-        self._reader_gone = self._stalled = False
-        self._dropped = 0
-        self._waiting: queue.Queue[bytes] | None = None
-        if not single_axle:
-            self._waiting = queue.Queue(_WAITING_ROWS)
-            threading.Thread(target=self._run, args=(self._waiting,), daemon=True).start()
+    def __init__(self, algos: Sequence[str], vehicle: Vehicle, goes_on: bool) -> None:
+        self._algos, self._vehicle, self._goes_on = algos, vehicle, goes_on
+        self._reader_gone = False
 
-    def take(self, samples: Sequence[LiveSample]) -> None:
-        """See `Sink`."""
-        if self._reader_gone:
-            return
+    def add(self, samples: Sequence[LiveSample]) -> None:
+        """See `Target`."""
         lines = [self._line(s, algo) for s in samples for algo in self._algos]
-        text = "\n".join([*lines, ""]).encode()
-        if self._waiting is None:
-            _print(text)
-            return
         try:
-            self._waiting.put(text, timeout=0.0 if self._stalled else _PATIENCE)
-            self._stalled = False
-        except queue.Full:
-            self._stalled = True
-            self._dropped += len(lines)
-
-    def _run(self, waiting: "queue.Queue[bytes]") -> None:
-        """Prints what waits; a reader that is slow or gone stops only this thread."""
-        try:
-            while True:
-                _print(waiting.get())
-                waiting.task_done()
+            if not self._reader_gone:
+                _print("\n".join([*lines, ""]).encode())
         except BrokenPipeError:
+            if not self._goes_on:
+                raise
             self._reader_gone = True
             drop_output()
+
+    def finish(self) -> None:
+        """See `Target`."""
 
     def _line(self, s: LiveSample, algo: str) -> str:
         e = s.estimates.get(algo, LiveEstimate(math.nan, math.nan))
@@ -86,18 +64,6 @@ class JsonLines(Sink):
             "regime": s.regime or None,
         }
         return f'{{"t": {_seconds(s.t)}, {json.dumps(said)[1:]}'
-
-    def close(self) -> None:
-        """See `Sink`."""
-        deadline = time.monotonic() + _PATIENCE
-        while self._waiting and self._waiting.unfinished_tasks and not self._reader_gone:
-            if time.monotonic() > deadline:
-                with self._waiting.mutex:
-                    self._dropped += sum(text.count(b"\n") for text in self._waiting.queue)
-                break
-            time.sleep(0.01)
-        if self._dropped and not self._reader_gone:
-            self._report(f"--json: {self._dropped} lines were dropped: nobody read them")
 
 
 class Counts(Sink):

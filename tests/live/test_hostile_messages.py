@@ -88,8 +88,8 @@ def followed(feed: Feed, settings: Settings, folder: Path) -> tuple[Kept, Tally]
     record = Mcap(target, "x", settings, algos, axles, tally.add)
     view = LiveRecording("x", vehicle, axles, list(algos), folder / "x.live.rrd")
     files = [
-        Batches(record, list(algos), axles, 0.01),
-        Batches(LiveView(view, errors.append), list(algos), axles, 0.01),
+        Batches(record, 0.01),
+        Batches(LiveView(view, list(algos), errors.append), 0.01),
     ]
     sinks = [kept, *files, Counts(), StatusLine("imm", vehicle)]
     follow(feed, wheels, settings, algos, sinks, tally)

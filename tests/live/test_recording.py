@@ -1,7 +1,6 @@
 """The files and the viewer that samples go to."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -74,9 +73,7 @@ def test_the_file_goes_on_where_the_reader_of_the_lines_stands_still(tmp_path: P
         assert process.wait(timeout=120) == 0
         assert process.stderr
         told = process.stderr.read()
-    dropped = re.search(r"--json: (\d+) lines were dropped", told)
-    assert dropped
-    assert 500 < int(dropped[1]) < 2596  # a pipe holds some hundred
+    assert "the reader of --json is slower than the samples: it gets only some of them" in told
     whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load())
     assert len(whole.axles[0].record.t) == 2601
 
@@ -141,7 +138,7 @@ def test_a_viewer_that_takes_nothing_stops_no_sample(monkeypatch: pytest.MonkeyP
             raise AssertionError
 
     told: list[str] = []
-    batches = recording.Batches(Stalled(), ["td"], [1], 0.001, told.append)
+    batches = recording.Batches(Stalled(), 0.001, told.append)
     for sample in samples_of(200):
         batches.take([sample])
         time.sleep(0.001)
