@@ -156,8 +156,7 @@ def _show_failed(state: "FleetProgress", quiet: bool) -> None:
 
 
 def _summary(paths: list[str], shared: Shared) -> int:
-    from ..core.annotated import as_json
-    from ..core.document import dumps, tagged
+    from ..core.document import dumps
     from ..fleet.summary import summarise_fleet
     from . import terminal
 
@@ -166,7 +165,7 @@ def _summary(paths: list[str], shared: Shared) -> int:
         hint = f"adhesion fleet --summary {_FOLDER}; to analyse first, add -o {_FOLDER}"
         raise UserError(text, hint, code=2)
     summary = summarise_fleet(Path(paths[0]))
-    print(dumps(tagged("fleet-summary", **as_json(summary))) if shared.json else _text(summary))
+    print(dumps(summary.document) if shared.json else _text(summary))
     terminal.show(summary.loss, shared.quiet)
     return 3 if summary.loss else 0
 

@@ -1,20 +1,20 @@
 """What the results of a fleet show together: the document `adhesion.fleet-summary/1`."""
 
 import json
+import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
-from numpy.typing import NDArray
 from pyarrow import dataset
 
-from ..core.annotated import Json
+from ..core.annotated import Json, as_json
+from ..core.document import tagged
 from ..core.errors import UserError
 from ..core.finding import Finding, is_lossy
 from ..core.model import Floats
@@ -26,45 +26,21 @@ _SHARES = (5.0, 50.0, 95.0)  # percentiles
 _SUSPECT = "-unit-suspect"  # end of the codes of units that are probably wrong
 _LISTED = 10  # slides and logs that are listed
 _FILE = "__filename"
-Key = TypeVar("Key", str, int, tuple[int, tuple[str, int]])
 _OF_STOP = (
     "nominal_speed_kmh valid distance_m_value mean_deceleration_value response_time_s_value"
 ).split()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Distribution:
+class Distribution(NamedTuple):
     """The mean adhesion coefficient of a group of brake applications."""
 
+    group: Mapping[str, Any]  # what they have in common, by its name in the document
     applications: int  # of an axle
     with_slides: int
     p5: float | None  # 5 % are below it [-]
     median: float | None
     p95: float | None
     median_with_slides: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpeedBand(Distribution):
-    """Of a band of the mean speed."""
-
-    from_kmh: float
-    to_kmh: float | None  # None: no upper end
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SettingsGroup(Distribution):
-    """Of the logs that were analysed with the same settings."""
-
-    settings: str  # hash
-    stated: str  # of the vehicle, in a line
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Day(Distribution):
-    """Of the logs that began on one day (UTC)."""
-
-    day: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,21 +55,6 @@ class StopGroup:
     deceleration_median: float | None
     deceleration_p95: float | None
     response_median_s: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kilometre(Distribution):
-    """Of a kilometre of the line."""
-
-    km: int  # from here to the next one
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KilometreAndHour(Kilometre):
-    """Of a kilometre of the line, in one hour of one day (UTC)."""
-
-    day: str  # "unknown" without a calendar
-    hour: int | None  # None without a calendar
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,11 +112,11 @@ class FleetSummary:
     logs: dict[str, int]  # how many, by status
     applications: int
     with_slides: int
-    by_speed: list[SpeedBand]
-    by_settings: list[SettingsGroup]
-    by_day: list[Day]
-    by_km: list[Kilometre]  # where the logs have positions on the line
-    by_km_and_hour: list[KilometreAndHour]
+    by_speed: list[Distribution]  # bands, from_kmh to to_kmh; None: no upper end
+    by_settings: list[Distribution]  # settings: their hash, stated: of the vehicle, in a line
+    by_day: list[Distribution]  # day (UTC) on which the log began
+    by_km: list[Distribution]  # km, to the next one, where logs have positions on the line
+    by_km_and_hour: list[Distribution]  # day and hour (UTC); "unknown", None: no calendar
     stops: list[StopGroup]
     worst_slides: list[SlidApplication]
     findings: list[CodeCount]
@@ -172,6 +133,14 @@ class FleetSummary:
         values = {"results": float(len(self.lost))}
         finding = Finding("fleet-results-damaged", "error", count=len(self.lost), values=values)
         return [finding] if self.lost else []
+
+    @property
+    def document(self) -> Json:
+        """The document `adhesion.fleet-summary/1`."""
+        document = as_json(self)
+        for name in (name for name in document if name.startswith("by_")):
+            document[name] = [row.pop("group") | row for row in document[name]]
+        return tagged("fleet-summary", **document)
 
 
 class _LogRow(NamedTuple):
@@ -218,18 +187,17 @@ def summarise_fleet(folder: Path) -> FleetSummary:
     days = {Path(row.file).name: row.start.date().isoformat() for row in analysed if row.start}
     row_days = [days.get(Path(x).name, "unknown") for x in applications[_FILE].to_pylist()]
     settings = applications["settings"].to_pylist()
+    stated = {name: _stated_vehicle(folder, name) for name in set(settings)}
+    places = _places(applications)
     return FleetSummary(
         logs={s: sum(r.status == s for r in logs) for s in ("ok", "damaged", "error")},
         applications=len(applications),
         with_slides=int((_column(applications, "slides") > 0).sum()),
-        by_speed=_by_speed(applications),
-        by_settings=[
-            SettingsGroup(settings=name, stated=_stated_vehicle(folder, name), **spread)
-            for name, spread in _grouped(applications, settings)
-        ],
-        by_day=[Day(day=name, **spread) for name, spread in _grouped(applications, row_days)],
-        by_km=_by_km(applications),
-        by_km_and_hour=_by_km_and_hour(applications),
+        by_speed=_grouped(applications, "from_kmh to_kmh", _bands(applications)),
+        by_settings=_grouped(applications, "settings stated", ((x, stated[x]) for x in settings)),
+        by_day=_grouped(applications, "day", ((day,) for day in row_days)),
+        by_km=_grouped(applications, "km", (x[:1] for x in places)),
+        by_km_and_hour=_grouped(applications, "km day hour", places),
         stops=_stops(stops),
         worst_slides=_worst(applications),
         findings=_codes(findings),
@@ -279,17 +247,21 @@ def _column(table: Any, name: str) -> Floats:
     return column
 
 
-def _spread(table: Any, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Json:
-    """The fields of a `Distribution`."""
-    mu, slides = _column(table, "coefficient_mean")[rows], _column(table, "slides")[rows]
-    sliding = mu[np.isfinite(mu) & (slides > 0)]
-    shares = _percentiles(mu)
-    return {
-        "applications": len(mu),
-        "with_slides": int((slides > 0).sum()),
-        **dict(zip(("p5", "median", "p95"), shares, strict=True)),
-        "median_with_slides": float(np.median(sliding)) if len(sliding) else None,
-    }
+def _grouped(table: Any, names: str, keys: Iterable[tuple[Any, ...]]) -> list[Distribution]:
+    """The distribution of each key, in the order of the keys; rows without one are left out."""
+    rows: dict[tuple[Any, ...], list[int]] = {}
+    for i, key in enumerate(keys):
+        if key:
+            rows.setdefault(key, []).append(i)
+    all_mu, all_slides = _column(table, "coefficient_mean"), _column(table, "slides")
+    groups = []
+    for key in sorted(rows):
+        mu, slides = all_mu[rows[key]], all_slides[rows[key]]
+        sliding = _percentiles(mu[slides > 0])[1]
+        counts = len(mu), int((slides > 0).sum())
+        group = dict(zip(names.split(), key, strict=True))
+        groups.append(Distribution(group, *counts, *_percentiles(mu), sliding))
+    return groups
 
 
 def _stops(table: Any) -> list[StopGroup]:
@@ -313,55 +285,31 @@ def _stops(table: Any) -> list[StopGroup]:
     return groups
 
 
-def _percentiles(values: Floats) -> list[float | None]:
+def _percentiles(values: Floats) -> tuple[float | None, float | None, float | None]:
     """5 %, median and 95 % of the values that are known."""
     finite = values[np.isfinite(values)]
-    return np.percentile(finite, _SHARES).tolist() if len(finite) else [None] * len(_SHARES)
+    if not len(finite):
+        return None, None, None
+    lower, middle, upper = np.percentile(finite, _SHARES).tolist()
+    return lower, middle, upper
 
 
-def _by_speed(table: Any) -> list[SpeedBand]:
-    speed = 3.6 * 0.5 * (_column(table, "from_mps") + _column(table, "to_mps"))
-    bands = []
-    for lower, upper in zip(BANDS, (*BANDS[1:], np.inf), strict=True):
-        rows = (speed >= lower) & (speed < upper)
-        if rows.any():
-            to_kmh = upper if np.isfinite(upper) else None
-            bands.append(SpeedBand(from_kmh=lower, to_kmh=to_kmh, **_spread(table, rows)))
-    return bands
+def _bands(table: Any) -> Iterator[tuple[float, float | None] | tuple[()]]:
+    """The band of each mean speed [km/h]."""
+    speeds = 3.6 * 0.5 * (_column(table, "from_mps") + _column(table, "to_mps"))
+    for place in np.searchsorted(BANDS, speeds, side="right").tolist():
+        yield () if not place else (BANDS[place - 1], BANDS[place] if place < len(BANDS) else None)
 
 
-def _grouped(table: Any, keys: Iterable[Key]) -> list[tuple[Key, Json]]:
-    """Each key with the spread of its rows, in the order of the keys."""
-    rows: dict[Key, list[int]] = {}
-    for i, key in enumerate(keys):
-        rows.setdefault(key, []).append(i)
-    return [(key, _spread(table, np.array(rows[key]))) for key in sorted(rows)]
-
-
-def _on_line(table: Any) -> Any:
-    """The applications whose position on the line is known."""
-    of_line = pc.equal(table["position_from"].cast(pa.string()), "position")
-    return table.filter(pc.and_(of_line, pc.is_valid(table["position_km"])))
-
-
-def _by_km(table: Any) -> list[Kilometre]:
-    placed = _on_line(table)
-    return [Kilometre(km=km, **spread) for km, spread in _grouped(placed, _kilometres(placed))]
-
-
-def _kilometres(placed: Any) -> list[int]:
-    kilometres: list[int] = np.floor(_column(placed, "position_km")).astype(int).tolist()
-    return kilometres
-
-
-def _by_km_and_hour(table: Any) -> list[KilometreAndHour]:
-    placed = _on_line(table)
-    times = [(x[:10], int(x[11:13])) if x else ("unknown", -1) for x in placed["time"].to_pylist()]
-    keys = zip(_kilometres(placed), times, strict=True)
-    return [
-        KilometreAndHour(km=km, day=day, hour=None if hour < 0 else hour, **spread)
-        for (km, (day, hour)), spread in _grouped(placed, keys)
-    ]
+def _places(table: Any) -> list[tuple[Any, ...]]:
+    """Kilometre, day and hour of each application whose position on the line is known."""
+    columns = (table[name].to_pylist() for name in ("position_from", "position_km", "time"))
+    places: list[tuple[Any, ...]] = []
+    for source, km, time in zip(*columns, strict=True):
+        clock = (time[:10], int(time[11:13])) if time else ("unknown", None)
+        is_known = source == "position" and km is not None
+        places.append((math.floor(km), *clock) if is_known else ())
+    return places
 
 
 def _worst(table: Any) -> list[SlidApplication]:

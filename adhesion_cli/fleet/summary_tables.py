@@ -3,22 +3,11 @@
 from collections.abc import Sequence
 from datetime import datetime
 from math import inf, isfinite, nan
-from typing import TypeVar
 
 from ..core.finding import catalogue
 from ..results.report.campaign import Bar, Bars, Campaign, PageTable
 from ..results.text_tables import DASH, bounded_number, number, slip_text
-from .summary import (
-    Day,
-    Distribution,
-    FleetSummary,
-    Kilometre,
-    KilometreAndHour,
-    SettingsGroup,
-    SlidApplication,
-    SpeedBand,
-    StopGroup,
-)
+from .summary import Distribution, FleetSummary, SlidApplication, StopGroup
 
 _OF_SPREAD = (
     "number: brake applications, counted per axle. slid: those with a slide. 5 %, median, 95 %: "
@@ -56,14 +45,15 @@ def head(fleet: FleetSummary) -> str:
 def tables(fleet: FleetSummary) -> list[PageTable]:
     """Adhesion by speed, settings and day, the worst slides, the findings; those with rows."""
     days = fleet.by_day
-    timed = fleet.by_km_and_hour if any(x.hour is not None for x in fleet.by_km_and_hour) else []
+    places = fleet.by_km_and_hour
+    timed = places if any(x.group["hour"] is not None for x in places) else []
     scope = f", last {DAYS} of {len(days)} days" if len(days) > DAYS else ""
     speeds = [{"speed [km/h]": _speeds(row), **_spread(row)} for row in fleet.by_speed]
     vehicles = [
-        {"settings": row.settings, "vehicle": row.stated, **_spread(row)}
+        {"settings": row.group["settings"], "vehicle": row.group["stated"], **_spread(row)}
         for row in fleet.by_settings
     ]
-    newest_days = [{"day": row.day, **_spread(row)} for row in days[-DAYS:]]
+    newest_days = [{**row.group, **_spread(row)} for row in days[-DAYS:]]
     slid = list(map(_slid, fleet.worst_slides))
     if all(row["km"] == DASH for row in slid):
         slid = [{name: cell for name, cell in row.items() if name != "km"} for row in slid]
@@ -77,7 +67,7 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
         PageTable(f"By day{scope}", newest_days, figure=_by_day(days)),
         PageTable(
             f"By kilometre{_scope(fleet.by_km)}",
-            [{"km": str(row.km), **_spread(row)} for row in _most_slides(fleet.by_km)],
+            [{"km": str(row.group["km"]), **_spread(row)} for row in _most_slides(fleet.by_km)],
             figure=_by_km(fleet.by_km),
         ),
         PageTable(
@@ -99,7 +89,7 @@ def campaign(name: str, fleet: FleetSummary) -> Campaign:
     origin = {
         "Evaluated by": ", ".join(f"adhesion {v}" for v in fleet.evaluated.versions),
         "Results written (UTC)": " to ".join(dict.fromkeys(fleet.evaluated.days)),
-        "Settings": "; ".join(f"{r.settings}: {r.stated}" for r in fleet.by_settings),
+        "Settings": "; ".join(": ".join(row.group.values()) for row in fleet.by_settings),
     }
     return Campaign(name, verdict(fleet), head(fleet), page_tables, codes, origin)
 
@@ -158,9 +148,9 @@ def _all_codes(fleet: FleetSummary) -> list[str]:
     return [x.code for x in fleet.findings] + [x.code for x in fleet.to_check]
 
 
-def _speeds(row: SpeedBand) -> str:
-    lower = f"{row.from_kmh:.0f}"
-    return f"{lower} to {row.to_kmh:.0f}" if row.to_kmh else f"from {lower}"
+def _speeds(row: Distribution) -> str:
+    lower, upper = row.group.values()
+    return f"{lower:.0f} to {upper:.0f}" if upper else f"from {lower:.0f}"
 
 
 def _spread(row: Distribution) -> dict[str, str]:
@@ -174,52 +164,53 @@ def _spread(row: Distribution) -> dict[str, str]:
     }
 
 
-def _by_speed(rows: Sequence[SpeedBand]) -> Bars | None:
-    lower = [row.from_kmh for row in rows]
-    upper = [row.to_kmh or row.from_kmh + _BAND for row in rows]
-    names = [f"{a:g} to {b:g}" for a, b in zip(lower, upper, strict=True)]
-    bars = map(_bar, names, lower, upper, rows)
-    return _compared(Bars("mean speed of the brake application [km/h]", list(bars)))
+def _by_speed(rows: Sequence[Distribution]) -> Bars | None:
+    bars = []
+    for row in rows:
+        lower, upper = row.group.values()
+        upper = upper or lower + _BAND
+        bars.append(_bar(f"{lower:g} to {upper:g}", lower, upper, row))
+    return _compared(Bars("mean speed of the brake application [km/h]", bars))
 
 
-def _by_settings(rows: Sequence[SettingsGroup]) -> Bars | None:
-    bars = [_bar(row.settings, i, i + 1.0, row) for i, row in enumerate(rows)]
+def _by_settings(rows: Sequence[Distribution]) -> Bars | None:
+    bars = [_bar(row.group["settings"], i, i + 1.0, row) for i, row in enumerate(rows)]
     return _compared(Bars("settings", bars, named=True))
 
 
-def _by_day(rows: Sequence[Day]) -> Bars | None:
+def _by_day(rows: Sequence[Distribution]) -> Bars | None:
     bars = []
     for row in rows:
-        if row.day != "unknown":
-            noon = 1e3 * datetime.fromisoformat(f"{row.day}T12:00:00Z").timestamp()
-            bars.append(_bar(row.day, noon - _DAY / 2, noon + _DAY / 2, row))
+        if (day := row.group["day"]) != "unknown":
+            noon = 1e3 * datetime.fromisoformat(f"{day}T12:00:00Z").timestamp()
+            bars.append(_bar(day, noon - _DAY / 2, noon + _DAY / 2, row))
     return _compared(Bars("day of the log's start (UTC), every day", bars, dated=True))
 
 
-_OfPlace = TypeVar("_OfPlace", bound=Kilometre)
-
-
-def _most_slides(rows: Sequence[_OfPlace]) -> list[_OfPlace]:
+def _most_slides(rows: Sequence[Distribution]) -> list[Distribution]:
     """Places, those with the most slides first and then those with the lowest adhesion."""
 
-    def severity(row: _OfPlace) -> tuple[int, float]:
+    def severity(row: Distribution) -> tuple[int, float]:
         return -row.with_slides, inf if row.p5 is None else row.p5
 
     return sorted(rows, key=severity)[:PLACES]
 
 
-def _scope(rows: Sequence[Kilometre]) -> str:
+def _scope(rows: Sequence[Distribution]) -> str:
     """How many of the places a table has."""
     return f", {PLACES} of {len(rows)}, most slides first" if len(rows) > PLACES else ""
 
 
-def _km_and_hour(row: KilometreAndHour) -> dict[str, str]:
-    hour = DASH if row.hour is None else f"{row.hour:02d}"
-    return {"km": str(row.km), "day": row.day, "hour": hour, **_spread(row)}
+def _km_and_hour(row: Distribution) -> dict[str, str]:
+    km, day, hour = row.group.values()
+    return {"km": str(km), "day": day, "hour": DASH if hour is None else f"{hour:02d}"} | _spread(
+        row
+    )
 
 
-def _by_km(rows: Sequence[Kilometre]) -> Bars | None:
-    bars = [_bar(f"{row.km} to {row.km + 1}", row.km, row.km + 1.0, row) for row in rows]
+def _by_km(rows: Sequence[Distribution]) -> Bars | None:
+    places = [(row.group["km"], row) for row in rows]
+    bars = [_bar(f"{km} to {km + 1}", km, km + 1.0, row) for km, row in places]
     return _compared(Bars("position on the line [km]", bars))
 
 

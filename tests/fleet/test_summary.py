@@ -119,8 +119,11 @@ def test_adhesion_is_distributed_by_kilometre_hour_and_day(tmp_path: Path) -> No
     write(tmp_path, log("a", "2026-03-01", *first, placed(9.5, later), way))
     write(tmp_path, log("b", None, placed(12.0, None)))
     found = summarise_fleet(tmp_path)
-    assert [(x.km, x.applications, x.with_slides) for x in found.by_km] == [(9, 1, 0), (12, 4, 1)]
-    bins = [(x.km, x.day, x.hour, x.applications) for x in found.by_km_and_hour]
+    assert [(x.group["km"], x.applications, x.with_slides) for x in found.by_km] == [
+        (9, 1, 0),
+        (12, 4, 1),
+    ]
+    bins = [(*x.group.values(), x.applications) for x in found.by_km_and_hour]
     assert bins == [
         (9, "2026-03-01", 7, 1),
         (12, "2026-03-01", 6, 2),
@@ -147,8 +150,8 @@ def test_logs_without_positions_have_no_table_of_kilometres(folder: Path) -> Non
 
 def test_the_coefficient_is_distributed_by_the_mean_speed(folder: Path) -> None:
     slow, middle = summarise_fleet(folder).by_speed
-    assert (slow.from_kmh, slow.to_kmh, slow.applications) == (0.0, 40.0, 2)
-    assert (middle.from_kmh, middle.applications, middle.with_slides) == (40.0, 2, 1)
+    assert (slow.group, slow.applications) == ({"from_kmh": 0.0, "to_kmh": 40.0}, 2)
+    assert (middle.group["from_kmh"], middle.applications, middle.with_slides) == (40.0, 2, 1)
     assert middle.median == pytest.approx(0.08)
     assert middle.median_with_slides == pytest.approx(0.04)
     assert slow.median == pytest.approx(0.10)  # the locked wheel has no force
@@ -158,10 +161,10 @@ def test_days_and_vehicles_are_apart(folder: Path) -> None:
     other = JOB._replace(stated={}, settings="ef01")
     write(folder, log("a", "2026-03-01", application(0.20, 20.0)), other)
     found = summarise_fleet(folder)
-    assert [(r.day, r.applications) for r in found.by_day] == [
+    assert [(r.group["day"], r.applications) for r in found.by_day] == [
         ("2026-03-01", 3), ("2026-03-02", 1), ("unknown", 1)
     ]  # fmt: skip
-    assert [(r.settings, r.stated, r.applications) for r in found.by_settings] == [
+    assert [(*r.group.values(), r.applications) for r in found.by_settings] == [
         ("abcd", "friction 0.25", 4), ("ef01", "not stated", 1)
     ]  # fmt: skip
 
@@ -227,7 +230,7 @@ def test_damaged_results_are_left_out_and_named(
 @pytest.mark.parametrize("text", ["[]", "1", "{}", '{"stated": []}', '{"stated": {"vehicle": []}}'])
 def test_settings_that_are_none_are_unknown(folder: Path, text: str) -> None:
     (folder / "settings" / "abcd.json").write_text(text)
-    assert {row.stated for row in summarise_fleet(folder).by_settings} == {"unknown"}
+    assert {row.group["stated"] for row in summarise_fleet(folder).by_settings} == {"unknown"}
 
 
 def test_only_failed_logs_make_a_summary(tmp_path: Path) -> None:
