@@ -56,6 +56,7 @@ from ..train.mean_axle import mean_axle, move_axles
 from ..train.motor_mass import MASS, find_motor_mass, with_mean_mass
 from .prepare import AlignedLog
 from .settings import Settings
+from .unknown_wheel import with_any_wheel
 
 _DEFAULT_SIGMAS = 3.0  # from which a vehicle that nobody stated is another one
 _DEFAULT_ERROR = 0.3  # the same of ln of the force, however uncertain the log
@@ -82,6 +83,7 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
 
     The log shows one error of all axles, in a train of unlike ones too: see `core.mean_axle`.
     """
+    settings = with_any_wheel(logs, settings)
     logs, mean = as_equal_axles(logs, settings)
     identified = _identify(logs, replace(settings, vehicle=mean))
     if "friction_fade" not in settings.stated and not mean.friction_table:

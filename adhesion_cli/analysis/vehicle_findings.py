@@ -14,6 +14,7 @@ from ..diagnostics.checks.vehicle import remedy_names
 from ..results.friction_groups import find_friction_differs, group_by_friction, run_of_log
 from .prepare import AlignedLog, Prepared, diagnose_log
 from .settings import Settings
+from .unknown_wheel import ANY_WHEEL, is_wheel_unknown
 
 _CALIBRATED = "wheel-calibrated"
 _FEW_DEFAULTS = 3  # defaults that the line of a finding names
@@ -49,6 +50,10 @@ def find_vehicle_findings(
     if identified.unstated and (identified.source == "log" or not identified.known):
         names = {"unstated": ", ".join(identified.unstated)}
         findings.append(Finding("vehicle-incomplete", "warning", names=names))
+    if is_wheel_unknown(log, settings):
+        R = settings.vehicle.wheel_radius[0].value
+        values = {"diameter_m": 2.0 * R, "u95_m": 2.0 * R * Z95 * ANY_WHEEL}
+        findings.append(Finding("wheel-diameter-unknown", "warning", values=values))
     if not identified.known:
         findings.append(Finding("vehicle-unknown", "warning"))
     if identified.factor is not None and not identified.other_brake:

@@ -16,6 +16,7 @@ from ..analysis.identify import as_equal_axles, find_prior, of_all_axles
 from ..analysis.prepare import AlignedLog, align_log, diagnose_log
 from ..analysis.request import load_vehicle, open_log, read_log
 from ..analysis.settings import Settings, tree
+from ..analysis.unknown_wheel import with_any_wheel
 from ..core import toml
 from ..core.annotated import Json
 from ..core.document import findings_document, tagged
@@ -108,6 +109,7 @@ def calibrate(
     _one_vehicle(all_settings)
     settings = all_settings[0]
     aligned_logs = [aligned for _, aligned in read_logs]
+    settings = with_any_wheel(aligned_logs, settings)
     equal_logs, mean = as_equal_axles(aligned_logs, settings)
     prior_vehicle, _ = find_prior(equal_logs, replace(settings, vehicle=mean))
     vehicle = prior_vehicle.vehicle  # of the mean axle

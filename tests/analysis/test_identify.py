@@ -62,6 +62,27 @@ def first(result: Result) -> Finding:
     return result.findings[0]
 
 
+@pytest.mark.parametrize("wheel", [{}, {"wheel_diameter": 0.7}])
+def test_turns_of_wheels_that_nobody_states_have_the_band_of_any_wheel(
+    wheel: dict[str, object], tmp_path: Path
+) -> None:
+    """The wheels turn as those of 0.7 m do, and the program would take 0.84 m."""
+    lines = log(tmp_path / "log.csv", METRO).read_text().splitlines()[1:]
+    cells = [line.split(",") for line in lines]
+    rows = [f"{t},{p},{float(v) / 3.6 / 0.35 * 30.0 / np.pi:.3f}" for t, p, v in cells]
+    path = tmp_path / "turns.csv"
+    path.write_text("\n".join(["time [s],bc pressure [bar],wheel speed [rpm]", *rows]) + "\n")
+    result = run(path, wheel)
+    codes = [f.code for f in result.findings]
+    assert ("wheel-diameter-unknown" in codes) == (not wheel)
+    widest = 0.3 if wheel else 1.0
+    for coefficient, mean in zip(
+        coefficients(result), true_coefficients(path, METRO, result), strict=True
+    ):
+        assert coefficient.mean == pytest.approx(mean, abs=coefficient.mean_u95)
+        assert coefficient.mean_u95 < widest * mean
+
+
 @pytest.mark.parametrize("stops", [1, 4])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nobody_stated_the_vehicle_and_the_log_shows_its_brake(
