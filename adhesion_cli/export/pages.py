@@ -7,11 +7,10 @@ from ..core.methods import parameters
 from ..core.model import Vehicle, quantities
 from ..core.physics import LEAST_SHARE, force_line
 from .c_types import Number, flat, range_of
-from .check_program import limits
+from .check_program import SINGLE_ERROR, limits
 from .interface import WHEELSET_INPUTS, Code, Interface
-from .single_precision import ULPS
 from .templates import render
-from .vectors import LIBRARIES, LOG, Vectors
+from .vectors import LOG, Vectors
 
 # What the checker is told not to report, and why.
 DEVIATIONS = {
@@ -55,8 +54,7 @@ def readme(
         wheelset=wheelset,
         vehicle=vehicle,
         log=LOG,
-        libraries=LIBRARIES,
-        ulps=ULPS,
+        single_error=SINGLE_ERROR,
         least_share=LEAST_SHARE,
         deviations=DEVIATIONS,
         parameters=parameters(interface.method),

@@ -19,13 +19,10 @@ from ..formats.open import open_source
 from ..formats.source import ReadOptions
 from ..wsp import wsp_controller
 from ..wsp.controller import Observed
-from .single_precision import Single, values
+from .single_precision import single, values
 
 LOG = "low-adhesion.csv"  # it has slides
 ALGO = "kalman"  # estimator in the loop of a controller
-
-
-LIBRARIES = 4  # C libraries of single precision: one that rounds exactly, and others
 Answers = list[tuple[float, ...] | None]  # None: no finite number
 
 
@@ -34,24 +31,21 @@ class Vectors(NamedTuple):
 
     rows: list[tuple[float, ...]]  # interval [s], 0 at the first, and the inputs of `step`
     expected: list[tuple[float, ...]]  # what the method answers
-    singles: list[Answers]  # the same in single precision, with each of the libraries
+    singles: Answers  # the same in single precision
 
     def largest(self, answer: int) -> float:
         """Largest absolute value of an answer."""
         return max(abs(row[answer]) for row in self.expected)
 
     def single_errors(self, answer: int) -> list[float]:
-        """By how much single precision differs, at each sample; the worst of the libraries."""
-        errors = []
-        for reference, *singles in zip(self.expected, *self.singles, strict=True):
-            differences = [abs(x[answer] - reference[answer]) for x in singles if x is not None]
-            errors.append(max(differences, default=math.inf))
-        return errors
+        """By how much single precision differs, at each sample."""
+        pairs = zip(self.expected, self.singles, strict=True)
+        return [abs(x[answer] - reference[answer]) if x else math.inf for reference, x in pairs]
 
     @property
     def missing_count(self) -> int:
         """Samples at which single precision has no finite answer."""
-        return max(run.count(None) for run in self.singles)
+        return self.singles.count(None)
 
 
 def of_estimator(est: Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vectors:
@@ -138,11 +132,8 @@ def _as_floats(o: Observed) -> Observed:
 
 def _vectors(rows: Any, method: Method, run: Callable[..., Any]) -> Vectors:
     expected = [x for x in run(method.init, method.step, lambda state: state) if x is not None]
-    singles = []
-    for seed in range(LIBRARIES):
-        single = Single(seed)
-        with np.errstate(all="ignore"):
-            singles.append(run(single(method.init), single(method.step), values))
+    with np.errstate(all="ignore"):
+        singles = run(single(method.init), single(method.step), values)
     return Vectors(rows, expected, singles)
 
 
