@@ -22,7 +22,7 @@ from ..core.model import (
 from ..core.text import enumerated
 from ..formats.source import Field
 from .places import UNCLEAR, served
-from .rules import GENERIC, guess, name_words, place_of, word_of_kind
+from .rules import GENERIC, Place, guess, name_words, place_of, word_of_kind
 from .state_words import says_state
 
 
@@ -111,8 +111,8 @@ def understood(
             continue
         ungrouped = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = guess(ungrouped)
-        base = re.fullmatch(r"(.*) \(\d+\)", field.channel)
-        if base and base[1] in channels:  # the reader added "(2)"
+        base = re.fullmatch(r"(.*?)(?: \(\d+\)|\.\d+)", field.channel)
+        if base and base[1] in channels:  # the reader added "(2)", or pandas ".1"
             axle = place_of(replace(ungrouped, channel=base[1])).axle
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
@@ -258,18 +258,17 @@ def _drop_other_numbers(meant: list[Meant], guesses: list[int]) -> None:
     They are those of axles where they tell the channels of a meaning apart, or are the axle of a
     channel of another meaning. Else they may be those of a sensor, as in "pressure (S-20)".
     """
-    numbered = [i for i in guesses if meant[i].axle is not None]
-    apart = [i for i in numbered if place_of(meant[i].field).is_apart]
-    axles = {
-        meaning: [meant[i].axle for i in numbered if meant[i].meaning == meaning]
-        for meaning in {meant[i].meaning for i in numbered}
-    }
-    for i in apart:
+    places = {i: place_of(meant[i].field) for i in guesses if meant[i].axle is not None}
+    axles: dict[Meaning | None, list[Place]] = {}
+    for i, place in places.items():
+        own_place = place._replace(axle=meant[i].axle, is_loose=False, is_apart=False)
+        axles.setdefault(meant[i].meaning, []).append(own_place)
+    for i in (i for i, place in places.items() if place.is_apart):
         m = meant[i]
-        alike = [k for k in apart if meant[k].meaning == m.meaning]
-        tells_apart = len(alike) > 1 and len(set(axles[m.meaning])) == len(axles[m.meaning])
-        is_shared = any(m.axle in x for meaning, x in axles.items() if meaning != m.meaning)
-        if not (tells_apart or is_shared):
+        alike = axles[m.meaning]
+        tells_apart = len(set(alike)) == len(alike) > 1
+        others = (x for meaning, x in axles.items() if meaning != m.meaning)
+        if not tells_apart and not any(m.axle == place.axle for x in others for place in x):
             meant[i] = replace(m, axle=None)
 
 

@@ -180,6 +180,7 @@ _SPARE = re.compile(
 )
 _AXLES = re.compile(r"([^\W\d_]+)\.?[\s_]*(\d)\s*([-–+&/])\s*(\d)(?!\d)")  # as in "axles 1-4"
 _MEASURED = {"speed", "pressure"}
+_PLACES = {"wheel", "bogie", "car"}
 _NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
 
 
@@ -301,8 +302,8 @@ class _Name:
                 unit_of |= dict.fromkeys(_QUANTITY["speed"], self.unit)
                 unit_of["speed without unit"] = self.unit
         elif "pressure" in unit_of:
-            is_c = {w for w in self.own if not w.isdecimal()} == {"c"}  # as in "C1 [bar]"
-            says_cylinder = "cylinder" in self.kinds or is_c
+            names = {w for w in self.own if not (w.isdecimal() or _PLACES & _kinds(w).keys())}
+            says_cylinder = "cylinder" in self.kinds or names == {"c"}  # as in "C1 [bar]"
             if not (self.own_kinds.keys() & _PRESSURES or says_cylinder):
                 del unit_of["pressure"]
             elif units.unit(f"{self.unit} abs"):
@@ -581,7 +582,7 @@ def _owner(kind: str, name_parts: Sequence[str]) -> str:
     word, *following = name_parts
     if kind == "car" and word in ("m", "t"):  # "M1/2", but not "pressure m 2"
         return word if len(following) == 2 and all(map(str.isdecimal, following)) else ""
-    if kind == "car" and re.match("[号节]?车(?![速轮轴辆])", word):
+    if kind == "car" and re.match("[号節节]?[車车](?![速轮輪轴軸辆輌])", word):
         return "车"
     return word_of_kind(kind, [word])
 
@@ -598,7 +599,7 @@ def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int |
         next_word = "".join(name_parts[i + 1 : i + 2])
         if next_word.isdecimal() and _NUMBERED & _kinds(word).keys():
             return int(next_word), False, False
-        if any(c in word for c in "轴轮位") and i and name_parts[i - 1].isdecimal():
+        if any(c in word for c in "轴軸轮輪位") and i and name_parts[i - 1].isdecimal():
             return int(name_parts[i - 1]), False, False
         is_single = next_word.isdecimal() and not "".join(name_parts[i + 2 : i + 3]).isdecimal()
         if is_single and len(next_word) < 3 and _MEASURED & _kinds(word).keys():
@@ -625,6 +626,6 @@ def _without_device(field: Field) -> Field:
 def _own_label(match: re.Match[str]) -> str:
     """A label of a series, "" where it says nothing of a place and is no name."""
     key, value = match[1], _kinds_of(name_words(match[3])).keys()
-    of_place = _kinds_of(name_words(key)).keys() & {"wheel", "bogie", "car"}
+    of_place = _kinds_of(name_words(key)).keys() & _PLACES
     is_name = value & {"wheel", "bogie", "cylinder"} or (value and key.lower() in _NAMING)
     return match[0] if of_place or is_name else ""

@@ -400,6 +400,30 @@ def test_the_number_of_a_sensor_or_a_filter_is_no_axle(remark: str) -> None:
     assert [m.axle for m in understood(places, ())[0]] == [3, 4]
 
 
+@pytest.mark.parametrize(
+    ("pressure", "speed"),
+    [("{}号車{}軸BC圧[kPa]", "{}号車{}軸速度[km/h]"), ("Wg{} RS{} C [bar]", "Wg{} RS{} v [km/h]")],
+)
+def test_axles_of_each_car_are_counted_on(pressure: str, speed: str) -> None:
+    places = [(car, axle) for car in (1, 2) for axle in (1, 2)]
+    fields = [Field(x.format(*place)) for x in (pressure, speed) for place in places]
+    meant, _ = understood(fields, ())
+    assert [(m.meaning, m.axle) for m in meant] == [
+        (x, k) for x in (PRESSURE, WHEEL) for k in (1, 2, 3, 4)
+    ]
+
+
+def test_names_that_pandas_repeats_have_no_axles() -> None:
+    meant, findings = understood([Field("BCP [bar]"), Field("BCP [bar].1")], ())
+    assert [(m.meaning, m.axle) for m in meant] == [(PRESSURE, None), (None, None)]
+    assert [f.code for f in findings] == ["channel-ambiguous"]
+
+
+@pytest.mark.parametrize("name", ["Std BCP 1", "Oil pressure", "pantograph pressure", "Öl-Druck"])
+def test_other_pressures_are_no_cylinder(name: str) -> None:
+    assert understood([Field(f"{name} [bar]"), Field("p1 [bar]")], ())[0][0].meaning is None
+
+
 def test_german_letters_of_pressures() -> None:
     names = ("C1 [bar]", "C2 [bar]", "T-Druck [bar]", "Cv-Druck [bar]", "Vist [km/h]", "V1 [km/h]")
     meanings = [(m.meaning, m.axle) for m in understood([Field(x) for x in names], ())[0]]

@@ -18,7 +18,7 @@ from .dialect import (
     split,
     without_brackets,
 )
-from .head import Line, encoding_of, first_lines, line_too_long
+from .head import Line, encoding_of, first_lines, first_numbers, line_too_long
 from .header import (
     DELIMITERS,
     REMARKS,
@@ -257,7 +257,7 @@ def _stated_delimiter(first_line: str, options: ReadOptions) -> tuple[str | None
 
 def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tuple[str, int, str]:
     """Delimiter, number of columns, and why."""
-    sample = lines[len(lines) // 3 :][:300]
+    sample = lines[max(len(lines) // 3, first_numbers(lines)) :][:300]
     best: tuple[float, int, str] | None = None
     largest_share = 0.0
     there = set().union(*sample)

@@ -2,6 +2,7 @@
 
 import codecs
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...core.errors import UserError
@@ -10,6 +11,7 @@ from .number_text import plain
 
 _HEAD_LINES = 600
 _OPEN_QUOTE = re.compile(r'(?:^|[;,\t|])\s*"[^"]*$')  # of a cell that goes on in the next line
+_DATA = re.compile(r'\s*"?[+-]?[0-9]')  # begin of a line of numbers
 _MOST_LINE_ENDS = 20  # in the cells of one row
 _CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
 FORMATS = "CSV, MCAP, Parquet, Excel, MATLAB, MDF 4, TDMS, CAN (BLF, ASC, TRC, candump, BUSMASTER)"
@@ -108,23 +110,31 @@ def first_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[
     text = codecs.getincrementaldecoder(encoding)("replace").decode(head, complete)
     text = plain(text.replace("\r\n", "\n").replace("\r", "\n"))
     _refuse_other_texts(text, path)
-    lines = text.split("\n", _HEAD_LINES)
+    lines = text.split("\n")
     if not complete and len(lines) == 1:
         hint = "give a text log with one row per line"
         raise UserError(f"{path}: no line end in the first {len(text) >> 10} KiB", hint)
-    if not complete or len(lines) > _HEAD_LINES or not lines[-1]:
+    if not complete or not lines[-1]:
         lines.pop()
+    lines = lines[: first_numbers(lines) + _HEAD_LINES]
     for number, line in enumerate(lines, 1):
         if len(line) > HEAD_BYTES // 2:
             raise line_too_long(number, path)
     return _with_line_ends(list(enumerate(lines, 1)))
 
 
+def first_numbers(lines: Sequence[str]) -> int:
+    """Index of the first line that begins with a number, 0 where others are not a preamble."""
+    is_data = [_DATA.match(line) is not None for line in lines]
+    begin = is_data.index(True) if True in is_data else 0
+    return begin if 2 * sum(is_data) > max(begin, len(lines) - begin) else 0
+
+
 def _with_line_ends(lines: list[Line]) -> list[Line]:
     """The lines; those above the data whose quotes close in a later line are one with it."""
     joined: list[Line] = []
     for k, (number, text) in enumerate(lines):
-        if re.match(r'\s*"?[+-]?[0-9]', text):
+        if _DATA.match(text):
             return [*joined, *lines[k:]]
         previous_text = joined[-1][1] if joined else ""
         if _OPEN_QUOTE.search(previous_text) and previous_text.count("\n") < _MOST_LINE_ENDS:

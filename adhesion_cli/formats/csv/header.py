@@ -11,7 +11,7 @@ from ...core import toml
 from ...core.errors import UserError
 from ...core.text import distinct
 from .dialect import fit, is_comment, is_null, split, uncommented
-from .head import Line
+from .head import Line, first_numbers
 from .header_words import STATISTICS, TYPES, is_named, is_units_row, label, normal, time_name
 from .number_text import is_number, number_grammar, number_of
 from .stamps import is_stamp
@@ -127,7 +127,8 @@ def _first_data(table: FirstRows) -> int | None:
     def typed(c: str) -> bool:
         return is_number(c) or is_stamp(c)
 
-    data_rows = table.of_width(len(table.rows) // 3)  # surely data
+    begin = first_numbers([cells[0] for _, cells in table.rows])
+    data_rows = table.of_width(max(len(table.rows) // 3, begin))  # surely data
     numeric = []
     for i in range(width if data_rows else 0):
         said = [row[i] for row in data_rows if not is_null(row[i])]

@@ -731,3 +731,11 @@ def test_a_column_of_engineering_units(tmp_path: Path) -> None:
     text = "TagName,DateTime,Value,QualityDetail,EU\n" + "".join(rows)
     source, _ = numbers_of(tmp_path / "a.csv", text)
     assert [(f.channel, f.unit) for f in source.fields] == [("BCP_1", "bar"), ("V_1", "km/h")]
+
+
+@pytest.mark.parametrize("line", ["Parameter {0};{0}", "# Parameter {0}"])
+def test_a_long_preamble_is_no_table(tmp_path: Path, line: str) -> None:
+    preamble = "".join(f"{line.format(k)}\n" for k in range(900))
+    rows = "".join(f"{k / 50:.2f};{k % 7};70.5\n" for k in range(900))
+    source, (p, _) = numbers_of(tmp_path / "a.csv", f"{preamble}t [s];p [bar];v [km/h]\n{rows}")
+    assert ([f.channel for f in source.fields], len(p.t)) == (["p [bar]", "v [km/h]"], 900)
