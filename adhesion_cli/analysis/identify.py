@@ -36,15 +36,7 @@ from ..core.model import (
     Vehicle,
     VehicleSource,
 )
-from ..core.physics import (
-    BAR,
-    braked,
-    clamping,
-    force_line,
-    friction_change,
-    piston_area,
-    wheelset,
-)
+from ..core.physics import BAR, braked, clamping, force_line, friction_change, piston_area, wheelset
 from ..records.brake_applications import find_applications
 from ..reference import calibrated_vehicle
 from ..reference.calibrated_vehicle import Evidence, MeanBrake

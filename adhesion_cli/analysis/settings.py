@@ -69,10 +69,7 @@ CHANNEL_KEYS = {
     "axles": list,
 }
 # Places of a channel, and the axles of the n-th where nothing else is stated.
-PLACES: dict[str, Callable[[int], tuple[int, ...]]] = {
-    "axle": lambda n: (n,),
-    "bogie": bogie_axles,
-}
+PLACES: dict[str, Callable[[int], tuple[int, ...]]] = {"axle": lambda n: (n,), "bogie": bogie_axles}
 # of a force of motors, which several axles may share
 FORCE_KEYS = {**_ENTRY_KEYS, "axles": list, "arm": float, "full_force": float, "tolerance": float}
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
@@ -106,8 +103,7 @@ class AnalysisSettings:
         float, Quantity("s", "the highest force and µ are means over this time", 0.001, 10.0)
     ] = PEAK_TIME
     vehicle: Annotated[
-        str,
-        Quantity("", "log: as stated, with what the log shows of its brake; stated: as it is"),
+        str, Quantity("", "log: as stated, with what the log shows of its brake; stated: as it is")
     ] = "log"
 
 

@@ -6,16 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import (
-    AxleResult,
-    Channel,
-    Floats,
-    IdentifiedVehicle,
-    Log,
-    Result,
-    Times,
-    Vehicle,
-)
+from ..core.model import AxleResult, Channel, Floats, IdentifiedVehicle, Log, Result, Times, Vehicle
 from ..core.summary import (
     AxleSummary,
     BrakeApplication,

@@ -10,12 +10,7 @@ import numpy as np
 
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
 from ..core.signals import in_order, means_around, median_of_five
-from ..rail.speed_errors import (
-    CLEAR_SIGMAS,
-    delay_sigma,
-    has_uncertain_delay,
-    unknown_delay,
-)
+from ..rail.speed_errors import CLEAR_SIGMAS, delay_sigma, has_uncertain_delay, unknown_delay
 from ..rail.wheel_calibration import calibrate_radius
 from ..train.longitudinal import EARLY
 

@@ -12,15 +12,7 @@ import numpy as np
 from ...core import physics
 from ...core.annotated import Json, from_json
 from ...core.errors import UserError
-from ...core.model import (
-    MOTOR_FORCES,
-    PLACES,
-    STATES,
-    Column,
-    Floats,
-    Meaning,
-    Times,
-)
+from ...core.model import MOTOR_FORCES, PLACES, STATES, Column, Floats, Meaning, Times
 from ...core.summary import AxleSummary, BrakeApplication, ChannelSummary, ResultSummary
 from ...core.text import shell_word
 from ...formats.open import kind, open_source
