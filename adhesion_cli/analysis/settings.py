@@ -92,9 +92,7 @@ _BY_PRESSURE = (*(name for name in CHAIN if name != "efficiency"), "cylinder_dia
 class AnalysisSettings:
     """What `analyze` does with a log once it is read."""
 
-    reference: Annotated[str, Quantity("", "offline reference: smoother or butterworth")] = (
-        "smoother"
-    )
+    reference: Annotated[str, Quantity("", "reference: smoother or butterworth")] = "smoother"
     slowest: Annotated[float, Quantity("m/s", "no slip below this train speed")] = 1.0
     max_gap: Annotated[
         float, Quantity("s", "longer intervals are gaps; 0: five times the usual one", maximum=1e6)

@@ -22,12 +22,12 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from ..core.errors import UserError
-from ..core.model import FrictionTable, Parameter, Quantity, Vehicle, quantities
+from ..core.model import FrictionTable, Parameter, Quantity, Vehicle, fraction, quantities
 from ..core.physics import G
 from ..core.toml import Table
 from .stated_values import plain_number, table_of
 
-SHARE = Quantity("-", "1 sigma, as a share of φ", 0.0, 1.0)
+SHARE = fraction("1 sigma, as a share of φ")
 _SPEED = Quantity("m/s", "speed of the train", 0.0, 200.0)
 _FORCE = Quantity("N", "force of one pad or block", 0.0, 1e6)
 _AXLE_FORCE = Quantity("N", "clamping force of one axle", 0.0, 1e7)

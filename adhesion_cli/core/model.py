@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Regions = NDArray[np.int8]
+Number = float | None  # None: not known
 
 Z95 = 1.959963984540054  # coverage factor of 95 % for a normal distribution
 
@@ -106,6 +107,11 @@ class Quantity:
         if not self.minimum <= value <= self.maximum:
             raise UserError(f"{name} = {value:g} is out of range", f"{self.text}: {self.range}", 2)
         return value
+
+
+def fraction(text: str) -> Quantity:
+    """A share, from 0 to 1."""
+    return Quantity("-", text, 0.0, 1.0)
 
 
 NOT_IN_JSON: Mapping[str, bool] = {"in_json": False}  # metadata of a field for programs only
@@ -573,14 +579,10 @@ class IdentifiedVehicle:
 class LogBrake(NamedTuple):
     """The brake that the deceleration of one log shows, whatever vehicle is stated."""
 
-    deceleration_per_bar: Annotated[
-        float | None, Quantity("m/s²", "of a train that rolls, per bar; null with K")
-    ]
+    deceleration_per_bar: Annotated[Number, Quantity("m/s²", "per bar, while rolling; null with K")]
     ratio: Annotated[float, Quantity("-", "the log's brake force over that of the vehicle used")]
     sigma: Annotated[float, Quantity("-", "standard uncertainty of both, as a share")]
-    pressure_bar: Annotated[
-        float | None, Quantity("bar", "mean pressure above that at which the brake begins")
-    ]
+    pressure_bar: Annotated[Number, Quantity("bar", "mean pressure above the begin of the brake")]
     speed_mps: Annotated[float, Quantity("m/s", "mean speed of the braking that shows it")]
 
 
@@ -592,9 +594,7 @@ class Nis:
     """
 
     mean: Annotated[float, Quantity("", "mean over the log")]
-    low: Annotated[
-        float, Quantity("", "lower limit of the mean if the model is right (95 % interval)")
-    ]
+    low: Annotated[float, Quantity("", "lower limit of the mean if the model is right (95 %)")]
     high: Annotated[float, Quantity("", "its upper limit; correlated innovations are counted")]
 
 
@@ -648,26 +648,18 @@ class Score:
 
     algo: Annotated[str, Quantity("", "name of the estimator")]
     against: Annotated[Literal["truth", "reference"], Quantity("", "what it is compared with")]
-    rmse_n: Annotated[float | None, Quantity("N", "root mean square error")] = None
-    bias_n: Annotated[float | None, Quantity("N", "mean error")] = None
-    max_error_n: Annotated[float | None, Quantity("N", "largest error, with its sign")] = None
-    lag_s: Annotated[float | None, Quantity("s", "delay behind the target")] = None
-    gain: Annotated[
-        float | None, Quantity("-", "changes of the estimate over those of the target")
-    ] = None
-    response_s: Annotated[float | None, Quantity("s", "time to 95 % of a step")] = None
-    ripple_n: Annotated[float | None, Quantity("N", "what moves quicker than 0.5 s, rms")] = None
-    relative: Annotated[float | None, Quantity("-", "rmse over the least rmse")] = None
-    band_n: Annotated[
-        float | None, Quantity("N", "median half-width of the estimator's own 95 % band")
-    ] = None
-    within: Annotated[
-        float | None, Quantity("-", "share of samples at which it holds the target")
-    ] = None
+    rmse_n: Annotated[Number, Quantity("N", "root mean square error")] = None
+    bias_n: Annotated[Number, Quantity("N", "mean error")] = None
+    max_error_n: Annotated[Number, Quantity("N", "largest error, with its sign")] = None
+    lag_s: Annotated[Number, Quantity("s", "delay behind the target")] = None
+    gain: Annotated[Number, Quantity("-", "changes of the estimate over the target's")] = None
+    response_s: Annotated[Number, Quantity("s", "time to 95 % of a step")] = None
+    ripple_n: Annotated[Number, Quantity("N", "what moves quicker than 0.5 s, rms")] = None
+    relative: Annotated[Number, Quantity("-", "rmse over the least rmse")] = None
+    band_n: Annotated[Number, Quantity("N", "median half-width of its own 95 % band")] = None
+    within: Annotated[Number, Quantity("-", "share of samples where it holds the target")] = None
     nis: Annotated[Nis | None, Quantity("-", "normalised innovation squared")] = None
-    alike: Annotated[
-        bool | None, Quantity("", "whether noise explains its difference from the best")
-    ] = None
+    alike: Annotated[bool | None, Quantity("", "whether only noise tells it from the best")] = None
     blocks: tuple[Floats, Floats] | None = field(
         default=None, compare=False, repr=False, metadata=NOT_IN_JSON
     )

@@ -16,13 +16,13 @@ from .model import (
     IdentifiedVehicle,
     LogBrake,
     Nis,
+    Number,
     Parameter,
     Quantity,
     Score,
     VehicleSource,
 )
 
-Number = float | None
 # The definition that tables, JSON and pages repeat.
 JERK = (
     "largest jerk from the command to 5 km/h: second derivative of third-degree polynomials over "
@@ -45,20 +45,14 @@ class MeanAndHighest(NamedTuple):
 class Contribution(NamedTuple):
     """What one quantity contributes to the uncertainty of a force."""
 
-    quantity: Annotated[
-        str, Quantity("", "a parameter of the vehicle, or `noise` of speed and pressure")
-    ]
+    quantity: Annotated[str, Quantity("", "a vehicle parameter, or `noise` of speed and pressure")]
     value: Annotated[Number, Quantity("", "as used; null for the noise")]
     unit: Annotated[str, Quantity("", "unit of `value` and `u`")]
-    type: Annotated[
-        Literal["A", "B"], Quantity("", "A: by the samples. B: tolerance of the vehicle")
-    ]
+    type: Annotated[Literal["A", "B"], Quantity("", "A: by samples. B: tolerance of the vehicle")]
     u: Annotated[float, Quantity("", "standard uncertainty")]
     sensitivity: Annotated[float, Quantity("N per unit", "∂F/∂q, mean over the samples")]
     contribution_n: Annotated[float, Quantity("N", "standard uncertainty of F by it")]
-    share: Annotated[
-        float, Quantity("-", "of the variance of F, with half of what each correlation adds")
-    ]
+    share: Annotated[float, Quantity("-", "of the variance of F, with half of each correlation")]
 
 
 class Coverage(NamedTuple):
@@ -66,9 +60,7 @@ class Coverage(NamedTuple):
 
     u_n: Annotated[float, Quantity("N", "combined standard uncertainty")]
     k: Annotated[float, Quantity("-", "coverage factor of 95 %")]
-    degrees_of_freedom: Annotated[
-        Number, Quantity("-", "by Welch and Satterthwaite; null where noise has no part")
-    ]
+    degrees_of_freedom: Annotated[Number, Quantity("-", "Welch and Satterthwaite; null: no noise")]
 
 
 PositionSource = Literal["position", "distance", "coordinates"]
@@ -80,13 +72,9 @@ class SlideSummary(NamedTuple):
     start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
     duration_s: Annotated[float, Quantity("s", SLIDE_SPAN)]
     distance_m: Annotated[float, Quantity("m", "distance of the train in it")]
-    max_slip: Annotated[
-        Number, Quantity("-", "largest slip above 10 km/h; null of a slide that is slower")
-    ]
+    max_slip: Annotated[Number, Quantity("-", "largest slip above 10 km/h; null if slower")]
     energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
-    at_least: Annotated[
-        bool, Quantity("", "whether duration, distance, slip and energy are lower bounds")
-    ]
+    at_least: Annotated[bool, Quantity("", "whether time, distance, slip, energy are lower bounds")]
     peak_mu: Annotated[
         Number,
         Quantity("-", "highest adhesion coefficient of the rail under it; null if not shown"),
@@ -95,12 +83,8 @@ class SlideSummary(NamedTuple):
     utilisation: Annotated[
         Number, Quantity("-", "adhesion used over the highest, in its brake application")
     ] = None
-    time: Annotated[str | None, Quantity("", "of its begin, ISO 8601; null without a calendar")] = (
-        None
-    )
-    position_km: Annotated[
-        Number, Quantity("km", "place on the line at its begin; null where not known")
-    ] = None
+    time: Annotated[str | None, Quantity("", "of its begin, ISO 8601; null: no calendar")] = None
+    position_km: Annotated[Number, Quantity("km", "place at its begin; null: not known")] = None
     latitude: Annotated[Number, Quantity("°", "north positive, at its begin")] = None
     longitude: Annotated[Number, Quantity("°", "east positive, at its begin")] = None
 
@@ -110,9 +94,7 @@ class Measured(NamedTuple):
 
     value: Annotated[float, Quantity("", "measured value")]
     u95: Annotated[float, Quantity("", "its expanded uncertainty (95 %)")]
-    common_u95: Annotated[
-        float, Quantity("", "the part of it that is the same in every stop of a series")
-    ] = 0.0
+    common_u95: Annotated[float, Quantity("", "the part that is the same in every stop")] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,13 +104,9 @@ class BrakeApplication:
     axle: Annotated[int, Quantity("", "number, from 1")] = field(default=0, metadata=NOT_IN_JSON)
     start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
     end_s: Annotated[float, Quantity("s", "end, after the start of the log")]
-    from_mps: Annotated[
-        Number, Quantity("m/s", "speed at the start: the train's, else that of the wheel's rim")
-    ]
+    from_mps: Annotated[Number, Quantity("m/s", "speed at the start: the train's, else the rim's")]
     to_mps: Annotated[Number, Quantity("m/s", "the same speed at the end")]
-    force_n: Annotated[
-        MeanAndHighest | None, Quantity("N", "adhesion force; null without a reference")
-    ]
+    force_n: Annotated[MeanAndHighest | None, Quantity("N", "adhesion force; null: no reference")]
     coefficient: Annotated[MeanAndHighest | None, Quantity("-", "adhesion coefficient µ")]
     slides: Annotated[int, Quantity("", "number of slides that begin in it")]
     slide_list: Annotated[tuple[SlideSummary, ...], Quantity("", "each slide")]
@@ -140,9 +118,7 @@ class BrakeApplication:
         Number,
         Quantity("J", "its expanded uncertainty (95 %), by F; in a lock F is between its ends"),
     ] = None
-    locked_s: Annotated[
-        Number, Quantity("s", "time in which the wheel stands and the train is faster than stated")
-    ] = None
+    locked_s: Annotated[Number, Quantity("s", "time in which the wheel is locked")] = None
     longest_lock_s: Annotated[Number, Quantity("s", "the longest such time at once")] = None
     at_least: Annotated[
         bool,
@@ -164,15 +140,9 @@ class BrakeApplication:
     other_brake: Annotated[
         bool, Quantity("", "whether another brake acts, whose force is not in force and µ")
     ] = False
-    slip_unknown_s: Annotated[
-        float, Quantity("s", "no train speed shows the slip: a slide may be hidden")
-    ] = 0.0
-    time: Annotated[str | None, Quantity("", "of the start, ISO 8601; null without a calendar")] = (
-        None
-    )
-    position_km: Annotated[
-        Number, Quantity("km", "place on the line at the start; null where not known")
-    ] = None
+    slip_unknown_s: Annotated[float, Quantity("s", "no train speed: slides may be hidden")] = 0.0
+    time: Annotated[str | None, Quantity("", "of the start, ISO 8601; null: no calendar")] = None
+    position_km: Annotated[Number, Quantity("km", "place at the start; null: not known")] = None
     position_from: Annotated[
         PositionSource | None,
         Quantity("", "what shows it; distance, coordinates: way since the start of the log"),
@@ -197,9 +167,7 @@ class AxleStop(NamedTuple):
 
     axle: Annotated[int, Quantity("", "number, from 1")]
     max_slip: Annotated[Number, Quantity("-", "largest slip above 10 km/h; null without rim speed")]
-    locked_s: Annotated[
-        Number, Quantity("s", "time in which the wheel stands and the train is faster than stated")
-    ]
+    locked_s: Annotated[Number, Quantity("s", "time in which the wheel is locked")]
     longest_lock_s: Annotated[Number, Quantity("s", "the longest such time at once")]
     valve_actions: Annotated[int, Quantity("", "releases of the brake by the WSP")]
     slip_bands: Annotated[
@@ -216,9 +184,7 @@ class AxleStop(NamedTuple):
         Number, Quantity("-", "mean adhesion in the slides over the highest that the rail gives")
     ] = None
     utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")] = None
-    energy_j: Annotated[
-        Number, Quantity("J", "friction energy of wheel and rail in the slides")
-    ] = None
+    energy_j: Annotated[Number, Quantity("J", "friction energy of wheel and rail in slides")] = None
     lock_energy_j: Annotated[
         Number, Quantity("J", "the same of the longest lock: heat in one place of the tread")
     ] = None
@@ -243,12 +209,8 @@ class StopContribution(NamedTuple):
 
     source: Annotated[str, Quantity("", "of the error")]
     common: Annotated[bool, Quantity("", "whether it is the same in every stop of a series")]
-    distance_m: Annotated[
-        float, Quantity("m", "change of the distance by one standard uncertainty")
-    ]
-    deceleration: Annotated[
-        float, Quantity("m/s²", "the same of the equivalent deceleration, else the mean one")
-    ]
+    distance_m: Annotated[float, Quantity("m", "change of the distance by 1 standard uncertainty")]
+    deceleration: Annotated[float, Quantity("m/s²", "of the equivalent deceleration, else mean")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -265,9 +227,7 @@ class StopSummary:
         Literal["train", "axles"], Quantity("", "source of the speed; axles: estimated from them")
     ]
     nominal_speed_kmh: Annotated[float, Quantity("km/h", "nominal speed: the nearest, or stated")]
-    time: Annotated[
-        str | None, Quantity("", "of the command, ISO 8601; null without a calendar")
-    ] = None
+    time: Annotated[str | None, Quantity("", "of the command, ISO 8601; null: no calendar")] = None
     position_m: Annotated[Number, Quantity("m", "place on the line at the command")] = None
     position_from: Annotated[
         PositionSource | None,
@@ -290,9 +250,7 @@ class StopSummary:
     initial_speed_mps: Annotated[Measured | None, Quantity("m/s", "speed at the command")]
     distance_m: Annotated[Measured | None, Quantity("m", "distance from command to standstill")]
     duration_s: Annotated[Measured | None, Quantity("s", "time from command to standstill")]
-    delay_s: Annotated[
-        Measured | None, Quantity("s", "until the brake has its start share, mean over the axles")
-    ]
+    delay_s: Annotated[Measured | None, Quantity("s", "until the start share, mean of the axles")]
     response_time_s: Annotated[
         Measured | None,
         Quantity("s", "equivalent response time: delay and half of the build-up; null with slides"),
@@ -313,9 +271,7 @@ class StopSummary:
         Measured | None, Quantity("-", "adhesion coefficient, mean over all axles and the stop")
     ] = None
     slides: Annotated[int, Quantity("", "number of slides of all axles")] = 0
-    max_slip: Annotated[Number, Quantity("-", "largest slip of any axle; null without a slide")] = (
-        None
-    )
+    max_slip: Annotated[Number, Quantity("-", "largest slip of any axle; null: no slide")] = None
     sanding_s: Annotated[Number, Quantity("s", "time of sanding; null without its channel")] = None
     reservoir_drop_pa: Annotated[
         Number, Quantity("Pa", "fall of the reservoir's pressure; null without its channel")
@@ -385,9 +341,7 @@ class VehicleSummary:
         tuple[str, ...],
         Quantity("", "parameters that scale the brake and lack, where others are stated"),
     ] = ()
-    carried: Annotated[
-        bool, Quantity("", "whether it is that of a result file, as an earlier run had it")
-    ] = False
+    carried: Annotated[bool, Quantity("", "whether it is that of a result file")] = False
 
 
 class AxleSummary(NamedTuple):
@@ -435,9 +389,7 @@ class FindingSummary:
     channel: Annotated[str, Quantity("", "name in the log, or `axle N`")]
     count: Annotated[int, Quantity("", "number of samples, rows or messages")]
     first_s: Annotated[Number, Quantity("s", "when it first occurs; null where it has no time")]
-    spans: Annotated[
-        tuple[tuple[float, float], ...], Quantity("s", "begin and end of each stretch")
-    ]
+    spans: Annotated[tuple[tuple[float, float], ...], Quantity("s", "begin, end of each stretch")]
     values: Annotated[
         Mapping[str, float],
         Quantity("", "numbers that the message quotes; the name ends with the unit"),
@@ -501,10 +453,7 @@ class SlipSummary:
     utilisation: Annotated[Number, Quantity("-", "adhesion used over the highest, in the slides")]
     utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
     slides: tuple[SlideSummary, ...]
-    fit: Annotated[
-        Mapping[str, Constant] | None,
-        Quantity("", "constants of the creep law; null without a fit"),
-    ]
+    fit: Annotated[Mapping[str, Constant] | None, Quantity("", "of the creep law; null: no fit")]
     fit_curve: Annotated[str | None, Quantity("", "the creep law")]
 
 

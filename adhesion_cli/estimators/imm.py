@@ -46,7 +46,7 @@ from typing import Annotated, NamedTuple
 
 from ..core.estimator import About, Claim
 from ..core.innovations import square
-from ..core.model import Quantity, Wheelset
+from ..core.model import Quantity, Wheelset, fraction
 from ..core.physics import G, rolling_deceleration
 from ._mixture import (
     Gaussian,
@@ -107,21 +107,11 @@ GRADIENT_SIGMA = 1e-3  # 1 sigma of the force of a gradient, over m g
 class Params(NamedTuple):
     """Random walks and a memory: ours, one set for every log."""
 
-    rolling: Annotated[
-        float, Quantity("1/√s", "walk of F over m g while the wheel rolls", 0.0, 10.0)
-    ] = 3e-4
-    sliding: Annotated[
-        float, Quantity("1/√s", "walk of F over φK while the wheel slides", 0.0, 100.0)
-    ] = 0.1
-    changing: Annotated[
-        float, Quantity("1/√s", "walk of F over φK between the two", 0.0, 100.0)
-    ] = 4.0
-    least: Annotated[
-        float, Quantity("-", "share of m g that counts as φK where K is less", 0.0, 1.0)
-    ] = 0.04
-    held: Annotated[float, Quantity("1/√s", "walk of φK over m g while K is held", 0.0, 10.0)] = (
-        1e-4
-    )
+    rolling: Annotated[float, Quantity("1/√s", "walk of F over m g, rolling", 0.0, 10.0)] = 3e-4
+    sliding: Annotated[float, Quantity("1/√s", "walk of F over φK, sliding", 0.0, 100.0)] = 0.1
+    changing: Annotated[float, Quantity("1/√s", "walk of F over φK in between", 0.0, 100.0)] = 4.0
+    least: Annotated[float, fraction("share of m g that counts as φK where K is less")] = 0.04
+    held: Annotated[float, Quantity("1/√s", "walk of φK over m g with K held", 0.0, 10.0)] = 1e-4
     moving: Annotated[
         float, Quantity("1/√s³", "walk of the rate of φK over m g while K moves", 0.0, 100.0)
     ] = 0.15

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from ..core.errors import unknown
-from ..core.model import Quantity
+from ..core.model import Quantity, fraction
 
 CREEP_FROM = 0.1  # creepage counts from this speed up [m/s]: (2) has no value at standstill
 
@@ -22,7 +22,7 @@ class Condition(NamedTuple):
     """What the rail's surface does; names as in Polach's paper."""
 
     k_a: Annotated[float, Quantity("-", "slope reduction in the area of adhesion kA", 1e-3, 1.0)]
-    k_s: Annotated[float, Quantity("-", "slope reduction in the area of slip kS", 0.0, 1.0)]
+    k_s: Annotated[float, fraction("slope reduction in the area of slip kS")]
     f0: Annotated[float, Quantity("-", "friction coefficient without sliding", 1e-3, 1.0)]
     A: Annotated[float, Quantity("-", "friction at infinite sliding over f0", 1e-3, 1.0)]
     B: Annotated[float, Quantity("s/m", "decay of friction with sliding speed", 0.0, 10.0)]
@@ -46,12 +46,8 @@ class Contact:
     b/a = 0.8 and ν = 0.25.
     """
 
-    a: Annotated[float, Quantity("m", "semi-axis a of the contact along the rail", 0.0, 0.05)] = (
-        4.25e-3
-    )
-    b: Annotated[float, Quantity("m", "semi-axis b of the contact across the rail", 0.0, 0.05)] = (
-        3.37e-3
-    )
+    a: Annotated[float, Quantity("m", "semi-axis a along the rail", 0.0, 0.05)] = 4.25e-3
+    b: Annotated[float, Quantity("m", "semi-axis b across the rail", 0.0, 0.05)] = 3.37e-3
     shear_modulus: Annotated[float, Quantity("Pa", "shear modulus G", 0.0, 1e12)] = 8e10
     c11: Annotated[float, Quantity("-", "Kalker coefficient C11, longitudinal", 0.0, 50.0)] = 4.36
     c22: Annotated[float, Quantity("-", "Kalker coefficient C22, lateral", 0.0, 50.0)] = 3.99

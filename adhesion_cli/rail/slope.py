@@ -42,7 +42,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from ..core.errors import UserError
-from ..core.model import Quantity
+from ..core.model import Quantity, fraction
 
 _FADE = 5.0  # growth of both corners when the point has moved by L
 _BEND = 1.4  # distance, in λ, over which the slope is expected to change
@@ -69,10 +69,8 @@ class Params(NamedTuple):
         float, Quantity("-", "slip a above which the curve is scaled by slip itself", 1e-6, 1e6)
     ] = 0.005
     small: Annotated[float, Quantity("-", "slope k0 that counts as none", 1e-9, 1e3)] = 0.1
-    doubt: Annotated[
-        float, Quantity("-", "share ε of the unexplained that may be the slope's", 0.0, 1.0)
-    ] = 0.2
-    surest: Annotated[float, Quantity("-", "least confidence of a slope", 0.0, 1.0)] = 0.5
+    doubt: Annotated[float, fraction("share ε of the unexplained that may be the slope's")] = 0.2
+    surest: Annotated[float, fraction("least confidence of a slope")] = 0.5
 
 
 class Bands(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..core.methods import About
-from ..core.model import Bools, Channel, Floats, Quantity
+from ..core.model import Bools, Channel, Floats, Quantity, fraction
 from .choose import BRAKES, Channels, Key, channels_of
 from .faults import Fault
 from .repeats import RepeatedRuns, runs
@@ -26,12 +26,12 @@ class Params(NamedTuple):
     """Thresholds."""
 
     chance: Annotated[float, Quantity("-", "of equal samples in a log", 1e-12, 1.0)] = 1e-3
-    small: Annotated[float, Quantity("-", "of the highest value: may be noise", 0.0, 1.0)] = 0.02
+    small: Annotated[float, fraction("of the highest value: may be noise")] = 0.02
     level: Annotated[float, Quantity("-", "small changes: range of noise about a level")] = 4.0
     near: Annotated[float, Quantity("s", "before and after, in which a level holds")] = 0.4
     longer: Annotated[float, Quantity("-", "times the usual: valves keep a value, too")] = 4.0
     rises: Annotated[float, Quantity("-", "of itself, in half a second before a top")] = 0.05
-    varies: Annotated[float, Quantity("-", "of the highest value: all others vary", 0.0, 1.0)] = 0.3
+    varies: Annotated[float, fraction("of the highest value: all others vary")] = 0.3
 
 
 class Standing(NamedTuple):

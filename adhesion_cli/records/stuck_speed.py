@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core import time_axis
 from ..core.methods import About
-from ..core.model import Bools, Channel, Floats, Quantity, Vehicle
+from ..core.model import Bools, Channel, Floats, Quantity, Vehicle, fraction
 from ..core.physics import clamping_force
 from .choose import AxleKeys, Channels, Key, channels_of
 from .faults import Fault
@@ -31,12 +31,12 @@ class Params(NamedTuple):
     stays: Annotated[float, Quantity("-", "times the usual number of equal samples", 1.0)] = 2.5
     steps: Annotated[float, Quantity("-", "quantisation steps: others changed more", 1.0)] = 4.0
     steps_alone: Annotated[float, Quantity("-", "the same, by the brake alone", 1.0)] = 6.0
-    moves: Annotated[float, Quantity("-", "of itself: a smaller change is none", 0.0, 1.0)] = 0.02
-    moves_much: Annotated[float, Quantity("-", "of one that never changes", 0.0, 1.0)] = 0.1
-    leaps: Annotated[float, Quantity("-", "of the expected change, at the end", 0.0, 1.0)] = 0.3
+    moves: Annotated[float, fraction("of itself: a smaller change is none")] = 0.02
+    moves_much: Annotated[float, fraction("of one that never changes")] = 0.1
+    leaps: Annotated[float, fraction("of the expected change, at the end")] = 0.3
     slow: Annotated[float, Quantity("rad/s", "slower, it is about to stand; train m/s")] = 1.0
     fast: Annotated[float, Quantity("rad/s", "others turn, and it never does; train m/s")] = 5.0
-    applied: Annotated[float, Quantity("-", "of the highest force: a brake is on", 0.0, 1.0)] = 0.2
+    applied: Annotated[float, fraction("of the highest force: a brake is on")] = 0.2
     early: Annotated[float, Quantity("s", "by which a train speed's clock may be early")] = 5.0
     late: Annotated[float, Quantity("s", "by which a receiver's train speed may be late")] = 1.5
     rollers: Annotated[float, Quantity("-", "of its speed: rollers slow it by less")] = 0.35

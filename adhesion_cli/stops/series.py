@@ -25,9 +25,9 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from ..core.model import Floats, Quantity
+from ..core.model import Floats, Number, Quantity
 from ..core.physics import NORMAL_PRESSURE
-from ..core.summary import AxleStop, Measured, Number, StopSummary
+from ..core.summary import AxleStop, Measured, StopSummary
 
 QUANTITIES = {  # of a stop, with the heading of its column and the unit
     "initial_speed_mps": ("v0", "m/s"),
@@ -63,9 +63,7 @@ class SeriesStop:
     group: Annotated[str, Quantity("", "group of the series")]
     label: Annotated[str | None, Quantity("", "label of the plan")]
     stop: StopSummary
-    vehicle_in_doubt: Annotated[
-        bool, Quantity("", "whether the log contradicts the vehicle that µ is of")
-    ] = False
+    vehicle_in_doubt: Annotated[bool, Quantity("", "that the log contradicts its vehicle")] = False
 
     def measured(self, quantity: str) -> Measured | None:
         """A quantity of a stop that is valid."""
@@ -126,9 +124,7 @@ class LimitVerdict(NamedTuple):
     quantity: Annotated[str, Quantity("", "quantity")]
     limit: Annotated[float, Quantity("", "the limit")]
     kind: Annotated[Literal["max", "min"], Quantity("", "whether it is the highest or the lowest")]
-    value: Annotated[
-        Number, Quantity("", "mean of the group; null where no valid stop has the quantity")
-    ]
+    value: Annotated[Number, Quantity("", "mean of the group; null where no valid stop has it")]
     u95: Annotated[Number, Quantity("", "its expanded uncertainty")]
     verdict: Annotated[Verdict, Quantity("", "by the interval, guard band U")]
     source: Annotated[str, Quantity("", "rule that states the limit; empty: the plan")] = ""
@@ -148,9 +144,7 @@ class WspSummary(NamedTuple):
     air_nl: Annotated[
         Number, Quantity("l", "normal litres of a stop, mean; null without reservoir and volume")
     ] = None
-    sanding_s: Annotated[
-        Number, Quantity("s", "sanding in a stop, mean; null without its channel")
-    ] = None
+    sanding_s: Annotated[Number, Quantity("s", "mean sanding in a stop; null: no channel")] = None
     vehicle_in_doubt: Annotated[
         bool, Quantity("", "whether a log of a wet stop contradicts the vehicle that µ is of")
     ] = False

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core import toml
 from ...core.finding import Finding, Severity
-from ...core.model import Bools, Floats, Quantity
+from ...core.model import Bools, Floats, fraction
 from ...core.physics import CRAWL, RELEASED_SHARE
 from ...core.signals import finite_median, true_runs
 from ...core.units import alternative_units
@@ -37,12 +37,8 @@ _APPLIED_SHARE = 0.3  # of the highest pressure above that: a brake
 class Params(NamedTuple):
     """Thresholds."""
 
-    braked_less: Annotated[
-        float, Quantity("-", "of the others' pressure: an axle by design has more", 0.0, 1.0)
-    ] = 0.6
-    least: Annotated[
-        float, Quantity("-", "of the others' pressure: no axle is braked by less", 0.0, 1.0)
-    ] = 0.3
+    braked_less: Annotated[float, fraction("of the others' pressure: any design gives more")] = 0.6
+    least: Annotated[float, fraction("of the others' pressure: no axle is braked by less")] = 0.3
 
 
 class _Departure(NamedTuple):

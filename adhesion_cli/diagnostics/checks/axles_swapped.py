@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core import toml
 from ...core.finding import Finding
-from ...core.model import Bools, Floats, Quantity
+from ...core.model import Bools, Floats, Quantity, fraction
 from ...core.signals import true_runs
 from ...train.grid import Grid
 from ..registry import About
@@ -24,20 +24,14 @@ ABOUT = About("Swapped axles", "swapped", 10)
 class Params(NamedTuple):
     """Thresholds."""
 
-    share: Annotated[
-        float, Quantity("-", "of the train's speed: a slower wheel slides", 0.0, 1.0)
-    ] = 0.97
+    share: Annotated[float, fraction("of the train's speed: a slower wheel slides")] = 0.97
     slides: Annotated[
         float, Quantity("-", "of an axle: in one alone another's valve may open by chance", 1.0)
     ] = 3.0
     samples: Annotated[float, Quantity("-", "of slides that show whose pressure it is", 3.0)] = 12.0
-    reach: Annotated[float, Quantity("s", "by which all pressures may be delayed", 0.0)] = 1.0
-    follows: Annotated[
-        float, Quantity("-", "correlation with the other axle's pressure", 0.0, 1.0)
-    ] = 0.7
-    own: Annotated[
-        float, Quantity("-", "a higher correlation with its own is no swap", 0.0, 1.0)
-    ] = 0.3
+    reach: Annotated[float, Quantity("s", "by which all pressures may be delayed")] = 1.0
+    follows: Annotated[float, fraction("correlation with the other axle's pressure")] = 0.7
+    own: Annotated[float, fraction("a higher correlation with its own is no swap")] = 0.3
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:

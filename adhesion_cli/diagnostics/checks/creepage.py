@@ -15,7 +15,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
-from ...core.model import Z95, Bools, Floats, Quantity
+from ...core.model import Z95, Bools, Floats, fraction
 from ...core.physics import CRAWL, G
 from ...train.grid import FEWEST
 from ..registry import About
@@ -30,13 +30,9 @@ _BLOCK = 1.0  # errors of a train speed are alike within that time [s]
 class Params(NamedTuple):
     """Thresholds."""
 
-    least: Annotated[
-        float, Quantity("-", "of the others' creepage: rail and load of axles differ", 0.0, 1.0)
-    ] = 0.85
-    sure: Annotated[float, Quantity("-", "1 sigma of a share that says something", 0.0, 1.0)] = 0.1
-    lower: Annotated[
-        float, Quantity("-", "of the others' brake force: a pressure that may be wrong", 0.0, 1.0)
-    ] = 0.9
+    least: Annotated[float, fraction("of the others' creepage: rail and loads differ")] = 0.85
+    sure: Annotated[float, fraction("1 sigma of a share that says something")] = 0.1
+    lower: Annotated[float, fraction("of the others' brake force: the pressure may be wrong")] = 0.9
 
 
 class _Creepages(NamedTuple):

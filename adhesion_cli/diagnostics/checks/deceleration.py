@@ -21,12 +21,10 @@ ABOUT = About("Deceleration by the pressure", "force", 60)
 class Params(NamedTuple):
     """Thresholds."""
 
-    gradient: Annotated[float, Quantity("m/s²", "that no gradient has for long: 3.5 %", 0.0)] = 0.35
-    sigmas: Annotated[float, Quantity("-", "from that, so that it is no noise", 0.0)] = 1.0
-    lasts: Annotated[float, Quantity("s", "a turn of slide protection is shorter", 0.0)] = 3.0
-    rig: Annotated[
-        float, Quantity("m/s²", "a roller rig holds its speed and never slows like this", 0.0)
-    ] = 0.5
+    gradient: Annotated[float, Quantity("m/s²", "that no gradient has for long: 3.5 %")] = 0.35
+    sigmas: Annotated[float, Quantity("-", "from that, so that it is no noise")] = 1.0
+    lasts: Annotated[float, Quantity("s", "a turn of slide protection is shorter")] = 3.0
+    rig: Annotated[float, Quantity("m/s²", "a rig holds its speed and never slows like this")] = 0.5
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:

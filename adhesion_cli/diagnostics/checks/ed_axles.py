@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
-from ...core.model import Quantity
+from ...core.model import fraction
 from ...core.physics import CRAWL
 from ...train.grid import FEWEST
 from ..registry import About
@@ -23,16 +23,9 @@ _EQUAL = 0.05  # of the highest force: more, and each axle has its own
 class Params(NamedTuple):
     """Thresholds."""
 
-    acts: Annotated[
-        float, Quantity("-", "of the highest ED force, which acts on the pressures", 0.0, 1.0)
-    ] = 0.3
-    blended: Annotated[
-        float,
-        Quantity("-", "of the highest pressure of an axle: the ED brake replaces it", 0.0, 1.0),
-    ] = 0.5
-    kept: Annotated[
-        float, Quantity("-", "of the others' highest pressure: it replaces nothing", 0.0, 1.0)
-    ] = 0.8
+    acts: Annotated[float, fraction("of the highest ED force, which acts on the pressures")] = 0.3
+    blended: Annotated[float, fraction("of an axle's highest pressure: ED replaces it")] = 0.5
+    kept: Annotated[float, fraction("of the others' highest pressure: it replaces nothing")] = 0.8
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
-from ...core.model import Quantity
+from ...core.model import Quantity, fraction
 from ...core.units import alternative_units
 from ...train.grid import largest
 from ..registry import About
@@ -19,15 +19,9 @@ class Params(NamedTuple):
     """Thresholds."""
 
     fastest: Annotated[float, Quantity("m/s", "no train is faster: 500 km/h", 1.0)] = 139.0
-    highest: Annotated[float, Quantity("Pa", "no brake cylinder has a higher pressure", 1e5)] = (
-        1.2e6
-    )
-    hardest: Annotated[float, Quantity("m/s²", "no brake slows a rim harder, even on ice", 1.0)] = (
-        30.0
-    )
-    share: Annotated[
-        float, Quantity("-", "of the moving time harder: a slide locks a wheel for less", 0.0, 1.0)
-    ] = 0.25
+    highest: Annotated[float, Quantity("Pa", "no brake cylinder has more", 1e5)] = 1.2e6
+    hardest: Annotated[float, Quantity("m/s²", "no rim slows harder, even on ice", 1.0)] = 30.0
+    share: Annotated[float, fraction("of the moving time harder: a slide locks for less")] = 0.25
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:

@@ -16,7 +16,7 @@ class Params(NamedTuple):
     """Thresholds."""
 
     warns: Annotated[
-        float, Quantity("s", "the force is wrong in every build-up; less is a valve's", 0.0)
+        float, Quantity("s", "the force is wrong in every build-up; less is a valve's")
     ] = 0.25
 
 

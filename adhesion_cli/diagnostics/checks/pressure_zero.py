@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
-from ...core.model import Bools, Channel, Quantity
+from ...core.model import Bools, Channel, Quantity, fraction
 from ...core.physics import CRAWL, clamping_force, force_line
 from ...core.signals import true_runs
 from ...core.toml import option
@@ -24,32 +24,16 @@ ABOUT = About("Zero of the pressure", "force", 20)
 class Params(NamedTuple):
     """Thresholds."""
 
-    share: Annotated[
-        float, Quantity("-", "of the highest pressure: transducers are off by less", 0.0, 1.0)
-    ] = 0.04
-    least: Annotated[float, Quantity("Pa", "and by less than this at any range", 0.0)] = 1e4
-    rest: Annotated[
-        float, Quantity("-", "of the highest pressure: noise of a released brake", 0.0, 1.0)
-    ] = 0.03
-    applied: Annotated[
-        float, Quantity("-", "of the highest pressure above rest: the log has a brake", 0.0, 1.0)
-    ] = 0.3
-    slows: Annotated[
-        float, Quantity("-", "of what the level would slow the train by: it is a brake", 0.0, 1.0)
-    ] = 0.5
-    lasts: Annotated[float, Quantity("s", "a release passes faster", 0.0)] = 1.5
-    apart: Annotated[
-        float, Quantity("Pa", "released pressures of two channels differ by less", 0.0)
-    ] = 6e3
-    drift: Annotated[
-        float, Quantity("Pa", "a released pressure changes by less over the log", 0.0)
-    ] = 6e3
-    steady: Annotated[
-        float, Quantity("s", "so long without brake show a zero beside others", 0.0)
-    ] = 5.0
-    released: Annotated[float, Quantity("Pa", "a released pressure that drifts is lower", 0.0)] = (
-        2.5e4
-    )
+    share: Annotated[float, fraction("of the highest pressure: transducers are off by less")] = 0.04
+    least: Annotated[float, Quantity("Pa", "and by less than this at any range")] = 1e4
+    rest: Annotated[float, fraction("of the highest pressure: noise of a released brake")] = 0.03
+    applied: Annotated[float, fraction("of the highest pressure above rest: it brakes")] = 0.3
+    slows: Annotated[float, fraction("of what the level would slow the train by: a brake")] = 0.5
+    lasts: Annotated[float, Quantity("s", "a release passes faster")] = 1.5
+    apart: Annotated[float, Quantity("Pa", "released pressures of two channels differ less")] = 6e3
+    drift: Annotated[float, Quantity("Pa", "a released pressure changes less over the log")] = 6e3
+    steady: Annotated[float, Quantity("s", "so long without brake show a zero beside others")] = 5.0
+    released: Annotated[float, Quantity("Pa", "a released pressure that drifts is lower")] = 2.5e4
 
 
 class _Rest(NamedTuple):

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
-from ...core.model import Quantity
+from ...core.model import Quantity, fraction
 from ...core.physics import cylinder_pressure, force_line
 from ...core.units import alternative_units
 from ...train.grid import FEWEST, largest, long_runs
@@ -20,17 +20,11 @@ ABOUT = About("Braking without pressure", "force", 50)
 class Params(NamedTuple):
     """Thresholds."""
 
-    least: Annotated[float, Quantity("m/s²", "no gradient slows a train as hard for long", 0.0)] = (
-        0.5
-    )
-    most: Annotated[float, Quantity("m/s²", "harder, the wheel slides", 0.0)] = 3.0
-    lasts: Annotated[float, Quantity("s", "no slide protection dumps a brake longer", 0.0)] = 3.0
-    alike: Annotated[
-        float, Quantity("-", "correlation of pressure and deceleration: a wrong unit", 0.0, 1.0)
-    ] = 0.9
-    present: Annotated[
-        float, Quantity("Pa", "zero and noise of a sensor are less: it is a pressure", 0.0)
-    ] = 2e4
+    least: Annotated[float, Quantity("m/s²", "no gradient slows a train as hard for long")] = 0.5
+    most: Annotated[float, Quantity("m/s²", "harder, the wheel slides")] = 3.0
+    lasts: Annotated[float, Quantity("s", "no slide protection dumps a brake longer")] = 3.0
+    alike: Annotated[float, fraction("correlation of pressure, deceleration: a wrong unit")] = 0.9
+    present: Annotated[float, Quantity("Pa", "zero and noise are less: it is a pressure")] = 2e4
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:

@@ -30,15 +30,11 @@ _MASS_SIGMAS = 4.0  # no mass is proposed that differs more from what is stated
 class Params(NamedTuple):
     """Thresholds."""
 
-    sigmas: Annotated[
-        float, Quantity("-", "of the stated tolerances: 1 sound vehicle of 2000", 1.0)
-    ] = 3.5
+    sigmas: Annotated[float, Quantity("-", "of the tolerances: 1 sound vehicle of 2000", 1.0)] = 3.5
     near: Annotated[
         float, Quantity("-", "factor from a unit's: nearer, the unit is the cause", 1.0)
     ] = 1.12
-    any_vehicle: Annotated[
-        float, Quantity("-", "no vehicle differs from another by this factor", 1.0)
-    ] = 6.0
+    any_vehicle: Annotated[float, Quantity("-", "no two vehicles differ so much", 1.0)] = 6.0
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:

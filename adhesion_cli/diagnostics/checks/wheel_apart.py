@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
-from ...core.model import Bools, Floats, Quantity
+from ...core.model import Bools, Floats, Quantity, fraction
 from ...core.physics import CRAWL
 from ...train.grid import erode, long_runs
 from ..registry import About
@@ -24,18 +24,12 @@ ABOUT = About("Wheels that leave the train's speed", "wheels", 20)
 class Params(NamedTuple):
     """Thresholds."""
 
-    apart: Annotated[
-        float, Quantity("-", "of the train's speed: wear and creep are less", 0.0, 1.0)
-    ] = 0.05
-    apart_floor: Annotated[float, Quantity("m/s", "and at low speed this much", 0.0)] = 0.3
-    drift: Annotated[
-        float, Quantity("-", "of the train's speed, against the usual ratio of the wheel", 0.0, 1.0)
-    ] = 0.02
-    drift_floor: Annotated[float, Quantity("m/s", "and at low speed this much", 0.0)] = 0.15
-    lasts: Annotated[float, Quantity("s", "a wheel catches up faster after a slide", 0.0)] = 2.0
-    driven: Annotated[
-        float, Quantity("m/s²", "a train that gains more may be driven: wheels spin", 0.0)
-    ] = 0.1
+    apart: Annotated[float, fraction("of the train's speed: wear and creep are less")] = 0.05
+    apart_floor: Annotated[float, Quantity("m/s", "and at low speed this much")] = 0.3
+    drift: Annotated[float, fraction("of the train speed, against the wheel's usual ratio")] = 0.02
+    drift_floor: Annotated[float, Quantity("m/s", "and at low speed this much")] = 0.15
+    lasts: Annotated[float, Quantity("s", "a wheel catches up faster after a slide")] = 2.0
+    driven: Annotated[float, Quantity("m/s²", "a train with more may be driven: wheels spin")] = 0.1
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:

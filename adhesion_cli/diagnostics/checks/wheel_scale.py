@@ -21,15 +21,11 @@ ABOUT = About("Units and diameters of the wheels", "wheels", 10)
 class Params(NamedTuple):
     """Thresholds."""
 
-    sigmas: Annotated[
-        float, Quantity("-", "of the stated wheel radius: wear of 1 sound wheel of 400", 1.0)
-    ] = 3.0
-    floor: Annotated[float, Quantity("m/s", "by which two speeds that agree may differ", 0.0)] = (
-        0.05
+    sigmas: Annotated[float, Quantity("-", "of the radius: wear of 1 sound wheel of 400", 1.0)] = (
+        3.0
     )
-    unit: Annotated[
-        float, Quantity("-", "no wheel is as worn: another factor is a unit's", 1.0)
-    ] = 1.25
+    floor: Annotated[float, Quantity("m/s", "by which two speeds that agree may differ")] = 0.05
+    unit: Annotated[float, Quantity("-", "no wheel is so worn: the factor is a unit's", 1.0)] = 1.25
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
