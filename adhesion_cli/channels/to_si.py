@@ -284,31 +284,20 @@ def period_tick(speed: Floats, step: float) -> float:
     if usual < max(_FINEST * periods[0], 2.0 * step * periods[0] ** 2):
         return 0.0
 
-    def phases(ticks: Floats, periods: Floats) -> Floats:
-        turns: Floats = periods / ticks[:, None]
-        turns -= np.rint(turns)  # small, so that single precision holds them
-        return turns
-
-    def agree(phases: Floats, kind: type[np.floating] = np.float64) -> Floats:
-        cosine: Floats = np.cos(2.0 * np.pi * phases, dtype=kind).mean(axis=1)
+    def agreement(ticks: Floats, periods: Floats) -> Floats:
+        cosine: Floats = np.cos(2.0 * np.pi * (periods / ticks[:, None])).mean(axis=1)
         return cosine
 
     sampled = periods[:: max(1, len(periods) // 200)]
     candidates = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
-    sparse = sampled[::5]
     for divisor in (1, 2, 3):
         ticks = usual / divisor * candidates
-        # A few periods rule out most of some thousand ticks, and cos 2πx ≤ 1 − 8x² most of these.
-        likely = []
-        for block in np.array_split(ticks, 1 + len(ticks) // 1000):  # small enough for the cache
-            x = phases(block, sparse)
-            likely.append(block[1.0 - 8.0 * np.vecdot(x, x) / len(sparse) > 0.5 * _ON_GRID])
-        ticks = np.concatenate(likely)
-        ticks = ticks[agree(phases(ticks, sparse), np.float32) > 0.5 * _ON_GRID]
+        # a few periods rule out most of some thousand ticks
+        ticks = ticks[agreement(ticks, sampled[::5]) > 0.5 * _ON_GRID]
         if not len(ticks):
             continue
-        best = ticks[[np.argmax(agree(phases(ticks, sampled)))]]
-        if agree(phases(best, periods))[0] > _ON_GRID:
+        best = ticks[[np.argmax(agreement(ticks, sampled))]]
+        if agreement(best, periods)[0] > _ON_GRID:
             whole_ticks = np.rint(periods / best)
             return float(periods @ whole_ticks / (whole_ticks @ whole_ticks))
     return 0.0

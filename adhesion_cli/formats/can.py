@@ -28,9 +28,6 @@ _FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no valu
 _LISTED_NAMES = 6  # names of one finding
 _DATABASES = {".sym": "sym", ".kcd": "kcd", ".arxml": "arxml", ".cdd": "cdd"}
 
-
-# Parameter groups of J1939 by which a message of more than 8 bytes comes in several frames.
-_ANNOUNCES, _PIECE = 0xEC00, 0xEB00
 _J1939_LENGTHS = 8, 16, 32  # of numbers that say by their highest byte that they are no value
 
 
@@ -47,7 +44,6 @@ class _Database:
 
     def __init__(self, names: Sequence[str]) -> None:
         self._by_id = _messages(names)
-        self._announced: dict[int, str] = {}  # message that a control unit sends in pieces
         self._by_name = {m.name: key for key, m in self._by_id.items()}
         self._by_group = {
             _parameter_group(number): m
@@ -62,14 +58,6 @@ class _Database:
         """The message of an identifier, None for none; of J1939 that of its parameter group."""
         message = self._by_id.get((identifier, extended))
         return message or (self._by_group.get(_parameter_group(identifier)) if extended else None)
-
-    def transported(self, key: _Key, data: bytes) -> str:
-        """The message of which a J1939 frame announces or holds a piece, "" for none."""
-        group, source = _parameter_group(key.identifier), key.identifier & 0xFF
-        if group == _ANNOUNCES and key.extended:
-            message = self._by_group.get(int.from_bytes(data[5:8], "little"))
-            self._announced[source] = message.name if message else ""
-        return self._announced.get(source, "") if group in (_ANNOUNCES, _PIECE) else ""
 
     def identifier(self, frame: Frame) -> tuple[int, bool]:
         """The identifier of a frame; of one that the log names, that of the message."""
@@ -123,7 +111,6 @@ class Reader:
         database = _Database(options.dbc)
         self._frames: dict[_Key, _Frames] = {}
         self._unknown: Counter[str] = Counter()
-        self._pieces: Counter[str] = Counter()  # frames, by the message that is in several of them
         problems = Problems()
         self._start = 0
         self._read(database, problems)
@@ -186,10 +173,7 @@ class Reader:
             if frame_group is None:
                 definition = database.message(key.identifier, key.extended)
                 if definition is None:
-                    if message := database.transported(key, frame.data):
-                        self._pieces[message] += 1
-                    else:
-                        self._unknown[frame.name or f"0x{key.identifier:X}"] += 1
+                    self._unknown[frame.name or f"0x{key.identifier:X}"] += 1
                     continue
                 frame_group = self._frames[key] = _Frames(definition.length)
             frame_group.add(frame.t, frame.data)
@@ -198,12 +182,6 @@ class Reader:
 
     def _nothing(self, database: _Database, problems: Problems) -> UserError:
         """Why no frame is used."""
-        if self._pieces:
-            return UserError(
-                f"{self._path}: messages come in several frames, which are not joined: "
-                + ", ".join(self._pieces),
-                "export the signals of these messages with a tool that joins J1939 frames",
-            )
         if self._unknown:
             return UserError(
                 f"{self._path}: no frame of the log is in the DBC (frames: {self._unknown_ids})",
@@ -230,11 +208,6 @@ class Reader:
             count = len(problems.lines)
             names = {"example": problems.example}
             yield Finding("can-lines-skipped", "warning", "", count, (), values, names)
-        if self._pieces:
-            counts = [f"{name} ({count} frames)" for name, count in self._pieces.most_common()]
-            names = {"messages": ", ".join(counts)}
-            count = self._pieces.total()
-            yield Finding("can-frames-not-joined", "warning", "", count, names=names)
         if self._unknown:
             values, names = {"messages": len(self._unknown)}, {"ids": self._unknown_ids}
             count = self._unknown.total()

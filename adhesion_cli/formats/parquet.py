@@ -2,7 +2,8 @@
 
 import ast
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,9 +33,9 @@ _NUMBERS = pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.ty
 class _ParquetColumn(NamedTuple):
     """A column of the file, or a field of a structure in it, or an element of its lists."""
 
-    name: str  # its place in the file, distinct from others: "axle.speed", "speeds[0]"
-    title: str
+    title: str  # its place in the file: "axle.speed", "speeds[0]"
     unit: str
+    array: Any
 
 
 def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
@@ -56,25 +57,25 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
     if size > max(smallest, per_byte * path.stat().st_size):
         text = f"{path}: states {meta.num_rows} rows, more than a file of this size holds"
         raise UserError(text, "write the file again with the program that made it")
-    table = _read_table(path, file)
-    arrays = _arrays(table)
-    columns, nested = _columns(table.schema, arrays)
-    integers = [f for f in table.schema if pa.types.is_integer(f.type)]
-    keys = {f.name: [x.decode("utf-8", "replace") for x in f.metadata or ()] for f in integers}
-    raw = {name: problem for name, x in keys.items() if (problem := open_scale(x))}
-    columns = [c for c in columns if c.name not in raw]
-    findings = [
-        Finding("channel-not-read", "warning", name, 1, names={"reason": reason})
-        for name, reason in raw.items()
-    ]
-    if nested:
-        names = {"columns": ", ".join(nested[:6])}
-        findings.insert(0, Finding("nested-columns", "info", "", len(nested), names=names))
-    durations = {c.title for c in columns if pa.types.is_duration(arrays[c.name].type)}
+    try:
+        table = file.read()
+        table.validate(full=True)
+    except _READ_ERRORS as error:
+        raise damaged(path, "Parquet", _first_line(error)) from None
+    columns, findings = _columns(table)
+    titles = distinct([c.title for c in columns])
+    durations = {
+        title
+        for title, c in zip(titles, columns, strict=True)
+        if pa.types.is_duration(c.array.type)
+    }
 
     def write(text: Path) -> list[str]:
-        write_table({c.title: arrays.pop(c.name) for c in columns}, text)
-        return [c.unit for c in columns]
+        units_of_columns = [c.unit for c in columns]
+        arrays = [c.array for c in columns]
+        columns.clear()
+        write_table(dict(zip(titles, arrays, strict=True)), text)
+        return units_of_columns
 
     if not columns or not meta.num_rows:
         raise without_numbers(path, findings)
@@ -91,60 +92,48 @@ def open_parquet(path: Path, options: ReadOptions) -> CsvSource:
     return source
 
 
-def _read_table(path: Path, file: Any) -> Any:
-    """The columns of a file, the fields of structures in it as columns."""
-    try:
-        table = file.read()
-        table.validate(full=True)
-    except _READ_ERRORS as error:
-        raise damaged(path, "Parquet", _first_line(error)) from None
-    while any(pa.types.is_struct(f.type) for f in table.schema):
-        table = table.flatten()
-    return table
-
-
-def _arrays(table: Any) -> dict[str, pa.Array]:
-    """Each column as one array, by name: elements of lists, too.
-
-    A list that is shorter than others of its column has nulls behind its end.
-    """
-    arrays = {}
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        array = column.combine_chunks()
-        if pa.types.is_dictionary(array.type):
-            array = array.dictionary_decode()
-        if not _is_any(array.type, _LISTS):
-            arrays[name] = array
-            continue
-        longest = pc.max(pc.list_value_length(array)).as_py() or 0
-        if 0 < longest <= _MOST_ELEMENTS:
-            padded = pc.list_slice(array, 0, longest, return_fixed_size_list=True)
-            arrays |= {f"{name}[{k}]": pc.list_element(padded, k) for k in range(longest)}
-    return arrays
-
-
-def _columns(schema: Any, arrays: dict[str, pa.Array]) -> tuple[list[_ParquetColumn], list[str]]:
-    """The columns that hold one value in a row; and the names of those that are not read."""
-    columns, nested = [], []
-    pair_names = (re.sub(r"\s*[\r\n]\s*", " ", _pair(f.name)[0]) for f in schema)
-    titles = distinct([name or "(no name)" for name in pair_names])
-    for f, title in zip(schema, titles, strict=True):
-        unit = _unit(f) or _pair(f.name)[1]
-        kind = arrays[f.name].type if f.name in arrays else None  # not that of a dictionary
-        if kind and _is_any(kind, (*_NUMBERS, *_TEXTS, pa.types.is_temporal)):
-            columns.append(_ParquetColumn(f.name, title, unit))
-        elif (
-            _is_any(f.type, _LISTS)
-            and _is_any(f.type.value_type, _NUMBERS)
-            and f"{f.name}[0]" in arrays
-        ):
-            count = sum(name.rpartition("[")[0] == f.name for name in arrays)
-            places = (f"[{k}]" for k in range(count))
-            unit = unit or units.in_name(title)[1]  # which the place would hide
-            columns += [_ParquetColumn(f.name + x, title + x, unit) for x in places]
+def _columns(table: Any) -> tuple[list[_ParquetColumn], list[Finding]]:
+    """The columns that hold one value in a row; and findings on those that are not read."""
+    columns, nested, findings = list[_ParquetColumn](), list[str](), list[Finding]()
+    pairs = zip(table.schema, table.columns, strict=True)
+    for f, c in chain.from_iterable(_leaves(f, x.combine_chunks()) for f, x in pairs):
+        if pa.types.is_integer(f.type) and (problem := open_scale(map(_text, f.metadata or ()))):
+            names = {"reason": problem}
+            findings.append(Finding("channel-not-read", "warning", c.title, 1, names=names))
+        elif _is_any(c.array.type, (*_NUMBERS, *_TEXTS, pa.types.is_temporal)):
+            columns.append(c)
         else:
-            nested.append(f.name)
-    return columns, nested
+            nested.append(c.title)
+    if nested:
+        names = {"columns": ", ".join(nested[:6])}
+        findings.insert(0, Finding("nested-columns", "info", "", len(nested), names=names))
+    return columns, findings
+
+
+def _leaves(f: Any, array: Any) -> Iterator[tuple[Any, _ParquetColumn]]:
+    """The columns that a column of the file holds, each with its field in the file.
+
+    Those of a structure are its fields, those of lists of numbers their elements. A list that is
+    shorter than others has nulls behind its end.
+    """
+    if pa.types.is_dictionary(array.type):
+        array = array.dictionary_decode()
+    name, unit = _pair(f.name)
+    unit = _unit(f) or unit
+    if pa.types.is_struct(array.type):
+        for inner, values in zip(array.type, array.flatten(), strict=True):
+            yield from _leaves(inner.with_name(f"{f.name}.{inner.name}"), values)
+        return
+    is_list = _is_any(array.type, _LISTS) and _is_any(array.type.value_type, _NUMBERS)
+    longest = (pc.max(pc.list_value_length(array)).as_py() or 0) if is_list else 0
+    if not 0 < longest <= _MOST_ELEMENTS:
+        title = re.sub(r"\s*[\r\n]\s*", " ", name) or "(no name)"
+        yield f, _ParquetColumn(title, unit, array)
+        return
+    padded = pc.list_slice(array, 0, longest, return_fixed_size_list=True)
+    unit = unit or units.in_name(name)[1]  # which the place would hide
+    for k in range(longest):
+        yield f, _ParquetColumn(f"{name}[{k}]", unit, pc.list_element(padded, k))
 
 
 def _pair(name: str) -> tuple[str, str]:
@@ -192,4 +181,8 @@ def _unit(field: Any) -> str:
     if pa.types.is_duration(field.type):
         return "ns"
     metadata = field.metadata or {}
-    return next((metadata[k].decode("utf-8", "replace") for k in _UNIT_KEYS if k in metadata), "")
+    return next((_text(metadata[k]) for k in _UNIT_KEYS if k in metadata), "")
+
+
+def _text(metadata: bytes) -> str:
+    return metadata.decode("utf-8", "replace")

@@ -624,26 +624,3 @@ def test_frames_in_an_mf4(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="holds CAN frames") as error:
         columns(path, ())
     assert "--dbc" in error.value.hint
-
-
-def test_messages_in_several_frames_are_named(tmp_path: Path) -> None:
-    speed = signal("speed", 0, 16, unit="km/h")
-    short = Message(0x18FEBF0B, "EBC", 8, [speed], is_extended_frame=True)
-    long = Message(0x18FEC00B, "Long", 20, [signal("level", 0, 16)], is_extended_frame=True)
-    dbc = stated(tmp_path, short, long)
-    with Path(dbc[0]).open("a", encoding="utf-8") as file:
-        file.write('BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","r","J1939PG";\n')
-        file.write('BA_DEF_DEF_ "VFrameFormat" "J1939PG";\n')
-    announced = bytes([32, 20, 0, 3, 0xFF]) + 0xFEC0.to_bytes(3, "little")
-    identifiers = [(0x1CECFF0B, announced), *((0x1CEBFF0B, bytes([k] * 8)) for k in (1, 2, 3))]
-    identifiers += [(0x1CEBFF0C, bytes(8)), *[(0x18FEBF0B, bytes(8))] * 3]
-    frames = [
-        frame(k / 10, data, identifier, is_extended_id=True)
-        for k, (identifier, data) in enumerate(identifiers)
-    ]
-    path = written(tmp_path / "a.asc", frames)
-    found, findings, _ = columns(path, dbc)
-    assert list(found) == ["speed"]
-    finding = findings["can-frames-not-joined"]
-    assert (finding.count, finding.names["messages"]) == (4, "Long (4 frames)")
-    assert findings["can-unknown-frames"].count == 1
