@@ -7,7 +7,7 @@ import numpy as np
 from ..core import physics, signals
 from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Reference, Vehicle
-from ..core.time_axis import spans_of
+from ..core.time_axis import spans_of_mask
 from ..rail import rail_under_slides
 from ..rail.events import HIDDEN_TIME
 from ..rail.locks import LockLimits, locks_of_axle
@@ -44,7 +44,7 @@ def find_axle_findings(
     }
     for code, (severity, mask) in masks.items():
         if count := int(mask.sum()):
-            mask_spans = spans(record, mask, start_ns)
+            mask_spans = spans_of_mask(mask, record.t, start_ns)
             yield Finding(code, severity, name, count, mask_spans, values.get(code, {}))
     if record.train_speed is not None:
         unknown, unknown_s = np.zeros(len(record), dtype=np.bool_), 0.0
@@ -52,7 +52,7 @@ def find_axle_findings(
             unknown[s], lasts = rail_under_slides.unknown_slip(record, s, vehicle)
             unknown_s += lasts
         if unknown_s > HIDDEN_TIME:
-            count, mask_spans = int(unknown.sum()), spans(record, unknown, start_ns)
+            count, mask_spans = int(unknown.sum()), spans_of_mask(unknown, record.t, start_ns)
             durations = {"unknown_s": unknown_s}
             yield Finding("slip-unknown", "warning", name, count, mask_spans, durations)
     if ref.runout:
@@ -65,12 +65,6 @@ def find_axle_findings(
         yield Finding("few-pulses", "warning", channel=name, values={"pulses": ref.pulses})
     if not applications:
         yield Finding("no-application", "info", channel=name)
-
-
-def spans(record: AxleRecord, mask: Bools, start_ns: int) -> tuple[tuple[float, float], ...]:
-    """Where a mask of shape (n,) is true: from and to [s] after the log's start."""
-    runs = np.array(signals.true_runs(mask), dtype=np.int64).reshape(-1, 2)
-    return spans_of(record.t[runs[:, 0]], record.t[runs[:, 1] - 1], start_ns)
 
 
 def _without_value(

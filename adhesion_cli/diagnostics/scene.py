@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.finding import Finding, Severity, merge_spans
+from ..core.finding import Finding, Severity
 from ..core.model import Bools, Channel, Train, Vehicle
 from ..core.physics import rolling_deceleration, wheelset
-from ..core.signals import true_runs
+from ..core.time_axis import spans_of_mask
 from ..records.axle_channels import AxleChannels
 from ..train.explanation import Explanation
 from ..train.grid import Grid
@@ -46,21 +46,8 @@ class Scene(NamedTuple):
     ) -> Finding:
         """A finding about the samples of an axle, by its place, where a mask on the grid holds."""
         t = self.axles[axle].record.t
-        sample_mask = (
-            np.ones(len(t), dtype=np.bool_)
-            if grid_mask is None
-            else self.grid.sample_mask(t, grid_mask)
-        )
-        since = (t - self.start_ns) / 1e9
-        spans = merge_spans(
-            [(float(since[a]), float(since[b - 1])) for a, b in true_runs(sample_mask)]
-        )
-        return Finding(
-            code,
-            severity,
-            channel.title,
-            max(int(sample_mask.sum()), 1),
-            spans,
-            values or {},
-            names or {},
-        )
+        mask = np.ones(len(t), np.bool_)
+        if grid_mask is not None:
+            mask = self.grid.sample_mask(t, grid_mask)
+        spans, count = spans_of_mask(mask, t, self.start_ns), max(int(mask.sum()), 1)
+        return Finding(code, severity, channel.title, count, spans, values or {}, names or {})

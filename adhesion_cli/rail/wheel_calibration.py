@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..core import compiled, physics, signals
-from ..core.finding import Finding, merge_spans
-from ..core.model import Z95, AxleRecord, Bools, Floats, Parameter, Vehicle
+from ..core.finding import Finding
+from ..core.model import Z95, AxleRecord, Bools, Floats, Parameter, Times, Vehicle
 from ..core.physics import reference_speed
+from ..core.time_axis import spans_of_mask
 from ..train.mean_axle import mean_axle
 from .speed_errors import COASTING_RATE, DRIVING_RATE, delay_error
 
@@ -110,12 +111,10 @@ def _highest_friction_share(rim: Floats, K: Floats, vehicle: Vehicle) -> Floats:
     return share
 
 
-def _slide_together(sliding: Bools, seconds_of_log: Floats) -> Finding:
-    """That all axles slide, and where; arguments of shape (n,)."""
-    runs = signals.true_runs(sliding)
-    spans = [(float(seconds_of_log[a]), float(seconds_of_log[b - 1])) for a, b in runs]
-    count = int(sliding.sum())
-    return Finding("all-axles-slide", "warning", count=count, spans=merge_spans(spans))
+def _slide_together(sliding: Bools, t: Times, start_ns: int) -> Finding:
+    """That all axles slide, and where; times [ns] of shape (n,)."""
+    spans = spans_of_mask(sliding, t, start_ns)
+    return Finding("all-axles-slide", "warning", count=int(sliding.sum()), spans=spans)
 
 
 def _without_delays(t: Floats, rim: Floats, intervals: Sequence[float]) -> Floats:
@@ -190,7 +189,7 @@ def with_reference_speed(
     step = max(r.wheel_speed_step * vehicle.radius(r.axle).value for r in all_records)
     sliding = (fastest + step < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
     if sliding.any():
-        findings.append(_slide_together(sliding, (t - start_ns) * 1e-9))
+        findings.append(_slide_together(sliding, t, start_ns))
     completed = [
         replace(
             r,

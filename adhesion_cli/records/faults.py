@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.finding import Finding, Severity, merge_spans
+from ..core.finding import Finding, Severity
 from ..core.model import Bools, Channel, Column, Floats, Times
-from ..core.signals import true_runs
+from ..core.time_axis import spans_of_mask
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
@@ -55,8 +55,7 @@ class View(NamedTuple):
         mask = mask & self.contains(t) if mask.any() else mask
         if not mask.any():
             return []
-        since = self.seconds(t)
-        spans = merge_spans([(float(since[a]), float(since[b - 1])) for a, b in true_runs(mask)])
+        spans = spans_of_mask(mask, t, self.start_ns)
         place, count, data = channel.title, int(mask.sum()), (values or {}, names or {})
         return [Finding(fault.code, fault.severity, place, count, spans, *data)]
 

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.finding import Finding, merge_spans
+from ..core.finding import Finding
 from ..core.model import OTHER_BRAKES, Bools, Channel, Log, Vehicle
 from ..core.physics import CRAWL
 from ..core.signals import true_runs
+from ..core.time_axis import spans_of_mask
 from .axle_channels import AxleChannels
 from .faults import View
 
@@ -25,11 +26,9 @@ def other_brake_findings(
         size = np.abs(c.data.value)
         acting = size > _ACTING_SHARE * float(np.max(size, initial=0.0))
         acting &= view.contains(c.data.t) & _is_moving(c, axles, vehicle)
-        runs = true_runs(acting)
-        if not runs:
+        if not (runs := true_runs(acting)):
             continue
-        since = view.seconds(c.data.t)
-        spans = merge_spans([(float(since[a]), float(since[b - 1])) for a, b in runs])
+        spans = spans_of_mask(acting, c.data.t, view.start_ns)
         name = str(c.meaning).replace("_", " ").replace("magnetic", "magnetic track")
         names = {"reason": f"The {name} is on while the train moves"}
         findings.append(Finding("other-brake", "warning", c.title, len(runs), spans, {}, names))

@@ -9,12 +9,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..core.finding import Finding, merge_spans
+from ..core.finding import Finding
 from ..core.model import PLACES, Bools, Channel, Column, Floats, Log, Meaning, Times, Vehicle
 from ..core.signals import edges, in_order, running_integral
 from ..core.summary import PositionSource
 from ..core.text import iso
-from ..core.time_axis import gap_limit
+from ..core.time_axis import gap_limit, spans_of
 
 _ALONG: tuple[Literal["position", "distance"], ...] = ("position", "distance")
 _EARTH = 6_371_008.8  # mean radius [m]
@@ -182,10 +182,7 @@ def _logged(
 def _jumps(trace: Trace, title: str, start_ns: int) -> list[Finding]:
     if not trace.jumps.any():
         return []
-    since = (trace.t - start_ns) * 1e-9
-    spans = merge_spans(
-        [(float(since[i]), float(since[i + 1])) for i in np.flatnonzero(trace.jumps)]
-    )
+    spans = spans_of(trace.t[:-1][trace.jumps], trace.t[1:][trace.jumps], start_ns)
     farthest = float(trace.distances()[trace.jumps].max())
     count = int(trace.jumps.sum())
     return [Finding("position-jumps", "warning", title, count, spans, {"largest_m": farthest})]
