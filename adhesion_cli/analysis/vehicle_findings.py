@@ -8,6 +8,7 @@ import numpy as np
 
 from ..core.finding import Finding, merge_spans
 from ..core.model import Z95, AxleResult, IdentifiedVehicle, Log, Result, Vehicle, quantities
+from ..core.signals import true_runs
 from ..core.units import UNITS
 from ..diagnostics import friction_over_speed
 from ..diagnostics.checks.vehicle import remedy_names
@@ -50,10 +51,7 @@ def find_vehicle_findings(
     if identified.unstated and (identified.source == "log" or not identified.known):
         names = {"unstated": ", ".join(identified.unstated)}
         findings.append(Finding("vehicle-incomplete", "warning", names=names))
-    if is_wheel_unknown(log, settings):
-        R = settings.vehicle.wheel_radius[0].value
-        values = {"diameter_m": 2.0 * R, "u95_m": 2.0 * R * Z95 * ANY_WHEEL}
-        findings.append(Finding("wheel-diameter-unknown", "warning", values=values))
+    findings += _find_missing_evidence(settings, log)
     if not identified.known:
         findings.append(Finding("vehicle-unknown", "warning"))
     if identified.factor is not None and not identified.other_brake:
@@ -100,6 +98,21 @@ def diagnose_with(
     if not identified.known:
         findings = without_force_findings(findings)
     return vehicle_findings, prepared._replace(findings=findings)
+
+
+def _find_missing_evidence(settings: Settings, log: AlignedLog) -> list[Finding]:
+    """What the log does not show of the vehicle: braking that holds the speed, and wheels."""
+    findings = []
+    grid = log.grids and log.grids.coarse
+    if grid and grid.held is not None and grid.held.any():
+        t = grid.seconds(log.view.start_ns)
+        spans = merge_spans([(float(t[a]), float(t[b - 1])) for a, b in true_runs(grid.held)])
+        findings.append(Finding("brake-holds-speed", "info", "", len(spans), spans))
+    if is_wheel_unknown(log, settings):
+        R = settings.vehicle.wheel_radius[0].value
+        values = {"diameter_m": 2.0 * R, "u95_m": 2.0 * R * Z95 * ANY_WHEEL}
+        findings.append(Finding("wheel-diameter-unknown", "warning", values=values))
+    return findings
 
 
 def live_findings(settings: Settings, by_pressure: bool) -> list[Finding]:

@@ -151,7 +151,8 @@ def find_brake_line(
 
 def _without_gone_sensors(grid: Grid, x: Floats, friction: Floats) -> tuple[Grid, Floats, Floats]:
     """Without axles, or the train speed, of which half of what is recorded or more has no value."""
-    recorded = np.isfinite(grid.rim).any(axis=0)  # a pause of the recorder is no loss of a sensor
+    # a pause of the recorder is no loss of a sensor, and pressures that are left out are none
+    recorded = np.isfinite(grid.rim).any(axis=0) & np.isfinite(x).any(axis=0)
     lasts = np.isfinite(grid.rim[:, recorded]).mean(axis=-1) > _LEAST_KNOWN
     lasts &= np.isfinite(x[:, recorded]).mean(axis=-1) > _LEAST_KNOWN
     train = grid.train

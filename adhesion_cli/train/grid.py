@@ -28,13 +28,17 @@ _DRIVEN_RATE = 0.3
 _GAIN = 0.05  # one that gains more beside a brake application is driven, or rolls downhill [m/s²]
 _BESIDE = 6.0  # before and after a brake application [s]
 _LEAST_BESIDE = 1.5  # of it that shows a gain [s]
+_HELD_SHARE, _HELD_PRESSURE = 0.2, 5.5e4  # of the highest, and [Pa]: every brake acts above both
+_HELD_RATE = 0.03  # a braked train that slows less for long is held on a downhill [m/s²]
+_HELD_WINDOW, _HELD_TIME = 10.0, 20.0  # over which it slows, and shortest holding [s]
 
 
 @dataclass(frozen=True)
 class Grid:
     """All axles on one even time axis; NaN where a channel has no sample nearby, or a wrong one.
 
-    Wrong is a pressure, and its K, where its sensor's range ends, or while another brake acts.
+    Wrong is a pressure, and its K, where its sensor's range ends, while another brake acts, and
+    while the brake holds the speed on a downhill that nobody knows.
     """
 
     start_ns: int  # its first time [ns]
@@ -51,6 +55,8 @@ class Grid:
     # the motors' part of K, and 1 sigma of their force at the rim; None without a channel of it
     motors: Floats | None = None  # (k, n) [N]
     motor_sigma: Floats | None = None  # (k, n) [N]
+    # where the brake holds the speed on a downhill, and its pressures are left out, (n,)
+    held: Bools | None = None
 
     @property
     def friction_clamping(self) -> Floats:
@@ -166,6 +172,11 @@ class Grid:
         inside = (place >= 0) & (place < len(grid_mask))
         return inside & grid_mask[np.clip(place, 0, len(grid_mask) - 1)]
 
+    def seconds(self, start_ns: int) -> Floats:
+        """Its times after another one [s], shape (n,)."""
+        t: Floats = np.arange(self.rim.shape[1], dtype=np.float64) * self.step
+        return t + (self.start_ns - start_ns) / 1e9
+
     @property
     def half_width(self) -> int:
         """Grid steps in half a second, fewer where the whole log is short."""
@@ -218,17 +229,36 @@ def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Gr
 
 
 def without_pressures(grids: Grids, start_ns: int, other_brakes: Sequence[Finding]) -> Grids:
-    """The grids without the pressures while another brake acts: they do not show what slows."""
+    """The grids without the pressures that do not show what slows.
+
+    So it is while another brake acts, and while the brake holds the speed on a downhill.
+    """
     spans = [span for f in other_brakes for span in f.spans]
-    if not spans:
-        return grids
     masked = []
     for g in grids:
-        t = (g.start_ns - start_ns) / 1e9 + g.step * np.arange(g.rim.shape[1])
-        acts = np.any([(t > start - g.step) & (t < stop + g.step) for start, stop in spans], axis=0)
+        t, held = g.seconds(start_ns), _is_held(g)
+        acts = held.copy()
+        for start, stop in spans:
+            acts |= (t > start - g.step) & (t < stop + g.step)
         clamping, pressure = (np.where(acts, np.nan, x) for x in (g.clamping, g.pressure))
-        masked.append(replace(g, clamping=clamping, pressure=pressure))
+        masked.append(replace(g, clamping=clamping, pressure=pressure, held=held))
     return Grids(*masked)
+
+
+def _is_held(g: Grid) -> Bools:
+    """Where all axles are braked for long and the train keeps its speed; shape (n,)."""
+    lowest = g.smooth(np.min(g.pressure, axis=0))
+    least = _HELD_PRESSURE
+    if not np.isfinite(lowest).any():
+        lowest, least = g.smooth(np.min(g.clamping, axis=0)), 0.0
+    pressed = lowest > max(least, _HELD_SHARE * float(np.nanmax(lowest, initial=0.0)))
+    v, j = g.fastest + g.climb, max(round(_HELD_WINDOW / g.step / 2.0), 1)
+    held, keeps_speed = np.zeros((2, len(v)), dtype=np.bool_)
+    keeps_speed[j:-j] = np.abs(v[2 * j :] - v[: -2 * j]) < _HELD_RATE * 2 * j * g.step
+    for start, stop in true_runs(pressed & keeps_speed & (g.fastest > CRAWL)):
+        if (stop - start) * g.step > _HELD_TIME:  # it did so for half a window before and after
+            held[max(start - j, 0) : stop + j] = True
+    return held & pressed
 
 
 def build_grids(axles: Sequence[AxleChannels], vehicle: Vehicle) -> Grids | None:

@@ -19,7 +19,14 @@ from adhesion_cli.analysis.vehicle_findings import with_friction_findings, witho
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Parameter, Result, Vehicle, quantities
-from adhesion_cli.core.physics import G, force_line, friction_share, wheelset
+from adhesion_cli.core.physics import (
+    G,
+    braked,
+    clamping_force,
+    force_line,
+    friction_share,
+    wheelset,
+)
 from adhesion_cli.core.summary import MeanAndHighest
 from adhesion_cli.results.vehicle_text import VehicleOfLog, describe_vehicle, describe_vehicles
 from adhesion_cli.studies.calibrate import calibrate
@@ -60,6 +67,26 @@ def true_coefficients(path: Path, vehicle: Vehicle, result: Result) -> list[floa
 
 def first(result: Result) -> Finding:
     return result.findings[0]
+
+
+def test_a_brake_that_holds_the_speed_on_a_downhill_shows_no_force(tmp_path: Path) -> None:
+    """A minute of it, and a stop on the level, which shows the brake of both."""
+    t, path, rng = np.arange(0.0, 115.0, 0.05), tmp_path / "log.csv", np.random.default_rng(1)
+    p = np.interp(t, [10, 12, 70, 71, 85, 87], [0, 1.2e5, 1.2e5, 0, 0, 2.5e5])
+    brake = braked(clamping_force(p, METRO), wheelset(METRO, 1))
+    downhill = np.where((t > 11.0) & (t < 70.5), np.max(brake[t < 70.0]), 0.0)
+    v = np.maximum(25.0 - np.cumsum(brake - downhill + 0.012) * 0.05, 0.0)
+    rim = np.maximum(3.6 * (v + rng.normal(0.0, 0.004, len(t))), 0.0)
+    rows = [f"{a:.2f},{b / 1e5:.4f},{c:.4f}" for a, b, c in zip(t, p, rim, strict=True)]
+    path.write_text("\n".join(["time [s],bc pressure [bar],wheel speed [km/h]", *rows]) + "\n")
+    result = run(path)
+    (held,) = [f for f in result.findings if f.code == "brake-holds-speed"]
+    assert held.spans[0] == pytest.approx((12.0, 70.0), abs=3.0)
+    means = true_coefficients(path, METRO, result)
+    assert len(means) == 2
+    for coefficient, mean in zip(coefficients(result), means, strict=True):
+        assert coefficient.mean == pytest.approx(mean, abs=coefficient.mean_u95)
+        assert coefficient.mean_u95 < 0.3 * mean
 
 
 @pytest.mark.parametrize("wheel", [{}, {"wheel_diameter": 0.7}])
