@@ -153,10 +153,11 @@ def _without_gone_sensors(grid: Grid, x: Floats, friction: Floats) -> tuple[Grid
     """Without axles, or the train speed, of which half of what is recorded or more has no value."""
     # a pause of the recorder is no loss of a sensor, and pressures that are left out are none
     recorded = np.isfinite(grid.rim).any(axis=0) & np.isfinite(x).any(axis=0)
-    lasts = np.isfinite(grid.rim[:, recorded]).mean(axis=-1) > _LEAST_KNOWN
-    lasts &= np.isfinite(x[:, recorded]).mean(axis=-1) > _LEAST_KNOWN
+    least = _LEAST_KNOWN * recorded.sum()
+    lasts = np.isfinite(grid.rim[:, recorded]).sum(axis=-1) > least
+    lasts &= np.isfinite(x[:, recorded]).sum(axis=-1) > least
     train = grid.train
-    if train is not None and not np.isfinite(train[recorded]).mean() > _LEAST_KNOWN:
+    if train is not None and not np.isfinite(train[recorded]).sum() > least:
         train = None
     if lasts.all() and train is grid.train:
         return grid, x, friction

@@ -24,7 +24,6 @@ class Params(NamedTuple):
     gradient: Annotated[float, Quantity("m/s²", "that no gradient has for long: 3.5 %")] = 0.35
     sigmas: Annotated[float, Quantity("-", "from that, so that it is no noise")] = 1.0
     lasts: Annotated[float, Quantity("s", "a turn of slide protection is shorter")] = 3.0
-    rig: Annotated[float, Quantity("m/s²", "a rig holds its speed and never slows like this")] = 0.5
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
@@ -42,10 +41,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
             largest = max(largest, -gradient.value, key=abs)
     if mask.any():
         values = {"difference_mps2": largest, "gradient_share": abs(largest) / G}
-        # Rollers hold the speed: the force itself was measured there, and nothing ever slows.
-        measured = s.axles[0].brake.meaning == "clamping_force"
-        rig = measured and largest < 0.0 and not (g.braking > p.rig).any()
         # A wheel that slows too little may slide: nothing else tells how fast the train is.
         slides = g.train is None and len(s.axles) == 1 and largest < 0.0
-        severity: Severity = "info" if rig or slides else "warning"
+        severity: Severity = "info" if slides else "warning"
         yield s.finding("deceleration-unexplained", severity, s.axles[0].brake, mask, 0, values)
