@@ -76,7 +76,7 @@ def slides(  # noqa: PLR0913 (one column each)
             int(t[samples.start]),
             float(seconds[-1]),
             float(np.trapezoid(v[samples], seconds)),
-            float(s[samples][fast].max()) if fast.any() else None,
+            min(float(s[samples][fast].max()), 1.0) if fast.any() else None,  # noise of a lock
             float(np.trapezoid(heat, seconds)) if is_known else None,
             is_lower_bound,
             lock_u95,

@@ -106,6 +106,7 @@ class RailFit(NamedTuple):
     peak_mu: Interval | None
     utilisation: Interval | None
     speed: float  # at which the peak is given [m/s]
+    delay: float = 0.0  # error of the train speed that the points show, in sigma of `Points.clock`
     points: "Points | None" = None  # those that were fitted
 
     @property
@@ -412,6 +413,7 @@ def _summarise_draws(
         mu if shows_peak_mu else None,
         None if is_wide or lacks_points_before else utilisation,
         speed,
+        float(np.median(draws[:, _DELAY])),
         setup.p,
     )
 

@@ -17,13 +17,20 @@ from . import fit
 from .events import Slide
 from .sliding import find_creep, slides
 from .slope import REGIONS
-from .speed_errors import has_slow_receiver, speed_error, speed_noise
+from .speed_errors import (
+    delay_sigma,
+    has_slow_receiver,
+    has_uncertain_delay,
+    speed_error,
+    speed_noise,
+)
 from .wheel_calibration import calibrate_radius
 
 _LOCKED_SLIP = 0.5  # of a wheel that comes to stand
 _SAME_RAIL_PAUSE = 5.0  # after a longer pause a slide may be on another rail [s]
 _SMEARING_TIME = 0.1  # over this time the smoother of the force spreads an error [s]
 _FEW_DRAWS = 40  # draws for the utilisation of one brake application
+_ROUGH_DRAWS = 20  # draws of a fit that finds the delay of the train speed
 
 
 def shares(axle: AxleResult) -> dict[str, float]:
@@ -204,7 +211,13 @@ def fit_rail(
     if fit.clear_time(observed) < fit.SHORTEST:
         needed = {"needed_s": fit.SHORTEST, "clear_s": fit.clear_time(observed)}
         return None, [Finding("slides-too-short", "info", channel=name, values=needed)]
-    rail = fit.fit(observed, vehicle, radius.tolerance / radius.value, mu_error, draws or fit.DRAWS)
+    radius_error, late, rough = radius.tolerance / radius.value, 0.0, (_ROUGH_DRAWS,) * 2
+    for count in (*(rough if has_uncertain_delay(record) else ()), draws or fit.DRAWS):
+        shifted = _without_delay(record, observed, late)
+        rail = fit.fit(shifted, vehicle, radius_error, mu_error, count)
+        if rail is None:
+            break
+        late -= rail.delay * delay_sigma(record)
     if rail is None:
         return None, [Finding("rail-changes", "info", channel=name)]
     findings = []
@@ -217,6 +230,19 @@ def fit_rail(
         names = {"parameters": missing}
         findings.append(Finding("rail-parameters-unknown", "info", channel=name, names=names))
     return rail, findings
+
+
+def _without_delay(record: AxleRecord, p: fit.Points, late: float) -> fit.Points:
+    """The points with a train speed that is `late` [s].
+
+    A fit knows the error of slip by the delay for a steady deceleration only. Under a WSP the
+    train's deceleration changes within the delay, which flattens the curve.
+    """
+    assert record.train_speed is not None
+    known, t = np.isfinite(record.train_speed), (record.t - record.t[0]) * 1e-9
+    speed = np.interp(p.t + late, t[known], record.train_speed[known])
+    speed = np.maximum(speed, physics.CRAWL)
+    return p._replace(speed=speed, slip=1.0 - (1.0 - p.slip) * p.speed / speed)
 
 
 def _rmse(axle: AxleResult) -> float | None:

@@ -37,3 +37,11 @@ def test_a_lock_without_a_force_at_one_end_may_have_twice_the_other() -> None:
 def test_a_sliding_wheel_with_its_brake_on_heats_the_rail() -> None:
     shown = slide(np.full(len(T), -2000.0))
     assert shown.energy == 0.0
+
+
+def test_a_lock_has_a_slip_of_one_whatever_the_noise_of_its_sensor() -> None:
+    t = np.round(T * 1e9).astype(np.int64)
+    slip = SLIP + np.where(LOCKED, 0.01 * np.sin(50.0 * T), 0.0)
+    force = np.where(LOCKED, np.nan, 3000.0)
+    (found,) = slides(slice(0, len(T)), t, V, slip, slip, force, is_lower_bound=False)
+    assert found.max_slip == 1.0

@@ -519,6 +519,34 @@ def test_slides_beside_a_train_speed_that_may_be_late_are_lower_bounds(
     assert codes == ["train-speed-delay-unknown"] * is_bound
 
 
+def test_the_rail_beside_a_late_train_speed_is_fitted_to_the_slip_without_its_delay() -> None:
+    """Under a WSP the deceleration changes within the delay: its mean does not give the slip."""
+    seconds = np.arange(0.0, 24.0, 0.02)
+    t, K = np.round(seconds * 1e9).astype(np.int64), np.full(len(seconds), 5000.0)
+
+    def speed(at: np.ndarray) -> np.ndarray:
+        return 24.0 - 0.7 * at + 0.1 * np.cos(3.0 * at)
+
+    v, creep = speed(seconds), 0.08 - 0.078 * np.cos(3.0 * seconds)
+    rail = creep_law.Condition(k_a=0.15, k_s=0.1, f0=0.065, A=0.6, B=0.1)
+    load = Vehicle().axle_mass.value * G
+    force = load * np.array(
+        [fit.curve(rail, x, np.array([s]), Vehicle())[0] for x, s in zip(v, creep, strict=True)]
+    )
+    record = AxleRecord(1, t, K, K, v * (1.0 - creep) / 0.42, (slice(0, len(t)),))
+    record = replace(record, train_speed=speed(seconds - 0.3), train_speed_late=None)
+    ref = Reference("none", "none", force, 0.0 * force, 0.0 * force)
+    axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
+    axle, _ = slip.observe_slip(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
+    context = rail_under_slides.AxleContext(axle, Vehicle())
+    found, _ = rail_under_slides.fit_rail(context, sliding.slides(axle), 40)
+    assert found
+    assert found.points
+    error = found.points.slip - np.interp(found.points.t, seconds, creep)
+    raw = 0.3 * 0.7 / found.points.speed
+    assert float(np.sqrt(np.mean(error**2))) < 0.3 * float(np.sqrt(np.mean(raw**2)))
+
+
 def test_a_locked_wheel_whose_brake_is_vented_has_one_brake_application() -> None:
     t = np.arange(0, 20 * 10**9, 2 * 10**7)
     seconds, v = t * 1e-9, np.full(len(t), 15.0)
