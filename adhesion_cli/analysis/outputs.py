@@ -38,8 +38,8 @@ def write_results(
     one log, `notes` the texts on that of its axles, each with its rail. With `every_sample`, the
     files of a long log have every computed sample.
     """
+    from ..core.document import embedded
     from ..results import mcap, rrd
-    from .json_documents import embedded
 
     record, recording = places
     mcap.write_results(record, results, embedded(summaries), slip, every_sample)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..analysis import inspection, json_documents, outputs
+from ..analysis import inspection, outputs
 from ..analysis.slip_of_log import SlipOfLog, carried, slip_document, summarise_slip
 from ..analysis.summarise import brake_applications, summarise
 from ..core import document, physics, toml
@@ -285,7 +285,7 @@ class Analysis(_Tables):
     @property
     def document(self) -> Json:
         """What `adhesion analyze --json` prints."""
-        return json_documents.result_document([self._summary])
+        return document.result_document([self._summary])
 
     @cached_property
     def _braked(self) -> dict[int, tuple[BrakeApplication, ...]]:
@@ -323,8 +323,8 @@ class Analysis(_Tables):
                 raise unknown("axle", str(axle), [str(n) for n in self._braked])
         with TemporaryDirectory(prefix="adhesion-") as folder:  # a report is that of a result file
             record = Path(folder, "plot.mcap")
-            document = json_documents.embedded([self._summary])
-            mcap.write_results(record, [self.result], document, full=True)
+            text = document.embedded([self._summary])
+            mcap.write_results(record, [self.result], text, full=True)
             return Plot(run.read(record, axles=[*self._braked]), wanted)
 
     @in_python
@@ -392,7 +392,7 @@ class Comparison(_Tables):
     @property
     def document(self) -> Json:
         """What `adhesion compare --json` prints."""
-        return json_documents.result_document([analysis._summary for analysis in self.analyses])
+        return document.result_document([analysis._summary for analysis in self.analyses])
 
     def _table(self, name: str) -> Any:
         return tables.of_results(name, [analysis._summary for analysis in self.analyses])

@@ -52,11 +52,10 @@ def command(  # noqa: PLR0913 (one parameter per option)
 
     Example: adhesion analyze sample_logs/service-brake.csv
     """
-    from ..analysis.json_documents import result_document
     from ..analysis.outputs import write_report
     from ..analysis.summarise import summarise
     from ..analysis.vehicle_findings import with_friction_findings
-    from ..core.document import dumps
+    from ..core.document import dumps, result_document
     from ..core.summary import FailedLog
     from ..results.geojson import as_text, check_name, map_of_log
     from . import terminal

@@ -26,10 +26,9 @@ def command(
 
     Example: adhesion compare sample_logs/low-adhesion.mcap -a neso -a leso
     """
-    from ..analysis.json_documents import result_document
     from ..analysis.outputs import write_results
     from ..analysis.summarise import summarise
-    from ..core.document import dumps
+    from ..core.document import dumps, result_document
     from ..results import atomic_files
     from ..results.vehicle_text import VehicleOfLog, describe_vehicles
     from ..scores.metrics import pool_scores

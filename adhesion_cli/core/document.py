@@ -1,13 +1,17 @@
-"""What every JSON document has: its schema, numbers that JSON knows, ASCII."""
+"""The JSON documents that other programs read: schema, numbers that JSON knows, ASCII.
+
+Their keys are a contract.
+"""
 
 import json
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from .annotated import Json, as_json
 from .finding import Finding
-from .summary import summarise_finding
+from .summary import FailedLog, ResultSummary, summarise_finding
 from .text import utf8
 
 
@@ -41,3 +45,24 @@ def _utf8(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_utf8(v) for v in value]
     return utf8(value) if isinstance(value, str) else value
+
+
+def result_document(results: Sequence[ResultSummary | FailedLog]) -> Json:
+    """The `adhesion.result/1` document."""
+    return tagged("result", results=[_entry(one) for one in results])
+
+
+def _entry(one: ResultSummary | FailedLog) -> Json:
+    if isinstance(one, FailedLog):
+        return {"log": {"path": one.path}, "error": one.error, "hint": one.hint}
+    entry: Json = as_json(one)
+    return entry
+
+
+def embedded(results: Sequence[ResultSummary]) -> str:
+    """The document as a result file carries it: by file names, wherever the files lie."""
+    entries = [_entry(one) for one in results]
+    for entry in entries:
+        del entry["outputs"]
+        entry["log"] |= {"path": Path(entry["log"]["path"]).name}
+    return dumps(tagged("result", results=entries))

@@ -14,9 +14,8 @@ from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
 from .csv.clock import count_of
 from .csv.header_words import time_unit
-from .source import YEAR_1990, ReadOptions, distinct_words
+from .source import YEAR_1990, ReadOptions, distinct_words, numbered
 from .tables import Columns, Contents, NamedColumn, TableSamples, fields, nanoseconds, state_fields
-from .words import numbered
 
 _EPOCH, _ZERO = datetime(1970, 1, 1), timedelta(0)
 _EPOCH_S = 631_152_000.0, 4e9  # seconds of a date from 1990 on: such a time counts from 1970

@@ -4,11 +4,14 @@ import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Column
+from ..core.model import Column, Floats
 
 YEAR_1990 = 631_152_000 * 10**9  # earlier times count from another start, or had no clock [ns]
 TAKEN_AS_UTC = "taken as UTC"  # in the reason for a clock of unknown zone
@@ -102,6 +105,19 @@ def number_words(words: list[str], met: Iterable[str]) -> dict[str, float]:
     new_words = [word for word in dict.fromkeys(met) if word not in words]
     words += new_words[: MOST_WORDS - len(words)]
     return {word: float(k) for k, word in enumerate(words)}
+
+
+def numbered(texts: Any, words: list[str]) -> Floats:
+    """The number of each text in a list of words, shape (n,), by `number_words`; NaN for nulls."""
+    import pyarrow as pa  # slow to import
+    import pyarrow.compute as pc
+
+    encoded = pc.utf8_trim_whitespace(pa.array(texts, pa.string())).dictionary_encode()
+    met = encoded.dictionary.to_pylist()
+    number_of = number_words(words, met)
+    numbers: Floats = np.array([*(number_of.get(word, np.nan) for word in met), np.nan])
+    indices: NDArray[np.int64] = np.asarray(pc.fill_null(encoded.indices, len(met)))
+    return numbers[indices]
 
 
 class Source:

@@ -19,7 +19,7 @@ from .csv.dialect import Dialect, fit
 from .csv.header_words import label, time_name, time_unit
 from .csv.number_text import number_of
 from .csv.time_column import find_clock
-from .source import YEAR_1990, ReadOptions, distinct_words
+from .source import YEAR_1990, ReadOptions, distinct_words, numbered
 from .tables import (
     Columns,
     Contents,
@@ -30,7 +30,6 @@ from .tables import (
     open_scale,
     state_fields,
 )
-from .words import numbered
 
 _SINCE_1904 = 2_082_844_800  # seconds from the epoch of LabVIEW to 1970
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of a channel

@@ -12,10 +12,9 @@ from ..core.signals import median_of_five, robust_sigma, true_runs
 from ..core.summary import AxleStop
 from ..rail.events import SHORTEST_SLIDE
 from ..rail.locks import find_locks
-from .brake_levels import DROP, brake_levels
 from .find import Braking
 from .settings import StopSettings
-from .signals import StopSignals, TimeSeries
+from .signals import DROP, StopSignals, TimeSeries, brake_levels
 
 SLIP_BANDS = (0.05, 0.1, 0.2, 0.5, 1.0)  # upper limits of the bands of the slip histogram
 _SWITCHED_ON = 0.5  # a state is 0 or 1

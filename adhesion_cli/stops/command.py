@@ -7,9 +7,8 @@ import numpy as np
 from ..core.model import Floats
 from ..core.signals import robust_sigma
 from ..core.summary import CommandSource
-from .brake_levels import brake_levels, quantisation_step
 from .find import Braking
-from .signals import StopSignals, TimeSeries
+from .signals import StopSignals, TimeSeries, brake_levels, quantisation_step
 
 _LEAD_TIME = 8.0  # time before a braking in which its command is looked for [s]
 

@@ -8,9 +8,8 @@ import numpy as np
 from ..core.model import Floats, Parameter
 from ..core.physics import SLOW
 from ..core.signals import true_runs
-from .brake_levels import DROP, brake_levels, quantisation_step
 from .find import BEGUN, Braking
-from .signals import StopSignals
+from .signals import DROP, StopSignals, brake_levels, quantisation_step
 
 FULL_SHARE = 0.95  # of the full value of a brake: the build-up ends
 _LONGEST_BUILD_UP = 0.5  # of the braking: what is later is another brake, or the driver

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
-from ..core.signals import in_order, means_around, median_of_five
+from ..core.signals import in_order, means_around, median_of_five, robust_sigma
 from ..rail.speed_errors import CLEAR_SIGMAS, delay_sigma, has_uncertain_delay, unknown_delay
 from ..rail.wheel_calibration import calibrate_radius
 from ..train.longitudinal import EARLY
@@ -21,6 +21,9 @@ _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share 
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
 UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
+DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
+_RELEASED = 3.0  # time before it over which the released level is a median [s]
+_HIGH_SHARE = 0.9  # of the highest brake: samples above it are those of the full brake
 
 
 class TimeSeries(NamedTuple):
@@ -230,3 +233,24 @@ def _shaped(
 
 def _fastest(rims: Mapping[int, TimeSeries], t: Floats) -> TimeSeries:
     return TimeSeries(t, np.fmax.reduce([rim.interpolated(t) for rim in rims.values()]))
+
+
+def brake_levels(brake: TimeSeries, start: float, stop: float) -> tuple[float, float, float]:
+    """Released and full value of a brake in a braking, and its noise (1 sigma)."""
+    released_values = brake.cut(start - _RELEASED - 1.0, start - 1.0).value
+    released_values = released_values[np.isfinite(released_values)]
+    applied = brake.cut(start, stop).value
+    applied = applied[np.isfinite(applied)]
+    if not len(applied):
+        return 0.0, 0.0, 0.0
+    released = float(np.median(released_values)) if len(released_values) else 0.0
+    noise = robust_sigma(released_values - released) if len(released_values) else 0.0
+    high_level = released + _HIGH_SHARE * (float(np.quantile(applied, 0.98)) - released)
+    return released, float(np.median(applied[applied >= high_level])), noise
+
+
+def quantisation_step(x: Floats) -> float:
+    """Quantisation step of a signal."""
+    steps = np.abs(np.diff(x[np.isfinite(x)]))
+    steps = steps[steps > 0.0]
+    return float(np.min(steps)) if len(steps) else 0.0

@@ -11,8 +11,7 @@ import numpy as np
 
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import SLOW
-from .brake_levels import quantisation_step
-from .signals import FAST, TimeSeries
+from .signals import FAST, TimeSeries, quantisation_step
 
 FIT = 1.0  # time over which speed and jerk are smoothed by a polynomial [s]
 _STEP = 0.02  # of the smoothed speed [s]

@@ -9,9 +9,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-from adhesion_cli.analysis.json_documents import embedded
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.core.document import embedded
 from adhesion_cli.core.model import Result, Vehicle
 from adhesion_cli.results import mcap
 from helpers import made_results

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...core import threads
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
-from ..words import numbered
+from ..source import numbered
 from .block_parser import CsvTable, ParsedBlock, Parser
 from .cells import NO_NUMBER, NUMBER
 from .dialect import is_null, stamps_in

@@ -10,10 +10,9 @@ import pytest
 from bokeh.models import VArea
 from helpers.pages import EVIL, Elements, analysed, figures, written
 
-from adhesion_cli.analysis.json_documents import embedded
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.annotated import as_json
-from adhesion_cli.core.document import dumps, tagged
+from adhesion_cli.core.document import dumps, embedded, tagged
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.summary import (
