@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ..core.finding import Finding
-from ..core.model import AxleRecord, Log, Track, Train, Vehicle
+from ..core.model import Z95, AxleRecord, Log, Track, Train, Vehicle
 from ..diagnostics.diagnosis import Checks, diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
 from ..records.axle_channels import AxleChannels
@@ -145,8 +145,21 @@ def diagnose_log(
         grid = log.grids.coarse
         scene = Scene(axles, grid, vehicle, log.view.start_ns, explanation, train)
         titles = {"", *(c.title for a in requested for c in (a.speed, a.brake, a.train) if c)}
-        findings += [f for f in diagnose(scene, checks) if f.channel in titles]
+        checked = diagnose(scene, checks)
+        findings += [f for f in checked if f.channel in titles]
+        axles = [_doubted(a, checked) for a in axles]
+        requested = [a for a in axles if a.record.axle in log.requested]
     return Prepared([a.record for a in requested], [a.record for a in axles], findings, scene)
+
+
+def _doubted(axle: AxleChannels, findings: Sequence[Finding]) -> AxleChannels:
+    """The axle; its force is as uncertain as the creepage differs from it, where it surely does."""
+    suspects = (f for f in findings if f.code == "axle-force-suspect")
+    for f in suspects:
+        if f.channel == axle.brake.title and f.names["axle"] == str(axle.record.axle):
+            doubt = abs(1.0 - f.values["share"]) / Z95
+            return axle._replace(record=replace(axle.record, creepage_doubt=doubt))
+    return axle
 
 
 def prepare(

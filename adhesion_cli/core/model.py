@@ -306,6 +306,7 @@ class AxleRecord:
     of_rim: bool = False  # the wheel speed was logged as ωR and divided by the vehicle's R
     saturated: Bools | None = None  # the pressure is at the end of its sensor's range
     pressure_zero: Parameter = Parameter(0.0, 0.0)  # was taken off the pressure [Pa]
+    creepage_doubt: float = 0.0  # 1 sigma of its brake force, as a share: creepage contradicts it
     wheel_period_step: float = 0.0  # of 1/y, where y is from the period of pulses [s/rad]
     # the part of K that is the motors': their force at the rim over φ, traction below zero [N]
     motor_clamping: Floats | None = None  # of the last sample

@@ -87,6 +87,7 @@ class Measuring(NamedTuple):
     of_rim: bool = False  # the wheel speed is ωR, and was divided by the vehicle's R
     pressure_zero: Parameter = Parameter(0.0, 0.0)  # was taken off the pressure [Pa]
     thresholds: screen.Thresholds = screen.DEFAULT
+    creepage_doubt: float = 0.0  # no live axle is compared with the others
 
 
 class _Clock:

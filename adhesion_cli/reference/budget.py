@@ -22,7 +22,7 @@ from ..core.model import (
 from ..core.physics import wheelset, with_fade
 from ..core.signals import coverage_factor
 from ..core.summary import Contribution, Coverage
-from .force import ZERO, before_lag, contributions
+from .force import CREEPAGE, ZERO, before_lag, contributions
 
 NOISE = "noise"  # name of the row for noise and smoothing
 MOTORS = "ed_force"  # name of the row for the force of the motors
@@ -82,7 +82,7 @@ def mean_budget(
         q = _quantity(name, axle.record, vehicle)
         if q.tolerance > 0.0:
             share = _share(vehicle.covariance({name: contribution}, contributions), variance)
-            unit = "Pa" if name == ZERO else quantities(Vehicle)[name].unit
+            unit = {ZERO: "Pa", CREEPAGE: "-"}.get(name) or quantities(Vehicle)[name].unit
             sensitivity = contribution / q.tolerance
             rows.append(
                 Contribution(
@@ -98,6 +98,8 @@ def mean_budget(
 def _quantity(name: str, record: AxleRecord, vehicle: Vehicle) -> Parameter:
     if name == ZERO:
         return record.pressure_zero
+    if name == CREEPAGE:
+        return Parameter(1.0, record.creepage_doubt)
     parameter: Parameter = getattr(vehicle, name)
     return vehicle.radius(record.axle) if name == "wheel_radius" else parameter
 

@@ -39,6 +39,7 @@ from .noise_fit import (
 from .pulses import count_pulses, counts_together, informative_samples, pulse_means, remove_steps
 
 ZERO = "pressure_zero"  # name of the budget's row for the zero that was taken off
+CREEPAGE = "creepage"  # and for a brake force that the creepage of the axle contradicts
 _SHORTEST = 8  # least samples of a run: fewer do not show their noise
 _COUNTER_SLACK: tuple[float, ...] = (2.0, 2.0, 4.5)  # the same, and of sliding, for a pulse counter
 _RATE_SHARE = 0.75  # pressure samples per speed sample from which its rate counts as equal
@@ -154,6 +155,10 @@ class AxleMeasurement(Protocol):
     def pressure_zero(self) -> Parameter:
         """What was taken off the pressure [Pa]."""
 
+    @property
+    def creepage_doubt(self) -> float:
+        """1 sigma of the brake force, as a share, where creepage contradicts it."""
+
 
 def before_lag(record: AxleRecord, vehicle: Vehicle, K: Floats) -> Floats:
     """K as the pads have it that lag by `vehicle.friction_lag` (n,) [N].
@@ -211,6 +216,8 @@ def contributions(
         "wheelset_inertia": dw / R.value * inertia.tolerance,
         "wheel_radius": by_radius * R.tolerance,
     }
+    if record.creepage_doubt:
+        terms[CREEPAGE] = phi.value * K * record.creepage_doubt
     if record.pressure is not None and earlier is not None:
         terms["friction_lag"] = phi.value * (earlier - K)
     if record.pressure is not None:

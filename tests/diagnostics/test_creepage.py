@@ -5,20 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from adhesion_cli.analysis.prepare import prepare
+from adhesion_cli.analysis.prepare import Prepared, prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Parameter, Vehicle
 from adhesion_cli.formats.memory import MemorySource, Signals
+from adhesion_cli.reference.force import compute
 
 T = np.arange(0.0, 50.0, 0.05)
 BRAKE = np.interp(T, [8.0, 10.0], [0.0, 3.0])  # [bar]
 DIAMETERS = (1.0, 1.01, 0.99, 1.005)
 
 
-def findings(
+def prepared(
     force: float = 1.0, rail: float = 1.0, read_low: float = 1.0, late: float = 0.0, *axles: int
-) -> list[Finding]:
+) -> Prepared:
     """On a stop of four axles with a stiffness of 25 per unit of slip.
 
     Args:
@@ -41,8 +42,14 @@ def findings(
         signals[f"axle {number} [km/h]"] = np.round(3.6 * rim + noise, 1)
     signals["train speed [km/h]"] = 3.6 * v
     vehicle = replace(Vehicle(), spring_force=Parameter(0.0, 0.0))
-    log = read(MemorySource(Signals(T, signals)), (), vehicle)
-    return [f for f in prepare(log, vehicle).findings if f.code == "axle-force-suspect"]
+    return prepare(read(MemorySource(Signals(T, signals)), (), vehicle), vehicle)
+
+
+def findings(*args: float, **named: float) -> list[Finding]:
+    """What `prepared` says of the axles' forces."""
+    axles = [int(axle) for axle in args[4:]]
+    log = prepared(*args[:4], *axles, **named)
+    return [f for f in log.findings if f.code == "axle-force-suspect"]
 
 
 @pytest.mark.parametrize("axle", [1, 3])
@@ -51,6 +58,19 @@ def test_an_axle_that_creeps_less_brakes_less(axle: int) -> None:
     assert finding.channel == f"BCP {axle} [bar]"
     assert finding.values["share"] == pytest.approx(0.7, abs=finding.values["share_u95"])
     assert finding.values["share_u95"] < 0.1
+
+
+def test_the_band_of_a_suspect_axle_holds_both_forces() -> None:
+    vehicle = replace(Vehicle(), spring_force=Parameter(0.0, 0.0))
+    means, sigmas = {}, {}
+    for record in prepared(0.6).records:
+        force = compute(record, vehicle)
+        braked = record.clamping_force_smooth > 0.9 * record.clamping_force_smooth.max()
+        means[record.axle] = float(np.nanmean(force.force[braked]))
+        sigmas[record.axle] = float(np.nanmean(force.tolerance[braked]))
+    assert means[2] == pytest.approx(means[1], rel=0.02)  # by its pressure
+    assert 1.96 * sigmas[2] > 0.38 * means[2]
+    assert sigmas[3] < 0.7 * sigmas[2]
 
 
 def test_a_pressure_that_reads_too_low_is_seen_by_the_creepage() -> None:

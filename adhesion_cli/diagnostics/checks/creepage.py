@@ -65,7 +65,10 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         is_more = share - u95 > 1.0 / p.least and brakes[i] < p.lower * np.median(brakes)
         if share_sigma < p.sure * max(share, 1.0) and (share + u95 < p.least or is_more):
             values = {"share": share, "share_u95": u95}
-            yield s.finding("axle-force-suspect", "warning", s.axles[i].brake, None, i, values)
+            names = {"axle": str(s.axles[i].record.axle)}
+            yield s.finding(
+                "axle-force-suspect", "warning", s.axles[i].brake, None, i, values, names
+            )
 
 
 def _creepages(s: Scene, v: Floats) -> _Creepages | None:
