@@ -1,14 +1,15 @@
 """Stops of a series as rows of text."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from helpers.pages import analysed
+from helpers.pages import analysed, written
 
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import AxleStop, Measured, StopSummary
 from adhesion_cli.results.report.page import page
-from adhesion_cli.results.report.run import of_result
+from adhesion_cli.results.report.run import read
 from adhesion_cli.results.stop_rows import (
     describe_columns,
     describe_reasons,
@@ -87,11 +88,12 @@ def test_a_column_without_a_value_is_neither_shown_nor_explained() -> None:
     assert "full pressure" not in describe_columns(tables(STOP)["Stops"])
 
 
-def test_a_page_says_below_its_table_why_a_stop_has_no_distance() -> None:
+def test_a_page_says_below_its_table_why_a_stop_has_no_distance(tmp_path: Path) -> None:
     made = analysed(axles=1, n=400)
     released = replace(STOP, valid=False, reason="the brake was released at 53 km/h")
     summary = replace(summarise(made, {}), stops=(STOP, released, released))
-    text = page([of_result(made, summary)])
+    run = read(written(tmp_path / "log.adhesion.mcap", made))
+    text = page([replace(run, summary=summary)])
     sentence = "Without a distance: no whole stop (the brake was released at 53 km/h)."
     assert sentence in text
     assert text.count("the brake was released at 53 km/h") == 1
