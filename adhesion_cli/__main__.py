@@ -114,9 +114,6 @@ def _prepare_streams() -> None:
     """What goes to a pipe or a file is UTF-8 on every system, with the line ends of POSIX.
 
     A character that a stream cannot hold becomes its code, not an error after the work.
-
-    Raises:
-        UserError: where the results would go nowhere.
     """
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  (else print means stdout)

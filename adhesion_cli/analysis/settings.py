@@ -285,7 +285,6 @@ def _forget_correlations(vehicle: Table, stated: Tables) -> None:
 
 
 def _known_thresholds(checks: Tree[str, Tables]) -> dict[str, Table]:
-    """The thresholds of a result that this version has as well."""
     fields_by_check = {name: check.Params._fields for name, check in tunable().items()}
     return {
         name: {k: v for k, v in thresholds.items() if k in fields_by_check[name]}
@@ -496,14 +495,11 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
 
 
 class _Section(NamedTuple):
-    """A section of numbers that belong to no method."""
-
     name: str
     Params: type[Any]
 
 
 def _numbers(tunable: methods.Tunable, table: Any) -> dict[str, float]:
-    """The numbers that a section states, checked against their ranges."""
     numbers = {
         k: plain_number(f"{tunable.name}.{k}", v) for k, v in table_of(tunable.name, table).items()
     }
@@ -520,7 +516,6 @@ def vehicle_keys() -> dict[str, str]:
 
 
 def _vehicle(tree: Table) -> Vehicle:
-    """The vehicle of `[vehicle]` and of every `[car.NAME]`."""
     axles = [CarAxle(x.number, x.car, cars.named(x, _single_axle)) for x in cars.by_axle(tree)]
     if axles:
         return vehicle_of_axles(axles)
@@ -759,7 +754,6 @@ def _marks(options: Tables) -> Table:
 
 
 def _files(options: Table) -> Table:
-    """The options with the names of files checked."""
     names = options.get("dbc", [])
     if not all(isinstance(name, str) for name in names):
         text = f"can.dbc = {names!r} is wrong"

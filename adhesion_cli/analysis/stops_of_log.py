@@ -60,7 +60,6 @@ def stops_of_log(log: Log, settings: Settings, window: Window) -> tuple[StopSumm
 
 
 def _placed(stops: Iterable[StopSummary], log: Log) -> Iterator[StopSummary]:
-    """The stops with their places at the command."""
     route, start_ns = find_route(log), log.start_ns()
     for stop in stops:
         place = route.at(start_ns + round(1e9 * stop.start_s))

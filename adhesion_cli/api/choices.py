@@ -159,7 +159,6 @@ def _table(origin: str, tables: Mapping[str, Any]) -> Table:
 
 
 def _as_toml(value: Any) -> Any:
-    """Tables, lists and numbers as TOML has them."""
     if isinstance(value, Mapping):
         return {str(key): _as_toml(item) for key, item in value.items()}
     if isinstance(value, np.generic | np.ndarray):

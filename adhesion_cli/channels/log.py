@@ -116,11 +116,7 @@ def _judged(log: Log, meant: Sequence[Meant], vehicle: Vehicle) -> Log:
 
 
 def _refuse_pipe_alone(log: Log, chosen: Sequence[Meant], proposal: str | None) -> None:
-    """Refuses a log whose only pressure acts as that of a brake pipe, and is not named so.
-
-    Raises:
-        UserError: names it.
-    """
+    """Refuses a log whose only pressure acts as that of a brake pipe, and is not named so."""
     named = {name(m.field) for m in chosen if m.meaning == "brake_pipe"}
     pipes = [c for c in log.channels if c.meaning == "brake_pipe" and c.name not in named]
     pipe = next(iter(pipes), None)
@@ -270,11 +266,6 @@ def without_empty(log: Log) -> Log:
 
 
 def _refuse_two_units(chosen: Collection[Meant], path: Path) -> None:
-    """Refuses a channel whose unit is stated in two ways.
-
-    Raises:
-        UserError: names both.
-    """
     for m in chosen:
         if m.unit_too:
             raise UserError(
@@ -286,11 +277,7 @@ def _refuse_two_units(chosen: Collection[Meant], path: Path) -> None:
 
 
 def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
-    """Refuses a channel with a meaning whose unit the log does not state, or not completely.
-
-    Raises:
-        UserError: a guess would be silently wrong.
-    """
+    """Refuses a channel with a meaning whose unit the log does not state, or not completely."""
     assert m.meaning
     if m.meaning in OTHER_BRAKES:  # on or off, or any force
         return
@@ -354,7 +341,6 @@ def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
 
 
 def _unknown_units(m: Meant) -> list[str]:
-    """The units in the names of a channel that are not known."""
     texts = (m.field.path, m.field.label, m.field.channel)
     return list(filter(None, map(units.unknown_in, texts)))
 

@@ -149,18 +149,13 @@ def _each_once(fields: Sequence[Field]) -> Sequence[Field]:
 
 
 def _is_state(field: Field) -> bool:
-    """Whether the words of a field are those of a state."""
     return guess(field).meaning in _WORDED_MEANINGS and says_state(field.words)
 
 
 def _apply_statements(
     meant: list[Meant], guesses: Collection[int], mappings: Sequence[Mapping]
 ) -> None:
-    """Gives channels the zero and delay, and guesses the unit, that lines without a channel state.
-
-    Raises:
-        UserError: for a line on an axle that has no such channel.
-    """
+    """Gives channels the zero, delay and, if guessed, unit that lines without a channel state."""
     for m in sorted((m for m in mappings if not m.channel), key=lambda m: m.axle or 0):
         named = [i for i, channel in enumerate(meant) if channel.meaning == m.meaning]
         matching = [i for i in named if m.axle in (None, meant[i].axle)]
@@ -185,7 +180,6 @@ def _apply_statements(
 
 
 def _as_stated(field: Field, m: Mapping) -> Meant:
-    """A field with the meaning that the user states."""
     unit = m.unit or field.unit
     reason = "stated in [channels]" if m.unit else f"[channels]; unit {field.unit_from}"
     if not unit:
@@ -523,7 +517,6 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
 
 
 def _key(meaning: str, axle: int | None) -> str:
-    """The key in [channels] that states this meaning."""
     return meaning if axle is None else f"{meaning}.axle{axle}"
 
 

@@ -95,15 +95,9 @@ def _seems_absolute(pressure: Floats) -> bool:
 def _above_air(c: Channel, rolling: Floats, free_slope: float) -> tuple[Channel, Finding | None]:
     """The pressure above its level in a freely rolling train, if that is the air's.
 
-    Where it is used as logged, its zero is uncertain by that level.
-
-    Args:
-        c: a pressure that never falls far below that of the air.
-        rolling: its values where the train rolls freely [Pa].
-        free_slope: how the train's speed changes there [m/s²].
-
-    Returns:
-        The channel, and the finding; None where the level varies as that of a brake in use.
+    Where it is used as logged, its zero is uncertain by that level. `rolling` are its values where
+    the train rolls freely [Pa], `free_slope` says how the train's speed changes there [m/s²]. There
+    is no finding where the level varies as that of a brake in use.
     """
     names = {"unit": c.unit, "use": "It never falls far below 1 bar, and is used as logged"}
     values, lowest = {}, float(np.quantile(c.data.value, 0.02))
@@ -160,7 +154,6 @@ def _find_motion(channels: Sequence[Channel], vehicle: Vehicle) -> Motion | None
 
 
 def _long_runs(mask: Bools) -> Bools:
-    """The mask without runs that are short."""
     long_enough = np.zeros_like(mask)
     for a, b in true_runs(mask):
         long_enough[a:b] = b - a >= _SHORTEST_RUN

@@ -505,7 +505,6 @@ def place_of(field: Field) -> Place:
 
 
 def _place_in(text: str, is_path: bool) -> Place:
-    """The place that one name gives."""
     name = re.sub(_CHINESE_PLACES, lambda m: str(_CHINESE_NUMBERS[m[0]]), units.in_name(text)[0])
     name, pair = _without_axles(_NO_COUNT.sub(" ", _DEVICE.sub(" ", name)))
     name_parts = list(name_words(name))
@@ -590,9 +589,7 @@ def _owner(kind: str, name_parts: Sequence[str]) -> str:
 def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int | None, bool, bool]:
     """The number next to a word for wheel or cylinder; else behind a quantity, or the last one.
 
-    Returns:
-        The number; whether no word says that it is an axle's; and whether it is not behind the
-        quantity either.
+    Then whether no word says that it is an axle's, and whether it is behind no quantity either.
     """
     after_quantity: list[int] = []
     for i, word in enumerate(name_parts):

@@ -105,11 +105,7 @@ def zero(m: Meant, vehicle: Vehicle) -> Parameter:
 
 
 def _check_zero(m: Meant, si: float, values: Floats) -> None:
-    """Refuses a zero that is larger than every value: all would be below zero.
-
-    Raises:
-        UserError: names both.
-    """
+    """Refuses a zero that is larger than every value: all would be below zero."""
     top = float(np.max(np.abs(values), initial=0.0))
     if m.zero and abs(si) > max(top, _LARGE_ZERO):
         key = f"channels.{m.meaning}" + (f".axle{m.axle}" if m.axle else "")
@@ -154,8 +150,7 @@ def _of_recorder(
 ) -> tuple[Column, int, Times, list[Finding]]:
     """The column without codes of no value and with held values.
 
-    Returns:
-        The column; the samples of the log; when values were held [ns]; notes on codes and holding.
+    Then the samples of the log; when values were held [ns]; notes on codes and holding.
     """
     samples, notes = len(column.t), list[Finding]()
     if m.field.message_type.startswith("adhesion.") or column.words:
@@ -202,16 +197,9 @@ def _rate(
     """Speed [rad/s] of a cumulative counter: the mean over an interval, at its middle.
 
     At the end of the interval it would be delayed for the reference. An interval over a step of the
-    clock, a gap or a reset of the counter gives no speed.
-
-    Args:
-        axis: the counter's samples (n,).
-        counter_range: angle of one count [rad].
-        size: the counter starts anew there.
-
-    Returns:
-        The speed; where its pieces begin; intervals in which the counter wrapped, and in which it
-        was reset, (n - 1,).
+    clock, a gap or a reset of the counter gives no speed. One count is an angle of `counter_range`
+    [rad]; the counter starts anew at `size`. Then where pieces of the speed begin, and intervals in
+    which the counter wrapped, and in which it was reset, (n - 1,).
     """
     data, starts = axis.data, axis.starts
     step, dt = np.diff(data.value), np.diff(data.t)

@@ -162,7 +162,6 @@ def _show(
 def _show_scores(
     results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", choice: _Shown
 ) -> None:
-    """The scores: of all axles together, or axle by axle if asked for."""
     from ..scores.metrics import pool_scores
     from . import terminal
 

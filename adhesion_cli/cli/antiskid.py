@@ -173,8 +173,6 @@ def _paths(shared: Shared, name: str) -> list[Path]:
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """What the stops of one rail are, and what is said of them."""
-
     case: "Scenario"
     settings: "Stated"
     stops: "Sequence[Stop]"
@@ -186,7 +184,6 @@ class _Outcome:
 
 
 def _write(paths: Sequence[Path], shared: Shared, source: Path, outcome: _Outcome) -> int:
-    """Writes the files and prints the outcome; returns the exit code."""
     from ..analysis.settings import AnalysisSettings, Settings, tree
     from ..core import estimator
     from ..core.document import dumps

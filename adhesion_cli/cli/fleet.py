@@ -146,7 +146,6 @@ def _status_text(state: "FleetProgress", folder: Path, seconds: float) -> str:
 
 
 def _show_failed(state: "FleetProgress", quiet: bool) -> None:
-    """The first failed logs on stderr, each with error and hint."""
     from . import terminal
 
     terminal.show_failed(state.failed[:_LISTED_LOGS], quiet)
@@ -171,7 +170,6 @@ def _summary(paths: list[str], shared: Shared) -> int:
 
 
 def _text(fleet: "FleetSummary") -> str:
-    """The summary as tables, at most 100 columns wide."""
     from ..fleet import summary_tables
     from . import terminal
 

@@ -130,8 +130,6 @@ def _check_dbc(source: str, shared: Shared) -> None:
 
 
 class _Run:
-    """One run, from the first sample to the last."""
-
     def __init__(
         self, feed: "Feed", settings: "Settings", shared: Shared, screens: _Screens
     ) -> None:
@@ -192,7 +190,6 @@ class _Run:
         self._say(terminal.findings(findings))
 
     def _sum_up(self) -> None:
-        """What was taken, found and written."""
         from . import terminal
 
         lines = self._counts.lines()

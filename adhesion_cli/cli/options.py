@@ -111,7 +111,6 @@ ALL_NAMES = tuple(f.name for f in fields(Shared) if f.name not in ALWAYS)
 
 
 def _annotation(name: str, text: str | None) -> Any:
-    """The annotation of a shared option, with another help text if one is given."""
     if text is None:
         return _HINTS[name]
     kind, usual = get_args(_HINTS[name])
@@ -121,7 +120,6 @@ def _annotation(name: str, text: str | None) -> Any:
 
 
 def _parameters(names: Sequence[str], texts: Mapping[str, str]) -> list[inspect.Parameter]:
-    """These of the shared options as parameters of a command."""
     unset = Shared()
     return [
         inspect.Parameter(

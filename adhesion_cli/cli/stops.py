@@ -134,7 +134,6 @@ def _check_report(shared: Shared, logs: Sequence[Path]) -> None:
 
 
 def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:
-    """What the screen shows of a series."""
     from ..results.stop_rows import series_tables
     from ..results.text_tables import folded
 

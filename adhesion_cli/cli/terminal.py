@@ -51,7 +51,6 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
 
 
 def _bands(scores: Sequence[Score]) -> list[str]:
-    """A line for each estimator that knows its uncertainty."""
     by_algo: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for s in scores:
         if s.band_n is not None and s.within is not None:

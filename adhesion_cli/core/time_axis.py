@@ -154,11 +154,9 @@ def spans_of_mask(mask: Bools, t: Times, start_ns: int) -> tuple[Span, ...]:
 
 
 def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
-    """What is out of order in the times [ns] of n samples.
+    """Where the clock [ns] starts anew; samples older than the newest of their piece; outliers.
 
-    Returns:
-        Where the clock starts anew. Samples older than the newest so far of their piece, (n,).
-        Samples whose single stamp is later, by a gap, than the stamps before and after it, (n,).
+    The single stamp of an outlier is later, by a gap, than those before and after it.
     """
     ahead = np.zeros(len(t), dtype=np.bool_)
     steps = np.diff(t)

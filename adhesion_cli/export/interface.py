@@ -95,7 +95,6 @@ class Interface:
         return Code(header, source, statuses, read)
 
     def _calls(self) -> dict[str, str]:
-        """The calls of the method's own functions."""
         p: tuple[str, Kind] = ("*p", self.params)
         own: list[tuple[str, Kind]] = [("state->now", self.now), ("h", self.real)]
         sample: list[tuple[str, Kind]] = [("*o", self.given)]

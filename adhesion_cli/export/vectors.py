@@ -125,7 +125,6 @@ def records(vehicle: Vehicle) -> list[AxleRecord]:
 
 
 def _as_floats(o: Observed) -> Observed:
-    """Python's floats in place of NumPy's."""
     floats = Observed._make(map(float, o))
     return floats._replace(at_least=int(o.at_least))
 

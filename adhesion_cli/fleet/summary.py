@@ -222,7 +222,6 @@ def _whole(rows: Sequence[_LogRow]) -> tuple[list[_LogRow], list[str]]:
 
 
 def _read(folder: Path, names: Sequence[str], columns: Sequence[str]) -> Any:
-    """Columns of the files with these names."""
     if not names:  # every log failed
         return pa.table({name: pa.array([], pa.null()) for name in columns})
     files = [str(folder / name) for name in names]
@@ -242,7 +241,6 @@ def _newest(rows: Sequence[_LogRow]) -> list[_LogRow]:
 
 
 def _column(table: Any, name: str) -> Floats:
-    """A column of numbers, NaN where there is none."""
     column: Floats = table[name].cast(pa.float64()).to_numpy()
     return column
 

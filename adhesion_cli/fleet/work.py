@@ -135,7 +135,6 @@ def recordings(item: Item, job: Job) -> list[Path]:
 
 
 def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
-    """A log's summary, and the bytes of its tables."""
     name, algos = item.log.name, job.algos
     evaluated = evaluate(path, load_settings(job), algos, job.axles, job.window, train_speed=True)
     if evaluated.log.sha256 != item.sha256:

@@ -32,16 +32,12 @@ _J1939_LENGTHS = 8, 16, 32  # of numbers that say by their highest byte that the
 
 
 class _Key(NamedTuple):
-    """Frames of one message."""
-
     bus: int
     identifier: int
     extended: bool
 
 
 class _Database:
-    """The messages of the DBC files."""
-
     def __init__(self, names: Sequence[str]) -> None:
         self._by_id = _messages(names)
         self._by_name = {m.name: key for key, m in self._by_id.items()}
@@ -91,8 +87,6 @@ class _Frames:
 
 
 class _CanSignal(NamedTuple):
-    """A signal of the messages of a key, with its multiplexers."""
-
     key: _Key
     message: Any  # of cantools, as is the next
     signal: Any
@@ -161,7 +155,6 @@ class Reader:
         )
 
     def _read(self, database: _Database, problems: Problems) -> None:
-        """Reads all frames; keeps those that the DBC names."""
         frames, begin = _open_frames(self._path, problems)
         for frame in frames:
             if frame.kind == "error":
@@ -181,7 +174,6 @@ class Reader:
         self._start = ticks if ticks >= YEAR_1990 else 0
 
     def _nothing(self, database: _Database, problems: Problems) -> UserError:
-        """Why no frame is used."""
         if self._unknown:
             return UserError(
                 f"{self._path}: no frame of the log is in the DBC (frames: {self._unknown_ids})",
@@ -199,7 +191,6 @@ class Reader:
         return ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
 
     def _findings(self, problems: Problems, rows: int) -> Iterator[Finding]:
-        """What is wrong with the log."""
         if problems.damage:
             values = {"kept_rows": rows}
             yield Finding("log-damaged", "error", "", 1, (), values, {"damage": problems.damage})
@@ -214,7 +205,6 @@ class Reader:
             yield Finding("can-unknown-frames", "info", "", count, (), values, names)
 
     def _fields(self) -> list[Field]:
-        """A field for each signal of a message that occurs."""
         buses = {key.bus for key in self._frames}
         named = []
         for key, message, signal in self._signals:
@@ -316,7 +306,6 @@ class FrameDecoder:
 
 
 def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
-    """The messages of the DBC files, by identifier and whether it is an extended one."""
     by_key: dict[tuple[int, bool], tuple[Any, str]] = {}
     for name in names:
         for message in _load(name).messages:
@@ -333,7 +322,6 @@ def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
 
 
 def _load(name: str) -> Any:
-    """A DBC file, or another one that cantools reads."""
     from cantools import database
 
     path = Path(name)
@@ -353,7 +341,6 @@ def _load(name: str) -> Any:
 
 
 def _layout(message: Any) -> list[tuple[Any, ...]]:
-    """What decides how a message is decoded."""
     return [
         (s.name, s.start, s.length, s.byte_order, s.is_signed, s.is_float, s.scale, s.offset)
         for s in message.signals
@@ -378,7 +365,6 @@ def _open_frames(path: Path, problems: Problems) -> tuple[Iterator[Frame], Calla
 
 
 def _mf4_frames(reader: Any, start: float) -> Iterator[Frame]:
-    """The frames of an MF4 log of a bus."""
     for m in reader:
         bus = m.channel if isinstance(m.channel, int) else 1
         kind = "error" if m.is_error_frame else "remote" if m.is_remote_frame else "data"

@@ -160,7 +160,6 @@ class TextLog:
         self._problems.example = self._problems.example or repr(line.strip()[:40])
 
     def _asc(self, line: str) -> Frame | None:
-        """The frame in a line of an ASC log."""
         tokens = line.split()
         if not re.fullmatch(r"-?\d+[.,]\d+", tokens[0]):
             self._asc_head(line)
@@ -199,7 +198,6 @@ class TextLog:
         return Frame(t, bus, identifier, text[-1] in "xX", octets, kind)
 
     def _asc_head(self, line: str) -> None:
-        """Takes what the head of an ASC log says."""
         if begin := _BEGIN.match(line):
             self._start_asc(begin[1].strip())
             self._begin = line
@@ -220,7 +218,6 @@ class TextLog:
                 self.start = self._latest
 
     def _trc(self, line: str) -> Frame | None:
-        """The frame in a line of a TRC log."""
         if line.startswith(";"):
             self._trc_head(line)
             return None
@@ -242,7 +239,6 @@ class TextLog:
         return Frame(t, int(bus) - 1, int(identifier, 16), len(identifier) > 4, octets, kind)
 
     def _trc_head(self, line: str) -> None:
-        """Takes what the head of a TRC log says."""
         key, _, value = line[1:].partition("=")
         if key == "$FILEVERSION":
             version = value.strip()
@@ -286,7 +282,6 @@ class TextLog:
         return Frame(t, number, identifier, is_extended, octets)
 
     def _busmaster(self, line: str) -> Frame | None:
-        """The frame in a line of a BUSMASTER log."""
         if line.startswith("***"):
             self._busmaster_head(line)
             return None
@@ -303,7 +298,6 @@ class TextLog:
         )
 
     def _busmaster_head(self, line: str) -> None:
-        """Takes what the head of a BUSMASTER log says."""
         tokens_of_line = line.strip("*").split()
         if "RELATIVE" in tokens_of_line:
             raise _relative(self._path)
@@ -325,7 +319,6 @@ class TextLog:
         return float(text)
 
     def _bytes(self, tokens: list[str], size: int) -> bytes:
-        """The first bytes of these."""
         octets = bytes(int(token, self._base) for token in tokens[:size])
         if len(octets) < size:
             raise ValueError

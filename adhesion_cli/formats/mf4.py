@@ -221,7 +221,6 @@ class Reader:
         return nanoseconds(seconds, 0 if master.is_absolute else self._start)
 
     def _is_number(self, group: Any, i: int) -> bool:
-        """Whether a channel holds one number in each row."""
         channel = group.channels[i]
         if group.channel_dependencies[i]:  # arrays and structures
             return False

@@ -173,8 +173,6 @@ def option(name: str) -> str:
 
 
 class _Book:
-    """An opened workbook."""
-
     def __init__(self, path: Path) -> None:
         import fastexcel
 
@@ -273,7 +271,6 @@ def _cells(column: _Column) -> Any:
 
 
 def _times(column: _Column) -> Any:
-    """The times of a column as text: dates, times of day, or both, to the microsecond."""
     text, number, is_time = column
     stamps = pc.utf8_slice_codeunits(pc.replace_substring(text, "T", " "), 0, 26)
     try:

@@ -48,7 +48,6 @@ def open_feed(source: str, options: ReadOptions) -> Feed:
 
 
 def _sent(source: str, options: ReadOptions) -> Feed:
-    """What comes over a network."""
     scheme, _, address = source.partition("://")
     if scheme == "mqtt":
         from .mqtt import Mqtt

@@ -144,7 +144,6 @@ def run(
 
 
 def _members(logs: Sequence[Path], plan: Plan) -> list[tuple[PlannedGroup | None, list[Path]]]:
-    """The logs by group, in the order of the plan."""
     if not plan.groups:
         return [(None, list(logs))]
     by_name: dict[str, list[Path]] = {}

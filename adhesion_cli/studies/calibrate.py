@@ -163,11 +163,7 @@ def _used_log(log: Log, aligned: AlignedLog, vehicle: Vehicle, settings: Setting
 
 
 def _one_vehicle(all_settings: Sequence[Settings]) -> None:
-    """Whether all logs state one vehicle.
-
-    Raises:
-        UserError: where results state several, and where a tolerance leaves nothing to find.
-    """
+    """Refuses results of several vehicles, and tolerances that leave nothing to find."""
     vehicle = all_settings[0].vehicle
     if any(s.vehicle != vehicle for s in all_settings):
         raise UserError(
@@ -183,11 +179,7 @@ def _one_vehicle(all_settings: Sequence[Settings]) -> None:
 
 
 def _rolling_logs(logs: Sequence[UsedLog]) -> list[UsedLog]:
-    """The logs with brake applications of wheels that roll.
-
-    Raises:
-        UserError: where there is none; where some logs have K and others pressures.
-    """
+    """The logs in whose brakes wheels roll; refuses none, and K beside pressures."""
     rolling = [u for u in logs if u.evidence.applications()]
     if not rolling:
         raise UserError(
@@ -213,14 +205,11 @@ def _check_agreement(
     prior: dict[int, Parameter],
     joint: solve.Posterior,
 ) -> None:
-    """Whether each log's force, at its own brakes, agrees with that of all others.
+    """Refuses logs of which one's force, at its own brakes, differs from that of all others.
 
     Both posteriors contain the prior P. With the information I of a log, Λ = P + I and C = 1/Λ, the
     difference of two means has the covariance C + C' − C P C' − C' P C. Each log's fit begins at
     the joint one and weights its samples by that, so that slides stay outliers.
-
-    Raises:
-        UserError: names the log that differs most, if that is no chance.
     """
     if len(designs) < 2:
         return
@@ -267,12 +256,7 @@ def _check_plausible(
     posterior: solve.Posterior,
     paths: Sequence[Path | Signals],
 ) -> None:
-    """Whether every parameter is one that the vehicle as stated may have.
-
-    Raises:
-        UserError: names the parameter that is farthest from its prior, or at a bound, and what is
-            probably wrong.
-    """
+    """Refuses a parameter that the vehicle as stated cannot have, or that is at a bound."""
     change = (posterior.mean[: model.SHARED] - posterior.prior) / posterior.prior_sigma
     of_logarithm = {"force_over_mass": model.SCALE, "creep_stiffness": model.STIFFNESS}
     sigmas = {

@@ -182,7 +182,6 @@ def document(tuned: Tuned, outputs: dict[str, str]) -> Json:
 
 
 def _refuse_one(logs: int, condition: str = "") -> None:
-    """Raises: UserError, where no log could be held back."""
     if logs < 2:
         count = "one log" if logs else "no log"
         raise UserError(

@@ -124,12 +124,7 @@ def _beside_stated_delay(
 ) -> tuple[list[AxleChannels], list[Finding]]:
     """The axles shifted by the mean of both delays by their errors, or by the stated one alone.
 
-    Args:
-        axles: shifted by the stated delay.
-        train: the train speed.
-        stated: its delay [s].
-        residual: the delay that the wheels show beyond it [s].
-        view: for the log's start.
+    They are shifted by the stated delay [s] so far; the wheels show `residual` beyond it [s].
     """
     error = math.hypot(*(x.tolerance for x in (stated, residual)))
     if abs(residual.value) > _SIGMAS * error:

@@ -125,11 +125,7 @@ def _measure(world: _World, j: int) -> None:
 
 
 def _march(world: _World, train: MovingTrain, c: Constants, bands: slope.Bands) -> int:
-    """Brakes until the train stands, or the trace is full.
-
-    Returns:
-        Ticks done; −j where Newton's iteration failed on the way to tick j.
-    """
+    """Ticks until the train stands or the trace is full; −j where Newton's method failed at j."""
     trace, h = world.trace, world.stride * world.dt
     y, K = trace.measured_wheel_speed, trace.measured_clamping_force
     for j in range(len(trace.demand)):
@@ -266,7 +262,6 @@ def follow(scenario: Scenario, track: RailConditions, logged: Logged) -> Stop:
 
 
 def _empty(ticks: int, axles: int, h: float) -> Stop:
-    """A stop whose values are not known."""
     of_train = "train_speed", "distance", "demand", "measured_train_speed", "train_speed_doubt"
     shapes = {name: ticks if name in of_train else (ticks, axles) for name in Stop._fields[4:-1]}
     columns: Any = {name: np.full(shape, np.nan) for name, shape in shapes.items()}

@@ -232,10 +232,7 @@ def _stage(
 
     Newton's method with an arrow Jacobian. F is very steep about zero sliding. An iterate that
     would cross it starts again from there, where F is steepest and it cannot overshoot.
-    `v` and `s.w_new` are the first guess; `s.w_new` becomes the answer.
-
-    Returns:
-        v, or NaN where the iteration did not converge.
+    `v` and `s.w_new` are the first guess; `s.w_new` becomes the answer. NaN: no convergence.
     """
     e, w, work = h / plant.mass, s.w_new, s.newton
     for _ in range(PATIENCE):
@@ -322,12 +319,9 @@ def _step(  # noqa: PLR0913 (compiled: plain floats)
     v: float,
     x: float,
 ) -> float:
-    """One step from `t` to `t + h`, without jumps inside; updates the wheels.
+    """One step to the v at `t + h`, without jumps inside; updates the wheels; NaN as in `_stage`.
 
     `demand` is the pressure demanded at `t` [Pa] and `rise` its slope [Pa/s].
-
-    Returns:
-        v at the end, or NaN where Newton's iteration did not converge.
     """
     w, w_new, w_from, axles = s.w, s.w_new, s.w_from, len(s.w)
     v_new, v_from, braked = v, v, False

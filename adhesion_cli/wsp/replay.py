@@ -178,11 +178,7 @@ def _places(braking: _Braking, x: RailUnderAxle | None, vehicle: Vehicle) -> _Ax
 def _rails_under(
     result: Result, slides: Sequence[Sequence[Slide]], begin: int, stop: int
 ) -> tuple[list[RailUnderAxle | None], list[Finding]]:
-    """The rail under every axle that slid in the stop, and findings about it.
-
-    Raises:
-        UserError: the slides of an axle show no rail. The hint names what helps.
-    """
+    """The rail under every axle that slid in the stop, and findings about it."""
     axle_rails: list[RailUnderAxle | None] = []
     findings, refused, start = list[Finding](), list[tuple[int, UserError]](), result.log.start_ns()
     for axle, axle_slides in zip(result.axles, slides, strict=True):

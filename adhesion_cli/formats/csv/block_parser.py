@@ -134,11 +134,7 @@ class Parser:
         return {i: quality for i, quality in columns if quality is not None}
 
     def _cells(self, data: bytes, rows: int) -> Any:
-        """The wanted columns of so many rows as an Arrow table of text.
-
-        Raises:
-            pa.ArrowInvalid: where a row has more or fewer cells than the table.
-        """
+        """The wanted columns of so many rows as an Arrow table of text."""
         dialect, arrow = self.table.dialect, pyarrow.csv
         besides = (*self._qualities.values(), *(i + 1 for i in self._with_unit))
         wanted = dict.fromkeys((*self.table.clock.columns, *self.indices, *self.texts, *besides))
@@ -189,11 +185,7 @@ class Parser:
         return text[remaining].tobytes(), regular, narrow, wide_lines
 
     def _classified(self, block: LineBlock, faults: dict[str, Rows]) -> dict[str, Rows]:
-        """Lines by class, from those that hold no row, by fault: some of them are no data.
-
-        Raises:
-            UserError: where one is a header of other columns or units.
-        """
+        """Lines by class, from those that hold no row, by fault: some of them are no data."""
         classes: dict[str, list[int]] = {}
         for fault, lines in faults.items():
             for k, line in enumerate(lines.tolist()):

@@ -217,11 +217,7 @@ def _needless(cells: list[str], decimal: str) -> tuple[str, str]:
 
 
 def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], list[Line]]:
-    """The header of an LVM file, and the lines that may be header or rows.
-
-    Raises:
-        UserError: where there are too few for a table, or most are no text.
-    """
+    """The header of an LVM file, and the lines that may be header or rows."""
     holes = [number for number, text in lines if "\0" in text]
     if len(holes) > len(lines) / 2:
         text = f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others"
@@ -256,7 +252,6 @@ def _stated_delimiter(first_line: str, options: ReadOptions) -> tuple[str | None
 
 
 def _delimiter(lines: list[str], delimiter_given: str | None, path: Path) -> tuple[str, int, str]:
-    """Delimiter, number of columns, and why."""
     sample = lines[max(len(lines) // 3, first_numbers(lines)) :][:300]
     best: tuple[float, int, str] | None = None
     largest_share = 0.0
@@ -366,7 +361,6 @@ def _header_reasons(
     units_reason: str,
     preamble_count: int | None,
 ) -> dict[str, str]:
-    """What the lines above the data are, and why."""
     comment = next((m[1] for _, text in table.lines if (m := COMMENT.match(text))), "")
     reasons = {
         "header": _why_header(table, header, options),
@@ -378,7 +372,6 @@ def _header_reasons(
 
 
 def _why_header(table: FirstRows, header: Header, options: ReadOptions) -> str:
-    """Why these lines are the header."""
     if not header.names:
         return f"none ({'stated' if options.header is False else 'the rows start with numbers'})"
     if named := header.named(table):

@@ -92,11 +92,7 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
 
 
 def _take_keyed_names(table: FirstRows, header: Header) -> None:
-    """Gives a header the names beside a key that each time has, as in "Name;p;Name;v" of TwinCAT.
-
-    Raises:
-        UserError: where another such row scales the numbers.
-    """
+    """Gives a header the names beside a key that each time has: "Name;p;Name;v" of TwinCAT."""
     rows = {
         normal(cells[0]): k
         for k, (_, cells) in enumerate(table.rows[: header.start])

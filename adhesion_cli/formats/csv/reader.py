@@ -301,7 +301,6 @@ class CsvSource(Source):
 
 
 def _is_measured(text: str) -> bool:
-    """Whether a text is the unit of something that an analysis may need."""
     unit = known_unit(text)
     return unit is not None and unit.dimension in _MEASURED
 

@@ -216,7 +216,6 @@ def _time_of_day(groups: _Groups) -> tuple[Times, Bools]:
 
 
 def _days(groups: _Groups) -> tuple[NDArray[np.int64], Bools]:
-    """Days after 1970-01-01, and which are a date."""
     year, month, day = (groups.number(name) for name in "ymd")
     year = np.where(year < 100, year + 2000, year)
     ok = (year >= 1678) & (year <= 2261)

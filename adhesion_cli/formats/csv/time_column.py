@@ -360,11 +360,7 @@ class _ClockSearch:
                 raise UserError(text, hint)
 
     def _of_numbers(self, i: int, choice: str) -> Clock | None:
-        """The clock of a column of numbers; None where it is not a time.
-
-        Raises:
-            UserError: where its unit is open.
-        """
+        """The clock of a column of numbers; None where it is not a time."""
         dialect, name = self.dialect, self.dialect.names[i]
         values = [v for v in dialect.numbers(i) if math.isfinite(v)]
         falls = sum(b < a for a, b in pairwise(values))
@@ -460,11 +456,7 @@ class _ClockSearch:
         return UserError(text + (f", as {cells[0][:40]!r}" if cells else ""), hint)
 
     def _said_unit(self, i: int) -> tuple[str, str] | None:
-        """The unit that the user, the units row or the header states, and which of them.
-
-        Raises:
-            UserError: where header and units row state different ones.
-        """
+        """The unit that the user, the units row or the header states, and which of them."""
         if self.unit:
             return self.unit, "stated"
         name, named = self.dialect.names[i], _named(self.dialect, i)
@@ -501,11 +493,7 @@ class _ClockSearch:
         return None
 
     def _plausible_unit(self, i: int, values: list[float]) -> tuple[str, str]:
-        """The only unit in which a brake log could have this step and length, and why.
-
-        Raises:
-            UserError: where there are several, or none.
-        """
+        """The only unit in which a brake log could have this step and length, and why."""
         step = _step(values)
         possible = [u for u in self._usual_units(values) if NS_PER_UNIT[u] <= _S]
         # fractions of milliseconds would be a rate above 1 kHz
@@ -536,11 +524,7 @@ class _ClockSearch:
         ]
 
     def _of_stamps(self, i: int, choice: str) -> Clock | None:
-        """The clock of stamps, with the column of the other half of date and time; None for none.
-
-        Raises:
-            UserError: where day/month and month/day are possible.
-        """
+        """The clock of stamps, with the column of the other half of date and time, or None."""
         cells, forms = self.dialect.column(i), STAMPS
         columns: tuple[int, ...] = (i,)
         if forms_of(cells, DATES) and (k := self._partner(i, i + 1, CLOCKS)) is not None:
@@ -588,11 +572,7 @@ class _ClockSearch:
     def _stamped(
         self, columns: tuple[int, ...], forms: Mapping[str, str], choice: str
     ) -> Clock | None:
-        """The clock of stamps in these columns, joined; None where they are none.
-
-        Raises:
-            UserError: where day/month and month/day are possible.
-        """
+        """The clock of stamps in these columns, joined; None where they are none."""
         dialect = self.dialect
         form_names = forms_of(self._joined(columns), forms, self.unit)
         if not form_names:
@@ -648,11 +628,7 @@ class _ClockSearch:
     def _order(
         self, columns: Sequence[int], names: list[str], forms: Mapping[str, str]
     ) -> tuple[str, str, str]:
-        """The form of the stamps in these columns, what decided between several, and another.
-
-        Raises:
-            UserError: where nothing does.
-        """
+        """The form of the stamps in these columns, what decided between several, and another."""
         cells = self._joined(columns)
         if len(names) > 1:
             rows = ([row[k] for k in columns] for row in read_tail(self.path, self.dialect))

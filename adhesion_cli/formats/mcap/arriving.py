@@ -100,7 +100,6 @@ class ArrivingMcap:
         return column_of
 
     def _source(self, raw: bytearray) -> McapSource:
-        """These records, as a log of their own."""
         preamble = MAGIC + self._header + written(*self._defined)
         content = preamble + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC
         options = replace(self._options, strict=False)

@@ -108,9 +108,6 @@ class BlockReader:
 
         That is the end of the bytes, or the first record that is not whole, or that may not stand
         among messages, or one too many. `offset` is that of the records or their chunk in the file.
-
-        Raises:
-            DamageError: where there are too many of them, or none outside chunks.
         """
         unpack, size = HEADER.unpack_from, len(data)
         message, definition = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))

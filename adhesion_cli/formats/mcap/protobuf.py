@@ -124,7 +124,6 @@ class ProtobufDecoder(Decoder):
 
 
 def _pool(data: bytes) -> DescriptorPool:
-    """The files of a descriptor set, each after those it imports."""
     try:
         by_name = {file.name: file for file in FileDescriptorSet.FromString(data).file}
     except DecodeError as e:
@@ -147,9 +146,6 @@ def _check_wire(message: Any, numbers: Container[int]) -> None:
     """Refuses a message that does not hold these fields as its schema says.
 
     The messages in it are not looked at.
-
-    Raises:
-        UndecodableError: where one has another wire type, or a value that its enum does not have.
     """
     for unknown in UnknownFieldSet(message):
         if unknown.field_number in numbers:
@@ -160,7 +156,6 @@ def _check_wire(message: Any, numbers: Container[int]) -> None:
 
 
 def _numeric(f: Any, visited: set[str]) -> bool:
-    """Whether a field can hold a number that is read."""
     if f.type not in _MESSAGES:
         return f.type not in _TEXTS
     if _is_map(f) or f.message_type.full_name in visited:

@@ -111,12 +111,7 @@ class Ros2Decoder(Decoder):
 
 
 class _Message:
-    """One message, read front to back; long arrays are cut after LONG_ARRAY + 1 elements.
-
-    Raises:
-        UndecodableError: where the schema does not fit.
-        struct.error: where the message is too short.
-    """
+    """One message, read front to back; long arrays are cut after LONG_ARRAY + 1 elements."""
 
     def __init__(self, types: _Types, root: str, raw: bytes) -> None:
         if len(raw) < 4 or raw[1] > 1:  # of the encapsulation: 0 big-endian, 1 little-endian
@@ -164,7 +159,6 @@ class _Message:
         return tree
 
     def _numeric(self, kind: str) -> bool:
-        """Whether a type holds a number."""
         return kind in _CODES or any(self._numeric(m.type) for m in self._types.get(kind, ()))
 
     def _value(self, kind: str) -> Tree:

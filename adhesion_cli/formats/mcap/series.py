@@ -194,7 +194,6 @@ def _look(
 
 
 def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
-    """The decoder of a series, None for an encoding that is not read."""
     schema = s.schema
     if s.encoding == "json":
         from .json_messages import JsonDecoder

@@ -301,11 +301,7 @@ class Walk:
         return block.stop
 
     def _take(self, block: RecordBlock, records: Records) -> None:
-        """Takes up a block's definitions and counts its messages.
-
-        Raises:
-            DamageError: where a definition or a time is wrong. None of its messages are taken.
-        """
+        """Takes up a block's definitions and counts its messages: none if a definition is wrong."""
         for opcode, raw in records.definitions:
             self._definitions.read(opcode, raw, block.offset)
         counts = np.bincount(records.channel)
