@@ -56,7 +56,8 @@ _DOUBT_SIGMAS = 2.0  # from which what is stated is in doubt
 _STATED_SIGMAS = 4.0  # from which a stated one does not fit the log
 _FADE = Parameter(0.0, 0.015)  # of any pad or block: cast iron loses half of it over 25 m/s [s/m]
 _FADE_SIGMAS = 2.0  # from which a fitted fade is not zero
-_LEAST_FORCE, _MOST_FORCE = 1e-7, 2e-5  # per pressure and mass, of any brake [m/s² per Pa]
+# per pressure and mass, of any brake, the least of a hydraulic one [m/s² per Pa]
+_LEAST_FORCE, _MOST_FORCE = 5e-8, 2e-5
 _LARGEST_LN = 50.0  # of a force over that of a vehicle without one
 _ALIKE = 0.01  # share by which axles differ that are shown as one car
 _LOWEST_ZERO = -3e4  # pressure from which a brake acts: lower, another brake acts [Pa]

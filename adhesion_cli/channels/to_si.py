@@ -61,7 +61,7 @@ def channel(
         _check_zero(m, zero_pa, factor * values)
         data = replace(data, value=factor * data.value + (unit.offset - zero_pa))
         tick = period_tick(values, step) / factor if m.meaning == "wheel_speed" else 0.0
-        step *= factor
+        step *= abs(factor)
         is_train = m.meaning == "train_speed" and unit.dimension == "speed"
         # a few levels show no rounding
         if is_train and step > _COARSE_SPEED and len(np.unique(values)) >= _LEAST_LEVELS:
@@ -101,7 +101,7 @@ def zero(m: Meant, vehicle: Vehicle) -> Parameter:
     unit = units.unit_for(m.unit, m.meaning) if m.meaning else None
     factor = scale(m, unit, vehicle) if unit else 0.0
     value, tolerance = m.zero or (0.0, 0.0)
-    return Parameter(factor * value, factor * tolerance)
+    return Parameter(factor * value, abs(factor) * tolerance)
 
 
 def _check_zero(m: Meant, si: float, values: Floats) -> None:

@@ -83,6 +83,7 @@ def test_finds_the_unit_in_a_name(name: str, base: str, unit: str) -> None:
         ("min⁻¹", 60.0, 2.0 * math.pi),
         ("N/mm²", 0.35, 3.5e5),
         ("0.01 bar", 350.0, 3.5e5),
+        ("-1 bar", 3.5, -3.5e5),
         ("0,01 bar", 350.0, 3.5e5),
         ("10 kPa", 35.0, 3.5e5),
         ("x0.1 km/h", 720.0, 20.0),

@@ -96,9 +96,10 @@ _USUAL: dict[Meaning, tuple[str, ...]] = {
 
 NUMBER = r"(?:\d+\.\d+|\d+,\d{1,2}|\d+)(?:[eE][-+]?\d+)?"
 TIMES = "[x×*·]"
-# A number before a unit, as in "0.01 bar", "x10 kPa", "1/128 bar/bit"; not that of "1/min"
+# A number before a unit, as in "0.01 bar", "x10 kPa", "1/128 bar/bit"; not that of "1/min".
+# "-1 bar" is a pressure that releases the brake.
 _FACTOR = re.compile(
-    rf"(?:in\s+)?(?:/|{TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>{NUMBER}))"
+    rf"(?:in\s+)?(?:/|{TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>-1|{NUMBER}))"
     rf"[\s_]*{TIMES}?\s*(?P<unit>[^\W\d_].*?|[%°‰].*?)"
     r"(?i:\s*(?:/|per)\s*(?:bit|lsb|count|digit|inc))?"
 )
@@ -115,7 +116,7 @@ def _scaled(text: str) -> Unit | None:
     number = f"1e{match['power']}" if match["power"] else match["number"].replace(",", ".")
     factor = float(number) or math.nan
     scaled_factor = base.factor * (1.0 / factor if match["over"] else factor)
-    if not 0.0 < scaled_factor <= _COARSEST.get(base.dimension, math.inf):
+    if not 0.0 < abs(scaled_factor) <= _COARSEST.get(base.dimension, math.inf):
         return None
     return base._replace(name=text.strip(), factor=scaled_factor)
 

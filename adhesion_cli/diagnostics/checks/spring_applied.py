@@ -1,0 +1,47 @@
+"""A pressure that releases the brake: springs apply it, as on trams and with parking brakes."""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ...core.finding import Finding
+from ...core.model import Quantity, fraction
+from ...core.toml import option
+from ...core.units import unit_for
+from ...train.grid import FEWEST
+from ..registry import About
+from ..scene import Scene
+
+ABOUT = About("Pressure that releases the brake", "force", 5)
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    high: Annotated[float, fraction("of the highest pressure: the brake is released")] = 0.7
+    low: Annotated[float, fraction("of the highest pressure: springs brake")] = 0.4
+    least: Annotated[float, Quantity("m/s²", "no gradient slows a train as hard for long")] = 0.4
+    rolls: Annotated[float, Quantity("m/s²", "a train that slows less is not braked")] = 0.1
+    moves: Annotated[float, Quantity("m/s", "slower, the last of a stop is in the mean")] = 2.0
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """One finding for each pressure at which the train rolls, and without which it slows."""
+    g = s.grid
+    moves = np.isfinite(g.braking) & (g.fastest > p.moves)
+    for i, a in enumerate(s.axles):
+        pressure = g.smooth(g.pressure[i])
+        top = float(np.nanmax(pressure, initial=0.0))
+        released, braked = moves & (pressure > p.high * top), moves & (pressure < p.low * top)
+        if min(released.sum(), braked.sum()) < FEWEST:
+            continue
+        rate, rolling_rate = (float(np.median(g.braking[mask])) for mask in (braked, released))
+        if rate > p.least and abs(rolling_rate) < p.rolls:
+            unit = unit_for(a.brake.unit, "pressure")
+            level = float(np.median(pressure[released])) / (unit.factor if unit else 1.0)
+            statement = f'{{unit = "-1 {a.brake.unit}", zero = {level:.3g}}}'
+            place = "" if a.brake.axle is None else f".axle{a.record.axle}"
+            names = {"option": option(f"channels.pressure{place} = {statement}")}
+            values = {"deceleration_mps2": rate}
+            yield s.finding("pressure-releases-brake", "warning", a.brake, braked, i, values, names)
