@@ -42,7 +42,7 @@ from ..reference import calibrated_vehicle
 from ..reference.calibrated_vehicle import Evidence, MeanBrake
 from ..train import longitudinal as model
 from ..train import pieces, solve
-from ..train.brake_line import ANY_SHARE, ROTATING, ZERO, BrakeLine, find_brake_line
+from ..train.brake_line import ANY_SHARE, ROTATING, BrakeLine, find_brake_line
 from ..train.deceleration_cause import explain_deceleration
 from ..train.mean_axle import mean_axle, move_axles
 from ..train.motor_mass import MASS, find_motor_mass, with_mean_mass
@@ -373,14 +373,15 @@ def _any_vehicle(
         return replace(vehicle, friction=Parameter(per_unit, ANY_SHARE * per_unit))
     phi, per_pascal = vehicle.friction.value, force_line(vehicle).per_pascal
     # The same force at the mean brake, with x₀ before the log: it has it as evidence once.
-    per_unit *= line.brake / max(line.brake + line.zero - ZERO.value, 0.1 * line.brake)
+    zero = line.prior_zero
+    per_unit *= line.brake / max(line.brake + line.zero - zero.value, 0.1 * line.brake)
     ratio = per_unit / phi / per_pascal * vehicle.lever_ratio.value
     piston = piston_area(vehicle)
     return replace(
         vehicle,
         friction=Parameter(phi, ANY_SHARE * phi),
         lever_ratio=Parameter(ratio, 0.0),
-        spring_force=Parameter(ZERO.value * piston, ZERO.tolerance * piston),
+        spring_force=Parameter(zero.value * piston, zero.tolerance * piston),
     )
 
 

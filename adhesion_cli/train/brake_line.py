@@ -31,7 +31,9 @@ from ..records.axle_channels import AxleChannels
 from .grid import FEWEST, Grid, erode
 from .longitudinal import RESISTANCE_OF_TRAINS
 
-ZERO = Parameter(1.5e4, 2e4)  # pressure from which brakes act, of any kind [Pa]
+_ZERO = Parameter(1.5e4, 2e4)  # pressure from which brakes act, of any kind with air [Pa]
+# The usual and the highest pressure of air brakes; x₀ of a hydraulic one grows with its own [Pa]
+_USUAL_AIR, _HIGHEST_AIR = 3.5e5, 1.2e6
 ANY_SHARE = 1.0  # 1 sigma of ln of a force per mass of which nothing is known
 ROTATING = Parameter(0.08, 0.03)  # rotating mass over mass, of any wheelset [-]
 _ZERO_SHARE = 0.02  # 1 sigma of x₀ of a clamping force, of the highest one
@@ -63,6 +65,7 @@ class BrakeLine(NamedTuple):
 
     slope: float  # c, deceleration per pressure or clamping force [m/s² per Pa or N]
     zero: float  # x₀ [Pa or N]
+    prior_zero: Parameter  # the same before the log [Pa or N]
     sigma: float  # 1 sigma of ln c at the mean brake, by gradient, resistance, scatter and ρ
     brake: float  # mean of the pressure or clamping force that acts, above x₀ [Pa or N]
     speed: float  # mean speed [m/s]
@@ -124,7 +127,7 @@ def find_brake_line(
     released = measured & rolling & (mean_x < _RELEASED * top) & ~grid.driven
     coasting = _coasting_deceleration((slowing - motors)[released])
     by_brake = (slowing + rho * rim_slowing) / (1.0 + rho) - coasting - motors
-    zero = ZERO if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
+    zero = any_zero(top) if by_pressure else Parameter(0.0, _ZERO_SHARE * top)
     stops, acting = true_runs(braked), _acting(x[:, braked], friction[:, braked])
     line = _fit(acting, by_brake[braked], zero, len(stops), grid.gradient_sigma)
     if line is None:
@@ -147,6 +150,12 @@ def find_brake_line(
             grid, line.slope * acting.excess(line.zero), by_brake[braked], v[braked], len(stops)
         ),
     )
+
+
+def any_zero(top: float) -> Parameter:
+    """The pressure from which a brake acts of which only the highest pressure is known [Pa]."""
+    scale = top / _USUAL_AIR if top > _HIGHEST_AIR else 1.0
+    return Parameter(scale * _ZERO.value, scale * _ZERO.tolerance)
 
 
 def _without_gone_sensors(grid: Grid, x: Floats, friction: Floats) -> tuple[Grid, Floats, Floats]:
@@ -330,4 +339,4 @@ def _fit(
         return None
     by_stop = math.hypot(gradient_sigma, scatter) / math.sqrt(stops)
     absolute = math.hypot(by_stop, RESISTANCE_OF_TRAINS.tolerance)
-    return BrakeLine(slope, x0, absolute / deceleration, brake, 0.0, False)
+    return BrakeLine(slope, x0, zero, absolute / deceleration, brake, 0.0, False)

@@ -21,7 +21,7 @@ from ..core.model import Bools, Parameter, Vehicle
 from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, STANDING
 from ..core.signals import robust_sigma, true_runs
 from ..records.axle_channels import AxleChannels
-from .brake_line import ROTATING, ZERO, BrakeLine
+from .brake_line import ROTATING, BrakeLine, any_zero
 from .grid import FEWEST, Grid, erode
 from .longitudinal import RESISTANCE_OF_TRAINS
 
@@ -48,7 +48,9 @@ def find_motor_mass(
     if grid.motors is None or grid.motor_sigma is None:
         return None
     by_pressure = all(a.brake.meaning == "pressure" for a in axles)
-    brake = grid.pressure - ZERO.value if by_pressure else grid.friction_clamping
+    brake = grid.friction_clamping
+    if by_pressure:
+        brake = grid.pressure - any_zero(float(np.nanmax(grid.pressure, initial=0.0))).value
     excess = np.mean(np.maximum(grid.smooth(brake), 0.0), axis=0)
     forces = braked_share * vehicle.friction.value * grid.smooth(grid.motors)
     force = np.mean(forces, axis=0)
