@@ -256,7 +256,11 @@ def _is_held(g: Grid) -> Bools:
     held, keeps_speed = np.zeros((2, len(v)), dtype=np.bool_)
     keeps_speed[j:-j] = np.abs(v[2 * j :] - v[: -2 * j]) < _HELD_RATE * 2 * j * g.step
     for start, stop in true_runs(pressed & keeps_speed & (g.fastest > CRAWL)):
-        if (stop - start) * g.step > _HELD_TIME:  # it did so for half a window before and after
+        lasts = (stop - start) * g.step > _HELD_TIME
+        if (
+            lasts and g.fastest[stop - 1] > g.fastest[start] / 2.0
+        ):  # no stop in a wrong unit of time
+            # it kept its speed for half a window before and after
             held[max(start - j, 0) : stop + j] = True
     return held & pressed
 
