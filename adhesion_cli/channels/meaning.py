@@ -123,10 +123,10 @@ def understood(
         unit_conflict = _unit_too(field, meaning, unit) if meaning and meaning in INPUTS else ""
         meant.append(Meant(field, meaning, axle, unit, reason, unit_too=unit_conflict))
     _own_stamps(meant, guesses)
-    _prefer_the_qualified(meant, guesses)
-    _speed_itself(meant, guesses)
     _drop_other_numbers(meant, guesses)
     _take_spare_numbers(meant, guesses)
+    _prefer_the_qualified(meant, guesses)
+    _speed_itself(meant, guesses)
     findings = _count_from_one(meant, guesses)
     _drop_sums(meant, guesses)
     findings += _assign_axles(meant, guesses)
@@ -211,7 +211,10 @@ def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
 
 
 def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
-    """'pressure' gives way to 'BC pressure'; 'speed' is the train's where a wheel's is named."""
+    """'pressure' gives way to 'BC pressure'; 'speed' is the train's where a wheel's is named.
+
+    Where no name has such a word, those with numbers of axles are the qualified.
+    """
 
     def split(meaning: Meaning, kind: str) -> tuple[list[int], list[int]]:
         """The guesses of this meaning whose names have such a word, and the others."""
@@ -221,17 +224,22 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
             i: name_words(f"{f.channel} {f.path} {f.label} {f.group}") for i, f in fields.items()
         }
         named = [i for i in indices if word_of_kind(kind, words_by_index[i])]
+        numbered = [i for i in indices if meant[i].axle is not None]
+        if not named and len(numbered) > 1:
+            named = [
+                i for i in indices if meant[i].axle is not None or any(place_of(fields[i])[1:3])
+            ]
         return named, [i for i in indices if i not in set(named)]
 
     named, unqualified = split("pressure", "cylinder")
     for i in unqualified if named else []:
-        meant[i] = replace(meant[i], meaning=None, reason="another one is the brake cylinder's")
+        meant[i] = replace(meant[i], meaning=None, reason="others are the brake cylinders'")
     named, unqualified = split("wheel_speed", "wheel")
     for i in unqualified if named else []:
         unit = units.unit(meant[i].unit)
         if unit is None or unit.dimension == "speed":
             has_train = any(m.meaning == "train_speed" for m in meant)
-            reason = "a speed, and another one is the wheel's"
+            reason = "a speed, and others are the wheels'"
             meaning: Meaning | None = None if has_train else "train_speed"
             meant[i] = replace(meant[i], meaning=meaning, axle=None, reason=reason)
 
@@ -260,9 +268,10 @@ def _drop_other_numbers(meant: list[Meant], guesses: list[int]) -> None:
     for i in (i for i, place in places.items() if place.is_apart):
         m = meant[i]
         alike = axles[m.meaning]
-        tells_apart = len(set(alike)) == len(alike) > 1
+        is_single = len(set(alike)) == len(alike)
         others = (x for meaning, x in axles.items() if meaning != m.meaning)
-        if not tells_apart and not any(m.axle == place.axle for x in others for place in x):
+        is_shared = any(m.axle == place.axle for x in others for place in x)
+        if not is_single or not (is_shared or len(alike) > 1):
             meant[i] = replace(m, axle=None)
 
 

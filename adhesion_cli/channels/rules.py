@@ -199,6 +199,8 @@ def name_words(text: str) -> tuple[str, ...]:
     """Lower-case words of a name: camelCase, digits, punctuation and the script separate them."""
     text = unicodedata.normalize("NFKC", text)
     text = re.sub(r"(?i)\b(rad|achs|zug|fahrzeug|fahr)(?=geschw|drehz)", r"\1 ", text)
+    # C is the cylinder's pressure, as L the pipe's
+    text = re.sub(r"(?i)(?<![^\W_])(?:p_?c(?![^\W\d_])|c(?=[-_. ]?dr))", "bc ", text)
     text = re.sub(
         r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)|(?<=\d)(?=\D)"
         r"|(?<=[a-zA-Z])(?=[一-鿿])|(?<=[一-鿿])(?=[a-zA-Z])",
@@ -385,12 +387,6 @@ def _track_brake(name: _Name) -> str:
     return is_named[0] if is_named else ""
 
 
-def _other_pressure(name: _Name) -> str:
-    """The word that calls this another pressure than the cylinder's, "" where none does."""
-    letters = re.search(r"\b(?:cv|[lrt]) druck\b", " ".join(name.own))  # as "T-Druck", of the load
-    return letters[0] if letters else name.kinds.get("other pressure", "")
-
-
 def _valve(kinds: Mapping[str, str], state: str) -> str:
     """The word that calls this a WSP valve of that state, "" where none does."""
     seconds = ("valve", "WSP", "WSP letters")
@@ -407,7 +403,6 @@ def _wsp(kinds: Mapping[str, str]) -> str:
 _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
     "wheel": _wheel,
     "adhesion force": _adhesion_force,
-    "other pressure": _other_pressure,
     "true force": lambda name: name.own_kinds.get("force", "") if "true" in name.kinds else "",
     "ED brake": lambda name: _ed_brake(name.kinds),
     "own ED brake": lambda name: _ed_brake(name.own_kinds),
@@ -430,7 +425,11 @@ def guess(field: Field) -> Guess:
             field
         )  # a Scalar is any channel of a log that was converted or simulated
     field = _without_device(field)
-    name, axle = _Name(field), place_of(field).axle
+    name, place = _Name(field), place_of(field)
+    axle = place.axle
+    if place.part and axle is not None and "car" in _kinds(name.kinds.get("train", "")):
+        name.kinds.pop("train")  # "Car 1 v2" is a wheel of that car
+        name.own_kinds.pop("train", None)
     quantities = name.quantities()
     for rule in RULES:
         unit = quantities.get(rule.quantity)
@@ -516,9 +515,13 @@ def _place_in(text: str, is_path: bool) -> Place:
         owners.append(unit)
     owner = " ".join(f"{word} {number}" for word, number in owners if number)
     word, number = [*name_parts[:2], "", ""][:2]
-    if bogie and not owner and number.isdecimal() and _is_code(word):  # as in "CW1"
-        owner, name_parts[:2] = f"{word} {number}", ["", ""]
-    axle, is_loose, is_apart = _axle_in(name_parts, text, is_path)
+    axle, is_loose, is_apart = _axle_in(["", "", *name_parts[2:]], text, is_path)
+    has_place = bogie or (axle is not None and not is_loose)
+    is_short = number.isdecimal() and len(number) < 3  # PT101 is a sensor
+    if has_place and not owner and is_short and _is_code(word):  # as in "CW1", "DM1"
+        owner = f"{word} {number}"
+    else:
+        axle, is_loose, is_apart = _axle_in(name_parts, text, is_path)
     if bogie in _LETTERS:
         bogie = str(1 + _LETTERS.index(bogie))
     spare = 2 * int(pair) - 1 if pair else None  # "1/2" may be the first of two
@@ -562,7 +565,9 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
             numbers = index_before + index_after
         else:
             of_axle = i > 1 and _NUMBERED & _kinds(name_parts[i - 2]).keys()
-            numbers = index_after + (index_before if kind == "bogie" and not of_axle else [])
+            is_letter = kind == "car" and i > 0 and name_parts[i - 1] in _LETTERS  # as in "A-car"
+            is_before = kind == "bogie" and not of_axle
+            numbers = index_after + (index_before if is_before else [i - 1] * is_letter)
         if numbers or kind == "bogie":
             number = name_parts[numbers[0]] if numbers else ""
             for j in (i, *numbers[:1]):
@@ -581,7 +586,7 @@ def _owner(kind: str, name_parts: Sequence[str]) -> str:
     word, *following = name_parts
     if kind == "car" and word in ("m", "t"):  # "M1/2", but not "pressure m 2"
         return word if len(following) == 2 and all(map(str.isdecimal, following)) else ""
-    if kind == "car" and re.match("[号節节]?[車车](?![速轮輪轴軸辆輌])", word):
+    if kind == "car" and re.match("号[車车]|[節节]?[車车](?![速轮輪轴軸辆輌])", word):
         return "车"
     return word_of_kind(kind, [word])
 

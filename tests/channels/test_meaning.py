@@ -402,8 +402,13 @@ def test_the_number_of_a_sensor_or_a_filter_is_no_axle(remark: str) -> None:
 
 @pytest.mark.parametrize(
     ("pressure", "speed"),
-    [("{}号車{}軸BC圧[kPa]", "{}号車{}軸速度[km/h]"), ("Wg{} RS{} C [bar]", "Wg{} RS{} v [km/h]")],
-)
+    [
+        ("{}号車{}軸BC圧[kPa]", "{}号車速度{}軸[km/h]"),
+        ("Wg{} RS{} C [bar]", "Wg{} RS{} v [km/h]"),
+        ("Car {} BCP {} [bar]", "Car {} v{} [km/h]"), ("Veh{}/BCP_{} [bar]", "Veh{}/v_{} [km/h]"),
+        ("DM{} BCP axle {} [bar]", "DM{} speed axle {} [km/h]"),
+    ],
+)  # fmt: skip
 def test_axles_of_each_car_are_counted_on(pressure: str, speed: str) -> None:
     places = [(car, axle) for car in (1, 2) for axle in (1, 2)]
     fields = [Field(x.format(*place)) for x in (pressure, speed) for place in places]
@@ -422,6 +427,22 @@ def test_names_that_pandas_repeats_have_no_axles() -> None:
 @pytest.mark.parametrize("name", ["Std BCP 1", "Oil pressure", "pantograph pressure", "Öl-Druck"])
 def test_other_pressures_are_no_cylinder(name: str) -> None:
     assert understood([Field(f"{name} [bar]"), Field("p1 [bar]")], ())[0][0].meaning is None
+
+
+@pytest.mark.parametrize("name", ["v", "v_Fzg", "v Lok", "SOG", "Tacho", "2D speed", "v_x"])
+def test_a_speed_without_an_axle_among_those_of_axles_is_the_train_s(name: str) -> None:
+    fields = [Field(f"{name} [km/h]"), *(Field(f"v{k} [km/h]") for k in (1, 2))]
+    meant, findings = understood(fields, ())
+    assert [(m.meaning, m.axle) for m in meant] == [(TRAIN, None), (WHEEL, 1), (WHEEL, 2)]
+    assert not findings
+
+
+@pytest.mark.parametrize("name", ["p", "p_T", "p_ER", "Lastdruck", "P CP", "Umgebungsdruck", "p_A"])
+def test_a_pressure_without_an_axle_among_those_of_axles_is_another(name: str) -> None:
+    others = [Field(f"{name} [bar]"), *(Field(f"p{k} [bar]") for k in (1, 2))]
+    meant, findings = understood(others, ())
+    assert [(m.meaning, m.axle) for m in meant] == [(None, None), (PRESSURE, 1), (PRESSURE, 2)]
+    assert not findings
 
 
 def test_german_letters_of_pressures() -> None:

@@ -157,7 +157,9 @@ def test_a_unit_that_nobody_knows_is_not_said_to_be_the_usual_one(tmp_path: Path
 @pytest.mark.parametrize(
     ("text", "factor"),
     [
-        ("MPa(g)", 1e6), ("kPa (rel)", 1e3), ("bar rel.", 1e5), ("kN/m²", 1e3), ("mmHg", 133.322),
+        ("MPa(g)", 1e6), ("kPa (rel)", 1e3),
+        ("kPa-g", 1e3), ("bar (ü)", 1e5), ("kp/cm²", 98066.5), ("Upm", np.pi / 30),
+        ("bar rel.", 1e5), ("kN/m²", 1e3), ("mmHg", 133.322),
         ("km.h-1", 1 / 3.6), ("kilometers per hour", 1 / 3.6), ("m/min", 1 / 60),
     ],
 )  # fmt: skip

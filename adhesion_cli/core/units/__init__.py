@@ -136,7 +136,7 @@ def unit(text: str) -> Unit | None:
         return None
     if plain_unit := UNITS.get(key.strip("[](){}（）【】")) or UNITS.get(text.strip().lower()):
         return plain_unit
-    relative = re.fullmatch(r"(.*?)(?:\(g\)|\(rel\.?\)|_?rel\.?|_g|gauge)", key)
+    relative = re.fullmatch(r"(.*?)(?:\((?:g|ü|rel\.?)\)|_?rel\.?|[-_.]?g|ü|gauge)", key)
     if relative and (of_gauge := UNITS.get(relative[1])) and of_gauge.dimension == "pressure":
         return of_gauge
     absolute = re.fullmatch(r"(.*?)(?:\(a\)|\(abs\.?\)|_?abs(?:\.|olute)?|_a)", key)

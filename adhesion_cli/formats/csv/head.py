@@ -116,7 +116,7 @@ def first_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[
         raise UserError(f"{path}: no line end in the first {len(text) >> 10} KiB", hint)
     if not complete or not lines[-1]:
         lines.pop()
-    lines = lines[: first_numbers(lines) + _HEAD_LINES]
+    lines = lines[: max(_HEAD_LINES, 2 * first_numbers(lines))]
     for number, line in enumerate(lines, 1):
         if len(line) > HEAD_BYTES // 2:
             raise line_too_long(number, path)
