@@ -398,7 +398,11 @@ def _example_units(m: Meant) -> list[str]:
 
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
-    """`understood`; mappings are for raw logs, a result of this program needs none."""
+    """`understood`; mappings are for raw logs, a result of this program needs none.
+
+    Raises:
+        UserError: names the log, and the line of [channels] that names none of its channels.
+    """
     all_fields = (*source.fields, *source.texts)
     fields = [f for f in all_fields if f.message_type != "adhesion.Event"]  # not measured
     train_speed_source = source.metadata.get("adhesion.provenance", {}).get("train_speed")
@@ -408,7 +412,11 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
             trains[:1] if train_speed_source == AS_INPUT else []
         )  # what was made of the axles will be again
         fields = [f for f in fields if f not in trains or f in trains_kept]
-    meant, findings = understood(fields, () if "adhesion.settings" in source.metadata else mappings)
+    try:
+        stated = () if "adhesion.settings" in source.metadata else mappings
+        meant, findings = understood(fields, stated)
+    except UserError as e:
+        raise UserError(f"{source.path}: {e.text}", e.hint, e.code) from None
     if train_speed_source == AS_INPUT:
         meant = [replace(m, axle=None) if m.meaning == "train_speed" else m for m in meant]
     for i, m in enumerate(meant):

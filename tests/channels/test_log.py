@@ -301,3 +301,13 @@ def test_a_channel_in_an_unknown_language_is_proposed_by_its_unit(tmp_path: Path
     settings = load(assignments=pasted(proposals["pressure"]), folder=False)
     log = survey(open_source(path, settings.read), settings.mappings, Vehicle())
     assert next((c.name, c.meaning) for c in log.channels) == ("Ilungo [bar]", "pressure")
+
+
+def test_a_stated_channel_that_one_of_many_logs_lacks_is_refused_with_the_name_of_the_log(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "two.csv").write_text("t [s],bc [bar],wheel speed [m/s]\n0,1,9\n1,1,8\n")
+    source = open_source(tmp_path / "two.csv", ReadOptions())
+    with pytest.raises(UserError, match=r"two\.csv: unknown channel 'radar'") as error:
+        read(source, (Mapping("train_speed", None, "radar", unit="m/s"),), Vehicle())
+    assert error.value.code == 2
