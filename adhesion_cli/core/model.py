@@ -617,6 +617,7 @@ class Reference:
     impulse: Floats | None = None  # 1 sigma of I ω/R at one time, by the speed's noise [N s]
     clamping: Floats | None = None  # the part of `sigma` that the noise of K has [N]
     pad_lag: float = 0.0  # by which the pads lag the pressure, as the slides show it [s]
+    brake: Floats | None = None  # brake force at the rim, as measured [N]
 
     @property
     def half_width(self) -> Floats:

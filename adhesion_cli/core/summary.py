@@ -116,7 +116,7 @@ class BrakeApplication:
     slide_energy_j: Annotated[Number, Quantity("J", "friction energy; null where F is not known")]
     slide_energy_u95_j: Annotated[
         Number,
-        Quantity("J", "its expanded uncertainty (95 %), by F; in a lock F is between its ends"),
+        Quantity("J", "its expanded uncertainty (95 %), by F, also that of locks"),
     ] = None
     locked_s: Annotated[Number, Quantity("s", "time in which the wheel is locked")] = None
     longest_lock_s: Annotated[Number, Quantity("s", "the longest such time at once")] = None

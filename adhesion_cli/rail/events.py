@@ -13,6 +13,7 @@ from .slope import REGION_TITLES
 HIDDEN_TIME = 0.5  # a slide may be hidden in as long a time without slip [s]
 END_SLIP = 0.01  # slip at which a slide is over
 SHORTEST_SLIDE = 0.1  # least duration of a slide [s]
+_VENTED = 0.8  # of the largest brake force in a lock: less at its end lets the wheel turn
 _SHORTEST_REGION = 0.5  # least duration of a region that is an event [s]
 
 
@@ -27,10 +28,10 @@ class Slide(NamedTuple):
     duration: float  # [s]
     distance: float  # of the train during the slide [m]
     max_slip: float | None  # while the train is faster than `WORKING` [-]; None where it is not
-    # ∫ F (v − ωR) dt, heat and wear of tread and rail, by a straight line of F over a lock [J]
+    # ∫ F (v − ωR) dt, heat and wear of tread and rail, by `over_locks` [J]
     energy: float | None  # None without F
     is_lower_bound: bool  # the train speed is estimated, or its delay is unknown
-    lock_u95: float = 0.0  # of the energy, by a lock: its F is that before, that after or between
+    lock_u95: float = 0.0  # expanded uncertainty of the energy by the F of locks [J]
 
     def __str__(self) -> str:
         heat = "" if self.energy is None else f", {self.energy / 1e3:.1f} kJ"
@@ -48,12 +49,13 @@ def slides(  # noqa: PLR0913 (one column each)
     F: Floats,
     is_lower_bound: bool,
     noise: Floats | None = None,
+    brake: Floats | None = None,
 ) -> Iterator[Slide]:
     """Slides in a segment, in the order of time.
 
     All columns have shape (n,): times [ns], train speed [m/s], slip, slip minus its possible error,
-    adhesion force [N]; and `noise` of slip, which a slide must exceed. `is_lower_bound` is as in
-    `Slide`.
+    adhesion force [N]; and `noise` of slip, which a slide must exceed, and `brake` force at the rim
+    [N]. `is_lower_bound` is as in `Slide`.
     """
     for start, stop in true_runs(certain_slip[segment] > END_SLIP):
         samples = slice(segment.start + start, segment.start + stop)
@@ -62,42 +64,42 @@ def slides(  # noqa: PLR0913 (one column each)
         if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < SHORTEST_SLIDE:
             continue
         fast = v[samples] > WORKING
-        force = F[samples]
-        finite = np.isfinite(force)
         sliding_speed = s[samples] * v[samples]  # v − ωR = s v
-        lock_u95 = 0.0
-        if is_known := bool(finite.any()):  # a locked wheel of a log has no F
-            force = np.maximum(force, 0.0)  # a braked wheel that slides is not driven
-            lock_u95 = _lock_u95(seconds, force, sliding_speed)
-            force = np.interp(seconds, seconds[finite], force[finite])
-        heat = force * sliding_speed
+        known = np.maximum(F[samples], 0.0)  # a braked wheel that slides is not driven
+        force, error = over_locks(known, None if brake is None else brake[samples])
+        is_known = bool(np.isfinite(known).any())
         yield Slide(
             samples,
             int(t[samples.start]),
             float(seconds[-1]),
             float(np.trapezoid(v[samples], seconds)),
             min(float(s[samples][fast].max()), 1.0) if fast.any() else None,  # noise of a lock
-            float(np.trapezoid(heat, seconds)) if is_known else None,
+            float(np.trapezoid(force * sliding_speed, seconds)) if is_known else None,
             is_lower_bound,
-            lock_u95,
+            float(np.trapezoid(error * sliding_speed, seconds)) if is_known else 0.0,
         )
 
 
-def _lock_u95(t: Floats, F: Floats, sliding_speed: Floats) -> float:
-    """By how much the energy of a slide is uncertain where F is NaN; all columns (n,) [J].
+def over_locks(F: Floats, brake: Floats | None) -> tuple[Floats, Floats]:
+    """A force with values for a locked wheel, which shows none, and by how much they may be wrong.
 
-    F is there between that before and that after, and any up to twice the known one at an end.
+    A wheel stays locked while the rail gives less than the brake force at the rim, `brake`. Where
+    that lasts up to the end, a better rail turned the wheel: the lock had the force before it.
+    Where the brake was vented, it was that before, that after or between. All are (n,) [N].
     """
-    known, u95 = np.flatnonzero(np.isfinite(F)), 0.0
+    filled, error = F.copy(), np.zeros(len(F))
     for start, stop in true_runs(~np.isfinite(F)):
-        place = int(np.searchsorted(known, start))
-        before, after = (F[known[i]] if 0 <= i < len(known) else None for i in (place - 1, place))
-        half = before or after or 0.0
-        if before is not None and after is not None:
-            half = abs(after - before) / 2.0
-        part = slice(max(start - 1, 0), stop + 1)
-        u95 += float(half) * float(np.trapezoid(sliding_speed[part], t[part]))
-    return u95
+        before, after = (F[i] if 0 <= i < len(F) else None for i in (start - 1, stop))
+        lasts = brake is not None and brake[stop - 1] > _VENTED * brake[start:stop].max()
+        if before is None or after is None:
+            filled[start:stop] = error[start:stop] = before or after or np.nan
+        elif brake is not None and lasts:
+            filled[start:stop] = before
+            error[start:stop] = abs(min(after, brake[start:stop].max()) - before)
+        else:
+            filled[start:stop] = np.linspace(before, after, stop - start + 2)[1:-1]
+            error[start:stop] = abs(after - before) / 2.0
+    return filled, error
 
 
 def axle_events(

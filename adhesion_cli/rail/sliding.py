@@ -34,7 +34,7 @@ def find_slides(axle: AxleResult, s: Floats, certain: Floats) -> list[Slide]:
     is_lower_bound = record.train_speed_made or has_uncertain_delay(record)
     depth = None if axle.slip_noise is None else CLEAR_SIGMAS * axle.slip_noise
     for segment in record.segments:
-        for x in events.slides(segment, *columns, is_lower_bound, depth):
+        for x in events.slides(segment, *columns, is_lower_bound, depth, axle.reference.brake):
             earlier_t = record.t[: x.samples.start]
             brake_start = int(np.searchsorted(earlier_t, record.t[x.samples.start] - 1_000_000_000))
             if (record.clamping_force[brake_start : x.samples.stop] > 0.0).any():

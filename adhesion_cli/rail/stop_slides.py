@@ -19,6 +19,7 @@ from ..core.model import Z95, AxleResult, Floats, Result, Vehicle
 from ..core.physics import G
 from ..core.summary import AxleStop, BrakeApplication, StopSummary
 from ..reference.budget import coefficient_u95
+from .events import over_locks
 from .locks import LockLimits, locks_of_axle
 
 _BEGIN = 0.1  # over which the initial adhesion is a mean [s]
@@ -57,7 +58,7 @@ def _with_slides(row: AxleStop, slides: _SlidesOfAxle, limits: LockLimits) -> Ax
     record, radius = axle.record, vehicle.radius(axle.record.axle).value
     assert record.train_speed is not None  # there is no slide without
     inside = [s for a in applications for s in a.slide_list if begin <= s.start_s <= end]
-    force = _over_locks(t, axle.reference.force)
+    force, _ = over_locks(axle.reference.force, axle.reference.brake)
     power = force * np.maximum(record.train_speed - record.wheel_speed * radius, 0.0)
     energies = [s.energy_j for s in inside if s.energy_j is not None]
     locks = [
@@ -112,12 +113,6 @@ def _utilisation(
     *columns, seconds = np.array(rated_applications).T
     mean, lower, upper = (float(np.average(x, weights=seconds)) for x in columns)
     return mean, (lower, upper)
-
-
-def _over_locks(t: Floats, force: Floats) -> Floats:
-    """A force with straight lines where it is not known: a locked wheel does not show it [N]."""
-    is_finite = np.isfinite(force)
-    return np.interp(t, t[is_finite], force[is_finite]) if is_finite.any() else force
 
 
 def _integral(t: Floats, x: Floats, start: float, stop: float) -> float:

@@ -116,7 +116,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     nis = innovations.mean(np.concatenate(squares)) if squares else None
     lag = max((estimate.pad_lag for estimate in estimates), default=0.0)
     source, saturated = METHODS[method].source, record.saturated
-    extras = mass, nis, impulse, clamping, lag
+    extras = mass, nis, impulse, clamping, lag, w.phi * record.clamping_force
     return Reference(
         method, source, force, sigma, tolerance, saturated, largest, pulses, averaged, *extras
     )

@@ -39,7 +39,7 @@ _OF_SLIDES = (
     "adhesion that was used (- where the slides do not show the available one). Its "
     "95\N{NO-BREAK SPACE}% interval holds noise, tolerances of the vehicle, and other shapes of "
     "the slip-adhesion curve. The energy has the relative uncertainty of F. Where a wheel is "
-    "locked, F is not measured: it is taken as between that before and that after."
+    "locked, F is not measured: it is that before, or up to that after if the brake was vented."
 )
 _OF_DOUBT = f" {DOUBT}: the log contradicts its vehicle. µ and F may be wrong with it."
 _OF_ROWS = "`adhesion analyze --rows` shows every brake application of every axle."

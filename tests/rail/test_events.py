@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from adhesion_cli.rail.events import Slide, slides
+from adhesion_cli.rail.events import Slide, over_locks, slides
 
 T = np.arange(0.0, 12.0, 0.01)
 SLIP = np.interp(T, [2.0, 3.0, 8.0, 9.0], [0.0, 1.0, 1.0, 0.0])
@@ -45,3 +45,18 @@ def test_a_lock_has_a_slip_of_one_whatever_the_noise_of_its_sensor() -> None:
     force = np.where(LOCKED, np.nan, 3000.0)
     (found,) = slides(slice(0, len(T)), t, V, slip, slip, force, is_lower_bound=False)
     assert found.max_slip == 1.0
+
+
+def test_a_lock_whose_brake_is_vented_has_a_force_between_that_before_and_that_after() -> None:
+    force = np.array([1.0, np.nan, np.nan, 4.0, np.nan])
+    for brake in (None, np.array([5.0, 5.0, 2.0, 1.0, 1.0])):
+        filled, error = over_locks(force, brake)
+        assert filled.tolist() == [1.0, 2.0, 3.0, 4.0, 4.0]
+        assert error.tolist() == [0.0, 1.5, 1.5, 0.0, 4.0]
+    assert np.isnan(over_locks(np.full(5, np.nan), None)[0]).all()
+
+
+def test_a_lock_that_a_better_rail_ends_has_the_force_before_it_and_less_than_the_brake() -> None:
+    filled, error = over_locks(np.array([1.0, np.nan, np.nan, 9.0]), np.full(4, 5.0))
+    assert filled.tolist() == [1.0, 1.0, 1.0, 9.0]
+    assert error.tolist() == [0.0, 4.0, 4.0, 0.0]

@@ -11,7 +11,7 @@ from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.summarise import brake_applications, summarise
 from adhesion_cli.core.physics import G
 from adhesion_cli.rail.locks import LockLimits
-from adhesion_cli.rail.stop_slides import _over_locks, _utilisation, add_slides
+from adhesion_cli.rail.stop_slides import _utilisation, add_slides
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
@@ -82,10 +82,3 @@ def test_the_utilisation_of_several_applications_keeps_its_interval() -> None:
     assert value == pytest.approx(0.7)
     assert interval == pytest.approx((0.6, 0.85))
     assert _utilisation([unknown]) == (None, None)
-
-
-def test_a_lock_has_the_force_before_and_after_it() -> None:
-    t = np.arange(5.0)
-    force = np.array([1.0, np.nan, np.nan, 4.0, np.nan])
-    assert _over_locks(t, force).tolist() == [1.0, 2.0, 3.0, 4.0, 4.0]
-    assert np.isnan(_over_locks(t, np.full(5, np.nan))).all()
