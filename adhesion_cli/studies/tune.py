@@ -5,10 +5,9 @@ is made least on some of the logs. It counts on the others, which the search nev
 that are not better there are refused.
 
 A parameter that spans decades is searched in its logarithm. Switches, which are 0 by default, stay.
-The search draws parameter sets from a normal distribution, within the stated bounds. The best of
-each generation give mean and covariance of the next. The covariance is about the mean before, so
-that it grows towards a far minimum (Hansen, Ostermeier: Evolutionary Computation 9 (2001) 159). The
-random numbers are the same in each run.
+The search is differential evolution within the stated bounds (Storn, Price: Journal of Global
+Optimization 11 (1997) 341). It begins with sets drawn about the parameters before. The random
+numbers are the same in each run.
 """
 
 import math
@@ -33,11 +32,9 @@ from ..core.model import AxleResult, Bools, Floats, Result, Times, Wheelset, qua
 from ..scores import metrics
 
 _DIGITS = 4  # of a parameter: more do not change the rmse
-_CONVERGED = 1e-4  # of the rmse's logarithm, from the best to the last kept: the search ends
-_MOST_GENERATIONS = 12  # generations
-_PARENT_SHARE = 0.375  # share of a generation that gives the next
-_PARAMETERS_PER_ROW = 3  # parameters for which a generation has `_SETS_PER_ROW` more sets
-_SETS_PER_ROW = 32
+_CONVERGED = 3e-3  # standard deviation of the rmse's logarithm in a generation: the search ends
+_GENERATIONS = 20  # at most, after the first
+_FEWEST_SETS, _SETS_PER_PARAMETER = 16, 6  # of a generation
 _DECADE, _SHARE = 0.5, 0.2  # first standard deviation of a parameter: in decades, or of its range
 
 
@@ -251,29 +248,19 @@ class _Space:
 def _search(
     est: Estimator, default_parameters: Any, errors: Callable[[Sequence[Any]], Floats]
 ) -> Any:
-    space, random_numbers = _Space(est, default_parameters), np.random.default_rng(0)
+    from scipy.optimize import differential_evolution
+
+    def heights(x: Floats) -> Floats:
+        return np.log(np.clip(errors([space.parameters(row) for row in x.T]), 1e-99, 1e99))
+
+    space = _Space(est, default_parameters)
     d = len(space.start)
-    set_count = _SETS_PER_ROW * math.ceil(d / _PARAMETERS_PER_ROW)
-    parent_count = math.ceil(_PARENT_SHARE * set_count)
-    weights = np.log(parent_count + 0.5) - np.log(np.arange(parent_count) + 1.0)
-    weights /= weights.sum()
-    mean, root = space.start, np.diag(space.spread)
-    smallest, best = math.inf, default_parameters
-    for generation in range(_MOST_GENERATIONS):
-        half_sample = random_numbers.standard_normal((set_count // 2, d))
-        x = np.clip(
-            mean + np.concatenate([half_sample, -half_sample]) @ root.T, space.low, space.high
-        )
-        if generation == 0:
-            x[0] = space.start
-        sets = [space.parameters(row) for row in x]
-        height = np.log(np.clip(errors(sets), 1e-9, 1e99))
-        order = np.argsort(height, kind="stable")[:parent_count]
-        if height[order[0]] < smallest:
-            smallest, best = height[order[0]], sets[order[0]]
-        if height[order[-1]] - height[order[0]] < _CONVERGED:
-            break
-        step = x[order] - mean
-        mean = mean + weights @ step
-        root = np.linalg.cholesky((step.T * weights) @ step + 1e-12 * np.eye(d))
-    return best
+    count = max(_FEWEST_SETS, _SETS_PER_PARAMETER * d)
+    draws = np.random.default_rng(0).standard_normal((count, d))
+    about_start = np.clip(space.start + draws * space.spread, space.low, space.high)
+    best = differential_evolution(
+        heights, [*zip(space.low, space.high, strict=True)], x0=space.start, init=about_start,
+        maxiter=_GENERATIONS, tol=0.0, atol=_CONVERGED, polish=False, seed=0, vectorized=True,
+        updating="deferred",
+    )  # fmt: skip
+    return space.parameters(best.x)
