@@ -657,8 +657,8 @@ def _channel(key: str, table: Table) -> Table:
     """What an entry states of its channel, each value of its type."""
     section = f"channels.{key}"
     if "delay" in table:
-        stated = table["delay"] if isinstance(table["delay"], dict) else {"value": table["delay"]}
-        table = {**table, "delay": {"tolerance": _DELAY_TOLERANCE, **stated}}
+        delay = table["delay"] if isinstance(table["delay"], dict) else {"value": table["delay"]}
+        table = {**table, "delay": {"tolerance": _DELAY_TOLERANCE, **delay}}
     parameters = {key: table[key] for key in ("zero", "delay") if key in table}
     sensor: Table = {
         k: parameter(f"{section}.{k}", entry, usual=0.0) for k, entry in parameters.items()

@@ -12,8 +12,8 @@ ANY_WHEEL = 0.12  # 1 sigma of the radius, as a share: 95 % of diameters are 0.6
 
 def is_wheel_unknown(log: AlignedLog, settings: Settings) -> bool:
     """Whether speeds count turns of wheels that nobody states, and no train speed shows them."""
-    is_stated = "wheel_radius" in settings.stated or settings.analysis.vehicle == "stated"
-    return not is_stated and any(not a.record.of_rim and a.train is None for a in log.axles)
+    states_wheel = "wheel_radius" in settings.stated or settings.analysis.vehicle == "stated"
+    return not states_wheel and any(not a.record.of_rim and a.train is None for a in log.axles)
 
 
 def with_any_wheel(logs: Sequence[AlignedLog], settings: Settings) -> Settings:

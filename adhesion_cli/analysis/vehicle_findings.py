@@ -104,9 +104,9 @@ def _find_missing_evidence(settings: Settings, log: AlignedLog) -> list[Finding]
     """What the log does not show of the vehicle: braking that holds the speed, and wheels."""
     findings = []
     grid = log.grids and log.grids.coarse
-    if grid and grid.held is not None and grid.held.any():
+    if grid and grid.hold_mask is not None and grid.hold_mask.any():
         t = grid.seconds(log.view.start_ns)
-        spans = merge_spans([(float(t[a]), float(t[b - 1])) for a, b in true_runs(grid.held)])
+        spans = merge_spans([(float(t[a]), float(t[b - 1])) for a, b in true_runs(grid.hold_mask)])
         findings.append(Finding("brake-holds-speed", "info", "", len(spans), spans))
     if is_wheel_unknown(log, settings):
         R = settings.vehicle.wheel_radius[0].value

@@ -120,23 +120,27 @@ def _on_one_clock(
 
 
 def _beside_stated_delay(
-    axles: list[AxleChannels], train: Channel, stated: Parameter, residual: Parameter, view: View
+    axles: list[AxleChannels],
+    train: Channel,
+    stated_delay: Parameter,
+    residual: Parameter,
+    view: View,
 ) -> tuple[list[AxleChannels], list[Finding]]:
     """The axles shifted by the mean of both delays by their errors, or by the stated one alone.
 
     They are shifted by the stated delay [s] so far; the wheels show `residual` beyond it [s].
     """
-    error = math.hypot(*(x.tolerance for x in (stated, residual)))
+    error = math.hypot(*(x.tolerance for x in (stated_delay, residual)))
     if abs(residual.value) > _SIGMAS * error:
         values = {
-            "stated_s": stated.value,
-            "delay_s": stated.value + residual.value,
+            "stated_s": stated_delay.value,
+            "delay_s": stated_delay.value + residual.value,
             "delay_u95_s": Z95 * residual.tolerance,
         }
         return axles, _clock_findings("train-speed-delay-differs", train, values, view)
     delay = Parameter(
-        stated.value + (stated.tolerance / error) ** 2 * residual.value,
-        stated.tolerance * residual.tolerance / error,
+        stated_delay.value + (stated_delay.tolerance / error) ** 2 * residual.value,
+        stated_delay.tolerance * residual.tolerance / error,
     )
     return [_shifted(a, delay) if a.train is train else a for a in axles], []
 

@@ -162,11 +162,11 @@ def _without_gone_sensors(grid: Grid, x: Floats, friction: Floats) -> tuple[Grid
     """Without axles, or the train speed, of which half of what is recorded or more has no value."""
     # a pause of the recorder is no loss of a sensor, and pressures that are left out are none
     recorded = np.isfinite(grid.rim).any(axis=0) & np.isfinite(x).any(axis=0)
-    least = _LEAST_KNOWN * recorded.sum()
-    lasts = np.isfinite(grid.rim[:, recorded]).sum(axis=-1) > least
-    lasts &= np.isfinite(x[:, recorded]).sum(axis=-1) > least
+    fewest_samples = _LEAST_KNOWN * recorded.sum()
+    lasts = np.isfinite(grid.rim[:, recorded]).sum(axis=-1) > fewest_samples
+    lasts &= np.isfinite(x[:, recorded]).sum(axis=-1) > fewest_samples
     train = grid.train
-    if train is not None and not np.isfinite(train[recorded]).sum() > least:
+    if train is not None and not np.isfinite(train[recorded]).sum() > fewest_samples:
         train = None
     if lasts.all() and train is grid.train:
         return grid, x, friction

@@ -56,7 +56,7 @@ class Grid:
     motors: Floats | None = None  # (k, n) [N]
     motor_sigma: Floats | None = None  # (k, n) [N]
     # where the brake holds the speed on a downhill, and its pressures are left out, (n,)
-    held: Bools | None = None
+    hold_mask: Bools | None = None
 
     @property
     def friction_clamping(self) -> Floats:
@@ -236,24 +236,24 @@ def without_pressures(grids: Grids, start_ns: int, other_brakes: Sequence[Findin
     spans = [span for f in other_brakes for span in f.spans]
     masked = []
     for g in grids:
-        t, held = g.seconds(start_ns), _is_held(g)
-        acts = held.copy()
+        t, hold_mask = g.seconds(start_ns), _hold_mask(g)
+        acts = hold_mask.copy()
         for start, stop in spans:
             acts |= (t > start - g.step) & (t < stop + g.step)
         clamping, pressure = (np.where(acts, np.nan, x) for x in (g.clamping, g.pressure))
-        masked.append(replace(g, clamping=clamping, pressure=pressure, held=held))
+        masked.append(replace(g, clamping=clamping, pressure=pressure, hold_mask=hold_mask))
     return Grids(*masked)
 
 
-def _is_held(g: Grid) -> Bools:
+def _hold_mask(g: Grid) -> Bools:
     """Where all axles are braked for long and the train keeps its speed; shape (n,)."""
     lowest = g.smooth(np.min(g.pressure, axis=0))
-    least = _HELD_PRESSURE
+    threshold = _HELD_PRESSURE
     if not np.isfinite(lowest).any():
-        lowest, least = g.smooth(np.min(g.clamping, axis=0)), 0.0
-    pressed = lowest > max(least, _HELD_SHARE * float(np.nanmax(lowest, initial=0.0)))
+        lowest, threshold = g.smooth(np.min(g.clamping, axis=0)), 0.0
+    pressed = lowest > max(threshold, _HELD_SHARE * float(np.nanmax(lowest, initial=0.0)))
     v, j = g.fastest + g.climb, max(round(_HELD_WINDOW / g.step / 2.0), 1)
-    held, keeps_speed = np.zeros((2, len(v)), dtype=np.bool_)
+    hold_mask, keeps_speed = np.zeros((2, len(v)), dtype=np.bool_)
     keeps_speed[j:-j] = np.abs(v[2 * j :] - v[: -2 * j]) < _HELD_RATE * 2 * j * g.step
     for start, stop in true_runs(pressed & keeps_speed & (g.fastest > CRAWL)):
         lasts = (stop - start) * g.step > _HELD_TIME
@@ -261,8 +261,8 @@ def _is_held(g: Grid) -> Bools:
             lasts and g.fastest[stop - 1] > g.fastest[start] / 2.0
         ):  # no stop in a wrong unit of time
             # it kept its speed for half a window before and after
-            held[max(start - j, 0) : stop + j] = True
-    return held & pressed
+            hold_mask[max(start - j, 0) : stop + j] = True
+    return hold_mask & pressed
 
 
 def build_grids(axles: Sequence[AxleChannels], vehicle: Vehicle) -> Grids | None:

@@ -19,25 +19,28 @@ ABOUT = About("Pressure that releases the brake", "force", 5)
 class Params(NamedTuple):
     """Thresholds."""
 
-    high: Annotated[float, fraction("of the highest pressure: the brake is released")] = 0.7
-    low: Annotated[float, fraction("of the highest pressure: springs brake")] = 0.4
-    least: Annotated[float, Quantity("m/s²", "no gradient slows a train as hard for long")] = 0.4
-    rolls: Annotated[float, Quantity("m/s²", "a train that slows less is not braked")] = 0.1
-    moves: Annotated[float, Quantity("m/s", "slower, the last of a stop is in the mean")] = 2.0
+    released_share: Annotated[float, fraction("of the highest pressure: brake released")] = 0.7
+    braked_share: Annotated[float, fraction("of the highest pressure: springs brake")] = 0.4
+    least_rate: Annotated[float, Quantity("m/s²", "no gradient slows as hard for long")] = 0.4
+    rolling_rate: Annotated[float, Quantity("m/s²", "a train that slows less rolls")] = 0.1
+    least_speed: Annotated[float, Quantity("m/s", "slower, the last of a stop counts")] = 2.0
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
     """One finding for each pressure at which the train rolls, and without which it slows."""
     g = s.grid
-    moves = np.isfinite(g.braking) & (g.fastest > p.moves)
+    moving = np.isfinite(g.braking) & (g.fastest > p.least_speed)
     for i, a in enumerate(s.axles):
         pressure = g.smooth(g.pressure[i])
         top = float(np.nanmax(pressure, initial=0.0))
-        released, braked = moves & (pressure > p.high * top), moves & (pressure < p.low * top)
+        released, braked = (
+            moving & (pressure > p.released_share * top),
+            moving & (pressure < p.braked_share * top),
+        )
         if min(released.sum(), braked.sum()) < FEWEST:
             continue
         rate, rolling_rate = (float(np.median(g.braking[mask])) for mask in (braked, released))
-        if rate > p.least and abs(rolling_rate) < p.rolls:
+        if rate > p.least_rate and abs(rolling_rate) < p.rolling_rate:
             unit = unit_for(a.brake.unit, "pressure")
             level = float(np.median(pressure[released])) / (unit.factor if unit else 1.0)
             statement = f'{{unit = "-1 {a.brake.unit}", zero = {level:.3g}}}'
