@@ -9,6 +9,7 @@ from ..core.model import Bools, Column, Floats
 # Digits of what stands for "no value": nines, the ends of 16 and 32 bits, well logs' 999.25, and
 # 255.996, which is 65535/256 of J1939.
 _CODE = re.compile(r"9{3,}|99925|3276[78]|6553[45]|214748364[78]|429496729[45]|25599\d*")
+_SHORT_CODE = -99.0  # 99 alone may be a speed
 _ANY_CODE = 1e19  # so large a number is one as well, as 1e30
 _LEAST_CODES, _FEWEST_VALUES = 2, 10  # samples of one code; other values that differ
 _CODE_DISTANCE = 2.0  # times as large as every other value
@@ -31,7 +32,7 @@ def codes_of_no_value(value: Floats) -> list[float]:
         code = float(other_values[np.argmax(np.abs(other_values))])
         digits = f"{abs(code):.10e}".replace(".", "").split("e")[0].rstrip("0")
         has_code = other_values == code
-        is_code = _CODE.fullmatch(digits) or abs(code) > _ANY_CODE
+        is_code = _CODE.fullmatch(digits) or code == _SHORT_CODE or abs(code) > _ANY_CODE
         if not is_code or np.count_nonzero(has_code) < _LEAST_CODES:
             break
         codes, other_values = [*codes, code], other_values[~has_code]

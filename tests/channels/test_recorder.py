@@ -102,6 +102,11 @@ def test_code_of_no_value_is_left_out_and_counted(tmp_path: Path, run: Run, code
     assert "pressure-negative" not in {f["code"] for f in log["findings"]}
 
 
+def test_a_short_code_is_one_below_zero_only() -> None:
+    assert codes_of_no_value(np.append(P, [-99.0, -99.0])) == [-99.0]
+    assert codes_of_no_value(np.append(P, [99.0, 99.0])) == []
+
+
 @pytest.mark.parametrize("value", [[0.0, 999.0], [99.9, 60.0], [9999.0], [0.0, 33.3, 99.9]])
 def test_values_that_may_be_measured_are_no_code(value: list[float]) -> None:
     assert codes_of_no_value(np.repeat(value, 20)) == []
