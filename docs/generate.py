@@ -54,7 +54,7 @@ _TEXTS = {
         "teeth": "pulses per turn, for Hz, kHz and count",
         "wrap": "where a counter starts anew; if not given, by its values",
         "zero": "what the channel shows while the brake is released, in its unit; it is taken off",
-        "delay": "how late a train speed is [s] ± 0.1 s (1 sigma) if not stated; `live` does not use it",
+        "delay": "how late a train speed is [s], ± 0.1 s (1 sigma) if not stated; not for `live`",
         "axles": "of a bogie: the axles that it serves, as `[3, 4, 5]`; if not given, two",
     },
     "key of `time`": {

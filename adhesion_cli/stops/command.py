@@ -10,6 +10,8 @@ from ..core.summary import CommandSource
 from .find import Braking
 from .signals import StopSignals, TimeSeries, brake_levels, quantisation_step
 
+_RISE, _SLOW_RISE = 0.01, 0.05  # of the full pressure: it rises; the same of a slow channel
+_SLOW = 0.4  # from this interval on, a channel is slow [s]
 _LEAD_TIME = 8.0  # time before a braking in which its command is looked for [s]
 
 
@@ -84,7 +86,10 @@ def _first_rise(brake: TimeSeries, start: float) -> tuple[float, float] | None:
     if not len(window.t) or full_value <= released:
         return None
     step = quantisation_step(window.value)
-    risen = window.value > released + max(0.01 * (full_value - released), 5.0 * noise, 1.5 * step)
+    # few slow samples show no noise, and in one interval a brake rises by much
+    is_slow = len(window.t) > 1 and float(np.median(np.diff(window.t))) > _SLOW
+    share = _SLOW_RISE if is_slow else _RISE
+    risen = window.value > released + max(share * (full_value - released), 5.0 * noise, 1.5 * step)
     unbraked_samples = np.flatnonzero(~risen & (window.t < start + 1.0))
     if not len(unbraked_samples) or unbraked_samples[-1] + 1 >= len(window.t):
         return None

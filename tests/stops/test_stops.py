@@ -110,6 +110,16 @@ def test_without_a_command_the_first_rise_is_the_command() -> None:
     assert stop.delay_s.value == pytest.approx(0.1 * (T_B - T_A), abs=0.04)
 
 
+def test_noise_of_a_slow_pressure_is_no_begin_of_a_brake() -> None:
+    """At 1 Hz the samples before the brake are too few to show their noise."""
+    x, _ = signals(command=False)
+    values = [0.0, 1e3, 0.0, 0.0, -1e3, 0.0, 0.0, 0.0, 0.0, 3e3, 3e4, 2.1e5, *[2.4e5] * 8]
+    slow = TimeSeries(np.arange(20.0), np.array(values))
+    time, sigma, source = find_command(x._replace(brakes={1: slow}), Braking(9.7, 40.0, ""))
+    assert (time, source) == (9.0, "pressure")
+    assert sigma == pytest.approx(1.0 / math.sqrt(3.0))
+
+
 def test_a_brake_pipe_falls_before_the_cylinders_rise() -> None:
     x, _ = signals(command=False)
     t = x.speed.t
