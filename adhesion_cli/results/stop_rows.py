@@ -210,7 +210,8 @@ def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
         if events := _describe_slides(s.stop):
             sentences.append(f"Stop {i}: {events}.")
         level, energy = s.measured("corrected_distance_m"), s.measured("energy_distance_m")
-        if level and energy and abs(level.value - energy.value) > level.u95:
+        between = level.value - energy.value if level and energy else 0.0
+        if level and energy and 7.0 * between**2 > 3.0 * level.u95**2:  # U² has 4/3 of its square
             text = with_u95(energy, 1.0, 1)
             sentences.append(f"Stop {i}: {text} m on level track without its response time.")
     if any(s.vehicle_in_doubt and s.stop.coefficient for s in stops):

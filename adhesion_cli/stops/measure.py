@@ -9,6 +9,9 @@ Equations, with v0 the speed at the command and s the stopping distance:
     at nominal speed         s_n = v_n t_e + v_n² / (2 a_level)
     without a response time  s_n = s · 3.933 ρ V_n² / (3.933 ρ V_0² − i s), V in km/h
 
+The brake force of a train changes with the speed and is built up slowly, so that neither s_n is
+exact: their difference is in the uncertainty of both.
+
 t_a is the delay until the brake has the start share of its full value, t_ab the time from there to
 95 %; i is the gradient in ‰, uphill positive; ρ the factor of the rotating mass.
 
@@ -161,6 +164,10 @@ class _Figures:
             }
             for source, changed in errors.items()
         }
+        names = "corrected", "by_energy"
+        between = self._derived["by_energy"] - self._derived["corrected"]
+        error = between / math.sqrt(3.0) if math.isfinite(between) else 0.0
+        self._effects[_FORMULA] = dict.fromkeys(self._derived, 0.0) | dict.fromkeys(names, error)
 
     def measured(self, name: str) -> Measured | None:
         """A quantity with its uncertainty; None where it is not known."""
@@ -177,17 +184,15 @@ class _Figures:
         return tuple(
             StopContribution(source, source in _COMMON, effect["distance"], effect[name])
             for source, effect in self._effects.items()
+            if source != _FORMULA
         )
 
 
 _LEAST_DEAD_TIME, _DEAD_TIME_SHARE = 0.2, 0.15  # [s], of the build-up: 1 sigma, assumed
 _DEAD_TIME_ERROR = 0.1  # 1 sigma of a stated dead time, as a share of it
-_COMMON = (
-    "speed scale",
-    "speed delay",
-    "dead time",
-    "gradient",
-)  # the same in every stop of a series
+_FORMULA = "formula"  # of the corrected distance: the true one lies between those of both
+# the same in every stop of a series
+_COMMON = ("speed scale", "speed delay", "dead time", "gradient", _FORMULA)
 
 
 class _Sigmas(NamedTuple):

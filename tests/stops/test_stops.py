@@ -215,6 +215,32 @@ def test_a_stop_on_a_gradient_is_that_on_level_track(gradient: float) -> None:
     assert stop.corrected_distance_m.value == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.parametrize(("gradient", "v0"), [(14.0, 20.5), (-12.0, 24.0)])
+def test_a_slow_brake_has_its_true_distance_on_level_track_in_the_interval(
+    gradient: float, v0: float
+) -> None:
+    """A brake that is built up slowly, on a gradient and from another speed than the nominal."""
+    rho, t = 1.06, np.arange(0.0, 80.0, 0.01)
+    share = 1.0 - np.exp(-np.maximum(t - ON, 0.0) / 2.5)
+
+    def run(v0: float, climb: float) -> Floats:
+        a = share + (t >= ON) * G * climb / 1000.0 / rho
+        return np.maximum(v0 - np.cumsum(a) * 0.01, 0.0)
+
+    v, x = run(v0, gradient), signals()[0]
+    brakes, commands = {1: TimeSeries(t, 3e5 * share)}, {"brake_command": [TimeSeries(t, t >= ON)]}
+    speed = TimeSeries(t, v)
+    x = x._replace(speed=speed, rims={1: speed}, brakes=brakes, commands=commands)
+    (stop,) = measured(x, ToLevel(Parameter(gradient, 0.0), rho), nominal_speed=80.0)
+    expected = float(np.trapezoid(run(80.0 / 3.6, 0.0)[t >= ON], t[t >= ON]))
+    level, energy = stop.corrected_distance_m, stop.energy_distance_m
+    assert level
+    assert energy
+    assert abs(level.value - expected) > 0.01 * expected
+    for x_of_formula in (level, energy):
+        assert abs(x_of_formula.value - expected) < x_of_formula.u95
+
+
 def test_each_source_of_error_is_in_the_uncertainty() -> None:
     x, _ = signals()
     x = x._replace(scale=0.01, delay_sigma=0.1)
