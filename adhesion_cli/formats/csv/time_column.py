@@ -286,7 +286,7 @@ class _ClockSearch:
         is_clock = "<H>" in clock.pattern and not clock.absolute
         for i, name in enumerate(self.dialect.names):
             cells = self.dialect.column(i)
-            forms = forms_of(cells, DATES, self.unit) if is_clock and self.is_sparse(i) else []
+            forms = forms_of(cells, DATES, self.unit) if is_clock and self.stands_apart(i) else []
             if forms and self._is_first_day(i, clock):
                 form, order, other_form = self._order((i,), forms, DATES)
                 begin = int(read(cells[:1], DATES[form])[0])
@@ -528,7 +528,7 @@ class _ClockSearch:
         cells, forms = self.dialect.column(i), STAMPS
         columns: tuple[int, ...] = (i,)
         if forms_of(cells, DATES) and (k := self._partner(i, i + 1, CLOCKS)) is not None:
-            if self.is_sparse(i):
+            if self.stands_apart(i):
                 return self._stamped((k,), CLOCKS, choice)
             columns = (i, k)
         elif forms_of(cells, CLOCKS):
@@ -545,7 +545,7 @@ class _ClockSearch:
             (
                 k
                 for k, name in enumerate(names)
-                if k != i and label(name) == "date" and not self.is_sparse(k)
+                if k != i and label(name) == "date" and not self.stands_apart(k)
             ),
             i,
         )
@@ -649,7 +649,7 @@ class _ClockSearch:
         for k in sorted(range(len(self.dialect.names)), key=lambda k: k != neighbour):
             cells = self.dialect.column(k)
             is_date = forms is not CLOCKS
-            if k == i or (is_date and (self.is_sparse(k) or len(set(cells)) > _MOST_DATES)):
+            if k == i or (is_date and (self.stands_apart(k) or len(set(cells)) > _MOST_DATES)):
                 continue
             if forms_of(cells, forms):
                 return k
@@ -660,10 +660,6 @@ class _ClockSearch:
         rows_before = next(k for k, row in enumerate(self.dialect.rows) if not is_null(row[i]))
         times = read(self._joined(clock.columns)[: rows_before + 1], clock.pattern)
         return bool((np.diff(times) >= 0).all())
-
-    def is_sparse(self, i: int) -> bool:
-        """Whether most cells of a column are empty, as of a date that stands only in some rows."""
-        return len(self.dialect.column(i)) < len(self.dialect.rows) / 2
 
     def stands_apart(self, i: int) -> bool:
         """Whether the cells of a column stand alone, with rows without one between them."""
