@@ -263,15 +263,15 @@ def _drop_other_numbers(meant: list[Meant], guesses: list[int]) -> None:
     places = {i: place_of(meant[i].field) for i in guesses if meant[i].axle is not None}
     axles: dict[Meaning | None, list[Place]] = {}
     for i, place in places.items():
-        own_place = place._replace(axle=meant[i].axle, is_loose=False, is_apart=False)
+        own_place = place._replace(axle=meant[i].axle, is_loose=False, is_number_apart=False)
         axles.setdefault(meant[i].meaning, []).append(own_place)
-    for i in (i for i, place in places.items() if place.is_apart):
+    for i in (i for i, place in places.items() if place.is_number_apart):
         m = meant[i]
-        alike = axles[m.meaning]
-        is_single = len(set(alike)) == len(alike)
-        others = (x for meaning, x in axles.items() if meaning != m.meaning)
-        is_shared = any(m.axle == place.axle for x in others for place in x)
-        if not is_single or not (is_shared or len(alike) > 1):
+        own_places = axles[m.meaning]
+        is_single = len(set(own_places)) == len(own_places)
+        other_places = (x for meaning, x in axles.items() if meaning != m.meaning)
+        is_shared = any(m.axle == place.axle for x in other_places for place in x)
+        if not is_single or not (is_shared or len(own_places) > 1):
             meant[i] = replace(m, axle=None)
 
 

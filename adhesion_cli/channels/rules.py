@@ -240,8 +240,8 @@ def _part_of_kind(kind: str, word: str) -> str:
 
 def _is_part(entry: str, word: str) -> bool:
     """Whether a word that is not ASCII says this: short ones of letters only at its beginning."""
-    is_short = len(entry) < 4 and entry < "ぁ"  # "оси" is no part of "относительная"
-    return word.startswith(entry) if is_short else entry in word
+    is_two_digits = len(entry) < 4 and entry < "ぁ"  # "оси" is no part of "относительная"
+    return word.startswith(entry) if is_two_digits else entry in word
 
 
 class _Name:
@@ -480,7 +480,7 @@ class Place(NamedTuple):
     bogie: int | None
     part: str  # the car, or the control unit: "car 2"; "" for none
     is_loose: bool = False  # no word says that the axle's number is one
-    is_apart: bool = False  # nor is it behind the quantity
+    is_number_apart: bool = False  # nor is it behind the quantity
     spare: int | None = None  # a number that may be the axle's, if other channels say so
 
 
@@ -515,18 +515,18 @@ def _place_in(text: str, is_path: bool) -> Place:
         owners.append(unit)
     owner = " ".join(f"{word} {number}" for word, number in owners if number)
     word, number = [*name_parts[:2], "", ""][:2]
-    axle, is_loose, is_apart = _axle_in(["", "", *name_parts[2:]], text, is_path)
+    axle, is_loose, is_number_apart = _axle_in(["", "", *name_parts[2:]], text, is_path)
     has_place = bogie or (axle is not None and not is_loose)
-    is_short = number.isdecimal() and len(number) < 3  # PT101 is a sensor
-    if has_place and not owner and is_short and _is_code(word):  # as in "CW1", "DM1"
+    is_two_digits = number.isdecimal() and len(number) < 3  # PT101 is a sensor
+    if has_place and not owner and is_two_digits and _is_code(word):  # as in "CW1", "DM1"
         owner = f"{word} {number}"
     else:
-        axle, is_loose, is_apart = _axle_in(name_parts, text, is_path)
+        axle, is_loose, is_number_apart = _axle_in(name_parts, text, is_path)
     if bogie in _LETTERS:
         bogie = str(1 + _LETTERS.index(bogie))
     spare = 2 * int(pair) - 1 if pair else None  # "1/2" may be the first of two
     bogie_number = int(bogie) if 0 < len(bogie) < 3 else None
-    return Place(axle, bogie_number, owner, is_loose, is_apart, spare)
+    return Place(axle, bogie_number, owner, is_loose, is_number_apart, spare)
 
 
 def _without_axles(name: str) -> tuple[str, str]:
@@ -566,8 +566,8 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
         else:
             of_axle = i > 1 and _NUMBERED & _kinds(name_parts[i - 2]).keys()
             is_letter = kind == "car" and i > 0 and name_parts[i - 1] in _LETTERS  # as in "A-car"
-            is_before = kind == "bogie" and not of_axle
-            numbers = index_after + (index_before if is_before else [i - 1] * is_letter)
+            takes_number_before = kind == "bogie" and not of_axle
+            numbers = index_after + (index_before if takes_number_before else [i - 1] * is_letter)
         if numbers or kind == "bogie":
             number = name_parts[numbers[0]] if numbers else ""
             for j in (i, *numbers[:1]):

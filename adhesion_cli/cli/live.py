@@ -225,9 +225,11 @@ class _Run:
             self._say(f"Foxglove: open {server.url}")
             yield server
         if self._shared.json:
-            goes_on = bool(self._files) or self._screens != _Screens("", None)
-            lines = JsonLines(self._algos_shown, self._settings.vehicle, goes_on)
-            yield Batches(lines, _LINES, self._say if goes_on else None, "the reader of --json")
+            outlives_reader = bool(self._files) or self._screens != _Screens("", None)
+            lines = JsonLines(self._algos_shown, self._settings.vehicle, outlives_reader)
+            yield Batches(
+                lines, _LINES, self._say if outlives_reader else None, "the reader of --json"
+            )
         elif self._status:
             yield self._status
 
@@ -247,6 +249,6 @@ class _Run:
             viewers.append((self._screens.viewer, _FRAME))
         for to, interval in viewers:
             live = LiveRecording(name, settings.vehicle, axles, names, to)
-            tell = lambda error: self._say(f"the recording ends here: {error}")  # noqa: E731
+            report_end = lambda error: self._say(f"the recording ends here: {error}")  # noqa: E731
             report = self._say if isinstance(to, str) else None
-            yield Batches(LiveView(live, names, tell), interval, report)
+            yield Batches(LiveView(live, names, report_end), interval, report)

@@ -49,19 +49,19 @@ def _utf8(value: Any) -> Any:
 
 def result_document(results: Sequence[ResultSummary | FailedLog]) -> Json:
     """The `adhesion.result/1` document."""
-    return tagged("result", results=[_entry(one) for one in results])
+    return tagged("result", results=[_entry(result) for result in results])
 
 
-def _entry(one: ResultSummary | FailedLog) -> Json:
-    if isinstance(one, FailedLog):
-        return {"log": {"path": one.path}, "error": one.error, "hint": one.hint}
-    entry: Json = as_json(one)
+def _entry(result: ResultSummary | FailedLog) -> Json:
+    if isinstance(result, FailedLog):
+        return {"log": {"path": result.path}, "error": result.error, "hint": result.hint}
+    entry: Json = as_json(result)
     return entry
 
 
 def embedded(results: Sequence[ResultSummary]) -> str:
     """The document as a result file carries it: by file names, wherever the files lie."""
-    entries = [_entry(one) for one in results]
+    entries = [_entry(result) for result in results]
     for entry in entries:
         del entry["outputs"]
         entry["log"] |= {"path": Path(entry["log"]["path"]).name}

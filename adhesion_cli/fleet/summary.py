@@ -305,8 +305,8 @@ def _places(table: Any) -> list[tuple[Any, ...]]:
     places: list[tuple[Any, ...]] = []
     for source, km, time in zip(*columns, strict=True):
         clock = (time[:10], int(time[11:13])) if time else ("unknown", None)
-        is_known = source == "position" and km is not None
-        places.append((math.floor(km), *clock) if is_known else ())
+        has_km = source == "position" and km is not None
+        places.append((math.floor(km), *clock) if has_km else ())
     return places
 
 

@@ -96,7 +96,7 @@ def _columns(table: Any) -> tuple[list[_ParquetColumn], list[Finding]]:
     """The columns that hold one value in a row; and findings on those that are not read."""
     columns, nested, findings = list[_ParquetColumn](), list[str](), list[Finding]()
     pairs = zip(table.schema, table.columns, strict=True)
-    for f, c in chain.from_iterable(_leaves(f, x.combine_chunks()) for f, x in pairs):
+    for f, c in chain.from_iterable(_leaf_columns(f, x.combine_chunks()) for f, x in pairs):
         if pa.types.is_integer(f.type) and (problem := open_scale(map(_text, f.metadata or ()))):
             names = {"reason": problem}
             findings.append(Finding("channel-not-read", "warning", c.title, 1, names=names))
@@ -110,7 +110,7 @@ def _columns(table: Any) -> tuple[list[_ParquetColumn], list[Finding]]:
     return columns, findings
 
 
-def _leaves(f: Any, array: Any) -> Iterator[tuple[Any, _ParquetColumn]]:
+def _leaf_columns(f: Any, array: Any) -> Iterator[tuple[Any, _ParquetColumn]]:
     """The columns that a column of the file holds, each with its field in the file.
 
     Those of a structure are its fields, those of lists of numbers their elements. A list that is
@@ -122,7 +122,7 @@ def _leaves(f: Any, array: Any) -> Iterator[tuple[Any, _ParquetColumn]]:
     unit = _unit(f) or unit
     if pa.types.is_struct(array.type):
         for inner, values in zip(array.type, array.flatten(), strict=True):
-            yield from _leaves(inner.with_name(f"{f.name}.{inner.name}"), values)
+            yield from _leaf_columns(inner.with_name(f"{f.name}.{inner.name}"), values)
         return
     is_list = _is_any(array.type, _LISTS) and _is_any(array.type.value_type, _NUMBERS)
     longest = (pc.max(pc.list_value_length(array)).as_py() or 0) if is_list else 0

@@ -112,13 +112,13 @@ class Pump(Generic[T]):
         return count
 
     def _run(self) -> None:
-        last: BaseException | None = None
+        last_error: BaseException | None = None
         try:
             while (piece := self._take()) is not None:
                 self._add(piece)
         except BaseException as error:  # raised again where the pieces are taken
-            last = error
-        self._add(last)
+            last_error = error
+        self._add(last_error)
 
     def _add(self, piece: T | BaseException | None) -> None:
         while self._waiting.full() and not self._patient:

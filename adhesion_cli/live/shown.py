@@ -28,11 +28,11 @@ Say = Callable[[str], None]
 class JsonLines:
     """An object per sample, axle and estimator, each on a line of its own; a `recording.Target`.
 
-    With `goes_on`, a reader that is gone ends the lines only.
+    With `outlives_reader`, a reader that is gone ends the lines only.
     """
 
-    def __init__(self, algos: Sequence[str], vehicle: Vehicle, goes_on: bool) -> None:
-        self._algos, self._vehicle, self._goes_on = algos, vehicle, goes_on
+    def __init__(self, algos: Sequence[str], vehicle: Vehicle, outlives_reader: bool) -> None:
+        self._algos, self._vehicle, self._outlives_reader = algos, vehicle, outlives_reader
         self._reader_gone = False
 
     def add(self, samples: Sequence[LiveSample]) -> None:
@@ -42,7 +42,7 @@ class JsonLines:
             if not self._reader_gone:
                 _print("\n".join([*lines, ""]).encode())
         except BrokenPipeError:
-            if not self._goes_on:
+            if not self._outlives_reader:
                 raise
             self._reader_gone = True
             drop_output()

@@ -22,17 +22,17 @@ def needs_thinning(axle: AxleResult) -> bool:
     return len(axle.record) > LONG_ROWS
 
 
-def is_kept(axle: AxleResult, t: Times) -> Bools:
+def keep_mask(axle: AxleResult, t: Times) -> Bools:
     """Whether the results of a long log have these times of an axle, (n,)."""
-    is_kept: Bools = np.diff(t // SAMPLE_INTERVAL, prepend=t[0] // SAMPLE_INTERVAL - 1) != 0
+    mask: Bools = np.diff(t // SAMPLE_INTERVAL, prepend=t[0] // SAMPLE_INTERVAL - 1) != 0
     times = [(axle.record.t[s.start], axle.record.t[s.stop - 1]) for s in axle.applications]
     for begin, stop in [*times, *((e.t, e.until) for e in axle.events if e.until is not None)]:
-        is_kept |= (t >= begin - AROUND) & (t <= stop + AROUND)
-    return is_kept
+        mask |= (t >= begin - AROUND) & (t <= stop + AROUND)
+    return mask
 
 
 def kept_rows(axle: AxleResult) -> NDArray[np.int64] | None:
     """Rows of an axle whose computed values are kept, rising, (k,); None where all are."""
     if not needs_thinning(axle):
         return None
-    return np.flatnonzero(is_kept(axle, axle.record.t))
+    return np.flatnonzero(keep_mask(axle, axle.record.t))

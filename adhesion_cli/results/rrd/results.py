@@ -103,14 +103,14 @@ class _Page:
         self.zeros = {"time": result.log.start_ns()}
         if name:  # the logs of a comparison, by their own brakes
             self.zeros["brake"] = result.brake_ns()
-        self.drawn = [self._drawn_rows(a) for a in self.result.axles]
+        self.drawn_rows = [self._drawn_rows(a) for a in self.result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in self.result.axles}
         self.route = find_route(result.log)
         bars = line_chart.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
         self.run = overview.ComparedRun(name, self.result, self.times, self.slides)
-        pairs = [*zip(self.result.axles, self.drawn, strict=True)]
-        points = sum(len(drawn.t) * (2 * len(a.estimates) + 9) for a, drawn in pairs)
+        pairs = [*zip(self.result.axles, self.drawn_rows, strict=True)]
+        points = sum(len(x.t) * (2 * len(a.estimates) + 9) for a, x in pairs)
         self.large = points > OVERVIEW_FROM
         self.thinned = not full and any(map(thinning.needs_thinning, self.result.axles))
         self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity
@@ -127,7 +127,7 @@ class _Page:
         """Send everything."""
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
-            lines = self._send_lines(rec, path, axle, self.drawn[n])
+            lines = self._send_lines(rec, path, axle, self.drawn_rows[n])
             entity, start = f"{self.root}/lines/{path}", self.zeros["time"]
             parts.send_names(rec, entity, self.times, start, [*lines.items()])
             parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
@@ -148,10 +148,10 @@ class _Page:
         parts.send_text(rec, f"{self.root}/about", about)
 
     def _send_lines(
-        self, rec: rr.RecordingStream, path: str, axle: AxleResult, drawn: rows.DrawnRows
+        self, rec: rr.RecordingStream, path: str, axle: AxleResult, drawn_rows: rows.DrawnRows
     ) -> dict[str, int]:
         """The charts of an axle, by parts of a long log; returns names and colours of forces."""
-        t, index, inside = drawn
+        t, index, inside = drawn_rows
         span = -(-2 * len(t) // rows.OVERVIEW)
         step = max(_ROWS // span, 1) * span
         lines: dict[str, int] = {}
@@ -171,10 +171,10 @@ class _Page:
 
     def _drawn_rows(self, axle: AxleResult) -> rows.DrawnRows:
         """The rows that are drawn: of a long log those that its results have, and each break."""
-        drawn = rows.of_axle(axle)
+        all_rows = rows.of_axle(axle)
         if self.full or not thinning.needs_thinning(axle):
-            return drawn
-        return drawn.select(thinning.is_kept(axle, drawn.t) | (drawn.row < 0))
+            return all_rows
+        return all_rows.select(thinning.keep_mask(axle, all_rows.t) | (all_rows.row < 0))
 
     def times(self, t: Times) -> list[rr.TimeColumn]:
         """Time stamps on each timeline."""
@@ -279,7 +279,7 @@ class _Page:
 
     def _send_states(self, rec: rr.RecordingStream, path: str, axle: AxleResult) -> None:
         """The brake and the logged states; of an axle with slip its region and its wheel, too."""
-        n, drawn = len(axle.record), rows.of_axle(axle)
+        n, drawn_rows = len(axle.record), rows.of_axle(axle)
         braked = np.zeros(n, np.int8)
         for s in axle.applications:
             braked[signals.pressed_part(axle.record, s)[0]] = 1
@@ -289,8 +289,10 @@ class _Page:
             *slip_states,
             *_logged_states(self.result.log, axle.record),
         ):
-            drawn_codes = np.where(drawn.inside, codes[drawn.row], -1)
-            parts.send_states(rec, f"{path}/state/{name}", self.times, drawn.t, drawn_codes, states)
+            drawn_codes = np.where(drawn_rows.inside, codes[drawn_rows.row], -1)
+            parts.send_states(
+                rec, f"{path}/state/{name}", self.times, drawn_rows.t, drawn_codes, states
+            )
 
     def _slip_states(self, axle: AxleResult) -> list[_StateLane]:
         """The region on the curve, and whether the wheel rolls."""

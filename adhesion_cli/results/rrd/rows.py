@@ -19,9 +19,9 @@ class DrawnRows(NamedTuple):
     row: NDArray[np.int64]  # of the record, −1 for one without values: a break in each line
     inside: Bools  # whether the row lies in a segment
 
-    def select(self, is_drawn: Bools) -> "DrawnRows":
+    def select(self, draw_mask: Bools) -> "DrawnRows":
         """Some of the rows, by a mask of shape (m,)."""
-        return DrawnRows(self.t[is_drawn], self.row[is_drawn], self.inside[is_drawn])
+        return DrawnRows(self.t[draw_mask], self.row[draw_mask], self.inside[draw_mask])
 
 
 def of_axle(axle: AxleResult) -> DrawnRows:
