@@ -51,7 +51,8 @@ _OF_GROUPS = (
     "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
     "does not average out; scatter: range over mean; drift: change from stop to stop; outliers: "
     "stops that Grubbs' test rejects, two-sided. It also rejects a sound stop in about one of 20 "
-    "groups."
+    "groups. Where all stops of a group have one brake, sd and drift of µ are without the change "
+    "of friction from stop to stop: a equiv. shows it."
 )
 _EQUIVALENT = "equivalent_deceleration"
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
