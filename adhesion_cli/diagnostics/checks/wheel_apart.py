@@ -78,5 +78,5 @@ def _drifts(p: Params, s: Scene, i: int, rolling: Bools, delay_error: Floats) ->
     allowed = p.drift * g.train + p.drift_floor + delay_error
     mask = long_runs(rolling & (np.abs(difference) > allowed), p.lasts, g)
     if mask.any():
-        values = {"share": float(np.median((difference / g.train)[mask]))}
+        values = {"share": float(np.median(difference[mask] / g.train[mask]))}
         yield s.finding("wheel-speed-drift", "warning", s.axles[i].speed, mask, i, values)
