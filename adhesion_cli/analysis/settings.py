@@ -78,7 +78,8 @@ _ORIGIN = (*_OF_LOGS, "selection", "antiskid")  # what a result was made from
 _SPEED: dict[str, Meaning] = {"speed": "wheel_speed"}
 _BY_NAME: dict[str, Meaning] = {name: name for name in get_args(Meaning) if name != "time"}
 MEANINGS = _SPEED | _BY_NAME  # the meaning of each key of [channels]
-_DELAY_TOLERANCE = 0.1  # 1 sigma of a delay that is stated without one [s]
+# 1 sigma of what is stated of a sensor without one: in its unit, and [s]
+_SENSOR_TOLERANCES = {"zero": 0.0, "delay": 0.1}
 
 
 VEHICLE_USES = ("log", "stated")
@@ -656,12 +657,10 @@ def _axles(section: str, name: str, table: Table) -> tuple[tuple[int | None, ...
 def _channel(key: str, table: Table) -> Table:
     """What an entry states of its channel, each value of its type."""
     section = f"channels.{key}"
-    if "delay" in table:
-        delay = table["delay"] if isinstance(table["delay"], dict) else {"value": table["delay"]}
-        table = {**table, "delay": {"tolerance": _DELAY_TOLERANCE, **delay}}
-    parameters = {key: table[key] for key in ("zero", "delay") if key in table}
     sensor: Table = {
-        k: parameter(f"{section}.{k}", entry, usual=0.0) for k, entry in parameters.items()
+        name: parameter(f"{section}.{name}", table[name], usual=0.0, least=tolerance)
+        for name, tolerance in _SENSOR_TOLERANCES.items()
+        if name in table
     }
     table = _fields(section, {k: v for k, v in table.items() if k not in sensor}, CHANNEL_KEYS)
     if "zero" in sensor and "speed" in key:

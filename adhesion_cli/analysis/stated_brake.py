@@ -35,7 +35,9 @@ class DiscBrake(NamedTuple):
     pads_per_disc: Annotated[
         float, Quantity("-", "sides of a disc that a pad presses on; nearly always 2", 1.0, 2.0)
     ]
-    cylinders: Annotated[float, Quantity("-", "cylinders of a disc; caliper data sheet", 1.0, 4.0)]
+    cylinders: Annotated[
+        float, Quantity("-", "brake cylinders of one disc; caliper data sheet", 1.0, 4.0)
+    ]
     piston_diameter: Annotated[
         float, Quantity("m", "piston of one cylinder; cylinder data sheet (8 inch: 0.203)", 0.01, 1)
     ]
@@ -45,14 +47,20 @@ class DiscBrake(NamedTuple):
         float,
         Quantity("-", "force of one pad over force of the piston; caliper data sheet", 0.05, 50.0),
     ]
-    efficiency: Annotated[float, Quantity("-", "of cylinder and caliper; its data sheet", 0.1, 1.0)]
-    mean_radius: Annotated[float, Quantity("m", "mean friction radius; disc data sheet", 0.05, 0.6)]
+    efficiency: Annotated[
+        float, Quantity("-", "of cylinder and caliper; caliper data sheet", 0.1, 1.0)
+    ]
+    mean_radius: Annotated[
+        float, Quantity("m", "mean friction radius of the disc; disc data sheet", 0.05, 0.6)
+    ]
 
 
 class TreadBrake(NamedTuple):
     """The keys of `[vehicle.tread_brake]`."""
 
-    cylinders: Annotated[float, Quantity("-", "cylinders of an axle; 0.25: one for four", 0.1, 8.0)]
+    cylinders: Annotated[
+        float, Quantity("-", "brake cylinders of one axle; 0.25: one for four axles", 0.1, 8.0)
+    ]
     piston_diameter: Annotated[
         float,
         Quantity("m", "piston of one cylinder; cylinder data sheet (16 inch: 0.406)", 0.01, 1),

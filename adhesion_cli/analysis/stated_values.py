@@ -40,11 +40,13 @@ def plain_number(name: str, value: Any) -> float:
     return float(value)
 
 
-def parameter(name: str, entry: Any, share: float = 0.0, usual: float | None = None) -> Parameter:
+def parameter(
+    name: str, entry: Any, share: float = 0.0, usual: float | None = None, least: float = 0.0
+) -> Parameter:
     """A number, or `{value, tolerance}`.
 
-    Where no tolerance is stated it is a `share` of the value; where only that is stated, the value
-    is the usual one.
+    Where no tolerance is stated it is a `share` of the value, and at `least` that; where only it is
+    stated, the value is the usual one.
 
     Raises:
         UserError: for anything else, and a negative tolerance.
@@ -52,7 +54,9 @@ def parameter(name: str, entry: Any, share: float = 0.0, usual: float | None = N
     stated = {"value": entry} if not isinstance(entry, dict) else entry
     table_of(name, stated, Parameter._fields)
     value = plain_number(name, stated.get("value", usual))
-    tolerance = plain_number(f"{name}.tolerance", stated.get("tolerance", share * abs(value)))
+    tolerance = plain_number(
+        f"{name}.tolerance", stated.get("tolerance", max(share * abs(value), least))
+    )
     if tolerance < 0.0:
         text = f"{name}: tolerance = {tolerance:g} is out of range"
         raise UserError(text, "1 sigma, in the unit of the value: from 0", code=2)

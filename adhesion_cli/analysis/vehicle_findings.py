@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.finding import Finding, merge_spans
 from ..core.model import Z95, AxleResult, IdentifiedVehicle, Log, Result, Vehicle, quantities
-from ..core.signals import true_runs
+from ..core.time_axis import spans_of_mask
 from ..core.units import UNITS
 from ..diagnostics import friction_over_speed
 from ..diagnostics.checks.vehicle import remedy_names
@@ -105,8 +105,7 @@ def _find_missing_evidence(settings: Settings, log: AlignedLog) -> list[Finding]
     findings = []
     grid = log.grids and log.grids.coarse
     if grid and grid.hold_mask is not None and grid.hold_mask.any():
-        t = grid.seconds(log.view.start_ns)
-        spans = merge_spans([(float(t[a]), float(t[b - 1])) for a, b in true_runs(grid.hold_mask)])
+        spans = spans_of_mask(grid.hold_mask, grid.t, log.view.start_ns)
         findings.append(Finding("brake-holds-speed", "info", "", len(spans), spans))
     if is_wheel_unknown(log, settings):
         R = settings.vehicle.wheel_radius[0].value

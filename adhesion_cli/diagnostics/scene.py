@@ -9,6 +9,8 @@ from ..core.finding import Finding, Severity
 from ..core.model import Bools, Channel, Train, Vehicle
 from ..core.physics import rolling_deceleration, wheelset
 from ..core.time_axis import spans_of_mask
+from ..core.toml import option
+from ..core.units import unit_for
 from ..records.axle_channels import AxleChannels
 from ..train.explanation import Explanation
 from ..train.grid import Grid
@@ -34,6 +36,15 @@ class Scene(NamedTuple):
         share = self.train.braked_share(mean, len(numbers))
         return share * rolling_deceleration(w) * w.radius
 
+    def pressure_option(self, brake: Channel, statement: str) -> str:
+        """The option that states something of a pressure, for each axle that it serves.
+
+        `statement` follows the name of the setting, as " = …" or ".zero = …".
+        """
+        axles = [a.record.axle for a in self.axles if a.brake.title == brake.title]
+        places = [""] if brake.axle is None else [f".axle{axle}" for axle in axles]
+        return option(*(f"channels.pressure{place}{statement}" for place in places))
+
     def finding(  # noqa: PLR0913 (the fields of a finding)
         self,
         code: str,
@@ -51,3 +62,9 @@ class Scene(NamedTuple):
             mask = self.grid.sample_mask(t, grid_mask)
         spans, count = spans_of_mask(mask, t, self.start_ns), max(int(mask.sum()), 1)
         return Finding(code, severity, channel.title, count, spans, values or {}, names or {})
+
+
+def unit_factor(brake: Channel) -> float:
+    """What 1 is in SI, in the unit of a pressure."""
+    unit = unit_for(brake.unit, "pressure")
+    return unit.factor if unit else 1.0

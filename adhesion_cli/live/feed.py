@@ -14,10 +14,8 @@ from ..formats.source import Field, Source
 TICK = 0.02  # longest wait for a row, after which the others may do something [s]
 PAUSE = 1.0  # after the first samples: by then the fields are known [s]
 FARTHEST = 1 << 62  # from 1970 [ns], or the differences of times do not fit 64 bits
-WAITING = (
-    4096,
-    1024,
-)  # pieces that wait, of a sender that does not wait itself, and of one that does
+# pieces that wait, of a sender that does not wait itself, and of one that does
+WAITING = 4096, 1024
 
 T = TypeVar("T")
 AddSource = Callable[[Source], None]

@@ -172,10 +172,11 @@ class Grid:
         inside = (place >= 0) & (place < len(grid_mask))
         return inside & grid_mask[np.clip(place, 0, len(grid_mask) - 1)]
 
-    def seconds(self, start_ns: int) -> Floats:
-        """Its times after another one [s], shape (n,)."""
-        t: Floats = np.arange(self.rim.shape[1], dtype=np.float64) * self.step
-        return t + (self.start_ns - start_ns) / 1e9
+    @property
+    def t(self) -> Times:
+        """Its times [ns], shape (n,)."""
+        steps = np.arange(self.rim.shape[1], dtype=np.float64) * self.step * 1e9
+        return self.start_ns + np.rint(steps).astype(np.int64)
 
     @property
     def half_width(self) -> int:
@@ -236,7 +237,7 @@ def without_pressures(grids: Grids, start_ns: int, other_brakes: Sequence[Findin
     spans = [span for f in other_brakes for span in f.spans]
     masked = []
     for g in grids:
-        t, hold_mask = g.seconds(start_ns), _hold_mask(g)
+        t, hold_mask = (g.t - start_ns) * 1e-9, _hold_mask(g)
         acts = hold_mask.copy()
         for start, stop in spans:
             acts |= (t > start - g.step) & (t < stop + g.step)

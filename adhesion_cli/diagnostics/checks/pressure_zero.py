@@ -10,12 +10,10 @@ from ...core.finding import Finding
 from ...core.model import Bools, Channel, Quantity, fraction
 from ...core.physics import CRAWL, clamping_force, force_line
 from ...core.signals import true_runs
-from ...core.toml import option
 from ...core.toml import value as value_text
-from ...core.units import unit_for
 from ...train.grid import long_runs
 from ..registry import About
-from ..scene import Scene
+from ..scene import Scene, unit_factor
 
 _FEWEST_PHASES = 6  # without brake, from which a drift shows
 ABOUT = About("Zero of the pressure", "force", 20)
@@ -135,10 +133,7 @@ def _drift(p: Params, s: Scene, i: int, top: float) -> Iterator[Finding]:
 
 
 def _option(s: Scene, brake: Channel, level: float, tolerance: float) -> str:
-    unit = unit_for(brake.unit, "pressure")
-    factor = unit.factor if unit else 1.0
+    factor = unit_factor(brake)
     value = round((brake.zero.value + level) / factor, 3)
     zero = {"value": value, "tolerance": round(tolerance / factor, 3)} if tolerance else value
-    axles = [a.record.axle for a in s.axles if a.brake.title == brake.title]
-    places = [""] if brake.axle is None else [f".axle{axle}" for axle in axles]
-    return option(*(f"channels.pressure{place}.zero = {value_text(zero)}" for place in places))
+    return s.pressure_option(brake, f".zero = {value_text(zero)}")

@@ -7,11 +7,9 @@ import numpy as np
 
 from ...core.finding import Finding
 from ...core.model import Quantity, fraction
-from ...core.toml import option
-from ...core.units import unit_for
 from ...train.grid import FEWEST
 from ..registry import About
-from ..scene import Scene
+from ..scene import Scene, unit_factor
 
 ABOUT = About("Pressure that releases the brake", "force", 5)
 
@@ -33,18 +31,16 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     for i, a in enumerate(s.axles):
         pressure = g.smooth(g.pressure[i])
         top = float(np.nanmax(pressure, initial=0.0))
-        released, braked = (
-            moving & (pressure > p.released_share * top),
-            moving & (pressure < p.braked_share * top),
-        )
+        released = moving & (pressure > p.released_share * top)
+        braked = moving & (pressure < p.braked_share * top)
         if min(released.sum(), braked.sum()) < FEWEST:
             continue
         rate, rolling_rate = (float(np.median(g.braking[mask])) for mask in (braked, released))
         if rate > p.least_rate and abs(rolling_rate) < p.rolling_rate:
-            unit = unit_for(a.brake.unit, "pressure")
-            level = float(np.median(pressure[released])) / (unit.factor if unit else 1.0)
-            statement = f'{{unit = "-1 {a.brake.unit}", zero = {level:.3g}}}'
-            place = "" if a.brake.axle is None else f".axle{a.record.axle}"
-            names = {"option": option(f"channels.pressure{place} = {statement}")}
+            level = (a.brake.zero.value + float(np.median(pressure[released]))) / unit_factor(
+                a.brake
+            )
+            statement = f' = {{unit = "-1 {a.brake.unit}", zero = {level:.3g}}}'
+            names = {"option": s.pressure_option(a.brake, statement)}
             values = {"deceleration_mps2": rate}
             yield s.finding("pressure-releases-brake", "warning", a.brake, braked, i, values, names)
