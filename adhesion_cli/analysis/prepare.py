@@ -26,6 +26,7 @@ from ..records.other_brakes import other_brake_findings
 from ..records.resample import resample
 from ..records.screen import screen
 from ..train.align import align
+from ..train.brake_steps import find_brake_steps
 from ..train.deceleration_cause import explain_deceleration
 from ..train.grid import Grids, build_grids, on_gradient, without_pressures
 from ..train.mean_axle import mass_at_rim, mean_axle
@@ -112,7 +113,7 @@ def align_log(
     axle_names = ", ".join(str(a.record.axle) for a in aligned.axles)
     if track.profile and gradient is None:
         findings.append(Finding("no-position", "warning"))
-    return AlignedLog(
+    aligned_log = AlignedLog(
         log.path,
         aligned.axles,
         choice.requested,
@@ -124,6 +125,13 @@ def align_log(
         other_brake_findings(log, aligned.axles, vehicle, view),
         not any(f.names["axles"] == axle_names for f in log.findings if f.code == "force-spread"),
     ).on_line(aligned.grids)
+    if not aligned_log.grids:
+        return aligned_log
+    steps = find_brake_steps(aligned_log.grids.coarse, view.start_ns)
+    if not steps:
+        return aligned_log
+    other_brakes = (*aligned_log.other_brakes, *steps)
+    return aligned_log._replace(other_brakes=other_brakes).on_line(aligned.grids)
 
 
 def diagnose_log(

@@ -1,0 +1,89 @@
+"""A brake without a channel that ends, or begins, while the pressure of all axles is constant.
+
+A magnetic track brake drops at low speed within some tenths of a second. All axles then slow less
+at the same pressure. The speed of each is a parabola with a bend:
+
+    v(s) = a + b s + c s² + d max(s, 0)
+
+fitted to the seconds before and after each time. What lies close to the bend is left out. No
+gradient, no friction and no slide that leaves the wheels together has a sudden and large d.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ..core.finding import Finding
+from ..core.model import Bools, Floats
+from ..core.physics import CRAWL, RELEASED_SHARE
+from ..core.signals import true_runs
+from ..core.time_axis import spans_of_mask
+from .grid import Grid
+
+_COARSEST_STEP = 0.5  # of a grid that shows a sudden change [s]
+_WINDOW, _TRANSITION = 2.5, 0.4  # before and after a change, and its own half [s]
+_LEAST_CHANGE = 0.25  # a gradient that changes by 2.5 % does so over the length of a train [m/s²]
+_LEAST_SHARE = 0.15  # least change over the deceleration
+_SIGMAS = 8.0  # from which a change is no noise; it is coloured
+_AXLE_SHARE = 0.5  # of the change of all axles, that each one shows at least
+_SLIP = 0.03  # of a wheel that rolls, at most
+_CONSTANT = 0.05  # change of a constant K, as a share of it
+
+
+def find_brake_steps(g: Grid, start_ns: int) -> tuple[Finding, ...]:
+    """Findings with the times when another brake acts, after the start of the log [ns]."""
+    top = g.smooth(np.max(g.clamping, axis=0))
+    braked = top > RELEASED_SHARE * np.nanmax(top, initial=0.0)
+    mask, largest = np.zeros(len(braked), dtype=np.bool_), 0.0
+    for place, change in _steps(g):
+        begin, stop = next((run for run in true_runs(braked) if run[0] <= place < run[1]), (0, 0))
+        mask[slice(begin, place) if change > 0.0 else slice(place, stop)] = True
+        largest = max(largest, change, key=abs)
+    if not mask.any():
+        return ()
+    much = f"{abs(largest):.2g} m/s² {'less' if largest > 0.0 else 'more'}"
+    names = {"reason": f"The train suddenly slows {much} at the same pressure"}
+    spans = spans_of_mask(mask, g.t, start_ns)
+    return (Finding("other-brake", "warning", "", len(spans), spans, {}, names),)
+
+
+def _steps(g: Grid) -> Iterator[tuple[int, float]]:
+    """The place of each sudden change of acceleration on the grid, and the change [m/s²]."""
+    j, n = round(_WINDOW / g.step), g.rim.shape[-1]
+    if g.step > _COARSEST_STEP or n < 4 * j:
+        return
+    s = g.step * np.arange(-j, j + 1)
+    beside = np.abs(s) > _TRANSITION
+    basis = np.stack([np.ones_like(s), s, s**2, np.maximum(s, 0.0)], axis=1)[beside]
+    inverse = np.linalg.pinv(basis)
+
+    def coefficients(v: Floats) -> tuple[Floats, Floats]:
+        windows = sliding_window_view(v, len(s), axis=-1)[..., beside]
+        x = windows @ inverse.T
+        squares = np.sum((windows - x @ basis.T) ** 2, axis=-1) / (len(basis) - basis.shape[1])
+        return x, np.sqrt(squares) * float(np.linalg.norm(inverse[-1]))
+
+    speeds = g.rim + g.climb
+    x, sigma = coefficients(np.mean(speeds, axis=0))
+    change, deceleration = x[:, -1], -x[:, 1]
+    by_axle = coefficients(speeds)[0][..., -1]
+    sudden = (
+        (np.abs(change) > np.maximum(_LEAST_CHANGE, _LEAST_SHARE * deceleration))
+        & (np.abs(change) > _SIGMAS * sigma)
+        & (by_axle * np.sign(change) > _AXLE_SHARE * np.abs(change)).all(axis=0)
+        & _is_steady(g, len(s))
+    )
+    for begin, stop in true_runs(sudden):
+        k = begin + int(np.argmax(np.abs(change[begin:stop]) / sigma[begin:stop]))
+        yield j + k, float(change[k])
+
+
+def _is_steady(g: Grid, width: int) -> Bools:
+    """Whether all axles roll and are braked alike over a window; shape (n - width + 1,)."""
+    K = sliding_window_view(g.clamping, width, axis=-1)
+    highest = np.max(K, axis=-1)
+    constant = (highest - np.min(K, axis=-1) < _CONSTANT * highest).all(axis=0)
+    slides = np.abs(g.share - 1.0) > _SLIP  # at low speed there is no share
+    rolls = (~slides & (g.rim > CRAWL)).all(axis=0)
+    return np.asarray(constant & sliding_window_view(rolls, width).all(axis=-1), np.bool_)

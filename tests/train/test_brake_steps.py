@@ -1,0 +1,56 @@
+"""A brake without a channel that ends while the pressure stays: what is one, and what is not."""
+
+import numpy as np
+import pytest
+
+from adhesion_cli.core.model import Floats
+from adhesion_cli.train.brake_steps import find_brake_steps
+from adhesion_cli.train.grid import Grid
+
+STEP = 0.25
+T = np.arange(0.0, 60.0, STEP)
+
+
+def grid(deceleration: Floats, pressure: Floats | None = None, noise: float = 0.01) -> Grid:
+    """Four axles that roll and slow like that from 60 m/s on, braked from 10 s on."""
+    rng = np.random.default_rng(1)
+    v = np.maximum(60.0 - np.cumsum(deceleration) * STEP, 0.0)
+    p = np.where(T > 10.0, 3e5, 0.0) if pressure is None else pressure
+    rim = np.maximum(v + rng.normal(0.0, noise, (4, len(T))), 0.0)
+    return Grid(0, STEP, rim, np.tile(p * 0.1, (4, 1)), np.tile(p, (4, 1)), None)
+
+
+BRAKE = np.where(T > 10.0, 0.8, 0.01)
+
+
+@pytest.mark.parametrize(("more", "acts"), [(0.5, (10.25, 40.0)), (-0.5, (40.0, 59.75))])
+def test_a_sudden_change_at_the_same_pressure_is_another_brake(
+    more: float, acts: tuple[float, float]
+) -> None:
+    """It acts before the change where the train then slows less, and after it where more."""
+    before = np.where((T > 10.0) & (T < 40.0), max(more, 0.0), 0.0)
+    after = np.where(T >= 40.0, max(-more, 0.0), 0.0)
+    (finding,) = find_brake_steps(grid(BRAKE + before + after), 0)
+    assert finding.code == "other-brake"
+    assert f"0.5 m/s² {'less' if more > 0.0 else 'more'}" in finding.names["reason"]
+    assert finding.spans[0] == pytest.approx(acts, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    "deceleration",
+    [
+        BRAKE,
+        BRAKE - np.interp(T, [38.0, 42.0], [0.0, 0.25]),  # a gradient of 2.5 % under a train
+        np.where(T > 10.0, 0.5 + 0.5 / (1.0 + np.maximum(50.0 - T, 0.0) / 5.0), 0.01),  # cast iron
+    ],
+    ids=["constant", "gradient", "cast iron"],
+)
+def test_a_gradient_and_the_friction_of_cast_iron_are_none(deceleration: Floats) -> None:
+    assert not find_brake_steps(grid(deceleration), 0)
+
+
+def test_a_change_of_the_pressure_or_noise_shows_none() -> None:
+    less = BRAKE - np.where(T > 40.0, 0.3, 0.0)
+    assert not find_brake_steps(grid(less, np.where(T > 10.0, 3e5, 0.0) * (less / BRAKE)), 0)
+    assert find_brake_steps(grid(less), 0)
+    assert not find_brake_steps(grid(less, noise=0.5), 0)
