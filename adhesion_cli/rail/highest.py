@@ -14,6 +14,10 @@ the band wider.
 σ_k is the smoother's sigma of the force, or that of the mean by its two ends,
 ω̇ = (ω_2 − ω_1) / T, where that is less: a slide's peak is short, but the speed before and after it
 is well known.
+
+Tolerances are one error for all windows. Where they are wide, as of a friction that is not known at
+some speed, another window may have the highest mean: the value is found with each tolerance added
+and subtracted, too.
 """
 
 import math
@@ -57,13 +61,16 @@ def highest_mean(
     windows = [_windows(t[i], reference.rows(i), peak_time) for i in pieces]
     mean, sigma, tolerance, mass = (np.concatenate(column) for column in zip(*windows, strict=True))
     sigma = np.maximum(sigma, 1e-9 * max(float(np.abs(mean).max()), 1.0))
-    top = int(np.argmax(mean - Z95 * sigma))
-    highest, by_tolerance = float(mean[top]), Z95 * float(tolerance[top])
+    low = mean - Z95 * sigma
+    top = int(np.argmax(low))
+    highest, top_low = float(mean[top]), float(low[top])
+    higher, lower = (float(np.max(low + k * tolerance)) for k in (Z95, -Z95))
+    by_tolerance = max(higher - top_low, top_low - lower)
     candidates = mean + _FAR * sigma > mean[top] - _FAR / 2.0 * sigma[top]
-    lower, upper = (
+    lowest, largest = (
         _quantile(mean[candidates], sigma[candidates], share) for share in (0.025, 0.975)
     )
-    u95 = math.hypot(max(upper - highest, highest - lower), by_tolerance)
+    u95 = math.hypot(max(largest - highest, highest - lowest), by_tolerance)
     return HighestMean(highest, u95, float(mass[top]))
 
 

@@ -54,6 +54,7 @@ def test_a_lock_whose_brake_is_vented_has_a_force_between_that_before_and_that_a
         assert filled.tolist() == [1.0, 2.0, 3.0, 4.0, 4.0]
         assert error.tolist() == [0.0, 1.5, 1.5, 0.0, 4.0]
     assert np.isnan(over_locks(np.full(5, np.nan), None)[0]).all()
+    assert over_locks(np.array([0.0, np.nan]), None)[0].tolist() == [0.0, 0.0]
 
 
 def test_a_lock_that_a_better_rail_ends_has_the_force_before_it_and_less_than_the_brake() -> None:

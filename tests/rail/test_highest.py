@@ -73,6 +73,15 @@ def test_tolerances_count_in_full() -> None:
     assert (value, half) == (pytest.approx(5000.0), pytest.approx(196.0, rel=1e-3))
 
 
+def test_a_force_that_is_less_known_at_another_time_may_be_the_highest_there() -> None:
+    """As where only slow stops have shown the friction, and it may rise with the speed."""
+    force, tolerance = np.full(100, 5000.0), np.where(np.arange(100) < 50, 1000.0, 100.0)
+    r = replace(reference(force, np.full(100, 1e-3)), tolerance=tolerance)
+    value, half = highest(r)
+    assert value == pytest.approx(5000.0)
+    assert half == pytest.approx(1960.0, rel=1e-3)
+
+
 def test_the_covariance_with_the_mass_is_that_of_the_highest_window() -> None:
     """Not that of the mean force: their difference once made the interval of the highest µ zero."""
     force = np.where(np.arange(100) < 50, 4000.0, 6000.0)  # a motor has a part of the first half
