@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.finding import Finding
 from ..core.model import AxleResult, Channel, Floats, IdentifiedVehicle, Log, Result, Times, Vehicle
 from ..core.summary import (
     AxleSummary,
@@ -90,19 +89,11 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
     other_brakes = [f for f in result.findings if f.code == "other-brake"]
     return {
         a.record.axle: tuple(
-            replace(x, other_brake=_is_under_others(x, other_brakes))
+            replace(x, other_brake=any(f.holds_between(x.start_s, x.end_s) for f in other_brakes))
             for x in find_applications(a, result.vehicle, start, route, limits, peak_time)
         )
         for a in result.axles
     }
-
-
-def _is_under_others(a: BrakeApplication, others: Sequence[Finding]) -> bool:
-    """Whether another brake acts in a brake application; one that has no time acts in all."""
-    return any(
-        not f.spans or any(begin < a.end_s and a.start_s < stop for begin, stop in f.spans)
-        for f in others
-    )
 
 
 def _rows_used(result: Result) -> int:

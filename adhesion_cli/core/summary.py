@@ -253,7 +253,9 @@ class StopSummary:
     delay_s: Annotated[Measured | None, Quantity("s", "until the start share, mean of the axles")]
     response_time_s: Annotated[
         Measured | None,
-        Quantity("s", "equivalent response time: delay and half of the build-up; null with slides"),
+        Quantity(
+            "s", "equivalent: delay and half of the build-up; null under slides or other brakes"
+        ),
     ]
     mean_deceleration: Annotated[Measured | None, Quantity("m/s²", "v0² / (2 s)")]
     equivalent_deceleration: Annotated[

@@ -217,8 +217,7 @@ def _dead_time_sigma(response: BrakeResponse, settings: StopSettings) -> float:
     """
     if settings.dead_time:
         return _DEAD_TIME_ERROR * settings.dead_time
-    build_up = 2.0 * response.equivalent.value - response.delay.value
-    share = _DEAD_TIME_SHARE * build_up if math.isfinite(build_up) else 0.0
+    share = _DEAD_TIME_SHARE * response.build_up if math.isfinite(response.build_up) else 0.0
     return max(_LEAST_DEAD_TIME, share)
 
 

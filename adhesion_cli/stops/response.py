@@ -24,6 +24,7 @@ class BrakeResponse(NamedTuple):
     delay: Parameter  # [s]
     equivalent: Parameter  # [s]
     full_value: float  # of the brake, mean over the axles: pressure [Pa] or force [N]
+    build_up: float = math.nan  # until the end of the build-up that nothing disturbs [s]
 
 
 class _AxleResponse(NamedTuple):
@@ -50,9 +51,9 @@ def find_response(
     for axle, brake in signals.brakes.items():
         released, full_value, noise = brake_levels(brake, braking.start, braking.stop)
         span = full_value - released
-        if span < 10.0 * noise or span <= 0.0:
-            continue
         window = brake.cut(command - 0.5, braking.stop)
+        if span < 10.0 * noise or span <= 0.0 or len(window.t) < 2:
+            continue
         share = (window.value - released) / span
         error = math.hypot(noise, quantisation_step(window.value) / math.sqrt(12.0)) / span
         delay = _crossing(
@@ -85,8 +86,10 @@ def find_response(
     if disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command):
         return BrakeResponse(delay_mean, unknown, total / len(axles))
     sigma = math.hypot(delay_mean.tolerance, full_mean.tolerance) / 2.0
-    mean = (delay_mean.value + full_mean.value) / 2.0
-    return BrakeResponse(delay_mean, Parameter(mean, sigma), total / len(axles))
+    equivalent = Parameter((delay_mean.value + full_mean.value) / 2.0, sigma)
+    if any(f.holds_between(command, command + longest) for f in signals.other_brakes):
+        equivalent = unknown  # the pressure alone is not the force
+    return BrakeResponse(delay_mean, equivalent, total / len(axles), full_mean.value)
 
 
 def _since_command(time: Parameter, command: float) -> Parameter:

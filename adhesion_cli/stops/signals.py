@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ..core.finding import Finding
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
 from ..core.signals import in_order, means_around, median_of_five, robust_sigma
 from ..rail.speed_errors import CLEAR_SIGMAS, delay_sigma, has_uncertain_delay, unknown_delay
@@ -58,6 +59,7 @@ class StopSignals(NamedTuple):
     reservoir: TimeSeries | None = None  # pressure [Pa]
     saturated: Floats = np.empty(0)  # when a pressure is at the end of its sensor's range [s]
     by_pressure: bool = True  # whether `brakes` are pressures
+    other_brakes: Sequence[Finding] = ()  # when brakes act that the log does not show
     others_later: bool = False  # whether other cars brake later than the axles of the log
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]

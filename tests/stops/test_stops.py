@@ -10,6 +10,7 @@ from helpers.made_results import result
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
 from adhesion_cli.core.physics import RECEIVER_DELAY, SLIDE, G
 from adhesion_cli.core.signals import true_runs
@@ -326,6 +327,26 @@ def test_an_axle_that_takes_over_from_another_brake_leaves_no_response() -> None
     (stop,) = measured(x._replace(brakes={1: TimeSeries(t, p), 2: TimeSeries(t, p), 3: late}))
     assert stop.delay_s is not None
     assert (stop.response_time_s, stop.equivalent_deceleration) == (None, None)
+
+
+def test_another_brake_in_the_build_up_leaves_no_response() -> None:
+    x, _ = signals()
+    other = Finding("other-brake", "warning", spans=((ON + 1.0, ON + 9.0),))
+    (stop,) = measured(x._replace(other_brakes=[other]))
+    assert stop.delay_s is not None
+    assert (stop.response_time_s, stop.equivalent_deceleration) == (None, None)
+    earlier = replace(other, spans=((ON - 9.0, ON - 1.0),))
+    assert measured(x._replace(other_brakes=[earlier]))[0].response_time_s is not None
+    always = replace(other, spans=())
+    assert measured(x._replace(other_brakes=[always]))[0].response_time_s is None
+
+
+def test_a_single_reading_of_the_pressure_shows_no_response() -> None:
+    x, _ = signals()
+    t, p = x.brakes[1]
+    kept = np.flatnonzero((t < ON - 1.0) | (np.abs(t - ON - 15.0) < 0.5 * (t[1] - t[0])))
+    (stop,) = measured(x._replace(brakes={1: TimeSeries(t[kept], p[kept])}))
+    assert stop.response_time_s is None
 
 
 def test_a_pressure_at_the_end_of_its_range_leaves_no_response() -> None:
