@@ -36,8 +36,8 @@ from ..core.toml import Table
 from ..rail.rail_under_slides import Summary
 from ..rail.slope import REGIONS
 from ..reference.calibrated_vehicle import CalibratedParameter
-from ..results import atomic_files, result_rows, slip_text, tables
-from ..results.text_tables import number, records
+from ..results import atomic_files, result_rows, slip_text, stop_rows, tables
+from ..results.text_tables import non_empty, number, records
 from ..scores.metrics import pool_scores
 from ..studies import calibrate
 from .choices import File, axles_of, in_python
@@ -355,7 +355,9 @@ class Analysis(_Tables):
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         pairs = [(str(a.axle), x) for a in self._summary.axles for x in a.applications]
+        whole_stops = [stop_rows.short_row(x) for x in self.stops if x.valid]
         return self.log.path, {
+            "Stops of the train (± is 95 %)": non_empty(whole_stops),
             "Brake applications (± is 95 %)": [result_rows.row(*pair) for pair in pairs],
             "Slides": [result_rows.slid_row(*pair) for pair in pairs if pair[1].slides],
         }

@@ -149,6 +149,8 @@ class BrakeApplication:
     ] = None
     latitude: Annotated[Number, Quantity("°", "north positive, at the start")] = None
     longitude: Annotated[Number, Quantity("°", "east positive, at the start")] = None
+    slide_start_s: Annotated[Number, Quantity("s", "begin of its first slide, as start_s")] = None
+    slide_position_km: Annotated[Number, Quantity("km", "place there, as position_km")] = None
     ed_share: Annotated[
         Measured | None, Quantity("-", "share of the ED brake in the brake work; null without one")
     ] = None

@@ -63,7 +63,7 @@ class SlidApplication:
 
     log: str
     axle: int
-    start_s: float
+    slide_start_s: float | None
     from_mps: float | None
     to_mps: float | None
     coefficient_mean: float | None
@@ -73,7 +73,7 @@ class SlidApplication:
     max_slip: float
     slide_energy_j: float | None
     at_least: bool
-    position_km: float | None  # at its start; where `position_from` is "position", of the line
+    slide_position_km: float | None  # where `position_from` is "position", of the line
     position_from: str | None
 
 
@@ -177,7 +177,7 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         logs = _newest(logs)
         analysed = [row for row in logs if row.status != "error"]
         names = sorted({Path(row.file).name for row in analysed})
-        columns = (*_OF_SLID, "time", "settings", _FILE)
+        columns = (*_OF_SLID, "position_km", "time", "settings", _FILE)
         applications = _read(folder / "applications", names, columns)
         findings = _read(folder / "findings", names, DoubtfulLog._fields)
         stops = _read(folder / "stops", names, _OF_STOP)
@@ -300,10 +300,16 @@ def _bands(table: Any) -> Iterator[tuple[float, float | None] | tuple[()]]:
 
 
 def _places(table: Any) -> list[tuple[Any, ...]]:
-    """Kilometre, day and hour of each application whose position on the line is known."""
-    columns = (table[name].to_pylist() for name in ("position_from", "position_km", "time"))
+    """Kilometre, day and hour of each application whose position on the line is known.
+
+    The kilometre is that of its first slide; without a slide, of its start.
+    """
+    names = "position_from", "position_km", "slide_position_km", "time"
     places: list[tuple[Any, ...]] = []
-    for source, km, time in zip(*columns, strict=True):
+    for source, start_km, slide_km, time in zip(
+        *(table[n].to_pylist() for n in names), strict=True
+    ):
+        km = start_km if slide_km is None else slide_km
         clock = (time[:10], int(time[11:13])) if time else ("unknown", None)
         has_km = source == "position" and km is not None
         places.append((math.floor(km), *clock) if has_km else ())

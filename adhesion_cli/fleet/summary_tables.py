@@ -15,9 +15,9 @@ _OF_SPREAD = (
     "median of those with a slide."
 )
 _OF_SLIDES = (
-    "at: start of the brake application after the start of the log. km: its place on the "
-    "line. km/h: speed there. slid and [m]: time and distance of all its slides. kJ: energy "
-    "of friction between wheel and rail."
+    "One row per brake application. at: begin of its first slide after the start of the log. km: "
+    "place of that on the line. km/h: speed where braking began. slid and [m]: time and distance "
+    "of all its slides. kJ: energy of friction between wheel and rail."
 )
 _OF_STOPS = (
     "valid: whole stops. Distance and response time are medians of these; 5 %, median, 95 %: "
@@ -244,8 +244,8 @@ def _slid(row: SlidApplication) -> dict[str, str]:
     return {
         "log": row.log,
         "axle": str(row.axle),
-        "at [s]": number(row.start_s, 1),
-        "km": number(row.position_km if row.position_from == "position" else None, 3),
+        "at [s]": number(row.slide_start_s, 1),
+        "km": number(row.slide_position_km if row.position_from == "position" else None, 3),
         "km/h": number(row.from_mps and 3.6 * row.from_mps, 0),
         "slid [s]": bounded_number(row.slide_s, 1, row.at_least),
         "[m]": bounded_number(row.slide_distance_m, 0, row.at_least),

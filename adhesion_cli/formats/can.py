@@ -267,6 +267,21 @@ def bus(place: str) -> Any:
         raise UserError(text, "check interface and channel, as can:socketcan:can0") from None
 
 
+def next_frame(bus: Any, place: str) -> Any:
+    """The next frame of a bus; None where none comes within 0.2 s.
+
+    Raises:
+        UserError: where the bus can no longer be read, as when its interface goes down.
+    """
+    import can
+
+    try:
+        return bus.recv(timeout=0.2)
+    except (can.CanError, OSError) as error:
+        text = f"can:{place}: cannot be read any more: {error}"
+        raise UserError(text, "check that the interface is up, then start again") from None
+
+
 class FrameDecoder:
     """Frames one by one, by the DBC of the vehicle.
 

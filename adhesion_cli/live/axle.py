@@ -20,6 +20,7 @@ from .sensors import StuckPressure, StuckSpeed, pressure_leaps, wheel_leaps
 _MEDIAN_WINDOW = 100  # intervals whose median is the usual one
 _LONGEST_FIRST_INTERVAL = 10.0  # longest interval before the usual one is known [s]
 _CLOCK_SET_BACK = 2.0  # an older stamp than this is a clock that was set back [s]
+_OLDER_STAMPS = 5  # older ones in a row: it was set back by less, and the train went on meanwhile
 _EDGE_GAPS = 2.0  # gaps that a pressure may end before the speed, or begin after it
 _REGIMES = ("rolling", "sliding", "changing")
 
@@ -138,6 +139,7 @@ class LiveAxle:
         self._motor_clock = _Clock(measuring.max_gap)
         self._motor_part = 0.0, 0.0  # of the newest sample
         self._slides = False
+        self._older_stamps = 0  # of the wheel speed, in a row
         p = measuring.thresholds
         self._speed_leaps, self._speed_stuck = wheel_leaps(p.outliers), StuckSpeed(p.stuck_speed)
         self._pressure_leaps = pressure_leaps(p.outliers)
@@ -152,6 +154,7 @@ class LiveAxle:
         clock, is_pressure = self._brake, self._measuring.pressure is not None
         if clock.last is not None and 0 < clock.last - t < _CLOCK_SET_BACK * 1e9:
             self._report("time-out-of-order", t, start)
+            self._pressure_leaps.restart()
             return
         if is_pressure and not self._is_sound(t, value, start):
             return
@@ -232,6 +235,7 @@ class LiveAxle:
             if t == previous or previous - t < _CLOCK_SET_BACK * 1e9:
                 code = "time-duplicate" if t == previous else "time-out-of-order"
                 self._report(code, t, start)
+                self._older_stamps += t < previous
                 return False
             self._report("time-backward", t, start, most_s=(previous - t) * 1e-9)
             self._wheel.last = self._last_time = self._first_time = None
@@ -239,7 +243,8 @@ class LiveAxle:
         h = self._wheel.step(t)
         if h > limit:
             self._report("gap", t, start, longest_s=h, limit_s=math.floor(h) + 1.0)
-        if not h <= limit:
+        was_set_back, self._older_stamps = self._older_stamps >= _OLDER_STAMPS, 0
+        if was_set_back or not h <= limit:
             self._last_time = None
             self._speed_leaps.restart()
             self._speed_stuck.restart()

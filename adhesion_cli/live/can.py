@@ -3,7 +3,7 @@
 from typing import Any
 
 from ..core.errors import UserError, installed_by
-from ..formats.can import FrameDecoder, bus
+from ..formats.can import FrameDecoder, bus, next_frame
 from ..formats.source import ReadOptions
 from .feed import Pump
 from .messages import Messages, Values
@@ -31,7 +31,7 @@ class Can(Messages):
             self._decoder, self._bus = FrameDecoder(options.dbc), bus(place)
         except ImportError as error:
             raise UserError(f"{name}: {error.name} is not installed", _INSTALL) from error
-        self._closed = False
+        self._closed, self._place = False, place
         pump = Pump(self._frame, patient=False)
         super().__init__(name, iter(pump), options, pump.dropped_count)
 
@@ -46,7 +46,7 @@ class Can(Messages):
 
     def _frame(self) -> Any:
         while not self._closed:
-            if frame := self._bus.recv(timeout=0.2):
+            if frame := next_frame(self._bus, self._place):
                 return frame
         return None
 

@@ -81,6 +81,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
     slips = [x.max_slip for x in slides if x.max_slip is not None]
     energies = [x.energy for x in slides if x.energy is not None]
     rail = rails.get(slides[0].start) if slides else None
+    slide_list = tuple(summarise_slide(x, log_start, route, rail) for x in slides)
     utilisation = rail.utilisation if rail else None
     has_motor = force is not None and record.motor_clamping is not None
     work = brake_work(record, vehicle, pieces) if has_motor else None
@@ -93,7 +94,7 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         force_n=force and _without_unknown(force, weight),
         coefficient=coefficient and _without_unknown(coefficient, 1.0),
         slides=len(slides),
-        slide_list=tuple(summarise_slide(x, log_start, route, rail) for x in slides),
+        slide_list=slide_list,
         slide_s=sum(x.duration for x in slides),
         slide_distance_m=sum(x.distance for x in slides),
         max_slip=1.0 if locks else max(slips, default=None),
@@ -112,6 +113,8 @@ def _application(  # noqa: PLR0913 (all that a brake application is made of)
         position_from=route.position_from,
         latitude=place.latitude,
         longitude=place.longitude,
+        slide_start_s=slide_list[0].start_s if slide_list else None,
+        slide_position_km=slide_list[0].position_km if slide_list else None,
         ed_share=work and motor_share([work], vehicle),
     )
 

@@ -188,6 +188,13 @@ def test_pandas_is_optional(run: adhesion.Analysis, monkeypatch: pytest.MonkeyPa
         run.to_pandas()
 
 
+def test_a_text_shows_the_whole_stops_of_the_train() -> None:
+    run = adhesion.analyze(LOGS / "low-adhesion.csv", algos=["imm"])
+    (stop,) = run.stops
+    assert stop.distance_m
+    assert f"{stop.distance_m.value:.0f}±" in repr(run)
+
+
 def test_a_text_shows_every_brake_application(run: adhesion.Analysis) -> None:
     means = [x.coefficient.mean for x in run.applications if x.coefficient]
     assert means

@@ -71,6 +71,10 @@ def test_analyze_says_when_and_where(run: Run, log: Path, tmp_path: Path) -> Non
     keys = "start_s duration_s distance_m max_slip energy_j position_km latitude longitude".split()
     assert set(keys) <= set(slides[0])
     assert all(7.0 < x["position_km"] < 7.6 and x["longitude"] == 8.6 for x in slides)
+    slid = next(a for a in applications if a["slide_list"])
+    first_slide = slid["slide_list"][0]
+    assert slid["slide_start_s"] == first_slide["start_s"] > slid["start_s"]
+    assert slid["slide_position_km"] == first_slide["position_km"] > slid["position_km"]
 
     features = json.loads((tmp_path / map_).read_text("utf-8"))["features"]
     assert result["outputs"]["geojson"] == map_

@@ -107,6 +107,17 @@ def test_logs_are_counted_by_their_status(folder: Path) -> None:
     assert found.damaged == ["c"]
 
 
+def test_a_slide_counts_at_its_own_place_not_where_braking_began(tmp_path: Path) -> None:
+    slid = placed(
+        12.3, "2026-03-01T06:59:00Z", **SLID, slide_start_s=31.4, slide_position_km=13.125
+    )
+    write(tmp_path, log("a", "2026-03-01", slid, placed(12.4, "2026-03-01T07:10:00Z")))
+    found = summarise_fleet(tmp_path)
+    assert [(x.group["km"], x.with_slides) for x in found.by_km] == [(12, 0), (13, 1)]
+    worst = _text(found).split("Worst slides")[1].splitlines()
+    assert worst[3].split()[1:4] == ["1", "31.4", "13.125"]
+
+
 def placed(km: float, time: str | None, mu: float = 0.1, **more: Any) -> BrakeApplication:
     place = {"position_km": km, "position_from": "position", "time": time}
     return application(mu, 20.0, **place | more)
@@ -114,7 +125,8 @@ def placed(km: float, time: str | None, mu: float = 0.1, **more: Any) -> BrakeAp
 
 def test_adhesion_is_distributed_by_kilometre_hour_and_day(tmp_path: Path) -> None:
     morning, later = "2026-03-01T06:59:00Z", "2026-03-01T07:00:00.5Z"
-    first = placed(12.2, morning), placed(12.9, morning, 0.2), placed(12.9, later, **SLID)
+    slid = placed(12.9, later, **SLID, slide_position_km=12.9)
+    first = placed(12.2, morning), placed(12.9, morning, 0.2), slid
     way = application(0.1, 20.0, position_km=1.0, position_from="distance", time=later)
     write(tmp_path, log("a", "2026-03-01", *first, placed(9.5, later), way))
     write(tmp_path, log("b", None, placed(12.0, None)))

@@ -137,6 +137,22 @@ def test_a_clock_that_is_set_back_starts_a_segment() -> None:
     assert status == ["start", *["ok"] * 999, "start", *["ok"] * 99]
 
 
+def test_a_clock_set_back_by_a_second_is_no_jump_of_the_train() -> None:
+    """The samples of that second are left out; then speed and pressure are other ones."""
+    one = axle()
+    seconds = [*np.arange(0.0, 10.0, 0.01), *np.arange(9.0, 12.0, 0.01)]
+    known = []
+    for k, x in enumerate(seconds):
+        one.brake(round(x * 1e9), 2e5 if k < 1000 else 0.5e5, 0)
+        sample = one.wheel(round(x * 1e9), 60.0 - 0.03 * k, 0)
+        known += [sample] if sample else []
+    assert {f.code for f in one.findings} == {"time-out-of-order", "time-duplicate"}
+    status = [s.status for s in known]
+    assert status == ["start", *["ok"] * 999, "start", *["ok"] * 199]
+    forces = [s.estimates["imm"].force for s in known[1000:]]
+    assert max(map(abs, forces)) < 2.0 * abs(forces[-1])
+
+
 def test_a_train_speed_that_ends_gives_no_slip() -> None:
     one = axle()
     known = []

@@ -9,6 +9,7 @@ from helpers.live_runs import Kept
 
 from adhesion_cli.analysis.request import choose_estimators
 from adhesion_cli.analysis.settings import load
+from adhesion_cli.core.errors import UserError
 from adhesion_cli.live.axle import LiveSample
 from adhesion_cli.live.feed import Feed
 from adhesion_cli.live.open import open_feed
@@ -58,3 +59,21 @@ def test_frames_of_a_bus_are_decoded_by_the_dbc(tmp_path: Path) -> None:
     assert len(kept.of[1]) == 250
     assert kept.of[1][100].speed == pytest.approx(70.0 / 3.6 / settings.vehicle.radius(1).value)
     assert kept.of[1][100].pressure == pytest.approx(2e5)
+
+
+def test_a_bus_that_goes_down_is_no_internal_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    can = pytest.importorskip("can")
+    pytest.importorskip("cantools")
+    dbc = tmp_path / "train.dbc"
+    dbc.write_text('VERSION ""\nBS_:\nBU_: BCU\n')
+
+    def recv(*_: object, **__: object) -> None:
+        raise can.CanOperationError("Network is down")
+
+    monkeypatch.setattr("can.interfaces.virtual.VirtualBus.recv", recv)
+    feed = open_feed("can:virtual:down", load(assignments=[f'can.dbc = ["{dbc}"]']).read)
+    with pytest.raises(UserError, match=r"down: .*any more: Network is down"):
+        feed.head()
+    feed.close()

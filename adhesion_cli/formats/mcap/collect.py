@@ -97,6 +97,8 @@ class Collector:
         if self._source == "header" and stamp:
             places = [decoded.numbers.index(steps) for steps in stamp.places]
             own_stamps, has_stamp = stamp.times(decoded.values[places])
+            # a clock that counts from zero may be at zero, and so is the log's then
+            has_stamp |= (t == 0) & (decoded.values[places] == 0.0).all(axis=0)
             t = np.where(has_stamp, own_stamps, t)
             values[:, ~has_stamp] = np.nan
             decoded.note(DecodingFault("mcap-no-stamp"), np.flatnonzero(decodes & ~has_stamp))

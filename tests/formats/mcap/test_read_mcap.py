@@ -801,6 +801,16 @@ def test_messages_without_their_stamp_are_not_used(tmp_path: Path) -> None:
     assert codes(source) == [("mcap-no-stamp", 1)]
 
 
+def test_a_clock_that_was_set_back_to_zero_is_at_zero(tmp_path: Path) -> None:
+    log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, t, stamped(t, i)) for i, t in enumerate((5, 6, 0, 1))]
+    source = opened(tmp_path, log)
+    (column,) = read(source).values()
+    assert column.valid.all()
+    assert column.t.tolist() == [5, 6, 0, 1]
+    assert "mcap-no-stamp" not in dict(codes(source))
+
+
 @pytest.mark.parametrize("encoding", ["json", "cdr"])
 def test_all_channels_take_one_clock(tmp_path: Path, encoding: str) -> None:
     stamp = {"sec": START // 10**9, "nsec": 500}
