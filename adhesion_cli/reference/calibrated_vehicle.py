@@ -38,6 +38,8 @@ from . import force
 # 1 sigma from log to log, assumed: of the friction by heat and wear, of the pressure's zero.
 LOG_TO_LOG = {model.SCALE: 0.02, model.OFFSET: 0.005}
 _UNLIKE = 0.5  # 1 sigma of the brake force per mass of other cars that brake later, as a share
+_BY_FILTER = 0.15  # 1 sigma of ln of the force by a filter, per delay [1/s]
+_LONGEST_FILTER = 0.4  # a signal that is later than that is so by its clock [s]
 _Values = dict[str, Any]  # of a vehicle, by their names
 _SOURCES = {
     "force_over_mass": "stated tolerances",
@@ -203,10 +205,16 @@ def prior(
 
 
 def train_by(logs: Sequence[Evidence], train: Train) -> Train:
-    """The rest of the train: where it brakes later than the axles of a log, it is not alike."""
-    if not any(x.delay < -model.EARLY for x in logs):
-        return train
-    return train._replace(alike=max(train.alike, _UNLIKE))
+    """The rest of the train: where it brakes later than the axles of a log, it is not alike.
+
+    A signal may be late by its filter. That also bends the build-up: it looks like another force.
+    A longer delay is one of clocks.
+    """
+    longest = max(abs(x.delay) for x in logs)
+    alike = math.hypot(train.alike, _BY_FILTER * min(longest, _LONGEST_FILTER))
+    if any(x.delay < -model.EARLY for x in logs):
+        alike = max(alike, _UNLIKE)
+    return train._replace(alike=alike)
 
 
 def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:
