@@ -88,11 +88,17 @@ def _flat_top(p: Params, brake: Channel, equal_runs: RepeatedRuns, silent: Bools
 
 
 def _range_ends_low(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> bool:
-    """Whether the sensor reads nothing below its lowest value: it is there often, not by chance."""
+    """Whether the sensor reads nothing below its lowest value: it is there often, not by chance.
+
+    So it is, too, where nearly all of the time near that value is at it: of a slow release, many
+    samples are near it.
+    """
     lowest, highest = float(brake.data.value.min()), float(brake.data.value.max())
-    value = equal_runs.value[equal_runs.length < _SHORT_RUN]
-    near_lowest = (value <= lowest + max(p.small * highest, 4.0 * brake.step)).sum()
-    return bool(near_lowest < _ENOUGH_SAMPLES or (value == lowest).sum() > 0.1 * near_lowest)
+    is_long, value = equal_runs.length >= _SHORT_RUN, equal_runs.value
+    near_lowest = (value[~is_long] <= lowest + max(p.small * highest, 4.0 * brake.step)).sum()
+    silence = equal_runs.length[is_long & (value == lowest)].sum()
+    often = max((value[~is_long] == lowest).sum(), 0.01 * silence)
+    return bool(near_lowest < max(_ENOUGH_SAMPLES, 10.0 * often))
 
 
 def _silent(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> Bools:

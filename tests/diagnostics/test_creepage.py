@@ -97,3 +97,20 @@ def test_a_pressure_that_one_axle_lacks_for_a_while_does_not_stop_the_comparison
     codes = {f.code for f in prepare(log, Vehicle()).findings}
     assert "pressure-saturated" in codes
     assert "axle-force-suspect" not in codes  # wheels without creepage show nothing
+
+
+@pytest.mark.parametrize("seed", [2, 3, 6, 10])
+def test_a_trailer_beside_blended_axles_has_its_own_error_by_the_train_speed(seed: int) -> None:
+    """The slow noise of a receiver cancels only between axles that brake at the same times."""
+    rng, signals = np.random.default_rng(seed), {}
+    blended = BRAKE * np.interp(T, [18.0, 20.0, 30.0, 32.0], [1.0, 0.4, 0.4, 1.0])
+    brakes = {1: blended, 2: 0.5 * BRAKE, 3: blended, 4: blended, 5: blended}
+    v = np.maximum(32.0 - 0.05 * np.cumsum(0.07 * sum(brakes.values()) + 0.02), 0.0)
+    slow_noise = np.convolve(rng.normal(0.0, 0.02, len(T)), np.full(60, 60**-0.5), "same")
+    for n, brake in brakes.items():
+        rim = 3.6 * v * (1.0 - 0.035 * brake / 25.0) + rng.normal(0.0, 0.02, len(T))
+        signals |= {f"BCP {n} [bar]": brake, f"axle {n} [km/h]": np.round(rim, 2)}
+    signals["train speed [km/h]"] = 3.6 * np.maximum(v + slow_noise, 0.0)
+    vehicle = replace(Vehicle(), spring_force=Parameter(0.0, 0.0))
+    log = read(MemorySource(Signals(T, signals)), (), vehicle)
+    assert not [f for f in prepare(log, vehicle).findings if f.code == "axle-force-suspect"]

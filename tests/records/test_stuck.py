@@ -94,6 +94,18 @@ def test_a_stuck_pressure_is_found_to_the_sample(at: float) -> None:
     assert mask[stuck.stop + 2 :].sum() == 0
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_released_pressure_that_reads_zero_is_not_stuck(seed: int) -> None:
+    """The sensor reads 0.04 bar too little, and nothing below zero; releases are slow."""
+    t, p = np.arange(0.0, 60.0, 0.02), np.zeros(3000)
+    for begin, end, top in ((9.0, 23.0, 3e5), (34.0, 49.0, 1.5e5)):
+        filling = 1.0 - np.exp((begin - np.maximum(t, begin)) / 0.3)
+        p = np.maximum(p, top * np.where(t < end, filling, np.exp((end - t) / 0.8)))
+    p += 400.0 * np.random.default_rng(seed).standard_normal(len(t)) - 4000.0
+    channel = pressure(np.maximum(0.0, np.round(p / 100.0) * 100.0), 50.0, 100.0)
+    assert not stuck_pressure.standing(PARAMS, channel).stuck.any()
+
+
 def test_a_saturated_pressure_is_not_a_stuck_one() -> None:
     p = application(25.0, 1000.0, 1000.0)
     standing = stuck_pressure.standing(PARAMS, pressure(np.minimum(p, 2e5), 25.0, 1000.0))

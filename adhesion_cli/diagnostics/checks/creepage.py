@@ -40,7 +40,16 @@ class _Creepages(NamedTuple):
 
     value: Floats
     sigma: Floats  # 1 sigma against the other axles
-    common: float  # 1 sigma that they share: errors of the train speed
+    error: float  # 1 sigma of what all axles share: errors of the train speed [m/s]
+    weights: Floats  # of the speeds in the value (axles, blocks) [s/m]
+
+    def common(self, i: int, share: float) -> float:
+        """1 sigma of the value of axle i less a share of the others', by what all axles share.
+
+        Most of it cancels where their brakes act at the same times.
+        """
+        others = np.delete(self.weights, i, axis=0).mean(axis=0)
+        return self.error * float(np.linalg.norm(self.weights[i] - share * others))
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
@@ -55,12 +64,12 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         others = np.delete(creepages.value, i)
         usual = float(np.median(others))
         agree = (np.abs(others - usual) < (1.0 - p.least) * usual).sum()
-        if usual < max(4.0 * creepages.common, _LEAST_CREEPAGE) or 2 * agree <= len(
+        if usual < max(4.0 * creepages.common(i, 0.0), _LEAST_CREEPAGE) or 2 * agree <= len(
             creepages.value
         ):
             continue  # no majority says what is usual
         share = float(value) / usual
-        share_sigma = float(np.hypot(sigma, (1.0 - share) * creepages.common)) / usual
+        share_sigma = float(np.hypot(sigma, creepages.common(i, share))) / usual
         u95 = Z95 * share_sigma
         is_more = share - u95 > 1.0 / p.least and brakes[i] < p.lower * np.median(brakes)
         if share_sigma < p.sure * max(share, 1.0) and (share + u95 < p.least or is_more):
@@ -87,21 +96,21 @@ def _creepages(s: Scene, v: Floats) -> _Creepages | None:
         if (fit := _fit(blocks[:3].T, blocks[3])) is None:
             return None
         fits.append(fit)
-    values, variances, residuals = (np.array(x) for x in zip(*fits, strict=True))
+    values, weights, residuals = (np.array(x) for x in zip(*fits, strict=True))
     others = (residuals.sum(axis=0) - residuals) / (len(fits) - 1)
     freedom = residuals.shape[1] - 3
     own, total = (np.sum(r**2, axis=1) / freedom for r in (residuals - others, residuals))
-    common = float(np.sqrt(np.max(total * variances)))
-    return _Creepages(values, np.sqrt(own * variances), common)
+    sigma = np.sqrt(own) * np.linalg.norm(weights, axis=1)
+    return _Creepages(values, sigma, float(np.sqrt(total.max())), weights)
 
 
-def _fit(A: Floats, y: Floats) -> tuple[float, float, Floats] | None:
-    """k, its variance for an error of 1 m/s, and what is left [m/s]; None where not shown."""
+def _fit(A: Floats, y: Floats) -> tuple[float, Floats, Floats] | None:
+    """k, the weights of y in it [s/m], and what is left [m/s]; None where not shown."""
     if len(y) < FEWEST or np.linalg.matrix_rank(A) < A.shape[1]:
         return None
-    covariance = np.linalg.pinv(A.T @ A)
-    x = covariance @ A.T @ y
-    return float(x[1]), float(covariance[1, 1]), y - A @ x
+    inverse = np.linalg.pinv(A)
+    x = inverse @ y
+    return float(x[1]), inverse[1], y - A @ x
 
 
 def _means(columns: Floats, known: Bools, size: int) -> Floats:
