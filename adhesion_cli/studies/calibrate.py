@@ -130,7 +130,8 @@ def calibrate(
     with_design = [u.evidence.design for u in rolling if u.evidence.design]
     designs = pieces.join_designs(with_design, vehicle)
     delay = max(abs(u.evidence.delay) for u in rolling)
-    prior = reference.prior(designs, vehicle, delay, settings.train)
+    train = reference.train_by([u.evidence for u in rolling], settings.train)
+    prior = reference.prior(designs, vehicle, delay, train)
     posterior = solve.joint(designs, prior)
     _check_agreement(rolling, designs, prior, posterior)
     brake_point = reference.mean_brake(designs)
