@@ -7,7 +7,6 @@ import signal
 import sys
 import threading
 import traceback
-from contextlib import suppress
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
@@ -19,10 +18,6 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 _HINT = "nothing was left half-written"
-# Options of the C library's mallopt.
-_FEW = {-8: 1}  # M_ARENA_MAX
-# With M_MMAP_THRESHOLD, at its highest, and M_TRIM_THRESHOLD [B]
-_KEPT = _FEW | {-3: 32 << 20, -1: 64 << 20}
 _SOON = 0.05  # after which an interrupt that got lost is raised again [s]
 
 
@@ -56,7 +51,7 @@ def main() -> NoReturn:
         code = run()
         sys.stdout.flush()
     except (Exception, KeyboardInterrupt, _Terminated) as error:
-        code = _told(error)
+        code = _report_end(error)
         _flush_output()
     sys.exit(code)
 
@@ -71,31 +66,16 @@ def _flush_output() -> None:
 
 
 def _fit_memory() -> None:
-    """Sets how the C library and pyarrow take memory.
-
-    Memory that numpy frees goes back to the system, which clears it before the next array gets it:
-    a fifth of the time of `inspect`. So some of it stays, and all threads take from it.
-
-    Where address space is limited (`ulimit -v`), libraries reserve less of it. pyarrow's own
-    allocator reserves 1 GB, the C library some 100 MB for each thread.
-    """
+    """Where address space is limited (`ulimit -v`), pyarrow's own allocator reserves 1 GB of it."""
     if sys.platform == "win32":
         return
     import resource
 
-    options = _KEPT
     if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
         os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
-        options = _FEW
-    if sys.platform == "linux":
-        import ctypes
-
-        with suppress(AttributeError, OSError):  # another C library has no such options
-            for option, value in options.items():
-                ctypes.CDLL(None).mallopt(option, value)
 
 
-def _told(error: BaseException) -> int:
+def _report_end(error: BaseException) -> int:
     """Says what ended the run; returns the exit code."""
     cause: BaseException | None = error
     while cause:  # what a signal raises, Python may put into an error of its own

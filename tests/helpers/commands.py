@@ -32,6 +32,6 @@ def in_process(folder: Path, *arguments: str | Path) -> subprocess.CompletedProc
         try:
             code = app.run()
         except (Exception, KeyboardInterrupt) as error:
-            code = __main__._told(error)
+            code = __main__._report_end(error)
     out, err = (cast(io.BytesIO, stream.buffer).getvalue().decode() for stream in streams)
     return subprocess.CompletedProcess(words, code, out, err)
