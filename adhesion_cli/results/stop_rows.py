@@ -41,8 +41,8 @@ _NOTE = (
 )
 _OF_COLUMNS = {
     "a [m/s²]": "a: mean deceleration v0²/(2s).",
-    "a equiv.": "a equiv.: without the response time, which is delay and half of the build-up. "
-    "With a slow build-up it is some percent above every deceleration of the train.",
+    "a equiv.": "a equiv. [m/s²]: without the response time, which is delay and half of the "
+    "build-up. With a slow build-up it is some percent above every deceleration of the train.",
     "level [m]": "level: distance on level track from the nominal speed.",
     "p [bar]": "p: full pressure of the brake cylinders, mean of the axles.",
 }
@@ -51,8 +51,8 @@ _OF_GROUPS = (
     "deviation of one stop; common: the part of the uncertainty that is the same in every stop and "
     "does not average out; scatter: range over mean; drift: change from stop to stop; outliers: "
     "stops that Grubbs' test rejects, two-sided. It also rejects a sound stop in about one of 20 "
-    "groups. Where all stops of a group have one brake, sd and drift of µ are without the change "
-    "of friction from stop to stop: a equiv. shows it."
+    "groups. µ is computed with one brake force for all stops of a group. So a friction that "
+    "changes from stop to stop does not show in sd and drift of µ, but in those of a equiv."
 )
 _EQUIVALENT = "equivalent_deceleration"
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."

@@ -116,9 +116,11 @@ def describe_scatter(brakes: Sequence[LogBrake]) -> str:
         return ""
     shares = [round(100.0 * (brake.ratio - 1.0)) for brake in brakes]
     u95 = 100.0 * Z95 * max(brake.sigma for brake in brakes)
+    lower, upper = min(shares), max(shares)
+    range_ = f"{lower:+d}" if lower == upper else f"{lower:+d} to {upper:+d}"
     return (
-        f"Brake force per mass by each log alone: {min(shares):+d} to {max(shares):+d} % of "
-        f"that used, each ± {u95:.0f} % or less."
+        f"Each log alone shows a brake force per mass that differs by {range_} % from that used, "
+        f"with an uncertainty of up to ± {u95:.0f} %."
     )
 
 

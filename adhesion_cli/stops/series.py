@@ -6,9 +6,10 @@ is
 
     U² = (t s / √n)² + U_common²
 
-with the standard deviation s of the stops, and t of n − 1 degrees of freedom for 95 %. Of a
-difference between groups, only the difference of the common parts counts: the errors have the same
-sign in both.
+with the standard deviation s of the stops, and t of n − 1 degrees of freedom for 95 %. Where the
+own uncertainty U of the stops is larger than t s, their errors do not scatter, as of a command that
+is always read half a cycle late: √(U² − t² s²) is then in U_common, too. Of a difference between
+groups, only the difference of the common parts counts: the errors have the same sign in both.
 
 A limit is kept, or broken, where the interval mean ± U lies wholly on one side of it; else it is
 not decided. Nor is one of a quantity that no valid stop of the group has.
@@ -190,11 +191,14 @@ def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> St
     values = np.array([x.value for x in known_values])
     n, mean = len(values), float(np.mean(values))
     common = max(x.common_u95 for x in known_values)
+    own_square = float(np.mean([x.u95**2 - x.common_u95**2 for x in known_values]))
     scatter = float(np.ptp(values)) / abs(mean) if mean else 0.0
     if n == 1:
         return Statistic(1, mean, None, known_values[0].u95, common, scatter, (), None, None)
     sd = float(np.std(values, ddof=1))
-    u95 = math.hypot(_student(n - 1) * sd / math.sqrt(n), common)
+    scattered = _student(n - 1) * sd
+    common = math.hypot(common, math.sqrt(max(own_square - scattered**2, 0.0)))
+    u95 = math.hypot(scattered / math.sqrt(n), common)
     outliers = tuple(places[i] - 1 for i in _outliers(values, level))
     drift, drift_u95 = _drift(np.array(places, dtype=np.float64), values)
     return Statistic(n, mean, sd, u95, common, scatter, outliers, drift, drift_u95)

@@ -200,7 +200,21 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
         for log, finding in test.findings_by_log
     ]
     vehicle = test.vehicle_lines
-    return Protocol(title, test.plan.protocol, test.series, findings, about, braked_weight, vehicle)
+    texts = {**_stated_of_groups(test.plan.groups), **test.plan.protocol}
+    return Protocol(title, texts, test.series, findings, about, braked_weight, vehicle)
+
+
+def _stated_of_groups(groups: Sequence[PlannedGroup]) -> dict[str, str]:
+    """Fields of the protocol that the plan states group by group."""
+    fields = {"brake_mode": "mode", "load": "load", "rail_condition": "rail"}
+    texts = {}
+    for field, name in fields.items():
+        by_group = {g.name: getattr(g, name) for g in groups}
+        listed = ", ".join(f"{group}: {text}" for group, text in by_group.items() if text)
+        if listed:
+            is_one = len({*by_group.values()}) == 1
+            texts[field] = next(iter(by_group.values())) if is_one else listed
+    return texts
 
 
 def _describe_group(group: PlannedGroup) -> str:

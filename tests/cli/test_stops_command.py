@@ -134,7 +134,7 @@ def test_a_series_names_its_vehicle_and_the_logs_of_its_findings(run: Run, plan:
     assert of_vehicle == ["one.csv", "two.csv"]
     done = run("stops", "one.csv", "two.csv")
     assert done.stdout.startswith("Vehicle: ")
-    assert "by each log alone" in " ".join(done.stdout.split())
+    assert "Each log alone shows" in " ".join(done.stdout.split())
     assert done.stderr.count("vehicle-default") == 1
     assert "all 2 logs" in done.stderr
     by_group = " ".join(run("stops", "--plan", str(plan)).stdout.split())
@@ -182,6 +182,16 @@ def test_what_cannot_be_done_says_so(
     assert done.returncode == code
     assert said in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_protocol_shows_what_the_plan_states_of_groups(run: Run, plan: Path) -> None:
+    text = plan.read_text().replace("nominal_speed = 70", 'nominal_speed = 70\nload = "empty"')
+    plan.write_text(text.replace("[group.second]", '[group.second]\nrail = "wet"'))
+    assert run("stops", "--plan", str(plan), "-o", "out", "--report", "-q").returncode == 0
+    page = Path(plan.parent, "out", "stops.html").read_text(encoding="utf-8")
+    assert page.count('class="blank"') == sum(map(len, FIELDS.values())) - 2
+    assert "second: wet" in page
+    assert "first: empty" not in page  # the same load in both
 
 
 def test_the_protocol_has_its_tables_figures_and_empty_lines(run: Run, plan: Path) -> None:

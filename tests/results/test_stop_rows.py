@@ -9,6 +9,7 @@ from helpers.pages import analysed, written
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import AxleStop, Measured, StopSummary
 from adhesion_cli.results.report.page import page
+from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import read
 from adhesion_cli.results.stop_rows import (
     describe_columns,
@@ -61,7 +62,7 @@ def test_a_group_of_one_stop_has_no_statistics() -> None:
 
 def test_a_small_statistic_has_the_digits_of_its_uncertainty() -> None:
     values = (0.14301, 0.14313, 0.14322, 0.14339)
-    stops = [replace(STOP, coefficient=Measured(x, 0.002, 0.00002)) for x in values]
+    stops = [replace(STOP, coefficient=Measured(x, 0.0002, 0.00002)) for x in values]
     (row,) = (r for r in tables(*stops)["Statistics"] if r["quantity"] == "µ [-]")
     shown = [row[x] for x in ("mean", "sd", "common", "drift")]
     assert shown == ["0.14319±0.00026", "0.00016", "0.000020", "0.000123±0.000048"]
@@ -170,3 +171,21 @@ def test_a_coefficient_whose_vehicle_the_log_contradicts_is_marked() -> None:
     table, *_ = series_tables(StopSeries(tuple(stops), (), (), (), ()), False, False)
     assert [row["µ"] for row in table.rows] == ["0.100±0.020?", "0.100±0.020"]
     assert "?: the log contradicts its vehicle" in table.note
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_the_figure_of_all_stops_has_one_deceleration_and_its_name(slides: bool) -> None:
+    """A stop with slides in the build-up has no equivalent deceleration."""
+    equivalent, mean = Measured(1.1, 0.01), Measured(1.0, 0.01)
+    decelerations = {"equivalent_deceleration": equivalent, "mean_deceleration": mean}
+    stops = [replace(STOP, **decelerations), replace(STOP, **decelerations)]
+    if slides:
+        stops[1] = replace(stops[1], equivalent_deceleration=None)
+    figures = Figures()
+    places = figures.of_stops([SeriesStop("a.csv", "a", None, x) for x in stops])
+    chart = figures.figures_of(places)[-1]
+    shown = {
+        float(r.data_source.data["y"][0]) for r in chart.renderers if "y" in r.data_source.data
+    }
+    assert shown == {1.0 if slides else 1.1}
+    assert chart.yaxis[0].axis_label.startswith("Mean" if slides else "Equivalent")

@@ -54,6 +54,20 @@ def test_a_mean_keeps_the_common_error_that_scatter_averages_out() -> None:
     assert many.statistics["distance_m"].u95 == pytest.approx(3.0, rel=0.01)
 
 
+def test_an_error_of_the_stops_that_does_not_scatter_stays_in_the_mean() -> None:
+    """A delay of 0.30 s, read from 0.01 s before the command in each of the stops."""
+    rows = [
+        replace(s, stop=replace(s.stop, delay_s=Measured(0.31 + 1e-4 * k, 0.015)))
+        for k, s in enumerate(series({"a": [300.0] * 5, "b": [300.0] * 5}))
+    ]
+    first, second = group_stops(rows)
+    x = first.statistics["delay_s"]
+    assert x.u95 == pytest.approx(0.015, rel=0.01)
+    assert x.common_u95 == pytest.approx(0.015, rel=0.01)
+    (change,) = (d for d in differences([first, second], [("a", "b")]) if d.quantity == "delay_s")
+    assert change.u95 < 0.001  # it is the same in both groups
+
+
 def test_one_stop_has_its_own_uncertainty() -> None:
     (group,) = group_stops(series({"a": [300.0]}))
     x = group.statistics["distance_m"]

@@ -40,6 +40,7 @@ _MARGIN = 1.0  # around a brake application that is drawn in full [s]
 _RARE = 0.002  # share of the samples that may lie outside of a chart of errors
 _ERRORS = "error_"  # column of an estimator's error
 _WEAK = 0.13
+_EQUIVALENT = "equivalent_deceleration"
 _LEAD_TIME = 3.0  # shown before and after braking, where runs are compared [s]
 _NARROW = 45  # letters in a row of a legend that a narrow screen has room for
 _SIGN = 5  # of these for the sign in front of each name
@@ -162,7 +163,10 @@ class Figures:
         groups = list(dict.fromkeys(s.group for s in stops))
         over_speed = _figure("Deceleration [m/s²]", 280, "speed [km/h]")
         distances = _figure("Distance [m]", 260, "speed at the command [km/h]")
-        decelerations = _figure("Equivalent deceleration [m/s²]", 220, "stop")
+        every_has_it = all(s.measured(_EQUIVALENT) for s in stops if s.stop.valid)
+        quantity = _EQUIVALENT if every_has_it else "mean_deceleration"
+        title = "Equivalent deceleration" if every_has_it else "Mean deceleration"
+        decelerations = _figure(f"{title} [m/s²]", 220, "stop")
         lines: dict[str, list[Any]] = {}
         points: dict[str, list[Any]] = {}
         for i, s in enumerate(stops, 1):
@@ -175,8 +179,7 @@ class Figures:
             if (v0 := s.stop.initial_speed_mps) and (distance := s.measured("distance_m")):
                 renderers = _with_bar(distances, 3.6 * v0.value, distance, colour)
                 points.setdefault(s.group, []).extend(renderers)
-            quantity = "equivalent_deceleration"
-            if value := s.measured(quantity) or s.measured("mean_deceleration"):
+            if value := s.measured(quantity):
                 points.setdefault(s.group, []).extend(_with_bar(decelerations, i, value, colour))
         over_speed.y_range = Range1d(0.0, 1.1 * _highest_deceleration(stops))
         _legend(over_speed, lines)
