@@ -51,6 +51,7 @@ _USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
 }
 # A unit with a factor behind it, as "bar x 100".
 _FACTOR_BEHIND = re.compile(r"(.*?[^\W\d_].*?)\s*([x×*·/])\s*(10\^?-\d|0[.,]0*1|10*)")
+_SHARE = re.compile(r"(?i)[%‰]|[mkµ]?[VA]\b|digits?\b")  # of a sensor's range
 _PREFIXES = {"da": 10.0, "m": 1e-3, "c": 1e-2, "d": 0.1, "h": 100.0, "k": 1e3}
 _USUAL_STEP = {"pressure": 1e3, "speed": 1e-2, "angular speed": 1e-2, "force": 10.0}  # SI
 _PROPOSED_KEYS: dict[str, Meaning] = {"speed": "wheel_speed", "pressure": "pressure"}  # by key
@@ -312,8 +313,9 @@ def _without_unit(m: Meant, chosen: Collection[Meant], path: Path) -> UserError:
     example, *other_units = _example_units(m)
     alternative = f" (or {', '.join(map(repr, other_units))})" if other_units else ""
     unknown_unit = next(iter(_unknown_units(m)), "")
-    is_usual = unknown_unit and example == _USUAL.get(m.meaning, "m/s") and not other_units
-    condition = f"if 1 {unknown_unit!r} is 1 {example}, " if is_usual else ""
+    number = "" if example[0].isdecimal() else "1 "
+    is_single = unknown_unit and not other_units
+    condition = f"if 1 {unknown_unit!r} is {number}{example}, " if is_single else ""
     hint = f"{condition}state it, as {toml.option(_line(m, chosen))}{alternative}; "
     assert m.meaning
     return UserError(
@@ -374,7 +376,8 @@ def _example_units(m: Meant) -> list[str]:
     """Units for a hint: the usual one, or those that a factor behind a unit in the name may mean.
 
     "mbar/10" is a tenth of it, rarely ten. Else the likelier one gives the usual step. Of a unit
-    that is known with another prefix, as "mm/s", it is the known one with a factor.
+    that is known with another prefix, as "mm/s", it is the known one with a factor; so it is of a
+    share, a voltage or a current.
     """
     for unknown_unit in _unknown_units(m):
         plain_text = unicodedata.normalize("NFKC", unknown_unit).replace("\u2212", "-")
@@ -394,6 +397,8 @@ def _example_units(m: Meant) -> list[str]:
             remark = plain_text.removeprefix(prefix)
             if remark != plain_text and units.unit(remark):
                 return [f"{factor:g} {remark}"]
+        if _SHARE.match(plain_text):
+            return [f"0.1 {_USUAL.get(m.meaning, 'm/s')}"]
     return [_USUAL.get(m.meaning, "m/s")]
 
 

@@ -6,6 +6,7 @@ A mapping from the user decides, else the names. Every guess has its reason, whi
 import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 from ..core import toml, units
 from ..core.errors import UserError, unknown
@@ -125,6 +126,7 @@ def understood(
     _own_stamps(meant, guesses)
     _drop_other_numbers(meant, guesses)
     _take_spare_numbers(meant, guesses)
+    _prefer_the_measured(meant, guesses)
     _prefer_the_qualified(meant, guesses)
     _speed_itself(meant, guesses)
     findings = _count_from_one(meant, guesses)
@@ -210,6 +212,22 @@ def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
             meant[i] = replace(m, meaning=None, reason="its own stamps are in the file as well")
 
 
+def _prefer_the_measured(meant: list[Meant], guesses: list[int]) -> None:
+    """'BCP 1 max', 'BCP 1 model' and 'mean BCP' give way to channels that say no such thing."""
+    for meaning, kind in product(
+        ("pressure", "wheel_speed", "train_speed"), ("extreme", "derived")
+    ):
+        words = {
+            i: name_words(" ".join(units.in_name(x)[0] for x in (m.field.channel, m.field.path)))
+            for i, m in ((i, meant[i]) for i in guesses)
+            if m.meaning == meaning
+        }
+        derived = {i: x for i, w in words.items() if (x := word_of_kind(kind, w))}
+        for i, word in derived.items() if 3 * len(derived) <= 2 * len(words) else ():
+            reason = f"{word!r} in the name, and others are measured"
+            meant[i] = replace(meant[i], meaning=None, reason=reason)
+
+
 def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
     """'pressure' gives way to 'BC pressure'; 'speed' is the train's where a wheel's is named.
 
@@ -238,7 +256,7 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
     for i in unqualified if named else []:
         unit = units.unit(meant[i].unit)
         if unit is None or unit.dimension == "speed":
-            has_train = any(m.meaning == "train_speed" for m in meant)
+            has_train = any(m.meaning == "train_speed" for m in meant) or meant[i].axle
             reason = "a speed, and others are the wheels'"
             meaning: Meaning | None = None if has_train else "train_speed"
             meant[i] = replace(meant[i], meaning=meaning, axle=None, reason=reason)
@@ -287,17 +305,15 @@ def _take_spare_numbers(meant: list[Meant], guesses: list[int]) -> None:
         axles = {meant[i].axle for i in places}
         unnamed = [i for i, p in places.items() if meant[i].axle is None and not p.bogie]
         numbers = {p.spare for p in places.values()}
+        is_likely = numbers == speed_axles or not (
+            meaning == "pressure" or any(p.part for p in places.values())
+        )
         tells_apart = len(unnamed) == len(places) == len(numbers) > 1 and None not in numbers
-        if meaning == "pressure":
-            tells_apart = tells_apart and numbers == speed_axles
-        else:
-            tells_apart = tells_apart and not any(p.part for p in places.values())
         for i, p in places.items():
             is_one_of_two = p.bogie and meant[i].axle is None and 2 * p.bogie in axles
-            if p.spare is not None and (tells_apart or is_one_of_two):
+            if p.spare is not None and ((tells_apart and is_likely) or is_one_of_two):
                 meant[i] = replace(meant[i], axle=p.spare)
-        if meaning == "wheel_speed":
-            speed_axles = {meant[i].axle for i in places}
+        speed_axles = {meant[i].axle for i in places}
 
 
 def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
@@ -437,7 +453,8 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """Of several channels that would be the same thing the first is taken; that is reported."""
     holders: dict[tuple[str, int | None], Meant] = {}
     repeats: dict[tuple[str, int | None], list[Field]] = {}
-    for i in guesses:
+    in_unit = {i for i in guesses if units.unit_for(meant[i].unit, meant[i].meaning or "time")}
+    for i in sorted(guesses, key=lambda i: i not in in_unit):
         m = meant[i]
         if not m.meaning or m.meaning not in INPUTS or m.meaning in OTHER_BRAKES:
             continue
@@ -445,7 +462,8 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if (holder := holders.setdefault(key, m)) is not m:
             reason = f"{holder.title} is taken as the {m.meaning} already"
             meant[i] = replace(m, meaning=None, reason=reason)
-            repeats.setdefault(key, []).append(m.field)
+            if i in in_unit or not units.unit_for(holder.unit, m.meaning):
+                repeats.setdefault(key, []).append(m.field)
     return [
         Finding(
             "channel-ambiguous",

@@ -31,7 +31,7 @@ class Rule(NamedTuple):
 
     Attributes:
         quantity: by its unit, or by a word where it states no unit; see `_Name.quantities`. A
-            state has no unit, a switch none, or "-" and no word for a quantity.
+            state has no unit, a switch none, or "-" and no word for a quantity. "|" as below.
         pattern: kinds of words of the vocabulary; all conditions must hold. "own" asks only the
             words of the field itself, not of its topic. "|" separates alternatives. "!" asks that
             there are no such words. "?" finds words for the reason, and asks nothing.
@@ -65,12 +65,10 @@ RULES = (
         "an ED brake, but {1!r} says that it is not the force that acts",
     ),
     Rule("torque", "motor", None, "a torque, but {0!r} says that it is not the wheelset's"),
-    Rule("force", "ED brake, ?own force, !own true", "ed_force"),
-    Rule("torque", "ED brake, ?own torque", "ed_force"),
+    Rule("force|torque", "ED brake, ?own force, ?own torque, !own true", "ed_force"),
     Rule("ratio", "own ED brake, !own slip", "ed_force"),
     Rule("any", "own ED brake, own force|own torque|own effort, !own true", "ed_force"),
-    Rule("force", "own traction, !own demand, !own estimated, !own true", "traction_force"),
-    Rule("torque", "own traction, !own demand, !own estimated", "traction_force"),
+    Rule("force|torque", "own traction, !own demand, !own estimated, !own true", "traction_force"),
     Rule("ratio", "own traction, own force|own effort, !own demand", "traction_force"),
     Rule("force", "own clamping, ?own force", "clamping_force"),
     Rule("force", "own K, ?own force, !adhesion force, !true force", "clamping_force"),
@@ -88,12 +86,12 @@ RULES = (
     Rule("any", "acceleration", None, "{0!r} in the name, but no unit of it is stated"),
     Rule("pressure", "other pressure", None, "a pressure, but {0!r} is not the brake cylinder"),
     Rule("pressure", "reservoir", "reservoir_pressure", _SHOWN),
-    Rule("pressure", "brake pipe", "brake_pipe", _SHOWN),
+    Rule("pressure", "brake pipe, !cylinder", "brake_pipe", _SHOWN),
     Rule("pressure", "suspension", "load_pressure", _NAMED),
     Rule("absolute pressure", "?own pressure, ?cylinder, absolute", "pressure"),
     Rule("pressure", "?own pressure, ?cylinder", "pressure"),
-    Rule("turns", "own latitude", "latitude", _PLACED),
-    Rule("turns", "own longitude", "longitude", _PLACED),
+    Rule("turns|state", "own latitude", "latitude", _PLACED),
+    Rule("turns|state", "own longitude", "longitude", _PLACED),
     Rule("speed", "own latitude|own longitude|own temperature", None, "not a quantity we use"),
     Rule("speed without unit", "own electrical", None, "no speed: {0!r} says a voltage"),
     Rule("speed", "other speed", None, "a speed, but {0!r} is not measured on wheel or train"),
@@ -111,16 +109,11 @@ RULES = (
     Rule("switch", "own sand", "sanding", _SHOWN),
     Rule("switch", "own emergency", "emergency", _SHOWN),
     Rule("switch", "own WSP", "wsp_active", _SHOWN),
-    Rule("state", "own braking demand", "brake_command", _SHOWN),
-    Rule("ratio", "own braking demand", "brake_command", _SHOWN),
-    Rule("length", "own position|own kilometre", "position", _PLACED),
-    Rule("length", "own distance", "distance", _PLACED),
-    Rule("state", "own kilometre", "position", _PLACED),
-    Rule("state", "own distance", "distance", _PLACED),
-    Rule("state", "own latitude", "latitude", _PLACED),
-    Rule("state", "own longitude", "longitude", _PLACED),
-    Rule("ratio", "own gradient", "gradient", _NAMED),
-    Rule("state", "own gradient", "gradient", _NAMED),
+    Rule("state|ratio", "own braking demand", "brake_command", _SHOWN),
+    Rule("length", "own position", "position", _PLACED),
+    Rule("length|state", "own kilometre", "position", _PLACED),
+    Rule("length|state", "own distance", "distance", _PLACED),
+    Rule("ratio|state", "own gradient", "gradient", _NAMED),
     Rule("temperature", "?own temperature", "temperature", _NAMED),
     Rule("state", "own temperature", "temperature", _NAMED),
     Rule("any", "own temperature", None, "not a quantity we use"),
@@ -165,6 +158,7 @@ _DEVICE = re.compile(  # and its number: MX840B_1, CX23-R_3
 # resolution, a filter, a sensor, a version.
 _NO_COUNT = re.compile(
     r"(?i)^\[\d+[:.]\d+\]|[(\[](?:(?:id|s/?n|ser)\b[^)\]]*|v\d+\.\d+)[)\]]|\b0x[0-9a-f]+\b"
+    r"|[(\[](?-i:[A-Z]{2,}\s[A-Z]\d+[A-Z]+\d*)[)\]]"
     r"|\b\d{4}[-./]\d\d[-./]\d\d\b|\b\d{1,2}:\d\d\b"
     r"|[~≈]\s*\d+(?:[.,]\d+)?|(?<!\w)(?:0[.,]\d+|0\s*-\s*\d+|\d+\s*-\s*\d+\s?m?[AV]\b)"
     r"|(?<![\w.,])(?:\d[\d.,]*?\s*(?:\.{2,}|…)\s*[\d.,]+"
@@ -179,6 +173,7 @@ _SPARE = re.compile(
     r"""|=["']+(\d\d?)["']|^\[\d+[:.](\d\d?)\]"""
 )
 _AXLES = re.compile(r"([^\W\d_]+)\.?[\s_]*(\d)\s*([-–+&/])\s*(\d)(?!\d)")  # as in "axles 1-4"
+_PLACE_CODE = re.compile(r"(?<![^\W_])(?:C(\d)_?)?B(\d)_?A(\d)(?![^\W_])")  # as in "B2A1"
 _MEASURED = {"speed", "pressure"}
 _PLACES = {"wheel", "bogie", "car"}
 _NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
@@ -199,6 +194,8 @@ def name_words(text: str) -> tuple[str, ...]:
     """Lower-case words of a name: camelCase, digits, punctuation and the script separate them."""
     text = unicodedata.normalize("NFKC", text)
     text = re.sub(r"(?i)\b(rad|achs|zug|fahrzeug|fahr)(?=geschw|drehz)", r"\1 ", text)
+    text = re.sub(r"\b([^\W\d_]+_?)\d\s*[-−–]\s*\1\d(?!\w)", " difference ", text)
+    text = re.sub(r"(?i)\bmotor[\s_](?=bogie|truck|car|coach|drehgestell|wagen)", " ", text)
     # C is the cylinder's pressure, as L the pipe's
     text = re.sub(r"(?i)(?<![^\W_])(?:p_?c(?![^\W\d_])|c(?=[-_. ]?dr))", "bc ", text)
     text = re.sub(
@@ -252,8 +249,11 @@ class _Name:
         path, path_unit = units.in_name(re.sub(r"\[\d+\]", "", field.path))
         label, label_unit = units.in_name(field.label)
         unitless = base if unit else units.without_other_units(base)
+        rare_unit = units.rare_unit(field.unit or units.unknown_in(field.label or field.channel))
         has_other_unit = (
-            unitless != base or not units.without_other_units(f"[{field.unit}]").strip()
+            unitless != base
+            or not units.without_other_units(f"[{field.unit}]").strip()
+            or (rare_unit is not None and rare_unit.dimension == "length")
         )
         base = unitless
         label = label if label_unit else units.without_other_units(label)
@@ -432,7 +432,7 @@ def guess(field: Field) -> Guess:
         name.own_kinds.pop("train", None)
     quantities = name.quantities()
     for rule in RULES:
-        unit = quantities.get(rule.quantity)
+        unit = next((quantities[x] for x in rule.quantity.split("|") if x in quantities), None)
         matched = name.matches(rule.pattern) if unit is not None else None
         if unit is None or matched is None:
             continue
@@ -505,6 +505,7 @@ def place_of(field: Field) -> Place:
 
 def _place_in(text: str, is_path: bool) -> Place:
     name = re.sub(_CHINESE_PLACES, lambda m: str(_CHINESE_NUMBERS[m[0]]), units.in_name(text)[0])
+    name = _PLACE_CODE.sub(lambda m: f" car {m[1] or ''} bogie {m[2]} axle {m[3]} ", name)
     name, pair = _without_axles(_NO_COUNT.sub(" ", _DEVICE.sub(" ", name)))
     name_parts = list(name_words(name))
     while _take_number(name_parts, "run")[1]:

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 
 from ..core import toml, units
 from ..core.errors import UserError, unknown
-from .csv.header_words import time_name
+from .csv.header_words import speaks_of_time, time_name
 
 _OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
@@ -35,6 +35,7 @@ _ERRORS = {"Div0": "#DIV/0!", "NA": "#N/A", "Name": "#NAME?", "Null": "#NULL!", 
 _DAY = 86_400_000_000  # [µs]
 _DAY_1899, _DAY_1904, _DAY_1906 = -25_568, -24_107, -23_376  # 31 December, 1 January; from 1970
 _ROWS = 1 << 16  # written at once
+_MOST_RESULTS = 100  # rows of a table of results, whose columns are no channels
 _HEAD_ROWS = 60  # in which names and units stand
 _OF_STATED = "the one with most of the stated channels"  # why a sheet is read
 _OF_BRAKE = "the first with a speed or a brake pressure"
@@ -138,7 +139,7 @@ def _choice(
     book: "_Book", names: Sequence[str], says_brake: Callable[[str], object], stated: Sequence[str]
 ) -> tuple[str, str, list[_Column]] | None:
     """The sheet to read, why, and its columns; None where no visible one has two of numbers."""
-    best_rank, choice = (-1, False), None
+    best_rank, choice = (-1, False, False), None
     for name in names:
         columns, is_visible = book.columns(name)
         if not is_visible or sum(c.is_of_numbers for c in columns) < 2:
@@ -146,11 +147,15 @@ def _choice(
         heads = [c.heads() for c in columns]
         stated_count = sum(any(_is_named(x, k, h) for k, h in enumerate(heads, 1)) for x in stated)
         is_of_brake = any(any(map(says_brake, cells)) for cells in heads)
-        if (stated_count, is_of_brake) > best_rank:
-            best_rank = stated_count, is_of_brake
+        is_log = len(columns[0].text) > _MOST_RESULTS or any(
+            pc.any(c.is_time).as_py() for c in columns
+        )
+        is_log |= any(any(map(speaks_of_time, cells)) for cells in heads)
+        if (rank := (stated_count, is_of_brake, is_of_brake and is_log)) > best_rank:
+            best_rank = rank
             reason = _OF_STATED if stated_count else _OF_BRAKE if is_of_brake else _OF_NUMBERS
             choice = name, reason, columns
-        if is_of_brake and not stated:
+        if is_of_brake and is_log and not stated:
             break
     return choice
 

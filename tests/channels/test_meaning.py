@@ -357,7 +357,7 @@ def test_each_rule_asks_for_words_that_the_vocabulary_has() -> None:
     assert {kind.removeprefix("own ") for kind in asked} <= {*rules._WORDS_BY_KIND, *rules._SPECIAL}
     asked_of = {of for may_be in rules._QUANTITY.values() for of in may_be}
     derived = {"any", "absolute pressure", "speed without unit", "state", "switch"}
-    assert {rule.quantity for rule in rules.RULES} <= asked_of | derived
+    assert {q for r in rules.RULES for q in r.quantity.split("|")} <= asked_of | derived
 
 
 def test_a_folder_of_topics_called_adhesion_makes_no_truth() -> None:
@@ -387,7 +387,17 @@ def test_a_bogie_pressure_serves_both_axles() -> None:
 
 
 @pytest.mark.parametrize(
-    "remark", ["(WIKA S-20)", "~2 s avg", "(MA 5)", "LP10Hz", "cal. 2025-06", "(avg of 10)", "M12"]
+    "remark",
+    [
+        "(WIKA S-20)",
+        "~2 s avg",
+        "(MA 5)",
+        "LP10Hz",
+        "cal. 2025-06",
+        "(avg of 10)",
+        "M12",
+        "(HBM P3MB)",
+    ],
 )
 def test_the_number_of_a_sensor_or_a_filter_is_no_axle(remark: str) -> None:
     names = (f"BC pressure {remark} [bar]", f"wheel speed {remark} [km/h]")
@@ -407,6 +417,10 @@ def test_the_number_of_a_sensor_or_a_filter_is_no_axle(remark: str) -> None:
         ("Wg{} RS{} C [bar]", "Wg{} RS{} v [km/h]"),
         ("Car {} BCP {} [bar]", "Car {} v{} [km/h]"), ("Veh{}/BCP_{} [bar]", "Veh{}/v_{} [km/h]"),
         ("DM{} BCP axle {} [bar]", "DM{} speed axle {} [km/h]"),
+        ("B{}A{} BCP [bar]", "B{}A{}_v [km/h]"), ("BCP C1B{}A{} [bar]", "v C1B{}A{} [km/h]"),
+        ("Fahrwerk {} Achse {} C-Druck [bar]", "Laufwerk {} Achse {} v [km/h]"),
+        ("Bremsesylindertrykk boggi {} hjulsats {} [bar]", "fart v boggi {} hjulsats {} [km/h]"),
+        ("Jarrusylinteripaine bog{}_axl{} [bar]", "v motor bogie {} axl{} [km/h]"),
     ],
 )  # fmt: skip
 def test_axles_of_each_car_are_counted_on(pressure: str, speed: str) -> None:
@@ -416,6 +430,31 @@ def test_axles_of_each_car_are_counted_on(pressure: str, speed: str) -> None:
     assert [(m.meaning, m.axle) for m in meant] == [
         (x, k) for x in (PRESSURE, WHEEL) for k in (1, 2, 3, 4)
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("BCP 1 model [bar]", None), ("mean BCP [bar]", None), ("BCP sum [bar]", None),
+        ("BCP1-BCP2 [bar]", None), ("BCP 1 max [bar]", None), ("BCP 1 [mA]", None),
+        ("v1 model [km/h]", None), ("v1 - v2 [km/h]", None), ("v1 [m]", "distance"),
+        ("w1 [mm]", "distance"), ("slip 1 [km/h]", None), ("v1 filtered [km/h]", None),
+        ("GPS speed [km/h]", TRAIN),
+    ],
+)  # fmt: skip
+def test_what_is_computed_or_another_quantity_gives_way(name: str, meaning: str | None) -> None:
+    names = [f"BCP {k} [bar]" for k in (1, 2)] + [f"v axle {k} [km/h]" for k in (1, 2)]
+    meant, findings = understood([Field(x) for x in (name, *names)], ())
+    assert [m.axle for m in meant[1:] if m.meaning in (PRESSURE, WHEEL)] == [1, 2, 1, 2]
+    assert (meant[0].meaning in (meaning, None), findings) == (True, [])
+
+
+def test_the_mean_of_a_slow_log_is_taken_and_not_its_bounds() -> None:
+    names = [f"BCP {k} {x} [bar]" for k in (1, 2) for x in ("min", "max", "avg")]
+    meant, findings = understood([Field(x) for x in names], ())
+    assert [m.meaning for m in meant] == 2 * [None, None, PRESSURE]
+    assert not findings
+    assert seen("n axle 1 [1/min]", "n axle 2 [1/min]", "n axle 3 [rpm]")[0][0] == WHEEL
 
 
 def test_names_that_pandas_repeats_have_no_axles() -> None:

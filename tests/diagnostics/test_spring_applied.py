@@ -24,13 +24,20 @@ def means(result: Result) -> list[float]:
     return [a.coefficient.mean or np.nan for a in applications if a.coefficient]
 
 
-def test_the_remedy_of_a_brake_that_springs_apply_gives_its_adhesion(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("unit", "of_bar", "air"),
+    [("bar", 1.0, 0.0), ("0.01 bar", 100.0, 0.0), ("kPa abs", 1e2, 101.325)],
+)
+def test_the_remedy_of_a_brake_that_springs_apply_gives_its_adhesion(
+    unit: str, of_bar: float, air: float, tmp_path: Path
+) -> None:
     as_air = log(tmp_path / "air.csv", TRAM)
     head, *lines = as_air.read_text().splitlines()
     cells = [line.split(",") for line in lines]
-    rows = [f"{t},{RELEASED - 20.0 * float(p):.3f},{v}" for t, p, v in cells]
+    rows = [f"{t},{air + of_bar * (RELEASED - 20.0 * float(p)):.3f},{v}" for t, p, v in cells]
     path = tmp_path / "springs.csv"
-    path.write_text("\n".join([head, *rows]) + "\n")
+    assert "bar" in head
+    path.write_text("\n".join([head.replace("bar", unit), *rows]) + "\n")
     findings = analyze(path, settings.load(), ["td"]).findings
     (finding,) = [f for f in findings if f.code == "pressure-releases-brake"]
     assignments = shlex.split(finding.names["option"].strip("`"))[1::2]

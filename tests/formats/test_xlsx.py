@@ -425,6 +425,12 @@ def test_the_first_visible_sheet_with_columns_of_numbers_is_read(tmp_path: Path)
     assert (stated.rows, stated.findings) == (30, [])
 
 
+def test_a_table_of_results_before_the_samples_is_no_log(tmp_path: Path) -> None:
+    results: Rows = [["Achse", "p max [bar]", "v0 [km/h]"], [1, 4.1, 70.0], [2, 4.2, 70.1]]
+    source = opened(write(tmp_path / "a.xlsx", {"Auswertung": results, "Messung": log(20)}))
+    assert source.reasons["sheet"].startswith("'Messung'")
+
+
 def test_a_workbook_whose_only_log_is_hidden(tmp_path: Path) -> None:
     path = write(tmp_path / "a.xlsx", {"Text": [["a"]], "Daten": log()}, hidden=["Daten"])
     error = refusal(path)

@@ -295,6 +295,9 @@ def local(rng: random.Random) -> Iterator[WildLog]:
         lambda x: x.strftime("%Y-%m-%d 오전 %I:%M:%S.") + _ms(x),
         lambda x: x.strftime("%d-%b-%y %I.%M.%S.") + _ms(x) + "000 AM",
         lambda x: x.strftime("%d%b%Y:%H:%M:%S.") + _ms(x),
+        lambda x: x.strftime("%d Kasım %Y %H:%M:%S,") + _ms(x),
+        lambda x: x.strftime("%Y-%m-%d kl. %H.%M.%S,") + _ms(x),
+        lambda x: x.strftime("'%Y-%m-%d %H:%M:%S.") + _ms(x) + "'",
     )
 
 
@@ -331,6 +334,8 @@ def elapsed(rng: random.Random) -> Iterator[WildLog]:
         lambda x: f"{int(x // 86_400)} days {_clock(x % 86_400)}000",
         lambda x: f"1.{_clock(x + 7200)}0000",
         lambda x: f"PT{x:.3f}S",
+        lambda x: f"00d 00h 00m {x:06.3f}s",
+        lambda x: f"{hours % 60}m{x:.3f}s",
         lambda x: (
             f"-1 days +{_clock(86_400 + x - before)}"
             if round(x, 3) < before
@@ -385,9 +390,12 @@ def parts(rng: random.Random) -> Iterator[WildLog]:
         (["Year", "Month", "Day", "Hour", "Minute", "Second", "Millisecond"], [*split, ms]),
         (["Hour", "Minute", "Second", "ms"], [*split[3:], ms]),
         (["Date", "Time", "Millitm"], [dates, clocks, ms]),
+        (["Date", "Time", "ms"], [dates, [f"{x}.000" for x in clocks], ms]),
         (["sec", "usec"], [seconds, [str(x.microsecond) for x in stamps]]),
     ):
         yield WildLog("log.csv", table([[*names, *NAMES]], [*columns, *values]))
+    head = ["Year", *NAMES, "Month", "Day", "Hour", "Minute", "Second", "ms"]
+    yield WildLog("log.csv", table([head], [split[0], *values, *split[1:], ms]))
 
 
 # -------------------------------------------------------------------------------------- heads

@@ -97,9 +97,9 @@ _USUAL: dict[Meaning, tuple[str, ...]] = {
 NUMBER = r"(?:\d+\.\d+|\d+,\d{1,2}|\d+)(?:[eE][-+]?\d+)?"
 TIMES = "[x×*·]"
 # A number before a unit, as in "0.01 bar", "x10 kPa", "1/128 bar/bit"; not that of "1/min".
-# "-1 bar" is a pressure that releases the brake.
+# "-1 bar" and "-0.01 bar" are pressures that release the brake.
 _FACTOR = re.compile(
-    rf"(?:in\s+)?(?:/|{TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>-1|{NUMBER}))"
+    rf"(?:in\s+)?(?:/|{TIMES})?\s*(?:10\^?(?P<power>-\d)|(?P<over>1\s*/\s*)?(?P<number>-?{NUMBER}))"
     rf"[\s_]*{TIMES}?\s*(?P<unit>[^\W\d_].*?|[%°‰].*?)"
     r"(?i:\s*(?:/|per)\s*(?:bit|lsb|count|digit|inc))?"
 )
@@ -136,7 +136,9 @@ def unit(text: str) -> Unit | None:
         return None
     if plain_unit := UNITS.get(key.strip("[](){}（）【】")) or UNITS.get(text.strip().lower()):
         return plain_unit
-    relative = re.fullmatch(r"(.*?)(?:\((?:g|ü|rel\.?)\)|_?rel\.?|[-_.]?g|ü|gauge)", key)
+    relative = re.fullmatch(
+        r"(.*?)(?:\((?:g|ü|rel\.?)\)|_?rel\.?|[-_.]?g|ü(?:berdruck)?|gauge)", key
+    )
     if relative and (of_gauge := UNITS.get(relative[1])) and of_gauge.dimension == "pressure":
         return of_gauge
     absolute = re.fullmatch(r"(.*?)(?:\(a\)|\(abs\.?\)|_?abs(?:\.|olute)?|_a)", key)

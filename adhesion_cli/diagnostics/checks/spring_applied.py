@@ -7,9 +7,10 @@ import numpy as np
 
 from ...core.finding import Finding
 from ...core.model import Quantity, fraction
+from ...core.units import UNITS, unit_for
 from ...train.grid import FEWEST
 from ..registry import About
-from ..scene import Scene, unit_factor
+from ..scene import Scene
 
 ABOUT = About("Pressure that releases the brake", "force", 5)
 
@@ -37,10 +38,11 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
             continue
         rate, rolling_rate = (float(np.median(g.braking[mask])) for mask in (braked, released))
         if rate > p.least_rate and abs(rolling_rate) < p.rolling_rate:
-            level = (a.brake.zero.value + float(np.median(pressure[released]))) / unit_factor(
-                a.brake
-            )
-            statement = f' = {{unit = "-1 {a.brake.unit}", zero = {level:.3g}}}'
+            unit = unit_for(a.brake.unit, "pressure") or UNITS["pa"]
+            logged = a.brake.zero.value + float(np.median(pressure[released])) - unit.offset
+            is_plain = unit == UNITS.get(a.brake.unit.lower())
+            one = f"1 {a.brake.unit}" if is_plain else f"{unit.factor / 1e5:.10g} bar"
+            statement = f' = {{unit = "-{one}", zero = {logged / unit.factor:.3g}}}'
             names = {"option": s.pressure_option(a.brake, statement)}
             values = {"deceleration_mps2": rate}
             yield s.finding("pressure-releases-brake", "warning", a.brake, braked, i, values, names)

@@ -222,8 +222,13 @@ class Parser:
             text = f"{self.table.path}: line {line} is a header of other columns or units"
             raise UserError(text, hint)
         said = [cell for cell in cells if cell]
-        is_text = len({*said}) == len(said) and not any(map(is_number, said))  # no error, repeated
-        is_remark = is_text and _TEXT.fullmatch(text if dialect.delimiter == " " else said[0])
+        places = [k for k, cell in enumerate(cells) if cell and not is_number(cell)]
+        is_text = len({*said}) == len(said) == len(places)  # no error, repeated
+        if fault == "too few cells" and places and len(places) == len(said) - 1:
+            is_text = cells[places[0]] not in dialect.column(places[0])  # beside a time or a result
+        is_remark = is_text and _TEXT.fullmatch(
+            text if dialect.delimiter == " " else cells[places[0]]
+        )
         return "comment" if is_remark and "".join(dialect.rows[0])[:1].isdecimal() else fault
 
 

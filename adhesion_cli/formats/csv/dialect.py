@@ -22,7 +22,9 @@ INFINITE = tuple(
 )
 _NULLS = frozenset((*NULLS, *INFINITE))
 
-TEXT_MARK = re.compile(r"""^(?:'|=")([-+.,0-9][^"]*)"?$""")  # what makes a cell a text, in Excel
+TEXT_MARK = re.compile(
+    r"""^(?:'|=")([-+.,0-9][^"]*?)["']?$"""
+)  # what makes a cell a text, in Excel
 COMMENT = re.compile(  # also the lines of a drawn table
     r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!|NAME\?|NUM!|NULL!)|%|//|\+?-{3,}\+[-+]*$)"
 )
@@ -101,6 +103,8 @@ class Dialect:
             return kind in ("units", "interval") and [c for c in self.labels[kind] if c] != said
         if not self.headed or len(said) < max(2, len(cells) / 2):
             return False
+        if not time_name(cells[0]) and cells[1:] in [[*row[1:]] for row in self.header_cells]:
+            return False  # of a table of statistics
         if is_units_row(cells):
             own_units = [u or in_name(n)[1] for n, u in zip(self.names, self.units, strict=True)]
             pairs = zip(_key(own_units), _key(cells), map(without_brackets, cells), strict=False)

@@ -26,7 +26,7 @@ _JAPANESE = re.compile(rb"%b%b+|%b%b+" % (_OWN, _ANY, _ANY, _OWN))
 # Words for pressure, speed and wheel by which a codec is known, and the first codec that has them.
 _WORDS = {
     "cp1250": "ciśni prędko koła tlak nyomás presiun",
-    "cp1251": "давлен скорост тиск швидк",
+    "cp1251": "давлен скорост тиск швидк ось км/ч",
     "cp866": "давлен скорост",
 }
 

@@ -39,8 +39,11 @@ def time_unit(text: str) -> str | None:
 
     >>> time_unit("(Sec.)"), time_unit("[10 ms]"), time_unit("bar")
     ('s', '10 ms', None)
+    >>> time_unit("s/10")
+    '1/10 s'
     """
-    unit = units.unit(text.strip(" .[](){}<>"))
+    text = re.sub(r"^(\w+)\s*/\s*(10+)$", r"1/\2 \1", text.strip(" .[](){}<>"))
+    unit = units.unit(text) or units.rare_unit(text)
     return unit.name if unit and unit.dimension == "time" else None
 
 
@@ -68,7 +71,7 @@ def time_name(header: str) -> tuple[int, str | None] | None:
             break
     else:  # "Time [hh:mm:ss.fff]", "Timestamp (UTC)"
         text = re.sub(
-            r"(?i)\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-z]{1,4}[-/:.]\S+|hh?mm?s\S*|[0-9]+)[\])]$",
+            r"(?i)\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-z]{1,4}[-/:.]\D\S*|hh?mm?s\S*|\d+)[\])]$",
             "",
             text,
         )
@@ -88,6 +91,9 @@ def time_part(header: str) -> str | None:
     >>> time_part("/axle/header/stamp/nanosec"), time_part("Minute"), time_part("min. speed")
     ('N', 'M', None)
     """
+    unit = units.unit(units.in_name(header)[1])
+    if unit and unit.dimension != "time":  # "km/h" is no hour
+        return None
     return _PARTS.get(normal(re.split(r"[/.](?=\w)", header)[-1]).strip("[](){}"))
 
 

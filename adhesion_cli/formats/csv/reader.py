@@ -176,13 +176,14 @@ class CsvSource(Source):
 
     def _report_text(self, i: int) -> None:
         """Reports a column that should hold numbers by its unit, or by the digits in its cells."""
-        name, cells = self._dialect.names[i], self._dialect.column(i)
+        name, cells = self._dialect.names[i], {*self._dialect.column(i)}
         matches = (m for c in cells if not is_stamp(c) and (m := _DIGITS.fullmatch(c)))
         digits = sum(not m[1] or _is_measured(m[1]) for m in matches)
         has_unit = _is_measured(self._dialect.units[i] or in_name(name)[1])
         if cells and (has_unit or digits > len(cells) / 2):
-            names = {"example": quoted(cells[0])}
-            self.report(Finding("csv-no-numbers", "warning", name, len(cells), names=names))
+            first, *others = self._dialect.column(i)
+            names = {"example": quoted(first)}
+            self.report(Finding("csv-no-numbers", "warning", name, 1 + len(others), names=names))
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see `Source`; a row without a time is left out."""
@@ -293,7 +294,11 @@ class CsvSource(Source):
         cells = self._dialect.column(i)
         if not cells and self._dialect.names[i] == f"column {i + 1}":
             return not self._dialect.headed
-        return sum(map(is_number, cells)) >= _NUMERIC * len(cells)
+        numbers = [*filter(is_number, cells)]
+        has_unit = self._dialect.units[i] or in_name(self._dialect.names[i])[1]
+        if len(numbers) < len(cells) and {*numbers} <= {"0", "1"} and not has_unit:
+            return False  # states, as "0" and "ein"
+        return len(numbers) >= _NUMERIC * len(cells)
 
     def is_loss(self, finding: Finding) -> bool:
         """Whether it says that something was left out."""

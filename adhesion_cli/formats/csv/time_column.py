@@ -612,9 +612,8 @@ class _ClockSearch:
         """
         fields = {time_part(name): i for i, name in enumerate(self.dialect.names)}
         field = next((p for p in "lNu" if p in fields and fields[p] not in columns), None)
-        if field is None or any(
-            re.search(r"[0-9][.,][0-9]+\D*$", c) for c in self._joined(columns)
-        ):
+        has_fraction = re.compile(r"[0-9][.,]0*[1-9][0-9]*\D*$").search
+        if field is None or any(map(has_fraction, self._joined(columns))):
             return columns, pattern
         longer = (*columns, fields[field])
         unnamed = re.sub(r"\?P<[flu]>", "?:", pattern)

@@ -341,6 +341,31 @@ def test_lost_rows_whose_first_cell_is_a_word_are_no_statistics(log):
     assert skipped(source) == [(14, "Max;x;5", 1)]
 
 
+def test_remarks_beside_a_time_or_a_result_are_no_lost_rows(log):
+    rows = "".join(f"{k};{k},5;20;on\n" for k in range(9))
+    remarks = "3;Schnellbremsung ausgelöst\nBremsweg [m];312,5\nStatistik;p [bar];v;state\n"
+    source, columns = read(log, "t [s];p [bar];v;state\n" + rows + remarks + "Stdabw.;1,2;3;\n")
+    assert (source.lines["comment"], source.lines["statistics"], skipped(source)) == (3, 1, [])
+    assert len(columns["v"].value) == 9
+    source, _ = read(log, "t [s];state;p;v\n" + "1;apply;2,5;20\n2;apply;2,5;20\n3;apply\n")
+    assert [x[1] for x in skipped(source)] == ["3;apply"]  # a row that is cut
+
+
+def test_states_of_words_and_numbers_are_words(log):
+    text = "t [s];p [bar];sanding\n" + "".join(
+        f"{k};1,5;{'ein' if k > 4 else 0}\n" for k in range(9)
+    )
+    source, _ = read(log, text)
+    assert [f.words for f in source.texts] == [("0", "ein")]
+    assert not source.findings
+
+
+def test_a_tenth_of_a_second_is_no_form_of_a_clock(log):
+    rows = "".join(f"{k / 10:.1f},1.5\n" for k in range(50))
+    _, columns = read(log, "Time [s/10],p [bar]\n" + rows)
+    assert columns["p [bar]"].t[-1] == 490_000_000
+
+
 def test_rows_left_out_are_counted_by_class_and_located(log):
     text = "t [s];p\n0;1\n1;2;3\n2\nabc;4\n;5\n# note; x\n\n3;6\nMaximum;6\n"
     source, columns = read(log, text)
