@@ -76,9 +76,7 @@ def read(
             has no usable sample, or the only pressure is that of a brake pipe.
     """
     chosen, findings = needed(source, mappings, further)
-    log = _log(
-        source, chosen, findings, lambda m, c, ends: channel(m, c, vehicle, ends, max_gap_ns)
-    )
+    log = _log(source, chosen, findings, lambda m, c, e: channel(m, c, vehicle, e, max_gap_ns))
     log = _judged(log, chosen, vehicle)
     proposals = {}
     if not {"speed", "brake"} <= {_NEEDED.get(c.meaning) for c in log.channels}:
@@ -155,17 +153,12 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     if not with_samples:
         hint = f"see the findings of `adhesion inspect {log.path}`"
         raise UserError(f"{log.path}: no channel holds a number", hint)
-    empty = [
-        Finding("empty-channel", "info", channel=c.title)
-        for c in log.channels
-        if not c.data.valid.any()
-    ]
-    numbered = [
-        Finding("words-as-numbers", "info", c.title, names={"words": _describe_levels(c.levels)})
-        for c in with_samples
-        if c.levels
-    ]
-    findings = (*log.findings, *empty, *numbered, *_not_copied(source, with_samples))
+    without_samples = (c for c in log.channels if not c.data.valid.any())
+    notes = [Finding("empty-channel", "info", c.title) for c in without_samples]
+    for c in (c for c in with_samples if c.levels):
+        names = {"words": _describe_levels(c.levels)}
+        notes.append(Finding("words-as-numbers", "info", c.title, names=names))
+    findings = (*log.findings, *notes, *_not_copied(source, with_samples))
     return replace(log, channels=with_samples, findings=findings)
 
 
@@ -387,9 +380,7 @@ def _example_units(m: Meant) -> list[str]:
             power = re.fullmatch(r"10\^?(-\d)", match[3])
             number = 10.0 ** int(power[1]) if power else float(match[3].replace(",", "."))
             step = _USUAL_STEP.get(unit.dimension, unit.factor)
-            factors = sorted(
-                (number, 1.0 / number), key=lambda x: abs(log10(x * unit.factor / step))
-            )
+            factors = sorted((number, 1 / number), key=lambda x: abs(log10(x * unit.factor / step)))
             if match[2] == "/":
                 factors = [1.0 / number, number]
             return [f"{factor:g} {match[1]}" for factor in factors]

@@ -244,9 +244,7 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
         named = [i for i in indices if word_of_kind(kind, words_by_index[i])]
         numbered = [i for i in indices if meant[i].axle is not None]
         if not named and len(numbered) > 1:
-            named = [
-                i for i in indices if meant[i].axle is not None or any(place_of(fields[i])[1:3])
-            ]
+            named = [i for i in indices if i in numbered or any(place_of(fields[i])[1:3])]
         return named, [i for i in indices if i not in set(named)]
 
     named, unqualified = split("pressure", "cylinder")

@@ -183,6 +183,7 @@ VOCABULARY = tomllib.loads(Path(__file__).with_name("vocabulary.toml").read_text
 _STEMS: list[str] = VOCABULARY["stems"].split()
 GENERIC: list[str] = VOCABULARY["generic"].split()
 _CONVENTIONS: list[tuple[str, str, str]] = VOCABULARY["conventions"]
+_PAIRS: dict[str, list[list[str]]] = VOCABULARY["pairs"]
 _WORDS_BY_KIND: dict[str, list[str]] = {  # of each kind, in the order of the file
     kind: " ".join(of_language.values()).split()
     for kind, of_language in VOCABULARY["kinds"].items()
@@ -316,8 +317,10 @@ class _Name:
         """The word of this kind, "" for none; "own" asks only the words of the field itself."""
         if special := _SPECIAL.get(kind):
             return special(self)
-        own_only = kind.startswith("own ")
-        return (self.own_kinds if own_only else self.kinds).get(kind.removeprefix("own "), "")
+        kinds = self.own_kinds if kind.startswith("own ") else self.kinds
+        kind = kind.removeprefix("own ")
+        words = (kinds[x[0]] for x in _PAIRS.get(kind, [[kind]]) if all(k in kinds for k in x))
+        return next(words, "")
 
     def matches(self, pattern: str) -> list[str] | None:
         """The words that fulfil a row's conditions, None where one of them is not fulfilled."""
@@ -369,17 +372,6 @@ def _adhesion_force(name: _Name) -> str:
     return word_of_kind("adhesion", unexplained) if len(unexplained) == 1 else ""
 
 
-def _both(kinds: Mapping[str, str], first: str, second: str) -> str:
-    """The word of the first kind, or of both in one word; "" where one of them is missing."""
-    one_word = kinds.get(f"{first} {second}", "")
-    return one_word or (kinds[first] if first in kinds and second in kinds else "")
-
-
-def _ed_brake(kinds: Mapping[str, str]) -> str:
-    """The word that calls this the electrodynamic brake, "" where none does."""
-    return kinds.get("ED", "") or _both(kinds, "electric", "braking")
-
-
 def _track_brake(name: _Name) -> str:
     """The word that calls this the magnetic track brake, "" where none does."""
     phrase = " ".join(name.own)
@@ -387,33 +379,12 @@ def _track_brake(name: _Name) -> str:
     return is_named[0] if is_named else ""
 
 
-def _valve(kinds: Mapping[str, str], state: str) -> str:
-    """The word that calls this a WSP valve of that state, "" where none does."""
-    seconds = ("valve", "WSP", "WSP letters")
-    return next(filter(None, (_both(kinds, state, second) for second in seconds)), "")
-
-
-def _wsp(kinds: Mapping[str, str]) -> str:
-    """The word that calls this the WSP: letters that may mean more need another word for it."""
-    by_letters = _both(kinds, "WSP letters", "valve") or _both(kinds, "WSP letters", "state")
-    return kinds.get("WSP", "") or by_letters
-
-
 # Kinds that no single word decides.
 _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
     "wheel": _wheel,
     "adhesion force": _adhesion_force,
     "true force": lambda name: name.own_kinds.get("force", "") if "true" in name.kinds else "",
-    "ED brake": lambda name: _ed_brake(name.kinds),
-    "own ED brake": lambda name: _ed_brake(name.own_kinds),
-    "own vent valve": lambda name: _valve(name.own_kinds, "vent"),
-    "own hold valve": lambda name: _valve(name.own_kinds, "hold"),
-    "own WSP": lambda name: _wsp(name.own_kinds),
-    "own magnetic braking": lambda name: (
-        name.own_kinds.get("magnetic braking", "") or _both(name.own_kinds, "magnetic", "braking")
-    ),
     "track brake": _track_brake,
-    "own braking demand": lambda name: _both(name.own_kinds, "braking", "demand"),
 }
 
 

@@ -216,9 +216,7 @@ def _rate(
     middle = data.t[:-1] + dt // 2
     speed = step * counter_range / (np.maximum(dt, 1) / 1e9)
     new_starts = sorted({int(plausible[:s].sum()) for s in starts if plausible[s:].any()})
-    column = Column(
-        middle[plausible], speed[plausible], np.ones(int(plausible.sum()), dtype=np.bool_)
-    )
+    column = Column(middle[plausible], speed[plausible], np.ones(int(plausible.sum()), np.bool_))
     return column, tuple(new_starts), wrapped, reset
 
 

@@ -303,9 +303,8 @@ class FrameDecoder:
                 NamedColumn(message.name, s.name, s.unit or "", message.name)
                 for s in message.signals
             ]
-            self._fields[id(message)] = list(
-                zip(message.signals, fields(named, "DBC"), strict=True)
-            )
+            pairs = zip(message.signals, fields(named, "DBC"), strict=True)
+            self._fields[id(message)] = list(pairs)
         frames = _Frames(message.length)
         frames.add(0.0, data)
         bits, by_signal = frames.bits(), {}

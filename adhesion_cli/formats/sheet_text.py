@@ -35,7 +35,7 @@ _ERRORS = {"Div0": "#DIV/0!", "NA": "#N/A", "Name": "#NAME?", "Null": "#NULL!", 
 _DAY = 86_400_000_000  # [µs]
 _DAY_1899, _DAY_1904, _DAY_1906 = -25_568, -24_107, -23_376  # 31 December, 1 January; from 1970
 _ROWS = 1 << 16  # written at once
-_MOST_RESULTS = 100  # rows of a table of results, whose columns are no channels
+_RESULTS = 100  # rows that a table of results has at most
 _HEAD_ROWS = 60  # in which names and units stand
 _OF_STATED = "the one with most of the stated channels"  # why a sheet is read
 _OF_BRAKE = "the first with a speed or a brake pressure"
@@ -147,10 +147,7 @@ def _choice(
         heads = [c.heads() for c in columns]
         stated_count = sum(any(_is_named(x, k, h) for k, h in enumerate(heads, 1)) for x in stated)
         is_of_brake = any(any(map(says_brake, cells)) for cells in heads)
-        is_log = len(columns[0].text) > _MOST_RESULTS or any(
-            pc.any(c.is_time).as_py() for c in columns
-        )
-        is_log |= any(any(map(speaks_of_time, cells)) for cells in heads)
+        is_log = len(columns[0].text) > _RESULTS or any(any(map(speaks_of_time, x)) for x in heads)
         if (rank := (stated_count, is_of_brake, is_of_brake and is_log)) > best_rank:
             best_rank = rank
             reason = _OF_STATED if stated_count else _OF_BRAKE if is_of_brake else _OF_NUMBERS

@@ -50,9 +50,7 @@ class Header:
     def named(self, table: FirstRows) -> list[Row]:
         """The rows of names with the numbers of their lines; none where a comment names them."""
         rows = table.rows[self.top : self.start]
-        return [
-            (n, x) for n, cells in rows for x in self.names if cells in (x, x[1:], x[:1] + x[2:])
-        ]
+        return [(n, x) for n, y in rows for x in self.names if y in (x, x[1:], x[:1] + x[2:])]
 
 
 def find_header(table: FirstRows, has_header: bool | None) -> Header:
