@@ -278,8 +278,10 @@ def period_tick(speed: Floats, step: float) -> float:
     candidates = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
     for divisor in (1, 2, 3):
         ticks = usual / divisor * candidates
-        # a few periods rule out most of some thousand ticks
-        ticks = ticks[agreement(ticks, sampled[::5]) > 0.5 * _ON_GRID]
+        # A few periods rule out most of some thousand ticks, and a few more most of the others.
+        for count in (8, 40):
+            some = sampled[:: max(1, len(sampled) // count)]
+            ticks = ticks[agreement(ticks, some) > 0.5 * _ON_GRID]
         if not len(ticks):
             continue
         best = ticks[[np.argmax(agreement(ticks, sampled))]]
