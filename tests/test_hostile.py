@@ -41,7 +41,9 @@ DRIVER = """
 import gc, importlib, json, os, signal, sys, time
 from contextlib import suppress
 from pathlib import Path
+import typer.main
 from adhesion_cli.__main__ import main
+from adhesion_cli.cli import app
 import numpy as np
 
 def loaded(log):  # names of the modules that `inspect` of a sound log needs
@@ -63,6 +65,9 @@ for suffix in ("csv", "mcap"):
         with suppress(ImportError):
             importlib.import_module(name)
 
+# Built once, and not by every fork.
+commands = typer.main.get_command(app.app)
+typer.main.get_command = lambda _: commands
 gc.freeze()  # else each fork looks through all of this for garbage
 def peak():  # of this process alone, page cache left out [KiB]
     return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])

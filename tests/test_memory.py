@@ -134,7 +134,7 @@ def test_reading_csv(tmp_path: Path, suffix: str) -> None:
     assert grown(READ_CSV, path, rows) < 64 * MIB
 
 
-@pytest.mark.parametrize("command", ["--help", "inspect", "analyze"])
+@pytest.mark.parametrize("command", ["--help", "analyze"])
 def test_an_address_space_of_2_gb_is_enough(tmp_path: Path, command: str) -> None:
     """As with `ulimit -v 2000000`, of a compiled program. Each library would reserve most of it."""
     limited = (
@@ -142,8 +142,7 @@ def test_an_address_space_of_2_gb_is_enough(tmp_path: Path, command: str) -> Non
         "sys.argv[0] = 'adhesion'; from adhesion_cli.__main__ import main; main()"
     )
     log = str(TESTS.parent / "sample_logs" / "service-brake.csv")
-    of = {"--help": [], "inspect": [log], "analyze": [log, "-o", str(tmp_path)]}[command]
-    of += ["--force"] * (command == "analyze")
+    of = [] if command == "--help" else [log, "-o", str(tmp_path), "--force"]
     if of:  # compiles, which takes more
         assert Forked(TESTS.parent, [command, *of], stdout=subprocess.DEVNULL).wait(120) == 0
     done = subprocess.run(

@@ -105,11 +105,12 @@ def test_screens_show_the_clock_and_the_kilometres(run: Run, log: Path) -> None:
 
 
 def test_a_map_needs_coordinates(run: Run, tmp_path: Path) -> None:
-    refused = run("stops", str(SAMPLE), "--geojson", "map.geojson")
+    bare = SAMPLE.with_name("service-brake.csv")
+    refused = run("stops", str(bare), "--geojson", "map.geojson")
     assert refused.returncode == 1
     assert "no latitude and longitude" in refused.stderr
     assert not (tmp_path / "map.geojson").exists()
-    refused = run("stops", str(SAMPLE), "--geojson", "map.kml")
+    refused = run("stops", str(bare), "--geojson", "map.kml")
     assert refused.returncode == 2
     assert "--geojson map.geojson" in refused.stderr
 

@@ -16,16 +16,21 @@ from adhesion_cli.live.replay import Replay
 each_log = pytest.mark.parametrize("log", [SERVICE, LOW.with_suffix(".mcap")], ids=lambda p: p.name)
 
 
+def algos(log: Path) -> list[str]:
+    """All of them of one axle, and some of four."""
+    return [] if log == SERVICE else ["imm", "td"]
+
+
 @cache
 def replayed(log: Path) -> tuple[dict[int, list[LiveSample]], list[Finding]]:
     settings = load()
-    return followed(Replay(log, settings.read, 0.0), settings)
+    return followed(Replay(log, settings.read, 0.0), settings, algos(log))
 
 
 @each_log
 def test_a_replay_gives_what_analyze_gives(log: Path) -> None:
     found, _ = replayed(log)
-    result = analyze(log, load(None, ["analysis.vehicle=stated"]))
+    result = analyze(log, load(None, ["analysis.vehicle=stated"]), algos(log))
     assert sorted(found) == [a.record.axle for a in result.axles]
     for axle in result.axles:
         of = {s.t: s for s in found[axle.record.axle]}

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.samples import analysed_sample
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
@@ -18,8 +19,7 @@ SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
 @pytest.fixture(scope="module")
 def low() -> Result:
-    stated = settings.load(None, ["analysis.vehicle=stated"])
-    return analyze(SAMPLES / "low-adhesion.csv", stated, ["td"])
+    return analysed_sample("low-adhesion")
 
 
 def test_mean_and_highest_force_hold_the_true_ones(low: Result) -> None:

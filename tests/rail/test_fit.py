@@ -73,12 +73,14 @@ def likely(hits: list[bool]) -> bool:
     return sum(hits) >= 0.95 * n - 3.0 * math.sqrt(n * 0.95 * 0.05) - 0.5
 
 
-@pytest.mark.parametrize("rails", [4, pytest.param(80, marks=pytest.mark.slow)])
-def test_the_intervals_hold(rails: int) -> None:
+@pytest.mark.parametrize(
+    ("rails", "draws"), [(4, 60), pytest.param(80, fit.DRAWS, marks=pytest.mark.slow)]
+)
+def test_the_intervals_hold(rails: int, draws: int) -> None:
     held: dict[str, list[bool]] = {}
     for seed in range(rails):
         condition, points, radius, scale = drawn(seed)
-        found = fit.fit(points, Vehicle(), radius, scale)
+        found = fit.fit(points, Vehicle(), radius, scale, draws)
         if found is None:  # noise leaves too little of a slow train's slides
             continue
         slip, mu = peak(condition, found.speed)
@@ -157,9 +159,11 @@ def kiencke(random: np.random.Generator) -> Callable[[Floats], Floats]:
 
 
 @pytest.mark.parametrize("law", [magic, burckhardt, kiencke])
-@pytest.mark.parametrize("rails", [1, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("rails", "draws"), [(1, 60), pytest.param(40, fit.DRAWS, marks=pytest.mark.slow)]
+)
 def test_the_peak_holds_on_rails_of_other_laws(
-    rails: int, law: Callable[[np.random.Generator], Callable[[Floats], Floats]]
+    rails: int, draws: int, law: Callable[[np.random.Generator], Callable[[Floats], Floats]]
 ) -> None:
     """None is (3), and μ may fall with the train's speed too, which (3) does not know."""
     slips, heights = [], []
@@ -178,7 +182,7 @@ def test_the_peak_holds_on_rails_of_other_laws(
             return height * shape(stretch * s) * np.exp(-(deep * s + fast) * v)
 
         points, radius, scale = logged(random, mu)
-        found = fit.fit(points, Vehicle(), radius, scale)
+        found = fit.fit(points, Vehicle(), radius, scale, draws)
         if found is None or fit.clear_time(points) < fit.SHORTEST:  # too short for an interval
             continue
         s = np.geomspace(1e-3, 0.5, 4000)

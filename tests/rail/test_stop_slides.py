@@ -1,25 +1,19 @@
 """The slides of an axle in a stop: adhesion and energy against truth, and their intervals."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.samples import analysed_sample
 
-from adhesion_cli.analysis import settings
-from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.summarise import brake_applications, summarise
 from adhesion_cli.core.physics import G
 from adhesion_cli.rail.locks import LockLimits
 from adhesion_cli.rail.stop_slides import _utilisation, add_slides
 
-SAMPLES = Path(__file__).parents[2] / "sample_logs"
-
 
 def test_slides_of_a_stop_have_their_initial_adhesion_and_energy() -> None:
-    result = analyze(
-        SAMPLES / "low-adhesion.csv", settings.load(None, ["analysis.vehicle=stated"]), ["td"]
-    )
+    result = analysed_sample("low-adhesion")
     summary = summarise(result, {})
     (stop,) = summary.stops
     axle, row = result.axles[0], stop.axles[0]
@@ -52,8 +46,7 @@ def test_slides_of_a_stop_have_their_initial_adhesion_and_energy() -> None:
 
 def test_the_initial_adhesion_is_as_uncertain_as_the_brake_force() -> None:
     """While a wheel slides, an error of the brake force goes whole into the adhesion force."""
-    stated = settings.load(None, ["analysis.vehicle=stated"])
-    result = analyze(SAMPLES / "low-adhesion.csv", stated, ["td"])
+    result = analysed_sample("low-adhesion")
     braked = brake_applications(result)
     (stop,) = summarise(result, {}, braked).stops
     reference = result.axles[0].reference
@@ -71,9 +64,7 @@ def test_the_initial_adhesion_is_as_uncertain_as_the_brake_force() -> None:
 
 
 def test_the_utilisation_of_several_applications_keeps_its_interval() -> None:
-    result = analyze(
-        SAMPLES / "low-adhesion.csv", settings.load(None, ["analysis.vehicle=stated"]), ["td"]
-    )
+    result = analysed_sample("low-adhesion")
     (a, *_) = brake_applications(result)[1]
     one = replace(a, utilisation=0.9, utilisation_ci=(0.8, 0.95), slide_s=1.0)
     other = replace(a, utilisation=0.6, utilisation_ci=(0.5, 0.8), slide_s=2.0)

@@ -130,7 +130,7 @@ def test_repeated_speeds_are_no_measurements(meaning: str, scenario: str, tmp_pa
             return simulated.replace(r, t=r.t[new], value=r.value[new])
 
         path = simulated.write(tmp_path / f"{hold}.csv", simulated.changed(log, meaning, slow))
-        results.append(analyze.analyze(path, settings.load(), algos=["td"]))
+        results.append(analyze.analyze(path, settings.load(), ["td"], axles=[1]))
     for empty, filled in zip(*(r.axles for r in results), strict=True):
         n = min(len(empty.record), len(filled.record))
         a, b = empty.reference, filled.reference

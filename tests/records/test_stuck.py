@@ -42,8 +42,9 @@ def codes(log: Recordings, folder: Path) -> set[str]:
 
 
 def analysed(log: Recordings, folder: Path) -> Result:
+    """A wheel that slides, and one that rolls."""
     path = simulated.write(folder / "log.csv", log)
-    return analyze.analyze(path, QUICK, algos=["leso"])
+    return analyze.analyze(path, QUICK, ["leso"], axles=[1, 3])
 
 
 @cache
@@ -279,7 +280,7 @@ def is_train_stuck(train: Channel) -> bool:
 @pytest.mark.parametrize("delay", [0.0, 0.7, 1.5])
 def test_a_late_train_speed_that_repeats_by_rounding_is_not_stuck(delay: float) -> None:
     """A receiver of 2 Hz reads the speed of coasting while the wheels brake already."""
-    for seed in range(200):
+    for seed in range(100):
         train = braking("train_speed", 2.0, delay, 0.1 / 3.6, seed)
         assert not is_train_stuck(train)
         t, y = train.data.t * 1e-9, train.data.value

@@ -1,27 +1,21 @@
 """The uncertainty budget against Monte Carlo draws of the vehicle (JCGM 101)."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.samples import analysed_sample
 
-from adhesion_cli.analysis import settings
-from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.core import physics
 from adhesion_cli.core.model import Z95, Floats, Parameter, Result, Vehicle, quantities
 from adhesion_cli.core.signals import coverage_factor
 from adhesion_cli.rail.applications import find_applications
 from adhesion_cli.reference import budget
 
-SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
-
-@pytest.fixture(scope="module", params=["low-adhesion.csv", "service-brake.csv"])
+@pytest.fixture(params=["low-adhesion", "service-brake"])
 def result(request: pytest.FixtureRequest) -> Result:
-    return analyze(
-        SAMPLES / request.param, settings.load(None, ["analysis.vehicle=stated"]), ["td"]
-    )
+    return analysed_sample(request.param)
 
 
 def drawn(vehicle: Vehicle, rng: np.random.Generator) -> Vehicle:

@@ -29,7 +29,7 @@ def table(path: Path) -> list[list[str]]:
         return list(csv.reader(file))
 
 
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(st.lists(st.lists(st.integers(-5, 5), max_size=8), min_size=1, max_size=4))
 def test_every_sample_once_and_in_order(
     tmp_path_factory: pytest.TempPathFactory, axes: list[list[int]]

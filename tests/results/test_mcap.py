@@ -301,7 +301,7 @@ TIMES = st.lists(
 VALUES = st.one_of(st.floats(), st.sampled_from([0.0, -0.0, float("nan")]))
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(
     axes=st.lists(TIMES, max_size=4), values=st.lists(VALUES, min_size=30, max_size=30),
     unit=st.text(max_size=5).filter(lambda u: u.isprintable()),

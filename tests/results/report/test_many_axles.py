@@ -14,7 +14,7 @@ from adhesion_cli.results.report.run import ReportRun, read
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve axles; axle 2 slides."""
-    return written(tmp_path_factory.mktemp("long") / "x.mcap", analysed(axles=12, n=1500))
+    return written(tmp_path_factory.mktemp("long") / "x.mcap", analysed(axles=12, n=800))
 
 
 @pytest.fixture(scope="module")
@@ -55,5 +55,6 @@ def test_many_rows_begin_with_a_row_per_stop(run: ReportRun) -> None:
         for axle in run.axles
     ]
     long = replace(run, axles=tuple(axles))
-    assert words.brake_tables([long])[0].rows[0]["axle"] == "2"
-    assert "One row per stop" in page.page([long])
+    first, *_ = words.brake_tables([long])
+    assert first.rows[0]["axle"] == "2"
+    assert "One row per stop" in first.lead + first.note
