@@ -34,7 +34,7 @@ from .find import Braking
 from .response import BrakeResponse, find_response
 from .settings import StopSettings
 from .signals import StopSignals, TimeSeries
-from .speed import FIT, largest_jerk, locked_time, over_slides, smoothed_speed
+from .speed import FIT, SmoothSpeed, largest_jerk, locked_time, over_slides, smoothed_speed
 
 K95 = 2.0  # coverage factor
 _CREEP = 0.08  # 1 sigma of a jerk by wheels, as a share: their creep builds up with the brake
@@ -76,35 +76,33 @@ def measure_stop(
     v0 = float(np.interp(command, t, v))
     is_braking = t >= command - 1e-9
     distance = float(np.trapezoid(v[is_braking], t[is_braking]))
-    by_sliding_wheels = signals.speed_from == "axles" and all_axles_slide(signals, command)
-    is_shown = not (hidden or by_sliding_wheels or _is_coarse(signals, command, braking.stop))
-    is_of_wheels = signals.speed_from == "axles" or signals.is_coarse is not None
-    jerk = largest_jerk(smooth, command, _CREEP * is_of_wheels) if is_shown else None
     response = find_response(signals, command, braking, settings.start_share)
     nominal = settings.nominal_speed or float(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
     )
-    delay, equivalent = response.delay.value, math.nan if hidden else response.equivalent.value
-    gradient = to_level.gradient.value
+    equivalent = math.nan if hidden else response.equivalent.value
     duration = braking.stop + locked.value - command
-    values = _Values(v0, distance, duration, delay, equivalent, gradient)
-    stop_u = math.hypot(braking.stop_sigma, locked.tolerance)
-    build_up = response.delay.tolerance, response.equivalent.tolerance
+    response_times = response.delay.value, equivalent
+    values = _Values(v0, distance, duration, *response_times, to_level.gradient.value)
     dead_time = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
-    sigmas = _Sigmas(smooth.noise, smooth.interval, command_u, stop_u, dead_time, hidden, *build_up)
-    figures = _Figures(
-        values, _errors(signals, settings, values, to_level, sigmas), nominal, to_level
-    )
-    valid = not braking.reason
-    measured = figures.measured if valid else lambda _: None
-    sanding = signals.sanding
+    errors = {
+        **_speed_errors(values, smooth, settings.speed_scale or signals.scale, signals.delay_sigma),
+        "sliding axles": {"distance": hidden},
+        "command time": _early_command(v0, command_u),
+        "dead time": _early_command(v0, dead_time),
+        "build-up": {"delay": response.delay.tolerance, "response": response.equivalent.tolerance},
+        "standstill": {"duration": math.hypot(braking.stop_sigma, locked.tolerance)},
+        "gradient": {"gradient": to_level.gradient.tolerance},
+    }
+    figures = _Figures(values, errors, nominal, to_level)
+    measured = (lambda _: None) if braking.reason else figures.measured
     return StopSummary(
         start_s=command,
         end_s=braking.stop,
         command_from=source,
         speed_from=signals.speed_from,
         nominal_speed_kmh=nominal,
-        valid=valid,
+        valid=not braking.reason,
         reason=braking.reason or None,
         pressure_bar=_bar(response.full_value) if signals.by_pressure else None,
         initial_speed_mps=figures.measured("v0"),
@@ -114,11 +112,11 @@ def measure_stop(
         response_time_s=figures.measured("response"),
         mean_deceleration=measured("mean"),
         equivalent_deceleration=measured("equivalent"),
-        jerk=jerk and Measured(jerk.value, K95 * jerk.tolerance),
+        jerk=None if hidden else _jerk(signals, smooth, command, braking.stop),
         corrected_distance_m=measured("corrected"),
         energy_distance_m=measured("by_energy"),
         axles=tuple(axle_stops(signals, command, braking, settings)),
-        sanding_s=sanding and on_time(sanding.cut(command, braking.stop)),
+        sanding_s=signals.sanding and on_time(signals.sanding.cut(command, braking.stop)),
         reservoir_drop_pa=_drop(signals.reservoir, command, braking.stop),
         budget=figures.budget(),
         speed=(t[is_braking] - command, np.where(smooth.is_read, v, np.nan)[is_braking]),
@@ -131,13 +129,19 @@ def _reading_interval(signals: StopSignals) -> float:
     return max(float(np.median(np.diff(signals.speed.t))), own_interval)
 
 
-def _is_coarse(signals: StopSignals, start: float, stop: float) -> bool:
-    """Whether a train that moves has a slow speed without the shape of its wheels anywhere."""
-    if signals.is_coarse is None:
-        return False
-    t, v = signals.speed
-    is_moving = (t >= start) & (t <= stop) & (v > SLOW)
-    return bool(signals.is_coarse[is_moving].any())
+def _jerk(
+    signals: StopSignals, smooth: SmoothSpeed, command: float, stop: float
+) -> Measured | None:
+    """The largest jerk; None where no sensor shows the shape of the train's speed."""
+    by_axles, is_coarse = signals.speed_from == "axles", signals.is_coarse
+    if by_axles and all_axles_slide(signals, command):
+        return None
+    if is_coarse is not None:
+        t, v = signals.speed
+        if is_coarse[(t >= command) & (t <= stop) & (v > SLOW)].any():
+            return None
+    jerk = largest_jerk(smooth, command, _CREEP * (by_axles or is_coarse is not None))
+    return jerk and Measured(jerk.value, K95 * jerk.tolerance)
 
 
 def _drop(reservoir: TimeSeries | None, start: float, stop: float) -> float | None:
@@ -150,20 +154,22 @@ def _drop(reservoir: TimeSeries | None, start: float, stop: float) -> float | No
 class _Figures:
     """All quantities of a stop, and how each source of error changes them.
 
-    `errors` are the values changed by one standard uncertainty, by the source.
+    `errors` are what one standard uncertainty adds to the values, by the source.
     """
 
     def __init__(
-        self, values: _Values, errors: Mapping[str, _Values], nominal: float, to_level: ToLevel
+        self,
+        values: _Values,
+        errors: Mapping[str, Mapping[str, float]],
+        nominal: float,
+        to_level: ToLevel,
     ) -> None:
-        self._derived = _derive(values, nominal / 3.6, to_level.rotating)
-        self._effects = {
-            source: {
-                name: x - self._derived[name]
-                for name, x in _derive(changed, nominal / 3.6, to_level.rotating).items()
-            }
-            for source, changed in errors.items()
-        }
+        conditions = nominal / 3.6, to_level.rotating
+        self._derived, self._effects = _derive(values, *conditions), dict[str, dict[str, float]]()
+        for source, added in errors.items():
+            changed = values._replace(**{k: getattr(values, k) + x for k, x in added.items()})
+            derived = _derive(changed, *conditions)
+            self._effects[source] = {name: x - self._derived[name] for name, x in derived.items()}
         names = "corrected", "by_energy"
         between = self._derived["by_energy"] - self._derived["corrected"]
         error = between / math.sqrt(3.0) if math.isfinite(between) else 0.0
@@ -195,17 +201,6 @@ _FORMULA = "formula"  # of the corrected distance: the true one lies between tho
 _COMMON = ("speed scale", "speed delay", "dead time", "gradient", _FORMULA)
 
 
-class _Sigmas(NamedTuple):
-    speed: float  # noise of one sample [m/s]
-    interval: float  # between samples of the speed [s]
-    command: float  # of the command time [s]
-    standstill: float  # of the time of standstill [s]
-    dead_time: float  # of a brake whose command is not logged [s]
-    hidden: float  # of the distance, by slides of all axles [m]
-    delay: float  # by noise and level of the brake [s]
-    response: float  # the same [s]
-
-
 def _bar(pressure: float) -> float | None:
     return pressure / BAR if math.isfinite(pressure) else None
 
@@ -221,46 +216,23 @@ def _dead_time_sigma(response: BrakeResponse, settings: StopSettings) -> float:
     return max(_LEAST_DEAD_TIME, share)
 
 
-def _errors(
-    signals: StopSignals,
-    settings: StopSettings,
-    values: _Values,
-    to_level: ToLevel,
-    sigmas: _Sigmas,
-) -> dict[str, _Values]:
-    """The measured values changed by one standard uncertainty of each source."""
-    scale = settings.speed_scale or signals.scale
-    v0, s = values.v0, values.distance
-    interval, delay_sigma, command = sigmas.interval, signals.delay_sigma, sigmas.command
-    fitted = max(FIT / max(interval, 1e-3), 1.0)
+def _speed_errors(
+    x: _Values, smooth: SmoothSpeed, scale: float, delay_sigma: float
+) -> dict[str, dict[str, float]]:
+    """What one standard uncertainty of scale, delay and noise of the speed adds to the values."""
+    fitted = max(FIT / max(smooth.interval, 1e-3), 1.0)
+    noise = smooth.noise * math.sqrt(smooth.interval * max(x.duration, 0.0))
     return {
-        "speed scale": values._replace(v0=v0 * (1.0 + scale), distance=s * (1.0 + scale)),
-        "speed delay": values._replace(
-            distance=s + v0 * delay_sigma, duration=values.duration + delay_sigma
-        ),
-        "speed noise": values._replace(
-            v0=v0 + 1.5 * sigmas.speed / math.sqrt(fitted),
-            distance=s + sigmas.speed * math.sqrt(interval * max(values.duration, 0.0)),
-        ),
-        "sliding axles": values._replace(distance=s + sigmas.hidden),
-        "command time": values._replace(
-            distance=s + v0 * command,
-            duration=values.duration + command,
-            delay=values.delay + command,
-            response=values.response + command,
-        ),
-        "dead time": values._replace(
-            distance=s + v0 * sigmas.dead_time,
-            duration=values.duration + sigmas.dead_time,
-            delay=values.delay + sigmas.dead_time,
-            response=values.response + sigmas.dead_time,
-        ),
-        "build-up": values._replace(
-            delay=values.delay + sigmas.delay, response=values.response + sigmas.response
-        ),
-        "standstill": values._replace(duration=values.duration + sigmas.standstill),
-        "gradient": values._replace(gradient=values.gradient + to_level.gradient.tolerance),
+        "speed scale": {"v0": x.v0 * scale, "distance": x.distance * scale},
+        "speed delay": {"distance": x.v0 * delay_sigma, "duration": delay_sigma},
+        "speed noise": {"v0": 1.5 * smooth.noise / math.sqrt(fitted), "distance": noise},
     }
+
+
+def _early_command(v0: float, seconds: float) -> dict[str, float]:
+    """What a command that is earlier by so many seconds adds to the values."""
+    times = dict.fromkeys(("duration", "delay", "response"), seconds)
+    return {"distance": v0 * seconds, **times}
 
 
 def _derive(x: _Values, nominal: float, rho: float) -> dict[str, float]:

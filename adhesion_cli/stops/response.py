@@ -27,12 +27,6 @@ class BrakeResponse(NamedTuple):
     build_up: float = math.nan  # until the end of the build-up that nothing disturbs [s]
 
 
-class _AxleResponse(NamedTuple):
-    delay: Parameter  # until the start share [s]
-    build_up: Parameter  # until 95 % of the full value [s]
-    weight: float  # the full value of the brake
-
-
 def find_response(
     signals: StopSignals, command: float, braking: Braking, start_share: float
 ) -> BrakeResponse:
@@ -42,7 +36,8 @@ def find_response(
     pressure is at the end of its sensor's range, nor where the log begins after the command or
     other cars brake later than its axles. The delay ends at `start_share` of the full brake.
     """
-    axles, unknown = [], Parameter(math.nan, math.nan)
+    delays, build_ups, weights = list[Parameter](), list[Parameter](), list[float]()
+    unknown = Parameter(math.nan, math.nan)
     if braking.reason == BEGUN or signals.others_later:
         return BrakeResponse(unknown, unknown, math.nan)
     if np.any((signals.saturated > command) & (signals.saturated < braking.stop)):
@@ -56,44 +51,33 @@ def find_response(
             continue
         share = (window.value - released) / span
         error = math.hypot(noise, quantisation_step(window.value) / math.sqrt(12.0)) / span
-        delay = _crossing(
-            window.t, share, start_share if start_share else 5.0 * noise / span, error
-        )
-        build_up_end = _crossing(window.t, share, FULL_SHARE, math.hypot(error, _LEVEL_ERROR))
+        t, begin_share = window.t - command, start_share or 5.0 * noise / span
+        delay = _crossing(t, share, begin_share, error)
+        build_up_end = _crossing(t, share, FULL_SHARE, math.hypot(error, _LEVEL_ERROR))
         if delay is None or build_up_end is None:
             disturbed = True
             continue
-        rising = share[window.t <= build_up_end.value]
+        rising = share[t <= build_up_end.value]
         rising = rising[np.isfinite(rising)]
         fall = np.max(np.maximum.accumulate(rising) - rising) if len(rising) else 0.0
         disturbed |= bool(fall > DROP) or _slides(signals, axle, command, build_up_end.value)
-        axles.append(
-            _AxleResponse(
-                _since_command(delay, command), _since_command(build_up_end, command), span
-            )
-        )
-    total = sum(r.weight for r in axles)
-    if not total:
+        delays.append(delay)
+        build_ups.append(build_up_end)
+        weights.append(span)
+    if not weights:
         return BrakeResponse(unknown, unknown, math.nan)
-    delay_mean, full_mean = (
-        Parameter(
-            sum(r.weight * x.value for r, x in zip(axles, times, strict=True)) / total,
-            sum(r.weight * x.tolerance for r, x in zip(axles, times, strict=True)) / total,
-        )
-        for times in ([r.delay for r in axles], [r.build_up for r in axles])
+    delay, full = (
+        Parameter(*np.average(times, axis=0, weights=weights).tolist())
+        for times in (delays, build_ups)
     )
-    longest = max(r.build_up.value for r in axles)
+    longest, mean_weight = max(x.value for x in build_ups), float(np.mean(weights))
     if disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command):
-        return BrakeResponse(delay_mean, unknown, total / len(axles))
-    sigma = math.hypot(delay_mean.tolerance, full_mean.tolerance) / 2.0
-    equivalent = Parameter((delay_mean.value + full_mean.value) / 2.0, sigma)
+        return BrakeResponse(delay, unknown, mean_weight)
+    sigma = math.hypot(delay.tolerance, full.tolerance) / 2.0
+    equivalent = Parameter((delay.value + full.value) / 2.0, sigma)
     if any(f.holds_between(command, command + longest) for f in signals.other_brakes):
         equivalent = unknown  # the pressure alone is not the force
-    return BrakeResponse(delay_mean, equivalent, total / len(axles), full_mean.value)
-
-
-def _since_command(time: Parameter, command: float) -> Parameter:
-    return time._replace(value=time.value - command)
+    return BrakeResponse(delay, equivalent, mean_weight, full.value)
 
 
 def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter | None:
@@ -106,27 +90,22 @@ def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter
         return None
     k = int(reached[0])
     interval = float(np.median(np.diff(t)))
-    upper_samples = np.flatnonzero(share >= level + 2.0 * error)
-    lower_samples = np.flatnonzero(share >= level - 2.0 * error)
-    sigma = (
-        float(t[upper_samples[0]] - t[lower_samples[0]]) / 4.0
-        if len(upper_samples)
-        else float(t[-1] - t[k]) / 4.0
-    )
-    sigma = math.hypot(sigma, 0.25 * interval)
+    above, below = (np.flatnonzero(share >= level + x) for x in (2.0 * error, -2.0 * error))
+    spread = t[above[0]] - t[below[0]] if len(above) else t[-1] - t[k]
+    sigma = math.hypot(float(spread) / 4.0, 0.25 * interval)
     if k == 0 or not share[k - 1] < level:
         return Parameter(float(t[k]), sigma)
     fraction = (level - share[k - 1]) / (share[k] - share[k - 1])
     return Parameter(float(t[k - 1] + fraction * (t[k] - t[k - 1])), sigma)
 
 
-def _slides(signals: StopSignals, axle: int, start: float, stop: float) -> bool:
-    """Whether an axle begins to slide in a span of time."""
+def _slides(signals: StopSignals, axle: int, command: float, build_up: float) -> bool:
+    """Whether an axle begins to slide while its brake builds up [s]."""
     if axle not in signals.rims:
         return False
-    rim = signals.rims[axle].cut(start, math.inf)
+    rim = signals.rims[axle].cut(command, math.inf)
     v = signals.speed.interpolated(rim.t)
     with np.errstate(divide="ignore", invalid="ignore"):
         slip = np.where(v > SLOW, 1.0 - rim.value / v, 0.0)
         runs = true_runs(slip > _CREEPS)
-        return any(rim.t[a] < stop and np.max(slip[a:b]) > _SLIDES for a, b in runs)
+        return any(rim.t[a] - command < build_up and np.max(slip[a:b]) > _SLIDES for a, b in runs)

@@ -204,22 +204,20 @@ def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> St
     return Statistic(n, mean, sd, u95, common, scatter, outliers, drift, drift_u95)
 
 
-def _student(freedom: float) -> float:
+def _student(freedom: float, share: float = 0.975) -> float:
     from scipy.special import stdtrit  # scipy.stats takes half a second to import
 
-    return float(stdtrit(freedom, 0.975))
+    return float(stdtrit(freedom, share))
 
 
 def _outliers(values: Floats, level: float) -> list[int]:
     """Places of the values that Grubbs' test rejects at a level, one after the other."""
-    from scipy.special import stdtrit
-
     places, rejected = list(range(len(values))), list[int]()
     while (n := len(places)) >= _FEWEST:
         x = values[places]
         sd = float(np.std(x, ddof=1))
         k = int(np.argmax(np.abs(x - np.mean(x))))
-        quantile = float(stdtrit(n - 2, 1.0 - level / (2.0 * n)))
+        quantile = _student(n - 2, 1.0 - level / (2.0 * n))
         limit = (n - 1) / math.sqrt(n) * math.sqrt(quantile**2 / (n - 2 + quantile**2))
         if not sd or abs(x[k] - np.mean(x)) <= limit * sd:
             break
@@ -232,12 +230,8 @@ def _drift(runs: Floats, values: Floats) -> tuple[float | None, float | None]:
     n = len(values)
     if n < _FEWEST:
         return None, None
-    centred = runs - np.mean(runs)
-    spread = float(np.sum(centred**2))
-    slope = float(np.sum(centred * values)) / spread
-    residuals = values - np.mean(values) - slope * centred
-    sigma = math.sqrt(float(np.sum(residuals**2)) / (n - 2) / spread)
-    return slope, _student(n - 2) * sigma
+    (slope, _), covariance = np.polyfit(runs, values, 1, cov=True)
+    return float(slope), _student(n - 2) * math.sqrt(covariance[0, 0])
 
 
 def differences(groups: Sequence[Group], pairs: Iterable[tuple[str, str]]) -> list[GroupDifference]:

@@ -20,6 +20,7 @@ FAST = 0.275  # longest interval of a fast train speed: 4 readings a second, and
 _AVERAGED = 5  # intervals of a slow train speed over which its difference to the wheels is averaged
 _ROLLING = 0.03  # a rim that differs from the train by more slides, as a share of the speed
 _SLOW_ROLLING = 0.5  # the same at low speed [m/s]
+_COMMANDS: tuple[Meaning, ...] = ("brake_command", "emergency", "brake_pipe")
 _VALVES: tuple[Meaning, ...] = ("hold_valve", "vent_valve")  # the last one counts
 UNKNOWN_SCALE = 0.005  # 1 sigma of a speed sensor's scale, as a share, where nobody states it
 DROP = 0.1  # of the full value: a fall in the build-up is a valve of the WSP
@@ -173,12 +174,8 @@ def _series(channel: Channel, start_ns: int, is_state: bool = False) -> TimeSeri
 
 def _commands(log: Log) -> dict[str, list[TimeSeries]]:
     start_ns = log.start_ns()
-    commands: dict[str, list[TimeSeries]] = {}
-    for channel in log.channels:
-        name = str(channel.meaning)
-        if name in ("brake_command", "emergency", "brake_pipe") and len(channel.data.t) > 1:
-            commands.setdefault(name, []).append(_series(channel, start_ns))
-    return commands
+    channels = {name: _channels(log, name) for name in _COMMANDS}
+    return {name: [_series(c, start_ns) for c in x] for name, x in channels.items() if x}
 
 
 def _with_states(signals: StopSignals, log: Log) -> StopSignals:
