@@ -1,8 +1,8 @@
 """The summary of a fleet as tables of text, for the screen and for a page."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
-from math import inf, isfinite, nan
+from math import inf, nan
 
 from ..core.finding import catalogue
 from ..results.report.campaign import Bar, Bars, Campaign, PageTable
@@ -31,6 +31,7 @@ DAYS = 14  # that a summary shows
 PLACES = 20  # kilometres that a summary shows
 _DAY = 86_400_000.0  # [ms]
 _BAND = 40.0  # width of the fastest speed band in a figure; it has no upper end [km/h]
+_Place = tuple[str, float, float]  # what a bar is called, where it begins and ends
 
 
 def head(fleet: FleetSummary) -> str:
@@ -61,20 +62,24 @@ def tables(fleet: FleetSummary) -> list[PageTable]:
         {"finding": x.code, "severity": x.severity, "example": x.example, "logs": str(x.logs)}
         for x in fleet.findings
     ]
+    settings = {row.group["settings"]: float(i) for i, row in enumerate(fleet.by_settings)}
+
+    def by_settings(row: Distribution) -> _Place:
+        name = row.group["settings"]
+        return name, settings[name], settings[name] + 1.0
+
+    of_speed = _bars(fleet.by_speed, "mean speed of the brake application [km/h]", _by_speed)
+    of_settings = _bars(fleet.by_settings, "settings", by_settings)
+    of_days = _bars(days, "day of the log's start (UTC), every day", _by_day)
+    of_km = _bars(fleet.by_km, "position on the line [km]", _by_km)
+    by_km = [{"km": str(row.group["km"]), **_spread(row)} for row in _most_slides(fleet.by_km)]
+    by_hour = list(map(_km_and_hour, _most_slides(timed)))
     all_tables = (
-        PageTable(_SPEEDS, speeds, figure=_by_speed(fleet.by_speed), note=_OF_SPREAD),
-        PageTable("By settings", vehicles, 2, _by_settings(fleet.by_settings)),
-        PageTable(f"By day{scope}", newest_days, figure=_by_day(days)),
-        PageTable(
-            f"By kilometre{_scope(fleet.by_km)}",
-            [{"km": str(row.group["km"]), **_spread(row)} for row in _most_slides(fleet.by_km)],
-            figure=_by_km(fleet.by_km),
-        ),
-        PageTable(
-            f"By kilometre, day and hour (UTC){_scope(timed)}",
-            list(map(_km_and_hour, _most_slides(timed))),
-            3,
-        ),
+        PageTable(_SPEEDS, speeds, figure=of_speed, note=_OF_SPREAD),
+        PageTable("By settings", vehicles, 2, of_settings and of_settings._replace(named=True)),
+        PageTable(f"By day{scope}", newest_days, figure=of_days and of_days._replace(dated=True)),
+        PageTable(f"By kilometre{_scope(fleet.by_km)}", by_km, figure=of_km),
+        PageTable(f"By kilometre, day and hour (UTC){_scope(timed)}", by_hour, 3),
         PageTable(_STOPS, list(map(_stopped, fleet.stops)), note=_OF_STOPS),
         PageTable(_WORST, slid, note=_OF_SLIDES),
         PageTable(_FINDINGS, codes, 3),
@@ -164,27 +169,35 @@ def _spread(row: Distribution) -> dict[str, str]:
     }
 
 
-def _by_speed(rows: Sequence[Distribution]) -> Bars | None:
+def _by_speed(row: Distribution) -> _Place:
+    lower, upper = row.group.values()
+    upper = upper or lower + _BAND
+    return f"{lower:g} to {upper:g}", lower, upper
+
+
+def _by_day(row: Distribution) -> _Place | None:
+    if (day := row.group["day"]) == "unknown":
+        return None
+    noon = 1e3 * datetime.fromisoformat(f"{day}T12:00:00Z").timestamp()
+    return day, noon - _DAY / 2, noon + _DAY / 2
+
+
+def _by_km(row: Distribution) -> _Place:
+    km = row.group["km"]
+    return f"{km} to {km + 1}", km, km + 1.0
+
+
+def _bars(
+    rows: Sequence[Distribution], label: str, place: Callable[[Distribution], _Place | None]
+) -> Bars | None:
+    """The figure of the rows that have a place; None if there is nothing to compare in it."""
     bars = []
     for row in rows:
-        lower, upper = row.group.values()
-        upper = upper or lower + _BAND
-        bars.append(_bar(f"{lower:g} to {upper:g}", lower, upper, row))
-    return _compared(Bars("mean speed of the brake application [km/h]", bars))
-
-
-def _by_settings(rows: Sequence[Distribution]) -> Bars | None:
-    bars = [_bar(row.group["settings"], i, i + 1.0, row) for i, row in enumerate(rows)]
-    return _compared(Bars("settings", bars, named=True))
-
-
-def _by_day(rows: Sequence[Distribution]) -> Bars | None:
-    bars = []
-    for row in rows:
-        if (day := row.group["day"]) != "unknown":
-            noon = 1e3 * datetime.fromisoformat(f"{day}T12:00:00Z").timestamp()
-            bars.append(_bar(day, noon - _DAY / 2, noon + _DAY / 2, row))
-    return _compared(Bars("day of the log's start (UTC), every day", bars, dated=True))
+        if row.median is not None and (name_and_place := place(row)):
+            values = row.p5, row.median, row.p95, row.median_with_slides
+            lower, middle, upper, slid = (nan if x is None else x for x in values)
+            bars.append(Bar(*name_and_place, lower, middle, upper, slid, row.applications))
+    return Bars(label, bars) if len(bars) > 1 else None
 
 
 def _most_slides(rows: Sequence[Distribution]) -> list[Distribution]:
@@ -203,27 +216,8 @@ def _scope(rows: Sequence[Distribution]) -> str:
 
 def _km_and_hour(row: Distribution) -> dict[str, str]:
     km, day, hour = row.group.values()
-    return {"km": str(km), "day": day, "hour": DASH if hour is None else f"{hour:02d}"} | _spread(
-        row
-    )
-
-
-def _by_km(rows: Sequence[Distribution]) -> Bars | None:
-    places = [(row.group["km"], row) for row in rows]
-    bars = [_bar(f"{km} to {km + 1}", km, km + 1.0, row) for km, row in places]
-    return _compared(Bars("position on the line [km]", bars))
-
-
-def _compared(page_bars: Bars) -> Bars | None:
-    """The figure, if there is something to compare in it."""
-    bars = [bar for bar in page_bars.bars if isfinite(bar.middle)]
-    return page_bars._replace(bars=bars) if len(bars) > 1 else None
-
-
-def _bar(name: str, begin: float, stop: float, row: Distribution) -> Bar:
-    values = row.p5, row.median, row.p95, row.median_with_slides
-    lower, middle, upper, slid = (nan if x is None else x for x in values)
-    return Bar(name, begin, stop, lower, middle, upper, slid, row.applications)
+    clock = DASH if hour is None else f"{hour:02d}"
+    return {"km": str(km), "day": day, "hour": clock, **_spread(row)}
 
 
 def _stopped(row: StopGroup) -> dict[str, str]:
