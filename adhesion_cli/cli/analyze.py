@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 from . import results
-from .options import ALL_NAMES, Logs, Shared, option, refuse_page_name, shared
+from .options import ALL_NAMES, GeoJson, Logs, Shared, option, refuse_page_name, shared
 
 if TYPE_CHECKING:
     from ..core.model import Result
@@ -30,10 +30,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
         Path | None,
         option("--table", "FILE", "Also write tables: FILE.xlsx, FILE.csv or FILE.parquet."),
     ] = None,
-    geojson: Annotated[
-        Path | None,
-        option("--geojson", "FILE", "Also write a map of way, stops and slides: FILE.geojson."),
-    ] = None,
+    geojson: GeoJson = None,
 ) -> int:
     """Compute adhesion force and coefficient of each log.
 
@@ -97,8 +94,11 @@ def command(  # noqa: PLR0913 (one parameter per option)
         entries = (f if isinstance(f, FailedLog) else next(of_log) for f in outcomes)
         print(dumps(result_document(list(entries))))
     else:
-        choice = _Shown(shared.quiet, rows, scores, budget)
-        _show(analysed, summaries, choice)
+        _show(analysed, summaries, shared.quiet, rows, budget)
+        _show_scores(analysed, summaries, scores)
+        files_of = [[*x.outputs.values()] for x in summaries]
+        is_single = len(summaries) == 1
+        print(terminal.wrote(*files_of[0]) if is_single else terminal.wrote_sets(files_of))
         terminal.show_failed(f for f in outcomes if isinstance(f, FailedLog))
     code = results.finished(shared, written[-1][1], [f for r in analysed for f in r.findings])
     return 3 if len(successes) < len(outcomes) else code
@@ -113,21 +113,16 @@ def _sheets(summaries: "Sequence[ResultSummary]") -> dict[str, Any]:
     return sheets | {"logs": tables.table(map(tables.log_row, summaries), tables.LOGS)}
 
 
-class _Shown(NamedTuple):
-    """What of the results the screen shows."""
-
-    quiet: bool
-    rows: bool  # all brake applications of all axles
-    scores: bool  # the estimators axle by axle
-    budget: bool
-
-
 def _show(
-    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", choice: _Shown
+    results: "Sequence[Result]",
+    summaries: "Sequence[ResultSummary]",
+    quiet: bool,
+    all_rows: bool,
+    with_budgets: bool,
 ) -> None:
-    """Tables, findings, scores, files; of several logs what they have in common once."""
+    """Tables and findings; of several logs what they have in common once."""
     from ..results.application_tables import application_tables, stop_table
-    from ..results.vehicle_text import VehicleOfLog, describe_vehicles
+    from ..results.vehicle_text import describe_vehicles, vehicles_of_logs
     from . import terminal
 
     is_single = len(results) == 1
@@ -136,37 +131,32 @@ def _show(
         for r in results
     ]
     friction_findings = [f for f in results[0].findings if f.code == "friction-differs"]
-    terminal.show(friction_findings, choice.quiet)
-    terminal.show_commands(friction_findings, choice.quiet)
-    vehicles = describe_vehicles([
-        VehicleOfLog("", Path(x.log.path).name, x.vehicle, x.axles) for x in summaries
-    ])  # fmt: skip
+    terminal.show(friction_findings, quiet)
+    terminal.show_commands(friction_findings, quiet)
+    vehicles = describe_vehicles(vehicles_of_logs(summaries))
     logs = terminal.folded(terminal.describe_logs(summaries))
     head = terminal.describe_log(summaries[0]) if is_single else logs
     print("\n".join([head, *map(terminal.folded, vehicles)]))
     cars = {axle.number: axle.car for axle in results[0].vehicle.axles}
-    tables = [*stop_table(summaries), *application_tables(summaries, choice.rows, cars)]
+    tables = [*stop_table(summaries), *application_tables(summaries, all_rows, cars)]
     print("\n" + "\n\n".join(x.text() for x in tables) + "\n", flush=True)
-    for summary in summaries if choice.budget else ():
+    for summary in summaries if with_budgets else ():
         name = f"{summary.log.path}:\n" * (not is_single)
         print(f"{name}{terminal.budgets(summary.axles)}")
     if is_single:
-        terminal.show(results[0].findings, choice.quiet)
+        terminal.show(results[0].findings, quiet)
     else:
-        terminal.show_of_logs(findings, choice.quiet)
-    _show_scores(results, summaries, choice)
-    files = [[*x.outputs.values()] for x in summaries]
-    print(terminal.wrote(*files[0]) if is_single else terminal.wrote_sets(files))
+        terminal.show_of_logs(findings, quiet)
 
 
 def _show_scores(
-    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", choice: _Shown
+    results: "Sequence[Result]", summaries: "Sequence[ResultSummary]", by_axle: bool
 ) -> None:
     from ..scores.metrics import pool_scores
     from . import terminal
 
     axles = [axle for result in results for axle in result.axles]
-    if choice.scores:
+    if by_axle:
         for result, summary in zip(results, summaries, strict=True):
             print("\n".join(map(terminal.describe_reference, summary.axles)))
             rows = [(str(a.record.axle), s) for a in result.axles for s in a.scores]

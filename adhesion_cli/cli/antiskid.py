@@ -67,6 +67,10 @@ def command(
 
     Example: adhesion antiskid slippery-stop --set patent.slip_high=0.05
     """
+    from ..core import compiled
+    from ..wsp.scenario import load
+    from . import terminal
+
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
     settings: Stated = load_settings(shared).overrides
@@ -76,11 +80,9 @@ def command(
         if idle := [*idle, *_idle_settings(shared, settings)]:
             hint = "leave it out; `adhesion antiskid --help` shows the options"
             raise UserError(f"{', '.join(idle)}: no effect with SCENARIO", hint, code=2)
-    _tells_of_compiling(shared)
+    compiled.report = functools.cache(lambda text: terminal.message(text, shared.quiet))
     if from_log:
         return _replay(from_log, shared, algo, seed or 0, train_speed)
-    from ..wsp.scenario import load
-
     assert scenario is not None
     case = load(scenario).with_train_speed(train_speed)
     return _on_own_rail(shared, Path(scenario), case, seed, algo, settings)
@@ -153,14 +155,6 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     on_rail = findings, replayed.track, origin
     outcome = _Outcome(replayed.scenario, settings, stops, document, said, *on_rail)
     return _write(paths, shared, log, outcome)
-
-
-def _tells_of_compiling(shared: Shared) -> None:
-    """One line on stderr before loops are compiled, which may take longer than the stops."""
-    from ..core import compiled
-    from . import terminal
-
-    compiled.report = functools.cache(lambda text: terminal.message(text, shared.quiet))
 
 
 def _paths(shared: Shared, name: str) -> list[Path]:

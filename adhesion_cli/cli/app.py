@@ -47,21 +47,16 @@ for name in _COMMANDS:
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
 
-def _version(value: bool) -> None:
-    if value:
+@app.callback()
+def _root(
+    context: typer.Context,
+    version: bool = typer.Option(False, "--version", help="Show the version."),
+) -> None:
+    if version:
         from .. import __version__
 
         print(f"adhesion {__version__}")
         raise typer.Exit
-
-
-@app.callback()
-def _root(
-    context: typer.Context,
-    version: bool = typer.Option(
-        False, "--version", callback=_version, is_eager=True, help="Show the version."
-    ),
-) -> None:
     if context.invoked_subcommand is None:
         print(context.get_help(), file=sys.stderr)
         raise typer.Exit(2)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from . import results
-from .options import Logs, Shared, check, inputs, load_settings, option, settings_file, shared
+from .options import Logs, Shared, check, load_settings, option, settings_file, shared
 
 if TYPE_CHECKING:
     from ..studies.calibrate import CalibrationRun
@@ -24,25 +24,13 @@ def command(
 
     Example: adhesion calibrate sample_logs/service-brake.csv leaf-film.mcap
     """
-    from ..core.document import dumps
-    from ..results import atomic_files
     from ..studies import calibrate
     from . import terminal
 
     files = settings_file(out)
     check(shared, files, *logs)
     calibration = calibrate.calibrate(logs, load_settings(shared), terminal.progress(shared.quiet))
-    if files:
-        with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as (place,):
-            place.write_text(calibrate.as_toml(calibration), encoding="utf-8")
-    if shared.json:
-        print(dumps(calibrate.document(calibration, results.named(files))))
-    else:
-        print(report(calibration))
-        terminal.show(calibration.findings, shared.quiet)
-        if files:
-            print(terminal.wrote(*files))
-    return 3 if terminal.lossy(calibration.findings) else 0
+    return results.finish_study(shared, logs, files, calibration, calibrate, report(calibration))
 
 
 def report(calibration: "CalibrationRun") -> str:

@@ -30,7 +30,7 @@ def command(
     from ..analysis.summarise import summarise
     from ..core.document import dumps, result_document
     from ..results import atomic_files
-    from ..results.vehicle_text import VehicleOfLog, describe_vehicles
+    from ..results.vehicle_text import describe_vehicles, vehicles_of_logs
     from ..scores.metrics import pool_scores
     from . import terminal
 
@@ -45,9 +45,7 @@ def command(
     if shared.json:
         print(dumps(result_document(summaries)))
     else:
-        vehicles = describe_vehicles([
-            VehicleOfLog("", Path(x.log.path).name, x.vehicle, x.axles) for x in summaries
-        ])  # fmt: skip
+        vehicles = describe_vehicles(vehicles_of_logs(summaries))
         print("\n".join(map(terminal.folded, vehicles)))
         for r in analysed:
             rows = [(str(a.record.axle), s) for a in r.axles for s in a.scores]

@@ -41,7 +41,9 @@ def command(
     """
     from ..core.finding import catalogue
 
-    explained = [_entry_of(code)] if code else list(catalogue().values())
+    if code and code not in catalogue():
+        raise unknown("code", code, list(catalogue()), "`adhesion explain` lists the codes")
+    explained = [catalogue()[code]] if code else list(catalogue().values())
     if shared.json:
         import json
 
@@ -85,15 +87,6 @@ def _thresholds(code: str) -> list[dict[str, object]]:
         for check in [tunable()[stem]]
         for name, q, default in parameters(check)
     ]
-
-
-def _entry_of(code: str) -> "CatalogueEntry":
-    from ..core.finding import catalogue
-
-    codes = catalogue()
-    if code not in codes:
-        raise unknown("code", code, list(codes), "`adhesion explain` lists the codes")
-    return codes[code]
 
 
 def _without_markup(text: str) -> str:

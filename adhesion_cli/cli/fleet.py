@@ -1,8 +1,7 @@
 """`adhesion fleet`: many logs, on several processes or a cluster."""
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -61,7 +60,12 @@ def command(  # noqa: PLR0913 (one option each)
     if workers and scheduler:
         text = "--workers is for processes of this machine, --scheduler for a cluster"
         raise UserError(text, "leave out one of them", code=2)
-    with _workers(workers, scheduler) as pool:
+    from ..core import threads
+    from ..fleet.cluster import Cluster
+    from ..fleet.processes import Processes
+
+    count = workers or threads.max_threads
+    with closing(Cluster(scheduler) if scheduler else Processes(count)) as pool:
         code = _run(paths, shared, out or _FOLDER, pool, recordings)
     if summary and out and not shared.json:
         code = max(code, _summary([str(out)], shared))
@@ -91,7 +95,10 @@ def _run(paths: list[str], shared: Shared, out: Path, pool: "Workers", records: 
         print(dumps(tagged("fleet", logs=state.logs, **counts, seconds=seconds)))
     else:
         print(_status_text(state, out, seconds))
-    _show_failed(state, shared.quiet)
+    terminal.show_failed(state.failed[:_LISTED_LOGS], shared.quiet)
+    if (remaining := len(state.failed) - _LISTED_LOGS) > 0:
+        text = f"and {remaining} more: the rows of `logs` whose status is error"
+        terminal.message(text, shared.quiet)
     return 3 if state.failed or state.lossy else 0
 
 
@@ -115,21 +122,6 @@ def _job(shared: Shared, recordings: Path | None) -> "Job":
     return job._replace(settings=hashed(depends), recordings=folder)
 
 
-@contextmanager
-def _workers(count: int | None, scheduler: str | None) -> "Iterator[Workers]":
-    """Who does the work; whatever happens, they end with the run."""
-    from ..core import threads
-    from ..fleet.cluster import Cluster
-    from ..fleet.processes import Processes
-
-    pool: Workers
-    pool = Cluster(scheduler) if scheduler else Processes(count or threads.max_threads)
-    try:
-        yield pool
-    finally:
-        pool.close()
-
-
 def _status_text(state: "FleetProgress", folder: Path, seconds: float) -> str:
     """The counts of a run, and what shows its results."""
     counts = {"analysed": state.completed, "skipped, as they have results": state.skipped}
@@ -143,15 +135,6 @@ def _status_text(state: "FleetProgress", folder: Path, seconds: float) -> str:
         lines.append(f"data lost or repaired, or in doubt: {state.lossy} of them; see --summary")
     lines.append(f"wrote {folder_name}: applications, stops, estimators, findings, logs")
     return "\n".join([*lines, f"`adhesion fleet --summary {folder_name}` shows them."])
-
-
-def _show_failed(state: "FleetProgress", quiet: bool) -> None:
-    from . import terminal
-
-    terminal.show_failed(state.failed[:_LISTED_LOGS], quiet)
-    if remaining := len(state.failed) - _LISTED_LOGS:
-        text = f"and {remaining} more: the rows of `logs` whose status is error"
-        terminal.message(text, quiet or remaining < 0)
 
 
 def _summary(paths: list[str], shared: Shared) -> int:

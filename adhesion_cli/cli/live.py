@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -76,13 +76,14 @@ def command(
         raise UserError("name SOURCE, or --replay LOG", "adhesion live --help", code=2)
     if speed is not None and replay is None:
         raise UserError("--speed is for --replay", "leave it out, or add --replay", code=2)
-    if replay is None:
-        _check_dbc(source, shared)
-    screens = _Screens(_viewer(shared, connect), serve)
+    if replay is None and shared.dbc and not source.startswith("can:"):
+        text = f"--dbc {shared.dbc[0]}: is for frames of a CAN bus, and {source} has none"
+        raise UserError(text, "leave it out, or name a bus as can:can0", code=2)
+    viewer = _viewer(shared, connect)
     try:
         feed = _open_feed(source, replay, speed, settings)
         try:
-            return _Run(feed, settings, shared, screens).go()
+            return _Run(feed, settings, shared, viewer, serve).go()
         finally:
             feed.close()
     except KeyboardInterrupt:  # before the first sample: the normal end as well
@@ -101,13 +102,6 @@ def _open_feed(
     return open_feed(source, settings.read)
 
 
-class _Screens(NamedTuple):
-    """Where the samples are shown: a Rerun viewer, "" for none; the port for Foxglove."""
-
-    viewer: str
-    serve: int | None
-
-
 def _viewer(shared: Shared, connect: str) -> str:
     """The address of the viewer that shows the samples, "" for none; starts one for --view."""
     if connect:
@@ -122,22 +116,17 @@ def _viewer(shared: Shared, connect: str) -> str:
     return start_viewer()
 
 
-def _check_dbc(source: str, shared: Shared) -> None:
-    """Refuses a DBC that no frame is decoded with."""
-    if shared.dbc and not source.startswith("can:"):
-        text = f"--dbc {shared.dbc[0]}: is for frames of a CAN bus, and {source} has none"
-        raise UserError(text, "leave it out, or name a bus as can:can0", code=2)
-
-
 class _Run:
+    """A run on a feed, shown in a viewer at an address, "" for none, and in Foxglove at a port."""
+
     def __init__(
-        self, feed: "Feed", settings: "Settings", shared: Shared, screens: _Screens
+        self, feed: "Feed", settings: "Settings", shared: Shared, viewer: str, serve: int | None
     ) -> None:
         from ..analysis.request import choose_estimators
         from ..live.run import Tally
         from ..live.shown import Counts, Waiting
 
-        self._feed, self._shared, self._screens = feed, shared, screens
+        self._feed, self._shared, self._viewer, self._serve = feed, shared, viewer, serve
         self._stated = self._settings = settings  # as stated, and as this run uses them
         self._algos = {e.name: (e, settings.params(e)) for e in choose_estimators(shared.algo)}
         self._algos_shown = list(dict.fromkeys(shared.algo)) or [_BAND_ESTIMATOR]
@@ -218,14 +207,14 @@ class _Run:
 
         names = list(dict.fromkeys([*self._algos_shown, *sorted(self._algos)]))
         yield from self._recordings(axles, names)
-        if self._screens.serve is not None:
+        if self._serve is not None:
             from ..live.served import LiveServer
 
-            server = LiveServer(self._screens.serve, self._settings.vehicle, axles, names)
+            server = LiveServer(self._serve, self._settings.vehicle, axles, names)
             self._say(f"Foxglove: open {server.url}")
             yield server
         if self._shared.json:
-            outlives_reader = bool(self._files) or self._screens != _Screens("", None)
+            outlives_reader = bool(self._files or self._viewer) or self._serve is not None
             lines = JsonLines(self._algos_shown, self._settings.vehicle, outlives_reader)
             yield Batches(
                 lines, _LINES, self._say if outlives_reader else None, "the reader of --json"
@@ -245,8 +234,8 @@ class _Run:
             target = Mcap(record, name, self._stated, self._algos, axles, self._tally.add)
             yield Batches(target, _CHUNK)
             viewers.append((picture, _RERUN_CHUNK))
-        if self._screens.viewer:
-            viewers.append((self._screens.viewer, _FRAME))
+        if self._viewer:
+            viewers.append((self._viewer, _FRAME))
         for to, interval in viewers:
             live = LiveRecording(name, settings.vehicle, axles, names, to)
             report_end = lambda error: self._say(f"the recording ends here: {error}")  # noqa: E731

@@ -54,6 +54,10 @@ class Ended(int):
 
 LOG_KINDS = "CSV, Excel, MCAP, Parquet, MDF (MF4), TDMS, CAN"
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help=f"{LOG_KINDS}, or results.")]
+GeoJson = Annotated[
+    Path | None,
+    option("--geojson", "FILE", "Also write a map of way, stops and slides: FILE.geojson."),
+]
 Seed = Annotated[int | None, option("--seed", "N", "Noise seed, instead of the scenario's.", min=0)]
 ScenarioName = typer.Argument(
     metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.", **completes(scenarios)

@@ -11,17 +11,16 @@ from .options import Shared, option, shared
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
-    from ..results.report.campaign import Campaign
-
-_Results = Annotated[
-    list[Path],
-    typer.Argument(metavar="RESULT", help="Results: *.adhesion.mcap, or the folder of a fleet."),
-]
 
 
 @shared("axle", "json", "force", texts={"axle": "Draw figures of this axle; repeatable."})
 def command(
-    paths: _Results,
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RESULT", help="Results: *.adhesion.mcap, or the folder of a fleet."
+        ),
+    ],
     shared: Shared,
     out: Annotated[Path | None, option("-o --out", "FILE.html", "Page to write.")] = None,
 ) -> int:
@@ -57,8 +56,11 @@ def command(
     runs: list[run.ReportRun] = []
     loss: list[Finding] = []
     if folders:
-        fleet_page, loss = _campaign(folders[0], name)
-        text = page.campaign_page(fleet_page)
+        from ..fleet.summary import summarise_fleet
+        from ..fleet.summary_tables import campaign
+
+        fleet = summarise_fleet(folders[0])
+        loss, text = fleet.loss, page.campaign_page(campaign(name, fleet))
     else:
         for path in paths:
             progress(f"reading {path.name}")
@@ -78,12 +80,3 @@ def command(
     terminal.show([*findings, *loss], shared.quiet)
     terminal.show_commands(findings, shared.quiet)
     return 3 if loss else 0
-
-
-def _campaign(folder: Path, name: str) -> "tuple[Campaign, list[Finding]]":
-    """The page on the results of a fleet, and the finding on those that are damaged."""
-    from ..fleet.summary import summarise_fleet
-    from ..fleet.summary_tables import campaign
-
-    fleet = summarise_fleet(folder)
-    return campaign(name, fleet), fleet.loss

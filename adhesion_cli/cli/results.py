@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from ..analysis import outputs
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from ..core.model import Result
     from ..core.summary import FailedLog, ResultSummary
     from ..results.rrd.results import Note
+    from ..studies.calibrate import CalibrationRun
+    from ..studies.tune import Tuned
 
 
 def pair(shared: Shared, log: Path, kind: str) -> Pair:
@@ -116,6 +119,36 @@ def written(
             slip, notes = slips[i] if slips else ("", ())
             outputs.write_results(places[:2], [result], [summaries[i]], slip, notes, shared.full)
         yield dict(zip(chain(*sets), chain(*place_sets), strict=True))
+
+
+def finish_study(
+    shared: Shared,
+    logs: Sequence[Path],
+    files: Sequence[Path],
+    study: "Tuned | CalibrationRun",
+    module: ModuleType,
+    report: str,
+) -> int:
+    """Writes the TOML of a study into the file, if asked for, and prints it; returns the exit code.
+
+    `module` is that of the study: its `as_toml` and `document` say what is written. `report` is
+    what the screen shows.
+    """
+    from ..core.document import dumps
+    from ..results import atomic_files
+    from . import terminal
+
+    if files:
+        with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as (place,):
+            place.write_text(module.as_toml(study), encoding="utf-8")
+    if shared.json:
+        print(dumps(module.document(study, named(files))))
+    else:
+        print(report)
+        terminal.show(study.findings, shared.quiet)
+        if files:
+            print(terminal.wrote(*files))
+    return 3 if terminal.lossy(study.findings) else 0
 
 
 def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> int:

@@ -1,6 +1,5 @@
 """`adhesion stops`: the brake test."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +10,7 @@ from ..core.errors import UserError
 from . import results
 from .options import (
     LOG_KINDS,
+    GeoJson,
     Shared,
     check,
     inputs,
@@ -46,10 +46,7 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         Path | None,
         option("--table", "FILE", "Also write the stops: FILE.xlsx, FILE.csv or FILE.parquet."),
     ] = None,
-    geojson: Annotated[
-        Path | None,
-        option("--geojson", "FILE", "Also write a map of way, stops and slides: FILE.geojson."),
-    ] = None,
+    geojson: GeoJson = None,
     budget: Annotated[
         bool, option("--budget", None, "Show what each source adds to the uncertainty.")
     ] = False,
@@ -81,8 +78,9 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
         if plan is None:
             raise UserError("no log", "adhesion stops LOG..., or --plan FILE.toml", code=2)
         logs = planned_logs(stated_plan)
-    if report:
-        _check_report(shared, logs)
+    refuse_page_name(logs if report else ())
+    if report and not shared.out:
+        raise UserError("--report writes into a folder", "add -o DIR", code=2)
     folder = shared.out or Path()
     files = [folder / _TABLE] if shared.out else []
     files += [*([folder / _PAGE] if report else []), *(x for x in (table, geojson) if x)]
@@ -124,13 +122,6 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
             print(terminal.wrote(*files))
     lossy = terminal.lossy([finding for _, finding in test.findings_by_log])
     return 3 if lossy or test.failed else 0
-
-
-def _check_report(shared: Shared, logs: Sequence[Path]) -> None:
-    """Raises UserError where the protocol has no folder, or a page is among the logs."""
-    refuse_page_name(logs)
-    if not shared.out:
-        raise UserError("--report writes into a folder", "add -o DIR", code=2)
 
 
 def _text(test: "BrakeTest", braked_weight: bool, budget: bool) -> str:

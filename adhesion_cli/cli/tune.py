@@ -11,7 +11,6 @@ from .options import (
     check,
     completes,
     estimators,
-    inputs,
     load_settings,
     option,
     settings_file,
@@ -42,8 +41,6 @@ def command(
 
     Example: adhesion tune sample_logs/service-brake.csv leaf-film.mcap -a leso
     """
-    from ..core.document import dumps
-    from ..results import atomic_files
     from ..studies import tune
     from . import terminal
 
@@ -54,17 +51,7 @@ def command(
     check(shared, files, *logs)
     settings, progress = load_settings(shared), terminal.progress(shared.quiet)
     tuned = tune.tune(logs, settings, algo, hold_back=hold_back, seed=seed, progress=progress)
-    if files:
-        with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as (place,):
-            place.write_text(tune.as_toml(tuned), encoding="utf-8")
-    if shared.json:
-        print(dumps(tune.document(tuned, results.named(files))))
-    else:
-        print(report(tuned, seed))
-        terminal.show(tuned.findings, shared.quiet)
-        if files:
-            print(terminal.wrote(*files))
-    return 3 if terminal.lossy(tuned.findings) else 0
+    return results.finish_study(shared, logs, files, tuned, tune, report(tuned, seed))
 
 
 def report(tuned: "Tuned", seed: int) -> str:

@@ -44,7 +44,6 @@ def program(interface: Interface, vectors: Vectors) -> str:
 
 
 def _rows(interface: Interface, vectors: Vectors, answers: list[_Answer]) -> Iterator[str]:
-    """The initializer of each sample."""
     literal, exact = interface.number.literal, Number(True).literal
     inputs = [kind == INT for _, kind in interface.given.fields]
     for (h, *row), expected in zip(vectors.rows, vectors.expected, strict=True):

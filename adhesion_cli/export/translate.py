@@ -112,10 +112,6 @@ class _Body:
                     self.expression.refuse(node, f"{type(node).__name__} is not in the subset")
         return lines, False
 
-    def chained(self, node: ast.If) -> bool:
-        """Whether an `if` is the `elif` of another."""
-        return any(isinstance(n, ast.If) and n.orelse == [node] for n in ast.walk(self.node))
-
     def _if(self, node: ast.If, depth: int) -> tuple[list[str], bool]:
         """The lines of a condition, and whether every branch returns."""
         test = self.expression.condition(node.test)
@@ -131,7 +127,7 @@ class _Body:
         if node.orelse:
             second, returns = self.block(node.orelse, depth + 1)
             lines += [f"{indent}}} else {{", *second]
-        elif self.chained(node):
+        elif any(isinstance(n, ast.If) and n.orelse == [node] for n in ast.walk(self.node)):
             lines += [f"{indent}}} else {{", f"{indent}    /* as before */"]
         return [*lines, f"{indent}}}"], then_returns and returns
 
@@ -153,7 +149,6 @@ class _Body:
         return [*self._lines(head, depth, node.iter), *lines, "    " * depth + "}"]
 
     def _bound(self, count: ast.expr) -> Expr:
-        """The number of rounds."""
         if isinstance(count, ast.Constant) and isinstance(count.value, int):
             return self.expression(count)
         match count:

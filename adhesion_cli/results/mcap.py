@@ -536,7 +536,6 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
 
 
 def _packed(streams: Sequence[_Stream], slices: list[slice], shift: int) -> mcap_container.Packed:
-    """These rows of the streams as one chunk."""
     rows = [
         _Rows(i, s, piece, shift)
         for i, (s, piece) in enumerate(zip(streams, slices, strict=True), 1)

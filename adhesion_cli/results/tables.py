@@ -35,7 +35,7 @@ from ..core.text import printable, utf8
 from ..reference.calibrated_vehicle import CalibratedParameter
 from ..stops.series import SeriesStop
 from . import names
-from .workbook import workbook
+from .workbook import Sheet, write_workbook
 
 _TYPES = {
     str: pa.string(),
@@ -201,20 +201,12 @@ def write(path: Path, suffix: str, sheets: Mapping[str, pa.Table]) -> None:
     """
     first_table = next(iter(sheets.values()))
     if suffix == ".xlsx":
-        _write_workbook(path, sheets)
+        tables = {name: Sheet(x.schema, len(x), x.to_batches()) for name, x in sheets.items()}
+        write_workbook(path, tables)
     elif suffix == ".csv":
         _write_csv(path, first_table)
     else:
         path.write_bytes(packed(first_table))
-
-
-def _write_workbook(path: Path, sheets: Mapping[str, pa.Table]) -> None:
-    with workbook(path) as book:
-        for name, table in sheets.items():
-            book.check(table.num_rows, table.num_columns)
-            sheet = book.sheet(name, table.schema)
-            for batch in table.to_batches():
-                sheet.write_batch(batch)
 
 
 def _write_csv(path: Path, table: Any) -> None:

@@ -1,6 +1,7 @@
 """The line on the vehicle that stands above every result: stated or found, and how well known."""
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,11 @@ class VehicleOfLog(NamedTuple):
     vehicle: VehicleSummary
     axles: tuple[AxleSummary, ...]
     brake: LogBrake | None = None  # by this log alone, where its scatter is shown
+
+
+def vehicles_of_logs(summaries: Iterable[ResultSummary]) -> list[VehicleOfLog]:
+    """The vehicles of logs that are in no series."""
+    return [VehicleOfLog("", Path(x.log.path).name, x.vehicle, x.axles) for x in summaries]
 
 
 def describe_vehicles(logs: Sequence[VehicleOfLog]) -> list[str]:

@@ -18,8 +18,7 @@ from pyarrow.csv import CSVWriter, WriteOptions
 
 from ..core.model import Log, Times
 from ..core.text import distinct
-from . import names
-from .workbook import workbook
+from . import names, workbook
 
 _ROWS = 1 << 16  # made at once
 
@@ -32,7 +31,8 @@ def write_csv(path: Path, log: Log) -> None:
     schema = pa.schema(list(zip(titles, [time_type, *types], strict=True)))
     options = WriteOptions(quoting_style="none")  # no cell below the head has a comma
     with path.open("wb") as file, CSVWriter(file, schema, write_options=options) as writer:
-        _write(writer, log, schema)
+        for batch in _batches(log, schema):
+            writer.write_batch(batch)
 
 
 def write_parquet(path: Path, log: Log) -> None:
@@ -47,7 +47,8 @@ def write_parquet(path: Path, log: Log) -> None:
     )
     options = {"compression": "zstd", "write_page_checksum": True}
     with path.open("wb") as file, ParquetWriter(file, schema, **options) as writer:
-        _write(writer, log, schema)
+        for batch in _batches(log, schema):
+            writer.write_batch(batch)
 
 
 def write_workbook(path: Path, log: Log) -> None:
@@ -58,13 +59,11 @@ def write_workbook(path: Path, log: Log) -> None:
     """
     schema = pa.schema(list(zip(_titles(log), _types(log), strict=True)))
     axes = _axes(log)
-    with workbook(path) as book:
-        book.check(sum(len(_rows(axes, x)[0]) for x in _slices(axes)), len(schema))
-        _write(book.sheet("log", schema), log, schema)
+    rows = sum(len(_rows(axes, x)[0]) for x in _slices(axes))
+    workbook.write_workbook(path, {"log": workbook.Sheet(schema, rows, _batches(log, schema))})
 
 
 def _titles(log: Log) -> Iterator[str]:
-    """The heads of the columns, with units."""
     yield "time" if log.absolute else "time [s]"
     for name, unit in names.channels(log):
         has_unit = not unit or name.endswith((f"[{unit}]", f"({unit})"))
@@ -76,7 +75,7 @@ def _types(log: Log) -> list[Any]:
     return [time] + [pa.float64()] * len(log.channels)
 
 
-def _write(writer: Any, log: Log, schema: Any) -> None:
+def _batches(log: Log, schema: Any) -> Iterator[Any]:
     """The rows in order, some at once; a channel's column is null where it has no value."""
     axes = _axes(log)
     for slices in _slices(axes):
@@ -88,7 +87,7 @@ def _write(writer: Any, log: Log, schema: Any) -> None:
             values[row] = data.value[piece]
             has_value[row] = data.valid[piece]
             columns.append(pa.array(values, mask=~has_value | np.isnan(values)))
-        writer.write_batch(pa.record_batch(columns, schema=schema))
+        yield pa.record_batch(columns, schema=schema)
 
 
 def _time_column(t: Times, kind: Any) -> Any:

@@ -5,8 +5,7 @@ same tables give the same bytes.
 """
 
 import io
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,85 +27,70 @@ _DAY_1970 = 25_569  # 1970-01-01 as a day of Excel
 _CREATED = datetime(2000, 1, 1)  # the time of writing would make each file another one
 
 
-class _SheetColumn(NamedTuple):
-    """How the cells of a column are written."""
+class Sheet(NamedTuple):
+    """A table that is to be written."""
 
-    values: Callable[[Any], list[Any]]  # of an Arrow array, None for an empty cell
-    write: Callable[..., object]  # a method of the sheet
-    style: Any
+    schema: Any  # of Arrow; a field states its unit in the metadata
+    rows: int
+    batches: Iterable[Any]  # Arrow record batches
 
 
-@contextmanager
-def workbook(path: Path) -> Iterator["Workbook"]:
-    """A workbook that is written when the context ends without an error."""
-    from xlsxwriter import Workbook as Writer
+def write_workbook(path: Path, sheets: Mapping[str, Sheet]) -> None:
+    """Writes tables as sheets of these names, 31 characters at most.
 
+    Raises:
+        UserError: a table is larger than a sheet.
+    """
+    from xlsxwriter import Workbook
+
+    for schema, rows, _ in sheets.values():
+        if rows >= MAX_ROWS or len(schema) > MAX_COLUMNS:
+            text = f"an Excel sheet holds {MAX_ROWS - 1} rows and {MAX_COLUMNS} columns, "
+            text += f"the table has {rows} and {len(schema)}"
+            raise UserError(text, "write it as CSV, Parquet or MCAP")
     buffer = io.BytesIO()
-    writer = Writer(buffer, {"constant_memory": True, "tmpdir": str(path.parent)})
-    writer.set_properties({"created": _CREATED})
-    yield Workbook(writer)
-    writer.close()
+    book = Workbook(buffer, {"constant_memory": True, "tmpdir": str(path.parent)})
+    book.set_properties({"created": _CREATED})
+    head = book.add_format({"bold": True, "bottom": 1})
+    time = book.add_format({"num_format": _TIME})
+    for name, (schema, _, batches) in sheets.items():
+        sheet = book.add_worksheet(name)
+        sheet.freeze_panes(1, 0)
+        titles = [_title(column) for column in schema]
+        for k, title in enumerate(titles):
+            sheet.write_string(0, k, title, head)
+        _write_rows(sheet, schema, batches, [len(title) for title in titles], time)
+    book.close()
     path.write_bytes(buffer.getbuffer())
 
 
-class Workbook:
-    """A workbook that is being written; see `workbook`."""
-
-    def __init__(self, writer: Any) -> None:
-        self._writer = writer
-        self._head = writer.add_format({"bold": True, "bottom": 1})
-        self._time = writer.add_format({"num_format": _TIME})
-
-    def check(self, rows: int, columns: int) -> None:
-        """Refuses, by a UserError, a table that is larger than a sheet."""
-        if rows >= MAX_ROWS or columns > MAX_COLUMNS:
-            text = f"an Excel sheet holds {MAX_ROWS - 1} rows and {MAX_COLUMNS} columns, "
-            text += f"the table has {rows} and {columns}"
-            raise UserError(text, "write it as CSV, Parquet or MCAP")
-
-    def sheet(self, name: str, schema: Any) -> "Sheet":
-        """Adds an empty sheet.
-
-        The name has 31 characters at most. A field of the schema states its unit in the metadata.
-        """
-        sheet = self._writer.add_worksheet(name)
-        sheet.freeze_panes(1, 0)
-        for k, column in enumerate(schema):
-            sheet.write_string(0, k, _title(column), self._head)
-        return Sheet(sheet, [self._column(sheet, column.type) for column in schema], schema)
-
-    def _column(self, sheet: Any, kind: Any) -> _SheetColumn:
+def _write_rows(
+    sheet: Any, schema: Any, batches: Iterable[Any], widths: list[int], time: Any
+) -> None:
+    """The rows below the head, and the widths of the columns, at least those given."""
+    columns: list[tuple[Callable[[Any], list[Any]], Callable[..., object], Any]] = []
+    for kind in schema.types:  # its values, the method that writes one, and its format
         if pa.types.is_timestamp(kind):
-            return _SheetColumn(_days, sheet.write_number, self._time)
-        if pa.types.is_boolean(kind):
-            return _SheetColumn(pa.Array.to_pylist, sheet.write_boolean, None)
-        if pa.types.is_string(kind):
-            return _SheetColumn(_texts, sheet.write_string, None)
-        return _SheetColumn(_numbers, sheet.write_number, None)
-
-
-class Sheet:
-    """A sheet that is being written; `write_batch` is that of Arrow's writers."""
-
-    def __init__(self, sheet: Any, columns: list[_SheetColumn], schema: Any) -> None:
-        self._sheet, self._columns, self._row = sheet, columns, 0
-        self._widths = [len(_title(column)) for column in schema]
-
-    def write_batch(self, batch: Any) -> None:
-        """Adds the rows of an Arrow record batch."""
-        cells = [c.values(array) for c, array in zip(self._columns, batch.columns, strict=True)]
-        for values in zip(*cells, strict=True):
-            self._row += 1
-            for k, value in enumerate(values):
+            columns.append((_days, sheet.write_number, time))
+        elif pa.types.is_boolean(kind):
+            columns.append((pa.Array.to_pylist, sheet.write_boolean, None))
+        elif pa.types.is_string(kind):
+            columns.append((_texts, sheet.write_string, None))
+        else:
+            columns.append((_numbers, sheet.write_number, None))
+    first = 1
+    for batch in batches:
+        cells = [values(x) for (values, *_), x in zip(columns, batch.columns, strict=True)]
+        for row, in_row in enumerate(zip(*cells, strict=True), first):
+            for k, (value, (_, write, style)) in enumerate(zip(in_row, columns, strict=True)):
                 if value is not None:
-                    _, write, style = self._columns[k]
-                    write(self._row, k, value, style)
-        for k, column in enumerate(self._columns):
-            texts = cells[k] if column.values is _texts else [_TIME] * bool(column.style)
-            longest = max((len(x) for x in texts if x is not None), default=0)
-            self._widths[k] = max(self._widths[k], longest)
-            width = min(max(self._widths[k] + 2, _WIDTHS[0]), _WIDTHS[1])
-            self._sheet.set_column(k, k, width)
+                    write(row, k, value, style)
+        first += len(batch)
+        for k, (values, _, style) in enumerate(columns):
+            texts = cells[k] if values is _texts else [_TIME] * bool(style)
+            widths[k] = max(widths[k], *(len(x) for x in texts if x is not None), 0)
+    for k, width in enumerate(widths):
+        sheet.set_column(k, k, min(max(width + 2, _WIDTHS[0]), _WIDTHS[1]))
 
 
 def _title(column: Any) -> str:

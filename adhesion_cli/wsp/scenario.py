@@ -120,14 +120,12 @@ class Rail:
         if self.film is None:
             return base
         film = self.film
-        patches = [film.first + k * film.pitch for k in range(film.count)]
-        film_ends = [start + film.length for start in patches]
-        spans = list(zip(patches, film_ends, strict=True))
+        starts = [film.first + k * film.pitch for k in range(film.count)]
+        spans = [(start, start + film.length) for start in starts]
         stretches = [x for x in base if not any(a <= x[0] <= b for a, b in spans)]
-        stretches += [(start, film.condition, film.scale) for start in patches]
-        stretches += [
-            (film_end, *[x for x in base if x[0] <= film_end][-1][1:]) for film_end in film_ends
-        ]
+        for start, end in spans:
+            *_, below = (x for x in base if x[0] <= end)
+            stretches += [(start, film.condition, film.scale), (end, *below[1:])]
         return sorted(stretches, key=lambda x: x[0])
 
 

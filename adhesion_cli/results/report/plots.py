@@ -169,10 +169,13 @@ class Figures:
         decelerations = _figure(f"{title} [m/s²]", 220, "stop")
         lines: dict[str, list[Any]] = {}
         points: dict[str, list[Any]] = {}
+        highest = list[float]()  # deceleration of each stop but its rarest values
         for i, s in enumerate(stops, 1):
             colour = palette.nth(groups.index(s.group))
             if s.stop.speed is not None:
                 speed, slowing = _deceleration(*s.stop.speed)
+                if np.isfinite(slowing).any():
+                    highest.append(float(np.nanquantile(slowing, 0.99)))
                 source = ColumnDataSource({"v": _rounded(speed), "a": _rounded(slowing)})
                 style = {"source": source, "color": colour, "line_width": 1.2}
                 lines.setdefault(s.group, []).append(over_speed.line("v", "a", **style))
@@ -181,7 +184,7 @@ class Figures:
                 points.setdefault(s.group, []).extend(renderers)
             if value := s.measured(quantity):
                 points.setdefault(s.group, []).extend(_with_bar(decelerations, i, value, colour))
-        over_speed.y_range = Range1d(0.0, 1.1 * _highest_deceleration(stops))
+        over_speed.y_range = Range1d(0.0, 1.1 * (max(highest, default=1.0) or 1.0))
         _legend(over_speed, lines)
         _legend(distances, points)
         figures = {"stops-speed": over_speed, "stops-distance": distances, "stops": decelerations}
@@ -515,15 +518,6 @@ def _deceleration(t: Floats, v: Floats) -> tuple[Floats, Floats]:
     span = np.minimum(t + half_window, t[-1]) - np.maximum(t - half_window, t[0])
     shown_rows = slice(None, None, max(1, len(t) // _CURVE))
     return 3.6 * v[shown_rows], ((earlier_speed - later_speed) / span)[shown_rows]
-
-
-def _highest_deceleration(stops: Sequence[SeriesStop]) -> float:
-    """The highest deceleration of any stop but its rarest values [m/s²]."""
-    curves = [_deceleration(*s.stop.speed)[1] for s in stops if s.stop.speed is not None]
-    return (
-        max((float(np.nanquantile(a, 0.99)) for a in curves if np.isfinite(a).any()), default=1.0)
-        or 1.0
-    )
 
 
 def _with_bar(fig: figure, x: float, value: Measured, colour: str) -> list[Any]:

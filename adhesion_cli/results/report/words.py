@@ -75,7 +75,8 @@ def headline(run: ReportRun) -> tuple[Mark, str]:
         text = f"{axles_with('locked')} locked: the wheel stood while the train moved."
         return "locked", f"{text} {axles_with('slid')} slid." if "slid" in by_mark else text
     if "slid" in by_mark:
-        slid = [len(_slid(a)) for a in run.axles if marks[a.number] == "slid"]
+        slid_axles = (a for a in run.axles if marks[a.number] == "slid")
+        slid = [sum(x.slides > 0 for x in a.applications) for a in slid_axles]
         share = f"{'up to ' * (min(slid) < max(slid))}{max(slid)} of " * (count > 1)
         return "slid", f"{axles_with('slid')} slid in {share}{braked}."
     if "unknown" in by_mark:
@@ -85,14 +86,10 @@ def headline(run: ReportRun) -> tuple[Mark, str]:
     return "good", f"No wheel slid in {braked}."
 
 
-def _slid(axle: ReportAxle) -> list[BrakeApplication]:
-    """The brake applications of an axle that have slides."""
-    return [a for a in axle.applications if a.slides]
-
-
 def verdict(axle: ReportAxle) -> AxleVerdict:
     """The verdict on one axle."""
-    applications, slid = axle.applications, _slid(axle)
+    applications = axle.applications
+    slid = [a for a in applications if a.slides]
     if not applications:
         text = "The log shows no brake application."
         return AxleVerdict("unknown", "not braked", text, DASH)

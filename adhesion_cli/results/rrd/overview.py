@@ -47,11 +47,13 @@ def send(rec: rr.RecordingStream, root: str, times: parts.Clock, result: Result)
     for i, axle in enumerate(result.axles):
         N, speed = axle.record.axle, axle.record.train_speed
         place, name = next((k, g) for k, (g, axles) in enumerate(groups) if N in axles)
-        lines = _lines(result, axle, str(N), name, place)
         if speed is not None and i == 0:
-            lines.insert(0, _Line("speed", "train", "train", parts.TRAIN, speed * 3.6))
-        _send(rec, f"{root}/all", times, axle, lines)
-        names |= {line.name: line.colour for line in lines}
+            names["train"] = parts.TRAIN
+            train = {"speed": speed * 3.6}
+            _send(rec, f"{root}/all", times, axle, ("train", "train", parts.TRAIN), train)
+        names[name] = palette.rgba(palette.nth(place))
+        line = str(N), name, names[name]
+        _send(rec, f"{root}/all", times, axle, line, _values(result, axle))
     parts.send_names(rec, f"{root}/lines/all", times, result.log.start_ns(), [*names.items()])
 
 
@@ -64,26 +66,18 @@ def _groups(result: Result) -> list[tuple[str, list[int]]]:
     return [(f"axles {name}", axles) for name, axles in group_numbers(numbers, cars)]
 
 
-class _Line(NamedTuple):
-    chart: str
-    key: str  # part of its entity
-    name: str  # in the legend
-    colour: int  # as Rerun has it
-    values: Floats  # of the axle's samples, (n,)
-
-
-def _lines(result: Result, axle: AxleResult, key: str, name: str, place: int) -> list[_Line]:
-    """The lines of an axle, one per chart; `place` is that of their colour."""
-    colour = palette.rgba(palette.nth(place))
-    return [_Line(chart, key, name, colour, v) for chart, v in _values(result, axle).items()]
-
-
 def _send(
-    rec: rr.RecordingStream, path: str, times: parts.Clock, axle: AxleResult, lines: Sequence[_Line]
+    rec: rr.RecordingStream,
+    path: str,
+    times: parts.Clock,
+    axle: AxleResult,
+    line: tuple[str, str, int],
+    values_by_chart: Mapping[str, Floats],
 ) -> None:
-    t, index, inside = rows.of_axle(axle)
+    """Sends a line of an axle into each chart; `line` is part of its entity, name and colour."""
+    (key, name, colour), (t, index, inside) = line, rows.of_axle(axle)
     bucket_starts = rows.spans(index, -(-2 * len(t) // rows.OVERVIEW))
-    for chart, key, name, colour, values in lines:
+    for chart, values in values_by_chart.items():
         is_valid = (index >= 0) & (inside | (chart == "speed"))
         plot = parts.lines(key, [(name, colour, np.where(is_valid, values[index], np.nan))])
         envelope = rows.envelope(t, plot, bucket_starts)
@@ -164,8 +158,8 @@ class ComparedRuns:
         for i, run in enumerate(self.runs):
             for axle in run.result.axles:
                 path = f"{self.root}/axle/{axle.record.axle}"
-                lines = _lines(run.result, axle, str(i + 1), run.name, i)
-                _send(rec, path, run.times, axle, lines)
+                line = str(i + 1), run.name, palette.rgba(palette.nth(i))
+                _send(rec, path, run.times, axle, line, _values(run.result, axle))
         names = [(run.name, palette.rgba(palette.nth(i))) for i, run in enumerate(self.runs)]
         times, start = self.runs[0].times, self.runs[0].result.log.start_ns()
         parts.send_names(rec, f"{self.root}/lines", times, start, names)

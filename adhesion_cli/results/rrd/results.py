@@ -509,7 +509,6 @@ def _motors_title(record: AxleRecord) -> str:
 
 
 def _is_known(columns: Iterable[Floats]) -> bool:
-    """Whether any column has a value."""
     return any(np.isfinite(column).any() for column in columns)
 
 
