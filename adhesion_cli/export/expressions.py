@@ -254,7 +254,10 @@ class Expressions:
         name = node.func.id
         callee = self.f.__globals__.get(name)
         if isinstance(callee, FunctionType):
-            return self._function(node, callee)
+            arguments = [self(x) for x in node.args]
+            target = self.program.function(callee, tuple(x.kind for x in arguments))
+            used_values = (self._braced(arguments[i]) for i in target.used_arguments)
+            return Expr(f"{target.name}({', '.join(used_values)})", target.kind, True)
         if hasattr(callee, "_fields"):
             kind = self.program.types.named(callee)
             arguments = [self(x) for x in node.args]
@@ -264,13 +267,6 @@ class Expressions:
         if callee is None and name in ("abs", "min", "max", "float"):
             return self._builtin(node, name)
         self.refuse(node, f"{name} is no function that C gets")
-
-    def _function(self, node: ast.Call, callee: FunctionType) -> Expr:
-        arguments = [self(x) for x in node.args]
-        target = self.program.function(callee, tuple(x.kind for x in arguments))
-        used_values = [arguments[i] for i in target.used_arguments]
-        text = f"{target.name}({', '.join(map(self._braced, used_values))})"
-        return Expr(text, target.kind, True)
 
     def _braced(self, x: Expr) -> str:
         """An argument: a struct by its address. One that a function returns is kept for that."""

@@ -57,13 +57,17 @@ def run(
     named = _identified(logs, job, dataset, workers, state, progress)
     items = []
     for digest, same_logs in named.items():
-        item = Item(same_logs[0], digest)
-        if force or not _complete(item, job, existing.get(digest, [])):
+        item, rows = Item(same_logs[0], digest), existing.get(digest, [])
+        is_done = not force and bool(rows) and rows[0].status != "error"  # what failed, again
+        if is_done and rows[0].rows_used:  # stops alone have no recordings
+            is_done = all(path.exists() for path in work.recordings(item, job))
+        if not is_done:
             items.append(item)
-        else:
-            state.skipped += len(same_logs)
-            state.lossy += len(same_logs) * existing[digest][0].lossy
-            _name(dataset, digest, existing[digest], same_logs)
+            continue
+        state.skipped += len(same_logs)
+        state.lossy += len(same_logs) * rows[0].lossy
+        if len(names := _names(same_logs, rows)) > len(rows):  # that it did not have before
+            dataset.write([KeptTables(digest, names, dataset.row(digest), {})])
     progress(state)
     for batch in _worked(items, job, workers):
         tables = []
@@ -98,23 +102,6 @@ def _identified(
             named.setdefault(digest, []).append(log)
         progress(state)
     return named
-
-
-def _complete(item: Item, job: Job, rows: Sequence[DoneLog]) -> bool:
-    """Whether a log has its results: what failed is tried again."""
-    if not rows or rows[0].status == "error":
-        return False
-    files = work.recordings(item, job) if rows[0].rows_used else []  # stops alone have none
-    return all(path.exists() for path in files)
-
-
-def _name(
-    dataset: Dataset, key: str, rows: Sequence[DoneLog], same_logs: Sequence[LogLocation]
-) -> None:
-    """Adds the names that a log did not have when it was analysed."""
-    names = _names(same_logs, rows)
-    if len(names) > len(rows):
-        dataset.write([KeptTables(key, names, dataset.row(key), {})])
 
 
 def _names(same_logs: Iterable[LogLocation], rows: Iterable[DoneLog]) -> tuple[str, ...]:

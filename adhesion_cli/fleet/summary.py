@@ -188,7 +188,10 @@ def summarise_fleet(folder: Path) -> FleetSummary:
     row_days = [days.get(Path(x).name, "unknown") for x in applications[_FILE].to_pylist()]
     settings = applications["settings"].to_pylist()
     stated = {name: _stated_vehicle(folder, name) for name in set(settings)}
-    places = _places(applications)
+    places, kinds = _places(applications), {x[1:] for x in _lossy_findings(findings)}
+    times = [Path(row.file).stat().st_mtime for row in analysed]
+    written = [datetime.fromtimestamp(f(times), UTC).date() for f in (min, max) if times]
+    versions = sorted({str(row.version) for row in analysed})
     return FleetSummary(
         logs={s: sum(r.status == s for r in logs) for s in ("ok", "damaged", "error")},
         applications=len(applications),
@@ -201,9 +204,9 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         stops=_stops(stops),
         worst_slides=_worst(applications),
         findings=_codes(findings),
-        in_doubt=_in_doubt(findings),
+        in_doubt=sum(kind == "warning" and ("error", log) not in kinds for kind, log in kinds),
         to_check=_to_check(findings),
-        evaluated=_evaluated(analysed),
+        evaluated=Evaluation(versions, [day.isoformat() for day in written]),
         failed=[{"log": r.log, "error": r.error, "hint": r.hint or ""} for r in logs if r.error],
         damaged=sorted({row.log for row in logs if row.status == "damaged"}),
         lost=damaged_logs,
@@ -344,12 +347,6 @@ def _codes(table: Any) -> list[CodeCount]:
     return sorted(counts, key=lambda x: (x.severity, -x.logs, x.code))
 
 
-def _in_doubt(table: Any) -> int:
-    """How many logs have a warning on the data, and no error."""
-    kinds = {(severity, log) for _, severity, log in _lossy_findings(table)}
-    return sum(severity == "warning" and ("error", log) not in kinds for severity, log in kinds)
-
-
 def _to_check(table: Any) -> list[DoubtfulLog]:
     """Errors and suspect units, which make the numbers of a log doubtful: one row for each."""
     rows = [
@@ -359,12 +356,6 @@ def _to_check(table: Any) -> list[DoubtfulLog]:
     doubtful = [r for r in rows if r.severity == "error" or r.code.endswith(_SUSPECT)]
     by_code = {(row.log, row.code): row for row in reversed(doubtful)}  # the first of a code
     return [by_code[key] for key in sorted(by_code)]
-
-
-def _evaluated(logs: Sequence[_LogRow]) -> Evaluation:
-    times = [Path(row.file).stat().st_mtime for row in logs]
-    days = [datetime.fromtimestamp(f(times), UTC).date().isoformat() for f in (min, max) if times]
-    return Evaluation(sorted({str(row.version) for row in logs}), days)
 
 
 def _stated_vehicle(folder: Path, settings: str) -> str:

@@ -14,8 +14,9 @@ from ..core.model import Z95, Parameter, Vehicle
 from ..core.physics import SLIDE
 from ..rail.events import END_SLIP
 from ..records import screen
+from ..records.outliers import wheel_limits
 from ..reference.force import by_tolerances
-from .sensors import StuckPressure, StuckSpeed, pressure_leaps, wheel_leaps
+from .sensors import Leaps, StuckPressure, StuckSpeed, pressure_leaps
 
 _MEDIAN_WINDOW = 100  # intervals whose median is the usual one
 _LONGEST_FIRST_INTERVAL = 10.0  # longest interval before the usual one is known [s]
@@ -141,8 +142,9 @@ class LiveAxle:
         self._slides = False
         self._older_stamps = 0  # of the wheel speed, in a row
         p = measuring.thresholds
-        self._speed_leaps, self._speed_stuck = wheel_leaps(p.outliers), StuckSpeed(p.stuck_speed)
+        self._speed_leaps = Leaps("wheel_speed", lambda _: wheel_limits(p.outliers))
         self._pressure_leaps = pressure_leaps(p.outliers)
+        self._speed_stuck = StuckSpeed(p.stuck_speed)
         self._pressure_stuck = StuckPressure(p.stuck_pressure)
         self._vacuum = p.outliers.vacuum
         self._lasting = dict[str, bool]()  # faults that last, and whether they are reported

@@ -114,7 +114,9 @@ def follow(
         for p in wheels.axles[len(axles) :]:
             axles.append(LiveAxle(_measuring(p, settings), settings.vehicle, algos))
         if row is not None and abs(row.t) > FARTHEST:
-            tally.add([_too_far(row)])
+            example = "after 2116" if row.t > 0 else "before 1824"
+            names = {"reason": "time is more than 146 years from 1970", "example": example}
+            tally.add([Finding("messages-unreadable", "warning", names=names)])
         elif row is not None:
             start = row.t if start is None else start
             if samples := axle_samples(row, wheels, axles, start):
@@ -127,12 +129,6 @@ def follow(
         for sink in sinks:
             sink.idle()
     tally.add(feed.findings())
-
-
-def _too_far(row: FeedRow) -> Finding:
-    example = "after 2116" if row.t > 0 else "before 1824"
-    names = {"reason": "time is more than 146 years from 1970", "example": example}
-    return Finding("messages-unreadable", "warning", names=names)
 
 
 def _measuring(p: Places, settings: Settings) -> Measuring:

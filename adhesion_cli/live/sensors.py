@@ -144,11 +144,6 @@ class Leaps:
         return track.can_reach(t, x, self._limits)
 
 
-def wheel_leaps(p: outliers.Params) -> Leaps:
-    """Of a wheel speed [rad/s]."""
-    return Leaps("wheel_speed", lambda _: outliers.wheel_limits(p))
-
-
 def pressure_leaps(p: outliers.Params) -> Leaps:
     """Of a pressure [Pa]; one in a wrong unit has larger limits."""
 

@@ -38,9 +38,11 @@ class JsonLines:
     def add(self, samples: Sequence[LiveSample]) -> None:
         """See `Target`."""
         lines = [self._line(s, algo) for s in samples for algo in self._algos]
+        text = "\n".join([*lines, ""]).encode()
         try:
-            if not self._reader_gone:
-                _print("\n".join([*lines, ""]).encode())
+            # Past Python's buffer: a thread that waits in it for a reader would hold up the exit.
+            while text and not self._reader_gone:
+                text = text[os.write(sys.stdout.fileno(), text) :]
         except BrokenPipeError:
             if not self._outlives_reader:
                 raise
@@ -154,7 +156,13 @@ class StatusLine(Sink):
         line = " | ".join(text for _, text in entries)
         if len(line) <= width:
             return line
-        worst = sorted(entries, key=lambda entry: _badness(entry[0]), reverse=True)
+
+        def badness(entry: tuple[LiveSample, str]) -> tuple[bool, float]:
+            """A sensor without a value, then the largest slip: what is looked at first."""
+            slip = entry[0].slip
+            return not entry[0].estimates, slip if math.isfinite(slip) else 0.0
+
+        worst = sorted(entries, key=badness, reverse=True)
         count = len(worst)
         while count and len(line) > width:
             count -= 1
@@ -197,18 +205,7 @@ def _columns() -> int:
         return shutil.get_terminal_size((_USUAL, 24)).columns
 
 
-def _badness(s: LiveSample) -> tuple[bool, float]:
-    """What an engineer looks at first: a sensor without a value, then the largest slip."""
-    return not s.estimates, s.slip if math.isfinite(s.slip) else 0.0
-
-
 def _seconds(t: int) -> str:
     """A time stamp [ns] in seconds, exactly: a float has no nanoseconds of a date."""
     seconds, nanoseconds = divmod(abs(t), 1_000_000_000)
     return f"{'-' * (t < 0)}{seconds}.{f'{nanoseconds:09d}'.rstrip('0') or '0'}"
-
-
-def _print(text: bytes) -> None:
-    """Past Python's buffer: a thread that waits in it for a reader would hold up the exit."""
-    while text:
-        text = text[os.write(sys.stdout.fileno(), text) :]

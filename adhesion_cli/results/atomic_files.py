@@ -164,7 +164,10 @@ def sets(
                 if len(paths) > 1:
                     target = manifest(paths[0])
                     place = files[target] = hidden[target.parent] / target.name
-                    place.write_bytes(_manifest(paths, places))
+                    directory = target.parent.resolve()
+                    parts = (os.path.relpath(p.parent.resolve() / p.name, directory) for p in paths)
+                    text = _MANIFEST_HEAD + "".join(map(_line, parts, places))
+                    place.write_bytes(os.fsencode(text))
             for place in files.values():  # one by one: an interrupt would wait for threads
                 with place.open("r+b") as file:  # Windows wants a file that is open for writing
                     os.fsync(file.fileno())
@@ -279,12 +282,6 @@ def belong_together(paths: Sequence[Path]) -> bool:
 def manifest(path: Path) -> Path:
     """The manifest of the set whose first file this is."""
     return path.with_suffix(".sha256")
-
-
-def _manifest(paths: Sequence[Path], written: Sequence[Path]) -> bytes:
-    directory = paths[0].parent.resolve()
-    names = (os.path.relpath(p.parent.resolve() / p.name, directory) for p in paths)
-    return os.fsencode(_MANIFEST_HEAD + "".join(map(_line, names, written)))
 
 
 def _line(name: str, place: Path) -> str:

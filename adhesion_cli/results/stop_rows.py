@@ -312,27 +312,22 @@ def _limit_rows(series: StopSeries) -> list[dict[str, str]]:
     )
 
 
-def _describe_wsp(x: WspSummary) -> str:
-    """The extension of the wet stops, in one sentence."""
+def _wsp_table(x: WspSummary) -> TitledTable:
+    """The axles of the wet stops below their extension, in one sentence."""
     head = f"WSP, group {x.group}: "
     if x.extension is None or x.extension_u95 is None or x.k_wet is None:
-        why = "dry or wet stops are missing, or their speeds differ"
-        return head + f"extension not known: {why}.{_air(x)}"
-    extension, u95 = by_uncertainty(100.0 * x.extension, 100.0 * x.extension_u95, 1)
-    head += f"extension of the deceleration distance {extension} ± {u95} %, "
-    return head + f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5).{_air(x)}"
-
-
-def _wsp_table(x: WspSummary) -> TitledTable:
+        head += "extension not known: dry or wet stops are missing, or their speeds differ."
+    else:
+        extension, u95 = by_uncertainty(100.0 * x.extension, 100.0 * x.extension_u95, 1)
+        head += f"extension of the deceleration distance {extension} ± {u95} %, "
+        head += f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5)."
+    if x.air_nl is not None:
+        head += f" Air: {x.air_nl:.0f} Nl in a stop, by the reservoir."
+    if x.sanding_s is not None:
+        head += f" Sanding: {x.sanding_s:.1f} s in a stop."
     rows = _wsp_rows(x)
-    notes = [_OF_WSP, describe_not_known(rows)] if rows else []
-    return TitledTable(_WSP, rows, 1, "\n".join([_describe_wsp(x), *filter(None, notes)]))
-
-
-def _air(x: WspSummary) -> str:
-    """Air and sand of a wet stop, where they are known."""
-    air = "" if x.air_nl is None else f" Air: {x.air_nl:.0f} Nl in a stop, by the reservoir."
-    return air if x.sanding_s is None else f"{air} Sanding: {x.sanding_s:.1f} s in a stop."
+    notes = [head, *([_OF_WSP, describe_not_known(rows)] if rows else [])]
+    return TitledTable(_WSP, rows, 1, "\n".join(filter(None, notes)))
 
 
 def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:

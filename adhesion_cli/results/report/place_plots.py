@@ -75,7 +75,11 @@ def draw_map(fig: figure, run: ReportRun) -> dict[str, list[Any]]:
             "distance": [f"{number(s.distance_m and s.distance_m.value, 1)} m" for s in stops],
         }
         items["stops"] = _points(fig, plane, stops, tips, palette.BLUE, 8)
-    _label_kilometres(fig, run, plane)
+    posts = kilometre_posts(run.route)
+    east, north = plane.at(posts.places)
+    fig.scatter(east, north, size=4, color=palette.BLACK)
+    style = {"text_font_size": "11px", "text_color": palette.GREY, "x_offset": 6, "y_offset": 6}
+    fig.text(east, north, posts.names, **style)
     return items
 
 
@@ -115,14 +119,6 @@ def _points(
     points = fig.scatter("east", "north", source=source, **style)
     fig.add_tools(HoverTool(renderers=[points], tooltips=[(name, f"@{{{name}}}") for name in tips]))
     return [points]
-
-
-def _label_kilometres(fig: figure, run: ReportRun, plane: Plane) -> None:
-    posts = kilometre_posts(run.route)
-    east, north = plane.at(posts.places)
-    fig.scatter(east, north, size=4, color=palette.BLACK)
-    style = {"text_font_size": "11px", "text_color": palette.GREY, "x_offset": 6, "y_offset": 6}
-    fig.text(east, north, posts.names, **style)
 
 
 def _slides(run: ReportRun) -> list[tuple[int, SlideSummary]]:

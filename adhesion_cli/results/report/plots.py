@@ -101,7 +101,9 @@ class Figures:
         Where the coefficients may not be compared, without `adhesion`, there is the speed. Returns
         the places of the figures, by axle.
         """
-        time = Range1d(*_common_time(runs))
+        braked = [o.end_s - r.brake_s for r in runs for a in r.axles for o in a.applications]
+        latest = [float(a.t[-1]) - r.brake_s for r in runs for a in r.axles if len(a.t)]
+        time = Range1d(-_LEAD_TIME, max(braked or latest, default=1.0) + _LEAD_TIME)
         axle_numbers = runs[0].detailed
         numbers = sorted({a.number for run in runs for a in run.axles if a.number in axle_numbers})
         limit = self._values // max(sum(len(run.axles) for run in runs), 1)
@@ -463,13 +465,6 @@ def _legend_of_axles(run: ReportRun) -> list[tuple[str, Sequence[int]]]:
 
 
 # ---- data
-
-
-def _common_time(runs: Sequence[ReportRun]) -> tuple[float, float]:
-    """Before and after the start of braking, as far as brake applications reach [s]."""
-    times = [o.end_s - r.brake_s for r in runs for a in r.axles for o in a.applications]
-    latest = [float(a.t[-1]) - r.brake_s for r in runs for a in r.axles if len(a.t)]
-    return -_LEAD_TIME, max(times or latest, default=1.0) + _LEAD_TIME
 
 
 def _source(axle: ReportAxle, limit: int, zero: float = 0.0) -> tuple[ColumnDataSource, float]:

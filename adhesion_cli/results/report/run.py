@@ -217,7 +217,10 @@ def _axles(
     settings: Mapping[str, str],
     detailed: Sequence[int],
 ) -> tuple[ReportAxle, ...]:
-    by_number = {a.axle: _numbered(a) for a in summaries}
+    by_number = {}
+    for axle in summaries:  # as before JSON, which states the axle once
+        braked = tuple(replace(x, axle=axle.axle) for x in axle.applications)
+        by_number[axle.axle] = axle._replace(applications=braked)
     wanted: dict[tuple[int, str, str], Field] = {}
     for field in source.fields:
         match = _TOPIC.fullmatch(field.channel)
@@ -233,12 +236,6 @@ def _axles(
         of_axle = {key[1:]: columns.pop(key) for key in list(columns) if key[0] == number}
         axles.append(_axle(summary, of_axle, start, settings))
     return tuple(axles)
-
-
-def _numbered(axle: AxleSummary) -> AxleSummary:
-    """The summary as it was before JSON, which states the axle once."""
-    braked = tuple(replace(x, axle=axle.axle) for x in axle.applications)
-    return axle._replace(applications=braked)
 
 
 _COLUMNS = {  # topic and field of each column
