@@ -190,6 +190,11 @@ class Recording:
     value: Floats  # shape (n,), NaN where the signal does not exist
     decimals: int | None  # after rounding; None: not rounded
 
+    def texts(self) -> list[str]:
+        """Values as printed in a log; "" where there is no value."""
+        form = ".9g" if self.decimals is None else f".{self.decimals}f"
+        return ["" if math.isnan(x) else format(x, form) for x in self.value.tolist()]
+
 
 def log(simulation: Simulation) -> list[Recording]:
     """The records of the scenario's sensors; the same seed gives the same ones."""

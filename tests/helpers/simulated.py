@@ -76,18 +76,12 @@ def recordings(
     return simulate.log(replace(true, scenario=scenario, seed=seed))
 
 
-def texts(r: Recording) -> list[str]:
-    """Values as printed in a log; "" where there is no value."""
-    form = ".9g" if r.decimals is None else f".{r.decimals}f"
-    return ["" if np.isnan(x) else format(x, form) for x in r.value.tolist()]
-
-
 def write(path: Path, log: Recordings) -> Path:
     """A CSV with one row per time stamp, a cell empty where a channel has no sample."""
     times = np.unique(np.concatenate([r.t for r in log]))
     cells = np.full((len(times), len(log)), "", dtype=object)
     for column, r in zip(cells.T, log, strict=True):
-        column[np.searchsorted(times, r.t)] = texts(r)
+        column[np.searchsorted(times, r.t)] = r.texts()
     head = ",".join(["time [s]", *(f"{r.name} [{r.unit}]" for r in log)])
     rows = (f"{t / 1e9:.6f},{','.join(row)}" for t, row in zip(times, cells, strict=True))
     path.write_text("\n".join([head, *rows]) + "\n")

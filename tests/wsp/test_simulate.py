@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.simulated import friction_force, texts
+from helpers.simulated import friction_force
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -408,7 +408,7 @@ def test_rounding_leaves_whole_steps_and_prints_them() -> None:
     steps = r.value / 0.05
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     assert r.decimals == 2
-    assert [float(text) for text in texts(r)] == r.value.tolist()
+    assert [float(text) for text in r.texts()] == r.value.tolist()
     assert len(set(r.value)) > 100
 
 
@@ -468,13 +468,13 @@ def test_same_seed_same_log_other_seed_other_noise() -> None:
     s = simulate.load("four-axles")
     first, again, other = (simulate.log(simulate.run(s, seed=seed)) for seed in (1, 1, 2))
     for a, b in zip(first, again, strict=True):
-        assert texts(a) == texts(b)
+        assert a.texts() == b.texts()
         np.testing.assert_array_equal(a.t, b.t)
-    assert texts(first[0]) != texts(other[0])
-    assert texts(first[0]) != texts(first[1])  # no two channels share their noise
+    assert first[0].texts() != other[0].texts()
+    assert first[0].texts() != first[1].texts()  # no two channels share their noise
     more = dataclasses.replace(s, sensor=(*s.sensor, Sensor("slip")))
     longer = simulate.log(simulate.run(more, seed=1))
-    assert texts(longer[0]) == texts(first[0])
+    assert longer[0].texts() == first[0].texts()
 
 
 # --- scenario files -----------------------------------------------------------------------------
