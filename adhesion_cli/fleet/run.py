@@ -58,10 +58,7 @@ def run(
     items = []
     for digest, same_logs in named.items():
         item, rows = Item(same_logs[0], digest), existing.get(digest, [])
-        is_done = not force and bool(rows) and rows[0].status != "error"  # what failed, again
-        if is_done and rows[0].rows_used:  # stops alone have no recordings
-            is_done = all(path.exists() for path in work.recordings(item, job))
-        if not is_done:
+        if force or not _complete(item, job, rows):
             items.append(item)
             continue
         state.skipped += len(same_logs)
@@ -102,6 +99,14 @@ def _identified(
             named.setdefault(digest, []).append(log)
         progress(state)
     return named
+
+
+def _complete(item: Item, job: Job, rows: Sequence[DoneLog]) -> bool:
+    """Whether a log has its results: what failed is tried again."""
+    if not rows or rows[0].status == "error":
+        return False
+    files = work.recordings(item, job) if rows[0].rows_used else []  # stops alone have none
+    return all(path.exists() for path in files)
 
 
 def _names(same_logs: Iterable[LogLocation], rows: Iterable[DoneLog]) -> tuple[str, ...]:
