@@ -55,7 +55,8 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         stop_index = first_index + standing[0] if standing else len(t) - 1
         braked_until = min(release_index - 1, stop_index)
         last_speed = float(v[braked_until])
-        gap = STEP * _longest(~has_speed[first_index : braked_until + 1])
+        gaps = true_runs(~has_speed[first_index : braked_until + 1])
+        gap = STEP * max((end - begin for begin, end in gaps), default=0)
         if first_index == 0:
             reason = BEGUN
         elif gap:
@@ -132,10 +133,6 @@ def _standing(v: Floats, locked: float) -> Bools:
         is_over = stop == len(v) or stop - start > locked / STEP
         standing[start:stop] = is_over or later < _FASTEST_START
     return standing
-
-
-def _longest(mask: Bools) -> int:
-    return max((stop - start for start, stop in true_runs(mask)), default=0)
 
 
 def _bend(t: Floats, v: Floats, later: Bools) -> tuple[float, float] | None:

@@ -188,22 +188,20 @@ class _Page:
         self, record: AxleRecord, column: Callable[[Floats, float], Floats]
     ) -> Iterator[parts.SeriesPlot]:
         radius = self.result.vehicle.radius(record.axle).value
-        speeds = [("wheel", parts.WHEEL, column(record.wheel_speed, radius * 3.6))]
-        if record.train_speed is not None:
-            speeds.insert(0, ("train", parts.TRAIN, column(record.train_speed, 3.6)))
-        yield parts.lines("speed", speeds)
-        brake = []
-        if self._shows_clamping(record):
-            name = "clamping force K of the axle [10 kN]"
-            brake.append((name, parts.CLAMPING, column(record.clamping_force, 1e-4)))
-        if record.motor_clamping is not None:
-            phi = self.result.vehicle.of_axle(record.axle).friction.value
-            motors = column(record.motor_clamping, 1e-4 * phi)
-            brake.append((f"{_motors_title(record)} [10 kN]", parts.MOTORS, motors))
-        if record.pressure is not None:
-            bar = column(record.pressure, 1e-5)
-            brake.insert(0, ("brake cylinder pressure [bar]", parts.PRESSURE, bar))
-        yield parts.lines("braking", brake)
+        phi = self.result.vehicle.of_axle(record.axle).friction.value
+        K = record.clamping_force if self._shows_clamping(record) else None
+        speeds = [
+            ("train", parts.TRAIN, record.train_speed, 3.6),
+            ("wheel", parts.WHEEL, record.wheel_speed, 3.6 * radius),
+        ]
+        braking = [
+            ("brake cylinder pressure [bar]", parts.PRESSURE, record.pressure, 1e-5),
+            ("clamping force K of the axle [10 kN]", parts.CLAMPING, K, 1e-4),
+            (f"{_motors_title(record)} [10 kN]", parts.MOTORS, record.motor_clamping, 1e-4 * phi),
+        ]
+        for chart, lines in (("speed", speeds), ("braking", braking)):
+            known = [(name, c, column(x, k)) for name, c, x, k in lines if x is not None]
+            yield parts.lines(chart, known)
 
     def _shows_clamping(self, record: AxleRecord) -> bool:
         """Whether K is known: logged, or from the pressure by a known vehicle."""
