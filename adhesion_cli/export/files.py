@@ -13,6 +13,7 @@ from ..wsp.wsp_controller import Settings, bands
 from . import check_program, pages, vectors
 from .c_types import Number
 from .interface import WHEELSET_INPUTS, Interface
+from .templates import render
 
 
 class Exported(NamedTuple):
@@ -77,7 +78,8 @@ def export(
         text = f"{algo}: no finite answer in single precision at {test_vectors.missing_count}"
         raise UserError(f"{text} samples of {vectors.LOG}", "leave out --float")
     readme = pages.readme(interface, code, test_vectors, wheelset_values, vehicle)
-    program, makefile = check_program.program(interface, test_vectors), pages.makefile(interface)
+    program = check_program.program(interface, test_vectors)
+    makefile = render("Makefile.jinja", interface=interface, deviations=pages.DEVIATIONS)
     texts = (code.header, code.source, program, makefile, readme)
     answer = -1 if interface.estimator else 0
     error = max(test_vectors.single_errors(answer))

@@ -1,4 +1,4 @@
-"""Makefile and README of an export."""
+"""README of an export, and what both it and the Makefile say of the checker."""
 
 import math
 from collections.abc import Mapping
@@ -26,11 +26,6 @@ DEVIATIONS = {
     "unusedStructMember": "No MISRA rule. A struct has the fields of its NamedTuple.",
     "missingIncludeSystem": "No MISRA rule. The headers of the C library are not checked.",
 }
-
-
-def makefile(interface: Interface) -> str:
-    """The Makefile."""
-    return render("Makefile.jinja", interface=interface, deviations=DEVIATIONS)
 
 
 def readme(

@@ -106,11 +106,6 @@ def row(summary: ResultSummary | FailedLog, job: Job, seconds: float | None = No
     return replace(row, seconds=seconds, version=job.version, settings=job.settings)
 
 
-def load_settings(job: Job) -> settings.Settings:
-    """The settings of a job."""
-    return settings.load(job.stated, folder=False, strict=job.strict)
-
-
 def call_prepared(do: Callable[..., Any], *arguments: Any) -> Any:
     """Calls a function in a process that computes with one thread, and seldom looks for garbage."""
     gc.set_threshold(_THRESHOLD)
@@ -135,8 +130,8 @@ def recordings(item: Item, job: Job) -> list[Path]:
 
 
 def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
-    name, algos = item.log.name, job.algos
-    evaluated = evaluate(path, load_settings(job), algos, job.axles, job.window, train_speed=True)
+    name, stated = item.log.name, settings.load(job.stated, folder=False, strict=job.strict)
+    evaluated = evaluate(path, stated, job.algos, job.axles, job.window, train_speed=True)
     if evaluated.log.sha256 != item.sha256:
         hint = "run again when the logger has closed it"
         raise UserError(f"{evaluated.log.path}: the file changed during the run", hint)

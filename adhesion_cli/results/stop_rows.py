@@ -12,7 +12,6 @@ from ..stops.series import (
     QUANTITIES,
     Group,
     GroupDifference,
-    LimitVerdict,
     SeriesStop,
     StopSeries,
     WspSummary,
@@ -287,29 +286,19 @@ def _limits_note(x: StopSeries) -> str:
     return " ".join(filter(None, notes))
 
 
-def _mean_beside(verdict: LimitVerdict, groups: Sequence[Group]) -> dict[str, str]:
-    """The mean deceleration of the group of a limit of the equivalent one."""
-    means = {group.name: group.statistics.get("mean_deceleration") for group in groups}
-    mean = means.get(verdict.group) if verdict.quantity == _EQUIVALENT else None
-    return {"a [m/s²]": with_u95((mean.mean, mean.u95))} if mean else {}
-
-
 def _limit_rows(series: StopSeries) -> list[dict[str, str]]:
     """Each limit with its verdict; one of the equivalent deceleration with the mean one."""
-    return non_empty(
-        [
-            {
-                "group": x.group,
-                "quantity": f"{QUANTITIES[x.quantity][0]} [{QUANTITIES[x.quantity][1]}]",
-                "limit": f"{x.kind} {x.limit:g}",
-                "mean": _NO_VALUE if x.value is None else with_u95((x.value, x.u95)),
-                **_mean_beside(x, series.groups),
-                "verdict": x.verdict,
-                **({"limit of": x.source} if x.source else {}),
-            }
-            for x in series.limits
-        ]
-    )
+    means = {group.name: group.statistics.get("mean_deceleration") for group in series.groups}
+    rows = []
+    for x in series.limits:
+        name, unit = QUANTITIES[x.quantity]
+        row = {"group": x.group, "quantity": f"{name} [{unit}]", "limit": f"{x.kind} {x.limit:g}"}
+        row["mean"] = _NO_VALUE if x.value is None else with_u95((x.value, x.u95))
+        if x.quantity == _EQUIVALENT and (mean := means.get(x.group)):
+            row["a [m/s²]"] = with_u95((mean.mean, mean.u95))
+        row["verdict"] = x.verdict
+        rows.append(row | ({"limit of": x.source} if x.source else {}))
+    return non_empty(rows)
 
 
 def _wsp_table(x: WspSummary) -> TitledTable:

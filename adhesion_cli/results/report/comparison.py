@@ -80,7 +80,7 @@ def _run(place: int, run: ReportRun, comparable: bool) -> dict[str, str]:
     applications = [a for axle in run.axles for a in axle.applications]
     means = [a.coefficient.mean for a in applications if a.coefficient and comparable]
     slip = max((a.max_slip or 0.0 for a in applications), default=0.0)
-    slides_known = any(words.slides_known(axle) for axle in run.axles)
+    slides_known = any(axle.has_values("slip") for axle in run.axles)
     mean_range = [number(f(means), 3) for f in (min, max)] if means else [DASH]
     start, brake = run.summary.log.start, run.summary.brake
     per_bar = brake and brake.deceleration_per_bar

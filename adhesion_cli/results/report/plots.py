@@ -252,7 +252,7 @@ class Figures:
         lanes.sort(key=lambda s: [*state_plots.TITLES].index(s.meaning))
         places = []
         if lanes:
-            fig = self._figure("States", state_plots.lanes_height(lanes), time)
+            fig = self._figure("States", 0, time)
             _legend(fig, state_plots.draw_lanes(fig, lanes, log_times))
             places.append(self._place(fig, f"{place}-states"))
         for state in (s for s in states if s.meaning in _CURVES):

@@ -28,11 +28,6 @@ _ASIDE = 0.2  # a sample so near to an end of a gap is not in it [s]
 _NO_TIMES = np.empty(0)
 
 
-def lanes_height(states: Sequence[LoggedState]) -> int:
-    """Height of a figure with a lane for each state."""
-    return _FRAME + _LANE * len(states)
-
-
 def draw_lanes(
     fig: figure, states: Sequence[LoggedState], log_times: Floats = _NO_TIMES
 ) -> dict[str, list[Any]]:
@@ -60,6 +55,7 @@ def draw_lanes(
         tips = [(title, "@state"), ("from", "@begin{0.00} s"), ("to", "@stop{0.00} s")]
         fig.add_tools(HoverTool(renderers=[renderer], tooltips=tips))
         items[name] = [renderer]
+    fig.height = _FRAME + _LANE * len(states)
     fig.y_range = Range1d(-0.1, len(states))
     fig.yaxis.ticker = []
     fig.ygrid.grid_line_color = None

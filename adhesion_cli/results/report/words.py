@@ -41,11 +41,6 @@ def span(begin: float, stop: float, digits: int = 1) -> str:
     return f"{begin:.{digits}f}–{stop:.{digits}f}"
 
 
-def slides_known(axle: ReportAxle) -> bool:
-    """Whether the log shows slip: it has a train speed, or one was made of several axles."""
-    return axle.has_values("slip")
-
-
 def brake_tables(runs: Sequence[ReportRun], all_rows: bool = False) -> list[TitledTable]:
     """Brake applications and slides, as on the screen; those of several runs together."""
     summaries = []
@@ -80,7 +75,7 @@ def headline(run: ReportRun) -> tuple[Mark, str]:
         share = f"{'up to ' * (min(slid) < max(slid))}{max(slid)} of " * (count > 1)
         return "slid", f"{axles_with('slid')} slid in {share}{braked}."
     if "unknown" in by_mark:
-        if any(slides_known(a) for a in run.axles):
+        if any(a.has_values("slip") for a in run.axles):
             return "unknown", f"{axles_with('unknown')} may have slid: parts have no train speed."
         return "unknown", "The log does not show whether wheels slid: there is no train speed."
     return "good", f"No wheel slid in {braked}."
@@ -105,7 +100,7 @@ def verdict(axle: ReportAxle) -> AxleVerdict:
         times = {1: "once", 2: "twice"}.get(count, f"{count} times")
         state = "locked" if locked else f"slid {times}"
         return AxleVerdict("locked" if locked else "slid", state, text, adhesion)
-    if not slides_known(axle):
+    if not axle.has_values("slip"):
         text = "Without a train speed, slides cannot be seen."
         return AxleVerdict("unknown", "slides not known", text, adhesion)
     if not all(a.slip_unknown_s < HIDDEN_TIME for a in applications):

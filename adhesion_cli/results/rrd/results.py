@@ -362,20 +362,17 @@ class _Page:
         if self.large:
             name = "Brake applications" if self.thinned else "Full data"
             tabs.append(rrb.Tabs(*(self._axle_tab(a, "") for a in axles), name=name))
-        if places := self._places():
+        places: list[rrb.View] = []
+        if self.bars is not None:
+            places.append(line_chart.chart_view(f"{self.root}/line", self.route))
+        if self.route.lines():
+            places.append(line_map.map_view(f"{self.root}/map"))
+        if places:
             tabs.append(rrb.Vertical(*places, row_shares=[1, 2][: len(places)], name="On the line"))
         for entity, name in (("summary", "Summary"), ("about", "How this was made, settings")):
             tabs.append(rrb.TextDocumentView(origin=f"{self.root}/{entity}", name=name))
         tab = int(bool(self.notes) and len(axles) > 1)  # the slip of an axle, where asked for
         return rrb.Tabs(*tabs, name=self.title, active_tab=tab)
-
-    def _places(self) -> list[rrb.View]:
-        views = []
-        if self.bars is not None:
-            views.append(line_chart.chart_view(f"{self.root}/line", self.route))
-        if self.route.lines():
-            views.append(line_map.map_view(f"{self.root}/map"))
-        return views
 
     def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
         N = axle.record.axle
