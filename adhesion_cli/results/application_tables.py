@@ -96,7 +96,9 @@ def application_tables(
     tables = _by_application(logs) if all_rows or fits_screen else _by_stop(logs)
     for name, axles, _ in logs:
         if len(axles) > MANY_AXLES:
-            rows = non_empty([_named(name) | group_row(x) for x in group_axles(axles, cars)])
+            rows = non_empty(
+                [_named(name) | group_row(*x) for x in group_axles(axles, cars).items()]
+            )
             tables.append(TitledTable("Groups of axles", rows, note=_OF_GROUPS))
     return tables
 

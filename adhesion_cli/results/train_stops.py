@@ -34,13 +34,6 @@ class TrainStop(NamedTuple):
         return max(self.applications, key=slide_severity)
 
 
-class AxleGroup(NamedTuple):
-    """Neighbouring axles."""
-
-    name: str
-    axles: tuple[AxleSummary, ...]
-
-
 def slide_severity(a: BrakeApplication) -> tuple[float, ...]:
     """Longest lock, largest slip, time of the slides, mean µ: what makes an application worse."""
     mean = a.coefficient.mean if a.coefficient else 0.0
@@ -124,23 +117,21 @@ def group_numbers(
 
 def group_axles(
     axles: Sequence[AxleSummary], cars: Mapping[int, str] = MappingProxyType({})
-) -> list[AxleGroup]:
-    """The axles in the groups of `group_numbers`."""
+) -> dict[str, list[AxleSummary]]:
+    """The axles in the groups of `group_numbers`, by their names."""
     by_number = {axle.axle: axle for axle in axles}
-    return [
-        AxleGroup(name, tuple(by_number[number] for number in numbers))
-        for name, numbers in group_numbers([*by_number], cars)
-    ]
+    groups = group_numbers([*by_number], cars)
+    return {name: [by_number[number] for number in numbers] for name, numbers in groups}
 
 
-def group_row(group: AxleGroup) -> dict[str, str]:
+def group_row(name: str, axles: Sequence[AxleSummary]) -> dict[str, str]:
     """A group of axles over all brake applications."""
-    applications = [a for axle in group.axles for a in axle.applications]
+    applications = [a for axle in axles for a in axle.applications]
     coefficients = [a.coefficient for a in applications if a.coefficient]
     means = [x.mean for x in coefficients if is_known(x.mean, x.mean_u95)]
     slid = [a for a in applications if a.slides]
     row = {
-        "axles": group.name,
+        "axles": name,
         "brake applications": str(len(applications)),
         "µ mean": _range(means) if means else NOT_KNOWN if coefficients else DASH,
         "with slides": str(len(slid)),
@@ -160,7 +151,7 @@ def choose_axles(axles: Sequence[AxleSummary]) -> tuple[int, ...]:
     """The axles that a page draws one by one: all, or of many the worst one of each group."""
     if len(axles) <= MANY_AXLES:
         return tuple(axle.axle for axle in axles)
-    worst = [max(group.axles, key=_axle_severity) for group in group_axles(axles)]
+    worst = [max(group, key=_axle_severity) for group in group_axles(axles).values()]
     worst.sort(key=_axle_severity, reverse=True)
     return tuple(sorted(axle.axle for axle in worst[:MANY_AXLES]))
 

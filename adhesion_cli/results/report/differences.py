@@ -15,7 +15,7 @@ from ...core.model import Vehicle
 from ...core.signals import coverage_factor
 from ...core.summary import BrakeApplication
 from ..carried_vehicle import correlation, is_of_vehicle, parameter
-from ..friction_groups import FrictionGroup, GroupedRun, find_friction_differs, group_by_friction
+from ..friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from .run import ReportAxle, ReportRun
 
 _NOISE = "noise"
@@ -45,18 +45,15 @@ def compare(runs: Sequence[ReportRun]) -> list[RunDifference]:
     """
     reference, *others_runs = runs
     differences: list[RunDifference] = []
-    other_brake = {place for group in friction_groups(runs)[1:] for place in group.places}
+    other_brake = {
+        place for group in group_by_friction(_grouped(runs))[1:] for place in group.places
+    }
     for place, run in enumerate(others_runs, 2):
         reference_axles = {axle.number: axle for axle in reference.axles}
         for axle in run.axles:
             if axle.number in reference_axles:
                 differences += _of_axle(place, reference_axles[axle.number], axle, run)
     return [d for d in differences if d.quantity not in _BY_BRAKE or d.run not in other_brake]
-
-
-def friction_groups(runs: Sequence[ReportRun]) -> list[FrictionGroup]:
-    """The runs by their brakes."""
-    return group_by_friction(_grouped(runs))
 
 
 def friction_findings(runs: Sequence[ReportRun]) -> list[Finding]:
