@@ -69,7 +69,7 @@ class Sink:
     """What takes samples."""
 
     def take(self, samples: Sequence[LiveSample]) -> None:
-        """The samples of one row, in the order of the axles."""
+        """The samples of one row or several, in the order of time, then of the axles."""
         raise NotImplementedError
 
     def idle(self) -> None:

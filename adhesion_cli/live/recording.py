@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -64,16 +64,6 @@ def _locked(path: Path) -> Iterator[None]:
             Path(lock.lock_file).unlink()
 
 
-class Target(Protocol):
-    """Who gets samples in batches."""
-
-    def add(self, samples: Sequence[LiveSample]) -> None:
-        """New samples."""
-
-    def finish(self) -> None:
-        """There are no more."""
-
-
 class Batches(Sink):
     """Samples every `interval` [s], in a thread of its own: writing holds up no sample.
 
@@ -83,7 +73,7 @@ class Batches(Sink):
 
     def __init__(
         self,
-        target: Target,
+        target: Sink,
         interval: float,
         report: Callable[[str], None] | None = None,
         name: str = "the viewer",
@@ -121,7 +111,7 @@ class Batches(Sink):
         if self._thread.is_alive():
             self._drop()
         else:
-            self._target.finish()
+            self._target.close()
         self._check()
 
     def _drop(self) -> None:
@@ -143,17 +133,17 @@ class Batches(Sink):
                     waiting, self._waiting = self._waiting, []
                     self._change.notify()
                 if waiting:
-                    self._target.add(waiting)
+                    self._target.take(waiting)
         except BaseException as error:  # raised again where the samples come from
             with self._change:
                 self._error = error
                 self._change.notify()
 
 
-class Mcap:
+class Mcap(Sink):
     """A file of all samples; see `GrowingResult`.
 
-    `path` is an empty file. `report` gets what is not written, in the thread of `add`.
+    `path` is an empty file. `report` gets what is not written, in the thread of `take`.
 
     Raises:
         UserError: where the file cannot be written, here and later.
@@ -175,16 +165,16 @@ class Mcap:
             self._file = path.open("wb")
             self._result = GrowingResult(self._file, log, settings_tree, settings.vehicle, nothing)
 
-    def add(self, samples: Sequence[LiveSample]) -> None:
-        """See `Target`."""
+    def take(self, samples: Sequence[LiveSample]) -> None:
+        """See `Sink`."""
         with _written(self._path):
             self._result.add(by_axle(samples, self._algos))
         if dropped := self._result.lost:
             self._result.lost = 0
             self._report([Finding("not-recorded", "warning", count=dropped)])
 
-    def finish(self) -> None:
-        """See `Target`."""
+    def close(self) -> None:
+        """See `Sink`."""
         with _written(self._path), self._file:
             self._result.finish()
 
@@ -200,7 +190,7 @@ def _written(path: Path) -> Iterator[None]:
         raise UserError(text, hint) from error
 
 
-class LiveView:
+class LiveView(Sink):
     """A recording in a viewer or a file. Whatever becomes of it, the samples go on.
 
     `report` is called once, with what went wrong.
@@ -210,12 +200,12 @@ class LiveView:
         self._recording: LiveRecording | None = recording
         self._algos, self._tell = algos, report
 
-    def add(self, samples: Sequence[LiveSample]) -> None:
-        """See `Target`."""
+    def take(self, samples: Sequence[LiveSample]) -> None:
+        """See `Sink`."""
         self._try(lambda recording: recording.add(by_axle(samples, self._algos)))
 
-    def finish(self) -> None:
-        """See `Target`."""
+    def close(self) -> None:
+        """See `Sink`."""
         self._try(lambda recording: recording.finish())
 
     def _try(self, action: Any) -> None:

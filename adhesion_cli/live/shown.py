@@ -25,8 +25,8 @@ _SILENCE = 3.0  # after which it is said that no sample comes [s]
 Say = Callable[[str], None]
 
 
-class JsonLines:
-    """An object per sample, axle and estimator, each on a line of its own; a `recording.Target`.
+class JsonLines(Sink):
+    """An object per sample, axle and estimator, each on a line of its own.
 
     With `outlives_reader`, a reader that is gone ends the lines only.
     """
@@ -35,8 +35,8 @@ class JsonLines:
         self._algos, self._vehicle, self._outlives_reader = algos, vehicle, outlives_reader
         self._reader_gone = False
 
-    def add(self, samples: Sequence[LiveSample]) -> None:
-        """See `Target`."""
+    def take(self, samples: Sequence[LiveSample]) -> None:
+        """See `Sink`."""
         lines = [self._line(s, algo) for s in samples for algo in self._algos]
         text = "\n".join([*lines, ""]).encode()
         try:
@@ -48,9 +48,6 @@ class JsonLines:
                 raise
             self._reader_gone = True
             drop_output()
-
-    def finish(self) -> None:
-        """See `Target`."""
 
     def _line(self, s: LiveSample, algo: str) -> str:
         e = s.estimates.get(algo, LiveEstimate(math.nan, math.nan))

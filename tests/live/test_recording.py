@@ -30,6 +30,7 @@ from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import load
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.live import recording
+from adhesion_cli.live.axle import Sink
 from adhesion_cli.live.recording import new_files
 
 
@@ -130,11 +131,11 @@ def test_a_viewer_that_takes_nothing_stops_no_sample(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(recording, "_WAITING_SAMPLES", 10)
     monkeypatch.setattr(recording, "_PATIENCE", 0.1)
 
-    class Stalled:
-        def add(self, samples: object) -> None:
+    class Stalled(Sink):
+        def take(self, samples: object) -> None:
             time.sleep(60.0)
 
-        def finish(self) -> None:
+        def close(self) -> None:
             raise AssertionError
 
     told: list[str] = []
