@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow as pa
-from pyarrow import dataset, parquet
+from pyarrow import dataset
 
 from ..core.annotated import Json
 from ..core.errors import UserError
@@ -41,15 +41,6 @@ class KeptTables(NamedTuple):
     names: tuple[str, ...]  # all names of this content
     row: LogRow
     files: Mapping[str, bytes]  # the other tables; none of a log that failed
-
-
-class DoneLog(NamedTuple):
-    """A row of the table of logs: what a later run asks of it."""
-
-    log: str
-    status: str
-    lossy: bool
-    rows_used: int  # 0: no axle was analysed, only the stops of the train
 
 
 class Dataset:
@@ -79,21 +70,14 @@ class Dataset:
             text = f"{printable(str(self._folder))}: cannot be written ({error.strerror})"
             raise UserError(text, "choose another folder with --out") from error
 
-    def finished_logs(self) -> dict[str, list[DoneLog]]:
-        """What `run` asks of the logs that are there, by key; what is damaged is not there."""
+    def finished_logs(self) -> dict[str, list[LogRow]]:
+        """The rows of the logs that are there, by key; what is damaged is not there."""
         files = sorted((self._folder / "logs").glob(f"*{self._suffix}"))
-        columns = ("log", "status", "lossy", "rows_used", "tables_sha256")
-        by_key: dict[str, list[DoneLog]] = {}
-        for row in read_logs(files, columns)[0]:
-            file = Path(row["__filename"])
-            if row["status"] == "error" or is_whole(file, row["tables_sha256"]):
-                done = DoneLog(row["log"], row["status"], row["lossy"], row["rows_used"] or 0)
-                by_key.setdefault(file.name.removesuffix(self._suffix), []).append(done)
+        by_key: dict[str, list[LogRow]] = {}
+        for file, row in read_logs(files)[0]:
+            if row.status == "error" or is_whole(file, row.tables_sha256):
+                by_key.setdefault(file.name.removesuffix(self._suffix), []).append(row)
         return by_key
-
-    def row(self, key: str) -> LogRow:
-        """The row of a log that is there."""
-        return LogRow(**parquet.read_table(self._path("logs", key)).to_pylist()[0])
 
     def write(self, logs: Iterable[KeptTables]) -> None:
         """Writes all tables of these logs, those of the logs last.
@@ -121,19 +105,19 @@ class Dataset:
         return self._folder / table / f"{key}{self._suffix}"
 
 
-def read_logs(files: Sequence[Path], columns: Sequence[str]) -> tuple[list[Json], list[Path]]:
-    """The rows of tables of logs, `__filename` among their columns; and which files are damaged."""
+def read_logs(files: Sequence[Path]) -> tuple[list[tuple[Path, LogRow]], list[Path]]:
+    """The rows of tables of logs, each after its file; and which files are damaged."""
     if not files:
         return [], []
     try:
-        names = [str(file) for file in files]
-        table = dataset.dataset(names, tables.LOGS, _PARQUET).to_table([*columns, "__filename"])
-        return table.to_pylist(), []
+        names = [*tables.LOGS.names, "__filename"]
+        table = dataset.dataset([*map(str, files)], tables.LOGS, _PARQUET).to_table(names)
+        return [(Path(x.pop("__filename")), LogRow(**x)) for x in table.to_pylist()], []
     except (OSError, pa.ArrowException):
         if len(files) == 1:
             return [], list(files)
     halves = files[: len(files) // 2], files[len(files) // 2 :]
-    rows, damaged = zip(*(read_logs(part, columns) for part in halves), strict=True)
+    rows, damaged = zip(*map(read_logs, halves), strict=True)
     return [*chain(*rows)], [*chain(*damaged)]
 
 

@@ -12,7 +12,7 @@ from ..core.text import utf8
 from ..results.tables import LogRow
 from . import dataset, work
 from .cluster import Cluster
-from .dataset import Dataset, DoneLog, KeptTables
+from .dataset import Dataset, KeptTables
 from .locations import LogLocation
 from .processes import Processes
 from .work import Item, Job, Outcome
@@ -64,7 +64,7 @@ def run(
         state.skipped += len(same_logs)
         state.lossy += len(same_logs) * rows[0].lossy
         if len(names := _names(same_logs, rows)) > len(rows):  # that it did not have before
-            dataset.write([KeptTables(digest, names, dataset.row(digest), {})])
+            dataset.write([KeptTables(digest, names, rows[0], {})])
     progress(state)
     for batch in _worked(items, job, workers):
         tables = []
@@ -101,7 +101,7 @@ def _identified(
     return named
 
 
-def _complete(item: Item, job: Job, rows: Sequence[DoneLog]) -> bool:
+def _complete(item: Item, job: Job, rows: Sequence[LogRow]) -> bool:
     """Whether a log has its results: what failed is tried again."""
     if not rows or rows[0].status == "error":
         return False
@@ -109,7 +109,7 @@ def _complete(item: Item, job: Job, rows: Sequence[DoneLog]) -> bool:
     return all(path.exists() for path in files)
 
 
-def _names(same_logs: Iterable[LogLocation], rows: Iterable[DoneLog]) -> tuple[str, ...]:
+def _names(same_logs: Iterable[LogLocation], rows: Iterable[LogRow]) -> tuple[str, ...]:
     return tuple({*(utf8(log.name) for log in same_logs), *(row.log for row in rows)})
 
 

@@ -19,6 +19,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, is_lossy
 from ..core.model import Floats
 from ..core.text import printable
+from ..results.tables import LogRow
 from .dataset import SETTINGS, TABLES, is_whole, read_logs
 
 BANDS = (0.0, 40.0, 80.0, 120.0, 160.0, 200.0)  # edges of the speed bands [km/h]
@@ -143,16 +144,7 @@ class FleetSummary:
         return tagged("fleet-summary", **document)
 
 
-class _LogRow(NamedTuple):
-    log: str
-    status: str
-    error: str | None
-    hint: str | None
-    start: datetime | None
-    version: str | None
-    settings: str | None
-    tables_sha256: str | None
-    file: str
+_Row = tuple[Path, LogRow]  # of the table of logs, after its file
 
 
 def summarise_fleet(folder: Path) -> FleetSummary:
@@ -169,14 +161,15 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         text = f"{printable(str(folder))}: holds no results of a fleet"
         raise UserError(text, "name the folder that `adhesion fleet -o` wrote")
     try:
-        rows, damaged = read_logs(files["logs"], _LogRow._fields[:-1])
-        logs, damaged_logs = _whole([_LogRow(*row.values()) for row in rows])
+        rows, damaged = read_logs(files["logs"])
+        rows, damaged_logs = _whole(rows)
         damaged_logs += map(str, damaged)
         named = {path.name for path in files["logs"]}
         damaged_logs += sorted(str(x) for x in files[TABLES[0]] if x.name not in named)
-        logs = _newest(logs)
-        analysed = [row for row in logs if row.status != "error"]
-        names = sorted({Path(row.file).name for row in analysed})
+        newest = _newest(rows)
+        logs = [row for _, row in newest]
+        analysed = [(file, row) for file, row in newest if row.status != "error"]
+        names = sorted({file.name for file, _ in analysed})
         columns = (*_OF_SLID, "position_km", "time", "settings", _FILE)
         applications = _read(folder / "applications", names, columns)
         findings = _read(folder / "findings", names, DoubtfulLog._fields)
@@ -184,14 +177,14 @@ def summarise_fleet(folder: Path) -> FleetSummary:
     except (OSError, pa.ArrowException) as error:
         text = f"{printable(str(folder))}: cannot be read as results of a fleet ({error})"
         raise UserError(text, "run `adhesion fleet` on the logs again, with -o") from error
-    days = {Path(row.file).name: row.start.date().isoformat() for row in analysed if row.start}
+    days = {file.name: row.start.date().isoformat() for file, row in analysed if row.start}
     row_days = [days.get(Path(x).name, "unknown") for x in applications[_FILE].to_pylist()]
     settings = applications["settings"].to_pylist()
     stated = {name: _stated_vehicle(folder, name) for name in set(settings)}
     places, kinds = _places(applications), {x[1:] for x in _lossy_findings(findings)}
-    times = [Path(row.file).stat().st_mtime for row in analysed]
+    times = [file.stat().st_mtime for file, _ in analysed]
     written = [datetime.fromtimestamp(f(times), UTC).date() for f in (min, max) if times]
-    versions = sorted({str(row.version) for row in analysed})
+    versions = sorted({str(row.version) for _, row in analysed})
     return FleetSummary(
         logs={s: sum(r.status == s for r in logs) for s in ("ok", "damaged", "error")},
         applications=len(applications),
@@ -213,14 +206,14 @@ def summarise_fleet(folder: Path) -> FleetSummary:
     )
 
 
-def _whole(rows: Sequence[_LogRow]) -> tuple[list[_LogRow], list[str]]:
+def _whole(rows: Sequence[_Row]) -> tuple[list[_Row], list[str]]:
     """The rows of logs whose tables are whole, and the names of the other logs."""
-    whole_rows, other_rows = list[_LogRow](), list[_LogRow]()
-    for row in rows:
-        is_good = row.status == "error" or is_whole(Path(row.file), row.tables_sha256)
-        (whole_rows if is_good else other_rows).append(row)
-    made_anew = {(row.log, row.settings) for row in whole_rows}
-    damaged_logs = {row.log for row in other_rows if (row.log, row.settings) not in made_anew}
+    whole_rows, other_rows = list[_Row](), list[_Row]()
+    for file, row in rows:
+        is_good = row.status == "error" or is_whole(file, row.tables_sha256)
+        (whole_rows if is_good else other_rows).append((file, row))
+    made_anew = {(row.log, row.settings) for _, row in whole_rows}
+    damaged_logs = {row.log for _, row in other_rows if (row.log, row.settings) not in made_anew}
     return whole_rows, sorted(damaged_logs)
 
 
@@ -231,16 +224,15 @@ def _read(folder: Path, names: Sequence[str], columns: Sequence[str]) -> Any:
     return dataset.dataset(files, format="parquet").to_table(columns=list(columns))
 
 
-def _newest(rows: Sequence[_LogRow]) -> list[_LogRow]:
-    """The row that counts of each log and settings."""
-    newest: dict[tuple[str, str | None], tuple[Any, _LogRow]] = {}
-    for row in rows:
-        numbers = [int(x) for x in re.findall(r"\d+", row.version or "")]
-        age = numbers, Path(row.file).stat().st_mtime_ns
-        key = row.log, row.settings
-        if key not in newest or newest[key][0] < age:
-            newest[key] = age, row
-    return sorted((row for _, row in newest.values()), key=lambda row: row.log)
+def _newest(rows: Sequence[_Row]) -> list[_Row]:
+    """The row that counts of each log and settings, in the order of the logs."""
+
+    def age(x: _Row) -> tuple[list[int], int]:
+        numbers = re.findall(r"\d+", x[1].version or "")
+        return [int(number) for number in numbers], x[0].stat().st_mtime_ns
+
+    newest = {(row.log, row.settings): (file, row) for file, row in sorted(rows, key=age)}
+    return sorted(newest.values(), key=lambda x: x[1].log)
 
 
 def _column(table: Any, name: str) -> Floats:

@@ -67,5 +67,5 @@ def test_a_damaged_row_is_none(
 
 
 def test_a_new_name_leaves_a_log_done(kept: Dataset) -> None:
-    kept.write([KeptTables("a", ("a", "c"), kept.row("a"), {})])
+    kept.write([KeptTables("a", ("a", "c"), kept.finished_logs()["a"][0], {})])
     assert [row.log for row in kept.finished_logs()["a"]] == ["a", "c"]

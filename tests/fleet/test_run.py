@@ -15,7 +15,7 @@ from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.summary import FailedLog
-from adhesion_cli.fleet.dataset import TABLES, Dataset, DoneLog, hashed
+from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
 from adhesion_cli.fleet.locations import LogLocation, find
 from adhesion_cli.fleet.processes import Processes
 from adhesion_cli.fleet.run import FleetProgress, _complete, run
@@ -155,8 +155,8 @@ def test_an_axle_that_a_log_does_not_have_is_an_error(logs: Path) -> None:
 def test_stops_alone_need_no_recording(tmp_path: Path) -> None:
     item = Item(LogLocation("train.csv", "train.csv"), "ab")
     job = JOB._replace(recordings=str(tmp_path))
-    assert _complete(item, job, [DoneLog("train.csv", "ok", False, 0)])
-    assert not _complete(item, job, [DoneLog("train.csv", "ok", False, 900)])
+    assert _complete(item, job, [tables.LogRow(log="train.csv", status="ok", rows_used=0)])
+    assert not _complete(item, job, [tables.LogRow(log="train.csv", status="ok", rows_used=900)])
 
 
 def test_a_second_run_tries_only_what_failed(
