@@ -21,7 +21,7 @@ Uncertainty: JCGM 100, 5.1.2.
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -94,8 +94,9 @@ def measure_stop(
         "standstill": {"duration": math.hypot(braking.stop_sigma, locked.tolerance)},
         "gradient": {"gradient": to_level.gradient.tolerance},
     }
-    figures = _Figures(values, errors, nominal, to_level)
-    measured = (lambda _: None) if braking.reason else figures.measured
+    quantities, budget = _quantities(values, errors, nominal, to_level)
+    if braking.reason:
+        quantities |= dict.fromkeys(quantities.keys() - _OF_ANY_BRAKING)
     return StopSummary(
         start_s=command,
         end_s=braking.stop,
@@ -105,21 +106,13 @@ def measure_stop(
         valid=not braking.reason,
         reason=braking.reason or None,
         pressure_bar=_bar(response.full_value) if signals.by_pressure else None,
-        initial_speed_mps=figures.measured("v0"),
-        distance_m=measured("distance"),
-        duration_s=measured("duration"),
-        delay_s=figures.measured("delay"),
-        response_time_s=figures.measured("response"),
-        mean_deceleration=measured("mean"),
-        equivalent_deceleration=measured("equivalent"),
         jerk=None if hidden else _jerk(signals, smooth, command, braking.stop),
-        corrected_distance_m=measured("corrected"),
-        energy_distance_m=measured("by_energy"),
         axles=tuple(axle_stops(signals, command, braking, settings)),
         sanding_s=signals.sanding and on_time(signals.sanding.cut(command, braking.stop)),
         reservoir_drop_pa=_drop(signals.reservoir, command, braking.stop),
-        budget=figures.budget(),
+        budget=budget,
         speed=(t[is_braking] - command, np.where(smooth.is_read, v, np.nan)[is_braking]),
+        **quantities,
     )
 
 
@@ -151,49 +144,39 @@ def _drop(reservoir: TimeSeries | None, start: float, stop: float) -> float | No
     return float(pressure[0] - np.min(pressure))
 
 
-class _Figures:
-    """All quantities of a stop, and how each source of error changes them.
+def _quantities(
+    values: _Values, errors: Mapping[str, Mapping[str, float]], nominal: float, to_level: ToLevel
+) -> tuple[dict[str, Any], tuple[StopContribution, ...]]:
+    """All quantities of a stop, None where one is not known, and what contributes to them.
 
     `errors` are what one standard uncertainty adds to the values, by the source.
     """
-
-    def __init__(
-        self,
-        values: _Values,
-        errors: Mapping[str, Mapping[str, float]],
-        nominal: float,
-        to_level: ToLevel,
-    ) -> None:
-        conditions = nominal / 3.6, to_level.rotating
-        self._derived, self._effects = _derive(values, *conditions), dict[str, dict[str, float]]()
-        for source, added in errors.items():
-            changed = values._replace(**{k: getattr(values, k) + x for k, x in added.items()})
-            derived = _derive(changed, *conditions)
-            self._effects[source] = {name: x - self._derived[name] for name, x in derived.items()}
-        names = "corrected", "by_energy"
-        between = self._derived["by_energy"] - self._derived["corrected"]
-        error = between / math.sqrt(3.0) if math.isfinite(between) else 0.0
-        self._effects[_FORMULA] = dict.fromkeys(self._derived, 0.0) | dict.fromkeys(names, error)
-
-    def measured(self, name: str) -> Measured | None:
-        """A quantity with its uncertainty; None where it is not known."""
-        if not math.isfinite(self._derived[name]):
-            return None
-        squares = {source: effect[name] ** 2 for source, effect in self._effects.items()}
-        common = sum(x for source, x in squares.items() if source in _COMMON)
-        u, u_common = math.sqrt(sum(squares.values())), math.sqrt(common)
-        return Measured(self._derived[name], K95 * u, K95 * u_common)
-
-    def budget(self) -> tuple[StopContribution, ...]:
-        """What each source contributes to distance and deceleration."""
-        name = "equivalent" if math.isfinite(self._derived["equivalent"]) else "mean"
-        return tuple(
-            StopContribution(source, source in _COMMON, effect["distance"], effect[name])
-            for source, effect in self._effects.items()
-            if source != _FORMULA
-        )
+    conditions = nominal / 3.6, to_level.rotating
+    derived, effects = _derive(values, *conditions), dict[str, dict[str, float]]()
+    for source, added in errors.items():
+        changed = values._replace(**{k: getattr(values, k) + x for k, x in added.items()})
+        effects[source] = {k: x - derived[k] for k, x in _derive(changed, *conditions).items()}
+    names = "corrected_distance_m", "energy_distance_m"
+    between = derived["energy_distance_m"] - derived["corrected_distance_m"]
+    error = between / math.sqrt(3.0) if math.isfinite(between) else 0.0
+    effects[_FORMULA] = dict.fromkeys(derived, 0.0) | dict.fromkeys(names, error)
+    quantities: dict[str, Measured | None] = dict.fromkeys(derived)
+    for name, x in derived.items():
+        if math.isfinite(x):
+            u = math.hypot(*(effect[name] for effect in effects.values()))
+            common = math.hypot(*(effects[source][name] for source in _COMMON))
+            quantities[name] = Measured(x, K95 * u, K95 * common)
+    equivalent = "equivalent_deceleration"
+    slowing = equivalent if quantities[equivalent] else "mean_deceleration"
+    budget = tuple(
+        StopContribution(source, source in _COMMON, effect["distance_m"], effect[slowing])
+        for source, effect in effects.items()
+        if source != _FORMULA
+    )
+    return quantities, budget
 
 
+_OF_ANY_BRAKING = {"initial_speed_mps", "delay_s", "response_time_s"}  # also of no whole stop
 _LEAST_DEAD_TIME, _DEAD_TIME_SHARE = 0.2, 0.15  # [s], of the build-up: 1 sigma, assumed
 _DEAD_TIME_ERROR = 0.1  # 1 sigma of a stated dead time, as a share of it
 _FORMULA = "formula"  # of the corrected distance: the true one lies between those of both
@@ -236,7 +219,7 @@ def _early_command(v0: float, seconds: float) -> dict[str, float]:
 
 
 def _derive(x: _Values, nominal: float, rho: float) -> dict[str, float]:
-    """All quantities from those that are measured; NaN where one is not known."""
+    """All quantities, as `StopSummary` names them; NaN where one is not known."""
     braked = x.distance - x.v0 * x.response
     mean = x.v0**2 / (2.0 * x.distance) if x.distance > 0.0 else math.nan
     equivalent = x.v0**2 / (2.0 * braked) if braked > 0.0 else math.nan
@@ -247,13 +230,13 @@ def _derive(x: _Values, nominal: float, rho: float) -> dict[str, float]:
     if not math.isfinite(x.response):
         corrected = by_energy
     return {
-        "v0": x.v0,
-        "distance": x.distance,
-        "duration": x.duration,
-        "delay": x.delay,
-        "response": x.response,
-        "mean": mean,
-        "equivalent": equivalent,
-        "corrected": corrected,
-        "by_energy": by_energy,
+        "initial_speed_mps": x.v0,
+        "distance_m": x.distance,
+        "duration_s": x.duration,
+        "delay_s": x.delay,
+        "response_time_s": x.response,
+        "mean_deceleration": mean,
+        "equivalent_deceleration": equivalent,
+        "corrected_distance_m": corrected,
+        "energy_distance_m": by_energy,
     }
