@@ -22,7 +22,7 @@ of twenty groups of sound stops, one has an outlier. Extension and K_wet: SUBSET
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -386,24 +386,23 @@ def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> AxleStop:
     )
     utilisation, utilisation_ci = _mean_utilisation(rows)
     bands = [a.slip_bands for a in rows if a.slip_bands]
+    largest: dict[str, Any] = {name: max(values(name), default=None) for name in _LARGEST}
     return AxleStop(
-        axle,
-        max(values("max_slip"), default=None),
-        max(values("locked_s"), default=None),
-        max(values("longest_lock_s"), default=None),
-        sum(a.valve_actions for a in rows),
-        tuple(np.mean(bands, axis=0).tolist()) if bands else None,
-        initial and initial.mean,
-        initial and initial.u95,
-        utilisation,
-        utilisation_ci,
-        max(values("energy_j"), default=None),
-        max(values("lock_energy_j"), default=None),
-        rows[0].valves_from,
-        max(values("vented_s"), default=None),
-        float(np.mean(errors)) if (errors := values("rolling_u95")) else None,
-        any(a.at_least for a in rows),
+        axle=axle,
+        valve_actions=sum(a.valve_actions for a in rows),
+        slip_bands=tuple(np.mean(bands, axis=0).tolist()) if bands else None,
+        initial_coefficient=initial and initial.mean,
+        initial_coefficient_u95=initial and initial.u95,
+        utilisation=utilisation,
+        utilisation_ci=utilisation_ci,
+        valves_from=rows[0].valves_from,
+        rolling_u95=float(np.mean(errors)) if (errors := values("rolling_u95")) else None,
+        at_least=any(a.at_least for a in rows),
+        **largest,
     )
+
+
+_LARGEST = ("max_slip", "locked_s", "longest_lock_s", "energy_j", "lock_energy_j", "vented_s")
 
 
 def _mean_utilisation(
