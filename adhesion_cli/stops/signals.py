@@ -4,7 +4,7 @@ Times are seconds after the start of the log.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -81,41 +81,37 @@ class StopSignals(NamedTuple):
 
 def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> StopSignals:
     """The signals of a log with wheel speeds and brakes, every axle on one clock."""
-    start_ns = log.start_ns()
-    base = max(records, key=len)
-    t = _seconds(base, start_ns)
-    brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
+    start_ns, base = log.start_ns(), max(records, key=len)
     measured = base.train_speed is not None and not base.train_speed_made
     rims = {}
     for r in records:
         radius = calibrate_radius(r, vehicle)[0] if measured else vehicle.radius(r.axle)
         rims[r.axle] = _on_segments(r, r.wheel_speed * radius.value, start_ns)
+    scale, sigma, is_coarse = UNKNOWN_SCALE, 0.0, None
     if measured and base.train_speed is not None:
-        train = TimeSeries(*in_order(t, base.train_speed))
-    else:
-        train = _fastest(rims, rims[base.axle].t)
-    is_coarse: Bools | None = None
-    if measured:
-        interval, sigma = base.train_speed_interval, delay_sigma(base)
-        scale = UNKNOWN_SCALE
-        if interval > FAST:
-            train, is_coarse = _shaped(train, rims, interval)
+        train = TimeSeries(*in_order(_seconds(base, start_ns), base.train_speed))
+        sigma = delay_sigma(base)
+        if base.train_speed_interval > FAST:
+            train, is_coarse = _shaped(train, rims, base.train_speed_interval)
     else:
         radius = vehicle.radius(base.axle)
-        scale, sigma = radius.tolerance / radius.value, 0.0
-    source: SpeedSource = "train" if measured else "axles"
-    signals = StopSignals(train, source, scale, sigma, rims, brakes, _commands(log))
-    by_pressure = not any(_by_force(r) for r in records)
+        train, scale = _fastest(rims, rims[base.axle].t), radius.tolerance / radius.value
     ends = [_seconds(r, start_ns)[r.saturated] for r in records if r.saturated is not None]
-    signals = signals._replace(
-        saturated=np.concatenate([signals.saturated, *ends]),
-        by_pressure=by_pressure,
+    return StopSignals(
+        train,
+        "train" if measured else "axles",
+        scale,
+        sigma,
+        rims,
+        {r.axle: _on_segments(r, _brake(r), start_ns) for r in records},
+        saturated=np.concatenate([np.empty(0), *ends]),
+        by_pressure=not any(map(_by_force, records)),
         others_later=any(r.pressure_late.value < -EARLY for r in records),
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
         knows_delay=not (measured and has_uncertain_delay(base)),
+        **_logged(log),
     )
-    return _with_states(signals, log)
 
 
 def _brake(record: AxleRecord) -> Floats:
@@ -149,12 +145,12 @@ def of_log(log: Log, vehicle: Vehicle) -> StopSignals | None:
         c.axle or i: _series(c, start_ns)
         for i, c in enumerate(_channels(log, "pressure") or _channels(log, "clamping_force"), 1)
     }
-    commands, sigma = _commands(log), 0.0
-    if source == "train" and (brakes or commands) and len(speed.t) > 1:
+    logged, sigma = _logged(log), 0.0
+    if source == "train" and (brakes or logged["commands"]) and len(speed.t) > 1:
         sigma = unknown_delay(float(np.median(np.diff(speed.t))))
-    signals = StopSignals(speed, source, UNKNOWN_SCALE, sigma, {}, brakes, commands)
-    signals = signals._replace(by_pressure=bool(_channels(log, "pressure")))
-    return _with_states(signals, log)
+    by_pressure = bool(_channels(log, "pressure"))
+    speed_and_scale = speed, source, UNKNOWN_SCALE, sigma
+    return StopSignals(*speed_and_scale, {}, brakes, by_pressure=by_pressure, **logged)
 
 
 def _channels(log: Log, meaning: Meaning) -> list[Channel]:
@@ -172,27 +168,18 @@ def _series(channel: Channel, start_ns: int, is_state: bool = False) -> TimeSeri
     return TimeSeries(*in_order(t, value if is_state or not len(t) else median_of_five(value)))
 
 
-def _commands(log: Log) -> dict[str, list[TimeSeries]]:
+def _logged(log: Log) -> dict[str, Any]:
+    """Commands, valves, sanding and reservoir, where the log has them; names as the signals'."""
     start_ns = log.start_ns()
-    channels = {name: _channels(log, name) for name in _COMMANDS}
-    return {name: [_series(c, start_ns) for c in x] for name, x in channels.items() if x}
-
-
-def _with_states(signals: StopSignals, log: Log) -> StopSignals:
-    """The signals with valves, sanding and reservoir, where the log has them."""
-    start_ns = log.start_ns()
-    valves = {
-        channel.axle: _series(channel, start_ns, is_state=True)
-        for meaning in _VALVES
-        for channel in _channels(log, meaning)
-        if channel.axle is not None
-    }
+    commands = {name: _channels(log, name) for name in _COMMANDS}
+    valves = [c for meaning in _VALVES for c in _channels(log, meaning) if c.axle is not None]
     sanding, reservoir = _channels(log, "sanding"), _channels(log, "reservoir_pressure")
-    return signals._replace(
-        valves=valves,
-        sanding=_series(sanding[0], start_ns, is_state=True) if sanding else None,
-        reservoir=_series(reservoir[0], start_ns) if reservoir else None,
-    )
+    return {
+        "commands": {name: [_series(c, start_ns) for c in x] for name, x in commands.items() if x},
+        "valves": {c.axle: _series(c, start_ns, is_state=True) for c in valves},
+        "sanding": _series(sanding[0], start_ns, is_state=True) if sanding else None,
+        "reservoir": _series(reservoir[0], start_ns) if reservoir else None,
+    }
 
 
 def _seconds(record: AxleRecord, start_ns: int) -> Floats:
