@@ -1,6 +1,7 @@
 """When a braking is commanded: by a channel, the brake pipe, the cylinders or the deceleration."""
 
 import math
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -13,26 +14,21 @@ from .signals import StopSignals, TimeSeries, brake_levels, quantisation_step
 _RISE, _SLOW_RISE = 0.01, 0.05  # of the full pressure: it rises; the same of a slow channel
 _SLOW = 0.4  # from this interval on, a channel is slow [s]
 _LEAD_TIME = 8.0  # time before a braking in which its command is looked for [s]
+_Finder = Callable[[TimeSeries, float], tuple[float, float] | None]  # time, its uncertainty [s]
 
 
 def find_command(signals: StopSignals, braking: Braking) -> tuple[float, float, CommandSource]:
     """Command time, its standard uncertainty [s], and what shows it."""
-    sources: tuple[tuple[str, CommandSource], ...] = (
-        ("emergency", "channel"),
-        ("brake_command", "channel"),
-        ("brake_pipe", "brake_pipe"),
-    )
-    for name, source in sources:
-        find_first = _first_fall if source == "brake_pipe" else _first_change
-        series_of_all = signals.commands.get(name, ())
-        changes = [x for series in series_of_all if (x := find_first(series, braking.start))]
-        if changes:
-            return (*min(changes), source)
-    rises = [
-        rise for brake in signals.brakes.values() if (rise := _first_rise(brake, braking.start))
+    commands = signals.commands
+    sources: list[tuple[Iterable[TimeSeries], _Finder, CommandSource]] = [
+        (commands.get("emergency", ()), _first_change, "channel"),
+        (commands.get("brake_command", ()), _first_change, "channel"),
+        (commands.get("brake_pipe", ()), _first_fall, "brake_pipe"),
+        (signals.brakes.values(), _first_rise, "pressure"),
     ]
-    if rises:
-        return (*min(rises), "pressure")
+    for all_series, find_first, source in sources:
+        if times := [x for series in all_series if (x := find_first(series, braking.start))]:
+            return (*min(times), source)
     interval = float(np.median(np.diff(signals.speed.t)))
     begin = _deceleration_begin(signals.speed, braking.start)
     return begin, max(interval, 0.25), "deceleration"
