@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.finding import Finding
 from ..core.model import AxleRecord, Bools, Channel, Floats, Log, Meaning, Vehicle
+from ..core.physics import STANDING
 from ..core.signals import in_order, means_around, median_of_five, robust_sigma
 from ..rail.speed_errors import CLEAR_SIGMAS, delay_sigma, has_uncertain_delay, unknown_delay
 from ..rail.wheel_calibration import calibrate_radius
@@ -203,7 +204,8 @@ def _shaped(
 
     The wheels are quick and creep; the train speed is slow and does not. The sum of the wheels'
     speed and of the averaged difference has neither fault. Where all wheels slide, and as long
-    around as the average is, the train speed is taken as it is.
+    around as the average is, the train speed is taken as it is. Where all wheels stand, its next
+    reading counts: the difference before that is one of a late speed.
     """
     fastest = _fastest(rims, train.t).value
     difference = train.value - fastest
@@ -214,7 +216,9 @@ def _shaped(
         means_around(train.t, x, _AVERAGED * interval) for x in (rolling_difference, rolls)
     )
     is_coarse: Bools = share < 1.0
-    return TimeSeries(train.t, np.where(is_coarse, train.value, fastest + mean)), is_coarse
+    next_reading = np.interp(train.t + interval, train.t, train.value)
+    shaped = np.where(fastest < STANDING, np.fmin(train.value, next_reading), fastest + mean)
+    return TimeSeries(train.t, np.where(is_coarse, train.value, shaped)), is_coarse
 
 
 def _fastest(rims: Mapping[int, TimeSeries], t: Floats) -> TimeSeries:

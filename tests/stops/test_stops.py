@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
-from adhesion_cli.core.physics import RECEIVER_DELAY, SLIDE, G
+from adhesion_cli.core.physics import RECEIVER_DELAY, SLIDE, STANDING, G
 from adhesion_cli.core.signals import true_runs
 from adhesion_cli.core.summary import JERK, SLIDE_SPAN, StopSummary
 from adhesion_cli.rail.events import END_SLIP, SHORTEST_SLIDE
@@ -518,6 +518,20 @@ def test_a_slow_train_speed_takes_no_shape_of_wheels_that_slide() -> None:
     )
     assert rolled.is_coarse is not None
     assert not rolled.is_coarse[t < 0.5 * t[-1]].any()
+
+
+def test_a_slow_and_late_train_speed_does_not_move_while_all_wheels_stand() -> None:
+    made = result(1, 6000)
+    record = made.axles[0].record
+    t = (record.t - record.t[0]) * 1e-9
+    v = np.clip(20.0 - 0.5 * (t - 5.0), 0.0, 20.0)
+    stands, readings = float(t[np.argmax(v <= 0.0)]), np.arange(0.0, t[-1], 1.0)
+    late = np.interp(t, readings, np.interp(readings - 0.8, t, v))
+    wheel = v / made.vehicle.radius(record.axle).value
+    slow = replace(record, wheel_speed=wheel, train_speed=late, train_speed_interval=1.0)
+    x = of_records([slow], made.log, made.vehicle)
+    moves = x.speed.t[x.speed.value > STANDING]
+    assert moves[-1] - x.speed.t[0] < stands + 0.8  # not for longer than the speed is late
 
 
 @pytest.mark.parametrize("rate", [50.0, 10.0, 5.0])
