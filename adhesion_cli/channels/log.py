@@ -309,23 +309,19 @@ def _without_unit(m: Meant, chosen: Collection[Meant], path: Path) -> UserError:
     number = "" if example[0].isdecimal() else "1 "
     is_single = unknown_unit and not other_units
     condition = f"if 1 {unknown_unit!r} is {number}{example}, " if is_single else ""
-    hint = f"{condition}state it, as {toml.option(_line(m, chosen))}{alternative}; "
     assert m.meaning
-    return UserError(
-        f"{path}: {subjects}", f"{hint}units: {', '.join(units.known_units(m.meaning))}"
-    )
+    hint = f"{condition}state it, as {toml.option(_line(m, chosen))}{alternative}; units: "
+    return UserError(f"{path}: {subjects}", hint + ", ".join(units.known_units(m.meaning)))
 
 
 def _unclear(meant: Sequence[Meant], path: Path) -> UserError:
     """Asks which axles the pressures serve; the answer is a line with the likely axles."""
     pressures = [m for m in meant if m.reason == UNCLEAR]
     axles = sorted({m.axle for m in meant if m.meaning == "wheel_speed" and m.axle})
-    axles_per_pressure = len(axles) // len(pressures)
+    count = len(axles) // len(pressures)  # of each
     entries = {}
     for i, m in enumerate(pressures):
-        own_axles = axles[i * axles_per_pressure : (i + 1) * axles_per_pressure] or list(
-            bogie_axles(i + 1)
-        )
+        own_axles = axles[i * count : (i + 1) * count] or list(bogie_axles(i + 1))
         statement = {k: v for k, v in entry_of(m.field, unit=m.unit).items() if v}
         entries[f"bogie {i + 1}"] = {**statement, "axles": own_axles}
     titles = ", ".join(repr(m.title) for m in pressures[:8])

@@ -299,10 +299,8 @@ class FrameDecoder:
         if message is None:
             return {}
         if id(message) not in self._fields:
-            named = [
-                NamedColumn(message.name, s.name, s.unit or "", message.name)
-                for s in message.signals
-            ]
+            group = message.name
+            named = [NamedColumn(group, s.name, s.unit or "", group) for s in message.signals]
             pairs = zip(message.signals, fields(named, "DBC"), strict=True)
             self._fields[id(message)] = list(pairs)
         frames = _Frames(message.length)

@@ -199,11 +199,8 @@ class Reader:
                 master = self._masters[g]
                 turn = master.turn * _FINER[unit]
                 self._masters[g] = master._replace(scale=_FINER[unit], turn=turn)
-                names = {
-                    "column": f"of {name!r}",
-                    "unit": unit,
-                    "reason": "as long as other groups",
-                }
+                reason = "as long as other groups"
+                names = {"column": f"of {name!r}", "unit": unit, "reason": reason}
                 yield Finding("time-unit-guessed", "info", name, names=names)
 
     def _times(self, g: int, timestamps: Floats) -> tuple[Times, Bools]:

@@ -285,9 +285,8 @@ class Reader:
         return t, ok
 
     def _numbers(self, axis: _Columns, rows: int | None = None) -> tuple[Times, Bools]:
-        return axis.clock.nanoseconds(
-            [_cells(self._file[axis.group][name][:rows]) for name in axis.names]
-        )
+        group = self._file[axis.group]
+        return axis.clock.nanoseconds([_cells(group[name][:rows]) for name in axis.names])
 
     def _damage(self) -> str:
         """What is wrong at the end of the file, which the library passes over; "" for nothing."""
@@ -466,9 +465,8 @@ def _scaling_problem(file: Any, group: Any, channel: Any, states: _States) -> st
     types = [str(x) for k, x in last_scaling.items() if k.endswith("_Scale_Type")]
     has_raw_data = channel.data_type is None or "NI_Scaling_Status" in last_scaling
     try:
-        is_known_scaling = (
-            get_scaling(channel.properties, group.properties, file.properties) is not None
-        )
+        properties = (x.properties for x in (channel, group, file))
+        is_known_scaling = get_scaling(*properties) is not None
         channel[:1]
     except Exception as error:  # whatever the library raises
         return f"scaling {', '.join(types)} lacks {error}"

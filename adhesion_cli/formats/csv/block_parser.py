@@ -18,7 +18,7 @@ from ..source import ReadOptions
 from .cells import IS_BAD, floats, is_missing
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment, split, stamps_in
-from .header_words import STATISTICS, is_named, quality_column
+from .header_words import is_statistic, quality_column
 from .lines import LineBlock, Rows
 from .number_text import is_number
 from .stamps import is_stamp
@@ -214,7 +214,7 @@ class Parser:
             return "header"
         first_cell = dialect.rows[0][0]
         has_words = not (is_number(first_cell) or is_stamp(first_cell))  # as names of brake steps
-        if is_named(cells[0].strip(":"), STATISTICS) and not has_words:
+        if is_statistic(cells[0]) and not has_words:
             return "statistics"
         is_row = len(cells) == dialect.width or cells[0] in dialect.segments
         if is_row and dialect.is_another_header(cells):

@@ -222,7 +222,7 @@ def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], li
     if len(holes) > len(lines) / 2:
         text = f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others"
         raise UserError(text, "give a text log, or fetch it from the recorder again")
-    body = [x for x in lines if x[1].strip() and not is_comment(x[1]) and "\0" not in x[1]]
+    body = [x for x in lines if x[1].strip(" \t;,|") and not is_comment(x[1]) and "\0" not in x[1]]
     body = [x for x in body if not _SECTION.fullmatch(x[1].strip())]
     marks = [k + 1 for k, x in enumerate(body) if x[1].startswith(_END_OF_HEADER)]
     start = marks[0] if marks else 0  # LabVIEW's header has rows of numbers

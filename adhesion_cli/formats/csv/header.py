@@ -12,7 +12,7 @@ from ...core.errors import UserError
 from ...core.text import distinct
 from .dialect import fit, is_comment, is_null, split, uncommented
 from .head import Line, first_numbers
-from .header_words import STATISTICS, TYPES, is_named, is_units_row, label, normal, time_name
+from .header_words import TYPES, is_named, is_statistic, is_units_row, label, normal, time_name
 from .number_text import is_number, number_grammar, number_of
 from .stamps import is_stamp
 
@@ -198,7 +198,7 @@ def _text_above(table: FirstRows, start: int) -> Header:
 
 def _is_statistics(cells: list[str]) -> bool:
     """Whether a row states the largest numbers, the mean or such of the columns."""
-    return bool(cells) and is_named(cells[0].strip(":"), STATISTICS) and any(map(is_number, cells))
+    return bool(cells) and is_statistic(cells[0]) and any(map(is_number, cells))
 
 
 def _continues(names: list[list[str]], cells: list[str], width: int, data_columns: int) -> bool:
@@ -309,7 +309,7 @@ def lines_before(table: FirstRows, header: Header) -> dict[str, int]:
     rows, top = table.rows, header.top
 
     def kind(number: int, text: str) -> str:
-        if not text.strip():
+        if not text.strip(" \t;,|"):
             return "blank"
         if is_comment(text):
             return "comment"

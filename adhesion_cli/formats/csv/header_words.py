@@ -129,6 +129,11 @@ def is_named(header: str, vocabulary: frozenset[str]) -> bool:
     return normal(header) in vocabulary
 
 
+def is_statistic(cell: str) -> bool:
+    """Whether a row is of statistics by its first cell, as "Max" and "Max. range"."""
+    return not STATISTICS.isdisjoint((normal(cell.strip(":")), normal(cell.partition(" ")[0])))
+
+
 def is_units_row(cells: list[str]) -> bool:
     """Whether the cells of a row are units: all of them, or most and the others short.
 

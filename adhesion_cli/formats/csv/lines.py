@@ -114,6 +114,8 @@ class Splitter:
         if not rows.isascii():  # a file joined to another begins with a mark
             rows = plain(rows)
         delimiter = self._delimiter
+        if delimiter not in " \t" and "\t" in rows:
+            rows = rows.replace("\t", " ")
         if delimiter != " ":  # the parser knows a quote only right after the delimiter
             return rows.replace(f'{delimiter} "', f'{delimiter}"') if '"' in rows else rows
         rows = re.sub("[ \t]+", " ", rows)

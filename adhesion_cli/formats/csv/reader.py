@@ -180,7 +180,7 @@ class CsvSource(Source):
         matches = (m for c in cells if not is_stamp(c) and (m := _DIGITS.fullmatch(c)))
         digits = sum(not m[1] or _is_measured(m[1]) for m in matches)
         has_unit = _is_measured(self._dialect.units[i] or in_name(name)[1])
-        if cells and (has_unit or digits > len(cells) / 2):
+        if cells and (has_unit or digits > max(1, len(cells) / 2)):
             first, *others = self._dialect.column(i)
             names = {"example": quoted(first)}
             self.report(Finding("csv-no-numbers", "warning", name, 1 + len(others), names=names))
@@ -189,14 +189,12 @@ class CsvSource(Source):
         """The wanted fields, see `Source`; a row without a time is left out."""
         with _named(self.table.path, self._name):
             own_fields = [f for f in wanted if f in self.places]
-            columns = (
-                dict(zip(own_fields, self._columns(own_fields), strict=True)) if own_fields else {}
-            )
+            own_columns = self._columns(own_fields) if own_fields else []
+        columns = dict(zip(own_fields, own_columns, strict=True))
         for other in self.others:
             table_fields = [f for f in wanted if f in other.places]
-            columns |= zip(
-                table_fields, other.columns(table_fields) if table_fields else (), strict=True
-            )
+            table_columns = other.columns(table_fields) if table_fields else []
+            columns |= zip(table_fields, table_columns, strict=True)
             self.rows = max(self.rows, other.rows)
             self.report(*other.findings)
         return [columns[f] for f in wanted]

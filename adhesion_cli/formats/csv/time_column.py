@@ -88,9 +88,8 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         raise UserError(text, search.proposal())
     search.refuse_another(clock)
     clock = search.with_date(search.begun(search.counted_on(clock)))
-    return replace(
-        clock, is_sparse=bool(clock.pattern) and all(map(search.stands_apart, clock.columns))
-    )
+    is_sparse = bool(clock.pattern) and all(map(search.stands_apart, clock.columns))
+    return replace(clock, is_sparse=is_sparse)
 
 
 def find_pairs(dialect: Dialect, rows: float, path: Path) -> list[tuple[Clock, range]]:
@@ -307,9 +306,8 @@ class _ClockSearch:
             if field := time_part(name):
                 columns.setdefault(field, i)
         fraction = [field for field in "lNu" if field in columns][:1]
-        whole_fields = next(
-            (p for p in ("ymdHMS", "HMS", "S" * len(fraction)) if {*p} <= {*columns}), ""
-        )
+        wholes = ("ymdHMS", "HMS", "S" * len(fraction))
+        whole_fields = next((p for p in wholes if {*p} <= {*columns}), "")
         fields = [*whole_fields, *fraction]
         used_columns = tuple(columns[field] for field in fields)
         patterns = [rf"(?P<{p}>[0-9]{{1,{_DIGITS.get(p, 2)}}})(?:[.,]0*)?" for p in fields]

@@ -90,6 +90,13 @@ SAME = {
     "commented header": "# " + PLAIN,
     "trailing delimiters": PLAIN.replace("\n", ",\n"),
     "trailing delimiter in rows only": PLAIN.replace("\n", ",\n").replace("v,", "v"),
+    "row of delimiters below the names": PLAIN.replace("v\n", "v\n,,\n"),
+    "ranges below the names": PLAIN.replace("v\n", "v\nMin. range,0,0\nMax. range,10,99\n"),
+    "tabs beside delimiters": GERMAN.replace(";", ";\t"),
+    "versions": PLAIN.replace("v\n", "v,version\n")
+    .replace("0\n", "0,1.2.3\n")
+    .replace("9\n", "9,1.2.3\n")
+    .replace("8\n", "8,1.2.3\n"),
     "blank lines": PLAIN.replace("\n", "\n\n"),
     "lines of blanks": PLAIN.replace("\n", "\n  \n"),
     "units row": PLAIN.replace("t [s],p,v\n", "t,p,v\ns,bar,km/h\n"),
