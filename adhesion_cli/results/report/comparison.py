@@ -48,6 +48,13 @@ def cautions(runs: Sequence[ReportRun]) -> Iterator[str]:
             cause = f"Every difference is by the settings{names_text}."
             cause = cause if names else "The settings are equal, too."
             text = f"the same log as run 1 (equal SHA-256). {cause}"
+        elif differences.same_statement(runs[0], run):
+            forces = (x.summary.vehicle.force_per_bar_n for x in (runs[0], run))
+            values = " and ".join(number(x and x / 1e3, 3) for x in forces)
+            text = (
+                "the same vehicle is stated, and each log shows its own brake force within the "
+                f"tolerances: {values} kN per bar and axle."
+            )
         elif not differences.same_vehicle(runs[0], run):
             text = f"another vehicle than run 1. Differences may be by the settings{names_text}."
         else:

@@ -109,7 +109,7 @@ class Figures:
         limit = self._values // max(sum(len(run.axles) for run in runs), 1)
         sources = {}
         for N in numbers:
-            speed = self._figure("Speed of the wheel [km/h]", 230, time)
+            speed = self._figure("Speed [km/h], black: train", 230, time)
             coefficient = self._figure("Adhesion coefficient [-]", 190, time)
             figures = [speed, coefficient] if adhesion else [speed]
             figures[-1].xaxis.axis_label = "time after the start of braking [s]"
@@ -120,8 +120,8 @@ class Figures:
                     source, _ = _source(axle, limit, run.brake_s)
                     colour = palette.nth(i)
                     items[f"run {i + 1}"] = [
-                        _line(speed, source, "rim", colour),
                         _line(speed, source, "train", palette.BLACK, 0.8),
+                        _line(speed, source, "rim", colour),
                         _line(coefficient, source, "mu", colour),
                     ]
                     axle_sources.append(source)

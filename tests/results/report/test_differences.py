@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bokeh.models import Line
 from helpers import made_results
 from helpers.pages import EVIL, Elements, figures, written
 
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.core.model import Z95, LogBrake, Parameter, Vehicle
+from adhesion_cli.results import palette
 from adhesion_cli.results.report import comparison, differences, page
+from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import ReportRun, read
 
 RELATED = Vehicle(correlation=(("friction", "axle_mass", 0.8),))
@@ -121,6 +124,22 @@ def test_a_difference_by_the_settings_alone_is_said_first(
     assert not list(comparison.cautions([first, third]))
 
 
+def test_logs_that_adapt_one_stated_vehicle_are_of_no_other_vehicle(
+    pair: list[ReportRun], tmp_path: Path
+) -> None:
+    stated = replace(pair[0].summary.vehicle, source="stated", force_per_bar_n=4400.0)
+    adapted = replace(RELATED, friction=Parameter(0.31, 0.03))
+    runs = [pair[0], with_log(made(tmp_path / "b.mcap", adapted, axles=2, n=3000), sha256="other")]
+    vehicles = stated, replace(stated, force_per_bar_n=4600.0)
+    first, second = (
+        replace(run, summary=replace(run.summary, vehicle=vehicle))
+        for run, vehicle in zip(runs, vehicles, strict=True)
+    )
+    (text,) = comparison.cautions([first, second])
+    assert "another vehicle" not in text
+    assert "4.400 and 4.600 kN per bar" in text
+
+
 def test_brackets_are_explained_only_where_there_are_some(pair: list[ReportRun]) -> None:
     for runs in (pair, [pair[0], with_log(pair[0], sha256="x")]):
         text = page.page(runs)
@@ -189,3 +208,10 @@ def test_a_small_difference_has_the_digits_of_its_uncertainty(pair: list[ReportR
     for d, row in zip(found, comparison._rows(found), strict=True):
         shown = float(row["Adhesion coefficient, mean"].split()[3])
         assert shown == pytest.approx(d.u95, rel=0.06)
+
+
+def test_the_line_of_a_run_lies_on_that_of_the_train(pair: list[ReportRun]) -> None:
+    drawn = Figures()
+    speed, _ = drawn.figures_of(drawn.of_runs(pair)[1])
+    colours = [x.glyph.line_color for x in speed.renderers if isinstance(x.glyph, Line)]
+    assert colours == [palette.BLACK, palette.nth(0), palette.BLACK, palette.nth(1)]
