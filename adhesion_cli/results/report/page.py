@@ -177,24 +177,20 @@ def _about(run: ReportRun) -> list[dict[str, str]]:
 def _vehicle(settings: Mapping[str, str]) -> list[dict[str, str]]:
     """The vehicle's parameters with their standard uncertainties."""
     parameters: dict[str, dict[str, str]] = {}
-    for key, value in sorted(settings.items()):
+    for key, text in sorted(settings.items()):
         if not is_of_vehicle(key):
             continue
-        name = key.removeprefix("vehicle.")
-        values = json.loads(value)
-        if ".correlation" in f".{name}":
-            parameters[name] = {"value": value}
-        elif name.endswith(".axles"):
-            parameters[name] = {"value": ", ".join(map(str, values))}
-        elif isinstance(values, list) and not all(isinstance(x, dict) for x in values):
-            parameters[name] = {"value": value}  # a table, as of the friction
-        elif isinstance(values, list):
+        name, values = key.removeprefix("vehicle."), json.loads(text)
+        parameter, _, component = name.rpartition(".")
+        if isinstance(values, list) and all(isinstance(x, dict) for x in values):
             several = settings.get(f"{key.rpartition('.')[0]}.axles")
             numbers = json.loads(several) if several else range(1, len(values) + 1)
             for number, own in zip(numbers, values, strict=True):
                 parameters[f"{name}, axle {number}"] = {k: f"{v:g}" for k, v in own.items()}
+        elif isinstance(values, list) or ".correlation" in f".{name}":  # or a table of friction
+            axles = ", ".join(map(str, values)) if component == "axles" else text
+            parameters[name] = {"value": axles}
         else:
-            parameter, _, component = name.rpartition(".")
             parameters.setdefault(parameter, {})[component] = f"{values:g}"
     units = {name: quantity.unit for name, quantity in quantities(Vehicle).items()}
     return [
