@@ -52,6 +52,16 @@ def blueprint(path: Path) -> dict[str, list[Any]]:
     return seen
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="asks Linux for the threads")
+def test_a_recording_leaves_no_thread_of_the_sdk(tmp_path: Path) -> None:
+    """Each would keep some MB: those who analyse a folder of logs would run out of memory."""
+    analysed, threads = result(1, 50), []
+    for i in range(4):
+        rrd.write_results(tmp_path / f"{i}.rrd", [analysed])
+        threads.append(len(list(Path("/proc/self/task").iterdir())))
+    assert max(threads[1:]) - threads[0] < 3, threads
+
+
 def brake_start(analysed: Result) -> int:
     return min(int(a.record.t[a.applications[0].start]) for a in analysed.axles)
 

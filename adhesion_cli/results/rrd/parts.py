@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, Literal, Protocol
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings
 from numpy.typing import NDArray
 
 from ...core.model import Floats, Times
@@ -54,10 +55,14 @@ def write(
     with path.open("wb") as file:
         rec = RecordingInFile(file, f"adhesion-{identity[:16]}")
         rec.send_blueprint(layout, make_active=False, make_default=True)
+        layout.end()
         rec.send_recording_name(name)
         for page in pages:
             page.send(rec)
         rec.end()
+        del rec
+    # The SDK keeps the data of ended recordings, some MB each, until it is told to look for them.
+    rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
 
 # An .rrd stream: its header, then messages, each after its kind and length; the last is its end.
@@ -298,7 +303,12 @@ class Layout(rrb.Blueprint):
             auto_layout=False,
         )
 
+    def end(self) -> None:
+        """Ends the SDK's own recording of this layout, which else keeps two threads for ever."""
+        self._stream.disconnect()
+
     def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        self._stream = stream
         # Linked charts take the range of a view that has no name in the API; the default of that
         # one is half a minute around the cursor.
         super()._log_to_stream(stream)
