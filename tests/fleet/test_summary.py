@@ -1,6 +1,7 @@
 """What the results of a fleet show together."""
 
 import os
+import shutil
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -86,17 +87,21 @@ def write(folder: Path, summary: ResultSummary | FailedLog, job: Job = JOB) -> N
     kept.write([KeptTables(line.sha256 or "", (line.log,), line, files)])
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fleet")
+    write(folder, log("a", "2026-03-01", application(0.10, 20.0), application(0.12, 24.0)))
+    write(folder, log("b", "2026-03-02", application(0.04, 40.0, **SLID), codes=("gap",)))
+    codes = ("csv-gzip-damaged", "gap")
+    write(folder, log("c", None, application(None, 10.0, **WORST), codes=codes))
+    write(folder, log("d", "2026-03-02", codes=("vehicle-default",)))
+    write(folder, failed("e"))
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    write(tmp_path, log("a", "2026-03-01", application(0.10, 20.0), application(0.12, 24.0)))
-    write(tmp_path, log("b", "2026-03-02", application(0.04, 40.0, **SLID), codes=("gap",)))
-    write(
-        tmp_path,
-        log("c", None, application(None, 10.0, **WORST), codes=("csv-gzip-damaged", "gap")),
-    )
-    write(tmp_path, log("d", "2026-03-02", codes=("vehicle-default",)))
-    write(tmp_path, failed("e"))
-    return tmp_path
+def folder(written: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(written, tmp_path, dirs_exist_ok=True))
 
 
 def test_logs_are_counted_by_their_status(folder: Path) -> None:

@@ -269,3 +269,9 @@ RIGHT = {
     "protobuf recursive", "protobuf fan-out", "JSON deep each time", "ROS comment",
     "metadata of one name", "large metadata", "JSON NaN",
 }  # fmt: skip
+
+# Each takes half a second or more, and has a like among the others.
+LONG_MCAP = {
+    "metadata of one name", "large metadata", "protobuf fan-out", "lz4 bomb that lies",
+    "records without end", "definitions without end",
+}  # fmt: skip

@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 RATE = 50  # Hz
-ROWS = 1_501
+ROWS = 901
 
 
 @dataclass(frozen=True)
@@ -536,7 +536,7 @@ def remarks(rng: random.Random) -> Iterator[WildLog]:
     rows = [list(row) for row in zip(*cells, strict=True)]
     names, units = ["Zeit [s]", "BC pressure", "wheel speed"], ["", "[bar]", "[km/h]"]
     for remark in ("Ende der Messung", "*** Log started 24.11.2026 10:15:00 ***"):
-        cut = rng.randrange(700, 1_400)
+        cut = rng.randrange(400, 800)
         text = table([names, units, *rows[:cut], [remark], names, units], [[], [], []], ";")
         yield WildLog("log.csv", text + table([*rows[cut:], [remark]], [[], [], []], ";"))
 
@@ -573,7 +573,7 @@ def sparse_dates(rng: random.Random) -> Iterator[WildLog]:
     for form in ("%d.%m.%Y", "%Y-%m-%d", "%Y/%m/%d"):
         for begin in (
             _start(rng),
-            datetime(2026, 11, 24, 23, 59, rng.randrange(40, 55), tzinfo=UTC),
+            datetime(2026, 11, 24, 23, 59, rng.randrange(45, 55), tzinfo=UTC),
         ):
             stamps = [begin + timedelta(milliseconds=20 * k) for k in range(ROWS)]
             dates = [s.strftime(form) for s in stamps]
@@ -586,7 +586,7 @@ def sparse_dates(rng: random.Random) -> Iterator[WildLog]:
 def bare_minutes(rng: random.Random) -> Iterator[WildLog]:
     """Digits MMSS, which begin anew with the hour, and HHMMSS, which do with the day."""
     for hours, name in ((1, "Time"), (1, "time"), (24, "UTC"), (24, "time")):
-        begin = 3_600.0 * hours - rng.randrange(5, 25) - 45.0 * (name == "time")
+        begin = 3_600.0 * hours - rng.randrange(5, 15) - 45.0 * (name == "time")
         clock = np.rint((begin + T) * 1000).astype(int) % (3_600_000 * hours)
         digits = [
             f"{ms // 3_600_000:02}{ms // 60_000 % 60:02}{ms // 1000 % 60:02}.{ms % 1000:03}"

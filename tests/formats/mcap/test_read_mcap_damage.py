@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import zstandard
-from helpers.hostile_mcap import HOSTILE, ONE, RIGHT, inflating, wrapped
+from helpers.hostile_mcap import HOSTILE, LONG_MCAP, ONE, RIGHT, inflating, wrapped
 from helpers.mcap_logs import (
     MAGIC,
     START,
@@ -332,7 +332,9 @@ def test_recovery_from_every_flipped_bit_truncation_and_shift(tmp_path: Path, ki
 # ---------------------------------------------------------------------- hostile files
 
 
-@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=[pytest.mark.slow] * (x in LONG_MCAP)) for x in HOSTILE]
+)
 def test_hostile_files_are_told_of(tmp_path: Path, name: str) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(HOSTILE[name]())
