@@ -306,7 +306,8 @@ class _Name:
                 unit_of["speed without unit"] = self.unit
         elif "pressure" in unit_of:
             names = {w for w in self.own if not (w.isdecimal() or _PLACES & _kinds(w).keys())}
-            says_cylinder = "cylinder" in self.kinds or names == {"c"}  # as in "C1 [bar]"
+            is_brake = bool(names) and all("braking" in _kinds(w) for w in names)  # "Brake 1 [bar]"
+            says_cylinder = "cylinder" in self.kinds or names == {"c"} or is_brake
             if not (self.own_kinds.keys() & _PRESSURES or says_cylinder):
                 del unit_of["pressure"]
             elif units.unit(f"{self.unit} abs"):

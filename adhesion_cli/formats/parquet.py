@@ -21,13 +21,14 @@ from .tables import open_scale
 
 _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
 _READ_ERRORS = (pa.ArrowException, OSError, ValueError)  # of damaged files
-_UNIT_KEYS = (b"unit", b"units", b"Unit", b"Units")  # of a field's metadata
+_UNIT_KEY = re.compile(rb"(?i)(.*_)?(unit|units|unit_string|uom)")  # of a field's metadata
 _MOST_ELEMENTS = 64  # of a list, of which each is a channel
 
 
 _TEXTS = pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view
 _LISTS = pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list
 _NUMBERS = pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_boolean
+_ELEMENTS = *_NUMBERS, pa.types.is_struct  # of lists
 
 
 class _ParquetColumn(NamedTuple):
@@ -113,8 +114,8 @@ def _columns(table: Any) -> tuple[list[_ParquetColumn], list[Finding]]:
 def _leaf_columns(f: Any, array: Any) -> Iterator[tuple[Any, _ParquetColumn]]:
     """The columns that a column of the file holds, each with its field in the file.
 
-    Those of a structure are its fields, those of lists of numbers their elements. A list that is
-    shorter than others has nulls behind its end.
+    Those of a structure are its fields, those of lists of numbers or structures their elements. A
+    list that is shorter than others has nulls behind its end.
     """
     if pa.types.is_dictionary(array.type):
         array = array.dictionary_decode()
@@ -124,7 +125,7 @@ def _leaf_columns(f: Any, array: Any) -> Iterator[tuple[Any, _ParquetColumn]]:
         for inner, values in zip(array.type, array.flatten(), strict=True):
             yield from _leaf_columns(inner.with_name(f"{f.name}.{inner.name}"), values)
         return
-    is_list = _is_any(array.type, _LISTS) and _is_any(array.type.value_type, _NUMBERS)
+    is_list = _is_any(array.type, _LISTS) and _is_any(array.type.value_type, _ELEMENTS)
     longest = (pc.max(pc.list_value_length(array)).as_py() or 0) if is_list else 0
     if not 0 < longest <= _MOST_ELEMENTS:
         title = re.sub(r"\s*[\r\n]\s*", " ", name) or "(no name)"
@@ -132,8 +133,11 @@ def _leaf_columns(f: Any, array: Any) -> Iterator[tuple[Any, _ParquetColumn]]:
         return
     padded = pc.list_slice(array, 0, longest, return_fixed_size_list=True)
     unit = unit or units.in_name(name)[1]  # which the place would hide
+    metadata = {b"unit": unit.encode(), **(f.metadata or {})}
     for k in range(longest):
-        yield f, _ParquetColumn(f"{name}[{k}]", unit, pc.list_element(padded, k))
+        element = pc.list_element(padded, k)
+        element_field = pa.field(f"{name}[{k}]", element.type, metadata=metadata)
+        yield from _leaf_columns(element_field, element)
 
 
 def _pair(name: str) -> tuple[str, str]:
@@ -181,7 +185,7 @@ def _unit(field: Any) -> str:
     if pa.types.is_duration(field.type):
         return "ns"
     metadata = field.metadata or {}
-    return next((_text(metadata[k]) for k in _UNIT_KEYS if k in metadata), "")
+    return next((_text(x) for k, x in metadata.items() if _UNIT_KEY.fullmatch(k)), "")
 
 
 def _text(metadata: bytes) -> str:

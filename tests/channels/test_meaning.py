@@ -289,6 +289,7 @@ def test_a_voltage_by_the_units_row_or_in_a_message_is_no_speed_by_its_letter() 
     [
         ("AxSpd1_kmh", WHEEL), ("v_Ax_1 [km/h]", WHEEL), ("BcPressAx1_bar", PRESSURE),
         ("Vref_kmh", TRAIN), ("VehSpd_kmh", TRAIN), ("vmax_kmh", None), ("GPS速度 [km/h]", TRAIN),
+        ("Bremse 1 [bar]", PRESSURE), ("Brake pipe 1 [bar]", PIPE), ("Cil. freno [bar]", PRESSURE),
         ("副风缸压力 [kPa]", None), ("BC压力1 [kPa]", PRESSURE), ("ax [m/s2]", TRAIN),
     ],
 )  # fmt: skip
@@ -441,6 +442,7 @@ def test_axles_of_each_car_are_counted_on(pressure: str, speed: str) -> None:
         ("BCP1-BCP2 [bar]", None), ("BCP 1 max [bar]", None), ("BCP 1 [mA]", None),
         ("v1 model [km/h]", None), ("v1 - v2 [km/h]", None), ("v1 [m]", "distance"),
         ("w1 [mm]", "distance"), ("slip 1 [km/h]", None), ("v1 filtered [km/h]", None),
+        ("v ref axle 1 [km/h]", None),
         ("GPS speed [km/h]", TRAIN),
     ],
 )  # fmt: skip

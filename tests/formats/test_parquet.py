@@ -229,6 +229,14 @@ def test_structures_and_lists(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_a_list_of_axles_each_with_its_channels(tmp_path: Path) -> None:
+    axles = [[{"bcp_bar": k / N, "v_kmh": 60.0 - j} for j in range(2)] for k in range(N)]
+    found, _ = columns(tmp_path / "a.parquet", {"time_s": SECONDS, "axles": axles})
+    names = [f"axles[{j}].{x}" for j in range(2) for x in ("bcp_bar", "v_kmh")]
+    assert list(found) == names
+    assert found["axles[1].v_kmh"].value.tolist() == [59.0] * N
+
+
 @pytest.mark.parametrize(("length", "names"), [(3, ["v[0]", "v[1]", "v[2]"]), (100, [])])
 def test_lists_that_become_longer(tmp_path: Path, length: int, names: list[str]) -> None:
     lists = [[1.0, 2.0]] * 2000 + [[1.0] * length] * 2000
@@ -254,9 +262,19 @@ def test_damage_behind_the_head_names_the_file(tmp_path: Path, times: dict[str, 
         open_source(path, ReadOptions())
 
 
+@pytest.mark.parametrize("key", ["units", "Unit", "physical_unit", "unit_string", "uom"])
+def test_a_unit_by_any_key_of_the_metadata(tmp_path: Path, key: str) -> None:
+    fields = [pa.field("t", pa.float64(), metadata={key: "s"})]
+    fields.append(pa.field("bcp", pa.list_(pa.float64()), metadata={"note": "x", key: "kPa"}))
+    table = pa.table([SECONDS, [[1.0, 2.0]] * N], schema=pa.schema(fields))
+    pq.write_table(table, tmp_path / "a.parquet")
+    source = open_source(tmp_path / "a.parquet", ReadOptions())
+    assert [(f.channel, f.unit) for f in source.fields] == [("bcp[0]", "kPa"), ("bcp[1]", "kPa")]
+
+
 def test_nested_columns_alone_are_the_reason(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="Nested columns are not read: axles"):
-        columns(tmp_path / "a.parquet", {"time_s": SECONDS, "axles": [[{"v": 1.0}]] * N})
+        columns(tmp_path / "a.parquet", {"time_s": SECONDS, "axles": [[[1.0]]] * N})
 
 
 @pytest.mark.parametrize("unit", ["bar", "", "10 kPa"])
