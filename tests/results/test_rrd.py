@@ -213,6 +213,14 @@ def test_each_line_is_named_in_its_colour_outside_of_the_charts(small: Path) -> 
     assert texts == ["\u25a0 train", "\u25a0 axle 1", "\u25a0 axle 2"]
 
 
+@pytest.mark.parametrize("axles", [4, 6, 8])
+def test_the_names_of_all_axles_and_the_train_have_room(axles: int) -> None:
+    """The head of the list takes 55 px, and a name 19 px, of 800 px beside the charts."""
+    tab = overview.tab("/", result(axles, n=300), {n: [] for n in range(1, axles + 1)})
+    names, summary = tab.contents[1].row_shares
+    assert 55 + 19 * (axles + 1) <= 805 * names / (names + summary)
+
+
 def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
     analysed = result(2, 400)
     rolls, slides = np.zeros(400), np.where(np.arange(400) // 60 == 2, 0.3, 0.001)

@@ -128,7 +128,9 @@ def tab(root: str, result: Result, slides: Slides) -> rrb.Container:
     all_slides = [x for axle_slides in slides.values() for x in axle_slides]
     charts = _charts(f"{root}/all", "All axles", [(result, a) for a in result.axles], all_slides)
     summary = rrb.TextDocumentView(origin=f"{root}/summary", name="Summary")
-    texts = rrb.Vertical(parts.names_view(f"{root}/lines/all"), summary, row_shares=[1, 4])
+    rows = min(4 + len(result.axles), 20)  # of text: of 42 on a screen of 1080
+    shares = [rows, 42 - rows]
+    texts = rrb.Vertical(parts.names_view(f"{root}/lines/all"), summary, row_shares=shares)
     return rrb.Horizontal(rrb.Vertical(*charts), texts, column_shares=[2, 1], name="All axles")
 
 
