@@ -42,6 +42,7 @@ class Distribution(NamedTuple):
     median: float | None
     p95: float | None
     median_with_slides: float | None
+    u95: float | None  # median expanded uncertainty of one application's mean (95 %) [-]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,13 +171,13 @@ def summarise_fleet(folder: Path) -> FleetSummary:
         logs = [row for _, row in newest]
         analysed = [(file, row) for file, row in newest if row.status != "error"]
         names = sorted({file.name for file, _ in analysed})
-        columns = (*_OF_SLID, "position_km", "time", "settings", _FILE)
+        columns = (*_OF_SLID, "coefficient_mean_u95", "position_km", "time", "settings", _FILE)
         applications = _read(folder / "applications", names, columns)
         findings = _read(folder / "findings", names, DoubtfulLog._fields)
         stops = _read(folder / "stops", names, _OF_STOP)
     except (OSError, pa.ArrowException) as error:
         text = f"{printable(str(folder))}: cannot be read as results of a fleet ({error})"
-        raise UserError(text, "run `adhesion fleet` on the logs again, with -o") from error
+        raise UserError(text, "run `adhesion fleet` on the logs again, with --force") from error
     days = {file.name: row.start.date().isoformat() for file, row in analysed if row.start}
     row_days = [days.get(Path(x).name, "unknown") for x in applications[_FILE].to_pylist()]
     settings = applications["settings"].to_pylist()
@@ -247,13 +248,15 @@ def _grouped(table: Any, names: str, keys: Iterable[tuple[Any, ...]]) -> list[Di
         if key:
             rows.setdefault(key, []).append(i)
     all_mu, all_slides = _column(table, "coefficient_mean"), _column(table, "slides")
+    all_u95 = _column(table, "coefficient_mean_u95")
     groups = []
     for key in sorted(rows):
         mu, slides = all_mu[rows[key]], all_slides[rows[key]]
         sliding = _percentiles(mu[slides > 0])[1]
         counts = len(mu), int((slides > 0).sum())
         group = dict(zip(names.split(), key, strict=True))
-        groups.append(Distribution(group, *counts, *_percentiles(mu), sliding))
+        u95 = _percentiles(all_u95[rows[key]])[1]
+        groups.append(Distribution(group, *counts, *_percentiles(mu), sliding, u95))
     return groups
 
 

@@ -12,7 +12,8 @@ from .summary import Distribution, FleetSummary, SlidApplication, StopGroup
 _OF_SPREAD = (
     "number: brake applications, counted per axle. slid: those with a slide. 5 %, median, 95 %: "
     "percentiles of the mean adhesion coefficient of each brake application. median slid: the "
-    "median of those with a slide."
+    "median of those with a slide. ±: median expanded uncertainty (95 %) of one of these "
+    "coefficients. Most of it is that of the vehicle, the same in all of them."
 )
 _OF_SLIDES = (
     "One row per brake application. at: begin of its first slide after the start of the log. km: "
@@ -166,6 +167,7 @@ def _spread(row: Distribution) -> dict[str, str]:
         "median": number(row.median, 3),
         "95 %": number(row.p95, 3),
         "median slid": number(row.median_with_slides, 3),
+        "±": number(row.u95, 3),
     }
 
 

@@ -172,6 +172,8 @@ def test_the_coefficient_is_distributed_by_the_mean_speed(folder: Path) -> None:
     assert middle.median == pytest.approx(0.08)
     assert middle.median_with_slides == pytest.approx(0.04)
     assert slow.median == pytest.approx(0.10)  # the locked wheel has no force
+    assert middle.u95 == pytest.approx(0.01)
+    assert _text(summarise_fleet(folder)).splitlines()[3].split()[-1] == "±"
 
 
 def test_days_and_vehicles_are_apart(folder: Path) -> None:
