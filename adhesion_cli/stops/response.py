@@ -13,6 +13,7 @@ from .signals import DROP, StopSignals, brake_levels, quantisation_step
 
 FULL_SHARE = 0.95  # of the full value of a brake: the build-up ends
 _LONGEST_BUILD_UP = 0.5  # of the braking: what is later is another brake, or the driver
+_QUARTER = 0.25  # of the full value: nothing disturbs the build-up before it
 _LEVEL_ERROR = 0.005  # 1 sigma of the full value, as a share of it
 _CREEPS = 0.02  # slip of a wheel from which it slides where it goes on to `_SLIDES`
 _SLIDES = 0.05  # slip of a wheel that slides
@@ -24,7 +25,7 @@ class BrakeResponse(NamedTuple):
     delay: Parameter  # [s]
     equivalent: Parameter  # [s]
     full_value: float  # of the brake, mean over the axles: pressure [Pa] or force [N]
-    build_up: float = math.nan  # until the end of the build-up that nothing disturbs [s]
+    build_up: float = math.nan  # how long it takes, by its first quarter where it is disturbed [s]
 
 
 def find_response(
@@ -37,6 +38,7 @@ def find_response(
     other cars brake later than its axles. The delay ends at `start_share` of the full brake.
     """
     delays, build_ups, weights = list[Parameter](), list[Parameter](), list[float]()
+    quarters = list[float]()
     unknown = Parameter(math.nan, math.nan)
     if braking.reason == BEGUN or signals.others_later:
         return BrakeResponse(unknown, unknown, math.nan)
@@ -64,6 +66,7 @@ def find_response(
         delays.append(delay)
         build_ups.append(build_up_end)
         weights.append(span)
+        quarters.append(float(t[np.argmax(share >= _QUARTER)]) - delay.value)
     if not weights:
         return BrakeResponse(unknown, unknown, math.nan)
     delay, full = (
@@ -72,7 +75,7 @@ def find_response(
     )
     longest, mean_weight = max(x.value for x in build_ups), float(np.mean(weights))
     if disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command):
-        return BrakeResponse(delay, unknown, mean_weight)
+        return BrakeResponse(delay, unknown, mean_weight, max(quarters) / _QUARTER)
     sigma = math.hypot(delay.tolerance, full.tolerance) / 2.0
     equivalent = Parameter((delay.value + full.value) / 2.0, sigma)
     if any(f.holds_between(command, command + longest) for f in signals.other_brakes):

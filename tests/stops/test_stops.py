@@ -474,6 +474,19 @@ def test_a_command_that_is_not_logged_has_an_uncertain_dead_time() -> None:
     assert stated.distance_m.u95 < 0.5 * stop.distance_m.u95
 
 
+def test_a_brake_that_fills_for_most_of_the_stop_is_late_too() -> None:
+    """As of a freight train in G: it has no response time, and the dead time is as uncertain."""
+    x, _ = signals(command=False)
+    t = x.speed.t
+    slow, quick = 3e5 * np.clip((t - ON - 1.0) / 20.0, 0.0, 1.0), x.brakes[1].value
+    by_brake = [measured(x._replace(brakes={1: TimeSeries(t, p)}))[0] for p in (slow, quick)]
+    assert [stop.response_time_s is None for stop in by_brake] == [True, False]
+    by_slow, by_quick = (stop.duration_s for stop in by_brake)
+    assert by_slow is not None
+    assert by_quick is not None
+    assert by_slow.u95 > 5.0 * by_quick.u95
+
+
 @pytest.mark.parametrize("brake", ["pressure", "brake_pipe"])
 @pytest.mark.parametrize(("interval", "sigma"), [(0.02, DELAY_SIGMA), (1.0, RECEIVER_DELAY)])
 def test_a_slow_train_speed_without_wheels_may_be_late(
