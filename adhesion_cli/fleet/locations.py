@@ -26,6 +26,7 @@ class LogLocation(NamedTuple):
 
     name: str
     place: str
+    sha256: str = ""  # of its content, where that is known
 
 
 def find(named: Sequence[str]) -> list[LogLocation]:

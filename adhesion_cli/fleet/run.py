@@ -15,7 +15,7 @@ from .cluster import Cluster
 from .dataset import Dataset, KeptTables
 from .locations import LogLocation
 from .processes import Processes
-from .work import Item, Job, Outcome
+from .work import Job, Outcome
 
 _DEAD = UserError(
     "the process that analysed the log died",
@@ -57,7 +57,7 @@ def run(
     named = _identified(logs, job, dataset, workers, state, progress)
     items = []
     for digest, same_logs in named.items():
-        item, rows = Item(same_logs[0], digest), existing.get(digest, [])
+        item, rows = same_logs[0]._replace(sha256=digest), existing.get(digest, [])
         if force or not _complete(item, job, rows):
             items.append(item)
             continue
@@ -101,7 +101,7 @@ def _identified(
     return named
 
 
-def _complete(item: Item, job: Job, rows: Sequence[LogRow]) -> bool:
+def _complete(item: LogLocation, job: Job, rows: Sequence[LogRow]) -> bool:
     """Whether a log has its results: what failed is tried again."""
     if not rows or rows[0].status == "error":
         return False
@@ -122,12 +122,12 @@ def _count(state: FleetProgress, same_logs: Sequence[LogLocation], row: LogRow) 
 
 
 def _worked(
-    items: Iterable[Item], job: Job, workers: Workers
-) -> Iterator[list[tuple[Item, Outcome]]]:
+    items: Iterable[LogLocation], job: Job, workers: Workers
+) -> Iterator[list[tuple[LogLocation, Outcome]]]:
     """Each log with what became of it, as soon as that is known; new logs go into work first."""
     queue = deque((item, 1) for item in items)
-    running: dict[Future[Outcome], tuple[Item, int]] = {}
-    batch: list[tuple[Item, Outcome]] = []
+    running: dict[Future[Outcome], tuple[LogLocation, int]] = {}
+    batch: list[tuple[LogLocation, Outcome]] = []
     while queue or running or batch:
         while queue and len(running) < workers.capacity:
             item, tries = queue.popleft()
@@ -151,5 +151,5 @@ def _worked(
                 batch.append((item, _failed(item, job, error)))
 
 
-def _failed(item: Item, job: Job, error: Exception) -> Outcome:
+def _failed(item: LogLocation, job: Job, error: Exception) -> Outcome:
     return Outcome(work.row(work.failed(item, error), job), {})

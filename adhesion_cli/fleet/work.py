@@ -52,13 +52,6 @@ class Job(NamedTuple):
         return {name: value for name, value in self._asdict().items() if name not in excluded}
 
 
-class Item(NamedTuple):
-    """A log that is to be analysed: where it is, and the hash of its content."""
-
-    log: LogLocation
-    sha256: str
-
-
 class Outcome(NamedTuple):
     """A log that was analysed, or failed."""
 
@@ -74,30 +67,30 @@ def identified(log: LogLocation) -> str | FailedLog:
             with path.open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
     except Exception as error:  # every kind of URL has its own errors
-        return failed(Item(log, ""), error)
+        return failed(log, error)
 
 
-def analysed(item: Item, job: Job) -> Outcome:
+def analysed(log: LogLocation, job: Job) -> Outcome:
     """Analyses one log; an error becomes its row."""
     summary: ResultSummary | FailedLog
     files: dict[str, bytes]
     with _SINGLE_LOG:
         begin = time.perf_counter()
-        place = item.log.place
+        place = log.place
         try:
             with local(place) as path:
                 place = str(path)  # the copy of a URL
-                summary, files = _tables(path, item, job)
+                summary, files = _tables(path, log, job)
         except Exception as error:
-            summary, files = failed(item, error, place), {}
+            summary, files = failed(log, error, place), {}
         return Outcome(row(summary, job, time.perf_counter() - begin), files)
 
 
-def failed(item: Item, error: Exception, place: str = "") -> FailedLog:
+def failed(log: LogLocation, error: Exception, place: str = "") -> FailedLog:
     """A log that has no result: error and hint by its name, also where `place` is its file."""
-    said, name = as_user_error(error), item.log.name
-    text, hint = (x.replace(place or item.log.place, name) for x in (said.text, said.hint))
-    return FailedLog(name, text, hint, item.sha256 or None)
+    said, name = as_user_error(error), log.name
+    text, hint = (x.replace(place or log.place, name) for x in (said.text, said.hint))
+    return FailedLog(name, text, hint, log.sha256 or None)
 
 
 def row(summary: ResultSummary | FailedLog, job: Job, seconds: float | None = None) -> LogRow:
@@ -121,25 +114,25 @@ def warm() -> None:
         summarise(analyze(folder / name, default, axles=axles, train_speed=True), {})
 
 
-def recordings(item: Item, job: Job) -> list[Path]:
+def recordings(log: LogLocation, job: Job) -> list[Path]:
     """The recordings of a log, none if not asked for: by the name of the log and its content."""
     if not job.recordings:
         return []
-    name = f"{printable(stem(item.log.name))}-{item.sha256[:16]}-{job.settings}"
+    name = f"{printable(stem(log.name))}-{log.sha256[:16]}-{job.settings}"
     return [Path(job.recordings, f"{name}.adhesion{suffix}") for suffix in (".mcap", ".rrd")]
 
 
-def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
-    name, stated = item.log.name, settings.load(job.stated, folder=False, strict=job.strict)
+def _tables(path: Path, log: LogLocation, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
+    name, stated = log.name, settings.load(job.stated, folder=False, strict=job.strict)
     evaluated = evaluate(path, stated, job.algos, job.axles, job.window, train_speed=True)
-    if evaluated.log.sha256 != item.sha256:
+    if evaluated.log.sha256 != log.sha256:
         hint = "run again when the logger has closed it"
         raise UserError(f"{evaluated.log.path}: the file changed during the run", hint)
     summary = evaluated.summary
     summary = replace(summary, log=summary.log._replace(path=name))
     if result := evaluated.result:
         result = replace(result, log=replace(result.log, path=name))
-        if files := recordings(item, job):
+        if files := recordings(log, job):
             files[0].parent.mkdir(parents=True, exist_ok=True)
             with atomic_files.sets([files], True, sweeps=False) as (places,):
                 write_results(places, [result], [summary])

@@ -19,7 +19,7 @@ from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
 from adhesion_cli.fleet.locations import LogLocation, find
 from adhesion_cli.fleet.processes import Processes
 from adhesion_cli.fleet.run import FleetProgress, _complete, run
-from adhesion_cli.fleet.work import Item, Job, analysed
+from adhesion_cli.fleet.work import Job, analysed
 from adhesion_cli.results import tables
 
 
@@ -29,7 +29,7 @@ class Killed(Processes):
     submitted: list[str]
 
     def submit(self, do: Any, *arguments: Any) -> Any:
-        self.submitted = [*getattr(self, "submitted", []), arguments[0].log.name]
+        self.submitted = [*getattr(self, "submitted", []), arguments[0].name]
         return super().submit(logs_of_fleet.killed, *arguments)
 
 
@@ -115,7 +115,7 @@ def test_a_log_without_wheel_speeds_has_its_stops(tmp_path: Path, pressure: bool
     log.write_text("\n".join([header, *rows, ""]))
     job = JOB._replace(window=(2.0, 44.0))
     outcome = analysed(
-        Item(LogLocation("train.csv", str(log)), hash_of(log.read_bytes()).hexdigest()), job
+        LogLocation("train.csv", str(log), hash_of(log.read_bytes()).hexdigest()), job
     )
     assert (outcome.row.status, outcome.row.error) == ("ok", None)
     by_name = {
@@ -130,14 +130,14 @@ def test_a_log_without_wheel_speeds_has_its_stops(tmp_path: Path, pressure: bool
     assert "no channel is a wheel speed" in remark["message"]
     assert str(tmp_path) not in remark["message"]
     outside = job._replace(window=(0.0, 5.0))
-    assert analysed(Item(LogLocation("train.csv", str(log)), ""), outside).row.status == "error"
+    assert analysed(LogLocation("train.csv", str(log), ""), outside).row.status == "error"
 
 
 def test_a_choice_of_axles_leaves_a_log_without_wheel_speeds_its_stops(tmp_path: Path) -> None:
     log = tmp_path / "train.csv"
     rows = [f"{t / 20},{min(max(90 - 3.6 * (t / 20 - 10), 0), 90)}" for t in range(900)]
     log.write_text("\n".join(["time [s],train speed [km/h]", *rows, ""]))
-    item = Item(LogLocation("train.csv", str(log)), hash_of(log.read_bytes()).hexdigest())
+    item = LogLocation("train.csv", str(log), hash_of(log.read_bytes()).hexdigest())
     outcomes = [analysed(item, JOB._replace(axles=axles)) for axles in ((), (2,))]
     assert [x.row.status for x in outcomes] == ["ok", "ok"]
     every, chosen = (parquet.read_table(BytesIO(x.files["stops"])) for x in outcomes)
@@ -147,13 +147,13 @@ def test_a_choice_of_axles_leaves_a_log_without_wheel_speeds_its_stops(tmp_path:
 
 def test_an_axle_that_a_log_does_not_have_is_an_error(logs: Path) -> None:
     log = logs / "once.csv"
-    item = Item(LogLocation("once.csv", str(log)), hash_of(log.read_bytes()).hexdigest())
+    item = LogLocation("once.csv", str(log), hash_of(log.read_bytes()).hexdigest())
     row = analysed(item, JOB._replace(axles=(7,))).row
     assert (row.status, row.error) == ("error", "once.csv: no axle 7")
 
 
 def test_stops_alone_need_no_recording(tmp_path: Path) -> None:
-    item = Item(LogLocation("train.csv", "train.csv"), "ab")
+    item = LogLocation("train.csv", "train.csv", "ab")
     job = JOB._replace(recordings=str(tmp_path))
     assert _complete(item, job, [tables.LogRow(log="train.csv", status="ok", rows_used=0)])
     assert not _complete(item, job, [tables.LogRow(log="train.csv", status="ok", rows_used=900)])

@@ -11,6 +11,7 @@ import pytest
 
 from adhesion_cli.core import bundled
 from adhesion_cli.fleet import processes, run, work  # noqa: F401 (run: reads the class first)
+from adhesion_cli.fleet.locations import LogLocation
 
 _LINES = (bundled.folder("sample_logs") / bundled.SAMPLE).read_bytes().splitlines(keepends=True)
 
@@ -48,9 +49,9 @@ def kept_processes() -> Iterator[None]:
         super(_Kept, one).close()
 
 
-def killed(item: work.Item, job: work.Job) -> Any:
+def killed(item: LogLocation, job: work.Job) -> Any:
     """As `work.analysed`; but a log named `dies` ends the process, and one named `once` once."""
-    name = Path(item.log.place)
+    name = Path(item.place)
     mark = name.with_suffix(".tried")
     if name.name.startswith("dies") or (name.name.startswith("once") and not mark.exists()):
         mark.touch()
