@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import UserError
-from .finding import Finding
+from .finding import Finding, Severity
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -668,12 +668,14 @@ class Score:
 
 
 class Event(NamedTuple):
-    """An event on an axle, such as a slide; no fault of the data."""
+    """An event, such as a slide; in a list of all that happened a finding is one, too."""
 
     t: int  # [ns]
     code: str  # stable, kebab-case
     message: str
     until: int | None = None  # where it lasts [ns]
+    axle: int | None = None
+    severity: Severity = "info"
 
 
 @dataclass(frozen=True, slots=True)

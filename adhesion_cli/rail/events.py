@@ -112,7 +112,8 @@ def axle_events(
     """
     name = f"axle {axle}"
     events = [
-        Event(x.start, "slide", f"{name}: {x}", x.start + round(x.duration * 1e9)) for x in slides
+        Event(x.start, "slide", f"{name}: {x}", x.start + round(x.duration * 1e9), axle)
+        for x in slides
     ]
     for segment in segments:
         codes, segment_t = code[segment], t[segment]
@@ -123,6 +124,6 @@ def axle_events(
             region = REGION_TITLES[codes[i]]
             if region != previous:
                 text = f"{name}: region changes from {previous} to {region}"
-                events.append(Event(int(segment_t[i]), "region-change", text))
+                events.append(Event(int(segment_t[i]), "region-change", text, axle=axle))
             previous = region
     return tuple(sorted(events))

@@ -31,6 +31,7 @@ from ..core.model import (
     AxleRecord,
     AxleResult,
     Column,
+    Event,
     Floats,
     Log,
     Meaning,
@@ -46,7 +47,7 @@ from ..rail import events
 from ..rail.slope import REGIONS
 from ..wsp.stop import Stop
 from . import descriptors, mcap_container, names, thinning
-from .log_events import LogEvent, of_result
+from .log_events import of_result
 from .mcap_container import Offsets
 from .samples import Samples
 
@@ -383,19 +384,18 @@ def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
     yield _computed(f"{topic}/peak/slip", "-", t, stop.peak_slip[:, i])
 
 
-def _stop_events(stop: Stop, i: int) -> Iterator[LogEvent]:
+def _stop_events(stop: Stop, i: int) -> Iterator[Event]:
     """What truly happened to an axle of a stop, counted from 0, and the regions judged."""
     all_rows, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
     slides = events.slides(all_rows, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
-    for x in events.axle_events(i + 1, slides, [all_rows], stop.t, stop.region[:, i]):
-        yield LogEvent(x.t, x.code, "info", i + 1, x.message)
+    yield from events.axle_events(i + 1, slides, [all_rows], stop.t, stop.region[:, i])
     for lock_start, lock_stop in signals.true_runs(wheel == LOCKED):
         begin, stop_time = stop.t[[lock_start, min(lock_stop, len(stop.t) - 1)]].tolist()
         text = f"axle {i + 1}: locked for {(stop_time - begin) / 1e9:.2f} s"
-        yield LogEvent(begin, "wheel-locked", "info", i + 1, text)
+        yield Event(begin, "wheel-locked", text, axle=i + 1)
 
 
-def _events(events: Iterable[LogEvent], prefix: str) -> list[_Stream]:
+def _events(events: Iterable[Event], prefix: str) -> list[_Stream]:
     ordered, event = sorted(events, key=lambda e: e.t), descriptors.message("Event")
     if not ordered:
         return []

@@ -19,6 +19,7 @@ from ...core.model import (
     AxleResult,
     Bools,
     Column,
+    Event,
     Floats,
     Log,
     Meaning,
@@ -113,7 +114,7 @@ class _Page:
         points = sum(len(x.t) * (2 * len(a.estimates) + 9) for a, x in pairs)
         self.large = points > OVERVIEW_FROM
         self.thinned = not full and any(map(thinning.needs_thinning, self.result.axles))
-        self.lists: dict[str, list[log_events.LogEvent]] = {}  # by the list's entity
+        self.lists: dict[str, list[Event]] = {}  # by the list's entity
         for x in log_events.of_result(result):
             kind = "findings" if x.code in catalogue() else "events"
             series_path = f"/{kind}/log" if x.axle is None else f"/{kind}/axle/{x.axle}"
