@@ -74,6 +74,7 @@ class SlidApplication:
     slide_distance_m: float
     max_slip: float
     slide_energy_j: float | None
+    slide_energy_u95_j: float | None
     at_least: bool
     slide_position_km: float | None  # where `position_from` is "position", of the line
     position_from: str | None

@@ -6,7 +6,7 @@ from math import inf, nan
 
 from ..core.finding import catalogue
 from ..results.report.campaign import Bar, Bars, Campaign, PageTable
-from ..results.text_tables import DASH, bounded_number, number, slip_text
+from ..results.text_tables import DASH, bounded_number, energy_text, number, slip_text
 from .summary import Distribution, FleetSummary, SlidApplication, StopGroup
 
 _OF_SPREAD = (
@@ -236,7 +236,6 @@ def _stopped(row: StopGroup) -> dict[str, str]:
 
 
 def _slid(row: SlidApplication) -> dict[str, str]:
-    heat = row.slide_energy_j
     return {
         "log": row.log,
         "axle": str(row.axle),
@@ -246,5 +245,5 @@ def _slid(row: SlidApplication) -> dict[str, str]:
         "slid [s]": bounded_number(row.slide_s, 1, row.at_least),
         "[m]": bounded_number(row.slide_distance_m, 0, row.at_least),
         "max slip [%]": slip_text(row.max_slip, row.at_least),
-        "kJ": bounded_number(heat and heat / 1e3, 1, row.at_least),
+        "kJ": energy_text(row.slide_energy_j, row.slide_energy_u95_j, row.at_least),
     }

@@ -10,6 +10,7 @@ from .text_tables import (
     ED,
     NOT_KNOWN,
     bounded_number,
+    energy_text,
     non_empty,
     number,
     share_with_interval,
@@ -60,21 +61,19 @@ def mean_coefficient(a: BrakeApplication) -> str:
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
     """The slides of a brake application, together; their time is the begin of the first."""
-    energy, bound = a.slide_energy_j, a.at_least
-    energy_text = number(energy and 1e-3 * energy, 1)
-    if energy is not None and a.slide_energy_u95_j is not None:
-        energy_text = with_u95((energy, a.slide_energy_u95_j), 1e-3, 1)
+    bound = a.at_least
+    km = a.slide_position_km if a.position_from == "position" else None
     first: SlideSummary | BrakeApplication = a.slide_list[0] if a.slide_list else a
     return {
         "axle": axle,
         "at [s]": number(first.start_s, 1),
-        **when_and_where(first.time),
+        **when_and_where(first.time, km),
         "slides": str(a.slides),
         "for [s]": bounded_number(a.slide_s, 1, bound),
         "distance [m]": bounded_number(a.slide_distance_m, 0, bound),
         "max slip [%]": slip_text(a.max_slip, bound),
         **({"locked [s]": number(a.longest_lock_s, 1)} if a.locked_s else {}),
-        "energy [kJ]": "≥ " * (bound and energy is not None) + energy_text,
+        "energy [kJ]": energy_text(a.slide_energy_j, a.slide_energy_u95_j, bound),
         "used [%]": share_with_interval(a.utilisation, a.utilisation_ci),
     }
 

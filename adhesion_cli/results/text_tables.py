@@ -179,6 +179,13 @@ def bounded_number(value: float | None, digits: int, bound: bool) -> str:
     return "≥ " * (bound and value is not None) + number(value, digits)
 
 
+def energy_text(energy: float | None, u95: float | None, bound: bool) -> str:
+    """The friction energy of slides [kJ] with its uncertainty, both in J; marked as a bound."""
+    if energy is None or u95 is None:
+        return bounded_number(energy and 1e-3 * energy, 1, bound)
+    return "≥ " * bound + with_u95((energy, u95), 1e-3, 1)
+
+
 def slip_text(slip: float | None, bound: bool) -> str:
     """A largest slip [%]; of a locked wheel it is 100 %, whatever the train speed's error."""
     if slip is not None and slip > _LOCKED:

@@ -209,6 +209,12 @@ def test_a_slide_that_is_a_lower_bound_is_marked(tmp_path: Path) -> None:
     assert row.split()[-7:-1] == ["≥", "3.0", "≥", "50", "≥", "20.0"]
 
 
+def test_the_energy_of_the_worst_slides_has_its_uncertainty(tmp_path: Path) -> None:
+    energy = {"slide_energy_j": 54_400.0, "slide_energy_u95_j": 44_000.0}
+    write(tmp_path, log("a", None, application(0.1, 20.0, **SLID, **energy)))
+    assert "54±44" in _text(summarise_fleet(tmp_path))
+
+
 def test_findings_on_the_data_count_logs(folder: Path) -> None:
     assert [(r.code, r.logs, r.example) for r in summarise_fleet(folder).findings] == [
         ("csv-gzip-damaged", 1, "c"), ("gap", 2, "b")

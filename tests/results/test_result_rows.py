@@ -37,6 +37,13 @@ def test_the_energy_has_its_uncertainty() -> None:
     assert slid_row("1", bound)["energy [kJ]"] == "≥ 90±20"
 
 
+def test_slides_have_the_place_of_the_first_one() -> None:
+    placed = application(position_km=12.3, position_from="position", slide_position_km=12.6021)
+    assert slid_row("1", placed)["km"] == "12.602"
+    way = application(position_km=0.3, position_from="distance", slide_position_km=0.6)
+    assert "km" not in slid_row("1", way)
+
+
 def test_a_share_above_100_percent_is_explained() -> None:
     def budget(*shares: float) -> BrakeApplication:
         rows = (Contribution("friction", 0.3, "-", "B", 0.01, 1e4, 100.0, x) for x in shares)
