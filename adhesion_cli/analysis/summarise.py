@@ -89,7 +89,7 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
     other_brakes = [f for f in result.findings if f.code == "other-brake"]
     return {
         a.record.axle: tuple(
-            replace(x, other_brake=any(f.holds_between(x.start_s, x.end_s) for f in other_brakes))
+            replace(x, other_brake=any(f.overlaps(x.start_s, x.end_s) for f in other_brakes))
             for x in find_applications(a, result.vehicle, start, route, limits, peak_time)
         )
         for a in result.axles

@@ -77,7 +77,7 @@ class Finding:
     values: Mapping[str, float] = field(default_factory=dict)  # the name ends with the unit
     names: Mapping[str, str] = field(default_factory=dict)  # texts: a column, a unit
 
-    def holds_between(self, start: float, stop: float) -> bool:
+    def overlaps(self, start: float, stop: float) -> bool:
         """Whether it holds at any time between two [s]; one that has no time holds always."""
         return not self.spans or any(a < stop and start < b for a, b in self.spans)
 

@@ -92,8 +92,8 @@ def over_locks(F: Floats, brake: Floats | None) -> tuple[Floats, Floats]:
         before, after = (F[i] if 0 <= i < len(F) else None for i in (start - 1, stop))
         lasts = brake is not None and brake[stop - 1] > _VENTED * brake[start:stop].max()
         if before is None or after is None:
-            beside = after if before is None else before
-            filled[start:stop] = error[start:stop] = np.nan if beside is None else beside
+            neighbour = after if before is None else before
+            filled[start:stop] = error[start:stop] = np.nan if neighbour is None else neighbour
         elif brake is not None and lasts:
             filled[start:stop] = before
             error[start:stop] = abs(min(after, brake[start:stop].max()) - before)

@@ -61,10 +61,10 @@ def highest_mean(
     windows = [_windows(t[i], reference.rows(i), peak_time) for i in pieces]
     mean, sigma, tolerance, mass = (np.concatenate(column) for column in zip(*windows, strict=True))
     sigma = np.maximum(sigma, 1e-9 * max(float(np.abs(mean).max()), 1.0))
-    low = mean - Z95 * sigma
-    top = int(np.argmax(low))
-    highest, top_low = float(mean[top]), float(low[top])
-    higher, lower = (float(np.max(low + k * tolerance)) for k in (Z95, -Z95))
+    lower_limit = mean - Z95 * sigma
+    top = int(np.argmax(lower_limit))
+    highest, top_low = float(mean[top]), float(lower_limit[top])
+    higher, lower = (float(np.max(lower_limit + k * tolerance)) for k in (Z95, -Z95))
     by_tolerance = max(higher - top_low, top_low - lower)
     candidates = mean + _FAR * sigma > mean[top] - _FAR / 2.0 * sigma[top]
     lowest, largest = (

@@ -211,10 +211,10 @@ def train_by(logs: Sequence[Evidence], train: Train) -> Train:
     A longer delay is one of clocks.
     """
     longest = max(abs(x.delay) for x in logs)
-    alike = math.hypot(train.alike, _BY_FILTER * min(longest, _LONGEST_FILTER))
+    sigma = math.hypot(train.alike, _BY_FILTER * min(longest, _LONGEST_FILTER))
     if any(x.delay < -model.EARLY for x in logs):
-        alike = max(alike, _UNLIKE)
-    return train._replace(alike=alike)
+        sigma = max(sigma, _UNLIKE)
+    return train._replace(alike=sigma)
 
 
 def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:

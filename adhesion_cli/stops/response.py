@@ -78,7 +78,7 @@ def find_response(
         return BrakeResponse(delay, unknown, mean_weight, max(quarters) / _QUARTER)
     sigma = math.hypot(delay.tolerance, full.tolerance) / 2.0
     equivalent = Parameter((delay.value + full.value) / 2.0, sigma)
-    if any(f.holds_between(command, command + longest) for f in signals.other_brakes):
+    if any(f.overlaps(command, command + longest) for f in signals.other_brakes):
         equivalent = unknown  # the pressure alone is not the force
     return BrakeResponse(delay, equivalent, mean_weight, full.value)
 

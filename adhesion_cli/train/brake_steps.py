@@ -42,8 +42,8 @@ def find_brake_steps(g: Grid, start_ns: int) -> tuple[Finding, ...]:
         largest = max(largest, change, key=abs)
     if not mask.any():
         return ()
-    much = f"{abs(largest):.2g} m/s² {'less' if largest > 0.0 else 'more'}"
-    names = {"reason": f"The train suddenly slows {much} at the same pressure"}
+    amount = f"{abs(largest):.2g} m/s² {'less' if largest > 0.0 else 'more'}"
+    names = {"reason": f"The train suddenly slows {amount} at the same pressure"}
     spans = spans_of_mask(mask, g.t, start_ns)
     return (Finding("other-brake", "warning", "", len(spans), spans, {}, names),)
 
@@ -54,12 +54,12 @@ def _steps(g: Grid) -> Iterator[tuple[int, float]]:
     if g.step > _COARSEST_STEP or n < 4 * j:
         return
     s = g.step * np.arange(-j, j + 1)
-    beside = np.abs(s) > _TRANSITION
-    basis = np.stack([np.ones_like(s), s, s**2, np.maximum(s, 0.0)], axis=1)[beside]
+    is_fitted = np.abs(s) > _TRANSITION
+    basis = np.stack([np.ones_like(s), s, s**2, np.maximum(s, 0.0)], axis=1)[is_fitted]
     inverse = np.linalg.pinv(basis)
 
     def coefficients(v: Floats) -> tuple[Floats, Floats]:
-        windows = sliding_window_view(v, len(s), axis=-1)[..., beside]
+        windows = sliding_window_view(v, len(s), axis=-1)[..., is_fitted]
         x = windows @ inverse.T
         squares = np.sum((windows - x @ basis.T) ** 2, axis=-1) / (len(basis) - basis.shape[1])
         return x, np.sqrt(squares) * float(np.linalg.norm(inverse[-1]))

@@ -55,7 +55,7 @@ def write(
     with path.open("wb") as file:
         rec = RecordingInFile(file, f"adhesion-{identity[:16]}")
         rec.send_blueprint(layout, make_active=False, make_default=True)
-        layout.end()
+        layout.disconnect()
         rec.send_recording_name(name)
         for page in pages:
             page.send(rec)
@@ -303,7 +303,7 @@ class Layout(rrb.Blueprint):
             auto_layout=False,
         )
 
-    def end(self) -> None:
+    def disconnect(self) -> None:
         """Ends the SDK's own recording of this layout, which else keeps two threads for ever."""
         self._stream.disconnect()
 
