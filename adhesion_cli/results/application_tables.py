@@ -122,9 +122,11 @@ def _of_doubt(logs: Sequence[_NamedLog]) -> str:
 def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
     stops = [(log, stop) for log in logs for stop in find_stops(log.axles)]
     shown_stops, lead = stops, ""
-    has_slides = any(a.slides for _, stop in stops for a in stop.applications)
+    has_slides = any(a.slides for _, stop in stops for a in stop)
     if len(stops) > _SHOWN_STOPS or not logs[0].name:
-        shown_stops = sorted(stops, key=lambda pair: slide_severity(pair[1].worst), reverse=True)
+        shown_stops = sorted(
+            stops, key=lambda pair: max(map(slide_severity, pair[1])), reverse=True
+        )
         shown_stops = shown_stops[:_SHOWN_STOPS]
         order = "most slip first" if has_slides else "highest µ first"
         lead = f"{len(shown_stops)} of {len(stops)} stops, {order}:"
@@ -136,7 +138,7 @@ def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
     tables = [TitledTable(_TITLE, rows, note=note, lead=lead)]
     if has_slides:
         return tables
-    return [*tables, _no_slides([a.slip_unknown_s for _, s in stops for a in s.applications])]
+    return [*tables, _no_slides([a.slip_unknown_s for _, s in stops for a in s])]
 
 
 def _by_application(logs: Sequence[_NamedLog]) -> list[TitledTable]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
 
 from ..core.summary import AxleSummary, BrakeApplication
 from ..rail.highest import is_known
@@ -21,27 +20,14 @@ MANY_AXLES = 8  # with more, an overview has groups of axles
 _GROUP = 4  # axles of a car
 
 
-class TrainStop(NamedTuple):
-    """The brake applications of several axles that overlap in time."""
-
-    start_s: float  # begin of the first, after the start of the log
-    end_s: float  # end of the last
-    applications: tuple[BrakeApplication, ...]  # in the order of the axles
-
-    @property
-    def worst(self) -> BrakeApplication:
-        """The application with the most slip; without slides that of the highest µ."""
-        return max(self.applications, key=slide_severity)
-
-
 def slide_severity(a: BrakeApplication) -> tuple[float, ...]:
     """Longest lock, largest slip, time of the slides, mean µ: what makes an application worse."""
     mean = a.coefficient.mean if a.coefficient else 0.0
     return a.longest_lock_s or 0.0, a.max_slip or 0.0, a.slide_s, mean
 
 
-def find_stops(axles: Iterable[AxleSummary]) -> list[TrainStop]:
-    """The stops of a log, in the order of time."""
+def find_stops(axles: Iterable[AxleSummary]) -> list[list[BrakeApplication]]:
+    """The stops of a log, in the order of time: brake applications that overlap, by their axles."""
     applications = sorted((a for axle in axles for a in axle.applications), key=lambda a: a.start_s)
     stops: list[list[BrakeApplication]] = []
     end = float("-inf")
@@ -51,19 +37,12 @@ def find_stops(axles: Iterable[AxleSummary]) -> list[TrainStop]:
             end = a.end_s
         stops[-1].append(a)
         end = max(end, a.end_s)
-    return [
-        TrainStop(
-            min(a.start_s for a in stop),
-            max(a.end_s for a in stop),
-            tuple(sorted(stop, key=lambda a: (a.axle, a.start_s))),
-        )
-        for stop in stops
-    ]
+    return [sorted(stop, key=lambda a: (a.axle, a.start_s)) for stop in stops]
 
 
-def train_stop_row(stop: TrainStop) -> dict[str, str]:
-    """A stop: when, how fast, µ of its axles, and its slides."""
-    worst, applications = stop.worst, stop.applications
+def train_stop_row(applications: Sequence[BrakeApplication]) -> dict[str, str]:
+    """A stop: when, how fast, µ of its axles, and the slides of the worst one."""
+    worst = max(applications, key=slide_severity)
     slid = [a for a in applications if a.slides]
     coefficients = [a.coefficient for a in applications if a.coefficient]
     mean = mean_range = DASH
@@ -76,9 +55,9 @@ def train_stop_row(stop: TrainStop) -> dict[str, str]:
             mean, mean_range = with_u95((value, u95), 1.0, 3), _range(values)
     first = min(applications, key=lambda a: a.start_s)
     return {
-        "at [s]": number(stop.start_s, 1),
+        "at [s]": number(first.start_s, 1),
         **when_and_where(first.time, first.kilometre),
-        "for [s]": number(stop.end_s - stop.start_s, 1),
+        "for [s]": number(max(a.end_s for a in applications) - first.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 0) for v in (worst.from_mps, worst.to_mps)),
         "µ mean": mean,
         "µ of axles": mean_range,
