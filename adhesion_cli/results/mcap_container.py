@@ -8,7 +8,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Collection, Mapping
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import numpy as np
 import zstandard
@@ -31,13 +31,8 @@ from numpy.typing import NDArray
 from ..formats.mcap.records import MAGIC, written
 
 Offsets = NDArray[np.int64]
-
-
-class Packed(NamedTuple):
-    """A chunk before it has a place in a file."""
-
-    chunk: Chunk
-    messages: Mapping[int, Offsets]  # log times [ns] and offsets of each channel's messages; (n, 2)
+# A chunk before it has a place in a file; log times [ns] and offsets of each channel's messages.
+Packed = tuple[Chunk, Mapping[int, Offsets]]  # (n, 2)
 
 
 def packed(messages: bytes, index: Mapping[int, Offsets], level: int = 3) -> Packed:
@@ -53,7 +48,7 @@ def packed(messages: bytes, index: Mapping[int, Offsets], level: int = 3) -> Pac
         uncompressed_crc=zlib.crc32(messages),
         uncompressed_size=len(messages),
     )
-    return Packed(chunk, index)
+    return chunk, index
 
 
 class Container:

@@ -23,18 +23,14 @@ class Plane(NamedTuple):
         return east, _KM_PER_DEGREE * (places[:, 0] - self.latitude)
 
 
-class KilometrePosts(NamedTuple):
-    """Where whole kilometres are passed."""
+def kilometre_posts(route: Route, most: int = 12) -> tuple[list[str], Floats]:
+    """Names of whole kilometres of the line along a way, and latitudes and longitudes, (n, 2).
 
-    places: Floats  # latitudes and longitudes, (n, 2)
-    names: list[str]
-
-
-def kilometre_posts(route: Route, most: int = 12) -> KilometrePosts:
-    """Whole kilometres of the line along a way, so many at most; none without positions on it."""
+    So many at most; none without positions on the line.
+    """
     trace = route.positions
     if route.coordinates is None or route.position_from != "position":
-        return KilometrePosts(np.empty((0, 2)), [])
+        return [], np.empty((0, 2))
     km = trace.value / 1e3
     spacing = next(x for x in (1, 2, 5, 10, 20, 50, 100, 10**9) if np.ptp(km) / x <= most)
     counts = np.floor(km / spacing)
@@ -42,4 +38,4 @@ def kilometre_posts(route: Route, most: int = 12) -> KilometrePosts:
     places = route.coordinates.at(trace.t[passed])
     known = np.isfinite(places).all(axis=1)
     whole = spacing * np.maximum(counts[passed], counts[passed - 1])[known]
-    return KilometrePosts(places[known], [f"km {x:g}" for x in whole])
+    return [f"km {x:g}" for x in whole], places[known]

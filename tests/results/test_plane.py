@@ -27,12 +27,12 @@ def test_posts_stand_at_whole_kilometres(start: float, way: float, names: list[s
         "position": metres, "latitude": 50.0 + metres / 1e5, "longitude": np.full(400, 8.6),
     }  # fmt: skip
     route = make_route({m: Column(t, x, usable) for m, x in values.items()})  # type: ignore[arg-type]
-    posts = kilometre_posts(route)
-    assert posts.names == names
-    kilometres = np.array([float(x.removeprefix("km ")) for x in posts.names])
-    assert posts.places[:, 0] == pytest.approx(50.0 + kilometres / 100.0, abs=1e-4)
-    assert len(kilometre_posts(route, most=1).names) <= 1
+    found, places = kilometre_posts(route)
+    assert found == names
+    kilometres = np.array([float(x.removeprefix("km ")) for x in found])
+    assert places[:, 0] == pytest.approx(50.0 + kilometres / 100.0, abs=1e-4)
+    assert len(kilometre_posts(route, most=1)[0]) <= 1
 
 
 def test_a_way_without_positions_has_no_posts() -> None:
-    assert kilometre_posts(NOWHERE).names == []
+    assert kilometre_posts(NOWHERE)[0] == []

@@ -75,11 +75,11 @@ def draw_map(fig: figure, run: ReportRun) -> dict[str, list[Any]]:
             "distance": [f"{number(s.distance_m and s.distance_m.value, 1)} m" for s in stops],
         }
         items["stops"] = _points(fig, plane, stops, tips, palette.BLUE, 8)
-    posts = kilometre_posts(run.route)
-    east, north = plane.at(posts.places)
+    kilometres, places = kilometre_posts(run.route)
+    east, north = plane.at(places)
     fig.scatter(east, north, size=4, color=palette.BLACK)
     style = {"text_font_size": "11px", "text_color": palette.GREY, "x_offset": 6, "y_offset": 6}
-    fig.text(east, north, posts.names, **style)
+    fig.text(east, north, kilometres, **style)
     return items
 
 

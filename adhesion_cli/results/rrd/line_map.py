@@ -47,10 +47,10 @@ def send_map(
     if slid := [strip for strip in slid if len(strip) > 1]:
         strips = rr.LineStrips2D(slid, colors=palette.rgba(palette.VERMILLION), radii=0.7)
         rec.log(f"{path}/slides", strips, static=True)
-    posts = kilometre_posts(route)
-    if posts.names:
+    kilometres, places = kilometre_posts(route)
+    if kilometres:
         labels = rr.Points2D(
-            on_map(posts.places), labels=posts.names, radii=0.5, show_labels=True, colors=_TEXT
+            on_map(places), labels=kilometres, radii=0.5, show_labels=True, colors=_TEXT
         )
         rec.log(f"{path}/kilometres", labels, static=True)
     t, places = route.coordinates[:2]
