@@ -27,13 +27,6 @@ _TEXT = 0xD0D0D0FF
 _AGES = ([70, 70, 255], [110, 200, 210], [230, 150, 70])  # red, green, blue over time
 
 
-class Fitted(NamedTuple):
-    """A rail that was fitted to slides, and the vehicle that was on it."""
-
-    rail: fit.RailFit
-    vehicle: Vehicle
-
-
 class _Frame(NamedTuple):
     """The plotted area: slip from left to right, µ from low to high."""
 
@@ -62,19 +55,19 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
     mu: Floats,
     bands: Bands | None,
     peak: tuple[Floats, Floats] | None = None,
-    fitted: Fitted | None = None,
+    fitted: tuple[fit.RailFit, Vehicle] | None = None,
     judged: str = "",
 ) -> None:
     """The scatter, the slip band of the AND-test, the operating point as it moves.
 
     Times [ns], slip [-] and µ [-] have shape (n,), as slip and µ of the curve's peak have, where
-    they are known. The slip band of `bands` is drawn, and curve and peak of `fitted`. `judged` says
-    what the band judges.
+    they are known. The slip band of `bands` is drawn, and curve and peak of `fitted`, a rail that
+    was fitted to slides of a vehicle. `judged` says what the band judges.
     """
     frame = _send_scatter(rec, path, slip, mu)
     notes = "blue: start, yellow: end, white: now" + (", red: the rail's peak" if peak else "")
     if fitted:
-        notes += _send_fit(rec, path, frame, fitted)
+        notes += _send_fit(rec, path, frame, *fitted)
     texts = [notes]
     if bands:
         bounds, height = (bands.slip_low, bands.slip_high), np.array([frame.mu_min, frame.mu_max])
@@ -102,11 +95,12 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
             rec.send_columns(f"{path}/{name}", times(t[finite]), points)
 
 
-def _send_fit(rec: rr.RecordingStream, path: str, frame: _Frame, fitted: Fitted) -> str:
+def _send_fit(
+    rec: rr.RecordingStream, path: str, frame: _Frame, rail: fit.RailFit, vehicle: Vehicle
+) -> str:
     """The likeliest curve, and the peak with its 95 % interval; returns what they are."""
-    rail = fitted.rail
     slip = np.geomspace(1e-4, frame.slip_max, 200)
-    mu = fit.curve(rail.best, rail.speed, slip, fitted.vehicle)
+    mu = fit.curve(rail.best, rail.speed, slip, vehicle)
     inside = frame.contains(slip, mu)
     strips = [frame.place(slip[inside], mu[inside])]
     note = f", orange: fit at {3.6 * rail.speed:.0f} km/h"

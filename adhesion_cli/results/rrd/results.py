@@ -43,7 +43,7 @@ from ..text_tables import TitledTable
 from ..train_stops import MANY_AXLES
 from ..vehicle_text import describe_vehicle
 from . import line_chart, line_map, overview, parts, rows
-from .curve import Fitted, curve_view, send_curve
+from .curve import curve_view, send_curve
 from .glyphs import drawable, drawable_names
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
@@ -267,9 +267,8 @@ class _Page:
     ) -> None:
         vehicle = self.result.vehicle.of_axle(axle.record.axle)
         mu = physics.coefficient(axle.reference.force, vehicle, axle.record.axle)
-        t, times, bands, fitted = axle.record.t, self.times, self.bands, None
-        if rail:
-            fitted = Fitted(rail, vehicle)
+        t, times, bands = axle.record.t, self.times, self.bands
+        fitted = (rail, vehicle) if rail else None
         send_curve(rec, f"{path}/slip", times, t, slip, mu, bands, fitted=fitted)
         if axle.slope is not None and bands:
             for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
