@@ -59,7 +59,8 @@ def find_response(
         if delay is None or build_up_end is None:
             disturbed = True
             continue
-        rising = share[t <= build_up_end.value]
+        # A valve that acts as soon after it cuts the last rise off: the full value is not known.
+        rising = share[t <= 2.0 * build_up_end.value - delay.value]
         rising = rising[np.isfinite(rising)]
         fall = np.max(np.maximum.accumulate(rising) - rising) if len(rising) else 0.0
         disturbed |= bool(fall > DROP) or _slides(signals, axle, command, build_up_end.value)

@@ -320,6 +320,19 @@ def test_slides_in_the_build_up_leave_no_response() -> None:
     assert axle.max_slip == pytest.approx(0.2, abs=0.01)
 
 
+@pytest.mark.parametrize(("begin", "known"), [(1.5, False), (4.0, True)])
+def test_a_slide_that_cuts_off_the_last_rise_leaves_no_response(begin: float, known: bool) -> None:
+    """The brake fills as 1 − exp(−t/0.45 s), and its full value shows only before the slide."""
+    x, _ = signals()
+    t, v = x.speed
+    p = 3e5 * (1.0 - np.exp((ON + 0.25 - np.maximum(t, ON + 0.25)) / 0.45))
+    since = t - ON - begin
+    p = np.where((since > 0.2) & (v > 2.0), p * (0.8 + 0.15 * np.sin(3.0 * since)), p)
+    rim = TimeSeries(t, np.where((since > 0.0) & (v > 2.0), 0.88 * v, v))
+    (stop,) = measured(x._replace(rims={1: rim}, brakes={1: TimeSeries(t, p)}))
+    assert (stop.response_time_s is not None) == known
+
+
 def test_an_axle_that_takes_over_from_another_brake_leaves_no_response() -> None:
     x, _ = signals()
     t, p = x.brakes[1]
