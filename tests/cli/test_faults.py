@@ -62,15 +62,12 @@ pytestmark = pytest.mark.skipif(shutil.which("strace") is None, reason="needs st
 
 
 def ran(
-    folder: Path,
-    command: str,
-    environ: Mapping[str, str] = MappingProxyType({}),
-    bare: bool = False,
+    folder: Path, command: str, environ: Mapping[str, str] = MappingProxyType({})
 ) -> subprocess.CompletedProcess[str]:
     """The command, with more in its environment, in a folder that holds what it reads."""
     arguments = [*COMMANDS[command].split(), "--force"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    process = Forked(folder, arguments, bare=bare, environ=environ, **pipes)
+    process = Forked(folder, arguments, environ=environ, **pipes)
     out, err = process.communicate(timeout=300)
     return subprocess.CompletedProcess(arguments, process.returncode, out, err)
 
@@ -86,10 +83,7 @@ def struck(folder: Path, command: str, options: list[str]) -> subprocess.Complet
 
 
 def prepared(
-    folder: Path,
-    command: str,
-    environ: Mapping[str, str] = MappingProxyType({}),
-    bare: bool = False,
+    folder: Path, command: str, environ: Mapping[str, str] = MappingProxyType({})
 ) -> dict[str, bytes]:
     """Puts the inputs there and runs the command once, as `ran`: its outputs, by name."""
     lines = (ROOT / "sample_logs" / "service-brake.csv").read_text().splitlines(keepends=True)
@@ -99,7 +93,7 @@ def prepared(
     (folder / "damaged.mcap").write_bytes(whole[: len(whole) // 2])
     (folder / "short.toml").write_text(SCENARIO)
     before = {p.name for p in folder.iterdir()}
-    done = ran(folder, command, environ, bare)
+    done = ran(folder, command, environ)
     assert done.returncode in (0, 3), done.stderr
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.name not in before}
 
@@ -171,7 +165,7 @@ def failing_writes(tmp_path: Path, command: str, error: str, most: int) -> None:
 
     All is then as it was before, which is as a run left it that did not fail.
     """
-    folder, log, few = tmp_path / "out", tmp_path / "writes", most < 10
+    folder, log = tmp_path / "out", tmp_path / "writes"
     folder.mkdir()
     number = getattr(errno, error)
     text = f"cannot write the results ({os.strerror(number)})"
@@ -179,15 +173,14 @@ def failing_writes(tmp_path: Path, command: str, error: str, most: int) -> None:
         "LD_PRELOAD": str(striker()), "STRIKE_IN": str(folder), "STRIKE_LOG": str(log),
         "STRIKE_ERROR": str(number),
     }  # fmt: skip
-    # A server that imports everything takes as long as eight runs that do.
-    made = prepared(folder, command, {**environ, "STRIKE_NTH": "0"}, bare=few)
+    made = prepared(folder, command, {**environ, "STRIKE_NTH": "0"})
     writes = log.stat().st_size
     assert writes >= len(made)
     struck = 0
     for nth in range(writes, 0, writes // -most):
         log.unlink()
         before = {p.name: p.read_bytes() for p in folder.iterdir()}
-        done = ran(folder, command, {**environ, "STRIKE_NTH": str(nth)}, bare=few)
+        done = ran(folder, command, {**environ, "STRIKE_NTH": str(nth)})
         if log.stat().st_size < nth:  # a recording comes through a pipe, in more writes or fewer
             assert done.returncode in (0, 3), done.stderr
             continue

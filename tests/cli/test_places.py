@@ -42,20 +42,8 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_analyze_says_when_and_where(run: Run, log: Path, tmp_path: Path) -> None:
     map_, table = "map.geojson", "out.parquet"
-    options = [
-        "-a",
-        "td",
-        "--axle",
-        "1",
-        "--axle",
-        "3",
-        "--json",
-        "--geojson",
-        map_,
-        "--table",
-        table,
-    ]
-    shown = run("analyze", str(log), *options)
+    options = "-a td --axle 1 --axle 3 --json --geojson".split()
+    shown = run("analyze", str(log), *options, map_, "--table", table)
     assert shown.returncode in (0, 3), shown.stdout
     (result,) = json.loads(shown.stdout)["results"]
     (stop,) = result["stops"]
