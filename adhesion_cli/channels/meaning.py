@@ -124,9 +124,9 @@ def understood(
         unit_conflict = _unit_too(field, meaning, unit) if meaning and meaning in INPUTS else ""
         meant.append(Meant(field, meaning, axle, unit, reason, unit_too=unit_conflict))
     _own_stamps(meant, guesses)
+    _prefer_the_measured(meant, guesses)
     _drop_other_numbers(meant, guesses)
     _take_spare_numbers(meant, guesses)
-    _prefer_the_measured(meant, guesses)
     _prefer_the_qualified(meant, guesses)
     _speed_itself(meant, guesses)
     findings = _count_from_one(meant, guesses)
@@ -234,20 +234,21 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
     Where no name has such a word, those with numbers of axles are the qualified.
     """
 
-    def split(meaning: Meaning, kind: str) -> tuple[list[int], list[int]]:
-        """The guesses of this meaning whose names have such a word, and the others."""
+    def split(meaning: Meaning, *kinds: str) -> tuple[list[int], list[int]]:
+        """The guesses of this meaning whose names have the first kind of word, and the others."""
         indices = [i for i in guesses if meant[i].meaning == meaning]
         fields = {i: meant[i].field for i in indices}
         words_by_index = {
             i: name_words(f"{f.channel} {f.path} {f.label} {f.group}") for i, f in fields.items()
         }
-        named = [i for i in indices if word_of_kind(kind, words_by_index[i])]
+        of_kinds = ([i for i in indices if word_of_kind(k, words_by_index[i])] for k in kinds)
+        named = next(filter(None, of_kinds), [])
         numbered = [i for i in indices if meant[i].axle is not None]
         if not named and len(numbered) > 1:
             named = [i for i in indices if i in numbered or any(place_of(fields[i])[1:3])]
         return named, [i for i in indices if i not in set(named)]
 
-    named, unqualified = split("pressure", "cylinder")
+    named, unqualified = split("pressure", "cylinder", "braking")
     for i in unqualified if named else []:
         meant[i] = replace(meant[i], meaning=None, reason="others are the brake cylinders'")
     named, unqualified = split("wheel_speed", "wheel")

@@ -128,6 +128,7 @@ _QUANTITY: dict[str, tuple[str, ...]] = {  # dimension of a stated unit: what it
     "torque": ("torque",),
     "length": ("length",),
     "temperature": ("temperature",),
+    "power": ("power",),
     "speed": ("speed", "speed along the track"),
     "angular speed": ("speed",),
     "pulse rate": ("speed", "turns"),
@@ -251,11 +252,9 @@ class _Name:
         label, label_unit = units.in_name(field.label)
         unitless = base if unit else units.without_other_units(base)
         rare_unit = units.rare_unit(field.unit or units.unknown_in(field.label or field.channel))
-        has_other_unit = (
-            unitless != base
-            or not units.without_other_units(f"[{field.unit}]").strip()
-            or (rare_unit is not None and rare_unit.dimension == "length")
-        )
+        is_rare = rare_unit is not None and rare_unit.dimension in ("length", "power")
+        own_unit = units.without_other_units(f"[{field.unit}]").strip()
+        has_other_unit = unitless != base or not own_unit
         base = unitless
         label = label if label_unit else units.without_other_units(label)
         self.unit, self.unit_from = field.unit, field.unit_from
@@ -271,8 +270,9 @@ class _Name:
         own_words = [w for w in name_words(path) if not w.isdecimal() and w not in GENERIC]
         around = [*name_words(base), *name_words(label), *name_words(field.group)]
         self.own = own_words or around
-        if has_other_unit:  # a V in volts is no speed by its letter
-            self.own = [w for w in self.own if len(w) > 1 or not word_of_kind("speed", [w])]
+        if is_rare or has_other_unit:  # a V in volts is no speed by its letter
+            letters = _MEASURED if is_rare else {"speed"}
+            self.own = [w for w in self.own if len(w) > 1 or not letters & _kinds(w).keys()]
         self.kinds = _kinds_of(own_words + around)
         self.own_kinds = _kinds_of(self.own)
         if self.unit == "kn" and "speed" in self.own_kinds:  # as the unit of a force it is kN
@@ -296,7 +296,7 @@ class _Name:
             unit_of["state"] = unit_of["switch"] = self.unit
         elif self.rare_unit == "-" and "no switch" not in self.own_kinds:
             unit_of["switch"] = self.unit
-        if not measured:
+        if not measured and "temperature" not in may_be:
             if "force" in self.own_kinds:
                 unit_of["force"] = self.unit
             if {"pressure", "cylinder"} & self.own_kinds.keys():
@@ -304,7 +304,7 @@ class _Name:
             if "speed" in self.own_kinds:
                 unit_of |= dict.fromkeys(_QUANTITY["speed"], self.unit)
                 unit_of["speed without unit"] = self.unit
-        elif "pressure" in unit_of:
+        elif measured and "pressure" in unit_of:
             names = {w for w in self.own if not (w.isdecimal() or _PLACES & _kinds(w).keys())}
             is_brake = bool(names) and all("braking" in _kinds(w) for w in names)  # "Brake 1 [bar]"
             says_cylinder = "cylinder" in self.kinds or names == {"c"} or is_brake

@@ -443,6 +443,8 @@ def test_axles_of_each_car_are_counted_on(pressure: str, speed: str) -> None:
         ("v1 model [km/h]", None), ("v1 - v2 [km/h]", None), ("v1 [m]", "distance"),
         ("w1 [mm]", "distance"), ("slip 1 [km/h]", None), ("v1 filtered [km/h]", None),
         ("v ref axle 1 [km/h]", None),
+        ("速度限制 [km/h]", None), ("Gear speed 1 [1/min]", None), ("P1 [kW]", None),
+        ("Motordrehzahl 1 [1/min]", None), ("Pressure sensor temp 1 [°C]", "temperature"),
         ("GPS speed [km/h]", TRAIN),
     ],
 )  # fmt: skip
@@ -451,6 +453,19 @@ def test_what_is_computed_or_another_quantity_gives_way(name: str, meaning: str 
     meant, findings = understood([Field(x) for x in (name, *names)], ())
     assert [m.axle for m in meant[1:] if m.meaning in (PRESSURE, WHEEL)] == [1, 2, 1, 2]
     assert (meant[0].meaning in (meaning, None), findings) == (True, [])
+
+
+@pytest.mark.parametrize("other", ["BCP 1 model [bar]", "P1 [kW]", "AS pressure 1 [bar]"])
+def test_numbers_of_other_channels_take_no_axles_away(other: str) -> None:
+    for name in (
+        "tlak BV{} [bar]",
+        "C{} [bar]",
+        "Brake pressure {} [bar]",
+        "Bremsdruck Achse {} [bar]",
+    ):
+        if not (other[0] == "A" and name[0] in "tC"):  # these say no more than "AS pressure"
+            meant, _ = understood([Field(x) for x in (other, *map(name.format, (1, 2)))], ())
+            assert [m.axle for m in meant if m.meaning == PRESSURE] == [1, 2]
 
 
 def test_the_mean_of_a_slow_log_is_taken_and_not_its_bounds() -> None:

@@ -26,6 +26,7 @@ Dimension = Literal[
     "torque",
     "length",
     "temperature",
+    "power",
 ]
 
 

@@ -314,7 +314,8 @@ def _decimal(
         example, doubtful = example or "".join(comma[:1]), doubtful or (comma and cells)
     if commas <= 0:
         return ".", "'.' (no decimal comma in most columns)"
-    if not _proves_decimal(rows, width, ","):
+    is_in_clock = any(re.search(r":[0-9]{2},[0-9]", c) for row in rows for c in row)
+    if not (is_in_clock or _proves_decimal(rows, width, ",")):
         text = f"{path}: {example!r} may be a decimal comma or grouped thousands"
         raise UserError(text, _likelier(doubtful, ","))
     return ",", f"',' (as in {example!r})"
