@@ -63,10 +63,10 @@ class Library:
                 _call, self, absolute, function, arguments, seconds=seconds
             )
         except ChildDiedError as error:
-            outcome = (
+            end = (
                 "does not come to an end" if error.was_late else "crashes or needs too much memory"
             )
-            raise damaged(path, self.description, f"its reader {outcome}") from None
+            raise damaged(path, self.description, f"its reader {end}") from None
         except UserError as error:
             error.text = error.text.replace(str(absolute), str(path))
             raise

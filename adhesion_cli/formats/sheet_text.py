@@ -129,9 +129,7 @@ def write_text(
             rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)  # of blank cells
             file.write(("\n".join(rows.to_pylist()) + "\n").encode())
     other_sheets = [x for x in book.names if x != name]
-    has_channels = reason != _OF_NUMBERS or any(
-        any(map(time_name, column.heads())) for column in columns
-    )
+    has_channels = reason != _OF_NUMBERS or any(any(map(time_name, x.heads())) for x in columns)
     return SheetText(name, other_sheets, reason, has_channels)
 
 

@@ -222,13 +222,12 @@ class Parser:
             text = f"{self.table.path}: line {line} is a header of other columns or units"
             raise UserError(text, hint)
         said = [cell for cell in cells if cell]
-        places = [k for k, cell in enumerate(cells) if cell and not is_number(cell)]
-        is_text = len({*said}) == len(said) == len(places)  # no error, repeated
-        if fault == "too few cells" and places and len(places) == len(said) - 1:
-            is_text = cells[places[0]] not in dialect.column(places[0])  # beside a time or a result
-        is_remark = is_text and _TEXT.fullmatch(
-            text if dialect.delimiter == " " else cells[places[0]]
-        )
+        texts = [(k, cell) for k, cell in enumerate(cells) if cell and not is_number(cell)]
+        is_text = len({*said}) == len(said) == len(texts)  # no error, repeated
+        column, remark = texts[0] if texts else (0, "")
+        if fault == "too few cells" and len(said) == len(texts) + 1 > 1:
+            is_text = remark not in dialect.column(column)  # beside a time or a result
+        is_remark = is_text and _TEXT.fullmatch(text if dialect.delimiter == " " else remark)
         return "comment" if is_remark and "".join(dialect.rows[0])[:1].isdecimal() else fault
 
 

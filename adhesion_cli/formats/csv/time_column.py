@@ -592,9 +592,8 @@ class _ClockSearch:
 
     def _dates(self, i: int, form: str, other_form: str) -> tuple[Finding, ...]:
         """The note that a date may be another one."""
-        taken_order, other_order = (
-            _ORDERS.get(x.split()[1], "year/month/day") for x in (form, other_form)
-        )
+        dates = (x.split()[1] for x in (form, other_form))
+        taken_order, other_order = (_ORDERS.get(x, "year/month/day") for x in dates)
         names = {
             "example": self.dialect.column(i)[0],
             "taken": taken_order,

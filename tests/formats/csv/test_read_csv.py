@@ -367,6 +367,12 @@ def test_states_of_words_and_numbers_are_words(log):
     assert not source.findings
 
 
+def test_a_comma_in_the_clock_is_a_decimal_mark_in_all_columns(log):
+    rows = "".join(f"10:15:0{k},000;{19 - k},392;{k}\n" for k in range(9))
+    _, columns = read(log, "Zeit;v [m/s];n\n" + rows)
+    assert columns["v [m/s]"].value[0] == 19.392
+
+
 def test_a_tenth_of_a_second_is_no_form_of_a_clock(log):
     rows = "".join(f"{k / 10:.1f},1.5\n" for k in range(50))
     _, columns = read(log, "Time [s/10],p [bar]\n" + rows)
