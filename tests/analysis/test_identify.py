@@ -111,7 +111,7 @@ def test_turns_of_wheels_that_nobody_states_have_the_band_of_any_wheel(
 
 
 @pytest.mark.parametrize("stops", [1, 4])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_nobody_stated_the_vehicle_and_the_log_shows_its_brake(
     seed: int, stops: int, tmp_path: Path
 ) -> None:
@@ -391,7 +391,7 @@ def test_a_stop_under_another_brake_is_told_where_it_is(tmp_path: Path) -> None:
     assert 58.0 < begin < end < 84.0
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_friction_that_rises_as_the_train_gets_slower_is_told(seed: int, tmp_path: Path) -> None:
     iron = replace(METRO, friction_fade=Parameter(-0.012, 0.0), friction_speed=Parameter(20.0, 0.0))
     codes = {}
