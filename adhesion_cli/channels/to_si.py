@@ -280,8 +280,8 @@ def period_tick(speed: Floats, step: float) -> float:
         ticks = usual / divisor * candidates
         # A few periods rule out most of some thousand ticks, and a few more most of the others.
         for count in (8, 40):
-            some = sampled[:: max(1, len(sampled) // count)]
-            ticks = ticks[agreement(ticks, some) > 0.5 * _ON_GRID]
+            subset = sampled[:: max(1, len(sampled) // count)]
+            ticks = ticks[agreement(ticks, subset) > 0.5 * _ON_GRID]
         if not len(ticks):
             continue
         best = ticks[[np.argmax(agreement(ticks, sampled))]]

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from . import results
 from .options import ALL_NAMES, GeoJson, Logs, Shared, option, refuse_page_name, shared
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from ..core.model import Result
     from ..core.summary import ResultSummary
 
@@ -104,7 +106,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     return 3 if len(successes) < len(outcomes) else code
 
 
-def _sheets(summaries: "Sequence[ResultSummary]") -> dict[str, Any]:
+def _sheets(summaries: "Sequence[ResultSummary]") -> "dict[str, pa.Table]":
     """The tables of `--table`, of which a workbook has all."""
     from ..results import tables
 

@@ -123,8 +123,8 @@ def recordings(log: LogLocation, job: Job) -> list[Path]:
 
 
 def _tables(path: Path, log: LogLocation, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
-    name, stated = log.name, settings.load(job.stated, folder=False, strict=job.strict)
-    evaluated = evaluate(path, stated, job.algos, job.axles, job.window, train_speed=True)
+    name, settings_of_job = log.name, settings.load(job.stated, folder=False, strict=job.strict)
+    evaluated = evaluate(path, settings_of_job, job.algos, job.axles, job.window, train_speed=True)
     if evaluated.log.sha256 != log.sha256:
         hint = "run again when the logger has closed it"
         raise UserError(f"{evaluated.log.path}: the file changed during the run", hint)

@@ -245,8 +245,8 @@ class LiveAxle:
         h = self._wheel.step(t)
         if h > limit:
             self._report("gap", t, start, longest_s=h, limit_s=math.floor(h) + 1.0)
-        was_set_back, self._older_stamps = self._older_stamps >= _OLDER_STAMPS, 0
-        if was_set_back or not h <= limit:
+        clock_jumped, self._older_stamps = self._older_stamps >= _OLDER_STAMPS, 0
+        if clock_jumped or not h <= limit:
             self._last_time = None
             self._speed_leaps.restart()
             self._speed_stuck.restart()

@@ -94,10 +94,10 @@ def _range_ends_low(p: Params, brake: Channel, equal_runs: RepeatedRuns) -> bool
     samples are near it.
     """
     lowest, highest = float(brake.data.value.min()), float(brake.data.value.max())
-    is_long, value = equal_runs.length >= _SHORT_RUN, equal_runs.value
-    near_lowest = (value[~is_long] <= lowest + max(p.small * highest, 4.0 * brake.step)).sum()
-    silence = equal_runs.length[is_long & (value == lowest)].sum()
-    often = max((value[~is_long] == lowest).sum(), 0.01 * silence)
+    is_run, value = equal_runs.length >= _SHORT_RUN, equal_runs.value
+    near_lowest = (value[~is_run] <= lowest + max(p.small * highest, 4.0 * brake.step)).sum()
+    silence = equal_runs.length[is_run & (value == lowest)].sum()
+    often = max((value[~is_run] == lowest).sum(), 0.01 * silence)
     return bool(near_lowest < max(_ENOUGH_SAMPLES, 10.0 * often))
 
 

@@ -165,8 +165,10 @@ def sets(
                     target = manifest(paths[0])
                     place = files[target] = hidden[target.parent] / target.name
                     directory = target.parent.resolve()
-                    parts = (os.path.relpath(p.parent.resolve() / p.name, directory) for p in paths)
-                    text = _MANIFEST_HEAD + "".join(map(_line, parts, places))
+                    relative_paths = (
+                        os.path.relpath(p.parent.resolve() / p.name, directory) for p in paths
+                    )
+                    text = _MANIFEST_HEAD + "".join(map(_line, relative_paths, places))
                     place.write_bytes(os.fsencode(text))
             for place in files.values():  # one by one: an interrupt would wait for threads
                 with place.open("r+b") as file:  # Windows wants a file that is open for writing

@@ -56,7 +56,7 @@ def find_brakings(signals: StopSignals) -> Iterator[Braking]:
         braked_until = min(release_index - 1, stop_index)
         last_speed = float(v[braked_until])
         gaps = true_runs(~has_speed[first_index : braked_until + 1])
-        gap = STEP * max((end - begin for begin, end in gaps), default=0)
+        gap = STEP * max((gap_end - gap_begin for gap_begin, gap_end in gaps), default=0)
         if first_index == 0:
             reason = BEGUN
         elif gap:

@@ -70,18 +70,18 @@ def find_response(
         quarters.append(float(t[np.argmax(share >= _QUARTER)]) - delay.value)
     if not weights:
         return BrakeResponse(unknown, unknown, math.nan)
-    delay, full = (
+    delay, full_time = (
         Parameter(*np.average(times, axis=0, weights=weights).tolist())
         for times in (delays, build_ups)
     )
     longest, mean_weight = max(x.value for x in build_ups), float(np.mean(weights))
     if disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command):
         return BrakeResponse(delay, unknown, mean_weight, max(quarters) / _QUARTER)
-    sigma = math.hypot(delay.tolerance, full.tolerance) / 2.0
-    equivalent = Parameter((delay.value + full.value) / 2.0, sigma)
+    sigma = math.hypot(delay.tolerance, full_time.tolerance) / 2.0
+    equivalent = Parameter((delay.value + full_time.value) / 2.0, sigma)
     if any(f.overlaps(command, command + longest) for f in signals.other_brakes):
         equivalent = unknown  # the pressure alone is not the force
-    return BrakeResponse(delay, equivalent, mean_weight, full.value)
+    return BrakeResponse(delay, equivalent, mean_weight, full_time.value)
 
 
 def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter | None:
@@ -94,8 +94,10 @@ def _crossing(t: Floats, share: Floats, level: float, error: float) -> Parameter
         return None
     k = int(reached[0])
     interval = float(np.median(np.diff(t)))
-    above, below = (np.flatnonzero(share >= level + x) for x in (2.0 * error, -2.0 * error))
-    spread = t[above[0]] - t[below[0]] if len(above) else t[-1] - t[k]
+    upper_places, lower_places = (
+        np.flatnonzero(share >= level + x) for x in (2.0 * error, -2.0 * error)
+    )
+    spread = t[upper_places[0]] - t[lower_places[0]] if len(upper_places) else t[-1] - t[k]
     sigma = math.hypot(float(spread) / 4.0, 0.25 * interval)
     if k == 0 or not share[k - 1] < level:
         return Parameter(float(t[k]), sigma)

@@ -212,8 +212,8 @@ def _stated_of_groups(groups: Sequence[PlannedGroup]) -> dict[str, str]:
         by_group = {g.name: getattr(g, name) for g in groups}
         listed = ", ".join(f"{group}: {text}" for group, text in by_group.items() if text)
         if listed:
-            is_one = len({*by_group.values()}) == 1
-            texts[field] = next(iter(by_group.values())) if is_one else listed
+            share_text = len({*by_group.values()}) == 1
+            texts[field] = next(iter(by_group.values())) if share_text else listed
     return texts
 
 

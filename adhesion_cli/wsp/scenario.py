@@ -123,9 +123,9 @@ class Rail:
         starts = [film.first + k * film.pitch for k in range(film.count)]
         spans = [(start, start + film.length) for start in starts]
         stretches = [x for x in base if not any(a <= x[0] <= b for a, b in spans)]
-        for start, end in spans:
-            *_, below = (x for x in base if x[0] <= end)
-            stretches += [(start, film.condition, film.scale), (end, *below[1:])]
+        for start, stop in spans:
+            *_, section = (x for x in base if x[0] <= stop)
+            stretches += [(start, film.condition, film.scale), (stop, *section[1:])]
         return sorted(stretches, key=lambda x: x[0])
 
 

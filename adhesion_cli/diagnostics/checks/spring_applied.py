@@ -40,9 +40,9 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         if rate > p.least_rate and abs(rolling_rate) < p.rolling_rate:
             unit = unit_for(a.brake.unit, "pressure") or UNITS["pa"]
             logged = a.brake.zero.value + float(np.median(pressure[released])) - unit.offset
-            is_plain = unit == UNITS.get(a.brake.unit.lower())
-            one = f"1 {a.brake.unit}" if is_plain else f"{unit.factor / 1e5:.10g} bar"
-            statement = f' = {{unit = "-{one}", zero = {logged / unit.factor:.3g}}}'
+            has_plain_unit = unit == UNITS.get(a.brake.unit.lower())
+            unit_text = f"1 {a.brake.unit}" if has_plain_unit else f"{unit.factor / 1e5:.10g} bar"
+            statement = f' = {{unit = "-{unit_text}", zero = {logged / unit.factor:.3g}}}'
             names = {"option": s.pressure_option(a.brake, statement)}
             values = {"deceleration_mps2": rate}
             yield s.finding("pressure-releases-brake", "warning", a.brake, braked, i, values, names)

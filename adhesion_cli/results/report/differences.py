@@ -112,9 +112,9 @@ def same_vehicle(run_a: ReportRun, run_b: ReportRun) -> bool:
 def same_statement(run_a: ReportRun, run_b: ReportRun) -> bool:
     """Whether two runs differ by what their logs show of the vehicle that both state."""
     a, b = (run.summary.vehicle for run in (run_a, run_b))
-    stated = ((x.source, x.stated_force_per_bar_n, x.stated_u95, x.cars) for x in (a, b))
-    is_same = a.source == "stated" and len({*stated}) == 1
-    return is_same and a.force_per_bar_n != b.force_per_bar_n
+    statements = ((x.source, x.stated_force_per_bar_n, x.stated_u95, x.cars) for x in (a, b))
+    share_vehicle = a.source == "stated" and len({*statements}) == 1
+    return share_vehicle and a.force_per_bar_n != b.force_per_bar_n
 
 
 def _of_axle(

@@ -165,9 +165,9 @@ class Figures:
         groups = list(dict.fromkeys(s.group for s in stops))
         over_speed = _figure("Deceleration [m/s²]", 280, "speed [km/h]")
         distances = _figure("Distance [m]", 260, "speed at the command [km/h]")
-        every_has_it = all(s.measured(_EQUIVALENT) for s in stops if s.stop.valid)
-        quantity = _EQUIVALENT if every_has_it else "mean_deceleration"
-        title = "Equivalent deceleration" if every_has_it else "Mean deceleration"
+        shows_equivalent = all(s.measured(_EQUIVALENT) for s in stops if s.stop.valid)
+        quantity = _EQUIVALENT if shows_equivalent else "mean_deceleration"
+        title = "Equivalent deceleration" if shows_equivalent else "Mean deceleration"
         decelerations = _figure(f"{title} [m/s²]", 220, "stop")
         lines: dict[str, list[Any]] = {}
         points: dict[str, list[Any]] = {}

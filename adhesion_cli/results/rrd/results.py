@@ -201,8 +201,8 @@ class _Page:
             (f"{_motors_title(record)} [10 kN]", parts.MOTORS, record.motor_clamping, 1e-4 * phi),
         ]
         for chart, lines in (("speed", speeds), ("braking", braking)):
-            known = [(name, c, column(x, k)) for name, c, x, k in lines if x is not None]
-            yield parts.lines(chart, known)
+            known_lines = [(name, c, column(x, k)) for name, c, x, k in lines if x is not None]
+            yield parts.lines(chart, known_lines)
 
     def _shows_clamping(self, record: AxleRecord) -> bool:
         """Whether K is known: logged, or from the pressure by a known vehicle."""
