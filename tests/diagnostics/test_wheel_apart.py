@@ -15,6 +15,7 @@ from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import cylinder_pressure, force_line, wheelset
+from adhesion_cli.diagnostics.checks import wheel_apart
 from adhesion_cli.formats.memory import MemorySource, Signals
 from adhesion_cli.formats.open import open_source
 
@@ -60,14 +61,28 @@ def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_pa
     assert all(f.values["share"] * by < 0.0 for f in told)  # beside the train
 
 
-def test_a_wheel_that_is_always_slower_by_the_same_share_has_another_diameter() -> None:
+def slower_by(share: float) -> MemorySource:
+    """A log whose wheel of 0.84 m turns so much slower than the train."""
     t = np.arange(0.0, 60.0, 0.1)
     brake = np.interp(t, [20.0, 21.0], [0.0, 3.0])
     v = np.maximum(28.0 - 0.1 * np.cumsum(0.02 + 0.3 * brake), 0.0)
     noise = np.random.default_rng(3).normal(0.0, 0.2, len(t)) * (v > 0.0)
-    signals = {"BCP [bar]": brake, "axle 1 [rpm]": v / 0.46 * 30.0 / np.pi}
+    signals = {"BCP [bar]": brake, "axle 1 [rpm]": (1.0 - share) * v / 0.42 * 30.0 / np.pi}
     signals["train speed [km/h]"] = 3.6 * (v + noise)
-    log = read(MemorySource(Signals(t, signals)), (), Vehicle())  # of a wheel of 0.84 m
+    return MemorySource(Signals(t, signals))
+
+
+def test_a_wheel_that_is_always_slower_by_the_same_share_has_another_diameter() -> None:
+    log = read(slower_by(0.087), (), Vehicle())
     codes = {f.code for f in prepare(log, Vehicle()).findings}
     assert codes & DIAMETER
     assert not codes & APART
+
+
+def test_a_wheel_that_stands_all_the_time_has_no_other_diameter() -> None:
+    scene = prepare(read(slower_by(0.087), (), Vehicle()), Vehicle()).scene
+    assert scene is not None
+    standing = scene._replace(grid=replace(scene.grid, rim=0.0 * scene.grid.rim))
+    (finding,) = wheel_apart.check(wheel_apart.Params(), standing)
+    assert finding.code == "wheel-slower-unbraked"
+    assert finding.values["share"] == 1.0

@@ -28,6 +28,7 @@ class Params(NamedTuple):
     apart_floor: Annotated[float, Quantity("m/s", "and at low speed this much")] = 0.3
     drift: Annotated[float, fraction("of the train speed, against the wheel's usual ratio")] = 0.02
     drift_floor: Annotated[float, Quantity("m/s", "and at low speed this much")] = 0.15
+    half: Annotated[float, fraction("slower by more is no larger wheel but a sensor")] = 0.5
     lasts: Annotated[float, Quantity("s", "a wheel catches up faster after a slide")] = 2.0
     driven: Annotated[float, Quantity("m/s²", "a train with more may be driven: wheels spin")] = 0.1
 
@@ -56,7 +57,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
             shares = difference[mask] / reference[mask]
             share = float(np.median(shares))
             lowest, highest = np.quantile(shares, [0.1, 0.9])
-            if share < 0.0 and g.train is not None and highest - lowest < p.drift:
+            is_steady = highest - lowest < p.drift and g.train is not None
+            if is_steady and -p.half < share < 0.0:
                 yield diameter_finding(s, i, 1.0 / (1.0 + share))  # a drag is not so steady
                 continue
             code = "wheel-faster" if share > 0.0 else "wheel-slower-unbraked"
