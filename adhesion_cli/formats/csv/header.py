@@ -66,16 +66,14 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
         raise UserError(text, "give a log with data rows, its numbers as 1.5 or 1.5e3")
     if has_header is False:
         return Header([], None, start, start)
-    line, cells = table.rows[start]
-    is_factors = label(cells[0]) == "factors"
-    if is_factors and {number_of(cell) for cell in cells[1:]} - {None, 1.0}:
-        text = (
-            f"{table.path}: line {line} states factors, and not whether the numbers below have them"
-        )
-        hint = (
-            "multiply the numbers, and delete the line; or delete it, and state units with factors"
-        )
-        raise UserError(text, f'{hint}, as `--set "channels.pressure.unit=0.01 bar"`')
+    is_factors = label(table.rows[start][1][0]) == "factors"
+    for line, cells in table.rows[: start + 1]:
+        stated = cells[1:] if len(cells) == table.width and label(cells[0]) == "factors" else []
+        if {number_of(cell) for cell in stated} - {None, 1.0}:
+            text = f"{table.path}: line {line} states factors, and not whether the numbers below "
+            hint = "multiply the numbers, and delete the line; or delete it, and state units with "
+            hint += 'factors, as `--set "channels.pressure.unit=0.01 bar"`'
+            raise UserError(f"{text}have them", hint)
     text_above = _text_above(table, start)
     _take_keyed_names(table, text_above)
     if text_above.names:
@@ -96,11 +94,10 @@ def _take_keyed_names(table: FirstRows, header: Header) -> None:
         for k, (_, cells) in enumerate(table.rows[: header.start])
         if len(cells) == table.width > 3 and len({*cells[::2]}) == 1
     }
-    for key, neutral in (("scalefactor", 1.0), ("offset", 0.0)):
-        line, cells = table.rows[rows[key]] if key in rows else (0, [])
-        if {number_of(cell) for cell in cells[1::2]} - {neutral}:
-            text = f"{table.path}: line {line} states {cells[0]}, and not whether the numbers below"
-            raise UserError(f"{text} have it", "correct the numbers, and delete the line")
+    line, cells = table.rows[rows["offset"]] if "offset" in rows else (0, [])
+    if {number_of(cell) for cell in cells[1::2]} - {0.0}:
+        text = f"{table.path}: line {line} states {cells[0]}, and not whether the numbers below"
+        raise UserError(f"{text} have it", "correct the numbers, and delete the line")
     if {"name", "sampletime[ms]"} <= rows.keys():
         header.top, header.units = rows["name"], None
         names = table.rows[header.top][1]

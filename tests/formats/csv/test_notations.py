@@ -366,6 +366,8 @@ def test_a_row_of_factors_is_no_data(tmp_path: Path) -> None:
     stated = settings.load(assignments=pasted(error.value.hint), folder=False)
     assert stated.mappings[0].unit == "0.01 bar"
     rows = "".join(f";{k};{k % 7}\n" for k in range(60))
+    with pytest.raises(UserError, match="line 1 states factors"):
+        numbers_of(tmp_path / "c.csv", "Skalierung;1;0.01\nName;Time [s];p [bar]\n" + rows)
     _, (_, column) = numbers_of(tmp_path / "b.csv", head.replace("0.01", "1.0") + rows)
     assert column.value.tolist() == [k % 7 for k in range(60)]
 
@@ -602,7 +604,7 @@ def test_rows_of_errors_are_reported(tmp_path: Path) -> None:
 
 def test_factors_of_twincat_are_refused(tmp_path: Path) -> None:
     text = TWINCAT.replace("ScaleFactor;1", "ScaleFactor;0,1") + PAIRS
-    with pytest.raises(UserError, match="line 7 states ScaleFactor"):
+    with pytest.raises(UserError, match="line 7 states factors"):
         numbers_of(tmp_path / "a.csv", text)
 
 
