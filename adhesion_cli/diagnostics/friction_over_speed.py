@@ -19,4 +19,6 @@ def check(stated: Vehicle, effect: SpeedEffect | None) -> Iterator[Finding]:
     if effect and friction_change(effect, stated):
         speeds = {"low_kmh": 3.6 * effect.low, "high_kmh": 3.6 * effect.high}
         values = {"factor": effect.ratio, **speeds}
-        yield Finding("friction-over-speed", "warning", values=values)
+        states_change = stated.friction_table or stated.friction_fade.value
+        names = {"more": ", beside the stated friction" if states_change else ""}
+        yield Finding("friction-over-speed", "warning", values=values, names=names)

@@ -147,7 +147,12 @@ def find_brake_line(
         or _takes_over(mean_x, by_brake, applied & _agree(grid), steady, grid.step),
         differing=tuple(_differing_stops(grid, acting, by_brake[braked], stops, line)),
         speed_effect=_speed_effect(
-            grid, line.slope * acting.excess(line.zero), by_brake[braked], v[braked], len(stops)
+            grid,
+            _acting(x[:, braked], np.ones_like(friction[:, braked])).excess(line.zero),
+            line.slope * acting.excess(line.zero),
+            by_brake[braked],
+            v[braked],
+            len(stops),
         ),
     )
 
@@ -267,14 +272,15 @@ def _differing_stops(
 
 
 def _speed_effect(
-    grid: Grid, expected: Floats, by_brake: Floats, v: Floats, stops: int
+    grid: Grid, strength: Floats, expected: Floats, by_brake: Floats, v: Floats, stops: int
 ) -> SpeedEffect | None:
     """How much harder the brake slows at low than at high speed, over what the line says.
 
-    Low is the lowest third of the speeds, high the highest. The decelerations by the line and by
-    the brake are in m/s², the gradient of each brake application is one error.
+    Low is the lowest third of the speeds, high the highest. Pressures, or clamping forces, that are
+    strong count. The decelerations by the line and by the brake are in m/s², the gradient of each
+    brake application is one error.
     """
-    is_strong = expected > _STRONG_SHARE * np.max(expected)
+    is_strong = strength > _STRONG_SHARE * np.max(strength)
     is_slow, is_fast = (is_strong & mask for mask in (v < np.max(v) / 3.0, v > np.max(v) / 1.5))
     if min(is_slow.sum(), is_fast.sum()) < FEWEST:
         return None
