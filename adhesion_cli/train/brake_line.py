@@ -146,14 +146,7 @@ def find_brake_line(
         mixed=_is_mixed(grid, slows_less, rim_slowing)
         or _takes_over(mean_x, by_brake, applied & _agree(grid), steady, grid.step),
         differing=tuple(_differing_stops(grid, acting, by_brake[braked], stops, line)),
-        speed_effect=_speed_effect(
-            grid,
-            _acting(x[:, braked], np.ones_like(friction[:, braked])).excess(line.zero),
-            line.slope * acting.excess(line.zero),
-            by_brake[braked],
-            v[braked],
-            len(stops),
-        ),
+        speed_effect=_speed_effect(grid, line, acting, by_brake[braked], v[braked], len(stops)),
     )
 
 
@@ -184,6 +177,7 @@ def _without_gone_sensors(grid: Grid, x: Floats, friction: Floats) -> tuple[Grid
 class _Acting(NamedTuple):
     """What acts of the axles' pressures or clamping forces; shape (n,)."""
 
+    pressures: Floats  # or clamping forces, (k, n)
     mean: Floats  # over all axles, each times its friction
     share: Floats  # of the axles, times the same; the others are released, or vented by a valve
 
@@ -195,7 +189,7 @@ class _Acting(NamedTuple):
 
 def _acting(x: Floats, friction: Floats) -> _Acting:
     acting = np.where(x > _APPLIED * float(np.max(x)), friction, 0.0)
-    return _Acting(np.mean(acting * x, axis=0), np.mean(acting, axis=0))
+    return _Acting(x, np.mean(acting * x, axis=0), np.mean(acting, axis=0))
 
 
 def _lowest_nearby(grid: Grid, x: Floats) -> Floats:
@@ -272,14 +266,16 @@ def _differing_stops(
 
 
 def _speed_effect(
-    grid: Grid, strength: Floats, expected: Floats, by_brake: Floats, v: Floats, stops: int
+    grid: Grid, line: BrakeLine, acting: _Acting, by_brake: Floats, v: Floats, stops: int
 ) -> SpeedEffect | None:
     """How much harder the brake slows at low than at high speed, over what the line says.
 
     Low is the lowest third of the speeds, high the highest. Pressures, or clamping forces, that are
-    strong count. The decelerations by the line and by the brake are in m/s², the gradient of each
-    brake application is one error.
+    strong count. The deceleration by the brake is in m/s², the gradient of each brake application
+    is one error.
     """
+    expected = line.slope * acting.excess(line.zero)
+    strength = _acting(acting.pressures, np.ones_like(acting.pressures)).excess(line.zero)
     is_strong = strength > _STRONG_SHARE * np.max(strength)
     is_slow, is_fast = (is_strong & mask for mask in (v < np.max(v) / 3.0, v > np.max(v) / 1.5))
     if min(is_slow.sum(), is_fast.sum()) < FEWEST:
@@ -312,7 +308,7 @@ def _fit(
 
     The gradient of each uninterrupted stretch of `stops` is one error, with 1 sigma [m/s²].
     """
-    x0, (mean_x, share) = zero.value, acting
+    x0, (_, mean_x, share) = zero.value, acting
     slope = float(np.sum(by_brake)) / max(float(np.sum(acting.excess(x0))), 1e-9)
     error = by_brake
     for _ in range(_ROUNDS):
