@@ -414,8 +414,7 @@ def _posterior(
     calibrated, sigmas = None, abs(_contradiction(vehicle, line, setting))
     if rolling:
         designs = pieces.join_designs([e.design for e in rolling if e.design], vehicle)
-        delay = max(abs(e.delay) for e in rolling)
-        parameters = calibrated_vehicle.prior(designs, vehicle, delay, setting.train)
+        parameters = calibrated_vehicle.prior(designs, vehicle, rolling, setting.train)
         posterior = solve.joint(designs, parameters)
         brake_point = calibrated_vehicle.mean_brake(designs)
         calibrated = calibrated_vehicle.calibrate_vehicle(

@@ -125,10 +125,8 @@ def align_log(
         other_brake_findings(log, aligned.axles, vehicle, view),
         not any(f.names["axles"] == axle_names for f in log.findings if f.code == "force-spread"),
     ).on_line(aligned.grids)
-    if not aligned_log.grids:
-        return aligned_log
-    steps = find_brake_steps(aligned_log.grids.coarse, view.start_ns)
-    if not steps:
+    grids = aligned_log.grids
+    if not grids or not (steps := find_brake_steps(grids.coarse, view.start_ns)):
         return aligned_log
     other_brakes = (*aligned_log.other_brakes, *steps)
     return aligned_log._replace(other_brakes=other_brakes).on_line(aligned.grids)

@@ -30,8 +30,8 @@ def stops_of_result(
     records = [axle.record for axle in result.axles]
     settings = StopSettings(**result.settings.get("stops", {}))
     gradient = find_gradient(result.log, result.track)
-    other_brakes = [f for f in result.findings if f.code == "other-brake"]
-    signals = of_records(records, result.log, result.vehicle)._replace(other_brakes=other_brakes)
+    signals = of_records(records, result.log, result.vehicle)
+    signals = signals._replace(other_brakes=result.other_brakes)
     stops = _measured(signals, result.vehicle, settings, gradient, result.log.start_ns())
     by_axle = list(applications)
     placed = (_with_adhesion(stop, by_axle) for stop in _placed(stops, result.log))

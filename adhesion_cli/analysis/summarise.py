@@ -86,10 +86,9 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
     start, route = result.log.start_ns(), find_route(result.log)
     limits = StopSettings(**result.settings.get("stops", {})).locks
     peak_time = float(result.settings.get("analysis", {}).get("peak_time", PEAK_TIME))
-    other_brakes = [f for f in result.findings if f.code == "other-brake"]
     return {
         a.record.axle: tuple(
-            replace(x, other_brake=any(f.overlaps(x.start_s, x.end_s) for f in other_brakes))
+            replace(x, other_brake=any(f.overlaps(x.start_s, x.end_s) for f in result.other_brakes))
             for x in find_applications(a, result.vehicle, start, route, limits, peak_time)
         )
         for a in result.axles

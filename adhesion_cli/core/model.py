@@ -725,6 +725,11 @@ class Result:
         """The vehicle that was used."""
         return self.identified.vehicle
 
+    @property
+    def other_brakes(self) -> list[Finding]:
+        """The findings of brakes that act and are not in the clamping force."""
+        return [f for f in self.findings if f.code == "other-brake"]
+
     def brake_ns(self) -> int:
         """Start of the first brake application, else of the log [ns]."""
         begun = [int(a.record.t[a.applications[0].start]) for a in self.axles if a.applications]

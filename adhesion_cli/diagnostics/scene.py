@@ -10,7 +10,7 @@ from ..core.model import Bools, Channel, Train, Vehicle
 from ..core.physics import rolling_deceleration, wheelset
 from ..core.time_axis import spans_of_mask
 from ..core.toml import option
-from ..core.units import unit_for
+from ..core.units import UNITS, Unit, unit_for
 from ..records.axle_channels import AxleChannels
 from ..train.explanation import Explanation
 from ..train.grid import Grid
@@ -64,7 +64,6 @@ class Scene(NamedTuple):
         return Finding(code, severity, channel.title, count, spans, values or {}, names or {})
 
 
-def unit_factor(brake: Channel) -> float:
-    """What 1 is in SI, in the unit of a pressure."""
-    unit = unit_for(brake.unit, "pressure")
-    return unit.factor if unit else 1.0
+def pressure_unit(brake: Channel) -> Unit:
+    """The unit of a pressure as logged; Pa where it states none."""
+    return unit_for(brake.unit, "pressure") or UNITS["pa"]

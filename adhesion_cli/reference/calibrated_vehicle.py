@@ -189,14 +189,14 @@ def _share(vehicle: Vehicle, name: str) -> float:
 
 
 def prior(
-    designs: Sequence[Design], vehicle: Vehicle, delay: float, train: Train
+    designs: Sequence[Design], vehicle: Vehicle, logs: Sequence[Evidence], train: Train
 ) -> dict[int, Parameter]:
-    """Stated tolerances and published ranges; a delay that the checks found widens its prior.
+    """Stated tolerances and published ranges; a delay that the logs show widens its prior.
 
     The axles outside the log may have another brake force per mass: that moves the train's
     deceleration and no parameter of these axles.
     """
-    interval = max(d.interval for d in designs)
+    interval, delay = max(d.interval for d in designs), _longest_delay(logs)
     priors = model.line_prior(vehicle, designs[0].top, designs[0].mean, interval)
     by_wheels = any(d.creeps for d in designs)
     priors[model.SCALE] = Parameter(0.0, scale_sigma(vehicle, by_wheels, train))
@@ -210,11 +210,14 @@ def train_by(logs: Sequence[Evidence], train: Train) -> Train:
     A signal may be late by its filter. That also bends the build-up: it looks like another force.
     A longer delay is one of clocks.
     """
-    longest = max(abs(x.delay) for x in logs)
-    sigma = math.hypot(train.alike, _BY_FILTER * min(longest, _LONGEST_FILTER))
+    sigma = math.hypot(train.alike, _BY_FILTER * min(_longest_delay(logs), _LONGEST_FILTER))
     if any(x.delay < -model.EARLY for x in logs):
         sigma = max(sigma, _UNLIKE)
     return train._replace(alike=sigma)
+
+
+def _longest_delay(logs: Sequence[Evidence]) -> float:
+    return max(abs(x.delay) for x in logs)
 
 
 def scale_sigma(vehicle: Vehicle, by_wheels: bool, train: Train) -> float:

@@ -123,10 +123,10 @@ def describe_scatter(brakes: Sequence[LogBrake]) -> str:
     shares = [round(100.0 * (brake.ratio - 1.0)) for brake in brakes]
     u95 = 100.0 * Z95 * max(brake.sigma for brake in brakes)
     lower, upper = min(shares), max(shares)
-    range_ = f"{lower:+d}" if lower == upper else f"{lower:+d} to {upper:+d}"
+    difference = f"{lower:+d}" if lower == upper else f"{lower:+d} to {upper:+d}"
     return (
-        f"Each log alone shows a brake force per mass that differs by {range_} % from that used, "
-        f"with an uncertainty of up to ± {u95:.0f} %."
+        f"Each log alone shows a brake force per mass that differs by {difference} % from that "
+        f"used, with an uncertainty of up to ± {u95:.0f} %."
     )
 
 

@@ -127,11 +127,10 @@ def calibrate(
     ]
     rolling = _rolling_logs(logs)
     progress("fitting all brake applications")
-    with_design = [u.evidence.design for u in rolling if u.evidence.design]
-    designs = pieces.join_designs(with_design, vehicle)
-    delay = max(abs(u.evidence.delay) for u in rolling)
-    train = reference.train_by([u.evidence for u in rolling], settings.train)
-    prior = reference.prior(designs, vehicle, delay, train)
+    evidence = [u.evidence for u in rolling]
+    designs = pieces.join_designs([e.design for e in evidence if e.design], vehicle)
+    train = reference.train_by(evidence, settings.train)
+    prior = reference.prior(designs, vehicle, evidence, train)
     posterior = solve.joint(designs, prior)
     _check_agreement(rolling, designs, prior, posterior)
     brake_point = reference.mean_brake(designs)

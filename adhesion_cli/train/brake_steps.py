@@ -15,11 +15,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..core.finding import Finding
-from ..core.model import Bools, Floats
+from ..core.model import Bools
 from ..core.physics import CRAWL, RELEASED_SHARE
 from ..core.signals import true_runs
 from ..core.time_axis import spans_of_mask
-from .grid import Grid
+from .grid import Grid, erode
 
 _COARSEST_STEP = 0.5  # of a grid that shows a sudden change [s]
 _WINDOW, _TRANSITION = 2.5, 0.4  # before and after a change, and its own half [s]
@@ -57,33 +57,28 @@ def _steps(g: Grid) -> Iterator[tuple[int, float]]:
     is_fitted = np.abs(s) > _TRANSITION
     basis = np.stack([np.ones_like(s), s, s**2, np.maximum(s, 0.0)], axis=1)[is_fitted]
     inverse = np.linalg.pinv(basis)
-
-    def coefficients(v: Floats) -> tuple[Floats, Floats]:
-        windows = sliding_window_view(v, len(s), axis=-1)[..., is_fitted]
-        x = windows @ inverse.T
-        squares = np.sum((windows - x @ basis.T) ** 2, axis=-1) / (len(basis) - basis.shape[1])
-        return x, np.sqrt(squares) * float(np.linalg.norm(inverse[-1]))
-
-    speeds = g.rim + g.climb
-    x, sigma = coefficients(np.mean(speeds, axis=0))
-    change, deceleration = x[:, -1], -x[:, 1]
-    by_axle = coefficients(speeds)[0][..., -1]
+    by_axle = sliding_window_view(g.rim + g.climb, len(s), axis=-1)[..., is_fitted]
+    v = np.mean(by_axle, axis=0)
+    x = v @ inverse.T
+    freedom = len(basis) - basis.shape[1]
+    noise = np.sqrt(np.sum((v - x @ basis.T) ** 2, axis=-1) / freedom)
+    sigma, change = noise * float(np.linalg.norm(inverse[-1])), x[:, -1]
+    least_change = np.maximum(_LEAST_CHANGE, -_LEAST_SHARE * x[:, 1])
     sudden = (
-        (np.abs(change) > np.maximum(_LEAST_CHANGE, _LEAST_SHARE * deceleration))
-        & (np.abs(change) > _SIGMAS * sigma)
-        & (by_axle * np.sign(change) > _AXLE_SHARE * np.abs(change)).all(axis=0)
-        & _is_steady(g, len(s))
+        (np.abs(change) > np.maximum(least_change, _SIGMAS * sigma))
+        & (by_axle @ inverse[-1] * np.sign(change) > _AXLE_SHARE * np.abs(change)).all(axis=0)
+        & _is_steady(g, j)
     )
     for begin, stop in true_runs(sudden):
         k = begin + int(np.argmax(np.abs(change[begin:stop]) / sigma[begin:stop]))
         yield j + k, float(change[k])
 
 
-def _is_steady(g: Grid, width: int) -> Bools:
-    """Whether all axles roll and are braked alike over a window; shape (n - width + 1,)."""
-    K = sliding_window_view(g.clamping, width, axis=-1)
+def _is_steady(g: Grid, j: int) -> Bools:
+    """Whether all axles roll and are braked alike j steps before and after, (n - 2 j,)."""
+    K = sliding_window_view(g.clamping, 2 * j + 1, axis=-1)
     highest = np.max(K, axis=-1)
-    constant = (highest - np.min(K, axis=-1) < _CONSTANT * highest).all(axis=0)
+    constant: Bools = np.all(highest - np.min(K, axis=-1) < _CONSTANT * highest, axis=0)
     slides = np.abs(g.share - 1.0) > _SLIP  # at low speed there is no share
-    rolls = (~slides & (g.rim > CRAWL)).all(axis=0)
-    return np.asarray(constant & sliding_window_view(rolls, width).all(axis=-1), np.bool_)
+    rolls: Bools = np.all(~slides & (g.rim > CRAWL), axis=0)
+    return constant & erode(rolls, j)[j:-j]

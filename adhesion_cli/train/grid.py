@@ -222,8 +222,7 @@ def on_gradient(grids: Grids, gradient: Gradient | None, vehicle: Vehicle) -> Gr
     share = wheelset(replace(vehicle, axles=()), 1).rolling  # of the mean axle
     climbing = []
     for g in grids:
-        t = g.start_ns + np.rint(1e9 * g.step * np.arange(g.rim.shape[1])).astype(np.int64)
-        slowing = share * gradient.deceleration(t)
+        slowing = share * gradient.deceleration(g.t)
         climb = np.concatenate([[0.0], np.cumsum(slowing[1:] + slowing[:-1]) * g.step / 2.0])
         climbing.append(replace(g, climb=climb, gradient_sigma=G * gradient.sigma))
     return Grids(*climbing)

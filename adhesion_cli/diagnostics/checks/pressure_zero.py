@@ -13,7 +13,7 @@ from ...core.signals import true_runs
 from ...core.toml import value as value_text
 from ...train.grid import long_runs
 from ..registry import About
-from ..scene import Scene, unit_factor
+from ..scene import Scene, pressure_unit
 
 _FEWEST_PHASES = 6  # without brake, from which a drift shows
 ABOUT = About("Zero of the pressure", "force", 20)
@@ -133,7 +133,7 @@ def _drift(p: Params, s: Scene, i: int, top: float) -> Iterator[Finding]:
 
 
 def _option(s: Scene, brake: Channel, level: float, tolerance: float) -> str:
-    factor = unit_factor(brake)
+    factor = pressure_unit(brake).factor
     value = round((brake.zero.value + level) / factor, 3)
     zero = {"value": value, "tolerance": round(tolerance / factor, 3)} if tolerance else value
     return s.pressure_option(brake, f".zero = {value_text(zero)}")

@@ -7,10 +7,10 @@ import numpy as np
 
 from ...core.finding import Finding
 from ...core.model import Quantity, fraction
-from ...core.units import UNITS, unit_for
+from ...core.units import UNITS
 from ...train.grid import FEWEST
 from ..registry import About
-from ..scene import Scene
+from ..scene import Scene, pressure_unit
 
 ABOUT = About("Pressure that releases the brake", "force", 5)
 
@@ -38,7 +38,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
             continue
         rate, rolling_rate = (float(np.median(g.braking[mask])) for mask in (braked, released))
         if rate > p.least_rate and abs(rolling_rate) < p.rolling_rate:
-            unit = unit_for(a.brake.unit, "pressure") or UNITS["pa"]
+            unit = pressure_unit(a.brake)
             logged = a.brake.zero.value + float(np.median(pressure[released])) - unit.offset
             has_plain_unit = unit == UNITS.get(a.brake.unit.lower())
             unit_text = f"1 {a.brake.unit}" if has_plain_unit else f"{unit.factor / 1e5:.10g} bar"
