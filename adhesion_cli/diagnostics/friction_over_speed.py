@@ -20,5 +20,7 @@ def check(stated: Vehicle, effect: SpeedEffect | None) -> Iterator[Finding]:
         speeds = {"low_kmh": 3.6 * effect.low, "high_kmh": 3.6 * effect.high}
         values = {"factor": effect.ratio, **speeds}
         states_change = stated.friction_table or stated.friction_fade.value
-        names = {"more": ", beside the stated friction" if states_change else ""}
+        names = {
+            "more": " after the stated friction is taken into account" if states_change else ""
+        }
         yield Finding("friction-over-speed", "warning", values=values, names=names)
