@@ -34,7 +34,11 @@ _CONSTANT = 0.05  # change of a constant K, as a share of it
 def find_brake_steps(g: Grid, start_ns: int) -> tuple[Finding, ...]:
     """Findings with the times when another brake acts, after the start of the log [ns]."""
     top = g.smooth(np.max(g.clamping, axis=0))
-    braked = top > RELEASED_SHARE * np.nanmax(top, initial=0.0)
+    places = np.flatnonzero(np.isfinite(top))
+    if not len(places):
+        return ()
+    top = np.interp(np.arange(len(top)), places, top[places])  # a gap ends no brake application
+    braked = top > RELEASED_SHARE * np.max(top)
     mask, largest = np.zeros(len(braked), dtype=np.bool_), 0.0
     for place, change in _steps(g):
         begin, stop = next((run for run in true_runs(braked) if run[0] <= place < run[1]), (0, 0))

@@ -1,5 +1,7 @@
 """A brake without a channel that ends while the pressure stays: what is one, and what is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,16 @@ def test_a_sudden_change_at_the_same_pressure_is_another_brake(
     assert finding.code == "other-brake"
     assert f"0.5 m/s² {'less' if more > 0.0 else 'more'}" in finding.names["reason"]
     assert finding.spans[0] == pytest.approx(acts, abs=0.5)
+
+
+def test_a_brake_that_drops_after_a_gap_has_acted_before_it() -> None:
+    whole = grid(BRAKE + np.where((T > 10.0) & (T < 40.0), 0.5, 0.0))
+    is_gap = (T > 18.0) & (T < 21.0)
+    rim, clamping, pressure = (
+        np.where(is_gap, np.nan, x) for x in (whole.rim, whole.clamping, whole.pressure)
+    )
+    (finding,) = find_brake_steps(replace(whole, rim=rim, clamping=clamping, pressure=pressure), 0)
+    assert finding.spans == find_brake_steps(whole, 0)[0].spans
 
 
 @pytest.mark.parametrize(
