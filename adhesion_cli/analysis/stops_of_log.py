@@ -97,13 +97,14 @@ def _with_adhesion(
 ) -> StopSummary:
     """A stop with the mean adhesion coefficient of all axles, and their slides."""
     total = seconds = error = 0.0
-    slides, slips = 0, []
+    slides, slips, other_brake = 0, [], False
     for of_axle in applications:
         for a in of_axle:
             shared = min(a.end_s, stop.end_s) - max(a.start_s, stop.start_s)
             if shared <= 0.0 or shared < 0.5 * (a.end_s - a.start_s):
                 continue
             slides += a.slides
+            other_brake |= a.other_brake
             slips += [a.max_slip] if a.max_slip is not None else []
             mu = a.coefficient
             if mu and math.isfinite(mu.mean) and math.isfinite(mu.mean_u95):
@@ -111,7 +112,13 @@ def _with_adhesion(
                 total += shared * mu.mean
                 error += shared * mu.mean_u95  # one vehicle: its errors are common
     coefficient = Measured(total / seconds, *[error / seconds] * 2) if seconds else None
-    return replace(stop, coefficient=coefficient, slides=slides, max_slip=max(slips, default=None))
+    return replace(
+        stop,
+        coefficient=coefficient,
+        other_brake=other_brake,
+        slides=slides,
+        max_slip=max(slips, default=None),
+    )
 
 
 def _ed_share(stop: StopSummary, result: Result) -> Measured | None:

@@ -274,6 +274,9 @@ class StopSummary:
     coefficient: Annotated[
         Measured | None, Quantity("-", "adhesion coefficient, mean over all axles and the stop")
     ] = None
+    other_brake: Annotated[
+        bool, Quantity("", "whether another brake acts, whose force is not in the coefficient")
+    ] = False
     slides: Annotated[int, Quantity("", "number of slides of all axles")] = 0
     max_slip: Annotated[Number, Quantity("-", "largest slip of any axle; null: no slide")] = None
     sanding_s: Annotated[Number, Quantity("s", "time of sanding; null without its channel")] = None

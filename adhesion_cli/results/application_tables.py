@@ -8,9 +8,9 @@ from typing import NamedTuple
 from ..core.finding import is_doubt
 from ..core.summary import AxleSummary, ResultSummary
 from ..rail.events import HIDDEN_TIME
-from .result_rows import OF_MARK, row, slid_row
+from .result_rows import row, slid_row
 from .stop_rows import describe_columns, describe_reasons, describe_sources, short_row, stop_row
-from .text_tables import DOUBT, TitledTable, describe_not_known, doubted, non_empty
+from .text_tables import DOUBT, TitledTable, describe_cells, doubted, non_empty
 from .train_stops import (
     MANY_AXLES,
     MANY_ROWS,
@@ -66,7 +66,7 @@ def stop_table(summaries: Sequence[ResultSummary], all_rows: bool = False) -> li
     notes = [describe_columns(rows), describe_sources(stops)]
     if len(named) > len(rows):
         notes += [f"The first {len(rows)} of {len(named)} stops; `adhesion stops LOG` shows all."]
-    notes += filter(None, [describe_reasons(stops)])
+    notes += filter(None, [describe_reasons(stops), describe_cells(rows)])
     return [TitledTable("Stops of the train", rows, note="\n".join(notes))]
 
 
@@ -134,7 +134,7 @@ def _by_stop(logs: Sequence[_NamedLog]) -> list[TitledTable]:
         [_named(log.name) | _marked(train_stop_row(x), log.in_doubt) for log, x in shown_stops]
     )
     note = f"{_OF_STOPS} {_OF_ROWS}{_of_doubt(logs)}"
-    note = " ".join(filter(None, [note, describe_not_known(rows)]))
+    note = " ".join(filter(None, [note, describe_cells(rows)]))
     tables = [TitledTable(_TITLE, rows, note=note, lead=lead)]
     if has_slides:
         return tables
@@ -146,8 +146,7 @@ def _by_application(logs: Sequence[_NamedLog]) -> list[TitledTable]:
         (log, str(axle.axle), a) for log in logs for axle in log.axles for a in axle.applications
     ]
     rows = [_named(log.name) | _marked(row(axle, a), log.in_doubt) for log, axle, a in keyed]
-    marked = any(a.other_brake for *_, a in keyed)
-    notes = [_NOTE, OF_MARK * marked, describe_not_known(rows), _of_doubt(logs).strip()]
+    notes = [_NOTE, describe_cells(rows), _of_doubt(logs).strip()]
     tables = [TitledTable(_TITLE, rows, note=" ".join(filter(None, notes)))]
     if slid := [_named(log.name) | slid_row(axle, a) for log, axle, a in keyed if a.slides]:
         has_bounds = any(a.at_least for *_, a in keyed if a.slides)

@@ -8,6 +8,7 @@ from ..rail.highest import is_known
 from .text_tables import (
     DASH,
     ED,
+    MARK,
     NOT_KNOWN,
     bounded_number,
     energy_text,
@@ -19,7 +20,6 @@ from .text_tables import (
     with_u95,
 )
 
-MARK = "*"  # behind a µ without the force of another brake that acts
 _OF_SHARES = (
     " A share above 100 % is one of correlated quantities: their errors cancel in part, and others "
     "have a negative share."
@@ -29,7 +29,6 @@ OF_BUDGETS = (
     "tolerances of the vehicle, stated or left by the log. u: standard uncertainty, in the unit "
     "of the value; noise in N. u(F): what it adds to the force; share: of the variance."
 )
-OF_MARK = "*: without the force of another brake that acts (`other-brake`)."
 
 
 def has_known_mean(a: BrakeApplication) -> bool:
@@ -46,7 +45,7 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
         **when_and_where(a.time),
         "for [s]": number(a.end_s - a.start_s, 1),
         "v [km/h]": "–".join(number(v and 3.6 * v, 1) for v in (a.from_mps, a.to_mps)),
-        "µ mean": mean_coefficient(a) + MARK * (a.other_brake and known),
+        "µ mean": mean_coefficient(a),
         "µ max": with_u95(mu and mu[2:], 1.0, 3),
         "F [kN]": with_u95(force, 1e-3, 2) if known or not force else NOT_KNOWN,
         "Fmax [kN]": with_u95(force and force[2:], 1e-3, 2),
@@ -56,7 +55,9 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
 
 def mean_coefficient(a: BrakeApplication) -> str:
     """The mean µ of a brake application."""
-    return with_u95(a.coefficient, 1.0, 3) if has_known_mean(a) else NOT_KNOWN
+    if not has_known_mean(a):
+        return NOT_KNOWN
+    return with_u95(a.coefficient, 1.0, 3) + MARK * a.other_brake
 
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:

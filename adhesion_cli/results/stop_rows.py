@@ -21,11 +21,12 @@ from .text_tables import (
     DASH,
     DOUBT,
     ED,
+    MARK,
     NOT_KNOWN,
     TitledTable,
     bounded_number,
     columns_of,
-    describe_not_known,
+    describe_cells,
     doubted,
     non_empty,
     number,
@@ -131,13 +132,15 @@ def stop_row(s: StopSummary) -> dict[str, str]:
         "response [s]": with_u95(s.response_time_s, 1.0, 2),
         "jerk [m/s³]": with_u95(s.jerk, 1.0, 2),
         "level [m]": with_u95(s.corrected_distance_m, 1.0, 1),
-        "µ": _coefficient(s.coefficient),
+        "µ": _coefficient(s.coefficient, s.other_brake),
         **({ED: with_u95(s.ed_share, 100.0, 0)} if s.ed_share else {}),
     }
 
 
-def _coefficient(x: Measured | None) -> str:
-    return with_u95(x, 1.0, 3) if x is None or is_known(x.value, x.u95) else NOT_KNOWN
+def _coefficient(x: Measured | None, other_brake: bool = False) -> str:
+    if x is None:
+        return DASH
+    return with_u95(x, 1.0, 3) + MARK * other_brake if is_known(x.value, x.u95) else NOT_KNOWN
 
 
 def describe_columns(rows: Sequence[Mapping[str, str]]) -> str:
@@ -171,7 +174,7 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
     in_order = [s.stop for s in stops]
     rows = _series_rows(stops)
     notes = [describe_columns(rows), describe_sources(in_order), *_remarks(stops)]
-    note = "\n".join(filter(None, [*notes, describe_not_known(rows)]))
+    note = "\n".join(filter(None, [*notes, describe_cells(rows)]))
     of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
     tables = [
         TitledTable("Stops", rows, 1 + [*rows[0]].index("group") if rows else 2, note),
@@ -315,7 +318,7 @@ def _wsp_table(x: WspSummary) -> TitledTable:
     if x.sanding_s is not None:
         head += f" Sanding: {x.sanding_s:.1f} s in a stop."
     rows = _wsp_rows(x)
-    notes = [head, *([_OF_WSP, describe_not_known(rows)] if rows else [])]
+    notes = [head, *([_OF_WSP, describe_cells(rows)] if rows else [])]
     return TitledTable(_WSP, rows, 1, "\n".join(filter(None, notes)))
 
 

@@ -20,6 +20,8 @@ _LOCKED = 0.9995  # slip that is shown as 100 %
 _TEXT = 16  # columns that a text keeps
 NOT_KNOWN = "not known"
 DOUBT = "?"  # behind a µ of a log that contradicts its vehicle
+MARK = "*"  # behind a µ without the force of another brake that acts
+_OF_MARK = f"{MARK}: without the force of another brake that acts (`other-brake`)."
 _OF_NOT_KNOWN = (
     f"{NOT_KNOWN}: the interval of µ, or of Fmax over the weight, holds both 0 and {SLIPPERY}, so "
     "that the number says nothing. A stated vehicle makes the interval narrower."
@@ -207,6 +209,9 @@ def doubted(cell: str, in_doubt: bool) -> str:
     return cell + DOUBT * (in_doubt and cell not in (DASH, NOT_KNOWN))
 
 
-def describe_not_known(rows: Iterable[Mapping[str, str]]) -> str:
-    """Why cells are not known; "" where none is."""
-    return _OF_NOT_KNOWN if any(NOT_KNOWN in row.values() for row in rows) else ""
+def describe_cells(rows: Iterable[Mapping[str, str]]) -> str:
+    """What a mark behind a number means, and why cells are not known; "" where there is neither."""
+    cells = [cell for row in rows for cell in row.values()]
+    is_marked = any("±" in cell and cell.endswith(MARK) for cell in cells)
+    notes = [_OF_MARK * is_marked, _OF_NOT_KNOWN * (NOT_KNOWN in cells)]
+    return " ".join(filter(None, notes))

@@ -13,6 +13,7 @@ from adhesion_cli.analysis.summarise import brake_applications
 from adhesion_cli.core import toml
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Floats, Result
+from adhesion_cli.results.stop_rows import stop_row
 
 MOTOR_BOGIE = (2.0, 2.0, 0.0, 0.0)
 
@@ -182,6 +183,10 @@ def test_a_magnetic_brake_that_acts_is_another_brake(tmp_path: Path) -> None:
     assert first.code == "other-brake"
     assert first.spans == (pytest.approx((start + 1.0, stop - 5.0), abs=0.1),)
     assert "magnetic track brake is on" in first.message
+    stops = stops_of_result(result, brake_applications(result).values())
+    marked = [stop_row(s)["µ"].endswith("*") for s in stops]
+    assert marked == [s.start_s < stop and s.end_s > start for s in stops]
+    assert any(marked)
     mcap.write_results(tmp_path / "magnetic.adhesion.mcap", [result], "{}")
     again = run.analyze(tmp_path / "magnetic.adhesion.mcap", load(None, folder=False), ["td"])
     assert [f.spans for f in again.findings if f.code == "other-brake"] == [first.spans]

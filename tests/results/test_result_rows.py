@@ -10,7 +10,7 @@ from adhesion_cli.core.summary import (
     SlideSummary,
 )
 from adhesion_cli.results.result_rows import combined, row, slid_row
-from adhesion_cli.results.text_tables import describe_not_known
+from adhesion_cli.results.text_tables import describe_cells
 
 
 def application(**values: Any) -> BrakeApplication:
@@ -59,10 +59,10 @@ def test_a_highest_value_that_says_nothing_is_not_known() -> None:
     cells = row("1", wide)
     assert (cells["µ mean"], cells["µ max"]) == ("0.090±0.013", "not known")
     assert cells["Fmax [kN]"] == "not known"
-    assert "both 0 and 0.1" in describe_not_known([cells])
+    assert "both 0 and 0.1" in describe_cells([cells])
     narrow = row("1", application(coefficient=MeanAndHighest(0.02, 0.013, 0.03, 0.06)))
     assert narrow["µ max"] == "0.030±0.060"  # says that µ was below 0.09: slippery
-    assert not describe_not_known([narrow])
+    assert not describe_cells([narrow])
 
 
 def test_a_mean_that_says_nothing_is_not_known() -> None:
@@ -72,6 +72,7 @@ def test_a_mean_that_says_nothing_is_not_known() -> None:
     assert [cells[head] for head in heads] == ["not known", "not known"]
     cells = row("1", application(coefficient=narrow, force_n=of_force, other_brake=True))
     assert [cells[head] for head in heads] == ["0.11±0.10*", "13±31"]
+    assert describe_cells([cells]).startswith("*: without the force of another brake")
 
 
 def test_slides_stand_at_the_begin_of_the_first_one() -> None:
