@@ -42,8 +42,9 @@ def deal(
         return
     assert series.decoder is not None
     names = tuple(owner.strip() for owner in series.owners if isinstance(owner, str))
-    owners = Decoded(series.tree, [Leaf(series.owner_at, words=names)], None, len(records.start))
-    series.decoder.fill(owners, 0, records.data, records.start, records.stop)
+    leaf = Leaf(series.owner_at, words=names)
+    owners = Decoded(series.decoder, series.tree, [leaf], None, len(records.start))
+    owners.fill(0, records.data, records.start, records.stop)
     words = number_words(owners.words.get(series.owner_at, []), ())
     number_of = {
         owner: words.get(owner.strip(), -1) if isinstance(owner, str) else owner
@@ -67,7 +68,8 @@ class Collector:
         self._log_start = log_start
         self.rows = 0  # messages so far
         self._blocks: list[tuple[int, int]] = []  # first message and offset of each block
-        self._decoded = Decoded(series.tree, leaves, series.stamp, series.rows)
+        assert series.decoder is not None
+        self._decoded = Decoded(series.decoder, series.tree, leaves, series.stamp, series.rows)
         self._t = np.empty(series.rows, np.int64)
 
     def take(self, records: Records, offset: int) -> None:
@@ -78,10 +80,8 @@ class Collector:
             return  # the caller reports too many rows
         self._blocks.append((rows.start, offset))
         self._t[rows] = records.publish_time if self._source == "publish" else records.log_time
-        decoder = self.series.decoder
-        assert decoder is not None
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
-            decoder.fill(self._decoded, rows.start, records.data, records.start, records.stop)
+            self._decoded.fill(rows.start, records.data, records.start, records.stop)
 
     def finish(self) -> tuple[list[Column], list[Finding]]:
         """One column per leaf, all with the same time array; and what was wrong.

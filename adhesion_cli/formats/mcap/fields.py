@@ -83,8 +83,8 @@ def nodes(tree: Tree, steps: Steps = ()) -> Iterator[tuple[Steps, Tree]]:
     children: Iterable[tuple[str | int, Tree]] = ()
     if isinstance(tree, dict):
         children = tree.items()
-    elif isinstance(tree, list):
-        children = enumerate(tree[:LONG_ARRAY])
+    elif isinstance(tree, list) and len(tree) <= LONG_ARRAY:
+        children = enumerate(tree)
     if len(steps) < DEEPEST:
         for step, child in children:
             yield from nodes(child, (*steps, step))

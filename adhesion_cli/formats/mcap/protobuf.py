@@ -1,12 +1,10 @@
 """Protobuf messages: the protobuf library parses them one by one."""
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
-from itertools import compress
 from operator import attrgetter
 from typing import Any
 
-import numpy as np
 from google.protobuf.descriptor import FieldDescriptor as F
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
@@ -14,43 +12,12 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.unknown_fields import UnknownFieldSet
 
-from .blocks import Offsets
-from .columns import Decoder, Spread
+from .columns import Decoder, DecodingFault
 from .fields import DEEPEST, LONG_ARRAY, Opaque, Steps, Tree, UndecodableError
 
 _MESSAGES = (F.TYPE_MESSAGE, F.TYPE_GROUP)
 _TEXTS = (F.TYPE_STRING, F.TYPE_BYTES)
 _MOST_FIELDS = 1 << 16  # of one message, before the messages in it stay closed
-
-
-class _ProtobufSpread(Spread):
-    """Takes protobuf messages apart: they have attributes in place of keys."""
-
-    def _usable(
-        self, nodes: Sequence[Any], rows: Offsets, shape: Tree, steps: Steps
-    ) -> tuple[Sequence[Any], Offsets]:
-        if isinstance(shape, list):
-            return nodes, rows
-        numbers = {
-            f.number for f in nodes[0].DESCRIPTOR.fields if self._visits(None, (*steps, f.name))
-        }
-        is_sound = np.ones(len(nodes), np.bool_)
-        for i in [i for i, node in enumerate(nodes) if UnknownFieldSet(node)]:
-            try:
-                _check_wire(nodes[i], numbers)
-            except UndecodableError as e:
-                self._decoded.refuse(int(rows[i]), str(e))
-                is_sound[i] = False
-        return list(compress(nodes, is_sound)), rows[is_sound]
-
-    def _children(
-        self, nodes: Sequence[Any], rows: Offsets, key: str
-    ) -> tuple[Sequence[Any], Offsets]:
-        if nodes[0].DESCRIPTOR.fields_by_name[key].has_presence:
-            is_present = [node.HasField(key) for node in nodes]
-            if not all(is_present):
-                nodes, rows = list(compress(nodes, is_present)), rows[is_present]
-        return list(map(attrgetter(key), nodes)), rows
 
 
 class ProtobufDecoder(Decoder):
@@ -61,8 +28,6 @@ class ProtobufDecoder(Decoder):
     Raises:
         UndecodableError: where the set is broken, incomplete, cyclic or has no such type.
     """
-
-    spread = _ProtobufSpread
 
     def __init__(self, name: str, data: bytes) -> None:
         pool = _pool(data)
@@ -90,6 +55,35 @@ class ProtobufDecoder(Decoder):
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; messages inside that are absent show their defaults."""
         return _tree(self.parse(message), (self._type,), [_MOST_FIELDS])
+
+    def children(self, nodes: Sequence[Any], step: str | int) -> list[Any]:
+        """See Decoder; messages have attributes in place of keys."""
+        messages = [node for node in nodes if node is not None]
+        if isinstance(step, int) or not messages:
+            return super().children(nodes, step)
+        has_presence = messages[0].DESCRIPTOR.fields_by_name[step].has_presence
+        if not has_presence and len(messages) == len(nodes):
+            return list(map(attrgetter(step), nodes))
+        return [
+            getattr(node, step)
+            if node is not None and (not has_presence or node.HasField(step))
+            else None
+            for node in nodes
+        ]
+
+    def faults(
+        self, nodes: list[Any], shape: Tree, steps: Steps, wanted: Container[Steps]
+    ) -> Iterator[tuple[DecodingFault, list[bool]]]:
+        """See Decoder."""
+        messages = [node for node in nodes if node is not None]
+        if not messages or not isinstance(shape, dict):
+            return
+        members = messages[0].DESCRIPTOR.fields
+        numbers = {f.number for f in members if (*steps, f.name) in wanted}
+        reasons = [_wire_fault(node, numbers) for node in nodes]
+        for reason in filter(None, dict.fromkeys(reasons)):
+            fault = DecodingFault("mcap-bad-message", reason=reason)
+            yield fault, [other == reason for other in reasons]
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit that a custom field option named `unit` states."""
@@ -142,17 +136,16 @@ def _pool(data: bytes) -> DescriptorPool:
     return pool
 
 
-def _check_wire(message: Any, numbers: Container[int]) -> None:
-    """Refuses a message that does not hold these fields as its schema says.
+def _wire_fault(message: Any, numbers: Container[int]) -> str:
+    """Why a message does not hold these fields as its schema says, "" where it does or is None.
 
     The messages in it are not looked at.
     """
-    for unknown in UnknownFieldSet(message):
+    for unknown in UnknownFieldSet(message) if message is not None else ():
         if unknown.field_number in numbers:
-            raise UndecodableError(
-                f"field {unknown.field_number} of {message.DESCRIPTOR.full_name} has another wire "
-                "type, or a value that its enum does not have"
-            )
+            name = f"field {unknown.field_number} of {message.DESCRIPTOR.full_name}"
+            return f"{name} has another wire type, or a value that its enum does not have"
+    return ""
 
 
 def _numeric(f: Any, visited: set[str]) -> bool:
@@ -174,7 +167,8 @@ def _tree(message: Any, ancestors: tuple[Any, ...], budget: list[int]) -> Tree:
     `ancestors` are the types of the messages it stands in, and its own. `budget` counts down how
     many more fields may be shown: types that hold each other several times make a tree wide.
     """
-    _check_wire(message, message.DESCRIPTOR.fields_by_number)
+    if reason := _wire_fault(message, message.DESCRIPTOR.fields_by_number):
+        raise UndecodableError(reason)
     if budget[0] <= 0:
         return Opaque(f"after {_MOST_FIELDS} others")
     budget[0] -= len(message.DESCRIPTOR.fields)

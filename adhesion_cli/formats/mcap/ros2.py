@@ -96,8 +96,6 @@ class Ros2Decoder(Decoder):
         except struct.error:
             raise UndecodableError("message is shorter than its schema says") from None
 
-    tree = parse
-
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit in square brackets in the comment after a field, as rosidl reads it."""
         kind, unit = self._root, ""
