@@ -206,7 +206,7 @@ class Log:
     rows_read: int
     channels: tuple[Channel, ...]
     findings: tuple[Finding, ...]
-    account: Mapping[str, str] = field(default_factory=dict)  # losses of the MCAP, see RECOVERED
+    account: str = ""  # losses of the MCAP, see RECOVERED
     # by key in [channels] the option that takes a channel without a meaning for what is missing
     proposals: Mapping[str, str] = field(default_factory=dict)
 

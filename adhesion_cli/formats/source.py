@@ -133,7 +133,7 @@ class Source:
         texts: series of words, which may be states.
         findings: about it; they grow while reading.
         metadata: MCAP metadata records, by name.
-        account: what an MCAP has lost, which what is made of it must say as well.
+        account: what an MCAP has lost, which what is made of it must say as well; "" for nothing.
         reasons: decisions and why, for `inspect`.
     """
 
@@ -149,7 +149,7 @@ class Source:
         self.path, self.options = path, options
         self.findings: list[Finding] = []
         self.metadata: dict[str, dict[str, str]] = {}
-        self.account: dict[str, str] = {}
+        self.account = ""
         self.reasons: dict[str, object] = {}
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:

@@ -419,7 +419,7 @@ def _origin_of(log: Log, shift: int) -> dict[str, str]:
 
 def _account(log: Log) -> dict[str, dict[str, str]]:
     """What the log had lost: fresh CRCs would let all of it look sound."""
-    return {RECOVERED: dict(log.account)} if log.account else {}
+    return {RECOVERED: {"damage": log.account}} if log.account else {}
 
 
 def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:

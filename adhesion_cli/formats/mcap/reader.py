@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import UserError
-from ...core.finding import Finding, Severity
+from ...core.finding import Finding
 from ...core.model import Column
 from ..source import YEAR_1990, Field, ReadOptions, Source, TimeSource
 from .collect import Collector, deal
@@ -91,10 +91,9 @@ class McapSource(Source):
             yield Finding("mcap-unknown-channel", "error", count=walk.stray, names=names)
         if walk.unchecked:
             yield Finding("mcap-unchecked", "info", count=walk.unchecked)
-        if damage := walk.previous.get("damage"):
-            severity: Severity = "warning" if walk.unchecked else "info"
-            names, count = {"damage": damage[:200]}, walk.unchecked or 1
-            yield Finding("mcap-recovered", severity, count=count, names=names)
+        if walk.previous:
+            names = {"damage": walk.previous[:200]}
+            yield Finding("mcap-recovered", "warning", count=1, names=names)
 
     # ------------------------------------------------------------------ time
 

@@ -3,7 +3,6 @@
 Every CRC and every inflated size is compared. Indexes are not read: walking finds all records.
 """
 
-import re
 import struct
 from collections import Counter
 from collections.abc import Iterator
@@ -75,9 +74,9 @@ class Walk:
     # ------------------------------------------------------------------ what is lost or in doubt
 
     @property
-    def previous(self) -> dict[str, str]:
-        """The account of the damaged file that this one was made from, {} for none."""
-        return self.metadata.get(RECOVERED, {})
+    def previous(self) -> str:
+        """The account of the damaged file that this one was made from, "" for none."""
+        return self.metadata.get(RECOVERED, {}).get("damage", "")
 
     @property
     def lost_count(self) -> int | None:
@@ -87,36 +86,20 @@ class Walk:
         return max(self._statistics[1].message_count - self.counts.total(), 0)
 
     @property
-    def _unguarded(self) -> int:
+    def unchecked(self) -> int:
+        """Messages that no CRC guards."""
         return 0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked)
 
-    @property
-    def unchecked(self) -> int:
-        """Messages that no CRC guards, or none did before they were recovered."""
-        return self._unguarded + min(self._known_before("unchecked"), self.rows)
-
-    def _known_before(self, name: str) -> int:
-        count = self.previous.get(name, "0")
-        return int(count) if re.fullmatch("[0-9]{1,18}", count) else 0
-
-    def account(self) -> dict[str, str]:
-        """What a copy must say about itself, as its fresh CRCs hide all; {} for a sound file."""
-        if not (self.damage or self.stray or self._unguarded):
-            return dict(self.previous)
+    def account(self) -> str:
+        """What a copy must say about itself, as its fresh CRCs hide all; "" for a sound file."""
         items = [f"byte {damage.at}: {damage.what}" for damage in self.damage[:1]]
         if len(self.damage) > 1:
             items.append(f"{len(self.damage) - 1} more")
-        if self.stray and not items:
+        if self.stray:
             items.append(f"{self.stray} messages of channels that it does not define")
-        if damage_before := self.previous.get("damage"):
-            items.append(f"before: {damage_before}")
-        unknown = self.lost_count is None or self.previous.get("lost") == "unknown"
-        lost_messages = (self.lost_count or 0) + self.stray + self._known_before("lost")
-        return {
-            "damage": "; ".join(items)[:1000],
-            "lost": "unknown" if unknown else str(lost_messages),
-            "unchecked": str(self.unchecked),
-        }
+        if not items:
+            return self.previous
+        return "; ".join([*items, *([f"before: {self.previous}"] * bool(self.previous))])[:1000]
 
     # ------------------------------------------------------------------ what is whole, again
 
