@@ -33,8 +33,6 @@ class RecordBlock:
     offset: int
     stop: int
     chunk: bool
-    rows: int = 0  # messages
-    checked: bool = False  # by a CRC
 
 
 class Records(NamedTuple):
@@ -175,7 +173,6 @@ class BlockReader:
             raise DamageError(block.offset, f"chunk says {size} inflated bytes and has {excess}")
         if crc and zlib.crc32(data) != crc:
             raise DamageError(block.offset, "chunk has another CRC than it says")
-        block.checked = bool(crc)
         self.compressions.add(compression or "none")
         return data
 

@@ -71,7 +71,6 @@ class McapSource(Source):
             "library": walk.library,
             "chunks": sum(block.chunk for block in walk.blocks),
             "compression": ", ".join(sorted(walk.compressions)) or "none",
-            "attachments": walk.attachments,
         }
         self._take_clock([s for s in self._series if s.fields])
 
@@ -89,8 +88,6 @@ class McapSource(Source):
             listed_ids = ", ".join(map(str, ids[:5])) + (", ..." if len(ids) > 5 else "")
             names = {"channels": listed_ids}
             yield Finding("mcap-unknown-channel", "error", count=walk.stray, names=names)
-        if walk.unchecked:
-            yield Finding("mcap-unchecked", "info", count=walk.unchecked)
         if walk.previous:
             names = {"damage": walk.previous[:200]}
             yield Finding("mcap-recovered", "warning", count=1, names=names)
@@ -167,26 +164,18 @@ class McapSource(Source):
 
     def _collect(self, collectors: Sequence[Collector]) -> None:
         """Hands each the messages of its channels; the cost of a block does not grow with them."""
-        whose = np.full(1 << 16, -1, np.int32)  # by channel id
-        by_channel: dict[int, list[Collector]] = {}
+        topics: dict[int, list[Collector]] = {}  # by their first channel
+        topic_of = np.full(1 << 16, -1)  # by channel
         for collector in collectors:
-            by_channel.setdefault(collector.series.ids[0], []).append(collector)
-        topics = list(by_channel.values())
-        for k, of_topic in enumerate(topics):
-            whose[of_topic[0].series.ids] = k
+            topics.setdefault(collector.series.ids[0], []).append(collector)
+            topic_of[collector.series.ids] = collector.series.ids[0]
         for block, records in self.walk.reread():
-            collector_index = whose[records.channel]
-            rows = np.flatnonzero(collector_index >= 0)
-            collector_index = collector_index[rows].astype(
-                np.uint16
-            )  # which numpy sorts in linear time
-            rows = rows[np.argsort(collector_index, kind="stable")]
-            counts = np.bincount(collector_index)
-            run_ends = np.cumsum(counts)
-            for k in np.flatnonzero(counts).tolist():
-                rows_of_collector = rows[run_ends[k] - counts[k] : run_ends[k]]
-                for collector, its_own in deal(topics[k], records.select(rows_of_collector)):
-                    collector.take(its_own, block.offset)
+            topic = topic_of[records.channel]
+            order = np.argsort(topic, kind="stable")
+            for rows in np.split(order, np.flatnonzero(np.diff(topic[order])) + 1):
+                if len(rows) and topic[rows[0]] >= 0:
+                    for collector, own in deal(topics[topic[rows[0]]], records.select(rows)):
+                        collector.take(own, block.offset)
 
 
 def _field(s: Series, place: str, leaf: Leaf) -> Field:

@@ -64,11 +64,6 @@ class Series:
         """The schema's name."""
         return self.schema.name if self.schema else ""
 
-    @property
-    def lacks_schema(self) -> bool:
-        """Whether it states a schema that the file does not define."""
-        return self.schema_id != 0 and self.schema is None
-
     def finding(
         self,
         code: str,
@@ -188,9 +183,6 @@ def _look(
             raise UndecodableError(f"first messages: {reason}")
     except UndecodableError as e:
         yield s.finding("mcap-topic-unreadable", "error", reason=str(e))
-        return
-    if s.lacks_schema:
-        yield s.finding("mcap-schema-missing", "warning", schema=str(s.schema_id))
 
 
 def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
@@ -200,10 +192,8 @@ def _decoder(s: Series, options: ReadOptions) -> Decoder | None:
 
         text = schema.data if schema and schema.encoding == "jsonschema" else b""
         return JsonDecoder(text, options.max_part)
-    if s.lacks_schema:
-        raise UndecodableError(f"the file does not define its schema {s.schema_id}")
     if schema is None and s.encoding in _NEED_SCHEMA:
-        raise UndecodableError("it has no schema")
+        raise UndecodableError("the file does not define its schema")
     kind = s.encoding, schema.encoding if schema else ""
     if schema and kind == ("protobuf", "protobuf"):
         from .protobuf import ProtobufDecoder

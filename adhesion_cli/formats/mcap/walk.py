@@ -21,7 +21,6 @@ from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
 
 _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
     Opcode.CHUNK: "_chunk",
-    Opcode.ATTACHMENT: "_attachment",
     Opcode.METADATA: "_metadata",
     Opcode.DATA_END: "_end_of_data",
 }
@@ -48,13 +47,10 @@ class Walk:
         self.times = (1 << 63, -1)  # first and last log time
         self.profile = self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
-        self.attachments = 0  # whole ones
         self._definitions = Definitions(options.max_part)
         self._first_messages = FirstMessages()
         self._data_end = 0
-        self._all_checked = False  # by the CRC of the data section
         self._sought = 0  # how far chunks after damage were looked for
-        self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
         with self._open_file() as self._file:
             self._reader = BlockReader(self._file, options)
@@ -84,11 +80,6 @@ class Walk:
         if self._statistics is None:
             return None
         return max(self._statistics[1].message_count - self.counts.total(), 0)
-
-    @property
-    def unchecked(self) -> int:
-        """Messages that no CRC guards."""
-        return 0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked)
 
     def account(self) -> str:
         """What a copy must say about itself, as its fresh CRCs hide all; "" for a sound file."""
@@ -192,13 +183,12 @@ class Walk:
         return self._data_end
 
     def _record(self, opcode: int, offset: int, length: int) -> None:
-        self._kinds[opcode] += 1
         # A wrong byte can make an end of data of another record.
         if opcode in _IN_DATA and (self.damage or not self._data_end):
             getattr(self, _IN_DATA[opcode])(offset, length)
         elif opcode in _DEFINITIONS:
             self._definitions.read(opcode, self._file.read(offset + HEADER.size, length), offset)
-        elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:
+        elif opcode == Opcode.HEADER and offset == len(MAGIC):
             header = Header.read(self._file.content(offset, length))
             self.profile, self.library = header.profile, header.library
         elif opcode == Opcode.STATISTICS:
@@ -224,13 +214,8 @@ class Walk:
             self._note(DamageError(file_end + len(MAGIC), damage))
 
     def _compare(self, offset: int, said: Statistics) -> None:
-        """Notes where a file differs from its statistics; schemas and channels hide no data."""
-        counts = {
-            "messages": (said.message_count, self.counts.total()),
-            "chunks": (said.chunk_count, self._kinds[Opcode.CHUNK]),
-            "attachments": (said.attachment_count, self._kinds[Opcode.ATTACHMENT]),
-            "metadata records": (said.metadata_count, self._kinds[Opcode.METADATA]),
-        }
+        """Notes where a file has other messages than its statistics say."""
+        counts = {"messages": (said.message_count, self.counts.total())}
         for channel, count in said.channel_message_counts.items():
             counts[f"messages of channel {channel}"] = count, self.counts[channel]
         for name, (count, actual) in counts.items():
@@ -244,28 +229,11 @@ class Walk:
         crc = self._file.content(offset, length).read4()
         if crc and self._file.crc(0, offset) != crc:
             raise DamageError(offset, "data section has another CRC than it says")
-        self._all_checked = bool(crc)
 
     def _metadata(self, offset: int, length: int) -> None:
-        content = self._file.content(offset, min(length, self._options.max_part))
-        name = content.read_prefixed_string()
         if length <= self._options.max_part:  # larger ones are not ours
             record = Metadata.read(self._file.content(offset, length))
-            self.metadata.setdefault(name, {}).update(record.metadata)
-
-    def _attachment(self, offset: int, length: int) -> None:
-        place, stop = offset + HEADER.size, offset + HEADER.size + length
-        content = self._file.content(offset, min(length, PIECE))
-        content.read8(), content.read8()  # log time, time of creation
-        content.read_prefixed_string(), content.read_prefixed_string()  # name, media type
-        size = content.read8()
-        crc_offset = place + content.count + size
-        if crc_offset + 4 > stop:
-            raise DamageError(offset, "an attachment's data does not fit into its record")
-        crc = int.from_bytes(self._file.read(crc_offset, 4), "little")
-        if crc and self._file.crc(place, crc_offset) != crc:
-            raise DamageError(offset, "attachment has another CRC than it says")
-        self.attachments += 1
+            self.metadata.setdefault(record.name, {}).update(record.metadata)
 
     # ------------------------------------------------------------------ blocks
 
@@ -295,5 +263,4 @@ class Walk:
             self.times = min(self.times[0], int(log.min())), max(self.times[1], int(log.max()))
         self.counts.update(dict(zip(met, counts[met].tolist(), strict=True)))
         self._first_messages.add(records)
-        block.rows = len(records.start)
         self.blocks.append(block)

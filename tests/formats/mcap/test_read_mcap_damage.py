@@ -165,7 +165,7 @@ def test_a_copy_makes_nothing_sound(tmp_path: Path) -> None:
     """Which messages changed is not known where one CRC guards them all."""
     path, copy = tmp_path / "log.mcap", tmp_path / "0.mcap"
     path.write_bytes(changed(scalar_log(VALUES)))
-    assert {f.code for f in recovered(path, copy)} == {"mcap-damaged", "mcap-unchecked"}
+    assert {f.code for f in recovered(path, copy)} == {"mcap-damaged"}
     first = McapSource(copy, ReadOptions()).metadata["adhesion.recovered"]
     for k in range(3):  # copies of the copy
         assert McapSource(copy, ReadOptions()).metadata["adhesion.recovered"] == first
@@ -209,7 +209,7 @@ def test_a_limit_is_settable_where_it_is_told(
 
 
 def test_the_summary_leads_over_a_hole(tmp_path: Path) -> None:
-    """Behind a broken length: chunks, attachments and metadata by their indexes."""
+    """Behind a broken length: chunks and metadata by their indexes."""
     path = tmp_path / "log.mcap"
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=200)
@@ -232,7 +232,6 @@ def test_the_summary_leads_over_a_hole(tmp_path: Path) -> None:
     lost = set(range(40)) - set(column.value.astype(int).tolist())
     assert 0 < len(lost) < 10
     assert "a record of kind 0" in source.findings[0].names["damage"]
-    assert source.reasons["attachments"] == 2
     assert list(source.metadata) == ["m5", "m35"]
 
 
@@ -257,7 +256,7 @@ CHUNKED = [kind for kind in SMALL if kind != "unchunked"]
 def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, bytes]]) -> None:
     """Reads damaged logs.
 
-    Every chunk that the damage does not touch must be read, every attachment before it too.
+    Every chunk that the damage does not touch must be read.
 
     Args:
         folder: where to work.
@@ -268,7 +267,6 @@ def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, bytes]]
     path = folder / "damaged.mcap"
     path.write_bytes(raw)
     spans = [(block.offset, block.stop) for block in open_mcap(path, ReadOptions()).walk.blocks]
-    total = SMALL[kind].attachments
     for first, behind, instead in damages:
         path.write_bytes(raw[:first] + instead + raw[behind:])
         kept = [k for k, (a, b) in enumerate(spans) if b <= first or behind <= a]
@@ -283,8 +281,6 @@ def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, bytes]]
             found = {x for c in columns for x in c.value[c.valid].tolist()}
             assert found >= {x for k in kept for x in VALUES[8 * k : 8 * k + 8]}, first
             assert source.findings or len(found) == len(VALUES)
-            before = total if first >= spans[0][0] else 0
-            assert before <= source.walk.attachments <= total
         assert f"{path}: byte" in where
 
 
