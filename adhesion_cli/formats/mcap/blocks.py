@@ -1,6 +1,5 @@
 """Chunks, and runs of records outside chunks: their bytes, checked, and the messages in them."""
 
-import re
 import zlib
 from array import array
 from collections.abc import Callable
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.model import Times
 from ..source import ReadOptions
-from .records import HEADER, PIECE, RAISE_LIMIT, DamageError, LogFile
+from .records import HEADER, RAISE_LIMIT, DamageError, LogFile
 
 Offsets = NDArray[np.int64]
 
@@ -21,9 +20,6 @@ BEFORE_DATA = 22  # bytes of a Message record before its data: channel, sequence
 # Times a file's size that its chunks may inflate to, besides max_inflated. Each record counts as
 # so many bytes, too: a few bytes can inflate to millions of records.
 _UNUSUAL = 1000
-# The start of a Chunk record: a length below 2^40, and the length of its compression's name.
-_CHUNK = re.compile(rb"(?s)(?=\x06.{5}\0{3}.{28}[\0\3\4]\0{3})")
-_CHUNK_START = 41  # bytes that it looks at
 
 
 @dataclass(slots=True)
@@ -86,20 +82,6 @@ class BlockReader:
         """
         records, stop = self._find(self._file.read(offset, size), offset, outside=True)
         return RecordBlock(offset, offset + stop, False), records
-
-    def next_chunk(self, offset: int) -> RecordBlock | None:
-        """The first whole chunk from an offset on."""
-        for piece in range(offset, self._file.size, PIECE):
-            size = min(PIECE + _CHUNK_START - 1, self._file.size - piece)
-            for candidate in _CHUNK.finditer(self._file.read(piece, size)):
-                begin = piece + candidate.start()
-                try:
-                    length = self._file.head(begin)[1]
-                    self.records(block := RecordBlock(begin, begin + HEADER.size + length, True))
-                except DamageError:
-                    continue
-                return block
-        return None
 
     def _find(self, data: bytes, offset: int, outside: bool = False) -> tuple[Records, int]:
         """Walks over records, one by one; returns them, and where the walk ends.

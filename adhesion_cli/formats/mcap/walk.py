@@ -3,7 +3,6 @@
 Every CRC and every inflated size is compared. Indexes are not read: walking finds all records.
 """
 
-import struct
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +25,6 @@ _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
 }
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 _MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
-_FOOTER = struct.Struct("<BQQQI8s")  # a footer, and the magic bytes after it
 
 
 class Walk:
@@ -50,7 +48,6 @@ class Walk:
         self._definitions = Definitions(options.max_part)
         self._first_messages = FirstMessages()
         self._data_end = 0
-        self._sought = 0  # how far chunks after damage were looked for
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
         with self._open_file() as self._file:
             self._reader = BlockReader(self._file, options)
@@ -139,10 +136,9 @@ class Walk:
         return UserError(f"{self.path}: byte {damage.at}: {damage.what}", damage.hint or hint)
 
     def _walk(self) -> None:
-        """Walks the file up to its footer.
+        """Walks the file up to its footer, or to a record without an end.
 
-        Damage of one whole record does not end the walk. Where a record has no end, the walk goes
-        on at the next whole chunk, or in the summary if there is none.
+        Damage of one whole record does not end the walk.
         """
         offset, opcode = len(MAGIC), 0
         while opcode != Opcode.FOOTER:
@@ -150,9 +146,7 @@ class Walk:
                 opcode, length = self._file.head(offset)
             except DamageError as damage:
                 self._note(damage)
-                if self._data_end or not (offset := self._after_damage()):
-                    break
-                continue
+                return
             next_record = offset + HEADER.size + length
             if offset == len(MAGIC) and opcode != Opcode.HEADER:
                 self._note(DamageError(offset, "first record is no header"))
@@ -164,23 +158,6 @@ class Walk:
             except DamageError as damage:
                 self._note(damage)
             offset = next_record
-            if opcode == Opcode.FOOTER and not self._data_end and (offset := self._after_damage()):
-                opcode = 0  # a wrong length led over chunks
-
-    def _after_damage(self) -> int:
-        """Where the next whole chunk or else the summary begins, 0 where there is neither."""
-        # The length of a chunk may be wrong, and whole ones stand before its end.
-        met = (b.offset + 1 if b.chunk else b.stop for b in self.blocks)
-        if block := self._reader.next_chunk(max([self._sought, *met])):
-            self._sought = block.offset + 1  # even if it is refused afterwards
-            return block.offset
-        footer = self._file.size - _FOOTER.size
-        if footer >= len(MAGIC):
-            opcode, _, start, _, crc, magic = _FOOTER.unpack(self._file.read(footer, _FOOTER.size))
-            ends_here = (opcode, magic) == (Opcode.FOOTER, MAGIC) and 0 < start < footer
-            if ends_here and self._file.crc(start, footer + HEADER.size + 16) == crc:
-                self._data_end = start
-        return self._data_end
 
     def _record(self, opcode: int, offset: int, length: int) -> None:
         # A wrong byte can make an end of data of another record.
