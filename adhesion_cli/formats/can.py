@@ -22,7 +22,7 @@ from .can_blf import blf_frames
 from .can_frames import Frame, Problems
 from .can_text import TextLog
 from .source import YEAR_1990, Field, ReadOptions, distinct_words
-from .tables import Columns, Contents, NamedColumn, TableSamples, fields
+from .tables import Contents, NamedColumn, TableSamples, fields
 
 _FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no value
 _LISTED_NAMES = 6  # names of one finding
@@ -215,10 +215,9 @@ class Reader:
             named.append(NamedColumn(group, signal.name, signal.unit or "", group))
         return fields(named, "DBC")
 
-    def read(self, wanted: Sequence[int]) -> Columns:
+    def read(self, wanted: Sequence[int]) -> tuple[list[TableSamples], list[Finding]]:
         """See `tables.Reader`."""
-        axes: list[Times] = []
-        places: dict[Any, int] = {}
+        times: dict[Any, Times] = {}
         bits: dict[_Key, NDArray[np.uint8]] = {}
         series = []
         all_signals = [*self._signals, *self._with_words]
@@ -229,11 +228,9 @@ class Reader:
                 bits[key] = frames.bits()
             selected = _selected(bits[key], message, signal)
             place = key, None if selected is None else selected.tobytes()
-            if place not in places:
-                places[place] = len(axes)
-                t = np.frombuffer(frames.t, np.float64)
-                axes.append(_ticks(t if selected is None else t[selected], self._start))
             rows = slice(None) if selected is None else selected
+            if place not in times:
+                times[place] = _ticks(np.frombuffer(frames.t, np.float64)[rows], self._start)
             sizes = np.frombuffer(frames.sizes, np.uint8)[rows]
             value, no_value = _decoded(bits[key][rows], message, signal)
             too_short = 8 * sizes.astype(np.int64) <= max(_positions(signal))
@@ -245,8 +242,8 @@ class Reader:
                 numbers = np.array([number_of.get(number, np.nan) for number in raw])
                 if np.isfinite(numbers[~(too_short | no_value)]).all():  # else it is a number
                     value, words = numbers, _words(signal)
-            series.append(TableSamples(places[place], value, masks, words))
-        return Columns(axes, series, [])
+            series.append(TableSamples(times[place], value, masks, words))
+        return series, []
 
 
 def bus(place: str) -> Any:

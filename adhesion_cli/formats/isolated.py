@@ -17,12 +17,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from ..core.children import Child, ChildDiedError
 from ..core.errors import UserError, installed_by
+from ..core.finding import Finding
 from .source import ReadOptions, damaged
-from .tables import Columns, Contents, Reader, TableSource
+from .tables import Contents, Reader, TableSamples, TableSource
 
 _MEMORY = 3 << 30, 24  # bytes that reading a log may take, and for each byte of the file
 _SECONDS = 120, 2e-6  # for one answer, and for each byte of the file
@@ -80,9 +81,10 @@ class _Remote:
         self._library, self._path, self._options = library, path, replace(options, dbc=dbc)
         self.contents: Contents = self._ask(None)
 
-    def read(self, wanted: Sequence[int]) -> Columns:
+    def read(self, wanted: Sequence[int]) -> tuple[list[TableSamples], list[Finding]]:
         """See `Reader`."""
-        return cast(Columns, self._ask(list(wanted)))
+        samples: tuple[list[TableSamples], list[Finding]] = self._ask(list(wanted))
+        return samples
 
     def _ask(self, wanted: list[int] | None) -> Any:
         """The columns of these numbers, or what the log holds."""

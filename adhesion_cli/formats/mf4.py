@@ -15,7 +15,7 @@ from ..core.model import Bools, Floats, Times
 from .csv.clock import count_of
 from .csv.header_words import time_unit
 from .source import YEAR_1990, ReadOptions, distinct_words, numbered
-from .tables import Columns, Contents, NamedColumn, TableSamples, fields, nanoseconds, state_fields
+from .tables import Contents, NamedColumn, TableSamples, fields, nanoseconds, state_fields
 
 _EPOCH, _ZERO = datetime(1970, 1, 1), timedelta(0)
 _EPOCH_S = 631_152_000.0, 4e9  # seconds of a date from 1990 on: such a time counts from 1970
@@ -238,13 +238,13 @@ class Reader:
         unit = (self._mdf.get_channel_unit(group=g, index=i) or "").strip()
         return NamedColumn(self._names[g], name, unit, f"{g + 1} {self._names[g]}")
 
-    def read(self, wanted: Sequence[int]) -> Columns:
+    def read(self, wanted: Sequence[int]) -> tuple[list[TableSamples], list[Finding]]:
         """See `tables.Reader`."""
         all_places = [(p, False) for p in self._places] + [(p, True) for p in self._words]
         as_words = [all_places[k] for k in wanted]
         places = [place for place, _ in as_words]
-        axes, series, findings = [], {}, []
-        for a, g in enumerate(dict.fromkeys(place.group for place in places)):
+        series, findings = {}, []
+        for g in dict.fromkeys(place.group for place in places):
             group_places = list(dict.fromkeys(place for place in places if place.group == g))
             signals = self._mdf.select(
                 [(None, *place) for place in group_places], raw=True, copy_master=False
@@ -258,7 +258,7 @@ class Reader:
             if not ok.all():
                 lost_rows = int(np.count_nonzero(~ok))
                 findings.append(Finding("time-unreadable", "warning", self._names[g], lost_rows))
-            axes.append(t[ok])
+            whole_t = t[ok]
             for place, signal in zip(group_places, signals, strict=True):
                 if len(signal.samples) != rows:
                     n = len(signal.samples)
@@ -270,12 +270,12 @@ class Reader:
                 if texts is not None:
                     is_text, words = np.array([x is not None for x in texts], bool)[ok], list[str]()
                     numbers = numbered(texts, words)[ok]
-                    series[place, True] = TableSamples(a, numbers, masks, tuple(words))
+                    series[place, True] = TableSamples(whole_t, numbers, masks, tuple(words))
                     masks = {**masks, "value-is-text": is_text}
-                series[place, False] = TableSamples(a, value[ok], masks)
+                series[place, False] = TableSamples(whole_t, value[ok], masks)
                 if texts is None or not is_text.all():  # then the words mark some of its numbers
                     series[place, True] = series[place, False]
-        return Columns(axes, [series[pair] for pair in as_words], findings)
+        return [series[pair] for pair in as_words], findings
 
 
 def _has_frames(group: Any) -> bool:

@@ -54,20 +54,12 @@ class Contents:
 
 
 class TableSamples(NamedTuple):
-    """One series: which time axis it has, its values, and masks over them, shape (n,)."""
+    """One series: times, values and masks over them, shape (n,)."""
 
-    axis: int
+    t: Times  # one array for all series of one time axis
     value: Floats
     masks: Mapping[str, Bools] = {}  # by a key of `MASKS`: samples that hold no number, and why
     words: tuple[str, ...] = ()  # that the values are numbers of, NaN for none
-
-
-class Columns(NamedTuple):
-    """The wanted series, in their order, on the axes they name."""
-
-    axes: list[Times]
-    series: list[TableSamples]
-    findings: list[Finding]
 
 
 class Reader(Protocol):
@@ -75,8 +67,8 @@ class Reader(Protocol):
 
     contents: Contents
 
-    def read(self, wanted: Sequence[int]) -> Columns:
-        """The fields of these numbers, those of words behind the others.
+    def read(self, wanted: Sequence[int]) -> tuple[list[TableSamples], list[Finding]]:
+        """The fields of these numbers, those of words behind the others; and what was found.
 
         Times [ns] are absolute where the log has a start.
         """
@@ -107,14 +99,15 @@ class TableSource(Source):
                     f"{self.path}: no channel {f.channel!r}",
                     "`adhesion inspect` lists the channels of a log",
                 )
-        axes, series, findings = self._reader.read([self._places[f] for f in wanted])
-        start = min((time_axis.earliest(t) for t in axes if len(t)), default=0)
+        series, findings = self._reader.read([self._places[f] for f in wanted])
+        axes = {id(x.t): x.t for x in series}
+        start = min((time_axis.earliest(t) for t in axes.values() if len(t)), default=0)
         events = self._reader.contents.events
         self.report(*findings)
         self.report(*(replace(f, spans=time_axis.spans_of(t, t, start)) for f, t in events))
         columns = []
-        for f, (axis, value, masks, words) in zip(wanted, series, strict=True):
-            t, valid = axes[axis], np.isfinite(value) if f.words else np.ones(len(value), np.bool_)
+        for f, (t, value, masks, words) in zip(wanted, series, strict=True):
+            valid = np.isfinite(value) if f.words else np.ones(len(value), np.bool_)
             for code, mask in masks.items():
                 valid &= ~mask
                 self.report(*_of_mask(code, f, t, mask, start))

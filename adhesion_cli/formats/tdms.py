@@ -21,7 +21,6 @@ from .csv.number_text import number_of
 from .csv.time_column import find_clock
 from .source import YEAR_1990, ReadOptions, distinct_words, numbered
 from .tables import (
-    Columns,
     Contents,
     NamedColumn,
     TableSamples,
@@ -310,10 +309,9 @@ class Reader:
         folder = f"{axes.index((channel.group_name, axis))} {channel.group_name}"
         return NamedColumn(channel.group_name, channel.name or "(no name)", _unit(channel), folder)
 
-    def read(self, wanted: Sequence[int]) -> Columns:
+    def read(self, wanted: Sequence[int]) -> tuple[list[TableSamples], list[Finding]]:
         """See `tables.Reader`."""
-        axes: list[Times] = []
-        places: dict[Any, int] = {}
+        times: dict[Any, Times] = {}
         series, findings = [], []
         pairs = [*self._channels, *self._words]
         for channel, axis in (pairs[k] for k in wanted):
@@ -324,11 +322,9 @@ class Reader:
             n = min(len(value), len(t))
             if invalid := len(value) - int(np.count_nonzero(ok[:n])):
                 findings.append(Finding("time-unreadable", "warning", channel.name, invalid))
-            if (axis, n) not in places:
-                places[axis, n] = len(axes)
-                axes.append(t[:n][ok[:n]])
-            series.append(TableSamples(places[axis, n], value[:n][ok[:n]], {}, tuple(words)))
-        return Columns(axes, series, findings)
+            whole_t = times.setdefault((axis, n), t[:n][ok[:n]])
+            series.append(TableSamples(whole_t, value[:n][ok[:n]], {}, tuple(words)))
+        return series, findings
 
     def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:
         """Times [ns] of a channel of n samples, and which of them hold."""
