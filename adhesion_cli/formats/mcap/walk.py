@@ -18,11 +18,6 @@ from .blocks import BlockReader, RecordBlock, Records
 from .definitions import Definitions, FirstMessages
 from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
 
-_IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
-    Opcode.CHUNK: "_chunk",
-    Opcode.METADATA: "_metadata",
-    Opcode.DATA_END: "_end_of_data",
-}
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 _MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
 
@@ -51,7 +46,9 @@ class Walk:
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
         with self._open_file() as self._file:
             self._reader = BlockReader(self._file, options)
-            self._check_magic()
+            if self._file.read(0, min(self._file.size, len(MAGIC))) != MAGIC:
+                text = f"{path}: byte 0: not an MCAP file (wrong magic bytes)"
+                raise UserError(text, "give an MCAP log; a CSV log must not be named .mcap")
             self._walk()
             if self._statistics and not self.damage:
                 self._compare(*self._statistics)
@@ -114,13 +111,6 @@ class Walk:
     def _open_file(self) -> LogFile:
         return LogFile(self.path, self._options.max_record, self._content)
 
-    def _check_magic(self) -> None:
-        size = self._file.size
-        if self._file.read(0, min(size, len(MAGIC))) != MAGIC:
-            problem = "file is empty" if not size else "not an MCAP file (wrong magic bytes)"
-            hint = "give an MCAP log; a CSV log must not be named .mcap"
-            raise UserError(f"{self.path}: byte 0: {problem}", hint)
-
     def _note(self, damage: DamageError) -> None:
         # A traceback would keep alive what the frames in it hold: a chunk's inflated bytes.
         damage.__traceback__ = damage.__context__ = None
@@ -161,8 +151,16 @@ class Walk:
 
     def _record(self, opcode: int, offset: int, length: int) -> None:
         # A wrong byte can make an end of data of another record.
-        if opcode in _IN_DATA and (self.damage or not self._data_end):
-            getattr(self, _IN_DATA[opcode])(offset, length)
+        is_in_data = bool(self.damage) or not self._data_end
+        if opcode == Opcode.CHUNK and is_in_data:
+            block = RecordBlock(offset, offset + HEADER.size + length, True)
+            self._take(block, self._reader.records(block))
+        elif opcode == Opcode.METADATA and is_in_data:
+            if length <= self._options.max_part:  # larger ones are not ours
+                record = Metadata.read(self._file.content(offset, length))
+                self.metadata.setdefault(record.name, {}).update(record.metadata)
+        elif opcode == Opcode.DATA_END and is_in_data:
+            self._end_of_data(offset, length)
         elif opcode in _DEFINITIONS:
             self._definitions.read(opcode, self._file.read(offset + HEADER.size, length), offset)
         elif opcode == Opcode.HEADER and offset == len(MAGIC):
@@ -199,24 +197,13 @@ class Walk:
             if count != actual:
                 self._note(DamageError(offset, f"statistics say {count} {name}, found {actual}"))
 
-    # ------------------------------------------------------------------ records between messages
-
     def _end_of_data(self, offset: int, length: int) -> None:
         self._data_end = offset + HEADER.size + length
         crc = self._file.content(offset, length).read4()
         if crc and self._file.crc(0, offset) != crc:
             raise DamageError(offset, "data section has another CRC than it says")
 
-    def _metadata(self, offset: int, length: int) -> None:
-        if length <= self._options.max_part:  # larger ones are not ours
-            record = Metadata.read(self._file.content(offset, length))
-            self.metadata.setdefault(record.name, {}).update(record.metadata)
-
     # ------------------------------------------------------------------ blocks
-
-    def _chunk(self, offset: int, length: int) -> None:
-        block = RecordBlock(offset, offset + HEADER.size + length, True)
-        self._take(block, self._reader.records(block))
 
     def _run(self, offset: int, next_record: int) -> int:
         """Takes up the records outside chunks from an offset on; returns where to read on."""
