@@ -1,7 +1,7 @@
 """ASAM MDF logs of versions 3 and 4 (MF4), by asammdf; runs in a process of its own."""
 
 from collections.abc import Iterator, Sequence
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from .csv.header_words import time_unit
 from .source import YEAR_1990, ReadOptions, distinct_words, numbered
 from .tables import Contents, NamedColumn, TableSamples, fields, nanoseconds, state_fields
 
-_EPOCH, _ZERO = datetime(1970, 1, 1), timedelta(0)
+_EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
 _EPOCH_S = 631_152_000.0, 4e9  # seconds of a date from 1990 on: such a time counts from 1970
 _TIME = 1  # type of a master channel: time, and no angle, distance or index
 # By whether the version is 4: data types that are integers and floats; conversions that give
@@ -108,16 +108,10 @@ class Reader:
 
     def _begin(self) -> tuple[int, str]:
         """Start of the log since 1970 [ns], 0 where the file states none, and its zone."""
-        header = self._mdf.header
-        if not self._is_version_4:
-            start = header.start_time
-            since = (start.replace(tzinfo=None) - _EPOCH) - (start.utcoffset() or _ZERO)
-            ticks = round(since.total_seconds() * 1e6) * 1000
-            zone = "UTC" if start.tzinfo else "without a zone: taken as UTC"
-            return (ticks if ticks > YEAR_1990 else 0), zone
-        local = header.time_flags & 1
-        zone = "in local time without a zone: taken as UTC" if local else "UTC"
-        return (header.abs_time if header.abs_time > YEAR_1990 else 0), zone
+        start = self._mdf.header.start_time
+        zone = "UTC" if start.tzinfo else "without a zone: taken as UTC"
+        ticks = (start.replace(tzinfo=start.tzinfo or UTC) - _EPOCH) // _MICROSECOND * 1000
+        return (ticks if ticks > YEAR_1990 else 0), zone
 
     def _not_read(self, g: int, reason: str) -> Finding:
         names = {"groups": self._names[g], "reason": reason}

@@ -23,7 +23,7 @@ from adhesion_cli.formats.source import ReadOptions
 
 T = np.arange(200) / 50
 V = np.linspace(70.0, 10.0, 200)
-START_NS = int(brakes.START.timestamp() * 1e9)
+START_NS = round(brakes.START.timestamp() * 1e6) * 1000
 
 
 def written(path: Path, *groups: tuple[str, list[Signal]], version: str = "4.10") -> Path:
