@@ -8,8 +8,8 @@ import numpy as np
 from ..core import compiled, innovations, physics
 from ..core.estimator import Estimator
 from ..core.finding import Finding
+from ..core.masks import spans_of
 from ..core.model import Z95, AxleRecord, AxleResult, Reference
-from ..core.time_axis import spans_of
 from ..diagnostics import noise_model
 from ..rail import slip
 from ..records import brake_applications

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..core import physics, signals
 from ..core.finding import Finding, Severity
+from ..core.masks import spans_of_mask
 from ..core.model import AxleRecord, Bools, Reference, Vehicle
-from ..core.time_axis import spans_of_mask
 from ..rail import rail_under_slides
 from ..rail.events import HIDDEN_TIME
 from ..rail.locks import LockLimits, locks_of_axle

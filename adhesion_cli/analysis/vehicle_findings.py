@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core.finding import Finding, merge_spans
+from ..core.masks import spans_of_mask
 from ..core.model import Z95, AxleResult, IdentifiedVehicle, Log, Result, Vehicle, quantities
-from ..core.time_axis import spans_of_mask
 from ..core.units import UNITS
 from ..diagnostics import friction_over_speed
 from ..diagnostics.checks.vehicle import remedy_names

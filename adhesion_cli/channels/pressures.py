@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import time_axis, units
+from ..core import units
 from ..core.finding import Finding
+from ..core.masks import true_runs
 from ..core.model import Bools, Channel, Floats, Parameter, Vehicle
-from ..core.signals import true_runs
+from ..core.sample_times import SampleTimes
 from .meaning import Meant
 
 _STEP_NS = 500_000_000  # between the times at which speed and pressure are compared
@@ -35,7 +36,7 @@ _LEVEL_SIGMA = 3.0**-0.5  # 1 sigma of a zero that is 0 or the air's level, as a
 class Motion(NamedTuple):
     """How the train moves, at some times of a log."""
 
-    instants: time_axis.Instants
+    times: SampleTimes
     rolls: Bools  # freely
     slows: Bools  # by a brake, for some time
     free_slope: float  # how its speed changes where it rolls freely [m/s²]
@@ -52,7 +53,7 @@ def judge(
         c = channels[i]
         briefly_rolling = rolling = slowing = np.empty(0)
         if motion:
-            pressure = time_axis.interpolated(motion.instants, c)
+            pressure = motion.times.interpolate(c)
             has_value = np.isfinite(pressure)
             briefly_rolling, rolling, slowing = (
                 pressure[mask & has_value]
@@ -128,11 +129,11 @@ def _find_motion(channels: Sequence[Channel], vehicle: Vehicle) -> Motion | None
     start = min(int(c.data.t.min()) for c in speeds)
     stop = max(int(c.data.t.max()) for c in speeds)
     step = max(_STEP_NS, (stop - start) // _MOST_TIMES)
-    instants = time_axis.Instants(np.arange(start, stop, step, dtype=np.int64), 0, 1)
-    fastest = np.full(len(instants.t), np.nan)
+    times = SampleTimes(np.arange(start, stop, step, dtype=np.int64))
+    fastest = np.full(len(times.t), np.nan)
     for c in speeds:
         radius = vehicle.radius(c.axle or 1).value if c.meaning == "wheel_speed" else 1.0
-        fastest = np.fmax(fastest, radius * np.abs(time_axis.interpolated(instants, c)))
+        fastest = np.fmax(fastest, radius * np.abs(times.interpolate(c)))
     if len(fastest) <= 2 * _SLOPE_STEPS:
         return None
     slope = np.full(len(fastest), np.nan)
@@ -150,7 +151,7 @@ def _find_motion(channels: Sequence[Channel], vehicle: Vehicle) -> Motion | None
     slows_range = free_slope - float(np.median(braked))
     rolls = is_moving & (slope > free_slope - _FREE_ROLLING * slows_range)
     slows = _long_runs(is_moving & (slope < free_slope - _SLOWS * slows_range))
-    return Motion(instants, rolls, slows, float(np.median(slope[rolls])))
+    return Motion(times, rolls, slows, float(np.median(slope[rolls])))
 
 
 def _long_runs(mask: Bools) -> Bools:

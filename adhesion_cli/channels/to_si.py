@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core import time_axis, toml, units
+from ..core import masks, time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
 from ..core.model import (
@@ -157,7 +157,7 @@ def _of_recorder(
         return column, samples, column.t[:0], notes
 
     def note(code: str, affected: Bools, values: dict[str, float]) -> None:
-        spans = time_axis.spans_of_mask(affected, column.t, ends[0])
+        spans = masks.spans_of_mask(affected, column.t, ends[0])
         count = int(np.count_nonzero(affected))
         notes.append(Finding(code, "info", m.title, count, spans, values))
 
@@ -227,7 +227,7 @@ def _of_counter(
     count = int(affected.sum())
     if not count:
         return []
-    spans = time_axis.spans_of(axis.data.t[:-1][affected], axis.data.t[1:][affected], start)
+    spans = masks.spans_of(axis.data.t[:-1][affected], axis.data.t[1:][affected], start)
     line = f"channels.{m.meaning} = {toml.table(entry_of(m.field, wrap=65536))}"
     names = {"option": toml.option(line)}
     return [Finding(code, severity, channel=m.title, count=count, spans=spans, names=names)]

@@ -141,6 +141,12 @@ class Column:
     words: tuple[str, ...] = ()
 
 
+def pieces(starts: tuple[int, ...], n: int) -> tuple[slice, ...]:
+    """The stretches of n samples that start so; none where there is no sample."""
+    stops = (*starts[1:], n)
+    return tuple(slice(a, b) for a, b in zip(starts, stops, strict=True)) if n else ()
+
+
 class Parameter(NamedTuple):
     """A vehicle parameter: value and 1-sigma tolerance, both SI."""
 
@@ -178,6 +184,11 @@ class Channel:
     levels: tuple[str, ...] = ()  # of a state in words: the word of 0, of 1, ...
     # samples of `data` that its recorder did not write, as the value held [ns]
     held: Times = dataclasses.field(default_factory=lambda: np.empty(0, np.int64), repr=False)
+
+    @property
+    def pieces(self) -> tuple[slice, ...]:
+        """The stretches of its samples between two jumps of the clock; none without a sample."""
+        return pieces(self.starts, len(self.data.t))
 
     @property
     def measured_in(self) -> str:

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .masks import true_runs
 from .model import Z95, AxleRecord, Bools, Floats, Times
 from .physics import GRADIENT, RELEASED_SHARE, RISE, SLIDE
 
@@ -182,19 +183,6 @@ def _gains_speed(t: Floats, v: Floats) -> Bools:
     duration = later_time - earlier_time
     gains: Bools = (gain > GRADIENT * duration) & (gain < RISE * duration) & (duration >= 1.0)
     return gains
-
-
-def true_runs(mask: Bools) -> list[tuple[int, int]]:
-    """First and past-the-last index of each run of True in a mask of shape (n,)."""
-    return [(a, b) for a, b in edges(mask).tolist()]
-
-
-def edges(mask: Bools) -> NDArray[np.int64]:
-    """The same as an array, shape (runs, 2)."""
-    change = np.empty(len(mask) + 1, dtype=np.bool_)
-    change[1:-1] = mask[1:] != mask[:-1]
-    change[0], change[-1] = (mask[0], mask[-1]) if len(mask) else (False, False)
-    return np.flatnonzero(change).reshape(-1, 2)
 
 
 def bends(t: Floats | Times, x: Floats) -> Floats:

@@ -4,15 +4,14 @@ Nothing is sorted.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
-from .finding import Finding, Severity, Span, merge_spans
-from .model import Bools, Channel, Column, Floats, Times
+from .finding import Finding, Severity
+from .masks import edges, spans_of
+from .model import Bools, Column, Floats, Times, pieces
 
 _FIRST_STAMPS = 100_000  # of a log, in which most clocks count seconds above 59
 _HOUR, _HOURLESS, _HALF_DAY = 3600 * 10**9, "clock without hours", "12-hour clock"
@@ -119,8 +118,8 @@ class _Report:
         self, code: str, mask: Bools, severity: Severity = "warning", **data: float | str
     ) -> None:
         """Reports the samples of a mask, if there are any; each run of them is a span."""
-        edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-        start, stop = self.t[edges[::2]], self.t[edges[1::2] - 1]
+        first, behind = edges(mask).T
+        start, stop = self.t[first], self.t[behind - 1]
         self.stretches(code, start, stop, int(np.count_nonzero(mask)), severity, **data)
 
     def stretches(
@@ -138,19 +137,6 @@ class _Report:
             values = {key: x for key, x in data.items() if not isinstance(x, str)}
             names = {key: x for key, x in data.items() if isinstance(x, str)}
             self.findings.append(Finding(code, severity, self.channel, count, spans, values, names))
-
-
-def spans_of(start: Times, stop: Times, start_ns: int) -> tuple[Span, ...]:
-    """Stretches [ns] as seconds after the log's start, the nearest joined until few are left."""
-    merged = merge_spans([*zip(start.tolist(), stop.tolist(), strict=True)])
-    return tuple(((a - start_ns) / 1e9, (b - start_ns) / 1e9) for a, b in merged)
-
-
-def spans_of_mask(mask: Bools, t: Times, start_ns: int) -> tuple[Span, ...]:
-    """The stretches of the samples of a mask at times [ns]; each run of them is one."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    begin, stop = np.sort([t[edges[::2]], t[edges[1::2] - 1]], axis=0)
-    return spans_of(begin, stop, start_ns)
 
 
 def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
@@ -419,86 +405,3 @@ def _restarts(t: Times, newest: Times) -> tuple[int, ...]:
         if stays_low and rises:
             starts.append(int(index))
     return tuple(starts)
-
-
-def pieces(starts: tuple[int, ...], n: int) -> list[slice]:
-    """The stretches between two jumps of the clock; none where there is no sample."""
-    return [slice(a, b) for a, b in zip(starts, (*starts[1:], n), strict=True)] if n else []
-
-
-class Instants(NamedTuple):
-    """Where to look for another channel's samples: at these times, in the k-th of n pieces."""
-
-    t: Times
-    k: int
-    n: int
-
-
-def instants_of(channel: Channel) -> Iterator[Instants]:
-    """The times of a channel, piece by piece between the jumps of its clock."""
-    channel_pieces = pieces(channel.starts, len(channel.data.t))
-    for k, piece in enumerate(channel_pieces):
-        yield Instants(channel.data.t[piece], k, len(channel_pieces))
-
-
-def _samples(instants: Instants, channel: Channel) -> tuple[Times, Floats]:
-    """The piece of a channel that goes with a piece of another one.
-
-    Channels that the clock's jumps part into equally many pieces belong together piece by piece,
-    also where times repeat. Else the only piece that shares time; nothing where two do: which one
-    was logged along cannot be known.
-    """
-    channel_pieces = pieces(channel.starts, len(channel.data.t))
-    if len(channel_pieces) == instants.n == 1:
-        return channel.data.t, channel.data.value
-    if len(channel_pieces) != instants.n:
-        t = channel.data.t
-        channel_pieces = [
-            p for p in channel_pieces if t[p][0] <= instants.t[-1] and t[p][-1] >= instants.t[0]
-        ]
-    if len(channel_pieces) not in (1, instants.n):
-        return channel.data.t[:0], channel.data.value[:0]
-    chosen = channel_pieces[instants.k if len(channel_pieces) == instants.n else 0]
-    return channel.data.t[chosen], channel.data.value[chosen]
-
-
-def hold_last(instants: Instants, channel: Channel) -> tuple[Floats, Bools]:
-    """Last value of a channel at each time, and whether it is fresh enough to use; shape (n,).
-
-    The values are the channel's own array where the times are the same.
-    """
-    xs, ys = _samples(instants, channel)
-    if not len(xs):
-        return np.full(len(instants.t), np.nan), np.zeros(len(instants.t), dtype=np.bool_)
-    if np.array_equal(xs, instants.t):  # columns of one table
-        return ys, np.ones(len(xs), dtype=np.bool_)
-    index = np.searchsorted(xs, instants.t, side="right") - 1
-    has_sample = index >= 0
-    index = np.maximum(index, 0)
-    return ys[index], has_sample & (instants.t - xs[index] <= channel.gap_ns)
-
-
-def interpolated(instants: Instants, channel: Channel) -> Floats:
-    """Linear interpolation of a channel, shape (n,); its own array where the times are the same.
-
-    NaN before its first sample and across its gaps; the last value holds as long as `hold_last`
-    does.
-    """
-    xs, ys = _samples(instants, channel)
-    if not len(xs):
-        return np.full(len(instants.t), np.nan)
-    if np.array_equal(xs, instants.t):
-        return ys
-    t = instants.t
-    upper_index = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
-    lower_index = np.maximum(upper_index - 1, 0)
-    gap = xs[upper_index] - xs[lower_index]
-    # Differences of int64 are exact; seconds since 1970 as floats are not.
-    fraction = np.clip((t - xs[lower_index]) / np.maximum(gap, 1), 0.0, 1.0)
-    value = ys[lower_index] + fraction * (ys[upper_index] - ys[lower_index])
-    unknown = (
-        (t < xs[0])
-        | (t > xs[-1] + channel.gap_ns)
-        | ((t < xs[upper_index]) & (gap > channel.gap_ns))
-    )
-    return np.where(unknown, np.nan, np.where(xs[upper_index] == t, ys[upper_index], value))

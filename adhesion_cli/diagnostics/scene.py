@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.finding import Finding, Severity
+from ..core.masks import spans_of_mask
 from ..core.model import Bools, Channel, Train, Vehicle
 from ..core.physics import rolling_deceleration, wheelset
-from ..core.time_axis import spans_of_mask
 from ..core.toml import option
 from ..core.units import UNITS, Unit, unit_for
 from ..records.axle_channels import AxleChannels

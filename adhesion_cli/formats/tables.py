@@ -15,6 +15,7 @@ import numpy as np
 from ..core import time_axis
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
+from ..core.masks import spans_of, spans_of_mask
 from ..core.model import Bools, Column, Floats, Times
 from ..core.text import distinct
 from .source import YEAR_1990, Field, ReadOptions, Source, without_numbers
@@ -104,7 +105,7 @@ class TableSource(Source):
         start = min((time_axis.earliest(t) for t in axes.values() if len(t)), default=0)
         events = self._reader.contents.events
         self.report(*findings)
-        self.report(*(replace(f, spans=time_axis.spans_of(t, t, start)) for f, t in events))
+        self.report(*(replace(f, spans=spans_of(t, t, start)) for f, t in events))
         columns = []
         for f, (t, value, masks, words) in zip(wanted, series, strict=True):
             valid = np.isfinite(value) if f.words else np.ones(len(value), np.bool_)
@@ -120,7 +121,7 @@ def _of_mask(code: str, f: Field, t: Times, mask: Bools, start: int) -> Iterable
     count = int(np.count_nonzero(mask))
     if not count:
         return
-    spans = time_axis.spans_of_mask(mask, t, start)
+    spans = spans_of_mask(mask, t, start)
     name = f"{f.channel} ({f.group})" if f.group else f.channel
     severity = MASKS[code]
     if severity == "warning" and count == len(mask):

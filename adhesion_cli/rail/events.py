@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.masks import true_runs
 from ..core.model import Bools, Event, Floats, Regions, Times
 from ..core.physics import SLIDE, WORKING
-from ..core.signals import true_runs
 from .slope import REGION_TITLES
 
 HIDDEN_TIME = 0.5  # a slide may be hidden in as long a time without slip [s]

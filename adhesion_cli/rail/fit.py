@@ -46,9 +46,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import compiled
+from ..core.masks import true_runs
 from ..core.model import Bools, Floats, Vehicle
 from ..core.physics import G
-from ..core.signals import true_runs
 from .creep_law import CREEP_FROM, Condition, Contact, Patch, conditions, creep_force, creep_slopes
 from .events import END_SLIP
 

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.masks import true_runs
 from ..core.model import AxleRecord, Floats
 from ..core.physics import SLOW, STANDING
-from ..core.signals import true_runs
 from .speed_errors import CLEAR_SIGMAS, speed_error
 
 SHORTEST_LOCK = 0.4  # a wheel that stands for a shorter time is not locked [s]

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..core import physics, threads
 from ..core.finding import Finding
+from ..core.masks import true_runs
 from ..core.model import AxleRecord, AxleResult, Bools, Floats, Parameter, Vehicle
 from ..core.physics import LONGEST_DUMP
-from ..core.signals import true_runs
 from . import fit
 from .events import Slide
 from .sliding import find_creep, slides

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..core import signals
+from ..core.masks import true_runs
 from ..core.model import AxleRecord, AxleResult, Floats
 from . import events
 from .events import END_SLIP, Slide
@@ -69,7 +69,7 @@ def find_creep(record: AxleRecord, s: Floats) -> list[slice]:
     s = s if record.train_speed_late is None else certain_slip(record, s)
     is_creeping, runs = (s > END_SLIP) & (record.clamping_force > 0.0), []
     for segment in record.segments:
-        for start, stop in signals.true_runs(is_creeping[segment]):
+        for start, stop in true_runs(is_creeping[segment]):
             run = slice(segment.start + start, segment.start + stop)
             if record.t[run.stop - 1] - record.t[run.start] >= _SHORTEST_CREEP * 1e9:
                 runs.append(run)

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..core import compiled, physics, signals
 from ..core.finding import Finding
+from ..core.masks import spans_of_mask, true_runs
 from ..core.model import Z95, AxleRecord, Bools, Floats, Parameter, Times, Vehicle
 from ..core.physics import reference_speed
-from ..core.time_axis import spans_of_mask
 from ..train.mean_axle import mean_axle
 from .speed_errors import COASTING_RATE, DRIVING_RATE, delay_error
 
@@ -58,7 +58,7 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
             & (change < DRIVING_RATE)
         )
         coasting &= (rim[s] > _CALIBRATION_SPEED) & (v[s] > _CALIBRATION_SPEED)
-        runs += [(v[s][a:b], rim[s][a:b]) for a, b in signals.true_runs(coasting)]
+        runs += [(v[s][a:b], rim[s][a:b]) for a, b in true_runs(coasting)]
         ratios.append(v[s][coasting] / rim[s][coasting])
         delay_errors.append(error_by_delay[s][coasting])
         seconds += float(np.diff(t, prepend=t[0])[coasting].sum())

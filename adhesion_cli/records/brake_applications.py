@@ -5,9 +5,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..core.masks import true_runs
 from ..core.model import AxleRecord, Floats
 from ..core.physics import CRAWL, LONGEST_DUMP
-from ..core.signals import median_of_five, moving, true_runs, white_noise
+from ..core.signals import median_of_five, moving, white_noise
 
 _BRAKING_FORCE = 200.0  # clamping force that is braking [N]
 _RELEASED_FORCE = 60.0  # and that still belongs to it [N]

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.finding import Finding, Severity
+from ..core.masks import spans_of_mask
 from ..core.model import Bools, Channel, Column, Floats, Times
-from ..core.time_axis import spans_of_mask
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..core.finding import Finding
+from ..core.masks import spans_of_mask, true_runs
 from ..core.model import OTHER_BRAKES, Bools, Channel, Log, Vehicle
 from ..core.physics import CRAWL
-from ..core.signals import true_runs
-from ..core.time_axis import spans_of_mask
 from .axle_channels import AxleChannels
 from .faults import View
 

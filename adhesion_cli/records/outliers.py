@@ -12,10 +12,10 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import time_axis
+from ..core.masks import edges, true_runs
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Meaning, Quantity, Times
-from ..core.signals import edges, robust_sigma, true_runs, white_noise
+from ..core.signals import robust_sigma, white_noise
 from .choose import BRAKES, Channels, Key
 from .faults import Fault
 
@@ -172,7 +172,7 @@ def _single_outliers(c: Channel, steep: float) -> Bools:
 
 def noise(c: Channel) -> float:
     """More than two samples differ by from noise alone."""
-    runs = ((c.data.t[s], c.data.value[s]) for s in time_axis.pieces(c.starts, len(c.data.t)))
+    runs = ((c.data.t[s], c.data.value[s]) for s in c.pieces)
     return 8.0 * math.sqrt(white_noise(runs)) + 6.0 * c.coarsest
 
 
@@ -182,7 +182,7 @@ def _excursions(c: Channel, limits: Limits) -> Bools:
     if np.abs(np.diff(c.data.value)).max(initial=0.0) <= limits.free_change:
         return outliers
     limits = limits.widened(noise_among_outliers(c, limits.free_change))
-    for piece in time_axis.pieces(c.starts, len(outliers)):
+    for piece in c.pieces:
         outliers[piece] = _impossible(c.data.t[piece], c.data.value[piece], c.coarsest, limits)
     return outliers
 

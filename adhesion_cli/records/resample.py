@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..channels import to_si
-from ..core import time_axis, units
+from ..core import units
 from ..core.finding import Finding
 from ..core.model import (
     MOTOR_FORCES,
@@ -24,6 +24,7 @@ from ..core.model import (
     Vehicle,
 )
 from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, clamping_force
+from ..core.sample_times import SampleTimes
 from .axle_channels import AxleChannels, MotorForce
 from .choose import SHORTEST, AxleKeys, Channels, Choice, find
 from .faults import Fault, View
@@ -131,15 +132,13 @@ def _motor_force(channels: Channels, speed: Channel, axle: int) -> tuple[MotorFo
 
 def _sampled(speed: Channel, brake: Channel) -> _Sampled:
     """A brake, pressure or K, at the wheel speed's times."""
-    pairs = [time_axis.hold_last(instants, brake) for instants in time_axis.instants_of(speed)]
-    last_value, fresh = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    smooth = _interpolated(speed, brake)
+    times = SampleTimes(speed.data.t, speed.pieces)
+    (last_value, fresh), smooth = times.last_value(brake), times.interpolate(brake)
     return _Sampled(last_value, np.where(np.isfinite(smooth), smooth, last_value), fresh)
 
 
 def _interpolated(speed: Channel, channel: Channel) -> Floats:
-    instants = time_axis.instants_of(speed)
-    return np.concatenate([time_axis.interpolated(piece, channel) for piece in instants])
+    return SampleTimes(speed.data.t, speed.pieces).interpolate(channel)
 
 
 def _report_gaps(

@@ -10,11 +10,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..core.finding import Finding
+from ..core.masks import edges, spans_of
 from ..core.model import PLACES, Bools, Channel, Column, Floats, Log, Meaning, Times, Vehicle
-from ..core.signals import edges, in_order, running_integral
+from ..core.signals import in_order, running_integral
 from ..core.summary import PositionSource
 from ..core.text import iso
-from ..core.time_axis import gap_limit, spans_of
+from ..core.time_axis import gap_limit
 
 _ALONG: tuple[Literal["position", "distance"], ...] = ("position", "distance")
 _EARTH = 6_371_008.8  # mean radius [m]

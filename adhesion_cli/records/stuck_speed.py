@@ -11,10 +11,10 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import time_axis
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity, Vehicle, fraction
 from ..core.physics import clamping_force
+from ..core.sample_times import SampleTimes
 from .choose import AxleKeys, Channels, Key, channels_of
 from .faults import Fault
 from .outliers import noise
@@ -155,9 +155,7 @@ def _stuck_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> Bools:
 
 def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:
     """K at the times of a wheel speed, by the last sample of the brake, shape (n,) [N]."""
-    last_value = np.concatenate(
-        [time_axis.hold_last(instants, brake)[0] for instants in time_axis.instants_of(speed)]
-    )
+    last_value, _ = SampleTimes(speed.data.t, speed.pieces).last_value(brake)
     return clamping_force(last_value, vehicle) if brake.meaning == "pressure" else last_value
 
 
@@ -174,7 +172,7 @@ def _relative_change(
 
     From end to end, or in between by more than its noise. NaN where it hardly moves at all.
     """
-    x = time_axis.interpolated(time_axis.Instants(speed.data.t, 0, 1), other_speed)
+    x = SampleTimes(speed.data.t).interpolate(other_speed)
     lowest, highest = (extreme.reduceat(x, start) for extreme in (np.fmin, np.fmax))
     change = np.abs(x[final] - x[start])
     fast = 0.1 * np.max(other_speed.data.value)

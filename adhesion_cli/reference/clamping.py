@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.masks import true_runs
 from ..core.model import AxleRecord, Bools, Floats
-from ..core.signals import true_runs, white_noise
+from ..core.signals import white_noise
 from . import smoother
 from .noise_fit import (
     NO_BRAKING,

@@ -13,9 +13,10 @@ import numpy as np
 
 from ..core import innovations
 from ..core.errors import unknown
+from ..core.masks import true_runs
 from ..core.model import AxleRecord, Floats, Parameter, Reference, Vehicle, Wheelset, without_motors
 from ..core.physics import CHAIN, LONGEST_DUMP, piston_area, rolling_deceleration, wheelset
-from ..core.signals import driven, means_around, moving, running_integral, true_runs, white_noise
+from ..core.signals import driven, means_around, moving, running_integral, white_noise
 from . import run_out, smoother
 from .clamping import SmoothedClamping, smooth_clamping
 from .noise_fit import (

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..channels.state_words import words_key
-from ..core import physics, rounding, signals, threads, toml
+from ..core import physics, rounding, threads, toml
 from ..core.errors import UserError
+from ..core.masks import true_runs
 from ..core.model import (
     AS_INPUT,
     MOTOR_FORCES,
@@ -389,7 +390,7 @@ def _stop_events(stop: Stop, i: int) -> Iterator[Event]:
     all_rows, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
     slides = events.slides(all_rows, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
     yield from events.axle_events(i + 1, slides, [all_rows], stop.t, stop.region[:, i])
-    for lock_start, lock_stop in signals.true_runs(wheel == LOCKED):
+    for lock_start, lock_stop in true_runs(wheel == LOCKED):
         begin, stop_time = stop.t[[lock_start, min(lock_stop, len(stop.t) - 1)]].tolist()
         text = f"axle {i + 1}: locked for {(stop_time - begin) / 1e9:.2f} s"
         yield Event(begin, "wheel-locked", text, axle=i + 1)

@@ -6,9 +6,10 @@ from typing import Literal
 
 import numpy as np
 
+from ..core.masks import true_runs
 from ..core.model import Floats
 from ..core.physics import SLIDE, WORKING
-from ..core.signals import median_of_five, robust_sigma, true_runs
+from ..core.signals import median_of_five, robust_sigma
 from ..core.summary import AxleStop
 from ..rail.events import SHORTEST_SLIDE
 from ..rail.locks import find_locks

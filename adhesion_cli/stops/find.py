@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.masks import true_runs
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import LONGEST_DUMP, SLOW, STANDING
-from ..core.signals import true_runs
 from .signals import StopSignals, TimeSeries
 
 BEGUN = "the log begins with the brake applied"  # why a braking has no command

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.masks import true_runs
 from ..core.model import Floats, Parameter
 from ..core.physics import SLOW
-from ..core.signals import true_runs
 from .find import BEGUN, Braking
 from .signals import DROP, StopSignals, brake_levels, quantisation_step
 

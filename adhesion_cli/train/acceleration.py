@@ -24,10 +24,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import compiled
+from ..core.masks import erode, true_runs
 from ..core.model import Bools, Channel, Floats, Times
 from ..core.physics import CRAWL, RELEASED_SHARE
-from ..core.signals import finite_median, running_integral, true_runs, white_noise
-from .grid import FEWEST, Grid, erode
+from ..core.signals import finite_median, running_integral, white_noise
+from .grid import FEWEST, Grid
 
 GRID_STEP = 0.1  # step of the grid [s]
 _STANDSTILL_SPEED = 0.05  # of a wheel that stands [m/s]

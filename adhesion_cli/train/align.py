@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import time_axis
 from ..core.finding import Finding
 from ..core.model import Z95, Channel, Parameter, Vehicle
 from ..core.physics import RECEIVER_INTERVAL
+from ..core.sample_times import SampleTimes
 from ..records.axle_channels import AxleChannels
 from ..records.faults import View
 from . import acceleration, clock
@@ -181,6 +181,6 @@ def _shifted(axle: AxleChannels, delay: Parameter) -> AxleChannels:
     record = replace(record, train_speed_late=delay)
     if delay.value:
         data = replace(train.data, t=train.data.t - round(delay.value * 1e9))
-        v = time_axis.interpolated(time_axis.Instants(record.t, 0, 1), replace(train, data=data))
+        v = SampleTimes(record.t).interpolate(replace(train, data=data))
         record = replace(record, train_speed=v)
     return axle._replace(record=record)

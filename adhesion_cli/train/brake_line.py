@@ -24,11 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.masks import erode, true_runs
 from ..core.model import Bools, DifferingStop, Floats, Parameter, SpeedEffect
 from ..core.physics import CRAWL, GRADIENT, NO_FORCE, RELEASED_SHARE, STANDING
-from ..core.signals import robust_sigma, true_runs
+from ..core.signals import robust_sigma
 from ..records.axle_channels import AxleChannels
-from .grid import FEWEST, Grid, erode
+from .grid import FEWEST, Grid
 from .longitudinal import RESISTANCE_OF_TRAINS
 
 _ZERO = Parameter(1.5e4, 2e4)  # pressure from which brakes act, of any kind with air [Pa]

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..core.finding import Finding
+from ..core.masks import erode, spans_of_mask, true_runs
 from ..core.model import Bools
 from ..core.physics import CRAWL, RELEASED_SHARE
-from ..core.signals import true_runs
-from ..core.time_axis import spans_of_mask
-from .grid import Grid, erode
+from .grid import Grid
 
 _COARSEST_STEP = 0.5  # of a grid that shows a sudden change [s]
 _WINDOW, _TRANSITION = 2.5, 0.4  # before and after a change, and its own half [s]

@@ -33,10 +33,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.masks import erode, true_runs
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import CRAWL, RECEIVER_INTERVAL
-from ..core.signals import true_runs, white_noise
-from .grid import FEWEST, Grid, erode
+from ..core.signals import white_noise
+from .grid import FEWEST, Grid
 
 _SCAN = 0.1  # from one that is tried to the next [s]
 _TAUS = np.arange(-5.0, 5.0 + _SCAN / 2.0, _SCAN)  # delays that are tried [s]

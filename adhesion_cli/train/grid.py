@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.finding import Finding
+from ..core.masks import erode, true_runs
 from ..core.model import Z95, AxleRecord, Bools, Floats, Times, Vehicle, without_motors
 from ..core.physics import CRAWL, GRADIENT, RELEASED_SHARE, G, table_share, wheelset
-from ..core.signals import running_integral, true_runs
+from ..core.signals import running_integral
 from ..records.axle_channels import AxleChannels
 from .track import Gradient
 
@@ -372,18 +373,6 @@ def largest(x: Floats) -> Floats:
     """Largest finite value over the axles, NaN where there is none; shape (n,)."""
     top: Floats = np.max(np.where(np.isfinite(x), x, -np.inf), axis=0)
     return np.where(np.isfinite(top), top, np.nan)
-
-
-def erode(mask: Bools, j: int) -> Bools:
-    """True more than j samples from every False, shape (..., n)."""
-    reached_mask, width = ~mask, 0  # that many samples or fewer from a False
-    while width < j:
-        growth = min(j - width, 2 * width + 1)  # a step to each side reaches three times as far
-        widened = reached_mask.copy()
-        widened[..., growth:] |= reached_mask[..., :-growth]
-        widened[..., :-growth] |= reached_mask[..., growth:]
-        reached_mask, width = widened, width + growth
-    return ~reached_mask
 
 
 def long_runs(mask: Bools, seconds: float, g: Grid) -> Bools:

@@ -17,12 +17,13 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from ..core.masks import erode, true_runs
 from ..core.model import Bools, Parameter, Vehicle
 from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, STANDING
-from ..core.signals import robust_sigma, true_runs
+from ..core.signals import robust_sigma
 from ..records.axle_channels import AxleChannels
 from .brake_line import ROTATING, BrakeLine, any_zero
-from .grid import FEWEST, Grid, erode
+from .grid import FEWEST, Grid
 from .longitudinal import RESISTANCE_OF_TRAINS
 
 MASS = Parameter(12e3, 5.4e3)  # of an axle not stated; the heaviest ones have 22.5 t [kg]

@@ -7,12 +7,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.masks import erode, true_runs
 from ..core.model import Bools, Floats, Vehicle
 from ..core.physics import CRAWL, RELEASED_SHARE, braked, force_line, wheelset
-from ..core.signals import true_runs, white_noise
+from ..core.signals import white_noise
 from ..records.axle_channels import AxleChannels
 from .explanation import Design
-from .grid import FEWEST, FINE_STEP, GRADIENT_SIGMA, Grid, Grids, erode
+from .grid import FEWEST, FINE_STEP, GRADIENT_SIGMA, Grid, Grids
 from .longitudinal import DELAY_SIGMA, FLOOR, friction_share
 
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]

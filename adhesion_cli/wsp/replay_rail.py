@@ -21,9 +21,10 @@ import numpy as np
 from ..core import physics
 from ..core.errors import UserError
 from ..core.finding import Finding
+from ..core.masks import true_runs
 from ..core.model import AxleResult, Bools, Floats, Times, Vehicle
 from ..core.physics import JUDGED_FROM
-from ..core.signals import means_around, true_runs
+from ..core.signals import means_around
 from ..rail import fit, rail_under_slides, sliding
 from ..rail.creep_law import Condition, Contact, creep_force
 from ..rail.events import Slide

@@ -279,22 +279,6 @@ def test_whatever_the_clock_does_time_rises_within_a_piece(
     assert len(axis.data.t) + dropped == len(t)
 
 
-def test_holding_never_shows_a_later_sample() -> None:
-    slow = channel(time_axis.clean("p", column([0, 100, 200, 300], [1, 2, 3, 4]), 0))
-    t = np.array([-1, 0, 99, 100, 199, 350, 2000], dtype=np.int64) * MS
-    value, fresh = time_axis.hold_last(time_axis.Instants(t, 0, 1), slow)
-    assert value[1:6].tolist() == [1, 1, 2, 2, 4]
-    assert fresh.tolist() == [False, True, True, True, True, True, False]
-
-
-def test_interpolation_stops_at_gaps() -> None:
-    data = column([0, 10, 20, 30, 40, 500, 510], [0, 1, 2, 3, 4, 50, 51])
-    with_gap = channel(time_axis.clean("p", data, 0, max_gap_ns=50 * MS))
-    t = np.array([5, 40, 200, 505], dtype=np.int64) * MS
-    value = time_axis.interpolated(time_axis.Instants(t, 0, 1), with_gap)
-    np.testing.assert_allclose(value, [0.5, 4.0, np.nan, 50.5])
-
-
 def test_channels_of_one_clean_time_share_it() -> None:
     data = column([10.0 * i for i in range(50)])
     assert time_axis.clean("x", data, 0).data.t is data.t

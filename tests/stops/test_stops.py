@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.masks import true_runs
 from adhesion_cli.core.model import Channel, Column, Floats, Log, Meaning, Parameter, Vehicle
 from adhesion_cli.core.physics import RECEIVER_DELAY, SLIDE, STANDING, G
-from adhesion_cli.core.signals import true_runs
 from adhesion_cli.core.summary import JERK, SLIDE_SPAN, StopSummary
 from adhesion_cli.rail.events import END_SLIP, SHORTEST_SLIDE
 from adhesion_cli.rail.speed_errors import DELAY_SIGMA

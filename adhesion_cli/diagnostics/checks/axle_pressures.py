@@ -12,9 +12,10 @@ import numpy as np
 
 from ...core import toml
 from ...core.finding import Finding, Severity
+from ...core.masks import true_runs
 from ...core.model import Bools, Floats, fraction
 from ...core.physics import CRAWL, RELEASED_SHARE
-from ...core.signals import finite_median, true_runs
+from ...core.signals import finite_median
 from ...core.units import alternative_units
 from ...train.grid import FEWEST, Grid, long_runs
 from ..registry import About

@@ -12,8 +12,8 @@ import numpy as np
 
 from ...core import toml
 from ...core.finding import Finding
+from ...core.masks import true_runs
 from ...core.model import Bools, Floats, Quantity, fraction
-from ...core.signals import true_runs
 from ...train.grid import Grid
 from ..registry import About
 from ..scene import Scene

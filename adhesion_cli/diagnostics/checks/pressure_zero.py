@@ -7,9 +7,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
+from ...core.masks import true_runs
 from ...core.model import Bools, Channel, Quantity, fraction
 from ...core.physics import CRAWL, clamping_force, force_line
-from ...core.signals import true_runs
 from ...core.toml import value as value_text
 from ...train.grid import long_runs
 from ..registry import About

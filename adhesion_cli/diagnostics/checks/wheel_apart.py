@@ -11,9 +11,10 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
+from ...core.masks import erode
 from ...core.model import Bools, Floats, Quantity, fraction
 from ...core.physics import CRAWL
-from ...train.grid import erode, long_runs
+from ...train.grid import long_runs
 from ..registry import About
 from ..scene import Scene
 from .wheel_scale import diameter_finding

@@ -7,10 +7,11 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ...core.finding import Finding
+from ...core.masks import erode
 from ...core.model import Bools, Channel, Floats, Quantity, Vehicle
 from ...core.physics import CRAWL
 from ...core.units import UNITS, alternative_units
-from ...train.grid import FEWEST, Grid, erode
+from ...train.grid import FEWEST, Grid
 from ..registry import About
 from ..scene import Scene
 from .impossible_values import join_units

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...core.finding import Finding, Severity, Span
+from ...core.masks import spans_of
 from ...core.model import Bools, Floats, Times
-from ...core.time_axis import spans_of
 from .block_parser import ParsedBlock
 from .cells import DIGITS, IN_GROUPS, IS_BAD, IS_INFINITE, NO_NUMBER, NO_VALUE, OTHER_MARK
 from .dialect import Dialect, split

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.finding import Finding, Severity, Span
+from ...core.masks import spans_of
 from ...core.model import Column, Floats, Times
-from ...core.time_axis import spans_of
 from ..source import TimeSource, number_words
 from .blocks import Offsets, Records
 from .columns import Decoded, DecodingFault
