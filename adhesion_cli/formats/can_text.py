@@ -1,4 +1,4 @@
-"""Text logs of CAN frames: ASC, TRC, candump, BUSMASTER, CANHacker, CanKing and CRTD.
+"""Text logs of CAN frames: ASC, TRC, candump, BUSMASTER, CANHacker and CanKing.
 
 Each line is read by itself: one that should hold a frame and cannot be read costs only itself, and
 is counted.
@@ -25,22 +25,18 @@ _CANKING = re.compile(
     r"(?P<bus>\d+)\s+(?P<id>[0-9A-Fa-f]+)\s+(?P<flags>[A-Za-z]\S*\s+)?(?P<size>\d+)\s+"
     r"(?P<data>(?:[0-9A-Fa-f]{2}\s+)*)(?P<t>\d+[.,]\d+)\s+[RT]"
 )
-_CRTD = re.compile(
-    r"(?P<t>\d+\.\d+)\s+(?P<bus>\d*)[RT](?P<flags>11|29)\s+(?P<id>[0-9A-Fa-f]+)(?P<data>.*)"
-)
 _FORMS = (
     (re.compile(r"\s*Time\s+ID\s+DLC\s+Data"), _CANHACKER),
     (re.compile(r"\s*Chn\s+Identifier\s+Flg\s+DLC"), _CANKING),
-    (re.compile(r"\s*\d+\.\d{3,}\s+\d?(?:[RT](?:11|29)|C[A-Z]{2})\s"), _CRTD),
     (_CANDUMP, _CANDUMP),
 )  # by what the files begin with
-_NO_FRAME = re.compile(r"\s*(?:Time\s+ID|Chn\s|\d+\.\d+\s+\d?C[A-Z]{2}\b)")
+_NO_FRAME = re.compile(r"\s*(?:Time\s+ID|Chn\s)")
 _WITHOUT_TIME = re.compile(rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s")
 _BUSMASTER = b"***BUSMASTER"
 # What a file begins with that holds frames; the last one is an ASC log without its head.
 BEGINS = re.compile(
     rb"\s*;\$FILEVERSION|.{0,400}?^base\s+(?:hex|dec)\b|\*\*\*BUSMASTER|\s*Time\s+ID\s+DLC\s+Data"
-    rb"|\s*Chn\s+Identifier\s+Flg\s+DLC|\s*\d+\.\d{3,}\s+\d?(?:[RT](?:11|29)|C[A-Z]{2})\s"
+    rb"|\s*Chn\s+Identifier\s+Flg\s+DLC"
     rb"|\s*\([^)]{3,40}\)\s+\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\s*\d+\])"
     rb"|\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s+[0-9A-Fa-f]{2}\s"
     rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s",
@@ -271,7 +267,7 @@ class TextLog:
         identifier, number = int(text, 16), self._buses.index(bus)
         is_extended = len(text) > 3
         if "flags" in cells:
-            is_extended = identifier > 0x7FF or cells["flags"].strip().upper() in ("X", "29")
+            is_extended = identifier > 0x7FF or cells["flags"].strip().upper() == "X"
         if self._form is _CANDUMP and (identifier & 0x20000000 or "ERRORFRAME" in line):
             return Frame(t, number, 0, kind="error")
         data = data or re.sub(r"^#.", "", cells.get("log", ""))  # of FD: "#" and its flags

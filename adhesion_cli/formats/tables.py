@@ -43,7 +43,6 @@ class Contents:
     time_reason: str
     rows: int
     reasons: dict[str, object] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     texts: list[Field] = field(default_factory=list)  # of words, which are numbered on
     events: list[tuple[Finding, Times]] = field(default_factory=list)  # findings, and when [ns]
@@ -87,7 +86,7 @@ class TableSource(Source):
         super().__init__(path, options)
         self.format, self._reader = kind, reader
         self.absolute, self.time_reason = contents.absolute, contents.time_reason
-        self.rows, self.reasons, self.metadata = contents.rows, contents.reasons, contents.metadata
+        self.rows, self.reasons = contents.rows, contents.reasons
         self.fields, self.texts = contents.fields, contents.texts
         self._places = {f: i for i, f in enumerate([*contents.fields, *contents.texts])}
         self.report(*contents.findings)

@@ -356,7 +356,6 @@ ROWS: dict[str, tuple[str, str]] = {  # head, and a line at t
         "Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir\n",
         " 0    00000123         5  {data}  {zero:14.6f} R",
     ),
-    "crtd.log": (f"{START:.6f} CXX OVMS\n", "{epoch:.6f} 1R11 123 {data}"),
     "hacker.trc": ("Time ID DLC Data Comment\n", "{short}    123      5     {data} "),
     "1_0.trc": (";$FILEVERSION=1.0\n", "{n:6d})  {ms:.1f}  0123  5  {data}"),
     "1_1.trc": (";$FILEVERSION=1.1\n;$STARTTIME=46347.5\n", "{n}) {ms:.1f}  Rx  0123  5  {data}"),

@@ -69,11 +69,10 @@ class Walk:
         return self.metadata.get(RECOVERED, {}).get("damage", "")
 
     @property
-    def lost_count(self) -> int | None:
-        """Messages that the statistics count and that are not whole; None without statistics."""
-        if self._statistics is None:
-            return None
-        return max(self._statistics[1].message_count - self.counts.total(), 0)
+    def lost_count(self) -> int:
+        """Messages that the statistics count and that are not whole; 0 without statistics."""
+        stated_count = self._statistics[1].message_count if self._statistics else 0
+        return max(stated_count - self.counts.total(), 0)
 
     def account(self) -> str:
         """What a copy must say about itself, as its fresh CRCs hide all; "" for a sound file."""
