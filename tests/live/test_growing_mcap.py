@@ -14,7 +14,9 @@ from typing import Any
 
 import pytest
 from helpers.live_runs import LOGS, followed, running
+from helpers.mcap_logs import MAGIC, message, record
 from mcap.reader import make_reader
+from mcap.records import Channel, Header
 from mcap.writer import CompressionType, Writer
 
 from adhesion_cli.analysis.settings import load
@@ -207,3 +209,22 @@ def test_one_that_ends_without_a_message_and_a_monstrous_record_are_refused(
     monster.write_bytes(start + b"\x06" + (1 << 40).to_bytes(8, "little") + bytes(20))
     with pytest.raises(UserError, match=r"byte \d+: a record of 1099511627776 bytes"):
         followed(open_feed(str(monster), SETTINGS.read), SETTINGS, ["td"])
+
+
+def test_owners_are_known_in_each_part_of_a_log_that_grows(tmp_path: Path) -> None:
+    messages = [
+        message(1, k * 10**7, b'{"axle": %d, "bc_pressure_bar": %d}' % (k % 2 + 1, k % 2 + 1))
+        for k in range(40)
+    ]
+    path = tmp_path / "log.mcap"
+    begin = MAGIC + b"".join(map(record, [Header("", ""), Channel(1, "/a", "json", {}, 0)]))
+    path.write_bytes(begin + b"".join(map(record, messages[:39])))
+    feed = open_feed(str(path), SETTINGS.read)
+    wanted = [f for f in feed.head().fields if f.path == "bc_pressure_bar"]
+    assert [f.group for f in wanted] == ["axle 1", "axle 2"]
+    rows = feed.rows(wanted, lambda _: None)
+    assert sum(1 for _ in iter(lambda: next(rows), None)) == 39
+    with path.open("ab") as file:
+        file.write(record(messages[39]))
+    row = next(filter(None, rows))
+    assert row.values == {1: 2.0}

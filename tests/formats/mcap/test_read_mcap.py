@@ -36,7 +36,6 @@ from adhesion_cli.channels.log import unchanged
 from adhesion_cli.channels.meaning import understood
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Column
-from adhesion_cli.formats.mcap.arriving import ArrivingMcap
 from adhesion_cli.formats.mcap.reader import McapSource, open_mcap
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import Field, ReadOptions
@@ -1099,27 +1098,3 @@ def test_messages_of_several_owners_in_one_topic(
         assert set(column.value[column.valid]) == {float(axle)}
         assert column.t[column.valid].tolist() == [START + k for k in range(axle - 1, 399, 2)]
     assert {code for code, _ in codes(source)} == {"mcap-text-change"}
-
-
-def test_owners_are_known_in_each_part_of_a_log_that_grows(tmp_path: Path) -> None:
-    rows = [
-        (k * 10**7, {"axle": k % 2 + 1, "bc_pressure_bar": float(k % 2 + 1)}) for k in range(40)
-    ]
-    path = tmp_path / "log.mcap"
-    whole = json_log(rows).bytes()
-    place, ends = 8, list[int]()  # of messages
-    while whole[place] <= 5:
-        opcode, place = (
-            whole[place],
-            place + 9 + int.from_bytes(whole[place + 1 : place + 9], "little"),
-        )
-        ends += [place] * (opcode == 5)
-    path.write_bytes(whole[: ends[38]])
-    arriving = ArrivingMcap(path, ReadOptions())
-    assert arriving.arrived()
-    wanted = [f for f in arriving.head().fields if f.path == "bc_pressure_bar"]
-    assert [f.group for f in wanted] == ["axle 1", "axle 2"]
-    arriving.columns(wanted, lambda _: None)
-    path.write_bytes(whole[: ends[39]])  # one message more
-    columns = arriving.columns(wanted, lambda _: None)
-    assert {place: column.value.tolist() for place, column in columns.items()} == {1: [2.0]}
