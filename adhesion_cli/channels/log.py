@@ -196,12 +196,8 @@ def needed(
         spare = m.meaning == "clamping_force" and m.axle in braked  # it follows from the pressure
         if not m.unit and (spare or m.meaning in _OPTIONAL):
             chosen.remove(m)
-            names = {
-                "meaning": m.describe,
-                "reason": _lacks(m),
-                "key": str(m.meaning),
-                "unit": _USUAL.get(m.meaning, "m/s"),
-            }
+            names = {"meaning": m.describe, "reason": _lacks(m), "key": str(m.meaning)}
+            names["unit"] = _USUAL.get(m.meaning, "m/s")
             findings.append(Finding("unit-unknown", "warning", channel=m.title, names=names))
         else:
             _check_unit(m, chosen, source.path)
@@ -222,13 +218,8 @@ def _choose_further(meant: Sequence[Meant], further: Collection[Meaning]) -> lis
     """What is asked for beside the inputs, where its unit is known."""
     without_unit = ("latitude", "longitude", *STATES)
     short_units = ("mm", "cm")  # places of a piston or a valve, not of a train
-    return [
-        m
-        for m in meant
-        if m.meaning in further
-        and (m.unit or m.meaning in without_unit)
-        and not (m.meaning in PLACES and m.unit in short_units)
-    ]
+    chosen = [m for m in meant if m.meaning in further and (m.unit or m.meaning in without_unit)]
+    return [m for m in chosen if m.meaning not in PLACES or m.unit not in short_units]
 
 
 def without_empty(log: Log) -> Log:
@@ -262,12 +253,9 @@ def without_empty(log: Log) -> Log:
 def _refuse_two_units(chosen: Collection[Meant], path: Path) -> None:
     for m in chosen:
         if m.unit_too:
-            raise UserError(
-                f"{path}: the unit of channel {m.title!r} is stated twice: "
-                f"{m.unit!r} ({m.field.unit_from or 'in the name'}) and {m.unit_too!r} (in the "
-                "name)",
-                f"state the right one, as {toml.option(_line(m, chosen))}",
-            )
+            text = f"{path}: the unit of channel {m.title!r} is stated twice: {m.unit!r} "
+            text += f"({m.field.unit_from or 'in the name'}) and {m.unit_too!r} (in the name)"
+            raise UserError(text, f"state the right one, as {toml.option(_line(m, chosen))}")
 
 
 def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
@@ -400,10 +388,9 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
     train_speed_source = source.metadata.get("adhesion.provenance", {}).get("train_speed")
     if train_speed_source in (NOT_MEASURED, AS_INPUT):
         trains = [f for f in fields if f.path == "train_speed"]
-        trains_kept = (
-            trains[:1] if train_speed_source == AS_INPUT else []
-        )  # what was made of the axles will be again
-        fields = [f for f in fields if f not in trains or f in trains_kept]
+        if train_speed_source == AS_INPUT:  # what was made of the axles will be again
+            del trains[0:1]
+        fields = [f for f in fields if f not in trains]
     try:
         stated = () if "adhesion.settings" in source.metadata else mappings
         meant, findings = understood(fields, stated)

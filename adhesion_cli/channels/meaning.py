@@ -326,21 +326,16 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     for indexed in (False, True):
         by_meaning: dict[Meaning | None, list[int]] = {}
         for i in guesses:
-            if meant[i].meaning not in INPUTS:
-                continue
-            if meant[i].axle is not None and _is_indexed(meant[i].field) is indexed:
-                by_meaning.setdefault(meant[i].meaning, []).append(i)
+            m = meant[i]
+            if m.meaning in INPUTS and m.axle is not None and _is_indexed(m.field) is indexed:
+                by_meaning.setdefault(m.meaning, []).append(i)
         numbers = {
             meaning: [meant[i].axle or 0 for i in indices]
             for meaning, indices in by_meaning.items()
         }
         highest = max((max(n) for n in numbers.values() if 0 in n), default=-1)
-        shifted += [
-            i
-            for meaning, indices in by_meaning.items()
-            if max(numbers[meaning]) <= highest
-            for i in indices
-        ]
+        for meaning, indices in by_meaning.items():
+            shifted += indices if max(numbers[meaning]) <= highest else []
     for i in shifted:
         meant[i] = replace(meant[i], axle=(meant[i].axle or 0) + 1)
     if not shifted:
@@ -420,12 +415,9 @@ def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if m.meaning not in MOTOR_FORCES or m.axle is not None:
             continue
         mapping = m.mapping if i not in guesses else None
-        if mapping and mapping.place:
-            axles = mapping.axles or all_axles
-        elif mapping or _is_of_each(m):
+        if not mapping.place if mapping else _is_of_each(m):
             continue
-        else:
-            axles = all_axles
+        axles = (mapping.axles if mapping else ()) or all_axles
         if len(axles) < 2 and not mapping:
             continue
         rows = [replace(m, axle=axle, share=1.0 / len(axles)) for axle in axles]
@@ -534,11 +526,9 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
         chosen = (similar or in_group)[0]
         path = re.sub(r"\[\d+\]$", "", chosen.path) if m.axle is None else chosen.path
         entry = {"channel": m.channel, "field": path, "group": chosen.group, "unit": m.unit}
-        raise UserError(
-            f"channel {m.channel!r} has several fields: {', '.join(names[:12])}",
-            f"name one, as {toml.option(f'channels.{key} = {toml.table(entry)}')}",
-            code=2,
-        )
+        text = f"channel {m.channel!r} has several fields: {', '.join(names[:12])}"
+        hint = f"name one, as {toml.option(f'channels.{key} = {toml.table(entry)}')}"
+        raise UserError(text, hint, code=2)
     raise unknown(f"field of {m.channel!r}", m.field or m.group, names)
 
 

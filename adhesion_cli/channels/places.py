@@ -31,9 +31,9 @@ class Served(NamedTuple):
     counted_on: bool = False  # over the cars, so it is not the number in its name
 
 
-def bogie_axles(bogie: int) -> tuple[int, ...]:
-    """The axles of a bogie: most have two."""
-    return 2 * bogie - 1, 2 * bogie
+def bogie_axles(bogie: int, count: int = 2) -> tuple[int, ...]:
+    """The axles of a bogie with so many."""
+    return tuple(range(count * (bogie - 1) + 1, count * bogie + 1))
 
 
 def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
@@ -52,17 +52,21 @@ def served(channels: Mapping[int, tuple[Meaning, Place]]) -> dict[int, Served]:
     offsets = dict(zip(numbers, accumulate(counts, initial=0), strict=False))
     bogies = {(p.part, p.bogie) for p in pressures.values() if p.bogie and p.axle is None}
     repeated_bogies = len({b for _, b in bogies}) < len(bogies)
+    # parts with six axles in bogies 1 and 2: a Co'Co'
+    of_three = {x for x in numbers if {b for y, b in bogies if x == y} == {1, 2}}
+    of_three = {x for x in of_three if len(numbers[x]) == 6}
     axles: dict[int, Served] = {}
     for i, p in places.items():
         offset = offsets.get(p.part, 0)
         word_place = [n + offset for n in sorted(numbers.get(p.part, ()))]
         if p.axle is not None:
             own_number: tuple[int, ...] = (p.axle + offset,)
-        elif p.bogie and repeated_bogies:
-            own_number = tuple(word_place[2 * p.bogie - 2 : 2 * p.bogie])
         elif p.bogie:
-            bogie = tuple(n + offset for n in bogie_axles(p.bogie))
+            numbers_in_car = bogie_axles(p.bogie, 3 if p.part in of_three else 2)
+            bogie = tuple(n + offset for n in numbers_in_car)
             own_number = tuple(n for n in bogie if n in word_place) or bogie
+            if repeated_bogies:
+                own_number = tuple(word_place[numbers_in_car[0] - 1 : numbers_in_car[-1]])
         else:
             own_number = tuple(word_place) if len(numbers) > 1 else ()
         axles[i] = Served(own_number, offset > 0)

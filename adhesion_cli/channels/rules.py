@@ -120,20 +120,12 @@ RULES = (
     Rule("state", "own valve", None, UNCLEAR_VALVE),
 )
 
+_ALIKE = "force pressure acceleration ratio torque length temperature power"
 _QUANTITY: dict[str, tuple[str, ...]] = {  # dimension of a stated unit: what it may be
-    "force": ("force",),
-    "pressure": ("pressure",),
-    "acceleration": ("acceleration",),
-    "ratio": ("ratio",),
-    "torque": ("torque",),
-    "length": ("length",),
-    "temperature": ("temperature",),
-    "power": ("power",),
+    **{name: (name,) for name in _ALIKE.split()},
+    **dict.fromkeys(("pulse rate", "count", "angle"), ("speed", "turns")),
     "speed": ("speed", "speed along the track"),
     "angular speed": ("speed",),
-    "pulse rate": ("speed", "turns"),
-    "count": ("speed", "turns"),
-    "angle": ("speed", "turns"),
 }
 
 _PRESSURES = {"pressure", "reservoir", "brake pipe", "suspension"}  # kinds that say a pressure
@@ -149,9 +141,11 @@ _OWN_MESSAGES: dict[tuple[str, str], tuple[Meaning, str]] = {
     ("adhesion.Truth", "slip"): ("true_slip", "-"),
 }
 
-_CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
+_CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)} | {"前": 1, "后": 2}
 _CHINESE_PLACES = "[一二三四五六七八](?=[轴轮位架车]|转向架)|(?<=[轴轮架])[一二三四五六七八]"
-_LETTERS = tuple("abcdefgh")
+_CHINESE_PLACES += "|[前后](?=[轴架]|转向架)"
+_LETTERS = {c: i for i, c in enumerate("abcdefgh", start=1)}
+_COUNTS = _LETTERS | {"i": 1, "ii": 2, "iii": 3, "iv": 4}  # as in "axle A", "bogie II"
 _DEVICE = re.compile(  # and its number: MX840B_1, CX23-R_3
     r"(?<![^\W_])[A-Za-z]{2,3}(?:\d{3,4}[A-Z]?|\d{2}-[A-Z])(?:_\d+)+"
 )
@@ -177,6 +171,7 @@ _AXLES = re.compile(r"([^\W\d_]+)\.?[\s_]*(\d)\s*([-–+&/])\s*(\d)(?!\d)")  # a
 _PLACE_CODE = re.compile(r"(?<![^\W_])(?:C(\d)_?)?B(\d)_?A(\d)(?![^\W_])")  # as in "B2A1"
 _MEASURED = {"speed", "pressure"}
 _PLACES = {"wheel", "bogie", "car"}
+_TRACK_BRAKE = re.compile(r"\btrack ?brake\b(?! test\b)")
 _NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
 
 
@@ -373,19 +368,12 @@ def _adhesion_force(name: _Name) -> str:
     return word_of_kind("adhesion", unexplained) if len(unexplained) == 1 else ""
 
 
-def _track_brake(name: _Name) -> str:
-    """The word that calls this the magnetic track brake, "" where none does."""
-    phrase = " ".join(name.own)
-    is_named = re.search(r"\btrack ?brake\b(?! test\b)", phrase)
-    return is_named[0] if is_named else ""
-
-
 # Kinds that no single word decides.
 _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
     "wheel": _wheel,
     "adhesion force": _adhesion_force,
     "true force": lambda name: name.own_kinds.get("force", "") if "true" in name.kinds else "",
-    "track brake": _track_brake,
+    "track brake": lambda name: "".join(_TRACK_BRAKE.findall(" ".join(name.own))[:1]),
 }
 
 
@@ -393,12 +381,12 @@ _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
 def guess(field: Field) -> Guess:
     """What a field means, by its name; by its type in a result of this program."""
     if field.message_type.startswith("adhesion.") and field.message_type != "adhesion.Scalar":
-        return _own_message(
-            field
-        )  # a Scalar is any channel of a log that was converted or simulated
+        return _own_message(field)  # a Scalar is any channel of a converted or simulated log
     field = _without_device(field)
     name, place = _Name(field), place_of(field)
     axle = place.axle
+    if axle is not None:
+        name.kinds.pop("actual", None)  # "vR_1_ist" is a wheel's
     if place.part and axle is not None and "car" in _kinds(name.kinds.get("train", "")):
         name.kinds.pop("train")  # "Car 1 v2" is a wheel of that car
         name.own_kinds.pop("train", None)
@@ -479,7 +467,7 @@ def _place_in(text: str, is_path: bool) -> Place:
     name = re.sub(_CHINESE_PLACES, lambda m: str(_CHINESE_NUMBERS[m[0]]), units.in_name(text)[0])
     name = _PLACE_CODE.sub(lambda m: f" car {m[1] or ''} bogie {m[2]} axle {m[3]} ", name)
     name, pair = _without_axles(_NO_COUNT.sub(" ", _DEVICE.sub(" ", name)))
-    name_parts = list(name_words(name))
+    name_parts = _numbered(name_words(name))
     while _take_number(name_parts, "run")[1]:
         pass  # a second run has the same axles
     bogie = _take_number(name_parts, "bogie")[1] or pair
@@ -489,17 +477,42 @@ def _place_in(text: str, is_path: bool) -> Place:
     owner = " ".join(f"{word} {number}" for word, number in owners if number)
     word, number = [*name_parts[:2], "", ""][:2]
     axle, is_loose, is_number_apart = _axle_in(["", "", *name_parts[2:]], text, is_path)
+    is_loose &= f" a {axle} " not in f" {' '.join(name_parts)} "  # as in "M1 BCP A1"
     has_place = bogie or (axle is not None and not is_loose)
     is_two_digits = number.isdecimal() and len(number) < 3  # PT101 is a sensor
     if has_place and not owner and is_two_digits and _is_code(word):  # as in "CW1", "DM1"
         owner = f"{word} {number}"
     else:
         axle, is_loose, is_number_apart = _axle_in(name_parts, text, is_path)
-    if bogie in _LETTERS:
-        bogie = str(1 + _LETTERS.index(bogie))
-    spare = 2 * int(pair) - 1 if pair else None  # "1/2" may be the first of two
+    bogie = str(_COUNTS.get(bogie, bogie))
+    spare = 2 * int(pair) - 1 if pair else _letter(name_parts)  # "1/2" may be the first of two
     bogie_number = int(bogie) if 0 < len(bogie) < 3 else None
     return Place(axle, bogie_number, owner, is_loose, is_number_apart, spare)
+
+
+def _numbered(words: Sequence[str]) -> list[str]:
+    """The words, with "front bogie" and "axle rear" as "bogie 1" and "axle 2"."""
+    parts = list(words)
+    for i, word in enumerate(words):
+        number = "1" * ("front" in _kinds(word)) or "2" * ("rear" in _kinds(word))
+        for k in (i + 1, max(i - 1, 0)) if number else ():
+            is_counted = "".join(words[k + 1 : k + 2]).isdecimal()  # as in "front axle 3"
+            if not is_counted and {"wheel", "bogie"} & _kinds("".join(words[k:][:1])).keys():
+                parts[min(i, k) : max(i, k) + 1] = words[k], number
+                break
+    return parts
+
+
+def _letter(name_parts: Sequence[str]) -> int | None:
+    """What a letter counts behind a wheel or cylinder, or behind a quantity at the end."""
+    words = [*filter(None, name_parts), ""]
+    for before, word, after in zip(words, words[1:], words[2:], strict=False):
+        if (
+            word in _COUNTS
+            and (_NUMBERED if after else _NUMBERED | _MEASURED) & _kinds(before).keys()
+        ):
+            return _COUNTS[word]
+    return None
 
 
 def _without_axles(name: str) -> tuple[str, str]:
@@ -532,7 +545,8 @@ def _take_number(name_parts: list[str], kind: str) -> tuple[str, str]:
         has_code = kind == "car" and _is_code(after) and number.isdecimal()  # as in "Car DM1"
         if has_code:
             name_parts[i + 1 : i + 3] = [after + number]
-        has_letter = kind in ("car", "bogie") and after in _LETTERS  # as in "Car B"
+        letters = {"car": _LETTERS, "bogie": _COUNTS}.get(kind, {})
+        has_letter = after in letters  # as in "Car B"
         index_after = [i + 1] if after.isdecimal() or has_letter or has_code else []
         if word >= "一":
             numbers = index_before + index_after

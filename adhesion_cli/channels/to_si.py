@@ -70,30 +70,12 @@ def channel(
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
     place = m.field.channel if m.field.encoding else m.field.folder or m.field.signal
     row_of = (place, m.field.group)
-    return Channel(
-        name(m.field),
-        m.field.path,
-        m.meaning,
-        m.axle,
-        m.unit,
-        m.reason,
-        data,
-        samples,
-        starts,
-        axis.gap_ns,
-        step,
-        rate,
-        axis.gaps,
-        axis.duplicates,
-        axis.backward,
-        row_of,
-        m.meaning == "train_speed" and units.is_acceleration(m.unit),
-        m.field.label,
-        tick,
-        zero=zero(m, vehicle),
-        delay=m.delay,
-        held=held,
-    ), findings
+    is_rate = m.meaning == "train_speed" and units.is_acceleration(m.unit)
+    origin = (name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason)
+    faults = (axis.gaps, axis.duplicates, axis.backward, row_of)
+    made = Channel(*origin, data, samples, starts, axis.gap_ns, step, rate, *faults, is_rate)
+    made = replace(made, label=m.field.label, period_step=tick, delay=m.delay, held=held)
+    return replace(made, zero=zero(m, vehicle)), findings
 
 
 def zero(m: Meant, vehicle: Vehicle) -> Parameter:

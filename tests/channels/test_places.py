@@ -35,6 +35,13 @@ def served(names: list[str]) -> tuple[dict[str, list[int | None]], list[Finding]
         (["架1制动缸压力(bar)", "架2制动缸压力(bar)"], [[1, 2], [3, 4]]),
         (["CW1_BC_PRESS_BOGIE1 [kPa]", "CW1_BC_PRESS_BOGIE2 [kPa]"], [[1, 2], [3, 4]]),
         (["Bogie A BCP [bar]", "Bogie B BCP [bar]"], [[1, 2], [3, 4]]),
+        (["C-Druck DG I [bar]", "C-Druck DG II [bar]"], [[1, 2], [3, 4]]),
+        (["Front bogie BCP [bar]", "Rear bogie BCP [bar]"], [[1, 2], [3, 4]]),
+        (["BCP bogie rear axle 3 [bar]", "BCP bogie rear axle 4 [bar]"], [[3], [4]]),
+        (["C-Druck Drehgestell vorn", "C-Druck Drehgestell hinten"], [[1, 2], [3, 4]]),
+        (["前转向架制动缸压力(bar)", "后转向架制动缸压力(bar)"], [[1, 2], [3, 4]]),
+        ([f"BCP {letter} [bar]" for letter in "ABCD"], [[1], [2], [3], [4]]),
+        ([f"BCP axle {n} [bar]" for n in ("I", "II", "III", "IV")], [[1], [2], [3], [4]]),
         (["BCU2.BCP [bar]"], [[None]]),
         (["Car 2 BCP [bar]"], [[None]]),
         (["CH7 BC pressure [bar]"], [[None]]),
@@ -53,6 +60,28 @@ def test_a_number_next_to_something_else_is_no_axle(
     axles, _ = served([*names, *AXLES])
     assert [axles[name] for name in names] == expected
     assert [axles[name] for name in AXLES] == [[1], [2], [3], [4]]
+
+
+def test_six_axles_in_two_bogies_are_three_each() -> None:
+    speeds = [f"axle {n} speed [km/h]" for n in range(1, 7)]
+    axles, _ = served([*speeds, "BCP bogie 1 [bar]", "BCP bogie 2 [bar]"])
+    assert list(axles.values())[6:] == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_letters_of_axles_behind_a_car_are_counted_on() -> None:
+    names = [f"M{car} {x} A{n}" for x in ("speed", "BCP") for car in (1, 2) for n in (1, 2)]
+    axles, _ = served(names)
+    assert list(axles.values()) == 2 * [[1], [2], [3], [4]]
+
+
+def test_letters_of_cabs_are_no_axles() -> None:
+    axles, _ = served(["BCP [bar]", "v cab A [km/h]", "v cab B [km/h]"])
+    assert axles == {"BCP [bar]": [None], "v cab A [km/h]": [None]}
+
+
+def test_an_actual_speed_with_a_number_is_a_wheel_s() -> None:
+    meant, _ = understood([Field(f"vR_{n}_ist [km/h]") for n in (1, 2)], ())
+    assert [(m.meaning, m.axle) for m in meant] == [("wheel_speed", 1), ("wheel_speed", 2)]
 
 
 @pytest.mark.parametrize("word", ["CH{}", "AI {}/", "WSP{}_", "Kanal {}: "])

@@ -188,10 +188,17 @@ class Parser:
         """Lines by class, from those that hold no row, by fault: some of them are no data."""
         classes: dict[str, list[int]] = {}
         for fault, lines in faults.items():
+            results = -1, 0  # the last row of a table of results, and its cells
             for k, line in enumerate(lines.tolist()):
                 kind = fault
                 if k < _MOST_READ:
                     kind = self._kind(block.text(line), fault, block.first_line + line)
+                    width = len(split(block.text(line), self.table.dialect.delimiter))
+                    if fault == "too few cells" and width > 1:
+                        if kind == fault and results == (line - 1, width):
+                            kind = "statistics"
+                        if kind in ("comment", "statistics"):
+                            results = line, width
                 classes.setdefault(kind, []).append(line)
         return {kind: np.sort(lines) for kind, lines in classes.items()}
 

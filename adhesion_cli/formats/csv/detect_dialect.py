@@ -46,6 +46,7 @@ _END_OF_HEADER = "***End_of_Header***"
 _MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
 _GROUPED = {m: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{m}]\d{{3}}") for m in ".,"}
 _SPACED = re.compile(r"^([-+])\s+")  # a sign that stands apart, as GRAPHTEC writes it
+_BRACKETED = re.compile(r"^\[(.*[0-9])\]$")  # as a terminal's stamps
 _SECTION = re.compile(r"\[[A-Za-z ]+\]")  # a line as [data]
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
@@ -206,6 +207,8 @@ def _needless(cells: list[str], decimal: str) -> tuple[str, str]:
     a clock, which cannot wait until all cells of the column are known, or the decimal mark itself.
     """
     texts = list(filterfalse(is_plain_number, cells))  # only these may have a unit
+    if texts and all(map(_BRACKETED.fullmatch, cells)):
+        return "", _BRACKETED.pattern
     if texts and all(map(_SPACED.match, texts)):
         return "", _SPACED.pattern
     suffixes = Counter(map(unit_behind, texts)) if len(texts) >= len(cells) / 2 else Counter[str]()

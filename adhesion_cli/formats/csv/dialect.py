@@ -67,11 +67,8 @@ class Dialect:
         """The decimal mark of a column: that of the log, unless its cells have only the other."""
         cells, other_mark = self.column(index), "." if self.decimal == "," else ","
         marked = any(other_mark in c for c in cells) and not any(self.decimal in c for c in cells)
-        return (
-            other_mark
-            if marked and all(map(number_grammar(other_mark).fullmatch, cells))
-            else self.decimal
-        )
+        marked = marked and all(map(number_grammar(other_mark).fullmatch, cells))
+        return other_mark if marked else self.decimal
 
     def numbers(self, index: int) -> list[float]:
         """Numbers of a column in the head's rows."""

@@ -18,6 +18,7 @@ from .stamps import is_stamp
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")
+_OF_COLUMNS = ("factors", "resolution", "facts")  # labels of rows between names and data
 _DATA_SHARE = 0.1  # of a column's cells in the head hold data
 Row = tuple[int, list[str]]  # number of its line, and cells
 
@@ -66,18 +67,24 @@ def find_header(table: FirstRows, has_header: bool | None) -> Header:
         raise UserError(text, "give a log with data rows, its numbers as 1.5 or 1.5e3")
     if has_header is False:
         return Header([], None, start, start)
-    is_factors = label(table.rows[start][1][0]) == "factors"
-    for line, cells in table.rows[: start + 1]:
-        stated = cells[1:] if len(cells) == table.width and label(cells[0]) == "factors" else []
-        if {number_of(cell) for cell in stated} - {None, 1.0}:
-            text = f"{table.path}: line {line} states factors, and not whether the numbers below "
+    begin = start  # of the data below rows that say something of the columns
+    while label(table.rows[begin][1][0]) in _OF_COLUMNS and begin + 1 < len(table.rows):
+        begin += 1
+    columns = [*zip(*table.of_width(begin), strict=True)]
+    for line, cells in table.rows[:begin]:
+        kind = label(cells[0]) if len(cells) == table.width else ""
+        stated = [k for k, cell in enumerate(cells) if number_of(cell) not in (None, 1.0)]
+        if kind == "resolution":  # of counts; others have it
+            stated = [k for k in stated if all(map(str.isdecimal, columns[k]))]
+        if kind in ("factors", "resolution") and stated:
+            text = f"{table.path}: line {line} states factors ({cells[0]!r}), and not whether the "
             hint = "multiply the numbers, and delete the line; or delete it, and state units with "
             hint += 'factors, as `--set "channels.pressure.unit=0.01 bar"`'
-            raise UserError(f"{text}have them", hint)
+            raise UserError(f"{text}numbers below have them", hint)
     text_above = _text_above(table, start)
     _take_keyed_names(table, text_above)
     if text_above.names:
-        text_above.start += is_factors or _numbers_columns(table, start)
+        text_above.start = begin + _numbers_columns(table, begin)
         return text_above
     if has_header:
         if start + 1 >= len(table.rows):

@@ -79,6 +79,8 @@ def time_name(header: str) -> tuple[int, str | None] | None:
     base_name = name.rstrip("0123456789")
     if len(base_name) > 2 or unit:  # "time2", "t2 [s]"; T1 and T2 alone are temperatures
         name = base_name or name
+    if name == "tid" and unit:  # else a thread's number
+        name = "tidpunkt"
     if name not in _TIME:
         return None
     own_unit = "s" if name == "xvalue" else time_unit(name if name not in ("t", "h", "s") else "")

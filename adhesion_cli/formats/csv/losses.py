@@ -1,5 +1,6 @@
 """What a pass over a text log leaves out: rows and cells, counted, located and timed."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -17,6 +18,7 @@ from .number_text import largest_jump
 
 _MOST_SPANS = 20  # of one finding
 _FEW_UNREAD, _MOST_UNREAD = 2, 0.01  # cells, or share of a column, beside which others are used
+_RESULT = re.compile(r'"?[^\W\d_].*\d')  # a row as "Maximum; 4.1"
 _EXAMPLE_CHARACTERS = 40  # characters of a cell or row in a message
 
 SKIPPED = {  # classes of rows that are data and are left out
@@ -126,6 +128,10 @@ class Losses:
         `t` are the times of the rows that are used [ns], `start` is that of the log.
         """
         for kind, loss in sorted(self.rows.items(), key=lambda item: [*SKIPPED].index(item[0])):
+            is_below = kind == "time unreadable" and min(map(np.min, loss.places)) == len(t)
+            if is_below and _RESULT.match(loss.text):  # below the samples
+                self.lines["statistics"] += loss.count
+                continue
             spans, values = _spans(loss, t, start, between_rows=True), {"line": loss.line}
             names = {"reason": SKIPPED[kind], "example": quoted(loss.text)}
             yield Finding("csv-rows-skipped", "warning", "", loss.count, spans, values, names)

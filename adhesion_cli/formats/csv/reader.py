@@ -31,6 +31,7 @@ from .stamps import CLOCKS, STAMPS, forms_of, is_stamp, parse
 from .time_column import another_time, find_clock, find_pairs
 
 _START = re.compile("(?i)start|begin|trigger|d[eé]but|inizio|inicio|开始|開始")
+_HEX = re.compile("[0-9A-F]{2,}h?")
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*([^\d\s.,].*)?")  # perhaps with a unit behind them
 _MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
@@ -293,6 +294,9 @@ class CsvSource(Source):
         if not cells and self._dialect.names[i] == f"column {i + 1}":
             return not self._dialect.headed
         numbers = [*filter(is_number, cells)]
+        is_aligned = len(numbers) < len(cells) and len({*map(len, cells)}) == 1
+        if is_aligned and all(map(_HEX.fullmatch, cells)):
+            return False
         has_unit = self._dialect.units[i] or in_name(self._dialect.names[i])[1]
         if len(numbers) < len(cells) and {*numbers} <= {"0", "1"} and not has_unit:
             return False  # states, as "0" and "ein"

@@ -228,7 +228,6 @@ def _days(groups: _Groups) -> tuple[NDArray[np.int64], Bools]:
     ok &= (month >= 1) & (month <= 12) & (day >= 1)
     begin = np.where(ok, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]")
     days = begin.astype("datetime64[D]") + np.where(ok, day - 1, 0)
-    ok &= days.astype(f"datetime64[{unit}]") == begin.astype(
-        f"datetime64[{unit}]"
-    )  # no 31 February
+    own, named = (x.astype(f"datetime64[{unit}]") for x in (days, begin))
+    ok &= own == named  # no 31 February
     return days.astype(np.int64), ok

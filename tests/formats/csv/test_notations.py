@@ -372,6 +372,67 @@ def test_a_row_of_factors_is_no_data(tmp_path: Path) -> None:
     assert column.value.tolist() == [k % 7 for k in range(60)]
 
 
+@pytest.mark.parametrize(
+    ("line", "cells"), [("Gain;10;1", "0.41"), ("Slope;2;1", "2.05"), ("LSB;0.1;1", "41")]
+)
+@pytest.mark.parametrize("is_above", [True, False])
+def test_a_gain_that_the_numbers_may_lack_is_refused(
+    tmp_path: Path, line: str, cells: str, is_above: bool
+) -> None:
+    names = "Time [s];p [bar];v [km/h]"
+    head = "\n".join([line, names] if is_above else [names, line])
+    rows = "".join(f"{k / 50:.2f};{cells};70.1\n" for k in range(60))
+    with pytest.raises(UserError, match=f"states factors .'{line[:3]}"):
+        numbers_of(tmp_path / "a.csv", f"{head}\n{rows}")
+
+
+@pytest.mark.parametrize(
+    "line", ["Gain;1;1", "Resolution;0.01;0.02", "S/N;4712;4713", "Range;10;200"]
+)
+def test_rows_that_say_something_of_the_columns_are_no_loss(tmp_path: Path, line: str) -> None:
+    rows = "".join(f"{k / 50:.2f};4.11;70.1\n" for k in range(60))
+    text = f"Time [s];p [bar];v [km/h]\n{line}\n{rows}"
+    source, (p, _) = numbers_of(tmp_path / "a.csv", text)
+    assert (p.value == 4.11).all()
+    assert not source.findings
+
+
+@pytest.mark.parametrize(
+    "results",
+    [
+        "\nAxle;p;v\n1;4.11;70.1\n2;4.12;70.2\n",
+        "Span;4.11;70.1;\nMinimum;4.11;70.1;\nMaximum;4.11;70.1;\n",
+    ],
+)
+def test_results_below_the_samples_are_no_loss(tmp_path: Path, results: str) -> None:
+    rows = "".join(f"{k / 50:.2f};4.11;70.1;20\n" for k in range(60))
+    text = f"Time [s];p [bar];v [km/h];T [°C]\n{rows}{results}"
+    source, _ = numbers_of(tmp_path / "a.csv", text)
+    assert [f.code for f in source.findings] == ["statistics-rows"]
+
+
+@pytest.mark.parametrize("digits", ["04X", "04Xh"])
+def test_words_of_hexadecimal_digits_are_no_numbers(tmp_path: Path, digits: str) -> None:
+    words = (f"{k * 131:04X}{digits[3:]}" for k in range(99))
+    rows = "".join(f"{k / 50:.2f};4.11;{word}\n" for k, word in enumerate(words))
+    source, _ = numbers_of(tmp_path / "a.csv", f"Time [s];p [bar];Status\n{rows}")
+    assert [f.channel for f in source.fields] == ["p [bar]"]
+    assert not source.findings
+
+
+@pytest.mark.parametrize(
+    ("codec", "names"),
+    [("big5", "時間,軔缸壓力(bar),速度(km/h)"), ("euc_kr", "시간,제동통 압력(bar),속도(km/h)")],
+)
+def test_codecs_of_taiwan_and_korea(tmp_path: Path, codec: str, names: str) -> None:
+    rows = "".join(f"[2026-11-24 10:15:{k:02}],4.11,70.1\n" for k in range(60))
+    (tmp_path / "a.csv").write_bytes(f"{names}\n{rows}".encode(codec))
+    source = open_csv(tmp_path / "a.csv", ReadOptions())
+    assert [f.channel for f in source.fields] == names.split(",")[1:]
+    (p, _) = source.columns(source.fields)
+    assert (np.diff(p.t) == 1_000_000_000).all()
+
+
 def test_a_row_without_a_stamp_beside_rows_that_have_one_is_a_loss(tmp_path: Path) -> None:
     stamps = [f"2026-11-25 10:00:{k // 50:02}.{k % 50 * 20:03}" for k in range(400)]
     rows = (f"{'' if 20 <= k < 320 else t},{k % 7}\n" for k, t in enumerate(stamps))
