@@ -603,6 +603,10 @@ def test_a_dbc_that_is_not_used_is_reported(tmp_path: Path) -> None:
     path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Data1\n{frames}")
     with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
         columns(path, dbc)
+    with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
+        columns(path, ())
+    path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Speed [km/h]\n{frames}")
+    assert len(columns(path, ())[0]) == 6
     two_ids = "".join(f"{k // 2 / 10},1,{291 + k % 2},0,2,{k},{k}\n" for k in range(50))
     path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Data1\n{two_ids}")
     with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
