@@ -145,15 +145,16 @@ def brake_of(keys: Collection[Key], axle: int) -> Key | None:
     return find(keys, "pressure", axle) or find(keys, "clamping_force", axle)
 
 
-def channels_of(channels: Channels, meaning: Meaning, but: Key | None = None) -> list[Channel]:
-    """The channels of a meaning, except one."""
-    return [c for k, c in channels.items() if k[0] == meaning and k != but]
-
-
 def find(keys: Collection[Key], meaning: Meaning, axle: int | None) -> Key | None:
     """The key of an axle's own channel, else of the one that belongs to no axle."""
     candidates: tuple[Key, Key] = ((meaning, axle), (meaning, None))
     return next((k for k in candidates if k in keys), None)
+
+
+def channels_of_axle(channels: Channels, axle: int) -> dict[Meaning, Channel]:
+    """The channels of an axle by their meaning: its own, else the one that belongs to no axle."""
+    shared: dict[Meaning, Channel] = {k[0]: c for k, c in channels.items() if k[1] is None}
+    return shared | {k[0]: c for k, c in channels.items() if k[1] == axle}
 
 
 def _missing(path: str, titles: Sequence[str], quantity: str, proposal: str | None) -> UserError:

@@ -1,13 +1,13 @@
 """The sign of the force of motors, by what the train does."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..core.finding import Finding
 from ..core.model import MOTOR_FORCES, Channel, Floats, Vehicle
-from .choose import Channels, Key, find
+from .choose import Channels
 
 _STEP = 0.5  # of the times at which they are compared [s]
 _LARGE_SHARE = 0.3  # of the largest force: less says little
@@ -18,9 +18,10 @@ _CLEAR_RATE = 0.1  # of a rim, with the wrong sign, that no gradient explains [m
 def with_signs(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Finding]]:
     """The channels with ED forces that brake above zero, and traction forces that drive."""
     signed, findings = dict(channels), list[Finding]()
+    speeds = {key[1]: c for key, c in channels.items() if key[0] == "wheel_speed"}
     for meaning, sign in zip(MOTOR_FORCES, (-1.0, 1.0), strict=True):
         forces = {key: c for key, c in channels.items() if key[0] == meaning}
-        rates = [x for key, c in forces.items() for x in _rates(key, c, channels, vehicle)]
+        rates = [x for key, c in forces.items() for x in _rates(key[1], c, speeds, vehicle)]
         if len(rates) < _FEWEST or sign * float(np.mean(rates)) > -_CLEAR_RATE:
             continue
         for key, c in forces.items():
@@ -31,12 +32,16 @@ def with_signs(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Fin
     return signed, findings
 
 
-def _rates(key: Key, force: Channel, channels: Channels, vehicle: Vehicle) -> Sequence[float]:
-    """Accelerations of a rim, times the sign of the force, where that is large [m/s²]."""
-    axle = key[1]
-    speeds = [c for k, c in channels.items() if k[0] == "wheel_speed" and axle in (None, k[1])]
-    speed_key = find(channels, "wheel_speed", axle)
-    speed = channels[speed_key] if speed_key else next(iter(speeds), None)
+def _rates(
+    axle: int | None, force: Channel, speeds: Mapping[int | None, Channel], vehicle: Vehicle
+) -> Sequence[float]:
+    """Accelerations of a rim, times the sign of the force, where that is large [m/s²].
+
+    The force of all axles is compared with the first of the wheel speeds.
+    """
+    speed = speeds.get(axle) or speeds.get(None)
+    if speed is None and axle is None:
+        speed = next(iter(speeds.values()), None)
     if speed is None or len(speed.data.t) < _FEWEST:
         return []
     t = _even_times(force, speed)

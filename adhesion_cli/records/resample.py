@@ -4,6 +4,7 @@ An online estimator may use the last value only. The offline reference may inter
 what is only compared: train speed and truth.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,10 +27,11 @@ from ..core.model import (
 from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, clamping_force
 from ..core.sample_times import SampleTimes
 from .axle_channels import AxleChannels, MotorForce
-from .choose import SHORTEST, AxleKeys, Channels, Choice, find
+from .choose import SHORTEST, AxleKeys, Choice, channels_of_axle
 from .faults import Fault, View
 from .screen import Screened
 
+_COMPARED: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
 _EARLIER = 1_000_000_000  # a brake applied for so long without a wheel speed is lost [ns]
 
 
@@ -58,11 +60,12 @@ def _axle(
     keys: AxleKeys, screened: Screened, vehicle: Vehicle, view: View
 ) -> tuple[AxleChannels | None, list[Finding]]:
     """One axle, None where too little is left; and its findings."""
-    channels = screened.channels
-    speed, brake = channels[keys.speed], channels[keys.brake]
-    sampled = _sampled(speed, brake)
+    own = channels_of_axle(screened.channels, keys.axle)
+    speed, brake = screened.channels[keys.speed], screened.channels[keys.brake]
     inside = view.contains(speed.data.t)
-    motors, motors_fresh = _motor_force(channels, speed, keys.axle)
+    times = SampleTimes(speed.data.t, speed.pieces)
+    sampled = _sampled(times, brake)
+    motors, motors_fresh = _motor_force(own, times)
     fresh = sampled.fresh & motors_fresh
     segments, in_segment = _segments(speed, inside & fresh)
     findings = _report_gaps(
@@ -73,9 +76,10 @@ def _axle(
     findings += _brake_without_speed(speed, brake, vehicle.of_axle(keys.axle), view)
     if not segments:
         return None, findings
-    train, truth, slip = (
-        channels[key] if (key := find(channels, meaning, keys.axle)) else None
-        for meaning in ("train_speed", "truth", "true_slip")
+    train = own.get("train_speed")
+    train_speed, truth, true_slip = (
+        times.interpolate(own[meaning])[in_segment] if meaning in own else None
+        for meaning in _COMPARED
     )
     last_value, smooth = sampled.last_value[in_segment], sampled.smooth[in_segment]
     is_pressure = brake.meaning == "pressure"
@@ -89,9 +93,9 @@ def _axle(
         segments,
         wheel_speed_step=speed.step,
         pressure=last_value if is_pressure else None,
-        train_speed=_interpolated(speed, train)[in_segment] if train else None,
-        truth=_interpolated(speed, truth)[in_segment] if truth else None,
-        true_slip=_interpolated(speed, slip)[in_segment] if slip else None,
+        train_speed=train_speed,
+        truth=truth,
+        true_slip=true_slip,
         clamping_force_step=brake.step,
         train_speed_interval=1.0 / train.rate_hz if train and train.rate_hz else 0.0,
         train_speed_step=train.step if train else 0.0,
@@ -108,18 +112,20 @@ def _axle(
     return axle.clamped_by(vehicle), findings
 
 
-def _motor_force(channels: Channels, speed: Channel, axle: int) -> tuple[MotorForce | None, Bools]:
+def _motor_force(
+    own: Mapping[Meaning, Channel], times: SampleTimes
+) -> tuple[MotorForce | None, Bools]:
     """The force of an axle's motors at the wheel speed's times, and where it is known, (n,)."""
-    n = len(speed.data.t)
+    n = len(times.t)
     last_value, smooth, variance = np.zeros((3, n))
     known, meanings = np.ones(n, dtype=np.bool_), set[Meaning]()
     for sign, meaning in ((1.0, MOTOR_FORCES[0]), (-1.0, MOTOR_FORCES[1])):
-        if not (key := find(channels, meaning, axle)):
+        if meaning not in own:
             continue
-        sampled = _sampled(speed, channels[key])
+        sampled = _sampled(times, own[meaning])
         last_value += sign * sampled.last_value
         smooth += sign * sampled.smooth
-        variance += (channels[key].tolerance * sampled.smooth) ** 2
+        variance += (own[meaning].tolerance * sampled.smooth) ** 2
         known &= sampled.fresh
         meanings.add(meaning)
     if not meanings:
@@ -130,15 +136,10 @@ def _motor_force(channels: Channels, speed: Channel, axle: int) -> tuple[MotorFo
     return MotorForce(last_value, smooth, np.sqrt(variance), drives), known
 
 
-def _sampled(speed: Channel, brake: Channel) -> _Sampled:
+def _sampled(times: SampleTimes, brake: Channel) -> _Sampled:
     """A brake, pressure or K, at the wheel speed's times."""
-    times = SampleTimes(speed.data.t, speed.pieces)
     (last_value, fresh), smooth = times.last_value(brake), times.interpolate(brake)
     return _Sampled(last_value, np.where(np.isfinite(smooth), smooth, last_value), fresh)
-
-
-def _interpolated(speed: Channel, channel: Channel) -> Floats:
-    return SampleTimes(speed.data.t, speed.pieces).interpolate(channel)
 
 
 def _report_gaps(

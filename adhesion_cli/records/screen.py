@@ -5,21 +5,18 @@ others, so they come after those that judge it alone.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import Bools, Channel, Vehicle
-from . import outliers, sample_and_hold, stuck_pressure, stuck_speed
-from .choose import Channels, Choice, Key, channels_of
+from ..core.model import Vehicle
+from . import outliers, sample_and_hold, speed_signs, stuck_pressure, stuck_speed
+from .choose import Channels, Choice, Key
 from .faults import Fault, View, remove_samples
 from .outliers import Params as Outliers
 from .stuck_pressure import Params as StuckPressure
 from .stuck_speed import Params as StuckSpeed
-
-_BACKWARDS = 1.0  # speed that no noise around standstill reaches [rad/s, of the train m/s]
 
 
 class Thresholds(NamedTuple):
@@ -59,8 +56,8 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
         return {key: sound[key] for key in channels if key in sound}
 
     channels = remove_faults(outliers.find_faults(p.outliers, channels))
-    channels = remove_faults(_reversals(channels))
-    channels = {k: _unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
+    channels = remove_faults(speed_signs.find_faults(channels))
+    channels = {k: speed_signs.unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
     channels = remove_faults(stuck_speed.find_train_faults(p.stuck_speed, channels))
     brake_faults = stuck_pressure.find_faults(p.stuck_pressure, channels)
     ranges = {
@@ -71,28 +68,3 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
     channels = remove_faults(brake_faults)
     wheel_faults = stuck_speed.find_wheel_faults(p.stuck_speed, channels, choice.axles, vehicle)
     return Screened(remove_faults(wheel_faults), ranges, findings)
-
-
-def _reversals(channels: Channels) -> dict[Key, list[Fault]]:
-    """Where speeds are below zero: the wheels', or else the sign of the train speed."""
-    reverse = any(runs_backwards(c).any() for c in channels_of(channels, "wheel_speed"))
-    code, meaning = (
-        ("reverse-running", "wheel_speed") if reverse else ("train-speed-sign", "train_speed")
-    )
-    return {
-        key: [Fault(code, runs_backwards(c), False, "info")]
-        for key, c in channels.items()
-        if key[0] == meaning
-    }
-
-
-def runs_backwards(speed: Channel) -> Bools:
-    """Samples of a speed that say the train runs backwards, shape (n,)."""
-    return speed.data.value < -max(_BACKWARDS, speed.step)
-
-
-def _unsigned(speed: Channel) -> Channel:
-    """A speed without its sign where it says that the train runs backwards."""
-    if not runs_backwards(speed).any():
-        return speed
-    return replace(speed, data=replace(speed.data, value=np.abs(speed.data.value)))

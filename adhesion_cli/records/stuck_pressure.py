@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity, fraction
-from .choose import BRAKES, Channels, Key, channels_of
+from .choose import BRAKES, Channels, Key
 from .faults import Fault
 from .repeats import RepeatedRuns, runs
 
@@ -46,7 +46,8 @@ def find_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
     faults = {}
     for key, brake in channels.items():
         if key[0] in BRAKES:
-            stuck, saturated = standing(p, brake, channels_of(channels, key[0], but=key))
+            others = [c for k, c in channels.items() if k[0] == key[0] and k != key]
+            stuck, saturated = standing(p, brake, others)
             faults[key] = [
                 Fault("pressure-stuck", stuck),
                 Fault("pressure-saturated", saturated, False),

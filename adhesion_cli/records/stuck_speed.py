@@ -15,7 +15,7 @@ from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity, Vehicle, fraction
 from ..core.physics import clamping_force
 from ..core.sample_times import SampleTimes
-from .choose import AxleKeys, Channels, Key, channels_of
+from .choose import AxleKeys, Channels, Key
 from .faults import Fault
 from .outliers import noise
 from .repeats import RepeatedRuns, runs
@@ -51,8 +51,8 @@ def find_wheel_faults(
         speed, brake = channels.get(axle.speed), channels.get(axle.brake)
         if speed and brake:
             other_speeds = [
-                *channels_of(channels, "wheel_speed", but=axle.speed),
-                *channels_of(channels, "train_speed"),
+                *(c for k, c in channels.items() if k[0] == "wheel_speed" and k != axle.speed),
+                *(c for k, c in channels.items() if k[0] == "train_speed"),
             ]
             force = _held_force(speed, brake, vehicle.of_axle(axle.axle))
             faults[axle.speed] = [Fault("speed-stuck", stuck(p, speed, force, other_speeds))]
@@ -61,7 +61,7 @@ def find_wheel_faults(
 
 def find_train_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
     """Where a train speed [m/s] is stuck, by the wheel speeds [rad/s]."""
-    wheels = channels_of(channels, "wheel_speed")
+    wheels = [c for k, c in channels.items() if k[0] == "wheel_speed"]
     return {
         key: [Fault("train-speed-stuck", _stuck_train(p, c, wheels))]
         for key, c in channels.items()

@@ -169,7 +169,7 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
         return "it does not show the brake slow the train"
     gain, rate = sign * gain, sign * rate
     mean: Floats = np.interp(t, t[np.isfinite(rate)], rate[np.isfinite(rate)])
-    steady = ~(np.abs(g.slope(g.rim) - mean) >= _CATCH_UP_RATE)  # at both ends, nobody knows
+    steady = ~(np.abs(g.rim_rate - mean) >= _CATCH_UP_RATE)  # at both ends, nobody knows
     rolling = released & erode(steady, g.half_width) & (g.rim > CRAWL)
     s = _samples(g, gain, mean, a, rolling, standstill)
     anchored = np.isfinite(s.rim).any(axis=0) | s.standstill

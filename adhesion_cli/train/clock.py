@@ -256,7 +256,7 @@ def _delay_by_returns(s: _ClockSamples, read_train: Callable[[float], Floats]) -
 
 def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -> _ClockSamples:
     """Every so many samples of a grid, at times t; with what all fits share."""
-    rim, slowing = g.rim[:, ::stride], -g.slope(g.rim)[:, ::stride]
+    rim, slowing = g.rim[:, ::stride], -g.rim_rate[:, ::stride]
     train_slows = np.zeros(len(t), dtype=np.bool_)
     if g.train is not None:
         train_slows = np.nan_to_num(-g.slope(g.train)[::stride]) > _SLOWING

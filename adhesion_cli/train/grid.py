@@ -192,6 +192,11 @@ class Grid:
         rate[..., j:-j] = (x[..., 2 * j :] - x[..., : -2 * j]) / (2.0 * j * self.step)
         return rate
 
+    @cached_property
+    def rim_rate(self) -> Floats:
+        """Rate of change of the rim speeds, shape (k, n) [m/s²]."""
+        return self.slope(self.rim)
+
     def slowing(self, v: Floats) -> Floats:
         """Deceleration without that by the known gradient, shape (..., n) [m/s²]."""
         return -self.slope(v + self.climb)

@@ -40,7 +40,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
             unit = likely[0] if likely else "bar"
             values, names = {"peak_bar": top / 1e5}, {"units": join_units(likely), "unit": unit}
             yield s.finding("pressure-too-high", "warning", a.brake, too_high, i, values, names)
-    slowing = -s.grid.slope(s.grid.rim)
+    slowing = -s.grid.rim_rate
     moving = np.isfinite(slowing) & (s.grid.rim > 0.1 * np.nanmax(s.grid.rim, initial=0.0))
     hard = slowing > p.hardest
     if moving.any() and hard[moving].mean() > p.share:
