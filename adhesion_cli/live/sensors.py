@@ -17,6 +17,7 @@ from ..channels.to_si import quantum
 from ..core.model import Channel, Column, Floats, Meaning
 from ..records import outliers, stuck_pressure, stuck_speed
 from ..records.outliers import Limits
+from ..records.repeats import runs
 
 _WINDOW_SAMPLES = 4000  # samples of a window
 _NOISE = 200  # samples of one that shows the noise
@@ -184,7 +185,9 @@ class StuckSpeed:
             self._next_length = _GROWTH * lasts
             K = np.nan_to_num(window.force())
             companions = [self._train.channel(_LONGEST_STEP)] if len(self._train) > _FEWEST else []
-            self._stuck = bool(stuck_speed.stuck(self._p, window.channel(gap), K, companions)[-1])
+            channel = window.channel(gap)
+            stuck = stuck_speed.stuck(self._p, channel, runs(channel), K, companions)
+            self._stuck = bool(stuck[-1])
         return self._stuck
 
 
@@ -207,6 +210,7 @@ class StuckPressure:
             self._next_length, self.stuck, self.saturated = float(_STUCK_SAMPLES), False, False
         if window.same >= self._next_length:
             self._next_length = _GROWTH * window.same
-            stretches = stuck_pressure.standing(self._p, window.channel(gap))
+            channel = window.channel(gap)
+            stretches = stuck_pressure.standing(self._p, channel, runs(channel))
             self.stuck |= bool(stretches.stuck[-1])
             self.saturated = bool(stretches.saturated[-1]) and not self.stuck

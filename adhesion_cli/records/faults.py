@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ class Fault(NamedTuple):
     mask: Bools  # shape (n,)
     excluded: bool = True  # whether the samples must not be used
     severity: Severity = "warning"
+    values: Mapping[str, float] = MappingProxyType({})  # the message quotes them
+    names: Mapping[str, str] = MappingProxyType({})  # likewise
+    title: str = ""  # of the channel that it is about, where its samples are of another one
 
 
 class View(NamedTuple):
@@ -39,16 +43,10 @@ class View(NamedTuple):
             since <= (np.inf if stop is None else stop)
         )
 
-    def report(
-        self,
-        fault: Fault,
-        channel: Channel,
-        values: Mapping[str, float] | None = None,
-        names: Mapping[str, str] | None = None,
-    ) -> list[Finding]:
+    def report(self, fault: Fault, channel: Channel) -> list[Finding]:
         """The finding of a fault; none where the window holds no sample of it.
 
-        Its mask is over the channel's samples. The message quotes `values` and `names`.
+        Its mask is over the channel's samples.
         """
         t = channel.data.t
         mask = fault.mask
@@ -56,8 +54,9 @@ class View(NamedTuple):
         if not mask.any():
             return []
         spans = spans_of_mask(mask, t, self.start_ns)
-        place, count, data = channel.title, int(mask.sum()), (values or {}, names or {})
-        return [Finding(fault.code, fault.severity, place, count, spans, *data)]
+        place, count = fault.title or channel.title, int(mask.sum())
+        quoted = dict(fault.values), dict(fault.names)
+        return [Finding(fault.code, fault.severity, place, count, spans, *quoted)]
 
 
 def remove_samples(channel: Channel, excluded: Bools) -> Channel:

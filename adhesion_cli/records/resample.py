@@ -4,15 +4,14 @@ An online estimator may use the last value only. The offline reference may inter
 what is only compared: train speed and truth.
 """
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from ..channels import to_si
 from ..core import units
-from ..core.finding import Finding
+from ..core.finding import Finding, Severity
 from ..core.model import (
     MOTOR_FORCES,
     AxleRecord,
@@ -50,16 +49,17 @@ def resample(
     axles, findings = [], []
     for keys in choice.axles:
         if keys.speed in screened.channels and keys.brake in screened.channels:
-            axle, axle_findings = _axle(keys, screened, vehicle, view)
-            findings += axle_findings if keys.axle in choice.requested else []
+            axle, faults = _axle(keys, screened, vehicle, view)
             axles += [axle] if axle else []
+            if keys.axle in choice.requested:
+                findings += [f for channel, fault in faults for f in view.report(fault, channel)]
     return axles, findings
 
 
 def _axle(
     keys: AxleKeys, screened: Screened, vehicle: Vehicle, view: View
-) -> tuple[AxleChannels | None, list[Finding]]:
-    """One axle, None where too little is left; and its findings."""
+) -> tuple[AxleChannels | None, list[tuple[Channel, Fault]]]:
+    """One axle, None where too little is left; and the faults of its channels."""
     own = channels_of_axle(screened.channels, keys.axle)
     speed, brake = screened.channels[keys.speed], screened.channels[keys.brake]
     inside = view.contains(speed.data.t)
@@ -68,14 +68,17 @@ def _axle(
     motors, motors_fresh = _motor_force(own, times)
     fresh = sampled.fresh & motors_fresh
     segments, in_segment = _segments(speed, inside & fresh)
-    findings = _report_gaps(
-        speed, brake, inside & ~sampled.fresh, inside & fresh & ~in_segment, view
-    )
+    recorded = (times.t >= brake.data.t.min()) & (times.t <= brake.data.t.max())
+    quantity, too_short = str(brake.meaning).replace("_", " "), inside & fresh & ~in_segment
     without_motors = inside & sampled.fresh & ~motors_fresh
-    findings += _report_missing(speed, brake, without_motors, motors_fresh, "ED force", view)
-    findings += _brake_without_speed(speed, brake, vehicle.of_axle(keys.axle), view)
+    faults = [
+        _missing(speed, brake, inside & ~sampled.fresh, recorded, quantity),
+        (speed, Fault("too-short", too_short, values={"needed": SHORTEST})),
+        _missing(speed, brake, without_motors, motors_fresh, "ED force"),
+        *_brake_without_speed(speed, brake, vehicle.of_axle(keys.axle)),
+    ]
     if not segments:
-        return None, findings
+        return None, faults
     train = own.get("train_speed")
     train_speed, truth, true_slip = (
         times.interpolate(own[meaning])[in_segment] if meaning in own else None
@@ -109,7 +112,7 @@ def _axle(
         step_force, line_force, sigma = (x[in_segment] for x in motors[:3])
         motors = MotorForce(step_force, line_force, sigma, motors.traction_known)
     axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None, motors)
-    return axle.clamped_by(vehicle), findings
+    return axle.clamped_by(vehicle), faults
 
 
 def _motor_force(
@@ -142,20 +145,9 @@ def _sampled(times: SampleTimes, brake: Channel) -> _Sampled:
     return _Sampled(last_value, np.where(np.isfinite(smooth), smooth, last_value), fresh)
 
 
-def _report_gaps(
-    speed: Channel, brake: Channel, stale: Bools, too_short: Bools, view: View
-) -> list[Finding]:
-    t, quantity = speed.data.t, str(brake.meaning).replace("_", " ")
-    recorded = (t >= brake.data.t.min()) & (t <= brake.data.t.max())
-    return [
-        *_report_missing(speed, brake, stale, recorded, quantity, view),
-        *view.report(Fault("too-short", too_short), speed, {"needed": SHORTEST}),
-    ]
-
-
-def _report_missing(
-    speed: Channel, brake: Channel, stale: Bools, known: Bools, quantity: str, view: View
-) -> list[Finding]:
+def _missing(
+    speed: Channel, brake: Channel, stale: Bools, known: Bools, quantity: str
+) -> tuple[Channel, Fault]:
     """Samples without a recent value: only a note where these are the first or the last ones.
 
     `stale` are samples without one, `known` those of which the first and the last have one, (n,)
@@ -164,20 +156,19 @@ def _report_missing(
     within = np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
     lasts_ns = stale.sum() * np.median(np.diff(speed.data.t, append=speed.data.t[-1]))
     only_at_ends = lasts_ns <= 2 * max(brake.gap_ns, speed.gap_ns) and not (stale & within).any()
-    fault = Fault("no-pressure", stale, severity="info" if only_at_ends else "warning")
-    return view.report(fault, speed, names={"quantity": quantity})
+    severity: Severity = "info" if only_at_ends else "warning"
+    return speed, Fault("no-pressure", stale, severity=severity, names={"quantity": quantity})
 
 
 def _brake_without_speed(
-    speed: Channel, brake: Channel, vehicle: Vehicle, view: View
-) -> list[Finding]:
+    speed: Channel, brake: Channel, vehicle: Vehicle
+) -> Iterator[tuple[Channel, Fault]]:
     """The samples of a brake that is applied before its wheel speed begins, or after its end.
 
     They are info where the wheel hardly turned at that end: no pulses come from a standing one.
     """
     t, y, brake_t = speed.data.t, speed.data.value, brake.data.t
     slow = CRAWL / vehicle.wheel_radius[0].value
-    findings: list[Finding] = []
     for outside, was_turning in (
         (brake_t < t.min() - _EARLIER, y[np.argmin(t)] > slow),
         (brake_t > t.max() + _EARLIER, y[np.argmax(t)] > slow),
@@ -189,9 +180,8 @@ def _brake_without_speed(
         braked = outside.copy()
         braked[outside] = K > NO_FORCE
         if braked.sum() * np.median(np.diff(brake_t, append=brake_t[-1])) >= _EARLIER:
-            fault = Fault("no-wheel-speed", braked, severity="warning" if was_turning else "info")
-            findings += [replace(f, channel=speed.title) for f in view.report(fault, brake)]
-    return findings
+            severity: Severity = "warning" if was_turning else "info"
+            yield brake, Fault("no-wheel-speed", braked, severity=severity, title=speed.title)
 
 
 def _segments(speed: Channel, usable: Bools) -> tuple[tuple[slice, ...], Bools]:

@@ -12,9 +12,10 @@ import numpy as np
 from ..core.finding import Finding
 from ..core.model import Vehicle
 from . import outliers, sample_and_hold, speed_signs, stuck_pressure, stuck_speed
-from .choose import Channels, Choice, Key
+from .choose import BRAKES, Channels, Choice, Key
 from .faults import Fault, View, remove_samples
 from .outliers import Params as Outliers
+from .repeats import runs
 from .stuck_pressure import Params as StuckPressure
 from .stuck_speed import Params as StuckSpeed
 
@@ -58,13 +59,16 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
     channels = remove_faults(outliers.find_faults(p.outliers, channels))
     channels = remove_faults(speed_signs.find_faults(channels))
     channels = {k: speed_signs.unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
-    channels = remove_faults(stuck_speed.find_train_faults(p.stuck_speed, channels))
-    brake_faults = stuck_pressure.find_faults(p.stuck_pressure, channels)
+    repeats = {k: runs(c) for k, c in channels.items() if "speed" in k[0] or k[0] in BRAKES}
+    channels = remove_faults(stuck_speed.find_train_faults(p.stuck_speed, channels, repeats))
+    brake_faults = stuck_pressure.find_faults(p.stuck_pressure, channels, repeats)
     ranges = {
         key: float(channels[key].data.value.max())
         for key, faults in brake_faults.items()
         if any(f.code == "pressure-saturated" and f.mask.any() for f in faults)
     }
     channels = remove_faults(brake_faults)
-    wheel_faults = stuck_speed.find_wheel_faults(p.stuck_speed, channels, choice.axles, vehicle)
+    wheel_faults = stuck_speed.find_wheel_faults(
+        p.stuck_speed, channels, repeats, choice.axles, vehicle
+    )
     return Screened(remove_faults(wheel_faults), ranges, findings)

@@ -5,7 +5,7 @@ axles are applied and released. A pressure without noise that is stuck for a par
 found by the comparison of the axles.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity, fraction
 from .choose import BRAKES, Channels, Key
 from .faults import Fault
-from .repeats import RepeatedRuns, runs
+from .repeats import RepeatedRuns
 
 ABOUT = About("Stuck and saturated pressures", "the chance of equal samples of white noise")
 _SHORT_RUN = 30  # samples: so long a stretch is no noise
@@ -41,13 +41,18 @@ class Standing(NamedTuple):
     saturated: Bools  # at its highest value, the end of its range
 
 
-def find_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
-    """Where each pressure [Pa] or K [N] is stuck or saturated, also by those of the other axles."""
+def find_faults(
+    p: Params, channels: Channels, repeats: Mapping[Key, RepeatedRuns]
+) -> dict[Key, list[Fault]]:
+    """Where each pressure [Pa] or K [N] is stuck or saturated, also by those of the other axles.
+
+    `repeats` has, here and below, the stretches in which a channel repeats a value.
+    """
     faults = {}
     for key, brake in channels.items():
         if key[0] in BRAKES:
             others = [c for k, c in channels.items() if k[0] == key[0] and k != key]
-            stuck, saturated = standing(p, brake, others)
+            stuck, saturated = standing(p, brake, repeats[key], others)
             faults[key] = [
                 Fault("pressure-stuck", stuck),
                 Fault("pressure-saturated", saturated, False),
@@ -55,12 +60,14 @@ def find_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
     return faults
 
 
-def standing(p: Params, brake: Channel, other_brakes: Sequence[Channel] = ()) -> Standing:
+def standing(
+    p: Params, brake: Channel, equal_runs: RepeatedRuns, other_brakes: Sequence[Channel] = ()
+) -> Standing:
     """Where a pressure sensor is stuck or saturated.
 
     Where it reads its lowest value, its range may end there: that is no fault.
     """
-    x, equal_runs = brake.data.value, runs(brake)
+    x = brake.data.value
     if not np.ptp(x) and _all_vary(p, other_brakes):
         return Standing(np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_))
     silent = _silent(p, brake, equal_runs)

@@ -4,7 +4,7 @@ A sensor is stuck only where a working one could not repeat its last value. The 
 shows that, or else the brake of this wheel.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, NamedTuple
 
@@ -18,7 +18,7 @@ from ..core.sample_times import SampleTimes
 from .choose import AxleKeys, Channels, Key
 from .faults import Fault
 from .outliers import noise
-from .repeats import RepeatedRuns, runs
+from .repeats import RepeatedRuns
 
 ABOUT = About("Stuck speeds", "the other speeds of the train, or the usual effect of its brake")
 Indices = NDArray[np.int64]
@@ -43,9 +43,13 @@ class Params(NamedTuple):
 
 
 def find_wheel_faults(
-    p: Params, channels: Channels, axles: Sequence[AxleKeys], vehicle: Vehicle
+    p: Params,
+    channels: Channels,
+    repeats: Mapping[Key, RepeatedRuns],
+    axles: Sequence[AxleKeys],
+    vehicle: Vehicle,
 ) -> dict[Key, list[Fault]]:
-    """Where the wheel speed of each axle is stuck."""
+    """Where each wheel speed is stuck; `repeats` has where a channel repeats a value."""
     faults = {}
     for axle in reversed(axles):
         speed, brake = channels.get(axle.speed), channels.get(axle.brake)
@@ -55,15 +59,18 @@ def find_wheel_faults(
                 *(c for k, c in channels.items() if k[0] == "train_speed"),
             ]
             force = _held_force(speed, brake, vehicle.of_axle(axle.axle))
-            faults[axle.speed] = [Fault("speed-stuck", stuck(p, speed, force, other_speeds))]
+            is_stuck = stuck(p, speed, repeats[axle.speed], force, other_speeds)
+            faults[axle.speed] = [Fault("speed-stuck", is_stuck)]
     return {key: faults[key] for key in channels if key in faults}
 
 
-def find_train_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
+def find_train_faults(
+    p: Params, channels: Channels, repeats: Mapping[Key, RepeatedRuns]
+) -> dict[Key, list[Fault]]:
     """Where a train speed [m/s] is stuck, by the wheel speeds [rad/s]."""
     wheels = [c for k, c in channels.items() if k[0] == "wheel_speed"]
     return {
-        key: [Fault("train-speed-stuck", _stuck_train(p, c, wheels))]
+        key: [Fault("train-speed-stuck", _stuck_train(p, c, repeats[key], wheels))]
         for key, c in channels.items()
         if key[0] == "train_speed"
     }
@@ -72,6 +79,7 @@ def find_train_faults(p: Params, channels: Channels) -> dict[Key, list[Fault]]:
 def stuck(
     p: Params,
     speed: Channel,
+    equal_runs: RepeatedRuns,
     clamping: Floats,
     other_speeds: Sequence[Channel] = (),
     among: Callable[..., Floats] = np.nanmedian,
@@ -85,8 +93,7 @@ def stuck(
     does where no other wheel moves. The speed is in rad/s, of a train in m/s, `clamping` is K at
     its times, (n,), and `among` says what counts of that by which the others moved.
     """
-    y, equal_runs = speed.data.value, runs(speed)
-    value = equal_runs.value
+    y, value = speed.data.value, equal_runs.value
     is_long_run = (equal_runs.length >= 3) & (equal_runs.seconds > p.lasts) & (value > p.slow)
     if is_long_run.any():
         is_long_run &= equal_runs.length >= p.stays * _usual_run_length(y)
@@ -128,7 +135,9 @@ def stuck(
     return equal_runs.repeated(is_stuck)
 
 
-def _stuck_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> Bools:
+def _stuck_train(
+    p: Params, train: Channel, equal_runs: RepeatedRuns, wheels: Sequence[Channel]
+) -> Bools:
     """Samples at which a train speed repeats its last value, shape (n,).
 
     Braking may have begun while a late train speed still reads that of coasting: only what the
@@ -141,8 +150,7 @@ def _stuck_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> Bools:
         for w in wheels
         for delay in delays
     ]
-    frozen = stuck(p, train, np.zeros(len(train.data.t)), delayed_wheels, np.nanmin)
-    equal_runs = runs(train)
+    frozen = stuck(p, train, equal_runs, np.zeros(len(train.data.t)), delayed_wheels, np.nanmin)
     if equal_runs.value[-1] > p.slow and frozen[equal_runs.start[-1] :].any():
         final_run = equal_runs.start[-1:], equal_runs.final[-1:]
         smallest_change = min(

@@ -20,6 +20,7 @@ from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Channel, Column, Floats, Meaning, Result
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.records import stuck_pressure, stuck_speed
+from adhesion_cli.records.repeats import runs
 from adhesion_cli.wsp import simulate
 
 DEFAULT = settings.load()
@@ -29,6 +30,12 @@ SENSORS = {
     "speed-stuck", "speed-outlier", "speed-unusable", "pressure-stuck", "pressure-outlier",
     "pressure-saturated", "train-speed-stuck", "train-speed-outlier",
 }  # fmt: skip
+
+
+def standing(brake: Channel) -> stuck_pressure.Standing:
+    return stuck_pressure.standing(PARAMS, brake, runs(brake))
+
+
 ALWAYS = simulated.during(0.0, math.inf)
 
 
@@ -80,8 +87,8 @@ def test_a_steady_pressure_is_not_a_stuck_one(
     rate: float, noise: float, step: float, bottom: float
 ) -> None:
     channel = pressure(np.maximum(application(rate, noise, step), bottom), rate, step)
-    assert not stuck_pressure.standing(PARAMS, channel).stuck.any()
-    assert not stuck_pressure.standing(PARAMS, channel).saturated.any()
+    assert not standing(channel).stuck.any()
+    assert not standing(channel).saturated.any()
 
 
 @pytest.mark.parametrize("at", [1.0, 4.0, 10.0])
@@ -89,7 +96,7 @@ def test_a_stuck_pressure_is_found_to_the_sample(at: float) -> None:
     p = application(100.0, 1000.0, 1000.0)
     stuck = slice(round(100 * at), round(100 * at) + 300)
     p[stuck] = p[stuck.start]
-    mask = stuck_pressure.standing(PARAMS, pressure(p, 100.0, 1000.0)).stuck
+    mask = standing(pressure(p, 100.0, 1000.0)).stuck
     assert not mask[: stuck.start - 2].any()  # one or two before may read the same by chance
     assert mask[stuck.start + 1 : stuck.stop].all()
     assert mask[stuck.stop + 2 :].sum() == 0
@@ -104,14 +111,14 @@ def test_a_released_pressure_that_reads_zero_is_not_stuck(seed: int) -> None:
         p = np.maximum(p, top * np.where(t < end, filling, np.exp((end - t) / 0.8)))
     p += 400.0 * np.random.default_rng(seed).standard_normal(len(t)) - 4000.0
     channel = pressure(np.maximum(0.0, np.round(p / 100.0) * 100.0), 50.0, 100.0)
-    assert not stuck_pressure.standing(PARAMS, channel).stuck.any()
+    assert not standing(channel).stuck.any()
 
 
 def test_a_saturated_pressure_is_not_a_stuck_one() -> None:
     p = application(25.0, 1000.0, 1000.0)
-    standing = stuck_pressure.standing(PARAMS, pressure(np.minimum(p, 2e5), 25.0, 1000.0))
-    assert standing.saturated.sum() > 300
-    assert not standing.stuck.any()
+    stretches = standing(pressure(np.minimum(p, 2e5), 25.0, 1000.0))
+    assert stretches.saturated.sum() > 300
+    assert not stretches.stuck.any()
 
 
 # --- sensors that are dead all along ------------------------------------------------------------
@@ -273,7 +280,8 @@ def braking(meaning: Meaning, rate: float, delay: float, step: float, seed: int 
 def is_train_stuck(train: Channel) -> bool:
     wheel = braking("wheel_speed", 20.0, 0.0, 0.01)
     channels = {("train_speed", None): train, ("wheel_speed", 1): wheel}
-    ((fault,),) = stuck_speed.find_train_faults(stuck_speed.Params(), channels).values()
+    repeats = {key: runs(c) for key, c in channels.items()}
+    ((fault,),) = stuck_speed.find_train_faults(stuck_speed.Params(), channels, repeats).values()
     return bool(fault.mask.any())
 
 
@@ -306,7 +314,7 @@ def test_what_valves_do_is_no_noise_of_a_pressure_that_stands() -> None:
     t = np.arange(0.0, 200.0, 0.2)
     works = np.where(t % 50.0 < 25.0, 0.03 * np.sin(2.0 * np.pi * t / 0.71), 0.0)
     held = np.round((2.0 + works + 0.3 * (t // 50.0)) * 1e5, 2)
-    assert not stuck_pressure.standing(PARAMS, pressure(held, 5.0, 0.01)).stuck.any()
+    assert not standing(pressure(held, 5.0, 0.01)).stuck.any()
 
 
 @pytest.mark.parametrize(("rate", "share"), thinned(5, [1.0, 5.0, 50.0], [0.5, 0.8]))
