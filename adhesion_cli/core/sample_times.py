@@ -32,8 +32,7 @@ class SampleTimes(NamedTuple):
     def interpolate(self, channel: Channel) -> Floats:
         """Linear interpolation of a channel, shape (n,).
 
-        NaN before its first sample and across its gaps; the last value holds as long as that of
-        `last_value` is fresh.
+        NaN before its first sample, across its gaps and after its last one.
         """
         value = np.full(len(self.t), np.nan)
         for piece, xs, ys in self._samples(channel):
@@ -47,11 +46,7 @@ class SampleTimes(NamedTuple):
             # Differences of int64 are exact; seconds since 1970 as floats are not.
             fraction = np.clip((t - xs[lower]) / np.maximum(gap, 1), 0.0, 1.0)
             between = ys[lower] + fraction * (ys[upper] - ys[lower])
-            unknown = (
-                (t < xs[0])
-                | (t > xs[-1] + channel.gap_ns)
-                | ((t < xs[upper]) & (gap > channel.gap_ns))
-            )
+            unknown = (t < xs[0]) | (t > xs[-1]) | ((t < xs[upper]) & (gap > channel.gap_ns))
             value[piece] = np.where(unknown, np.nan, np.where(xs[upper] == t, ys[upper], between))
         return value
 

@@ -51,7 +51,7 @@ def smoothed_speed(speed: TimeSeries, command: float, stop: float, interval: flo
     lead = int(min(FIT, max(command - raw_t[0], 0.0)) / _STEP)  # steps before the command
     t: Floats = command + np.float64(_STEP) * np.arange(-lead, math.ceil((stop - command) / _STEP))
     t = np.append(t, stop)
-    last_t = stop
+    last_t = min(stop, float(raw_t[-1]))  # after it, the speed would be constant
     if raw_v[-1] <= 0.0 and raw_v.any():
         first_zero = raw_t[np.flatnonzero(raw_v > 0.0)[-1] + 1]
         count = np.searchsorted(raw_t, min(first_zero - interval + _EARLY, stop))

@@ -35,6 +35,14 @@ def test_interpolation_stops_at_gaps() -> None:
     np.testing.assert_allclose(value, [0.5, 4.0, np.nan, 50.5])
 
 
+def test_interpolation_ends_with_the_last_sample() -> None:
+    """A speed that went on as it was would have a corner there, and a stop a jerk."""
+    value = SampleTimes(np.array([10, 11], dtype=np.int64) * MS).interpolate(
+        channel([0, 10], [0, 1], 50)
+    )
+    np.testing.assert_allclose(value, [1.0, np.nan])
+
+
 def test_pieces_between_jumps_of_the_clock_go_together() -> None:
     """Two of one time each: the second starts anew, and so does the other channel's."""
     two = slice(0, 2), slice(2, 4)

@@ -158,8 +158,7 @@ def _departure_finding(p: Params, s: Scene, o: _Departure, only_two: bool) -> Fi
         severity = "info" if p.braked_less < o.ratio < 1.0 / p.braked_less else "warning"
     elif likely and not p.least < o.ratio < 1.0 / p.least:
         code, values["axle"] = "pressure-unit-differs", a.record.axle
-        entry = {"channel": a.brake.name, "field": a.brake.field, "unit": likely[0]}
-        line = f"channels.{a.brake.meaning}.axle{a.record.axle} = {toml.table(entry)}"
+        line = f'channels.{a.brake.meaning}.axle{a.record.axle}.unit = "{likely[0]}"'
         names |= {"units": join_units(likely), "option": toml.option(line)}
     else:
         typical = float(np.median(o.difference[o.mask]))

@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from ...core import toml
 from ...core.finding import Finding
 from ...core.masks import erode
 from ...core.model import Bools, Channel, Floats, Quantity, Vehicle
@@ -35,15 +37,22 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     floor = p.floor + max(_rounding(a.speed, g.step, s.vehicle) for a in axles)
     if axles[0].train is not None:
         floor += axles[0].train.step / 3.0
+    of_another_unit = {}
     for i in range(len(axles)):
         reference = _reference(g, i)
         if reference is None:
             continue
         scale = 1.0 / _usual_share(g, i)
         if not 1.0 / p.unit < scale < p.unit:
-            yield _unit(s, i, scale)
+            of_another_unit[i] = scale
         elif (scale := _scale(p, s, i, reference, floor)) != 1.0:
-            yield _unit(s, i, scale) if not 0.8 < scale < 1.25 else diameter_finding(s, i, scale)
+            if 0.8 < scale < 1.25:
+                yield diameter_finding(s, i, scale)
+            else:
+                of_another_unit[i] = scale
+    all_differ = len(of_another_unit) == len(axles)
+    for i, scale in of_another_unit.items():
+        yield _unit(s, i, scale, all_differ)
 
 
 def _reference(g: Grid, i: int) -> Floats | None:
@@ -118,18 +127,30 @@ def _reference_name(s: Scene) -> dict[str, str]:
     return {"reference": "the other axles" if s.grid.train is None else "the train speed"}
 
 
-def _unit(s: Scene, i: int, scale: float) -> Finding:
-    """A wheel speed of another unit than stated, or a train speed."""
+def _unit(s: Scene, i: int, scale: float, all_differ: bool) -> Finding:
+    """A wheel speed of another unit than stated; where all axles differ, or a train speed."""
     a = s.axles[i]
-    units = alternative_units(a.speed, s.vehicle, lambda x: 0.87 < x / scale < 1.15)
-    candidates = [f"speed in {u}" for u in units]
-    if s.grid.train is not None and a.train:
-        units = alternative_units(a.train, s.vehicle, lambda x: 0.87 < x * scale < 1.15)
-        candidates += [f"train_speed in {u}" for u in units]
-    names = {**_reference_name(s), "units": join_units(candidates)}
+    speeds = {"speed" if all_differ else f"speed.axle{a.record.axle}": a.speed}
+    if all_differ and s.grid.train is not None and a.train:
+        speeds["train_speed"] = a.train
+    candidates, options = [], []
+    for name, channel in speeds.items():
+        factor = 1.0 / scale if channel is a.speed else scale
+        units = alternative_units(channel, s.vehicle, partial(_agree, factor))
+        candidates += [f"{name.partition('.')[0]} in {u}" for u in units]
+        options += [toml.option(f'channels.{name}.unit = "{u}"') for u in units[:1]]
+    names = {
+        **_reference_name(s),
+        "units": join_units(candidates),
+        "option": " or ".join(options) or "`--set channels.speed.unit=km/h`",
+    }
     return s.finding(
         "speed-unit-suspect", "warning", a.speed, None, i, {"factor": 1.0 / scale}, names
     )
+
+
+def _agree(scale: float, factor: float) -> bool:
+    return 0.87 < scale * factor < 1.15
 
 
 def diameter_finding(s: Scene, i: int, scale: float) -> Finding:
