@@ -258,8 +258,8 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
     """Every so many samples of a grid, at times t; with what all fits share."""
     rim, slowing = g.rim[:, ::stride], -g.rim_rate[:, ::stride]
     train_slows = np.zeros(len(t), dtype=np.bool_)
-    if g.train is not None:
-        train_slows = np.nan_to_num(-g.slope(g.train)[::stride]) > _SLOWING
+    if g.train_rate is not None:
+        train_slows = np.nan_to_num(-g.train_rate[::stride]) > _SLOWING
     usable = np.isfinite(slowing) & (rim > CRAWL)
     fast = np.array([x > 0.3 * np.nanmax(x) for x in rim])
     return _ClockSamples(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -197,6 +197,11 @@ class Grid:
         """Rate of change of the rim speeds, shape (k, n) [m/s²]."""
         return self.slope(self.rim)
 
+    @cached_property
+    def train_rate(self) -> Floats | None:
+        """Rate of change of the train speed, shape (n,) [m/s²]."""
+        return None if self.train is None else self.slope(self.train)
+
     def slowing(self, v: Floats) -> Floats:
         """Deceleration without that by the known gradient, shape (..., n) [m/s²]."""
         return -self.slope(v + self.climb)
@@ -288,16 +293,21 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
     start_ns = max(int(a.record.t[0]) for a in axles)
     stop_ns = min(int(a.record.t[-1]) for a in axles)
     t = step * np.arange(int((stop_ns - start_ns) / 1e9 / step) + 1, dtype=np.float64)
-    rim, clamping, pressure = np.full((3, len(axles), len(t)), np.nan)
-    for i, r in enumerate(a.record for a in axles):
-        rim[i] = vehicle.radius(r.axle).value * _means(r, r.wheel_speed, start_ns, t)
-        for row, brake in ((clamping, r.clamping_force_smooth), (pressure, r.pressure)):
-            if brake is not None:
-                # The true one is higher than where the sensor's range ends.
-                known = brake if r.saturated is None else np.where(r.saturated, np.nan, brake)
-                row[i] = _means(r, known, start_ns, t)
-    motors, sigma = _motor_rows(axles, start_ns, t)
-    train, train_error = _train(axles, start_ns, t)
+    records = [a.record for a in axles]
+    radii = np.array([[vehicle.radius(r.axle).value] for r in records])
+    on_grid = partial(_rows, records, start_ns, t)
+    rim = radii * on_grid([r.wheel_speed for r in records])
+    clamping = on_grid([_within_range(r, r.clamping_force_smooth) for r in records])
+    pressure = on_grid([_within_range(r, r.pressure) for r in records])
+    motors = sigma = train = None
+    train_error: Floats | float = 0.0
+    if any(a.motors for a in axles):
+        motors = on_grid([r.motor_clamping_smooth for r in records], without=0.0)
+        sigma = on_grid([r.motor_sigma for r in records], without=0.0)
+    if with_train := [r for r in records if r.train_speed is not None][:1]:
+        (train,) = _rows(with_train, start_ns, t, [with_train[0].train_speed])
+        if (train_sigma := with_train[0].train_speed_sigma) is not None:
+            train_error = Z95 * _rows(with_train, start_ns, t, [train_sigma])[0]
     by_friction = without_motors(clamping, motors)
     friction: Floats | float = 1.0
     tables = [a.friction_table or vehicle.friction_table for a in axles]
@@ -309,18 +319,11 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
     return Grid(start_ns, step, rim, clamping, pressure, *speeds, motors=motors, motor_sigma=sigma)
 
 
-def _motor_rows(
-    axles: Sequence[AxleChannels], start_ns: int, t: Floats
-) -> tuple[Floats | None, Floats | None]:
-    """The motors' part of K, and 1 sigma of their force at the rim, (k, n) each [N]."""
-    if not any(a.motors for a in axles):
-        return None, None
-    motors, sigma = np.zeros((2, len(axles), len(t)))
-    for i, r in enumerate(a.record for a in axles):
-        if r.motor_clamping_smooth is not None and r.motor_sigma is not None:
-            motors[i] = _means(r, r.motor_clamping_smooth, start_ns, t)
-            sigma[i] = _means(r, r.motor_sigma, start_ns, t)
-    return motors, sigma
+def _within_range(record: AxleRecord, brake: Floats | None) -> Floats | None:
+    """A brake without what is at the end of its sensor's range: the true one is higher there."""
+    if brake is None or record.saturated is None:
+        return brake
+    return np.where(record.saturated, np.nan, brake)
 
 
 def _step(axles: Sequence[AxleChannels], finest: float) -> float | None:
@@ -340,11 +343,26 @@ def _step(axles: Sequence[AxleChannels], finest: float) -> float | None:
     return step if int(span / step) + 1 >= FEWEST else None
 
 
-def _means(record: AxleRecord, x: Floats, start_ns: int, t: Floats) -> Floats:
-    """Means of a channel of an axle over the steps of a grid, (n,); NaN outside the segments.
+def _rows(
+    records: Sequence[AxleRecord],
+    start_ns: int,
+    t: Floats,
+    columns: Sequence[Floats | None],
+    without: float = math.nan,
+) -> Floats:
+    """A column of each axle over the steps of a grid, (k, n); `without`, of an axle without it.
 
     The times of the grid `t` [s] count from `start_ns`.
     """
+    rows = np.full((len(records), len(t)), without)
+    for row, r, x in zip(rows, records, columns, strict=True):
+        if x is not None:
+            row[:] = _means(r, x, start_ns, t)
+    return rows
+
+
+def _means(record: AxleRecord, x: Floats, start_ns: int, t: Floats) -> Floats:
+    """Means of one column over the steps, (n,); NaN outside the segments."""
     means, half_step = np.full(len(t), np.nan), t[1] / 2.0
     for s in record.segments:
         u, finite = (record.t[s] - start_ns) / 1e9, np.isfinite(x[s])
@@ -360,18 +378,6 @@ def _means(record: AxleRecord, x: Floats, start_ns: int, t: Floats) -> Floats:
         bridged = np.interp(t[inside], u, finite) < 0.5  # no gap is bridged
         means[inside] = np.where(bridged, np.nan, gained / (right - left))
     return means
-
-
-def _train(
-    axles: Sequence[AxleChannels], start_ns: int, t: Floats
-) -> tuple[Floats | None, Floats | float]:
-    """The train speed and its error (95 %), (n,)."""
-    for r in (a.record for a in axles):
-        if r.train_speed is not None:
-            sigma = r.train_speed_sigma
-            error = 0.0 if sigma is None else Z95 * _means(r, sigma, start_ns, t)
-            return _means(r, r.train_speed, start_ns, t), error
-    return None, 0.0
 
 
 def largest(x: Floats) -> Floats:
