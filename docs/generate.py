@@ -156,7 +156,8 @@ def settings_page() -> str:
         "| `gradient = 5.0` | one gradient; 1 sigma is 0.5 per mille |",
         "| `gradient = {value = 5.0, tolerance = 2.0}` | the same with its 1 sigma |",
         '| `gradient = {profile = "line.csv", position = "km"}` | a CSV of two columns: the km '
-        "from which a gradient holds, and the gradient along rising km. `position` names the "
+        "from which a gradient holds (metres where its head says `[m]`), and the gradient along "
+        "rising km. `position` names the "
         "log's channel of the km, else its meaning `position` or `distance` says it |\n",
         "A channel with the meaning `gradient` needs no line here.\n",
         "## [channels]\n",

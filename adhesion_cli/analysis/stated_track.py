@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from .stated_values import parameter, plain_number, table_of
 GRADIENT = Quantity("‰", "gradient, uphill positive", -150.0, 150.0)
 _EXAMPLE = 'gradient = 5.0, or {profile = "line.csv", position = "km"}'
 _PER_MILLE, _KM = 1e-3, 1e3
+_METRES = re.compile(r"[\[(]\s*m\s*[\])]")
 
 
 def stated_track(table: Table) -> Track:
@@ -68,7 +70,10 @@ def _listed(profile: list[Any]) -> Iterator[tuple[str, float, float]]:
 
 
 def _read(path: Path) -> Iterator[tuple[str, float, float]]:
-    """The same of a CSV with columns of km and per mille, and at most one head row."""
+    """The same of a CSV with columns of km and per mille, and at most one head row.
+
+    The head may say that places are in metres, as `distance [m]`.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -77,13 +82,14 @@ def _read(path: Path) -> Iterator[tuple[str, float, float]]:
         raise UserError(text, "name a CSV with columns of km and per mille", code=2) from error
     head = text.split("\n", 1)[0]
     delimiter = next((d for d in ";\t," if d in head), ",")
+    in_km = 1.0 / _KM if _METRES.search(head.split(delimiter, 1)[0]) else 1.0
     for line, row in enumerate(csv.reader(text.splitlines(), delimiter=delimiter), 1):
         cells = [cell.strip().replace(",", ".") for cell in row]
         if not any(cells):
             continue
         name = f"{path}, line {line}"
         try:
-            yield name, float(cells[0]), float(cells[1])
+            yield name, in_km * float(cells[0]), float(cells[1])
         except (ValueError, IndexError) as error:
             if line > 1:  # the first is the head
                 hint = "two numbers in a row: 12.350, -5.0"

@@ -86,6 +86,11 @@ _OF_EQUIVALENT = (
     "A limit of a equiv. may be kept by a train that never decelerates so hard: compare a, its "
     "mean deceleration."
 )
+_NO_JERK = (
+    "No jerk: the speed has fewer than 4 readings a second there, the stop is shorter than 2 s, or "
+    "all wheels slide."
+)
+_SAME_BRAKING = 1.1  # full pressures of a group that differ by a larger factor are reported
 _WSP = "Wheel slide protection"
 _COMMAND = {
     "channel": "a command channel",
@@ -154,7 +159,7 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     commands = " or ".join(_COMMAND[x] for x in dict.fromkeys(s.command_from for s in stops))
     sources = {s.speed_from for s in stops}
     speeds = _BOTH_SPEEDS if len(sources) > 1 else "".join(_SPEED[x] for x in sources)
-    nominal = " or ".join(f"{v:g}" for v in dict.fromkeys(s.nominal_speed_kmh for s in stops))
+    nominal = ", ".join(f"{v:g}" for v in sorted({s.nominal_speed_kmh for s in stops}))
     ed = f" {OF_ED}" if any(s.ed_share for s in stops) else ""
     return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h.{ed}"
 
@@ -217,6 +222,16 @@ def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
         if level and energy and 7.0 * between**2 > 3.0 * level.u95**2:  # U² has 4/3 of its square
             text = with_u95(energy, 1.0, 1)
             sentences.append(f"Stop {i}: {text} m on level track without its response time.")
+    if any(s.stop.valid and s.stop.jerk is None for s in stops):
+        sentences.append(_NO_JERK)
+    for group in dict.fromkeys(s.group for s in stops):
+        of_group = [s.stop for s in stops if s.group == group and s.stop.valid]
+        bar = [x.pressure_bar for x in of_group if x.pressure_bar and not x.slides] or [0.0]
+        if max(bar) > _SAME_BRAKING * min(bar):
+            sentences.append(
+                f"Group {group} mixes stops of {min(bar):.2f} to {max(bar):.2f} bar: its means are "
+                "of different brakings."
+            )
     if any(s.vehicle_in_doubt and s.stop.coefficient for s in stops):
         sentences.append(_OF_DOUBT)
     return sentences

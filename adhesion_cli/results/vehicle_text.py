@@ -67,9 +67,10 @@ def describe_vehicles(logs: Sequence[VehicleOfLog]) -> list[str]:
         names = listed([log.log for log in its_logs], 2)
         own_groups = dict.fromkeys(log.group for log in its_logs)
         if "" not in own_groups and not elsewhere.intersection(own_groups):
-            names = f"Group {', '.join(own_groups)}"
-        prefix = f"{names}: " if len(logs_of_vehicle) > 1 else ""
-        lines.append(f"{prefix}{line} {scatter}".rstrip())
+            names = f"group {', '.join(own_groups)}"
+        if len(logs_of_vehicle) > 1:
+            line = line.replace("Vehicle:", f"Vehicle of {names}:", 1)
+        lines.append(f"{line} {scatter}".rstrip())
     return lines
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..core.masks import true_runs
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import LONGEST_DUMP, SLOW, STANDING
-from .signals import StopSignals, TimeSeries
+from .signals import StopSignals, TimeSeries, quantisation_step
 
 BEGUN = "the log begins with the brake applied"  # why a braking has no command
 STEP = 0.1  # of the grid on which brakings are looked for [s]
@@ -25,6 +25,7 @@ _LOCKED = 10.0  # all wheels may be locked for this long [s]
 _STOPPING_TIME = 2.0  # time before standstill whose speeds lead to it [s]
 _FEWEST = 4  # samples of a line
 _BEND_SIGMAS = 4.0  # from which the train slows less in the last second than in the one before
+_BENT = 0.02  # 1 sigma of standstill by a friction that rises in the last metres [s]
 _SLOWING = 0.15  # deceleration that is braking, where no brake is logged [m/s²]
 _AVERAGED = 1.0  # time over which that is a mean [s]
 
@@ -179,6 +180,6 @@ def _standstill(speed: TimeSeries, slow: float, reading: float) -> Parameter:
     by_line = min(float(slow - level / slope), latest)
     stop = min(max(by_line, slow - STEP), slow + 1.0)
     excess = max(by_line - stop, 0.0)  # the wheels read zero long before
-    return Parameter(
-        stop, math.hypot(2.0 * sigma / math.sqrt(len(t)), interval / math.sqrt(12.0), excess)
-    )
+    step = quantisation_step(v) / -slope / math.sqrt(3.0)  # the last reading is within one
+    noise = 2.0 * sigma / math.sqrt(len(t))
+    return Parameter(stop, math.hypot(noise, interval / math.sqrt(12.0), excess, _BENT, step))

@@ -178,7 +178,7 @@ def _quantities(
 
 _OF_ANY_BRAKING = {"initial_speed_mps", "delay_s", "response_time_s"}  # also of no whole stop
 _LEAST_DEAD_TIME, _MOST_DEAD_TIME = 0.2, 1.5  # 1 sigma, assumed [s]
-_DEAD_TIME_SHARE = 0.15  # the same of the build-up, between them
+_DEAD_TIME_SHARE = 0.2  # the same of the build-up, between them
 _DEAD_TIME_ERROR = 0.1  # 1 sigma of a stated dead time, as a share of it
 _FORMULA = "formula"  # of the corrected distance: the true one lies between those of both
 # the same in every stop of a series

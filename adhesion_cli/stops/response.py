@@ -40,7 +40,7 @@ def find_response(
     delays, build_ups, weights = list[Parameter](), list[Parameter](), list[float]()
     quarters = list[float]()
     unknown = Parameter(math.nan, math.nan)
-    if braking.reason == BEGUN or signals.others_later:
+    if braking.reason == BEGUN:
         return BrakeResponse(unknown, unknown, math.nan)
     if np.any((signals.saturated > command) & (signals.saturated < braking.stop)):
         return BrakeResponse(unknown, unknown, math.nan)  # nobody knows the full value
@@ -75,6 +75,8 @@ def find_response(
         for times in (delays, build_ups)
     )
     longest, mean_weight = max(x.value for x in build_ups), float(np.mean(weights))
+    if signals.others_later:
+        return BrakeResponse(unknown, unknown, mean_weight, full_time.value)
     if disturbed or longest > _LONGEST_BUILD_UP * (braking.stop - command):
         return BrakeResponse(delay, unknown, mean_weight, max(quarters) / _QUARTER)
     sigma = math.hypot(delay.tolerance, full_time.tolerance) / 2.0

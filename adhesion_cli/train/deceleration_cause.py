@@ -50,6 +50,8 @@ CLEAR_GAIN = 12.0  # gain in cost from which a cause is clear
 EQUAL_GAIN = 8.0  # two causes whose costs differ by less cannot be told apart
 STATED_SIGMAS = 3.5  # times the stated tolerance: within it the vehicle is as stated
 _NOISE_RATIO = 2.0  # a residual below so many times the noise is explained
+_UNEVEN = 0.01  # 1 sigma of what changes on a line of a known gradient [m/s²]
+_CHANGE_TIME = 15.0  # in which it does, and an unknown gradient: 300 m at 70 km/h [s]
 _SURE_SIGMAS = 4.0  # a delay of so many sigma is sure
 _LEAST_DELAY = 0.1  # a shorter delay is the caliper's own [s]
 _INTERVAL_SHARE = 0.75  # of the longer sampling interval: a shorter delay may be the sampling's
@@ -221,7 +223,8 @@ def _judge(d: Design, fits: _CauseFits, vehicle: Vehicle, clear_gain: float) -> 
     needs_both = fits.both.cost < single_cost - clear_gain
     if needs_both:
         delayed = line = fits.both
-    delay = delayed.posterior().delay
+    value, sigma = delayed.posterior().delay
+    delay = Parameter(value, math.hypot(sigma, _delay_by_line(d)))
     s, o = math.exp(line.mean[SCALE]), float(line.mean[OFFSET])
     is_delayed = abs(delay.value) > max(
         _LEAST_DELAY, _INTERVAL_SHARE * d.interval, _SURE_SIGMAS * delay.tolerance
@@ -246,6 +249,19 @@ def _judge(d: Design, fits: _CauseFits, vehicle: Vehicle, clear_gain: float) -> 
         OtherForceLine(s, o * d.top, s * (1.0 - o)) if line_differs else None,
         is_delayed and line_differs and not needs_both,
     )
+
+
+def _delay_by_line(d: Design) -> float:
+    """1 sigma of a delay by curves, wind and an unknown gradient, which change in a braking [s].
+
+    The longer a brake is built up, the more they change, and the longer is the delay that explains
+    the same deceleration.
+    """
+    t = d.t[d.samples]
+    later, earlier = (np.interp(t + shift, d.t, d.K) for shift in (0.5, -0.5))
+    steepest = d.c * float(np.max(np.abs(later - earlier), initial=1e-9))  # [m/s³]
+    build_up = d.c * float(np.ptp(d.K)) / steepest  # [s]
+    return math.hypot(_UNEVEN, d.gradient_sigma) * build_up / _CHANGE_TIME / steepest
 
 
 def _line_differs(s: float, o: float, top: float, vehicle: Vehicle) -> bool:

@@ -340,9 +340,9 @@ def test_logs_with_other_pads_have_their_own_adhesion(
         summary = summarise(result, {})
         summaries.append(VehicleOfLog("", path.name, summary.vehicle, summary.axles))
     first_line, second_line = describe_vehicles(summaries)
-    assert first_line.startswith("'0.csv', '1.csv': Vehicle")
-    assert second_line.startswith("'2.csv': Vehicle")
-    assert describe_vehicles(summaries[:2]) == [first_line.removeprefix("'0.csv', '1.csv': ")]
+    assert first_line.startswith("Vehicle of '0.csv', '1.csv': ")
+    assert second_line.startswith("Vehicle of '2.csv': ")
+    assert describe_vehicles(summaries[:2]) == [first_line.replace(" of '0.csv', '1.csv'", "")]
 
 
 def test_cast_iron_at_several_pressures_has_no_common_brake(tmp_path: Path) -> None:

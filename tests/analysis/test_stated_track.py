@@ -38,7 +38,14 @@ def test_what_a_result_carries_loads_back() -> None:
     assert not settings.load(folder=False).over(along).track.profile  # the log had the position
 
 
-@pytest.mark.parametrize("text", ["km;gradient\n0,0;0\n1,5;-12,5\n", "0.0,0\n1.5,-12.5\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "km;gradient\n0,0;0\n1,5;-12,5\n",
+        "0.0,0\n1.5,-12.5\n",
+        "distance [m],gradient [permille]\n0,0\n1500,-12.5\n",
+    ],
+)
 def test_a_profile_is_a_table_of_km_and_per_mille(text: str, tmp_path: Path) -> None:
     file = tmp_path / "line.csv"
     file.write_text(text, encoding="utf-8")

@@ -141,8 +141,8 @@ def test_a_series_names_its_vehicle_and_the_logs_of_its_findings(run: Run, plan:
     assert done.stderr.count("vehicle-default") == 1
     assert "all 2 logs" in done.stderr
     by_group = " ".join(run("stops", "--plan", str(plan)).stdout.split())
-    assert "Group first: Vehicle: " in by_group
-    assert "Group second: Vehicle: " in by_group
+    assert "Vehicle of group first: " in by_group
+    assert "Vehicle of group second: " in by_group
 
 
 def test_analyze_has_the_same_stops(run: Run, plan: Path) -> None:
@@ -201,7 +201,7 @@ def test_the_protocol_has_its_tables_figures_and_empty_lines(run: Run, plan: Pat
     assert done.returncode == 0, done.stderr
     text = Path(plan.parent, "out", "stops.html").read_text(encoding="utf-8")
     assert "&lt;b&gt;4711" in text
-    assert "Vehicle: " in text
+    assert "Vehicle of group first: " in text
     assert "N. N." in text
     for part in ("2 valid stops of 2. Limits: 2 kept.", "Statistics", "Differences", "K_wet"):
         assert part in text, part

@@ -43,11 +43,25 @@ def tables(*stops: StopSummary) -> dict[str, list[dict[str, str]]]:
     return {x.title: [dict(row) for row in x.rows] for x in series_tables(series, False, False)}
 
 
+def note(*stops: StopSummary) -> str:
+    """The text below the table of stops."""
+    of_series = tuple(SeriesStop("a.csv", "80 km/h", None, s) for s in stops)
+    return series_tables(StopSeries(of_series, (), (), (), ()), False, False)[0].note
+
+
 def test_clock_and_place_stand_at_the_begin_where_the_first_log_has_none() -> None:
     rows = tables(STOP, PLACED)["Stops"]
     assert [*rows[0]][:7] == ["stop", "log", "group", "at [s]", "clock", "km", "v0 [km/h]"]
     assert (rows[0]["km"], rows[1]["km"]) == ("-", "1.234")
     assert [*rows[0]] == [*rows[1]]
+
+
+def test_a_group_of_different_pressures_and_a_missing_jerk_are_said() -> None:
+    service, full = (replace(STOP, pressure_bar=x, jerk=Measured(1.0, 0.1)) for x in (2.0, 3.6))
+    assert "Group 80 km/h mixes stops of 2.00 to 3.60 bar" in note(service, full)
+    assert "mixes" not in note(full, full, replace(service, slides=3))
+    assert "jerk" not in note(full)
+    assert "No jerk: the speed has fewer than 4 readings" in note(full, replace(full, jerk=None))
 
 
 def test_a_group_of_one_stop_has_no_statistics() -> None:

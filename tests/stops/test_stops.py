@@ -102,6 +102,20 @@ def test_a_brake_that_is_released_in_the_last_metre_stops_the_train_later(soft: 
     assert abs(stop.duration_s.value - stands) < min(stop.duration_s.u95, 0.15)
 
 
+@pytest.mark.parametrize("grip", [1.3, 1.6])
+def test_standstill_is_as_uncertain_as_a_friction_that_rises_makes_it(grip: float) -> None:
+    x, _ = signals(20.0, 1.0, 100.0)
+    fine = np.arange(0.0, x.speed.t[-1], 1e-3)
+    v = np.full(len(fine), 20.0)
+    for i, share in enumerate(brake_share(fine)[1:], 1):
+        v[i] = max(v[i - 1] - 1e-3 * share * np.interp(v[i - 1], [0.0, 1.4], [grip, 1.0]), 0.0)
+    stands = float(fine[np.argmax(v <= 0.0)]) - ON
+    read = np.round(np.interp(x.speed.t, fine, v) / 0.03) * 0.03
+    (stop,) = measured(x._replace(speed=TimeSeries(x.speed.t, read)))
+    assert stop.duration_s is not None
+    assert abs(stop.duration_s.value - stands) < stop.duration_s.u95 < 0.1
+
+
 def test_without_a_command_the_first_rise_is_the_command() -> None:
     x, _ = signals(command=False)
     (stop,) = measured(x)
@@ -376,6 +390,13 @@ def test_axles_that_brake_before_the_rest_of_the_train_leave_no_response() -> No
     (stop,) = measured(x._replace(others_later=True))
     assert (stop.delay_s, stop.response_time_s, stop.equivalent_deceleration) == (None, None, None)
     assert stop.distance_m is not None
+    assert stop.pressure_bar == pytest.approx(3.0, abs=0.01)
+    t, slow = x.speed.t, 3e5 * np.clip((x.speed.t - ON - 1.0) / 20.0, 0.0, 1.0)
+    filled = {"brakes": {1: TimeSeries(t, slow)}, "commands": {}}
+    late, alike = (measured(x._replace(others_later=o, **filled))[0] for o in (True, False))
+    assert late.duration_s is not None
+    assert alike.duration_s is not None
+    assert late.duration_s.u95 == pytest.approx(alike.duration_s.u95, rel=0.5)
 
 
 def test_a_wheel_is_locked_where_the_train_is_fast_and_not_in_the_last_metres() -> None:

@@ -182,3 +182,28 @@ def test_a_short_log_and_one_without_a_brake_show_no_delay(
     path.write_text(head + "\n".join(rows) + "\n")
     log = read(open_source(path, ReadOptions()), (), Vehicle())
     assert not [f for f in prepare(log, Vehicle()).findings if f.code == "train-speed-delay"]
+
+
+def findings_of(folder: Path, columns: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
+    """Values of the findings of a log with these columns, by their codes."""
+    file = folder / "log.csv"
+    rows = np.column_stack([*columns.values()])
+    np.savetxt(file, rows, "%.4f", ",", header=",".join(columns), comments="")
+    prepared = prepare(read(open_source(file, ReadOptions()), (), Vehicle()), Vehicle())
+    return {f.code: f.values for f in prepared.findings}
+
+
+def test_a_change_of_the_line_in_a_slow_build_up_is_no_delay_of_the_pressure(
+    tmp_path: Path,
+) -> None:
+    t = np.arange(0.0, 85.0, 0.05)
+    p = 3.5 * np.clip((t - 10.0) / 30.0, 0.0, 1.0) * (t < 80.0)
+    a = -0.136 * p - 0.012 * ((t > 25.0) & (t < 45.0))  # a curve in the build-up
+    v = np.maximum(25.0 + np.cumsum(a) * 0.05, 0.0)
+    twice = [np.concatenate([x, x]) for x in (p, 3.6 * v)]
+    columns = {
+        "time [s]": np.concatenate([t, t + 100.0]),
+        "bc pressure axle 1 [bar]": twice[0],
+        "speed axle 1 [km/h]": twice[1],
+    }
+    assert "pressure-delay" not in findings_of(tmp_path, columns)
