@@ -34,8 +34,8 @@ def erode(mask: Bools, j: int) -> Bools:
 
 def spans_of_mask(mask: Bools, t: Times, start_ns: int) -> tuple[Span, ...]:
     """The stretches of the samples of a mask at times [ns]; each run of them is one."""
-    first, behind = edges(mask).T
-    start, stop = np.sort([t[first], t[behind - 1]], axis=0)
+    starts, stops = edges(mask).T
+    start, stop = np.sort([t[starts], t[stops - 1]], axis=0)
     return spans_of(start, stop, start_ns)
 
 

@@ -40,14 +40,16 @@ class SampleTimes(NamedTuple):
             if np.array_equal(xs, t):
                 value[piece] = ys
                 continue
-            upper = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
-            lower = np.maximum(upper - 1, 0)
-            gap = xs[upper] - xs[lower]
+            later_index = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
+            earlier_index = np.maximum(later_index - 1, 0)
+            gap = xs[later_index] - xs[earlier_index]
             # Differences of int64 are exact; seconds since 1970 as floats are not.
-            fraction = np.clip((t - xs[lower]) / np.maximum(gap, 1), 0.0, 1.0)
-            between = ys[lower] + fraction * (ys[upper] - ys[lower])
-            unknown = (t < xs[0]) | (t > xs[-1]) | ((t < xs[upper]) & (gap > channel.gap_ns))
-            value[piece] = np.where(unknown, np.nan, np.where(xs[upper] == t, ys[upper], between))
+            fraction = np.clip((t - xs[earlier_index]) / np.maximum(gap, 1), 0.0, 1.0)
+            between = ys[earlier_index] + fraction * (ys[later_index] - ys[earlier_index])
+            unknown = (t < xs[0]) | (t > xs[-1]) | ((t < xs[later_index]) & (gap > channel.gap_ns))
+            value[piece] = np.where(
+                unknown, np.nan, np.where(xs[later_index] == t, ys[later_index], between)
+            )
         return value
 
     def _samples(self, channel: Channel) -> Iterator[tuple[slice, Times, Floats]]:

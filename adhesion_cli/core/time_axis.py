@@ -118,8 +118,8 @@ class _Report:
         self, code: str, mask: Bools, severity: Severity = "warning", **data: float | str
     ) -> None:
         """Reports the samples of a mask, if there are any; each run of them is a span."""
-        first, behind = edges(mask).T
-        start, stop = self.t[first], self.t[behind - 1]
+        starts, stops = edges(mask).T
+        start, stop = self.t[starts], self.t[stops - 1]
         self.stretches(code, start, stop, int(np.count_nonzero(mask)), severity, **data)
 
     def stretches(

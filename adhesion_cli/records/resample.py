@@ -60,12 +60,12 @@ def _axle(
     keys: AxleKeys, screened: Screened, vehicle: Vehicle, view: View
 ) -> tuple[AxleChannels | None, list[tuple[Channel, Fault]]]:
     """One axle, None where too little is left; and the faults of its channels."""
-    own = channels_of_axle(screened.channels, keys.axle)
+    channels = channels_of_axle(screened.channels, keys.axle)
     speed, brake = screened.channels[keys.speed], screened.channels[keys.brake]
     inside = view.contains(speed.data.t)
     times = SampleTimes(speed.data.t, speed.pieces)
     sampled = _sampled(times, brake)
-    motors, motors_fresh = _motor_force(own, times)
+    motors, motors_fresh = _motor_force(channels, times)
     fresh = sampled.fresh & motors_fresh
     segments, in_segment = _segments(speed, inside & fresh)
     recorded = (times.t >= brake.data.t.min()) & (times.t <= brake.data.t.max())
@@ -79,9 +79,9 @@ def _axle(
     ]
     if not segments:
         return None, faults
-    train = own.get("train_speed")
+    train = channels.get("train_speed")
     train_speed, truth, true_slip = (
-        times.interpolate(own[meaning])[in_segment] if meaning in own else None
+        times.interpolate(channels[meaning])[in_segment] if meaning in channels else None
         for meaning in _COMPARED
     )
     last_value, smooth = sampled.last_value[in_segment], sampled.smooth[in_segment]
@@ -116,19 +116,19 @@ def _axle(
 
 
 def _motor_force(
-    own: Mapping[Meaning, Channel], times: SampleTimes
+    channels: Mapping[Meaning, Channel], times: SampleTimes
 ) -> tuple[MotorForce | None, Bools]:
     """The force of an axle's motors at the wheel speed's times, and where it is known, (n,)."""
     n = len(times.t)
     last_value, smooth, variance = np.zeros((3, n))
     known, meanings = np.ones(n, dtype=np.bool_), set[Meaning]()
     for sign, meaning in ((1.0, MOTOR_FORCES[0]), (-1.0, MOTOR_FORCES[1])):
-        if meaning not in own:
+        if meaning not in channels:
             continue
-        sampled = _sampled(times, own[meaning])
+        sampled = _sampled(times, channels[meaning])
         last_value += sign * sampled.last_value
         smooth += sign * sampled.smooth
-        variance += (own[meaning].tolerance * sampled.smooth) ** 2
+        variance += (channels[meaning].tolerance * sampled.smooth) ** 2
         known &= sampled.fresh
         meanings.add(meaning)
     if not meanings:
