@@ -1,6 +1,7 @@
 """`adhesion slip`: the slip-adhesion curve of a log."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated
 
 from ..core.text import printable
@@ -101,14 +102,12 @@ def table(
     if slides := slide_rows(summaries, start_ns, route or NOWHERE):
         listed, heading = slides, ""
         if len(slides) > _MANY_SLIDES and not all_rows:
-            listed = sorted(slides, key=_slip_of_row, reverse=True)
-            listed = listed[:_SHOWN_SLIDES]
-            heading = f"{len(listed)} of {len(slides)} slides, the worst first; --rows shows all:\n"
+            ways = (slide.lag_at_most for s in summaries for slide in s.slides)
+            by_way = sorted(zip(ways, slides, strict=True), key=itemgetter(0), reverse=True)
+            listed = [row for _, row in by_way[:_SHOWN_SLIDES]]
+            heading = (
+                f"{len(listed)} of {len(slides)} slides, those with the largest distance times "
+                "slip first; --rows shows all:\n"
+            )
         sections.append(heading + records(listed))
     return "\n\n".join(sections)
-
-
-def _slip_of_row(row: Mapping[str, str]) -> float:
-    """The largest slip of a slide [%]; 0 of one whose train is slow."""
-    text = row["max slip [%]"].lstrip("≥ ")
-    return 0.0 if text == "-" else float(text)

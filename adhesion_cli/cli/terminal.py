@@ -179,7 +179,11 @@ def _channels(group: Sequence[Finding]) -> str:
 
 
 def _shorten(text: str, width: int) -> str:
-    return text if len(text) <= width else text[: width - 1].rstrip() + "…"
+    """The text without its middle: the number of an axle stands at the end of a channel's name."""
+    if len(text) <= width:
+        return text
+    end = width // 2
+    return f"{text[: width - end - 1].rstrip()}…{text[-end:].lstrip()}"
 
 
 def lossy(findings_seen: Sequence[Finding]) -> bool:

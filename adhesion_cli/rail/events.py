@@ -33,6 +33,11 @@ class Slide(NamedTuple):
     is_lower_bound: bool  # the train speed is estimated, or its delay is unknown
     lock_u95: float = 0.0  # expanded uncertainty of the energy by the F of locks [J]
 
+    @property
+    def lag_at_most(self) -> float:
+        """The way by which the wheel at most lagged the train [m]."""
+        return self.distance * (self.max_slip or 0.0)
+
     def __str__(self) -> str:
         heat = "" if self.energy is None else f", {self.energy / 1e3:.1f} kJ"
         bound = "at least " if self.is_lower_bound else ""
