@@ -16,7 +16,7 @@ from pyarrow import parquet
 
 pytestmark = pytest.mark.slow
 TABLES = ("applications", "stops", "estimators", "findings", "logs")
-COUNT = 12
+COUNT = 24
 
 
 @pytest.fixture(scope="module")
