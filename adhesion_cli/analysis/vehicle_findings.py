@@ -97,6 +97,10 @@ def diagnose_with(
     findings = [f for f in prepared.findings if f.code not in codes]
     if not identified.known:
         findings = without_force_findings(findings)
+        # What explains an unknown vehicle stands before it: its remedy is the one that helps.
+        causes = [f for f in findings if f.code == "pressure-unit-suspect"]
+        vehicle_findings = [*causes, *vehicle_findings]
+        findings = [f for f in findings if f not in causes]
     return vehicle_findings, prepared._replace(findings=findings)
 
 

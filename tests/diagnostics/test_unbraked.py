@@ -3,13 +3,17 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers import simulated
-from helpers.diagnosed import clean, codes, found
+from helpers.diagnosed import DEFAULT, clean, codes, found
 
 from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.prepare import prepare
+from adhesion_cli.channels.log import read
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import force_line
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.wsp import simulate
 
 
@@ -40,3 +44,17 @@ def test_the_unit_of_the_pressure_that_was_meant_is_named(unit: str, tmp_path: P
     (finding,) = found(log, tmp_path)
     assert (finding.code, finding.severity) == ("pressure-unit-suspect", "warning")
     assert finding.names["units"] == "bar"
+
+
+def test_the_unit_is_named_where_the_brake_stays_on_at_standstill(tmp_path: Path) -> None:
+    """A pressure that holds a train shows no deceleration, in any unit."""
+    t = np.arange(0.0, 36.0, 0.05)
+    p = 3.5 * np.clip(t - 5.0, 0.0, 1.0)
+    v = 3.6 * np.maximum(25.0 - np.cumsum(1.2 * np.clip(t - 5.0, 0.0, 1.0)) * 0.05, 0.0)
+    lines = [f"{a:.2f},{b:.3f},{c:.2f},{c:.2f}" for a, b, c in zip(t, p, v, strict=True)]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["time [s],p1 [kPa],v1 [km/h],train speed [km/h]", *lines]))
+    one = read(open_source(log, DEFAULT.read), (), DEFAULT.vehicle)
+    named = {f.code for f in prepare(one, DEFAULT.vehicle).findings}
+    assert "pressure-unit-suspect" in named
+    assert "brake-unknown" not in named

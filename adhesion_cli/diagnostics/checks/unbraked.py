@@ -39,8 +39,8 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     values = {"deceleration_mps2": float(np.median(g.braking[lasting]))}
     pressure_there = float(np.median(np.nan_to_num(largest(g.pressure)[lasting])))
     likely = alternative_units(brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)
-    code = "brake-unknown"
-    if likely and _correlation(np.mean(g.pressure, axis=0), g.braking) > p.alike:
+    code, rolls = "brake-unknown", g.rolling.any(axis=0)
+    if likely and _correlation(np.mean(g.pressure, axis=0)[rolls], g.braking[rolls]) > p.alike:
         code, values = "pressure-unit-suspect", {**values, "peak_bar": top / 1e5}
     elif pressure_there > p.present and s.vehicle.spring_force.value:
         spring = float(cylinder_pressure(force_line(s.vehicle), 0.0))
