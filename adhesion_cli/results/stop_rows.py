@@ -1,11 +1,11 @@
 """Stops of the whole train, and their statistics, as rows of text."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 from ..core.summary import AxleStop, Measured, StopSummary
-from ..core.text import by_uncertainty
+from ..core.text import by_uncertainty, enumerated
 from ..rail.highest import is_known
 from ..stops.axle_stops import SLIP_BANDS
 from ..stops.series import (
@@ -95,10 +95,13 @@ _WSP = "Wheel slide protection"
 _COMMAND = {
     "channel": "a command channel",
     "brake_pipe": "the fall of the brake pipe",
-    "pressure": "the first rise of a cylinder pressure. The dead time before it is not known and "
-    "in the uncertainty; `--set stops.dead_time=0.2` states it",
+    "pressure": "the first rise of a cylinder pressure",
     "deceleration": "the begin of the deceleration",
 }
+_OF_DEAD_TIME = (
+    " The time from the command to the first rise is in the uncertainty; `stops.dead_time` states "
+    "a measured one."
+)
 _SPEED = {"train": "the train speed", "axles": "the axles, as no train speed is logged"}
 _BOTH_SPEEDS = "the train speed; where none is logged, the axles"
 
@@ -161,7 +164,8 @@ def describe_sources(stops: Sequence[StopSummary]) -> str:
     speeds = _BOTH_SPEEDS if len(sources) > 1 else "".join(_SPEED[x] for x in sources)
     nominal = ", ".join(f"{v:g}" for v in sorted({s.nominal_speed_kmh for s in stops}))
     ed = f" {OF_ED}" if any(s.ed_share for s in stops) else ""
-    return f"Command: {commands}. Speed: {speeds}. Nominal speed: {nominal} km/h.{ed}"
+    dead_time = _OF_DEAD_TIME * any(s.command_from == "pressure" for s in stops)
+    return f"Command: {commands}.{dead_time} Speed: {speeds}. Nominal speed: {nominal} km/h.{ed}"
 
 
 def describe_reasons(stops: Sequence[StopSummary]) -> str:
@@ -182,7 +186,7 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
     note = "\n".join(filter(None, [*notes, describe_cells(rows)]))
     of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
     tables = [
-        TitledTable("Stops", rows, 1 + [*rows[0]].index("group") if rows else 2, note),
+        TitledTable("Stops", rows, [*rows[0]].index("at [s]") if rows else 2, note),
         TitledTable("Statistics", _group_rows(x.groups), 2, of_groups),
         TitledTable("Differences", _difference_rows(x.differences), 3),
         TitledTable("Limits", _limit_rows(x), 3, _limits_note(x)),
@@ -198,10 +202,13 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
 
 def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     has_logs = len({s.log for s in stops}) > 1
+    is_mixed = len({s.stop.command_from for s in stops}) > 1
     rows = [
         {"stop": str(i)}
         | ({"log": Path(s.log).name} if has_logs else {})
-        | {"group": s.group, **stop_row(s.stop)}
+        | {"group": s.group}
+        | ({"command": s.stop.command_from.replace("_", " ")} if is_mixed else {})
+        | stop_row(s.stop)
         for i, s in enumerate(stops, 1)
     ]
     for row, s in zip(rows, stops, strict=True):
@@ -225,16 +232,32 @@ def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
     if any(s.stop.valid and s.stop.jerk is None for s in stops):
         sentences.append(_NO_JERK)
     for group in dict.fromkeys(s.group for s in stops):
-        of_group = [s.stop for s in stops if s.group == group and s.stop.valid]
-        bar = [x.pressure_bar for x in of_group if x.pressure_bar and not x.slides] or [0.0]
-        if max(bar) > _SAME_BRAKING * min(bar):
-            sentences.append(
-                f"Group {group} mixes stops of {min(bar):.2f} to {max(bar):.2f} bar: its means are "
-                "of different brakings."
-            )
+        sentences += _describe_mixture(group, [s.stop for s in stops if s.group == group])
     if any(s.vehicle_in_doubt and s.stop.coefficient for s in stops):
         sentences.append(_OF_DOUBT)
     return sentences
+
+
+def _describe_mixture(group: str, stops: Sequence[StopSummary]) -> Iterator[str]:
+    """What differs between the valid stops of a group, so that a mean says little."""
+    valid = [stop for stop in stops if stop.valid]
+    bar = [x.pressure_bar for x in valid if x.pressure_bar and not x.slides] or [0.0]
+    if max(bar) > _SAME_BRAKING * min(bar):
+        yield (
+            f"Group {group} mixes stops of {min(bar):.2f} to {max(bar):.2f} bar: its means are "
+            "of different brakings."
+        )
+    speeds = [f"{v:g}" for v in sorted({x.nominal_speed_kmh for x in valid})]
+    if len(speeds) > 1:
+        yield (
+            f"Group {group} mixes nominal speeds of {enumerated(speeds)} km/h: its means are of "
+            "different stops."
+        )
+    if len({x.command_from for x in valid}) > 1:
+        yield (
+            f"Group {group} mixes commands that are shown in different ways (column command): its "
+            "times and distances begin at different moments, and all are as uncertain as the worst."
+        )
 
 
 def _describe_slides(stop: StopSummary) -> str:

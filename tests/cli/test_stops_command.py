@@ -208,7 +208,7 @@ def test_the_protocol_has_its_tables_figures_and_empty_lines(run: Run, plan: Pat
     assert text.count('class="blank"') == sum(map(len, FIELDS.values())) - 1
     assert set(figures(text)["roots"].values()) == {"stops-speed", "stops-distance", "stops"}
     assert Path(plan.parent, "all.xlsx").exists()
-    assert "<code>--set stops.dead_time=0.2</code>" in text
+    assert "<code>stops.dead_time</code>" in text
     assert '<th class="text">group</th>' in text
     refused = run("stops", "one.csv", "two.csv", "--plan", str(plan), "--report")
     assert refused.returncode == 2

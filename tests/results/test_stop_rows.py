@@ -60,6 +60,11 @@ def test_a_group_of_different_pressures_and_a_missing_jerk_are_said() -> None:
     service, full = (replace(STOP, pressure_bar=x, jerk=Measured(1.0, 0.1)) for x in (2.0, 3.6))
     assert "Group 80 km/h mixes stops of 2.00 to 3.60 bar" in note(service, full)
     assert "mixes" not in note(full, full, replace(service, slides=3))
+    fast = replace(full, nominal_speed_kmh=120.0, command_from="pressure")
+    assert "Group 80 km/h mixes nominal speeds of 80 and 120 km/h" in note(full, fast)
+    assert "mixes commands" in note(full, fast)
+    rows = tables(full, fast)["Stops"]
+    assert [row["command"] for row in rows] == ["channel", "pressure"]
     assert "jerk" not in note(full)
     assert "No jerk: the speed has fewer than 4 readings" in note(full, replace(full, jerk=None))
 
