@@ -16,8 +16,25 @@ if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api.functions import analyze, calibrate, compare, convert, inspect, simulate, slip
-    from .api.results import Analysis, Axle, Calibration, Comparison, Inspection, SlipAnalysis
+    from .api.functions import (
+        analyze,
+        brake_test,
+        calibrate,
+        compare,
+        convert,
+        inspect,
+        simulate,
+        slip,
+    )
+    from .api.results import (
+        Analysis,
+        Axle,
+        Calibration,
+        Comparison,
+        Inspection,
+        SlipAnalysis,
+        StopAnalysis,
+    )
     from .core.errors import UserError
     from .core.finding import Finding
     from .formats.memory import Signals
@@ -25,8 +42,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = [
     "Analysis", "Axle", "Calibration", "Comparison", "Finding", "Inspection", "Signals",
-    "SlipAnalysis", "UserError", "analyze", "calibrate", "compare", "convert", "inspect",
-    "simulate", "slip",
+    "SlipAnalysis", "StopAnalysis", "UserError", "analyze", "brake_test", "calibrate", "compare",
+    "convert", "inspect", "simulate", "slip",
 ]  # fmt: skip
 _PLACES = {"UserError": "core.errors", "Finding": "core.finding", "Signals": "formats.memory"}
 

@@ -19,18 +19,22 @@ from typing import Any
 
 from ..analysis import analyze as analysis
 from ..analysis.inspection import inspect_log
+from ..analysis.settings import Settings
 from ..analysis.slip_of_log import slip_of
 from ..channels.log import unchanged
+from ..core.errors import UserError
 from ..core.model import IdentifiedVehicle
 from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..results import atomic_files
 from ..results.log_writer import writer
+from ..studies import brake_test as brake_tests
 from ..studies import calibrate as calibration
 from ..studies.named_together import identify_together
+from ..studies.plan import Plan, planned_logs, read_plan
 from ..wsp import simulate as simulation
 from .choices import Choices, File, SettingsSources, Source, choices, in_python, log_of, logs_of
-from .results import Analysis, Calibration, Comparison, Inspection, SlipAnalysis
+from .results import Analysis, Calibration, Comparison, Inspection, SlipAnalysis, StopAnalysis
 
 _OF_LOG = ("settings", "strict")
 _OF_SPAN = (*_OF_LOG, "reference", "axles", "from_s", "to_s")
@@ -141,6 +145,43 @@ def slip(  # noqa: PLR0913 (the options of the command, each with a default)
     chosen = choices(settings, sections, _OF_SPAN, strict, (from_s, to_s), reference, axles)
     analysis_of_log = _analyze(log_of(log), chosen, train_speed=True)
     return SlipAnalysis(analysis_of_log, slip_of(analysis_of_log.result))
+
+
+@in_python
+def brake_test(  # noqa: PLR0913 (the options of the command, each with a default)
+    logs: File | Sequence[File] = (),
+    *,
+    plan: File | None = None,
+    settings: SettingsSources = None,
+    axles: int | Iterable[int] = (),
+    from_s: float | None = None,
+    to_s: float | None = None,
+    strict: bool = False,
+    **sections: Any,
+) -> StopAnalysis:
+    """The brake test: the stops of all logs as one series, its groups, limits and WSP figures.
+
+    `logs` is the path of one log or a list of paths; `plan` a TOML file that says which log is of
+    which group, and which logs there are if none is given. The other keywords are as in `analyze`.
+
+    Raises:
+        UserError: where a log is no file or in no group of the plan, or every log fails.
+    """
+    keywords = _OF_LOG, strict, (from_s, to_s), None, axles
+    chosen = choices(settings, sections, *keywords)
+
+    def load(files: Sequence[Path]) -> Settings:
+        own: Any = settings if isinstance(settings, list | tuple) else [settings or {}]
+        return choices([*own, *files], sections, *keywords).settings
+
+    stated_plan = read_plan(Path(plan)) if plan else Plan()
+    paths = planned_logs(stated_plan) if plan and not logs else logs_of(logs)
+    files = [log for log in paths if isinstance(log, Path)]
+    if len(files) < len(paths):
+        raise UserError("a log in memory is no file", "give the paths of logs", code=2)
+    return StopAnalysis(
+        brake_tests.run(files, load, stated_plan, chosen.axles, chosen.window, lambda _: None)
+    )
 
 
 @in_python

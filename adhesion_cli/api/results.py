@@ -39,7 +39,8 @@ from ..reference.calibrated_vehicle import CalibratedParameter
 from ..results import atomic_files, result_rows, slip_text, stop_rows, tables
 from ..results.text_tables import non_empty, number, records
 from ..scores.metrics import pool_scores
-from ..studies import calibrate
+from ..stops.series import StopSeries
+from ..studies import brake_test, calibrate
 from .choices import File, axles_of, in_python
 
 if TYPE_CHECKING:
@@ -519,6 +520,40 @@ class Inspection(_Tables):
             for c in self._inspected.summary.channels
         ]
         return self.log.path, {"Channels": rows}
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class StopAnalysis(_Tables):
+    """The stops of one or several logs as a brake test.
+
+    `to_arrow` and `to_pandas` give the table ``stops``.
+
+    """
+
+    _test: brake_test.BrakeTest
+    _tables = ("stops",)
+
+    @property
+    def series(self) -> StopSeries:
+        """The `stops` with log and group, `groups`, `differences`, `limits` and `wsp` figures."""
+        return self._test.series
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found about the data of all logs."""
+        return tuple(finding for _, finding in self._test.findings_by_log)
+
+    @property
+    def document(self) -> Json:
+        """What `adhesion stops --json` prints."""
+        return brake_test.document(self._test)
+
+    def _table(self, name: str) -> Any:
+        return tables.stops_of_series(self.series.stops)
+
+    def _display(self) -> tuple[str, dict[str, _Rows]]:
+        shown = stop_rows.series_tables(self.series, braked_weight=False, budget=False)
+        return "\n".join(self._test.vehicle_lines), {x.title: x.rows for x in shown}
 
 
 @dataclass(frozen=True, repr=False, eq=False)

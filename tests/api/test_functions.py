@@ -1,6 +1,7 @@
 """The functions of the package: the figures of the command line, as records, arrays and tables."""
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -192,6 +193,23 @@ def test_a_text_shows_the_whole_stops_of_the_train() -> None:
     (stop,) = run.stops
     assert stop.distance_m
     assert f"{stop.distance_m.value:.0f}±" in repr(run)
+
+
+def test_a_brake_test_is_that_of_the_command(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.toml"
+    shutil.copy(LOGS / "low-adhesion.csv", tmp_path / "wet.csv")
+    plan.write_text('[group.wet]\nlogs = ["wet.csv"]\n[limits]\ndistance_m = {max = 100}\n')
+    test = adhesion.brake_test(plan=plan, stops={"dead_time": 0.3})
+    (stop,) = test.series.stops
+    assert (stop.group, stop.stop.valid) == ("wet", True)
+    assert [x.verdict for x in test.series.limits] == ["fail"]
+    assert test.to_arrow()["group"].to_pylist() == ["wet"]
+    assert test.document["schema"] == "adhesion.stops/1"
+    assert "Limits" in repr(test)
+    (other,) = adhesion.brake_test(tmp_path / "wet.csv").series.stops
+    assert other.stop.start_s == pytest.approx(stop.stop.start_s + 0.3)
+    with pytest.raises(adhesion.UserError, match="in memory"):
+        adhesion.brake_test([adhesion.simulate("low-adhesion")])
 
 
 def test_a_text_shows_every_brake_application(run: adhesion.Analysis) -> None:
