@@ -1,6 +1,6 @@
 """The brake test: the stops of all logs as one series, by a plan or by nominal speed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +22,7 @@ from ..results.friction_groups import (
     run_of_log,
 )
 from ..results.geojson import MapOfLog, map_of_log
+from ..results.names import flat
 from ..results.report.protocol import Protocol
 from ..results.vehicle_text import VehicleOfLog, describe_vehicles
 from ..stops.series import (
@@ -52,6 +53,8 @@ class TestedLog(NamedTuple):
     axles: tuple[AxleSummary, ...]
     brake: LogBrake | None  # by the deceleration of this log alone
     map: MapOfLog
+    sha256: str  # of its bytes
+    stated: Mapping[str, str]  # the settings that the user states, by name
 
     @property
     def is_doubtful(self) -> bool:
@@ -180,8 +183,17 @@ def _test_log(
     if group:
         map_ = map_._replace(group=group.name, label=group.label or None)
     brake = result.brake if result else None
-    name, findings = group.name if group else "", evaluated.findings
-    return TestedLog(str(path), name, findings, summary.vehicle, summary.axles, brake, map_)
+    return TestedLog(
+        str(path),
+        group.name if group else "",
+        evaluated.findings,
+        summary.vehicle,
+        summary.axles,
+        brake,
+        map_,
+        summary.log.sha256,
+        flat(dict(settings.tables)),
+    )
 
 
 def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protocol:
@@ -192,6 +204,8 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
         "Logs": ", ".join(Path(log).name for log in logs),
         **{f"Not evaluated: {x.path}": x.error for x in test.failed},
         "Expanded uncertainties": "coverage factor 2, about 95 %",
+        **{f"SHA-256 of {Path(x.path).name}": x.sha256 for x in test.logs},
+        **_stated_settings(test.logs),
     }
     group_texts = {f"{g.name}": _describe_group(g) for g in test.plan.groups}
     about |= {f"Group {name}": text for name, text in group_texts.items() if text}
@@ -202,6 +216,19 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
     vehicle = test.vehicle_lines
     texts = {**_stated_of_groups(test.plan.groups), **test.plan.protocol}
     return Protocol(title, texts, test.series, findings, about, braked_weight, vehicle)
+
+
+def _stated_settings(logs: Sequence[TestedLog]) -> dict[str, str]:
+    """What the user states of vehicle, line and evaluation, of each group where they differ."""
+    of_groups = {log.group: log.stated for log in logs}
+    first, *others = of_groups.values()
+    if all(x == first for x in others):
+        of_groups = {"": first}
+    return {
+        f"{name}{f', group {group}' * bool(group)}": text
+        for group, stated in of_groups.items()
+        for name, text in stated.items()
+    }
 
 
 def _stated_of_groups(groups: Sequence[PlannedGroup]) -> dict[str, str]:

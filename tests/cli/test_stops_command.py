@@ -1,6 +1,7 @@
 """`adhesion stops`: the brake test on the screen, as JSON and as a table."""
 
 import csv
+import hashlib
 import json
 import re
 import shutil
@@ -197,11 +198,15 @@ def test_the_protocol_shows_what_the_plan_states_of_groups(run: Run, plan: Path)
 def test_the_protocol_has_its_tables_figures_and_empty_lines(run: Run, plan: Path) -> None:
     with plan.open("a") as file:
         file.write('[protocol]\nvehicle = "<b>4711"\nobserver = "N. N."\n')
-    done = run("stops", "--plan", str(plan), "-o", "out", "--report", "--table", "all.xlsx", "-q")
+    options = ("-o", "out", "--report", "--table", "all.xlsx", "-q")
+    stated = ("--set", "stops.dead_time=0.37")
+    done = run("stops", "--plan", str(plan), *options, *stated)
     assert done.returncode == 0, done.stderr
     text = Path(plan.parent, "out", "stops.html").read_text(encoding="utf-8")
     assert "&lt;b&gt;4711" in text
     assert "Vehicle of group first: " in text
+    assert hashlib.sha256(Path(plan.parent, "one.csv").read_bytes()).hexdigest() in text
+    assert re.search(r"stops\.dead_time\W.{0,40}0\.37", text, re.DOTALL)
     assert "N. N." in text
     for part in ("2 valid stops of 2. Limits: 2 kept.", "Statistics", "Differences", "K_wet"):
         assert part in text, part
