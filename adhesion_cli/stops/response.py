@@ -112,7 +112,7 @@ def _slides(signals: StopSignals, axle: int, command: float, build_up: float) ->
     if axle not in signals.rims:
         return False
     rim = signals.rims[axle].cut(command, math.inf)
-    v = signals.speed.interpolated(rim.t)
+    v = signals.least_speed(rim.t)
     with np.errstate(divide="ignore", invalid="ignore"):
         slip = np.where(v > SLOW, 1.0 - rim.value / v, 0.0)
         runs = true_runs(slip > _CREEPS)

@@ -116,6 +116,14 @@ def test_standstill_is_as_uncertain_as_a_friction_that_rises_makes_it(grip: floa
     assert abs(stop.duration_s.value - stands) < stop.duration_s.u95 < 0.1
 
 
+def test_a_train_speed_that_may_be_late_is_no_slide_in_the_build_up() -> None:
+    x, _ = signals(20.0, 1.5)
+    late = x._replace(speed=TimeSeries(x.speed.t + 0.5, x.speed.value))
+    (unaware,), (aware,) = measured(late), measured(late._replace(delay_sigma=0.2))
+    assert unaware.response_time_s is None
+    assert aware.response_time_s is not None
+
+
 def test_without_a_command_the_first_rise_is_the_command() -> None:
     x, _ = signals(command=False)
     (stop,) = measured(x)
