@@ -171,8 +171,8 @@ def brake_test(  # noqa: PLR0913 (the options of the command, each with a defaul
     chosen = choices(settings, sections, *keywords)
 
     def load(files: Sequence[Path]) -> Settings:
-        own: Any = settings if isinstance(settings, list | tuple) else [settings or {}]
-        return choices([*own, *files], sections, *keywords).settings
+        sources: Any = settings if isinstance(settings, list | tuple) else [settings or {}]
+        return choices([*sources, *files], sections, *keywords).settings
 
     stated_plan = read_plan(Path(plan)) if plan else Plan()
     paths = planned_logs(stated_plan) if plan and not logs else logs_of(logs)

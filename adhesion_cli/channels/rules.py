@@ -492,24 +492,26 @@ def _place_in(text: str, is_path: bool) -> Place:
 
 def _numbered(words: Sequence[str]) -> list[str]:
     """The words, with "front bogie" and "axle rear" as "bogie 1" and "axle 2"."""
-    parts = list(words)
+    numbered_words = list(words)
     for i, word in enumerate(words):
         number = "1" * ("front" in _kinds(word)) or "2" * ("rear" in _kinds(word))
         for k in (i + 1, max(i - 1, 0)) if number else ():
             is_counted = "".join(words[k + 1 : k + 2]).isdecimal()  # as in "front axle 3"
             if not is_counted and {"wheel", "bogie"} & _kinds("".join(words[k:][:1])).keys():
-                parts[min(i, k) : max(i, k) + 1] = words[k], number
+                numbered_words[min(i, k) : max(i, k) + 1] = words[k], number
                 break
-    return parts
+    return numbered_words
 
 
 def _letter(name_parts: Sequence[str]) -> int | None:
     """What a letter counts behind a wheel or cylinder, or behind a quantity at the end."""
-    words = [*filter(None, name_parts), ""]
-    for before, word, after in zip(words, words[1:], words[2:], strict=False):
+    name_words = [*filter(None, name_parts), ""]
+    for previous_word, word, next_word in zip(
+        name_words, name_words[1:], name_words[2:], strict=False
+    ):
         if (
             word in _COUNTS
-            and (_NUMBERED if after else _NUMBERED | _MEASURED) & _kinds(before).keys()
+            and (_NUMBERED if next_word else _NUMBERED | _MEASURED) & _kinds(previous_word).keys()
         ):
             return _COUNTS[word]
     return None

@@ -73,9 +73,11 @@ def channel(
     is_rate = m.meaning == "train_speed" and units.is_acceleration(m.unit)
     origin = (name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason)
     faults = (axis.gaps, axis.duplicates, axis.backward, row_of)
-    made = Channel(*origin, data, samples, starts, axis.gap_ns, step, rate, *faults, is_rate)
-    made = replace(made, label=m.field.label, period_step=tick, delay=m.delay, held=held)
-    return replace(made, zero=zero(m, vehicle)), findings
+    si_channel = Channel(*origin, data, samples, starts, axis.gap_ns, step, rate, *faults, is_rate)
+    si_channel = replace(
+        si_channel, label=m.field.label, period_step=tick, delay=m.delay, held=held
+    )
+    return replace(si_channel, zero=zero(m, vehicle)), findings
 
 
 def zero(m: Meant, vehicle: Vehicle) -> Parameter:

@@ -103,8 +103,8 @@ def table(
         listed, heading = slides, ""
         if len(slides) > _MANY_SLIDES and not all_rows:
             ways = (slide.lag_at_most for s in summaries for slide in s.slides)
-            by_way = sorted(zip(ways, slides, strict=True), key=itemgetter(0), reverse=True)
-            listed = [row for _, row in by_way[:_SHOWN_SLIDES]]
+            ranked_rows = sorted(zip(ways, slides, strict=True), key=itemgetter(0), reverse=True)
+            listed = [row for _, row in ranked_rows[:_SHOWN_SLIDES]]
             heading = (
                 f"{len(listed)} of {len(slides)} slides, those with the largest distance times "
                 "slip first; --rows shows all:\n"

@@ -83,10 +83,10 @@ class GrowingMcap(Feed):
 
     def _columns(self, wanted: list[Field], add_source: AddSource) -> dict[int, Column]:
         """What the part that arrived has of these fields, by their places."""
-        part, start = self._part, self._part_start
+        chunk, start = self._part, self._part_start
         self._part, self._has_messages, self._part_start = bytearray(), False, self._offset
         try:
-            source = self._source(part)
+            source = self._source(chunk)
             field_of = _by_name(source.fields)
             if field_of.keys() - self._fields.keys():
                 self._fields |= field_of
@@ -113,9 +113,9 @@ class GrowingMcap(Feed):
             self._lost.append(replace(f, values={**f.values, **place}))
         return column_of
 
-    def _source(self, part: bytearray) -> McapSource:
+    def _source(self, chunk: bytearray) -> McapSource:
         preamble = MAGIC + written(Header("", ""), *self._defined)
-        content = preamble + part + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC
+        content = preamble + chunk + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC
         options = replace(self._options, strict=False)
         source = McapSource(self._path, options, content, self._owners)
         self._owners = source.owners

@@ -51,8 +51,8 @@ def find_faults(
     faults = {}
     for key, brake in channels.items():
         if key[0] in BRAKES:
-            others = [c for k, c in channels.items() if k[0] == key[0] and k != key]
-            stuck, saturated = standing(p, brake, repeats[key], others)
+            other_brakes = [c for k, c in channels.items() if k[0] == key[0] and k != key]
+            stuck, saturated = standing(p, brake, repeats[key], other_brakes)
             faults[key] = [
                 Fault("pressure-stuck", stuck),
                 Fault("pressure-saturated", saturated, False),

@@ -54,7 +54,9 @@ _OF_GROUPS = (
     "groups. µ is computed with one brake force for all stops of a group. So a friction that "
     "changes from stop to stop does not show in sd and drift of µ, but in those of a equiv."
 )
-_OF_FEW = " Of two or three stops the intervals are wide: more stops of the group narrow them."
+_OF_WIDE_INTERVALS = (
+    " Of two or three stops the intervals are wide: more stops of the group narrow them."
+)
 _EQUIVALENT = "equivalent_deceleration"
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
 _NO_VALUE = "no value"
@@ -187,7 +189,7 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
     notes = [describe_columns(rows), describe_sources(in_order), *_remarks(stops)]
     note = "\n".join(filter(None, [*notes, describe_cells(rows)]))
     of_groups = _OF_GROUPS if any(g.n > 1 for g in x.groups) else ""
-    of_groups += _OF_FEW * any(1 < g.n < _FEW_STOPS for g in x.groups)
+    of_groups += _OF_WIDE_INTERVALS * any(1 < g.n < _FEW_STOPS for g in x.groups)
     tables = [
         TitledTable("Stops", rows, [*rows[0]].index("at [s]") if rows else 2, note),
         TitledTable("Statistics", _group_rows(x.groups), 2, of_groups),

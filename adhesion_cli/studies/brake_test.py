@@ -54,7 +54,7 @@ class TestedLog(NamedTuple):
     brake: LogBrake | None  # by the deceleration of this log alone
     map: MapOfLog
     sha256: str  # of its bytes
-    stated: Mapping[str, str]  # the settings that the user states, by name
+    stated_settings: Mapping[str, str]  # that the user states, by name
 
     @property
     def is_doubtful(self) -> bool:
@@ -220,14 +220,14 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
 
 def _stated_settings(logs: Sequence[TestedLog]) -> dict[str, str]:
     """What the user states of vehicle, line and evaluation, of each group where they differ."""
-    of_groups = {log.group: log.stated for log in logs}
-    first, *others = of_groups.values()
-    if all(x == first for x in others):
-        of_groups = {"": first}
+    of_groups = {log.group: log.stated_settings for log in logs}
+    settings = [*of_groups.values()]
+    if all(x == settings[0] for x in settings):
+        of_groups = {"": settings[0]}
     return {
         f"{name}{f', group {group}' * bool(group)}": text
-        for group, stated in of_groups.items()
-        for name, text in stated.items()
+        for group, setting in of_groups.items()
+        for name, text in setting.items()
     }
 
 

@@ -258,8 +258,8 @@ def _delay_by_line(d: Design) -> float:
     the same deceleration.
     """
     t = d.t[d.samples]
-    later, earlier = (np.interp(t + shift, d.t, d.K) for shift in (0.5, -0.5))
-    steepest = d.c * float(np.max(np.abs(later - earlier), initial=1e-9))  # [m/s³]
+    K_later, K_earlier = (np.interp(t + shift, d.t, d.K) for shift in (0.5, -0.5))
+    steepest = d.c * float(np.max(np.abs(K_later - K_earlier), initial=1e-9))  # [m/s³]
     build_up = d.c * float(np.ptp(d.K)) / steepest  # [s]
     return math.hypot(_UNEVEN, d.gradient_sigma) * build_up / _CHANGE_TIME / steepest
 

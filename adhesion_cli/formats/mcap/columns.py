@@ -140,22 +140,24 @@ class Decoded:
 
     def _take(self, messages: list[Any], rows: Offsets) -> None:
         """Takes what is wanted of parsed messages, place by place, all messages at once."""
-        at: dict[Steps, list[Any]] = {}
+        nodes_by_steps: dict[Steps, list[Any]] = {}
         for steps, shape in self._shapes.items():
-            above = at[steps[:-1]] if steps else messages
-            nodes = at[steps] = self._decoder.children(above, steps[-1]) if steps else messages
+            parents = nodes_by_steps[steps[:-1]] if steps else messages
+            nodes = nodes_by_steps[steps] = (
+                self._decoder.children(parents, steps[-1]) if steps else messages
+            )
             if isinstance(shape, (dict, list)):
-                for fault, is_other in self._decoder.faults(nodes, shape, steps, self._shapes):
-                    self.note(fault, rows[is_other])
+                for fault, has_fault in self._decoder.faults(nodes, shape, steps, self._shapes):
+                    self.note(fault, rows[has_fault])
             if (length := self._lengths.get(steps)) is not None:
-                is_other = [node is not None and len(node) != length for node in nodes]
-                self.note(DecodingFault("mcap-array-length", path(steps)), rows[is_other])
+                has_fault = [node is not None and len(node) != length for node in nodes]
+                self.note(DecodingFault("mcap-array-length", path(steps)), rows[has_fault])
             if (numbers := self._said.get(steps)) is not None:
                 differs = rows[[node != shape and node not in ("", None) for node in nodes]]
                 self.note(DecodingFault("mcap-text-change", path(steps)), differs)
                 self._unlike.append((numbers, differs))
         for column, steps in enumerate(self.numbers):
-            self.values[column, rows] = self._numbers(at[steps], rows, steps)
+            self.values[column, rows] = self._numbers(nodes_by_steps[steps], rows, steps)
 
     def _numbers(self, nodes: list[Any], rows: Offsets, steps: Steps) -> Floats:
         """The numbers among values at a place, NaN for others, which are noted."""
@@ -166,8 +168,8 @@ class Decoded:
         elif steps == self._iso:
             nodes = list(map(microseconds, nodes))
         elif not set(map(type, nodes)) <= _NUMBERS:
-            is_other = [node is not None and type(node) not in _NUMBERS for node in nodes]
-            self.note(DecodingFault("mcap-type-change", path(steps)), rows[is_other])
+            has_fault = [node is not None and type(node) not in _NUMBERS for node in nodes]
+            self.note(DecodingFault("mcap-type-change", path(steps)), rows[has_fault])
             nodes = [node if type(node) in _NUMBERS else None for node in nodes]
         return np.array(nodes, np.float64)  # of None NaN
 

@@ -76,8 +76,8 @@ class JsonDecoder(Decoder):
         """See Decoder."""
         kind = type(shape)
         if set(map(type, nodes)) != {kind}:
-            is_other = [node is not None and type(node) is not kind for node in nodes]
-            yield DecodingFault("mcap-type-change", path(steps) or "message"), is_other
+            has_fault = [node is not None and type(node) is not kind for node in nodes]
+            yield DecodingFault("mcap-type-change", path(steps) or "message"), has_fault
             nodes[:] = [node if type(node) is kind else None for node in nodes]
         if kind is list:
             return
