@@ -79,7 +79,7 @@ def identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicl
     settings = with_any_wheel(logs, settings)
     logs, mean = as_equal_axles(logs, settings)
     identified = _identify(logs, replace(settings, vehicle=mean))
-    if "friction_fade" not in settings.stated and not mean.friction_table:
+    if "friction_fade" not in settings.stated:
         identified = _with_friction_change(identified, mean)
     return of_all_axles(identified, mean, settings.vehicle, logs[0].numbers[0])
 
@@ -137,7 +137,8 @@ def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehic
 def _with_friction_change(identified: IdentifiedVehicle, stated: Vehicle) -> IdentifiedVehicle:
     """The vehicle with the change of friction over speed that its logs show, if it is a clear one.
 
-    A straight line is not the friction of cast iron, so its slope is as uncertain as it is large.
+    A straight line is not the friction of cast iron, so its slope is as uncertain as it is large. A
+    stated table keeps its values: what the log shows beyond them widens its band.
     """
     changes = [friction_change(effect, stated) for effect in identified.speed_effects.values()]
     slope = max(changes, key=abs, default=0.0)
@@ -146,6 +147,8 @@ def _with_friction_change(identified: IdentifiedVehicle, stated: Vehicle) -> Ide
     vehicle, fade = identified.vehicle, identified.vehicle.friction_fade
     is_fitted = abs(fade.value) > _FADE_SIGMAS * fade.tolerance  # to the wheels that roll
     fade = Parameter(fade.value if is_fitted else slope, max(abs(fade.value), abs(slope)))
+    if stated.friction_table:
+        fade = Parameter(0.0, fade.tolerance)
     own_errors = tuple(x for x in vehicle.correlation if "friction_fade" not in x)
     vehicle = replace(vehicle, friction_fade=fade, correlation=own_errors)
     return replace(identified, vehicle=vehicle)

@@ -408,9 +408,12 @@ def test_a_friction_that_rises_as_the_train_gets_slower_is_told(seed: int, tmp_p
     assert finding.values["factor"] > 1.3
     assert 0.0 < finding.values["low_kmh"] < finding.values["high_kmh"]
     # Pads that somebody states as cast iron: the strong part at high speed is weak by that table.
-    wrong = run(tmp_path / "pads.csv", {"friction": "cast-iron"}).findings
-    (finding,) = [f for f in wrong if f.code == "friction-over-speed"]
+    wrong = run(tmp_path / "pads.csv", {"friction": "cast-iron"})
+    (finding,) = [f for f in wrong.findings if f.code == "friction-over-speed"]
     assert finding.values["factor"] < 0.8
+    # The table stays, and its band holds what the log shows beside it.
+    assert wrong.vehicle.friction_fade.value == 0.0
+    assert wrong.vehicle.friction_fade.tolerance > 0.01
     stated = {"friction_fade": -0.012, "friction_speed": 20.0}
     path = tmp_path / "iron.csv"
     of_stated = run(path, stated)
