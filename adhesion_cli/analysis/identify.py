@@ -146,9 +146,8 @@ def _with_friction_change(identified: IdentifiedVehicle, stated: Vehicle) -> Ide
         return identified
     vehicle, fade = identified.vehicle, identified.vehicle.friction_fade
     is_fitted = abs(fade.value) > _FADE_SIGMAS * fade.tolerance  # to the wheels that roll
-    fade = Parameter(fade.value if is_fitted else slope, max(abs(fade.value), abs(slope)))
-    if stated.friction_table:
-        fade = Parameter(0.0, fade.tolerance)
+    value = 0.0 if stated.friction_table else fade.value if is_fitted else slope
+    fade = Parameter(value, max(abs(fade.value), abs(slope)))
     own_errors = tuple(x for x in vehicle.correlation if "friction_fade" not in x)
     vehicle = replace(vehicle, friction_fade=fade, correlation=own_errors)
     return replace(identified, vehicle=vehicle)

@@ -527,7 +527,6 @@ class StopAnalysis(_Tables):
     """The stops of one or several logs as a brake test.
 
     `to_arrow` and `to_pandas` give the table ``stops``.
-
     """
 
     _test: brake_test.BrakeTest

@@ -388,9 +388,9 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
     train_speed_source = source.metadata.get("adhesion.provenance", {}).get("train_speed")
     if train_speed_source in (NOT_MEASURED, AS_INPUT):
         trains = [f for f in fields if f.path == "train_speed"]
-        if train_speed_source == AS_INPUT:  # what was made of the axles will be again
-            del trains[0:1]
-        fields = [f for f in fields if f not in trains]
+        # What was made of the axles will be again; an input is in the file of each axle.
+        repeated = trains[1:] if train_speed_source == AS_INPUT else trains
+        fields = [f for f in fields if f not in repeated]
     try:
         stated = () if "adhesion.settings" in source.metadata else mappings
         meant, findings = understood(fields, stated)

@@ -169,7 +169,9 @@ def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str
 
 def _channels(group: Sequence[Finding]) -> str:
     """As many channels as have room, at least one, and how many more there are."""
-    channels = (_shorten(printable(f.channel), _CHANNEL) for f in group if f.channel)
+    # the number of an axle stands at the end of a name
+    names_of_channels = (printable(f.channel) for f in group if f.channel)
+    channels = (_shorten(name, _CHANNEL, _CHANNEL // 2) for name in names_of_channels)
     names = list(dict.fromkeys(channels))
     count = len(names)
     while count > 1 and len(", ".join(names[:count])) > _CHANNEL:
@@ -178,12 +180,11 @@ def _channels(group: Sequence[Finding]) -> str:
     return ", ".join(names[:count]) + suffix
 
 
-def _shorten(text: str, width: int) -> str:
-    """The text without its middle: the number of an axle stands at the end of a channel's name."""
+def _shorten(text: str, width: int, last: int = 0) -> str:
+    """The text in this width, with so many of its last characters."""
     if len(text) <= width:
         return text
-    end = width // 2
-    return f"{text[: width - end - 1].rstrip()}…{text[-end:].lstrip()}"
+    return f"{text[: width - last - 1].rstrip()}…{text[len(text) - last :].lstrip()}"
 
 
 def lossy(findings_seen: Sequence[Finding]) -> bool:

@@ -8,9 +8,9 @@ from ..rail.highest import is_known
 from .text_tables import (
     DASH,
     ED,
-    MARK,
     NOT_KNOWN,
     bounded_number,
+    coefficient_text,
     energy_text,
     non_empty,
     number,
@@ -55,9 +55,7 @@ def row(axle: str, a: BrakeApplication) -> dict[str, str]:
 
 def mean_coefficient(a: BrakeApplication) -> str:
     """The mean µ of a brake application."""
-    if not has_known_mean(a):
-        return NOT_KNOWN
-    return with_u95(a.coefficient, 1.0, 3) + MARK * a.other_brake
+    return coefficient_text(a.coefficient, a.other_brake)
 
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:

@@ -4,9 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from ..core.summary import AxleStop, Measured, StopSummary
+from ..core.summary import AxleStop, StopSummary
 from ..core.text import by_uncertainty, enumerated
-from ..rail.highest import is_known
 from ..stops.axle_stops import SLIP_BANDS
 from ..stops.series import (
     QUANTITIES,
@@ -21,10 +20,9 @@ from .text_tables import (
     DASH,
     DOUBT,
     ED,
-    MARK,
-    NOT_KNOWN,
     TitledTable,
     bounded_number,
+    coefficient_text,
     columns_of,
     describe_cells,
     doubted,
@@ -144,15 +142,9 @@ def stop_row(s: StopSummary) -> dict[str, str]:
         "response [s]": with_u95(s.response_time_s, 1.0, 2),
         "jerk [m/s³]": with_u95(s.jerk, 1.0, 2),
         "level [m]": with_u95(s.corrected_distance_m, 1.0, 1),
-        "µ": _coefficient(s.coefficient, s.other_brake),
+        "µ": coefficient_text(s.coefficient, s.other_brake),
         **({ED: with_u95(s.ed_share, 100.0, 0)} if s.ed_share else {}),
     }
-
-
-def _coefficient(x: Measured | None, other_brake: bool = False) -> str:
-    if x is None:
-        return DASH
-    return with_u95(x, 1.0, 3) + MARK * other_brake if is_known(x.value, x.u95) else NOT_KNOWN
 
 
 def describe_columns(rows: Sequence[Mapping[str, str]]) -> str:
@@ -386,7 +378,7 @@ def _wsp_rows(x: WspSummary) -> list[dict[str, str]]:
 def _initial(a: AxleStop) -> str:
     """The initial adhesion with its uncertainty; a dash without a slide."""
     value, u95 = a.initial_coefficient, a.initial_coefficient_u95
-    return DASH if value is None or u95 is None else _coefficient(Measured(value, u95))
+    return DASH if value is None or u95 is None else coefficient_text((value, u95))
 
 
 def _bands(a: AxleStop) -> dict[str, str]:

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from ..core.finding import Finding
 from ..core.summary import FindingSummary
 from ..core.text import by_uncertainty, enumerated, printable
-from ..rail.highest import SLIPPERY
+from ..rail.highest import SLIPPERY, is_known
 
 NARROW = 80  # columns where there is no terminal, and in a recording
 DASH = "-"  # where a number is not known
@@ -202,6 +202,18 @@ def share_with_interval(share: float | None, interval: tuple[float, float] | Non
         return text
     lower, upper = (number(100.0 * x) for x in interval)
     return f"{text} ({lower}–{upper})"
+
+
+def coefficient_text(x: Sequence[float | None] | None, other_brake: bool = False) -> str:
+    """An adhesion coefficient, and by a mark whether it is without the force of another brake.
+
+    A value and its uncertainty are the first two numbers of `x`. It may be that they say nothing.
+    """
+    if x is None:
+        return DASH
+    value, u95, *_ = x
+    known = value is not None and u95 is not None and is_known(value, u95)
+    return with_u95(x, 1.0, 3) + MARK * other_brake if known else NOT_KNOWN
 
 
 def doubted(cell: str, in_doubt: bool) -> str:

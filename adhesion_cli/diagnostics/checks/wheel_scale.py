@@ -130,7 +130,8 @@ def _reference_name(s: Scene) -> dict[str, str]:
 def _unit(s: Scene, i: int, scale: float, all_differ: bool) -> Finding:
     """A wheel speed of another unit than stated; where all axles differ, or a train speed."""
     a = s.axles[i]
-    speeds = {"speed" if all_differ else f"speed.axle{a.record.axle}": a.speed}
+    wheel = "speed" if all_differ else f"speed.axle{a.record.axle}"
+    speeds = {wheel: a.speed}
     if all_differ and s.grid.train is not None and a.train:
         speeds["train_speed"] = a.train
     candidates, options = [], []
@@ -142,7 +143,7 @@ def _unit(s: Scene, i: int, scale: float, all_differ: bool) -> Finding:
     names = {
         **_reference_name(s),
         "units": join_units(candidates),
-        "option": " or ".join(options) or "`--set channels.speed.unit=km/h`",
+        "option": " or ".join(options) or toml.option(f'channels.{wheel}.unit = "km/h"'),
     }
     return s.finding(
         "speed-unit-suspect", "warning", a.speed, None, i, {"factor": 1.0 / scale}, names
