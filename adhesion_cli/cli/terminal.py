@@ -169,15 +169,17 @@ def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str
 
 def _channels(group: Sequence[Finding]) -> str:
     """As many channels as have room, at least one, and how many more there are."""
-    # the number of an axle stands at the end of a name
-    names_of_channels = (printable(f.channel) for f in group if f.channel)
-    channels = (_shorten(name, _CHANNEL, _CHANNEL // 2) for name in names_of_channels)
-    names = list(dict.fromkeys(channels))
+    names = list(dict.fromkeys(_channel(printable(f.channel)) for f in group if f.channel))
     count = len(names)
     while count > 1 and len(", ".join(names[:count])) > _CHANNEL:
         count -= 1
     suffix = f" and {len(names) - count} more" if count < len(names) else ""
     return ", ".join(names[:count]) + suffix
+
+
+def _channel(text: str) -> str:
+    """A channel with the end of its name, where the axle's number stands; or several channels."""
+    return _shorten(text, _CHANNEL, 0 if ", " in text else _CHANNEL // 2)
 
 
 def _shorten(text: str, width: int, last: int = 0) -> str:

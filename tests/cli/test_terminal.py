@@ -148,3 +148,14 @@ def test_the_line_of_a_band_says_what_the_band_holds() -> None:
         "imm: own 95 % band ± 20 N, holds the truth in 90 % of the samples",
         "imm: own 95 % band ± 20 N, holds the reference in 97 % of the samples",
     ]
+
+
+def test_a_long_name_of_a_channel_keeps_its_axle_and_several_names_keep_the_first() -> None:
+    names = "Pressione cilindro freno asse 2 [bar]", "Velocità asse 1, Velocità asse 2, GPS"
+    values = {"coefficient": 9.0}
+    shown = "".join(
+        findings([Finding("coefficient-too-high", "warning", x, 1, (), values)]) for x in names
+    )
+    assert "o asse 2 [bar]" in shown
+    assert "Velocità asse 1, Velocità" in shown
+    assert "GPS" not in shown
