@@ -17,7 +17,7 @@ from ..records.route import check_route
 from ..train.mean_axle import move_axles
 from . import settings as settings_module
 from .axle import analyze_axle, without_force
-from .identify import find_log_brake, identify
+from .identify import find_log_brake, identify, with_force_of_log
 from .loads import states_load
 from .prepare import Window, align_log
 from .request import choose_estimators, load_vehicle, open_log, read_log
@@ -80,6 +80,7 @@ def analyze_log(  # noqa: PLR0913 (as of `analyze`)
         vehicle_of_log = move_axles(settings.vehicle, *identified.mean_axle)
         identified = replace(identified, vehicle=vehicle_of_log)
     vehicle_findings, prepared = diagnose_with(aligned, identified, settings)
+    identified = with_force_of_log(identified, settings.vehicle)
     settings = settings.with_vehicle(identified)
     vehicle = settings.vehicle
     records, findings = prepared.records, [*prepared.findings]

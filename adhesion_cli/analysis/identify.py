@@ -6,7 +6,7 @@ brake. `train.brake_line` reads it from the log alone. Then
 | stated | and the log | the vehicle is |
 |---|---|---|
 | the brake, part of it, or nothing | agrees | the posterior of stated tolerances and log |
-| the brake | differs by more than 4 sigma | the stated one, and `vehicle-suspect` says so |
+| the brake | differs by more than 4 sigma | the stated one, with a band that holds both |
 | the brake | slows more, and not by the pressure | the stated one, and `other-brake` says so |
 | part or nothing | differs by more than 3 sigma | the log's, by any brake |
 | part or nothing | shows no brake | not known: the log has no adhesion in newtons or as µ |
@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.model import (
+    Z95,
     AxleRecord,
     CarBrake,
     DifferingStop,
@@ -59,6 +60,7 @@ _FADE_SIGMAS = 2.0  # from which a fitted fade is not zero
 # per pressure and mass, of any brake, the least of a hydraulic one [m/s² per Pa]
 _LEAST_FORCE, _MOST_FORCE = 5e-8, 2e-5
 _LARGEST_LN = 50.0  # of a force over that of a vehicle without one
+_LARGEST_SHARE = 10.0  # 1 sigma of a force that the log contradicts: a unit is wrong, not a value
 _ALIKE = 0.01  # share by which axles differ that are shown as one car
 _LOWEST_ZERO = -3e4  # pressure from which a brake acts: lower, another brake acts [Pa]
 
@@ -112,6 +114,20 @@ def of_all_axles(
     )
 
 
+def with_force_of_log(identified: IdentifiedVehicle, vehicle: Vehicle) -> IdentifiedVehicle:
+    """A stated vehicle that the log contradicts, with a 95 % band that holds the log's force, too.
+
+    `vehicle` is as stated. The checks take the one before: such a band hides what is wrong.
+    """
+    if identified.factor is None or identified.other_brake or not identified.mean_axle:
+        return identified
+    mean, used = identified.mean_axle
+    phi, share = used.friction, min(abs(identified.factor - 1.0) / Z95, _LARGEST_SHARE)
+    friction = phi._replace(tolerance=max(phi.tolerance, share * phi.value))
+    used = replace(used, friction=friction)
+    return replace(identified, vehicle=move_axles(vehicle, mean, used), mean_axle=(mean, used))
+
+
 def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:
     """The same for equal axles."""
     prior, lines = find_prior(logs, settings)
@@ -138,7 +154,8 @@ def _with_friction_change(identified: IdentifiedVehicle, stated: Vehicle) -> Ide
     """The vehicle with the change of friction over speed that its logs show, if it is a clear one.
 
     A straight line is not the friction of cast iron, so its slope is as uncertain as it is large. A
-    stated table keeps its values: what the log shows beyond them widens its band.
+    stated table and a vehicle that is used as stated keep their values: what the log shows beyond
+    them widens their band.
     """
     changes = [friction_change(effect, stated) for effect in identified.speed_effects.values()]
     slope = max(changes, key=abs, default=0.0)
@@ -146,8 +163,8 @@ def _with_friction_change(identified: IdentifiedVehicle, stated: Vehicle) -> Ide
         return identified
     vehicle, fade = identified.vehicle, identified.vehicle.friction_fade
     is_fitted = abs(fade.value) > _FADE_SIGMAS * fade.tolerance  # to the wheels that roll
-    value = 0.0 if stated.friction_table else fade.value if is_fitted else slope
-    fade = Parameter(value, max(abs(fade.value), abs(slope)))
+    keeps_value = is_fitted or stated.friction_table or identified.factor is not None
+    fade = Parameter(fade.value if keeps_value else slope, max(abs(fade.value), abs(slope)))
     own_errors = tuple(x for x in vehicle.correlation if "friction_fade" not in x)
     vehicle = replace(vehicle, friction_fade=fade, correlation=own_errors)
     return replace(identified, vehicle=vehicle)

@@ -10,9 +10,9 @@ from adhesion_cli.rail.applications import find_applications
 
 
 def test_a_brake_that_pushes_is_told_with_the_sensor(tmp_path: Path) -> None:
-    log = simulated.scaled(clean("low-adhesion", 1, "as it is"), "pressure", 0, 0.3)
+    log = simulated.scaled(clean("low-adhesion", 1, "as it is"), "pressure", 1, 0.3)
     told = [f for f in analysed(log, tmp_path).findings if f.code == "force-negative"]
-    assert {f.channel for f in told} == {f"axle {i}" for i in (1, 2, 3, 4)}
+    assert {f.channel for f in told} == {"axle 1"}
     assert all(f.severity == "warning" and f.first_s > 3.0 for f in told)
 
 

@@ -165,8 +165,11 @@ def test_a_stated_friction_that_is_wrong_is_mended_by_half(factor: float, tmp_pa
 def test_a_stated_vehicle_that_the_log_contradicts_stays_and_is_the_first_finding(
     tmp_path: Path,
 ) -> None:
-    result = run(log(tmp_path / "log.csv", true(2.0), applications=4), STATEMENT)
+    path = log(tmp_path / "log.csv", true(2.0), applications=4)
+    result = run(path, STATEMENT)
     assert result.vehicle.friction.value == 0.3
+    for c, mu in zip(coefficients(result), true_coefficients(path, true(2.0), result), strict=True):
+        assert 0.5 * c.mean_u95 < mu - c.mean < c.mean_u95
     told = first(result)
     assert (told.code, told.severity) == ("vehicle-suspect", "warning")
     assert told.values["factor"] == pytest.approx(2.0, rel=0.15)
