@@ -19,7 +19,7 @@ import numpy as np
 
 from ..channels.meaning import Mapping
 from ..channels.places import bogie_axles
-from ..channels.rules import names_brake
+from ..channels.rules import names_brake, names_place
 from ..core import estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
@@ -483,7 +483,7 @@ def _checked_settings(tree: Table, read: Tables) -> Settings:
     return Settings(
         _vehicle(tree),
         tuple(mappings),
-        ReadOptions(**options, names_brake=names_brake),
+        ReadOptions(**options, names_brake=names_brake, names_place=names_place),
         AnalysisSettings(**analysis),
         train,
         stated_track.stated_track(tree.get("track", {})),

@@ -424,6 +424,16 @@ def names_brake(column: str) -> bool:
     return guess(Field(column)).meaning in meanings
 
 
+def names_place(name: str) -> bool:
+    """Whether a name is one of an axle, a bogie or a car, by a word and its number.
+
+    >>> names_place("Axle 2"), names_place("DG 1"), names_place("Run 2"), names_place("50 Hz")
+    (True, True, False, False)
+    """
+    place = place_of(Field(name))
+    return bool(place.part or place.bogie or (place.axle is not None and not place.is_loose))
+
+
 def _own_message(field: Field) -> Guess:
     """What a field of a result of this program means."""
     place = re.search(r"/axle/(\d+)/", field.channel)

@@ -8,7 +8,8 @@ time without its styles, which alone say that a number is a time.
 import re
 import zipfile
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,8 @@ import pyarrow.compute as pc
 from ..core import toml, units
 from ..core.errors import UserError, unknown
 from .csv.header_words import speaks_of_time, time_name
+from .csv.number_text import is_number
+from .source import ReadOptions
 
 _OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook
 _ENCRYPTED = "EncryptedPackage".encode("utf-16-le")
@@ -28,7 +31,8 @@ _MOST_BYTES = 4 << 30  # of all parts, unpacked
 _TIME = r"^[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]+)?$"
 _ANY_TIME = r"^\s*[0-9]{1,4}[-./:][0-9]{1,2}[-./:]"  # also as a text
 _NUMBER = r"^-?[0-9]+(\.[0-9]+)?$"  # a text that Arrow reads as a number
-_WITH_COMMA = r"^[+-]?[0-9]*,[0-9]+$"  # a text that may be a number
+_NUMBER_TEXT = r"^[+-]?[0-9]*[.,][0-9]+(\s?[^\d\s]\S*)?$"  # that may be a number, with a unit
+_COUNTS = re.compile(r"[^\W\d] ?\d")  # as in "axle 1"
 _DETAIL = re.compile(r"(?:(Error)|DurationIso)\(\"?(?:PT)?(\w+)(?:\.(\d+)S)?")
 _ERRORS = {"Div0": "#DIV/0!", "NA": "#N/A", "Name": "#NAME?", "Null": "#NULL!", "Num": "#NUM!"}
 
@@ -46,9 +50,9 @@ _MEASURED = ("pressure", "speed", "angular speed")
 class SheetText(NamedTuple):
     """What was written."""
 
-    name: str
+    names: list[str]  # of the sheets
     other_sheets: list[str]
-    reason: str  # why this one
+    reason: str  # why these
     has_channels: bool  # a column of numbers is a time, or one of a brake
 
 
@@ -62,82 +66,126 @@ class _Column(NamedTuple):
     @property
     def is_of_numbers(self) -> bool:
         """Whether at least half of the cells are numbers or times, and two are."""
-        is_typed = _matches(self.text, f"{_ANY_TIME}|{_WITH_COMMA}")
+        is_typed = _matches(self.text, f"{_ANY_TIME}|{_NUMBER_TEXT}")
         is_typed = pc.or_(pc.is_valid(self.number), is_typed)
         cell_count = len(self.text) - self.text.null_count
         return bool((pc.sum(is_typed).as_py() or 0) >= max(2, cell_count / 2))
+
+    def placed(self, length: int, *title: str | None) -> "_Column":
+        """The column below a title, filled up to a length."""
+        begin = pa.array(title, pa.string())
+        end = pa.nulls(length - len(self.text) - len(title), pa.string())
+        is_time = [pa.array([False] * len(x), pa.bool_()) for x in (begin, end)]
+        number = [pa.nulls(len(x), pa.float64()) for x in (begin, end)]
+        return _Column(
+            pa.concat_arrays([begin, self.text, end]),
+            pa.concat_arrays([number[0], self.number, number[1]]),
+            pa.concat_arrays([is_time[0], self.is_time, is_time[1]]),
+        )
 
     def heads(self) -> list[str]:
         """The cells of its head, if it has numbers."""
         return self.text.slice(0, _HEAD_ROWS).drop_null().to_pylist() if self.is_of_numbers else []
 
 
+class _Sheet(NamedTuple):
+    """A visible sheet with two columns of numbers."""
+
+    name: str
+    columns: list[_Column]
+    stated_count: int  # channels that the user states
+    is_of_brake: bool
+    is_log: bool
+
+    @property
+    def heads(self) -> list[tuple[str, ...]]:
+        """The texts above the numbers of each column that is no time."""
+        heads = [[x for x in c.heads() if not is_number(x)] for c in self.columns]
+        return [tuple(x) for x in heads if x and not any(map(time_name, x))]
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The first and the last time, any where they are texts."""
+        times = (c.number.drop_null() for c in self.columns if any(map(time_name, c.heads())))
+        t = next(times, ())
+        return (t[0].as_py(), t[-1].as_py()) if len(t) else (-np.inf, np.inf)
+
+
 def write_text(
     path: Path,
     target: Path,
-    sheet_name: str | None,
-    names_brake: Callable[[str], bool] | None = None,
+    options: ReadOptions,
     passed: Sequence[str] = (),
-    stated: Sequence[str] = (),
+    joins: bool = True,
 ) -> SheetText | None:
     """Writes the cells of a sheet as lines, tabs between them; row N of the sheet is line N.
 
-    Without `sheet_name` it is the one with most of the `stated` channels, else the first visible
+    Where no sheet is stated it is the one with most of the stated channels, else the first visible
     one with columns of numbers, of which one is a brake's by name or unit, else the first with
     columns of numbers. `passed` are sheets that are no log: None where no other has columns of
-    numbers.
+    numbers. With `joins`, other sheets of the same log stand beside or below it.
 
     Raises:
         UserError: where the workbook cannot be read, or has no such sheet.
     """
-    book = _Book(path)
+    book, sheet_name = _Book(path), options.sheet
     if sheet_name is not None and sheet_name not in book.names:
         error = unknown("sheet", sheet_name, book.names)
         raise UserError(f"{path}: {error.text}", error.hint)
-
-    def says_brake(head: str) -> bool:
-        unit = units.unit(head) or units.unit(units.in_name(head)[1])
-        is_measured = unit is not None and unit.dimension in _MEASURED
-        return is_measured or (names_brake is not None and names_brake(head))
-
     if sheet_name is None:
-        unread = [x for x in book.names if x not in passed]
-        choice = _choice(book, unread, says_brake, stated)
-        if choice is None and passed:
+        sheets = _sheets(book, [x for x in book.names if x not in passed], options)
+        if not sheets and passed:
             return None
-        if choice is None:
+        if not sheets:
             hidden_sheets = [x for x in book.names if not book.columns(x)[1]]
-            sheets = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
-            hint = f"state the sheet, as {option(book.names[0])}; sheets: {sheets}"
+            names = ", ".join(repr(x) + " (hidden)" * (x in hidden_sheets) for x in book.names)
+            hint = f"state the sheet, as {option(book.names[0])}; sheets: {names}"
             raise UserError(f"{path}: no visible sheet has two columns of numbers", hint)
-        name, reason, columns = choice
+        best = max(
+            sheets, key=lambda x: (x.stated_count, x.is_of_brake, x.is_of_brake and x.is_log)
+        )
+        reason = _OF_BRAKE if best.is_of_brake else _OF_NUMBERS
+        reason = _OF_STATED if best.stated_count else reason
+        parts, columns = [best.name], best.columns
+        if joins and best.is_of_brake and best.is_log:
+            logs = [x for x in sheets if x.is_of_brake and x.is_log]
+            parts, columns = _joined(logs, options) or (parts, columns)
     else:
-        name, reason, columns = sheet_name, "stated", book.columns(sheet_name)[0]
-    place = f"{path}: sheet {name!r}"
+        parts, reason, columns = [sheet_name], "stated", book.columns(sheet_name)[0]
+    other_sheets = [x for x in book.names if x not in parts]
     if not columns:
-        other_sheets = [x for x in book.names if x != name]
         hint = "give a workbook with a log"
         if other_sheets:
             hint = f"state another sheet, as {option(other_sheets[0])}"
-        raise UserError(f"{place} is empty", hint)
-    while len(columns) > 2 and len(columns[-1].text) - columns[-1].text.null_count < 2:
-        columns.pop()  # a cell far from the table is no channel
-    cells = [_quoted(_cells(column)) for column in columns]
+        raise UserError(f"{path}: sheet {sheet_name!r} is empty", hint)
+    cells = [_quoted(_cells(column)) for column in _without_notes(columns)]
     with target.open("wb") as file:
         for begin in range(0, len(cells[0]), _ROWS):
             rows = pc.binary_join_element_wise(*(c.slice(begin, _ROWS) for c in cells), "\t")
             rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)  # of blank cells
             file.write(("\n".join(rows.to_pylist()) + "\n").encode())
-    other_sheets = [x for x in book.names if x != name]
     has_channels = reason != _OF_NUMBERS or any(any(map(time_name, x.heads())) for x in columns)
-    return SheetText(name, other_sheets, reason, has_channels)
+    return SheetText(parts, other_sheets, reason, has_channels)
 
 
-def _choice(
-    book: "_Book", names: Sequence[str], says_brake: Callable[[str], object], stated: Sequence[str]
-) -> tuple[str, str, list[_Column]] | None:
-    """The sheet to read, why, and its columns; None where no visible one has two of numbers."""
-    best_rank, choice = (-1, False, False), None
+def _without_notes(columns: Sequence[_Column]) -> list[_Column]:
+    """The columns without cells far from the table, which are no channel."""
+    columns = [*columns]
+    while len(columns) > 2 and len(columns[-1].text) - columns[-1].text.null_count < 2:
+        columns.pop()
+    return columns
+
+
+def _sheets(book: "_Book", names: Sequence[str], options: ReadOptions) -> list[_Sheet]:
+    """The visible sheets of these names that have two columns of numbers."""
+
+    def says_brake(head: str) -> bool:
+        unit = units.unit(head) or units.unit(units.in_name(head)[1])
+        is_measured = unit is not None and unit.dimension in _MEASURED
+        return is_measured or (options.names_brake is not None and options.names_brake(head))
+
+    stated = [x for x in (options.time_channel, *options.named_channels) if x]
+    sheets = []
     for name in names:
         columns, is_visible = book.columns(name)
         if not is_visible or sum(c.is_of_numbers for c in columns) < 2:
@@ -146,13 +194,41 @@ def _choice(
         stated_count = sum(any(_is_named(x, k, h) for k, h in enumerate(heads, 1)) for x in stated)
         is_of_brake = any(any(map(says_brake, cells)) for cells in heads)
         is_log = len(columns[0].text) > _RESULTS or any(any(map(speaks_of_time, x)) for x in heads)
-        if (rank := (stated_count, is_of_brake, is_of_brake and is_log)) > best_rank:
-            best_rank = rank
-            reason = _OF_STATED if stated_count else _OF_BRAKE if is_of_brake else _OF_NUMBERS
-            choice = name, reason, columns
-        if is_of_brake and is_log and not stated:
-            break
-    return choice
+        sheets.append(_Sheet(name, columns, stated_count, is_of_brake, is_log))
+    return sheets
+
+
+def _joined(
+    sheets: Sequence[_Sheet], options: ReadOptions
+) -> tuple[list[str], list[_Column]] | None:
+    """The names of sheets that are one log, and its columns; None where they are not.
+
+    Sheets of other numbered channels stand beside the first, under their names where these say
+    axle, bogie or car. Sheets of its channels that go on in time stand below it.
+    """
+    heads, ends = [x.heads for x in sheets], [x.ends for x in sheets]
+    columns = [_without_notes(x.columns) for x in sheets]
+    says_place = options.names_place or (lambda _: False)
+    are_places = all(says_place(x.name) for x in sheets)
+    is_one_time = max(x for x, _ in ends) < min(x for _, x in ends)
+    names = [x for own_heads in heads for x in own_heads]
+    is_one_log = len({*names}) == len(names) and all(map(_COUNTS.search, map(str, heads)))
+    if len(sheets) > 1 and is_one_time and (are_places or is_one_log):
+        length = are_places + max(len(x[0].text) for x in columns)
+        beside = [
+            c.placed(length, *[None if k else sheet.name] * are_places)
+            for sheet, own_columns in zip(sheets, columns, strict=True)
+            for k, c in enumerate(own_columns)
+        ]
+        return [x.name for x in sheets], beside
+    are_alike = all(len(x) == len(columns[0]) for x in columns) and heads == [heads[0]] * len(heads)
+    if len(sheets) > 1 and are_alike and all(a[1] < b[0] for a, b in pairwise(ends)):
+        below = [
+            _Column(*map(pa.concat_arrays, zip(*x, strict=True)))
+            for x in zip(*columns, strict=True)
+        ]
+        return [x.name for x in sheets], below
+    return None
 
 
 def _is_named(channel: str, number: int, heads: Sequence[str]) -> bool:

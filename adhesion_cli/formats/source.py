@@ -62,6 +62,7 @@ class ReadOptions:
     sheet: str | None = None  # of a workbook; None: decided
     # whether a column of this name is one of a brake: of several sheets, one that has it is read
     names_brake: Callable[[str], bool] | None = field(default=None, compare=False)
+    names_place: Callable[[str], bool] | None = field(default=None, compare=False)  # of a sheet
     named_channels: tuple[str, ...] = ()  # in [channels]; the sheet with most of them is read
     dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding

@@ -28,16 +28,15 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
     folder = TemporaryDirectory(prefix="adhesion-", ignore_cleanup_errors=True)
     text = Path(folder.name) / "sheet.txt"
     of_text = replace(options, encoding="utf-8", delimiter="\t", decimal=options.decimal or ".")
-    stated = [x for x in (options.time_channel, *options.named_channels) if x]
     refusals: dict[str, UserError] = {}  # a list of channels may stand before the samples
+    joins = True
     while True:
-        sheet: SheetText | None = _LIBRARY.call(
-            path, write_text, text, options.sheet, options.names_brake, [*refusals], stated
-        )
+        sheet: SheetText | None = _LIBRARY.call(path, write_text, text, options, [*refusals], joins)
         if sheet is None:
             raise next(iter(refusals.values()))
         others = sheet.other_sheets if options.sheet is None else []
-        place = f"{path}: sheet {sheet.name!r}"
+        names = listed(sheet.names)
+        place = f"{path}: sheet {names}"
         try:
             source = open_csv(text, of_text, place)
             if source.fields or sheet.has_channels or not others:
@@ -45,23 +44,22 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
             error = UserError(f"{place}: holds no numbers over time", "give a sheet with a log")
         except UserError as refusal:
             error = refusal
+        if len(sheet.names) > 1:
+            joins = False
+            continue
         if others:
             error.hint = f"{error.hint}; or state another sheet ({listed(others)}), as "
             error.hint += option(others[0])
         if sheet.has_channels or not others:
             raise error
-        refusals[sheet.name] = error
+        refusals[sheet.names[0]] = error
     as_log(source, "xlsx", path, folder)
     reason = "the first that is a log" if refusals else sheet.reason
-    source.reasons = {"sheet": f"{sheet.name!r} ({reason})", **source.reasons}
+    source.reasons = {"sheet": f"{names} ({reason})", **source.reasons}
     if others:
         for sheet_refusal in refusals.values():
             reason += f" ({sheet_refusal.text.removeprefix(f'{path}: ')})"
-        names = {
-            "sheet": repr(sheet.name),
-            "reason": reason,
-            "others": listed(others),
-            "option": option(others[0]),
-        }
-        source.findings.append(Finding("one-sheet-read", "info", names=names))
+        values = {"sheet": names, "reason": reason, "others": listed(others)}
+        values["option"] = option(others[0])
+        source.findings.append(Finding("one-sheet-read", "info", names=values))
     return source

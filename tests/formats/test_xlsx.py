@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from adhesion_cli.analysis.settings import load as settings_of
-from adhesion_cli.channels.rules import names_brake
+from adhesion_cli.channels.rules import names_brake, names_place
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats import sheet_text
 from adhesion_cli.formats.open import kind, open_source
@@ -425,6 +425,40 @@ def test_the_first_visible_sheet_with_columns_of_numbers_is_read(tmp_path: Path)
     assert (stated.rows, stated.findings) == (30, [])
 
 
+def test_sheets_of_one_log_are_read_together(tmp_path: Path) -> None:
+    """Beside each other, of axles or of other channels; below each other, where time goes on."""
+    places = opened(
+        write(tmp_path / "a.xlsx", {f"Achse {k}": log(20 + k) for k in (1, 2)}),
+        names_brake=names_brake,
+        names_place=names_place,
+    )
+    samples = read(places)
+    assert {name: len(x) for name, x in samples.items()} == {
+        "Achse 1 p [bar] []": 21,
+        "Achse 1 v [km/h] []": 21,
+        "Achse 2 p [bar] []": 22,
+        "Achse 2 v [km/h] []": 22,
+    }
+    assert places.findings == []
+    kinds = {
+        "Drücke": log(head=["t [s]", "p1 [bar]", "p2 [bar]"]),
+        "v": log(head=["t [s]", "v1", "v2"]),
+    }
+    assert len(read(opened(write(tmp_path / "b.xlsx", kinds), names_brake=names_brake))) == 4
+    rows = log(40)
+    parts = {"Daten 1": rows[:21], "Daten 2": [rows[0], *rows[21:]]}
+    assert read(opened(write(tmp_path / "c.xlsx", parts))) == read(
+        opened(write(tmp_path / "d.xlsx", {"Daten": rows}))
+    )
+
+
+def test_sheets_of_several_runs_are_several_logs(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.xlsx", {"Run 1": log(20), "Run 2": log(30)})
+    source = opened(path, names_brake=names_brake, names_place=names_place)
+    assert len(read(source)["p [bar] []"]) == 20
+    assert [f.code for f in source.findings] == ["one-sheet-read"]
+
+
 def test_a_table_of_results_before_the_samples_is_no_log(tmp_path: Path) -> None:
     results: Rows = [["Achse", "p max [bar]", "v0 [km/h]"], [1, 4.1, 70.0], [2, 4.2, 70.1]]
     source = opened(write(tmp_path / "a.xlsx", {"Auswertung": results, "Messung": log(20)}))
@@ -580,7 +614,7 @@ def test_a_workbook_that_unpacks_to_too_much(tmp_path: Path, monkeypatch: Any) -
     path = write(tmp_path / "a.xlsx", {"s": log(500)})
     monkeypatch.setattr(sheet_text, "_MOST_BYTES", 1 << 12)
     with pytest.raises(UserError, match="unpacks to"):
-        sheet_text.write_text(path, tmp_path / "a.txt", None)
+        sheet_text.write_text(path, tmp_path / "a.txt", ReadOptions())
 
 
 def test_a_part_that_unpacks_to_more_than_it_states(tmp_path: Path) -> None:
