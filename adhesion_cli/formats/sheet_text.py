@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from ..core import toml, units
 from ..core.errors import UserError, unknown
@@ -104,11 +105,10 @@ class _Sheet(NamedTuple):
         return [tuple(x) for x in heads if x and not any(map(time_name, x))]
 
     @property
-    def ends(self) -> tuple[float, float]:
-        """The first and the last time, any where they are texts."""
+    def times(self) -> NDArray[np.float64]:
+        """The numbers of its first time, shape (n,); none where they are texts."""
         times = (c.number.drop_null() for c in self.columns if any(map(time_name, c.heads())))
-        t = next(times, ())
-        return (t[0].as_py(), t[-1].as_py()) if len(t) else (-np.inf, np.inf)
+        return np.asarray(next(times, pa.array([], pa.float64())))
 
 
 def write_text(
@@ -206,14 +206,17 @@ def _joined(
     Sheets of other numbered channels stand beside the first, under their names where these say
     axle, bogie or car. Sheets of its channels that go on in time stand below it.
     """
-    heads, ends = [x.heads for x in sheets], [x.ends for x in sheets]
+    sheets = sorted(sheets, key=lambda x: -len(x.times))
+    heads, times = [x.heads for x in sheets], [x.times for x in sheets]
+    if len(sheets) < 2 or not all(map(len, times)):
+        return None
     columns = [_without_notes(x.columns) for x in sheets]
     says_place = options.names_place or (lambda _: False)
     are_places = all(says_place(x.name) for x in sheets)
-    is_one_time = max(x for x, _ in ends) < min(x for _, x in ends)
     names = [x for own_heads in heads for x in own_heads]
     is_one_log = len({*names}) == len(names) and all(map(_COUNTS.search, map(str, heads)))
-    if len(sheets) > 1 and is_one_time and (are_places or is_one_log):
+    is_one_time = max(t[0] for t in times) < min(t[-1] for t in times)
+    if is_one_time and (are_places or is_one_log) and all(_shows_pair(times[0], t) for t in times):
         length = are_places + max(len(x[0].text) for x in columns)
         beside = [
             c.placed(length, *[None if k else sheet.name] * are_places)
@@ -221,14 +224,19 @@ def _joined(
             for k, c in enumerate(own_columns)
         ]
         return [x.name for x in sheets], beside
-    are_alike = all(len(x) == len(columns[0]) for x in columns) and heads == [heads[0]] * len(heads)
-    if len(sheets) > 1 and are_alike and all(a[1] < b[0] for a, b in pairwise(ends)):
-        below = [
-            _Column(*map(pa.concat_arrays, zip(*x, strict=True)))
-            for x in zip(*columns, strict=True)
-        ]
-        return [x.name for x in sheets], below
+    order = sorted(range(len(sheets)), key=lambda k: float(times[k][0]))
+    are_alike = len({*map(len, columns)}) == 1 and heads == [heads[0]] * len(heads)
+    if are_alike and all(times[a][-1] < times[b][0] for a, b in pairwise(order)):
+        parts = zip(*(columns[k] for k in order), strict=True)
+        below = [_Column(*map(pa.concat_arrays, zip(*x, strict=True))) for x in parts]
+        return [sheets[k].name for k in order], below
     return None
+
+
+def _shows_pair(first: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Whether the head of two times shows that they differ, if they do."""
+    n = min(len(first), len(other), _HEAD_ROWS)
+    return not np.array_equal(first[:n], other[:n]) or np.array_equal(first[: len(other)], other)
 
 
 def _is_named(channel: str, number: int, heads: Sequence[str]) -> bool:
