@@ -262,7 +262,18 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
 
 
 def _speed_itself(meant: list[Meant], guesses: list[int]) -> None:
-    """An acceleration is integrated only where no speed of the train is logged."""
+    """A lone speed beside a number of satellites is the train's.
+
+    An acceleration is integrated only where no speed of the train is logged.
+    """
+    speeds = [i for i in guesses if meant[i].meaning in ("wheel_speed", "train_speed")]
+    by_satellite = any(word_of_kind("satellites", name_words(m.title)) for m in meant)
+    if len(speeds) == 1 and by_satellite and meant[speeds[0]].axle is None:
+        lone_speed = meant[speeds[0]]
+        unit = units.unit(lone_speed.unit)
+        if unit is None or unit.dimension == "speed":
+            reason = f"{lone_speed.reason}; its log counts satellites"
+            meant[speeds[0]] = replace(lone_speed, meaning="train_speed", reason=reason)
     trains = [i for i, m in enumerate(meant) if m.meaning == "train_speed"]
     rates = [i for i in trains if units.is_acceleration(meant[i].unit)]
     for i in rates if len(rates) < len(trains) else []:
@@ -455,10 +466,15 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             meant[i] = replace(m, meaning=None, reason=reason)
             if i in in_unit or not units.unit_for(holder.unit, m.meaning):
                 repeats.setdefault(key, []).append(m.field)
+    counts = {
+        meaning: [len(repeats.get((x, axle), ())) for x, axle in holders if x == meaning and axle]
+        for meaning, _ in repeats
+    }  # of each axle; equal ones are second sensors
+    has_pairs = {x for x, n in counts.items() if len(n) > 1 and len({*n}) == 1}
     return [
         Finding(
             "channel-ambiguous",
-            "info" if meaning == "train_speed" else "warning",
+            "info" if meaning == "train_speed" or (axle and meaning in has_pairs) else "warning",
             channel=", ".join(map(title, repeated_fields[:_MOST_NAMED])),
             count=len(repeated_fields),
             names={

@@ -615,12 +615,14 @@ def _axle_in(name_parts: Sequence[str], text: str, is_path: bool) -> tuple[int |
 
 
 def _without_device(field: Field) -> Field:
-    r"""The field without what is behind its names: a device, as in "WheelSpeed2\CAN-Monitoring:1".
+    r"""The field without a device at its names, as in "WheelSpeed2\CAN-Monitoring:1", "{[PLC]v}".
 
     Of the labels of a series, in braces, those of an axle, bogie or car and the names stay.
     """
     names = (_LABELS.sub(_own_label, x) for x in (field.channel, field.label))
-    channel, label = (re.sub(r"\\[^\\:]*:\d+$|\{\s*\}$", "", x) for x in names)
+    channel, label = (
+        re.sub(r"\\[^\\:]*:\d+$|\{\s*\}$|^\{\[\w+\]|(?<=\w)\}$", "", x) for x in names
+    )
     return replace(field, channel=channel, label=label)
 
 

@@ -525,6 +525,23 @@ def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:
     assert pasted(finding.hint) == ["channels.wheel_speed.channel=wheel speed right [km/h]"]
 
 
+def test_second_sensors_of_all_axles_are_no_warning() -> None:
+    names = [f"v axle {k} {side} [km/h]" for k in (1, 2) for side in ("left", "right")]
+    meant, findings = understood([Field(x) for x in names], ())
+    assert [(m.meaning, m.axle) for m in meant][::2] == [(WHEEL, 1), (WHEEL, 2)]
+    assert [(f.code, f.severity) for f in findings] == 2 * [("channel-ambiguous", "info")]
+    findings = understood([Field(x) for x in names[:3]], ())[1]
+    assert [f.severity for f in findings] == ["warning"]
+
+
+def test_a_lone_speed_beside_satellites_is_the_trains() -> None:
+    names = ["sats", "velocity [km/h]", "BCP [bar]"]
+    assert [m.meaning for m in understood([Field(x) for x in names], ())[0]] == [
+        None, "train_speed", PRESSURE
+    ]  # fmt: skip
+    assert understood([Field(x) for x in names[1:]], ())[0][0].meaning == WHEEL
+
+
 def test_many_channels_for_the_same_thing_are_one_finding() -> None:
     fields = [
         Field(f"wheel speed {'abcdefgh'[k // 8]}{'abcdefgh'[k % 8]} [km/h]") for k in range(60)

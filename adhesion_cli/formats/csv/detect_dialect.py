@@ -45,8 +45,9 @@ _MAX_COLUMNS = 10_000
 _END_OF_HEADER = "***End_of_Header***"
 _MARKED = re.compile(r"""(?:^|[;,\t|"])(?:'|="+)[-+.,0-9]""")  # by what makes a cell a text
 _GROUPED = {m: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{m}]\d{{3}}") for m in ".,"}
-_SPACED = re.compile(r"^([-+])\s+")  # a sign that stands apart, as GRAPHTEC writes it
-_BRACKETED = re.compile(r"^\[(.*[0-9])\]$")  # as a terminal's stamps
+_SPACED = r"^([-+])\s+"  # a sign that stands apart, as GRAPHTEC writes it
+# as a terminal's stamps; but a number in parentheses is below zero
+_BRACKETED = r"^\[(.*[0-9])\]$", r"^[(<](.*[0-9]:.*[0-9])[)>]$"
 _SECTION = re.compile(r"\[[A-Za-z ]+\]")  # a line as [data]
 _TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
@@ -207,10 +208,9 @@ def _needless(cells: list[str], decimal: str) -> tuple[str, str]:
     a clock, which cannot wait until all cells of the column are known, or the decimal mark itself.
     """
     texts = list(filterfalse(is_plain_number, cells))  # only these may have a unit
-    if texts and all(map(_BRACKETED.fullmatch, cells)):
-        return "", _BRACKETED.pattern
-    if texts and all(map(_SPACED.match, texts)):
-        return "", _SPACED.pattern
+    for pattern in (*_BRACKETED, _SPACED) if texts else ():
+        if all(re.match(pattern, c) for c in (texts if pattern == _SPACED else cells)):
+            return "", pattern
     suffixes = Counter(map(unit_behind, texts)) if len(texts) >= len(cells) / 2 else Counter[str]()
     suffix, count = suffixes.most_common(1)[0] if suffixes else ("", 0)
     if suffix and count >= len(cells) / 2:

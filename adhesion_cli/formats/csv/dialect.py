@@ -14,11 +14,13 @@ HEAD_BYTES = 1 << 20
 
 NULLS = (
     "",
-    *"NaN nan NAN -nan nan(ind) -nan(ind) -1.#IND 1.#QNAN NULL null Null (null) <NULL> \\N".split(),
+    *"NaN nan NAN -nan nan(ind) -nan(ind) NULL null Null (null) <NULL> \\N".split(),
+    *(f"{x}.#{y}" for x in ("1", "-1") for y in ("IND", "IND00", "QNAN", "QNAN0", "SNAN")),
     *"None none N/A n/a NA - -- --- #N/A #NA #NV".split(),
 )
 INFINITE = tuple(
-    "inf -inf +inf Inf -Inf +Inf INF -INF +INF Infinity -Infinity infinity -infinity".split()
+    "inf -inf +inf Inf -Inf +Inf INF -INF +INF Infinity -Infinity infinity -infinity"
+    " 1.#INF -1.#INF 1.#INF00 -1.#INF00".split()
 )
 _NULLS = frozenset((*NULLS, *INFINITE))
 

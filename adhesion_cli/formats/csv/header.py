@@ -10,9 +10,19 @@ from pathlib import Path
 from ...core import toml
 from ...core.errors import UserError
 from ...core.text import distinct
+from ...core.units import in_name
 from .dialect import fit, is_comment, is_null, split, uncommented
 from .head import Line, first_numbers
-from .header_words import TYPES, is_named, is_statistic, is_units_row, label, normal, time_name
+from .header_words import (
+    TYPES,
+    is_named,
+    is_statistic,
+    is_units_row,
+    label,
+    normal,
+    speaks_of_time,
+    time_name,
+)
 from .number_text import is_number, number_grammar, number_of
 from .stamps import is_stamp
 
@@ -175,7 +185,7 @@ def _text_above(table: FirstRows, start: int) -> Header:
             return False
         return bool(said) and not any(number.fullmatch(c) for c in said if c not in ("-", "1"))
 
-    top, units = start, None
+    top, units = _below_names(table, start), None
     names: list[list[str]] = []
     data = table.of_width(start)
     filled = (sum(not is_null(cell) for cell in column) for column in zip(*data, strict=True))
@@ -198,6 +208,20 @@ def _text_above(table: FirstRows, start: int) -> Header:
             break
         top -= 1
     return Header(names, units, top, start)
+
+
+def _below_names(table: FirstRows, start: int) -> int:
+    """The first row of data; or the first of some that describe the columns, as catman writes.
+
+    They stand below names with units, or below the row of units.
+    """
+    for k in range(start - 2, max(start - 8, -1), -1):
+        cells, next_cells = table.rows[k][1], table.rows[k + 1][1]
+        if len(cells) == table.width and any(map(speaks_of_time, cells)):
+            if is_units_row(next_cells):
+                return k + 2
+            return k + 1 if sum(bool(in_name(c)[1]) for c in cells) > table.width / 2 else start
+    return start
 
 
 def _is_statistics(cells: list[str]) -> bool:

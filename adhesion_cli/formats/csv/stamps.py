@@ -29,8 +29,12 @@ _COUNTS = ("(?P<l>[0-9]{1,3})", "(?P<u>[0-9]{1,6})")  # of it: milliseconds, mic
 _FORMS = tomllib.loads(Path(__file__).with_name("stamps.toml").read_text("utf-8"))
 
 
+_ZONES = {x: int(k) * 3600 for k, names in _FORMS["zones"].items() for x in names.split()}
+_ZONE = _FORMS["zone"].replace("ZONES", "|".join(_ZONES))
+
+
 def _with_zone(kind: str) -> dict[str, str]:
-    return {name: pattern + _FORMS["zone"] for name, pattern in _FORMS[kind].items()}
+    return {name: pattern + _ZONE for name, pattern in _FORMS[kind].items()}
 
 
 DATES: dict[str, str] = {k: x for k, x in _FORMS["dates"].items() if "CLOCK" not in x}
@@ -145,13 +149,21 @@ def parse(text: Any, pattern: str) -> tuple[Times, Bools]:
     if "y" in groups.names:
         days, is_date = _days(groups)
         ns, ok = ns + days * _DAY, ok & is_date
-    zone = pc.replace_substring_regex(groups.text("z"), "[^0-9+-]", "")
-    digits = pc.utf8_rpad(pc.utf8_slice_codeunits(zone, 1, 5), 4, padding="0")
-    shift = np.asarray(pc.cast(digits, pa.int64()))
-    shift = (shift // 100 * 3600 + shift % 100 * 60) * _S
-    ns = ns - np.where(np.asarray(pc.starts_with(zone, "-")), -shift, shift)
+    zones = groups.text("z").dictionary_encode()
+    ns = ns - np.array([_ahead(x) for x in zones.dictionary.to_pylist()])[zones.indices]
     ok &= groups.ok
     return np.where(ok, ns, 0), ok
+
+
+def _ahead(zone: str) -> int:
+    """How far a zone is ahead of UTC [ns].
+
+    >>> _ahead("CET") / _S, _ahead("-0330") / _S, _ahead("GMT+1") / _S
+    (3600.0, -12600.0, 3600.0)
+    """
+    hours, minutes = re.fullmatch(r"\D*([0-9]{0,2}):?([0-9]{0,2})", zone).groups()  # type: ignore
+    shift = int(hours or 0) * 3600 + int(minutes or 0) * 60
+    return _ZONES.get(zone, -shift if "-" in zone else shift) * _S
 
 
 def _of_iso(text: Any) -> tuple[Times, Bools] | None:

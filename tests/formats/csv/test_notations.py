@@ -386,6 +386,14 @@ def test_a_gain_that_the_numbers_may_lack_is_refused(
         numbers_of(tmp_path / "a.csv", f"{head}\n{rows}")
 
 
+@pytest.mark.parametrize("cell", ["1.#IND", "-1.#QNAN", "1.#INF", "-1.#IND00"])
+def test_what_windows_writes_for_no_number_costs_only_its_cells(tmp_path: Path, cell: str) -> None:
+    rows = "".join(f"{k / 50:.2f};{cell if k % 7 else 4.11}\n" for k in range(60))
+    _, (p,) = numbers_of(tmp_path / "a.csv", f"Time [s];p [bar]\n{rows}")
+    assert p.valid.sum() == 9
+    assert (p.value[p.valid] == 4.11).all()
+
+
 @pytest.mark.parametrize(
     "line", ["Gain;1;1", "Resolution;0.01;0.02", "S/N;4712;4713", "Range;10;200"]
 )
@@ -516,12 +524,19 @@ def test_unix_time_of_today_has_no_note_on_gps(tmp_path: Path) -> None:
         ("Время [с],ДАВЛЕНИЕ ТЦ [бар]", "{t:.2f},{k}", "cp1251", ["ДАВЛЕНИЕ ТЦ [бар]"]),
         ('"time_s" "p_bar" "v_kmh"', '"{n}" {t:.2f} {k} 70.5', "utf-8", ["p_bar", "v_kmh"]),
         ("Time,p [bar]", "Tue Nov 24 10:15:{k:02d} GMT+01:00 2026,{k}", "utf-8", ["p [bar]"]),
+        ("Time,p [bar]", "Tue Nov 24 10:15:{k:02d} CET 2026,{k}", "utf-8", ["p [bar]"]),
+        ("Zeit;p [bar]", "24.11.2026 11:15:{k:02d} MESZ;{k}", "utf-8", ["p [bar]"]),
+        ("Időpont;p [bar]", "2026. november 24. 9:15:{k:02d};{k}", "utf-8", ["p [bar]"]),
+        ("Zeit;p [bar]", "(24.11.2026 09:15:{k:02d});{k}", "utf-8", ["p [bar]"]),
+        ("Heure;p [bar]", "10h15mn{k:02d}.000s;{k}", "utf-8", ["p [bar]"]),
+        ("Zeit\tp\ns\tbar\nMessrate=50 Hz\tMX840B_0 CH 1", "{t:.2f}\t{k}", "utf-8", ["p"]),
+        ("Zeit 1 [s]\tp [bar]\nT0\tSG 4-Leiter", "{t:.2f}\t{k}", "utf-8", ["p [bar]"]),
     ],
 )
 def test_exports_of_other_countries_and_programs(
     tmp_path: Path, head: str, row: str, encoding: str, names: list[str]
 ) -> None:
-    """Shift-JIS of Japan; Polish; R, whose header has no name for row numbers; Java's dates."""
+    """Shift-JIS of Japan; R, whose header has no name for row numbers; Java's dates; catman."""
     rows = "\n".join(row.format(t=k / 50, k=k, n=k + 1) for k in range(60))
     path = tmp_path / "a.csv"
     path.write_bytes(f"{head}\n{rows}\n".encode(encoding))
