@@ -52,11 +52,11 @@ class AlignedLog(NamedTuple):
         if vehicle == self.vehicle:
             return self
         axles = [a.clamped_by(vehicle) for a in self.axles]
-        grids = self.grids and build_grids(axles, vehicle)
-        return self._replace(axles=axles, vehicle=vehicle).on_line(grids)
+        return self._replace(axles=axles, vehicle=vehicle).on_grids()
 
-    def on_line(self, grids: Grids | None) -> "AlignedLog":
-        """The log with other grids, on its gradient and without what other brakes do."""
+    def on_grids(self) -> "AlignedLog":
+        """The log with its axles on grids, on its gradient and without what other brakes do."""
+        grids = build_grids(self.axles)
         grids = grids and on_gradient(grids, self.gradient, self.vehicle)
         grids = grids and without_pressures(grids, self.view.start_ns, self.other_brakes)
         return self._replace(grids=grids)
@@ -70,9 +70,8 @@ class AlignedLog(NamedTuple):
             return self
         own_mean = mean_axle(self.vehicle, self.numbers)
         heavier = 1.0 if own_mean == mean else mass_at_rim(mean) / mass_at_rim(own_mean)
-        axles = [a.as_mean_axle(self.vehicle, mean, heavier) for a in self.axles]
-        grids = self.grids and build_grids(axles, mean)
-        return self._replace(axles=axles, vehicle=mean).on_line(grids)
+        axles = [a.as_mean_axle(mean, heavier) for a in self.axles]
+        return self._replace(axles=axles, vehicle=mean).on_grids()
 
     @property
     def numbers(self) -> list[int]:
@@ -99,37 +98,37 @@ def align_log(
 ) -> AlignedLog:
     """The first four steps. Arguments and errors as of `prepare`, and `track`, the line."""
     view = View(log.start_ns(), window)
-    choice = choose(log, axles)
-    screened = screen(choice, vehicle, view, sensor_thresholds(checks))
+    choice = choose(log, axles, vehicle)
+    screened = screen(choice, view, sensor_thresholds(checks))
     signed, sign_findings = with_signs(screened.channels, vehicle)
     screened = screened._replace(channels=signed)
-    sampled, resample_findings = resample(choice, screened, vehicle, view)
+    sampled, resample_findings = resample(choice, screened, view)
     sensor_findings = [f for f in screened.findings if f.channel in choice.titles]
     findings = [*choice.findings, *sensor_findings, *sign_findings, *resample_findings]
     if not any(a.record.axle in choice.requested for a in sampled):
         raise no_records_error(log, choice, view, findings)
-    aligned = align(sampled, choice.acceleration, vehicle, view)
+    aligned, clock_findings = align(sampled, choice.acceleration, view)
     gradient = find_gradient(log, track)
-    axle_names = ", ".join(str(a.record.axle) for a in aligned.axles)
+    axle_names = ", ".join(str(a.record.axle) for a in aligned)
     if track.profile and gradient is None:
         findings.append(Finding("no-position", "warning"))
     aligned_log = AlignedLog(
         log.path,
-        aligned.axles,
+        aligned,
         choice.requested,
         None,
         gradient,
         vehicle,
         view,
-        findings + aligned.findings,
-        other_brake_findings(log, aligned.axles, vehicle, view),
+        findings + clock_findings,
+        other_brake_findings(log, aligned, view),
         not any(f.names["axles"] == axle_names for f in log.findings if f.code == "force-spread"),
-    ).on_line(aligned.grids)
+    ).on_grids()
     grids = aligned_log.grids
     if not grids or not (steps := find_brake_steps(grids.coarse, view.start_ns)):
         return aligned_log
     other_brakes = (*aligned_log.other_brakes, *steps)
-    return aligned_log._replace(other_brakes=other_brakes).on_line(aligned.grids)
+    return aligned_log._replace(other_brakes=other_brakes).on_grids()
 
 
 def diagnose_log(

@@ -29,17 +29,22 @@ class AxleChannels(NamedTuple):
     brake: Channel
     train: Channel | None
     smooth_pressure: Floats | None  # pressure interpolated at the record's times; None where K is
+    vehicle: Vehicle  # with the values of this axle for all axles; of its clamping force
     motors: MotorForce | None = None
     friction_table: FrictionTable | None = None  # its own, where the vehicle is the mean axle
 
     def clamped_by(self, vehicle: Vehicle) -> "AxleChannels":
-        """The axle with the clamping force of friction brake and motors, by a vehicle.
+        """The axle of another vehicle, with the clamping force that this one makes."""
+        return self._replace(vehicle=vehicle.of_axle(self.record.axle)).clamped()
+
+    def clamped(self) -> "AxleChannels":
+        """The axle with the clamping force of friction brake and motors, by its vehicle.
 
         Sources: (15) for the friction brake; K is the equivalent clamping force of electric and air
         brake together, so a force F of motors at the rim is F/φ of it.
         """
-        record, pressure, smooth_pressure = self.record, self.record.pressure, self.smooth_pressure
-        vehicle = vehicle.of_axle(record.axle)
+        record, vehicle = self.record, self.vehicle
+        pressure, smooth_pressure = record.pressure, self.smooth_pressure
         if pressure is not None and smooth_pressure is not None:
             K = clamping_force(pressure, vehicle)
             smooth = clamping_force(smooth_pressure, vehicle)
@@ -52,14 +57,15 @@ class AxleChannels(NamedTuple):
         record = replace(
             record, clamping_force=K, clamping_force_smooth=smooth, clamping_force_step=step
         )
-        return self._replace(record=self._with_motors(record, vehicle.friction.value))
+        return self._with_motors(record)
 
-    def _with_motors(self, record: AxleRecord, phi: float) -> AxleRecord:
-        """The record of the friction brake alone, with what the motors add."""
+    def _with_motors(self, record: AxleRecord) -> "AxleChannels":
+        """The axle with a record of its friction brake alone, and what the motors add."""
         if self.motors is None:
-            return record
+            return self._replace(record=record)
+        phi = self.vehicle.friction.value
         by_motors, by_motors_smooth = self.motors.last_value / phi, self.motors.smooth / phi
-        return replace(
+        record = replace(
             record,
             clamping_force=record.clamping_force + by_motors,
             clamping_force_smooth=record.clamping_force_smooth + by_motors_smooth,
@@ -68,22 +74,23 @@ class AxleChannels(NamedTuple):
             motor_sigma=self.motors.sigma,
             traction_known=self.motors.traction_known,
         )
+        return self._replace(record=record)
 
-    def as_mean_axle(self, vehicle: Vehicle, mean: Vehicle, heavier: float = 1.0) -> "AxleChannels":
+    def as_mean_axle(self, mean: Vehicle, heavier: float = 1.0) -> "AxleChannels":
         """The axle as one of a train of equal axles: with what makes the mean axle brake as it.
 
         `heavier` is its mass over that of the mean axle of this log.
         """
-        axle_vehicle, record = vehicle.of_axle(self.record.axle), self.record
-        factor = heavier * axle_vehicle.friction.value / mean.friction.value
-        table = axle_vehicle.friction_table
+        record, phi, table = self.record, self.vehicle.friction.value, self.vehicle.friction_table
+        mean = mean.of_axle(record.axle)
+        factor = heavier * phi / mean.friction.value
         if table is None and mean.friction_table:
-            same_at_every_speed = ((axle_vehicle.friction.value,),)
+            same_at_every_speed = ((phi,),)
             table = FrictionTable((0.0,), (), same_at_every_speed)
         elif table:
             table = table._replace(clamping_force=tuple(factor * K for K in table.clamping_force))
         motors = self.motors and self.motors.scaled(heavier)
-        axle = self._replace(friction_table=table, motors=motors)
+        axle = self._replace(vehicle=mean, friction_table=table, motors=motors)
         if record.pressure is None or self.smooth_pressure is None:
             changed = replace(
                 record,
@@ -91,12 +98,11 @@ class AxleChannels(NamedTuple):
                 clamping_force_smooth=factor * record.friction_clamping_smooth,
                 clamping_force_step=factor * record.clamping_force_step,
             )
-            changed = axle._with_motors(changed, mean.friction.value)
-            return axle._replace(record=changed)
-        line, mean_line = force_line(axle_vehicle), force_line(mean)
+            return axle._with_motors(changed)
+        line, mean_line = force_line(self.vehicle), force_line(mean)
         # Both are straight lines below the springs' forces, too.
         scale = factor * line.per_pascal / mean_line.per_pascal
         offset = (mean_line.at_zero - factor * line.at_zero) / mean_line.per_pascal
         changed = replace(record, pressure=scale * record.pressure + offset)
         smooth = scale * self.smooth_pressure + offset
-        return axle._replace(record=changed, smooth_pressure=smooth).clamped_by(mean)
+        return axle._replace(record=changed, smooth_pressure=smooth).clamped()

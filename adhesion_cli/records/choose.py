@@ -6,7 +6,7 @@ from typing import NamedTuple
 from ..core import toml
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import Channel, Log, Meaning
+from ..core.model import Channel, Log, Meaning, Vehicle
 from .faults import View
 
 Key = tuple[Meaning, int | None]  # what a channel means, and of which axle; None: of the train
@@ -24,22 +24,21 @@ _NOT_READ = (
 ).split()
 
 
-class AxleKeys(NamedTuple):
-    """The channels of one axle."""
+class AxleChoice(NamedTuple):
+    """The channels of one axle, and its vehicle."""
 
     axle: int
     speed: Key
     brake: Key  # pressure, or K
+    vehicle: Vehicle  # with the values of this axle for all axles
 
 
 class Choice(NamedTuple):
     """The channels of a log that have a meaning, and which axles are made of them."""
 
     channels: Channels
-    axles: tuple[AxleKeys, ...]
-    requested: tuple[
-        int, ...
-    ]  # the axles that are analysed; the others help to judge their sensors
+    axles: tuple[AxleChoice, ...]
+    requested: tuple[int, ...]  # are analysed; the others help to judge their sensors
     acceleration: Channel | None  # of the train
     findings: list[Finding]
 
@@ -50,11 +49,12 @@ class Choice(NamedTuple):
         return {c.title for k, c in self.channels.items() if k in of_axles or k[0] == "train_speed"}
 
 
-def choose(log: Log, axles: Sequence[int]) -> Choice:
+def choose(log: Log, axles: Sequence[int], vehicle: Vehicle) -> Choice:
     """The channels that are used, for the axles that are asked for; for all if none is.
 
     Raises:
-        UserError: where a needed channel is missing, or an axle asked for is not there.
+        UserError: where a needed channel is missing, an axle asked for is not there, or the
+            vehicle does not have one of the log.
     """
     channels: Channels = {}
     rates = [c for c in log.channels if c.meaning and c.is_rate and len(c.data.t)]
@@ -72,12 +72,12 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
             error.text += f". {name}{causes[0].message.removesuffix('.')}"
             error.hint = causes[0].hint or error.hint
         raise
-    requested, axle_keys, findings = tuple(axles or numbers), [], []
+    requested, choices, findings = tuple(axles or numbers), [], []
     for axle in numbers:
         speed = find(channels, "wheel_speed", axle)
         brake = brake_of(channels, axle)
         if speed and brake:
-            axle_keys.append(AxleKeys(axle, speed, brake))
+            choices.append(AxleChoice(axle, speed, brake, vehicle.of_axle(axle)))
         elif axle in requested and (key := speed or brake):
             others = [
                 c
@@ -85,7 +85,7 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
                 if (meaning in BRAKES if speed else _is_alone(channels, meaning, a))
             ]
             findings.append(incomplete(axle, channels[key].title, speed is not None, others))
-    return Choice(channels, tuple(axle_keys), requested, rates[0] if rates else None, findings)
+    return Choice(channels, tuple(choices), requested, rates[0] if rates else None, findings)
 
 
 def axle_numbers(
@@ -149,12 +149,6 @@ def find(keys: Collection[Key], meaning: Meaning, axle: int | None) -> Key | Non
     """The key of an axle's own channel, else of the one that belongs to no axle."""
     candidates: tuple[Key, Key] = ((meaning, axle), (meaning, None))
     return next((k for k in candidates if k in keys), None)
-
-
-def channels_of_axle(channels: Channels, axle: int) -> dict[Meaning, Channel]:
-    """The channels of an axle by their meaning: its own, else the one that belongs to no axle."""
-    shared: dict[Meaning, Channel] = {k[0]: c for k, c in channels.items() if k[1] is None}
-    return shared | {k[0]: c for k, c in channels.items() if k[1] == axle}
 
 
 def _missing(path: str, titles: Sequence[str], quantity: str, proposal: str | None) -> UserError:

@@ -26,7 +26,7 @@ from ..core.model import (
 from ..core.physics import CRAWL, NO_FORCE, RELEASED_SHARE, clamping_force
 from ..core.sample_times import SampleTimes
 from .axle_channels import AxleChannels, MotorForce
-from .choose import SHORTEST, AxleKeys, Choice, channels_of_axle
+from .choose import SHORTEST, AxleChoice, Channels, Choice
 from .faults import Fault, View
 from .screen import Screened
 
@@ -43,29 +43,30 @@ class _Sampled(NamedTuple):
 
 
 def resample(
-    choice: Choice, screened: Screened, vehicle: Vehicle, view: View
+    choice: Choice, screened: Screened, view: View
 ) -> tuple[list[AxleChannels], list[Finding]]:
     """The axles of which something is left, and what was left out of them."""
     axles, findings = [], []
-    for keys in choice.axles:
-        if keys.speed in screened.channels and keys.brake in screened.channels:
-            axle, faults = _axle(keys, screened, vehicle, view)
+    for chosen in choice.axles:
+        if chosen.speed in screened.channels and chosen.brake in screened.channels:
+            axle, faults = _axle(chosen, screened, view)
             axles += [axle] if axle else []
-            if keys.axle in choice.requested:
+            if chosen.axle in choice.requested:
                 findings += [f for channel, fault in faults for f in view.report(fault, channel)]
     return axles, findings
 
 
 def _axle(
-    keys: AxleKeys, screened: Screened, vehicle: Vehicle, view: View
+    chosen: AxleChoice, screened: Screened, view: View
 ) -> tuple[AxleChannels | None, list[tuple[Channel, Fault]]]:
     """One axle, None where too little is left; and the faults of its channels."""
-    channels = channels_of_axle(screened.channels, keys.axle)
-    speed, brake = screened.channels[keys.speed], screened.channels[keys.brake]
+    channels = _by_meaning(screened.channels, chosen.axle)
+    speed, brake = screened.channels[chosen.speed], screened.channels[chosen.brake]
     inside = view.contains(speed.data.t)
     times = SampleTimes(speed.data.t, speed.pieces)
     sampled = _sampled(times, brake)
     motors, motors_fresh = _motor_force(channels, times)
+    compared = {x: times.interpolate(channels[x]) for x in _COMPARED if x in channels}
     fresh = sampled.fresh & motors_fresh
     segments, in_segment = _segments(speed, inside & fresh)
     recorded = (times.t >= brake.data.t.min()) & (times.t <= brake.data.t.max())
@@ -75,20 +76,19 @@ def _axle(
         _missing(speed, brake, inside & ~sampled.fresh, recorded, quantity),
         (speed, Fault("too-short", too_short, values={"needed": SHORTEST})),
         _missing(speed, brake, without_motors, motors_fresh, "ED force"),
-        *_brake_without_speed(speed, brake, vehicle.of_axle(keys.axle)),
+        *_brake_without_speed(speed, brake, chosen.vehicle),
     ]
     if not segments:
         return None, faults
     train = channels.get("train_speed")
     train_speed, truth, true_slip = (
-        times.interpolate(channels[meaning])[in_segment] if meaning in channels else None
-        for meaning in _COMPARED
+        compared[x][in_segment] if x in compared else None for x in _COMPARED
     )
     last_value, smooth = sampled.last_value[in_segment], sampled.smooth[in_segment]
     is_pressure = brake.meaning == "pressure"
-    limit, unit = screened.ranges.get(keys.brake), units.unit(speed.measured_in)
+    limit, unit = screened.ranges.get(chosen.brake), units.unit(speed.measured_in)
     record = AxleRecord(
-        keys.axle,
+        chosen.axle,
         speed.data.t[in_segment],
         last_value,
         smooth,
@@ -111,8 +111,15 @@ def _axle(
     if motors:
         step_force, line_force, sigma = (x[in_segment] for x in motors[:3])
         motors = MotorForce(step_force, line_force, sigma, motors.traction_known)
-    axle = AxleChannels(record, speed, brake, train, smooth if is_pressure else None, motors)
-    return axle.clamped_by(vehicle), faults
+    smooth_pressure = smooth if is_pressure else None
+    axle = AxleChannels(record, speed, brake, train, smooth_pressure, chosen.vehicle, motors)
+    return axle.clamped(), faults
+
+
+def _by_meaning(channels: Channels, axle: int) -> dict[Meaning, Channel]:
+    """The channels of an axle by their meaning: its own, else the one that belongs to no axle."""
+    shared: dict[Meaning, Channel] = {k[0]: c for k, c in channels.items() if k[1] is None}
+    return shared | {k[0]: c for k, c in channels.items() if k[1] == axle}
 
 
 def _motor_force(

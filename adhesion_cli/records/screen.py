@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import Vehicle
 from . import outliers, sample_and_hold, speed_signs, stuck_pressure, stuck_speed
 from .choose import BRAKES, Channels, Choice, Key
 from .faults import Fault, View, remove_samples
@@ -39,7 +38,7 @@ class Screened(NamedTuple):
     findings: list[Finding]
 
 
-def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Screened:
+def screen(choice: Choice, view: View, p: Thresholds) -> Screened:
     """The channels that records are made of."""
     channels, findings = sample_and_hold.remove_repeats(choice.channels, view)
 
@@ -60,7 +59,6 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
     channels = remove_faults(speed_signs.find_faults(channels))
     channels = {k: speed_signs.unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
     repeats = {k: runs(c) for k, c in channels.items() if "speed" in k[0] or k[0] in BRAKES}
-    channels = remove_faults(stuck_speed.find_train_faults(p.stuck_speed, channels, repeats))
     brake_faults = stuck_pressure.find_faults(p.stuck_pressure, channels, repeats)
     ranges = {
         key: float(channels[key].data.value.max())
@@ -68,7 +66,6 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
         if any(f.code == "pressure-saturated" and f.mask.any() for f in faults)
     }
     channels = remove_faults(brake_faults)
-    wheel_faults = stuck_speed.find_wheel_faults(
-        p.stuck_speed, channels, repeats, choice.axles, vehicle
-    )
+    channels = remove_faults(stuck_speed.find_train_faults(p.stuck_speed, channels, repeats))
+    wheel_faults = stuck_speed.find_wheel_faults(p.stuck_speed, channels, repeats, choice.axles)
     return Screened(remove_faults(wheel_faults), ranges, findings)

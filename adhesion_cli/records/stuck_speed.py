@@ -15,7 +15,7 @@ from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity, Vehicle, fraction
 from ..core.physics import clamping_force
 from ..core.sample_times import SampleTimes
-from .choose import AxleKeys, Channels, Key
+from .choose import AxleChoice, Channels, Key
 from .faults import Fault
 from .outliers import noise
 from .repeats import RepeatedRuns
@@ -46,8 +46,7 @@ def find_wheel_faults(
     p: Params,
     channels: Channels,
     repeats: Mapping[Key, RepeatedRuns],
-    axles: Sequence[AxleKeys],
-    vehicle: Vehicle,
+    axles: Sequence[AxleChoice],
 ) -> dict[Key, list[Fault]]:
     """Where each wheel speed is stuck; `repeats` has where a channel repeats a value."""
     faults = {}
@@ -58,7 +57,7 @@ def find_wheel_faults(
                 *(c for k, c in channels.items() if k[0] == "wheel_speed" and k != axle.speed),
                 *(c for k, c in channels.items() if k[0] == "train_speed"),
             ]
-            force = _held_force(speed, brake, vehicle.of_axle(axle.axle))
+            force = _held_force(speed, brake, axle.vehicle)
             is_stuck = stuck(p, speed, repeats[axle.speed], force, other_speeds)
             faults[axle.speed] = [Fault("speed-stuck", is_stuck)]
     return {key: faults[key] for key in channels if key in faults}

@@ -158,20 +158,18 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
     if len(sample_t) < FEWEST or (dt <= 0.0).any():
         return "its clock jumps back"
     area = running_integral(sample_t, x)
-    settling_steps = round(_SETTLING_TIME / g.step)
+    gain: Floats = np.interp(t, sample_t, area)
+    rate, settling_steps = g.slope(gain), round(_SETTLING_TIME / g.step)
     release_force = RELEASED_SHARE * float(np.nanmax(g.clamping, initial=0.0))
     released = erode(g.clamping <= release_force, settling_steps)
     standstill = erode(np.all(g.rim < _STANDSTILL_SPEED, axis=0), settling_steps)
-    gain: Floats = np.interp(t, sample_t, area)
-    rate, braked = g.slope(gain), erode(np.all(g.clamping > 0.0, axis=0), g.half_width)
+    braked = erode(np.all(g.clamping > 0.0, axis=0), g.half_width)
     sign = _sign(rate, braked & ~standstill, released.all(axis=0) | standstill)
     if not sign:
         return "it does not show the brake slow the train"
     gain, rate = sign * gain, sign * rate
     mean: Floats = np.interp(t, t[np.isfinite(rate)], rate[np.isfinite(rate)])
-    steady = ~(np.abs(g.rim_rate - mean) >= _CATCH_UP_RATE)  # at both ends, nobody knows
-    rolling = released & erode(steady, g.half_width) & (g.rim > CRAWL)
-    s = _samples(g, gain, mean, a, rolling, standstill)
+    s = _samples(g, gain, mean, a, released, standstill)
     anchored = np.isfinite(s.rim).any(axis=0) | s.standstill
     if not anchored.any():
         return "no wheel surely rolls: the brake is on all the time, and the train does not stand"
@@ -206,17 +204,22 @@ def _sign(rate: Floats, braked: Bools, unbraked: Bools) -> int:
 
 
 def _samples(
-    g: Grid, gain: Floats, mean: Floats, a: Channel, rolling: Bools, standstill: Bools
+    g: Grid, gain: Floats, mean: Floats, a: Channel, released: Bools, standstill: Bools
 ) -> _AccelerationSamples:
     """What the filter takes.
 
-    `gain` is ∫ ±a dt [m/s], `mean` ±a over about a second, (n,) [m/s²]. `rolling` says which wheels
-    roll surely (k, n), `standstill` where all of them stand, for a while (n,).
+    `gain` is ∫ ±a dt [m/s], `mean` ±a over about a second, (n,) [m/s²]. `released` says which
+    wheels are not braked (k, n), `standstill` where all of them stand, for a while (n,).
     """
     h, n = g.step, len(gain)
     t: Floats = h * np.arange(n, dtype=np.float64)
     sample_t: Floats = np.multiply(a.data.t - g.start_ns, 1e-9)
     step_gain = np.diff(gain, prepend=gain[0])
+    level = np.zeros(n)
+    for start, stop in true_runs(standstill):
+        level[start:stop] = np.mean(step_gain[start:stop]) / h
+    steady = ~(np.abs(g.rim_rate - mean) >= _CATCH_UP_RATE)  # at both ends, nobody knows
+    rolling = released & erode(steady, g.half_width) & (g.rim > CRAWL)
     noise = white_noise([(sample_t, a.data.value)]) + a.step**2 / 12.0
     walk = np.full(n, noise * float(np.median(np.diff(sample_t))) * h)
     next_sample = np.searchsorted(sample_t, t).clip(1, len(sample_t) - 1)
@@ -234,9 +237,6 @@ def _samples(
         np.median(x[rolls] / median_rim[rolls]) if rolls.any() else 1.0
         for x, rolls in zip(rim, rolling, strict=True)
     ]
-    level = np.zeros(n)
-    for start, stop in true_runs(standstill):
-        level[start:stop] = np.mean(step_gain[start:stop]) / h
     return _AccelerationSamples(
         h,
         step_gain,

@@ -5,18 +5,17 @@ A log without a train speed gets one from the acceleration of the car body, if i
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import Z95, Channel, Parameter, Vehicle
+from ..core.model import Z95, Channel, Parameter
 from ..core.physics import RECEIVER_INTERVAL
 from ..core.sample_times import SampleTimes
 from ..records.axle_channels import AxleChannels
 from ..records.faults import View
 from . import acceleration, clock
-from .grid import Grid, Grids, build_grids, grid
+from .grid import Grid, grid
 
 _SIGMAS = 4.0  # from zero is a train speed that is delayed
 _LATE = 0.3  # a receiver that seems later is, though by 2 sigma only: receivers are late [s]
@@ -24,37 +23,23 @@ _CORRECTED = "train-speed-delay"  # the code of a delay that is sure, and remove
 _PULSE_DELAY = 0.75  # of an interval: a wheel speed by counted pulses is as late itself
 
 
-class Aligned(NamedTuple):
-    """The axles on one clock."""
-
-    axles: list[AxleChannels]
-    grids: Grids | None  # all axles together; None where a clock jumps back
-    findings: list[Finding]
-
-
 def align(
-    axles: list[AxleChannels], accelerometer: Channel | None, vehicle: Vehicle, view: View
-) -> Aligned:
-    """The axles on one clock; `accelerometer` is that of a log without a train speed."""
-    findings: list[Finding] = []
-    if accelerometer and all(a.train is None for a in axles):
-        axles, integration_findings = _integrated(axles, accelerometer, vehicle)
-        findings += integration_findings
-    axles = [_shifted(a, a.train.delay) if a.train and a.train.delay else a for a in axles]
-    grids = build_grids(axles, vehicle)
-    if not grids:
-        return Aligned(axles, None, findings)
-    axles, clock_findings = _on_one_clock(axles, grids.coarse, view)
-    if clock_findings:  # the train speed is another one
-        grids = build_grids(axles, vehicle)
-    return Aligned(axles, grids, findings + clock_findings)
-
-
-def _integrated(
-    axles: list[AxleChannels], a: Channel, vehicle: Vehicle
+    axles: list[AxleChannels], accelerometer: Channel | None, view: View
 ) -> tuple[list[AxleChannels], list[Finding]]:
+    """The axles on one clock, where no clock jumps back, and what was found of it.
+
+    `accelerometer` is that of a log without a train speed.
+    """
+    axles = [_shifted(a, a.train.delay) if a.train and a.train.delay else a for a in axles]
+    if all(a.train is None for a in axles):
+        return _integrated(axles, accelerometer) if accelerometer else (axles, [])
+    g = grid(axles)
+    return _on_one_clock(axles, g, view) if g else (axles, [])
+
+
+def _integrated(axles: list[AxleChannels], a: Channel) -> tuple[list[AxleChannels], list[Finding]]:
     """The axles with a train speed by its acceleration, or why there is none."""
-    g = grid(axles, vehicle, acceleration.GRID_STEP)
+    g = grid(axles, acceleration.GRID_STEP)
     v = acceleration.integrate(g, a) if g else "the clock jumps back"
     if isinstance(v, str):
         unused = Finding("acceleration-not-usable", "warning", channel=a.title, names={"reason": v})

@@ -276,13 +276,13 @@ def _hold_mask(g: Grid) -> Bools:
     return hold_mask & pressed
 
 
-def build_grids(axles: Sequence[AxleChannels], vehicle: Vehicle) -> Grids | None:
-    """Both grids; None where `grid` is. Arguments as of it."""
-    coarse, fine = (grid(axles, vehicle, step) for step in (STEP, FINE_STEP))
+def build_grids(axles: Sequence[AxleChannels]) -> Grids | None:
+    """Both grids; None where `grid` is."""
+    coarse, fine = (grid(axles, step) for step in (STEP, FINE_STEP))
     return Grids(coarse, fine) if coarse and fine else None
 
 
-def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) -> Grid | None:
+def grid(axles: Sequence[AxleChannels], finest: float = STEP) -> Grid | None:
     """None where all axles share too little time, or where a clock jumps back.
 
     The step is `finest` [s] where the log is fast enough.
@@ -294,7 +294,7 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
     stop_ns = min(int(a.record.t[-1]) for a in axles)
     t = step * np.arange(int((stop_ns - start_ns) / 1e9 / step) + 1, dtype=np.float64)
     records = [a.record for a in axles]
-    radii = np.array([[vehicle.radius(r.axle).value] for r in records])
+    radii = np.array([[a.vehicle.wheel_radius[0].value] for a in axles])
     on_grid = partial(_rows, records, start_ns, t)
     rim = radii * on_grid([r.wheel_speed for r in records])
     clamping = on_grid([_within_range(r, r.clamping_force_smooth) for r in records])
@@ -304,13 +304,12 @@ def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) 
     if any(a.motors for a in axles):
         motors = on_grid([r.motor_clamping_smooth for r in records], without=0.0)
         sigma = on_grid([r.motor_sigma for r in records], without=0.0)
-    if with_train := [r for r in records if r.train_speed is not None][:1]:
-        (train,) = _rows(with_train, start_ns, t, [with_train[0].train_speed])
-        if (train_sigma := with_train[0].train_speed_sigma) is not None:
-            train_error = Z95 * _rows(with_train, start_ns, t, [train_sigma])[0]
+    if r := next((r for r in records if r.train_speed is not None), None):
+        train, train_sigma = _rows([r, r], start_ns, t, [r.train_speed, r.train_speed_sigma])
+        train_error = 0.0 if r.train_speed_sigma is None else Z95 * train_sigma
     by_friction = without_motors(clamping, motors)
     friction: Floats | float = 1.0
-    tables = [a.friction_table or vehicle.friction_table for a in axles]
+    tables = [a.friction_table or a.vehicle.friction_table for a in axles]
     if any(tables):
         rows = zip(rim, by_friction, tables, strict=True)
         friction = np.array([table_share(v, K, x) * np.ones(len(t)) for v, K, x in rows])

@@ -187,7 +187,7 @@ def test_a_missing_channel_is_asked_for_by_one_of_the_log(
     def chosen(assignments: list[str]) -> set[str]:
         settings = load(assignments=assignments, folder=False)
         log = read(open_source(path, settings.read), settings.mappings, Vehicle())
-        return {str(meaning) for meaning, _ in choose(log, ()).channels}
+        return {str(meaning) for meaning, _ in choose(log, (), Vehicle()).channels}
 
     with pytest.raises(UserError, match=f"no channel is a .*{missing}") as error:
         chosen([])

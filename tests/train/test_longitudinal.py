@@ -79,11 +79,13 @@ def axle(
 
     force = clamping_force(p, VEHICLE)
     record = AxleRecord(1, ns, force, force, y, (slice(0, len(t)),), step, p)
-    return AxleChannels(record, channel("wheel_speed", y, step), channel("pressure", p), None, p)
+    return AxleChannels(
+        record, channel("wheel_speed", y, step), channel("pressure", p), None, p, VEHICLE
+    )
 
 
 def told(one: AxleChannels) -> Explanation:
-    e = deceleration_cause.explain_deceleration([one], build_grids([one], VEHICLE), VEHICLE)
+    e = deceleration_cause.explain_deceleration([one], build_grids([one]), VEHICLE)
     return e._replace(pieces=(), design=None)
 
 
