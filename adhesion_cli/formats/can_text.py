@@ -1,4 +1,4 @@
-"""Text logs of CAN frames: ASC, TRC, candump, BUSMASTER, CANHacker and CanKing.
+"""Text logs of CAN frames: ASC, TRC, candump, BUSMASTER, CANHacker, CanKing and tables (CSV).
 
 Each line is read by itself: one that should hold a frame and cannot be read costs only itself, and
 is counted.
@@ -6,6 +6,7 @@ is counted.
 
 import re
 import statistics
+from base64 import b64decode
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -30,6 +31,20 @@ _FORMS = (
     (re.compile(r"\s*Chn\s+Identifier\s+Flg\s+DLC"), _CANKING),
     (_CANDUMP, _CANDUMP),
 )  # by what the files begin with
+_TABLE = {  # columns of a table of frames, by their names
+    "t": r"time|zeit",
+    "id": r"(?:can[ -]?)?(?:id|identifier|arbitration_id)\b",
+    "size": r"dlc\b|len(?:gth)?\b|data ?len",
+    "data": r"d(?:ata)? ?[01]\b|data ?bytes|data\b(?! ?len)|daten\b",
+    "bus": r"bus|ch",
+    "extended": r"extended|ide\b",
+    "error": r"error",
+}
+_TABLE_HEAD = re.compile(
+    "(?im)^"
+    + "".join(rf'(?=[^\n]*(?:^|[,;\t])[ "]*(?:{_TABLE[x]}))' for x in ("t", "id", "size", "data"))
+)
+_TRUE = {"1", "true", "x"}
 _NO_FRAME = re.compile(r"\s*(?:Time\s+ID|Chn\s)")
 _WITHOUT_TIME = re.compile(rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s")
 _BUSMASTER = b"***BUSMASTER"
@@ -39,7 +54,8 @@ BEGINS = re.compile(
     rb"|\s*Chn\s+Identifier\s+Flg\s+DLC"
     rb"|\s*\([^)]{3,40}\)\s+\w+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}(?:#|\s+\[\s*\d+\])"
     rb"|\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s+[0-9A-Fa-f]{2}\s"
-    rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s",
+    rb"|\s*-?\d+[.,]\d{3,}\s+(?:CANFD\s+)?\d+\s+\S+\s+(?:Rx|Tx|TxRq)\s"
+    rb"|(?:[^\n]*\n){0,9}?(?i:" + _TABLE_HEAD.pattern.removeprefix("(?im)").encode() + b")",
     re.MULTILINE | re.DOTALL,
 )
 _BEGIN = re.compile(r"(?i)begin trigger ?block\s+\w+\s+(.+)")
@@ -75,12 +91,16 @@ class TextLog:
         self._latest = 0.0  # what the last head states [s]
         self._base, self._columns = 16, [*_TRC_COLUMNS["1.0"]]
         self._buses: list[str] = []
+        self._places: dict[str, int] = {}  # of the columns of a table
+        self._unit = 1.0  # of its times in a second, 0 where none is stated
         self._says_steps, self._decimals = False, 0
 
     def _reader(self, head: bytes, suffix: str) -> Callable[[str], Frame | None]:
         if head.startswith(_BUSMASTER):
             return self._busmaster
         text = head.decode("latin-1")
+        if _TABLE_HEAD.search(text):
+            return self._table
         self._form = next((form for begin, form in _FORMS if begin.match(text)), None)
         if self._form:
             return self._one_a_line
@@ -104,7 +124,7 @@ class TextLog:
             raise _relative(self._path)
         self._problems.has_steps = has_steps
         for frame in chain(first_frames, frames):
-            t = t + frame.t if has_steps else frame.t
+            t = t + frame.t + (self._first or 0.0) if has_steps else frame.t
             if frame.kind != "event":
                 yield frame._replace(t=t)
 
@@ -276,6 +296,45 @@ class TextLog:
         octets = self._bytes(data.split(), int(cells["size"])) if cells.get("size") else None
         octets = bytes.fromhex(data) if octets is None else octets
         return Frame(t, number, identifier, is_extended, octets)
+
+    def _table(self, line: str) -> Frame | None:
+        """The frame in a row of a table; with bytes of one or three digits all are decimal.
+
+        A time without unit and decimals is in microseconds, as SavvyCAN writes it.
+        """
+        mark = next((x for x in ";\t" if x in line), ",")
+        cells = [cell.strip(' "ï»¿') for cell in line.split(mark)]
+        if not self._places:
+            if _TABLE_HEAD.match(line):
+                for kind, pattern in _TABLE.items():
+                    places = (k for k, x in enumerate(cells) if re.match(f"(?i){pattern}", x))
+                    self._places[kind] = next(places, len(cells))
+                unit = re.search(r"\W(m?)s\b", cells[self._places["t"]])
+                self._unit = {"m": 1e3, "": 1.0}[unit[1]] if unit else 0.0
+            return None
+        cells.append("")
+        t, text, size, data, bus, extended, error = (
+            cells[min(k, len(cells) - 1)] for k in self._places.values()
+        )
+        time = self._time(t)
+        if self._unit == 0.0 and self._decimals in (1, 2):
+            hint = "write it behind the name of the column, as [ms]"
+            raise UserError(f"{self._path}: the unit of the times is not stated", hint)
+        time /= self._unit or (1.0 if self._decimals else 1e6)
+        self._first = self.start = time if self._first is None else self._first
+        in_columns = [x for x in cells[self._places["data"] :][: int(size)] if x]
+        tokens = data.split() if " " in data else in_columns
+        if len(tokens) > 1 and self._base == 16 and {*map(len, tokens)} != {2}:
+            self._base = 10
+        identifier, number = int(text, 16 if text[:2] == "0x" else self._base), int(bus or 0)
+        if error.lower() in _TRUE:
+            return Frame(time - self._first, number, 0, kind="error")
+        if len(tokens) == 1 < int(size):
+            octets = bytes.fromhex(data) if len(data) == 2 * int(size) else b64decode(data)
+        else:
+            octets = self._bytes(tokens, int(size))
+        is_extended = identifier > 0x7FF or extended.lower() in _TRUE
+        return Frame(time - self._first, number, identifier, is_extended, octets)
 
     def _busmaster(self, line: str) -> Frame | None:
         if line.startswith("***"):

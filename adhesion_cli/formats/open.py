@@ -17,11 +17,6 @@ from .memory import Signals
 from .source import ReadOptions, Source
 
 _WORKBOOK = re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0")  # or an archive, or another old document
-_OF_FRAMES = re.compile("(?i)(.*\\s)?(dlc|len|arbitration_id)")  # columns of a table of frames
-_IN_FRAMES = re.compile(
-    rf"{_OF_FRAMES.pattern}|(can ?)?id|ide|extended|remote|error|bus.*|channel|dir|d\d+|data.*"
-    "|edl|brs|flags"
-)
 _HEAD = 512  # bytes that are looked at
 
 
@@ -143,11 +138,6 @@ def open_source(path: Path | Signals, options: ReadOptions) -> Source:
         text = f"{path}: no CAN log that is known, so that --dbc is not used; as a table: "
         hint = "convert it to BLF, ASC, MF4 or the log of candump; or leave --dbc out"
         raise UserError(text + error.text.removeprefix(f"{path}: "), hint) from error
-    names = [f.channel for f in source.fields]
-    has_frames = source.format != "can" and any(map(_OF_FRAMES.fullmatch, names))
-    if has_frames and (options.dbc or all(map(_IN_FRAMES.fullmatch, names))):
-        text = f"{path}: a table of CAN frames, which cannot be read"
-        raise UserError(text, "export the frames as BLF, ASC, TRC or the log of candump")
     if options.dbc and source.format != "can":
         files = {"dbc": ", ".join(Path(name).name for name in options.dbc)}
         source.findings.append(Finding("dbc-not-used", "info", names=files))

@@ -3,6 +3,7 @@
 import random
 import struct
 import zlib
+from base64 import b64encode
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -364,6 +365,17 @@ ROWS: dict[str, tuple[str, str]] = {  # head, and a line at t
         ";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n",
         "{n:6d} {ms:.3f} DT 1 0123 Rx - 5 {data}",
     ),
+    "savvycan.csv": (
+        "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5\n",
+        "{us},00000123,false,Rx,0,5,{commas},",
+    ),
+    "python_can.csv": (
+        "timestamp,arbitration_id,extended,remote,error,dlc,data\n",
+        "{epoch:.6f},0x123,0,0,0,5,{base64}",
+    ),
+    "kvaser.csv": ("Time,Channel,ID,DLC,D0,D1,D2,D3,D4,Flags\n", "{t:.6f},1,291,5,{decimals},"),
+    "pcan.csv": ("PCAN\nTime (ms);Type;ID (hex);Length;Data (hex)\n", "{ms:.1f};Rx;123;5;{data}"),
+    "canedge.csv": ("TimestampEpoch;ID;IDE;DLC;DataBytes\n", "{epoch:.6f};123;0;5;{packed}"),
     "busmaster.log": (
         "***BUSMASTER Ver 3.2.2***\n***START DATE AND TIME 21:11:2026 13:05:07:250***\n***HEX***\n"
         "***SYSTEM MODE***\n***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***\n",
@@ -385,7 +397,9 @@ def test_text_logs_of_every_form(tmp_path: Path, name: str) -> None:
             "epoch": START + t, "zero": t, "ms": 1e3 * t, "n": n + 1,
             "date": f"{seconds:%Y-%m-%d %H:%M:%S.%f}", "bus": f"{seconds:%S:%f}"[:7],
             "data": data.hex(" ").upper(), "packed": data.hex().upper(),
-            "decimal": " ".join(map(str, data)),
+            "decimal": " ".join(map(str, data)), "decimals": ",".join(map(str, data)),
+            "us": round(1e6 * t), "commas": data.hex(",").upper(),
+            "base64": b64encode(data).decode(),
         }  # fmt: skip
         lines.append(row.format(**cells))
         speeds.append(speed / 100)
@@ -415,7 +429,16 @@ def test_a_start_of_busmaster_with_numbers_of_one_digit(tmp_path: Path) -> None:
     assert not findings
 
 
-DATED = ("screen.txt", "direction.txt", "dated.txt")
+DATED = ("screen.txt", "direction.txt", "dated.txt", "python_can.csv", "canedge.csv")
+
+
+def test_a_table_of_frames_needs_a_dbc_and_a_unit_of_its_times(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("Zeit;ID;DLC;Daten\n" + "".join(f"{k},5;123;2;{k} 00\n" for k in range(10, 50)))
+    with pytest.raises(UserError, match="holds frames"):
+        columns(path, ())
+    with pytest.raises(UserError, match="the unit of the times is not stated"):
+        columns(path, stated(tmp_path))
 
 
 def test_a_line_without_a_frame_in_candump_is_counted(tmp_path: Path) -> None:
@@ -599,18 +622,6 @@ def test_a_dbc_that_is_not_used_is_reported(tmp_path: Path) -> None:
     path.write_text("time [s],p [bar]\n" + "".join(f"{k / 10},{k % 3}\n" for k in range(50)))
     _, findings, _ = columns(path, dbc)
     assert findings["dbc-not-used"].names["dbc"] == "vehicle.dbc"
-    frames = "".join(f"{k / 10},1,291,0,2,{k},{k}\n" for k in range(50))
-    path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Data1\n{frames}")
-    with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
-        columns(path, dbc)
-    with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
-        columns(path, ())
-    path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Speed [km/h]\n{frames}")
-    assert len(columns(path, ())[0]) == 6
-    two_ids = "".join(f"{k // 2 / 10},1,{291 + k % 2},0,2,{k},{k}\n" for k in range(50))
-    path.write_text(f"Time,Channel,ID,Flags,DLC,Data0,Data1\n{two_ids}")
-    with pytest.raises(UserError, match="a table of CAN frames, which cannot be read"):
-        columns(path, dbc)
     path.write_text("".join(f"frame {k} at bus: 12 34\n" for k in range(50)))
     with pytest.raises(UserError, match="--dbc is not used"):
         columns(path, dbc)
