@@ -21,7 +21,7 @@ from ..records.axle_channels import AxleChannels
 from ..records.choose import choose, no_records_error
 from ..records.faults import View
 from ..records.faults import Window as Window
-from ..records.motor_forces import with_signs
+from ..records.motor_forces import judge_motor_forces
 from ..records.other_brakes import other_brake_findings
 from ..records.resample import resample
 from ..records.screen import screen
@@ -100,11 +100,11 @@ def align_log(
     view = View(log.start_ns(), window)
     choice = choose(log, axles, vehicle)
     screened = screen(choice, view, sensor_thresholds(checks))
-    signed, sign_findings = with_signs(screened.channels, vehicle)
-    screened = screened._replace(channels=signed)
+    channels, motor_findings = judge_motor_forces(screened.channels, vehicle)
+    screened = screened._replace(channels=channels)
     sampled, resample_findings = resample(choice, screened, view)
     sensor_findings = [f for f in screened.findings if f.channel in choice.titles]
-    findings = [*choice.findings, *sensor_findings, *sign_findings, *resample_findings]
+    findings = [*choice.findings, *sensor_findings, *motor_findings, *resample_findings]
     if not any(a.record.axle in choice.requested for a in sampled):
         raise no_records_error(log, choice, view, findings)
     aligned, clock_findings = align(sampled, choice.acceleration, view)

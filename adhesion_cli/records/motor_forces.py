@@ -1,4 +1,4 @@
-"""The sign of the force of motors, by what the train does."""
+"""The force of motors: whether it acts at all, and its sign, by what the train does."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -9,13 +9,49 @@ from ..core.finding import Finding
 from ..core.model import MOTOR_FORCES, Channel, Floats, Vehicle
 from .choose import Channels
 
+_IDLE = 0.05  # deceleration of an axle by motors, in the mean of a second, of none [m/s²]
 _STEP = 0.5  # of the times at which they are compared [s]
 _LARGE_SHARE = 0.3  # of the largest force: less says little
 _FEWEST = 4  # samples that say something
 _CLEAR_RATE = 0.1  # of a rim, with the wrong sign, that no gradient explains [m/s²]
 
 
-def with_signs(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Finding]]:
+def judge_motor_forces(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Finding]]:
+    """The channels without ED brakes that are off, and with the signs that the train shows."""
+    acting, idle_findings = _without_idle(channels, vehicle)
+    signed, sign_findings = _with_signs(acting, vehicle)
+    return signed, idle_findings + sign_findings
+
+
+def _without_idle(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Finding]]:
+    """The channels without the ED forces of a brake that is off: they show noise and an offset.
+
+    Where the brake of other axles acts, the force of an idle one is zero.
+    """
+    forces = {key: c for key, c in channels.items() if key[0] == MOTOR_FORCES[0]}
+    highest = {key: _highest_mean(c) for key, c in forces.items()}
+    limit = {key: _IDLE * vehicle.of_axle(key[1] or 1).axle_mass.value for key in forces}
+    idle = [key for key in forces if highest[key] < limit[key]]
+    if not idle:
+        return channels, []
+    titles = ", ".join(dict.fromkeys(forces[key].title for key in idle))
+    values = {"highest_kn": max(highest[key] for key in idle) / 1e3}
+    used = {key: c for key, c in channels.items() if key not in idle}
+    if len(idle) < len(forces):
+        for key in idle:
+            data = replace(forces[key].data, value=np.zeros_like(forces[key].data.value))
+            used[key] = replace(forces[key], data=data)
+    return used, [Finding("motor-force-idle", "info", channel=titles, values=values)]
+
+
+def _highest_mean(force: Channel) -> float:
+    """The highest force, in the mean of a second [N]."""
+    _, second, counts = np.unique(force.data.t // 10**9, return_inverse=True, return_counts=True)
+    sums = np.bincount(second, weights=np.nan_to_num(force.data.value))
+    return float(np.max(np.abs(sums / counts), initial=0.0))
+
+
+def _with_signs(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[Finding]]:
     """The channels with ED forces that brake above zero, and traction forces that drive."""
     signed, findings = dict(channels), list[Finding]()
     speeds = {key[1]: c for key, c in channels.items() if key[0] == "wheel_speed"}

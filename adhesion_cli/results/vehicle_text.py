@@ -27,8 +27,12 @@ _MOTORS = {"ed_force": "ED force", "traction_force": "traction force"}
 
 
 def describe_motors(summaries: Iterable[ResultSummary]) -> str:
-    """That known force and µ have the forces of the motors, too; empty where no log has them."""
-    meanings = {c.meaning for x in summaries if x.vehicle.known for c in x.channels}
+    """That known force and µ have the forces of the motors, too; empty where none acts."""
+    meanings = set()
+    for summary in summaries:
+        idle = " ".join(f.channel for f in summary.findings if f.code == "motor-force-idle")
+        acting = (c for c in summary.channels if f"{c.name} {c.field}".strip() not in idle)
+        meanings |= {c.meaning for c in acting if summary.vehicle.known}
     names = [name for meaning, name in _MOTORS.items() if meaning in meanings]
     return f"Force and µ include the {' and the '.join(names)} of the log." if names else ""
 

@@ -9,11 +9,12 @@ from helpers.blended import MASS, PHI, PISTON, RADIUS, RATIO, SPRING, VEHICLE, B
 from adhesion_cli.analysis import analyze as run
 from adhesion_cli.analysis.settings import load, tree
 from adhesion_cli.analysis.stops_of_log import stops_of_result
-from adhesion_cli.analysis.summarise import brake_applications
+from adhesion_cli.analysis.summarise import brake_applications, summarise
 from adhesion_cli.core import toml
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Floats, Result
 from adhesion_cli.results.stop_rows import stop_row
+from adhesion_cli.results.vehicle_text import describe_motors
 
 MOTOR_BOGIE = (2.0, 2.0, 0.0, 0.0)
 
@@ -65,6 +66,29 @@ def test_noise_of_an_ed_force_is_no_traction(tmp_path: Path, even: Blended) -> N
     assert "traction" in codes(result)  # no channel has the force that drives
     drives = np.interp(result.axles[0].record.t * 1e-9, even.t, even.traction[0]) > 5e3
     assert np.isnan(result.axles[0].reference.force[drives]).mean() > 0.9
+
+
+@pytest.mark.parametrize("offset", [-120.0, 0.0, 120.0])
+def test_an_ed_brake_that_is_off_is_a_friction_brake(offset: float, tmp_path: Path) -> None:
+    log = blended(ed_share=(0.0,) * 4)
+    noise = np.random.default_rng(3).normal(offset, 30.0, (2, len(log.t))) * 1e-3
+    columns = {f"ED brake force bogie {b} [kN]": noise[b - 1] for b in (1, 2)}
+    result = analyzed(log.write(tmp_path / "off.csv", columns))
+    alone = analyzed(log.write(tmp_path / "alone.csv", {}))
+    assert codes(result) - codes(alone) == {"force-spread", "motor-force-idle"}
+    assert brake_applications(result) == brake_applications(alone)
+    assert not describe_motors([summarise(result, {})])
+
+
+def test_an_axle_whose_ed_brake_is_off_has_no_share_of_it(tmp_path: Path) -> None:
+    log = blended(ed_share=MOTOR_BOGIE)
+    noise = np.random.default_rng(4).normal(0.0, 0.03, len(log.t))
+    columns = {"ED brake force bogie 1 [kN]": log.ed[1] * 2e-3, "ED brake force bogie 2 [kN]": noise}
+    result = analyzed(log.write(tmp_path / "trailer.csv", columns))
+    by_axle = brake_applications(result)
+    assert all(a.ed_share is None for a in by_axle[4])
+    assert any(a.ed_share and a.ed_share.value > 0.2 for a in by_axle[1])
+    assert describe_motors([summarise(result, {})])
 
 
 def test_the_share_of_a_vehicle_in_percent(tmp_path: Path) -> None:
