@@ -314,9 +314,9 @@ def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian,
     """Each regime as a mixture of what may have become it within `h`, at most one change."""
     rolling, sliding, changing, motion = s.rolling, s.sliding, s.changing, s.surroundings.train
     weight, braked = w.mass * G, w.phi * s.surroundings.clamping.K
-    normal = w.rolling * braked
-    slips = (ROLLING_TO_SLIDING + TO_SLIDING_AGAIN * s.slippery) * normal
-    slips /= normal + BRAKED_SHARE * weight
+    normal = w.rolling * braked  # below zero where a motor drives: it slips as well
+    slips = (ROLLING_TO_SLIDING + TO_SLIDING_AGAIN * s.slippery) * abs(normal)
+    slips /= abs(normal) + BRAKED_SHARE * weight
     z_sticks = SLIDING_TO_ROLLING + STICKING_RATE * _probability_as_fast(sliding, motion)
     c_sticks = CHANGING_TO_ROLLING + STICKING_RATE * _probability_as_fast(changing, motion)
     time_x = rolling.p * _change_time(ROLLING_TO_CHANGING + slips, h)

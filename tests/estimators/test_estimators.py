@@ -132,6 +132,19 @@ def test_nothing_crosses_a_segment(name):
 
 
 @every
+@pytest.mark.parametrize("mean", [-4e3, 0.0])
+def test_a_motor_that_drives_or_whose_force_is_noise_leaves_an_estimate(name, mean):
+    """K has the force of motors, which is below zero where they drive."""
+    t, rng = np.arange(0.0, 20.0, 0.01), np.random.default_rng(1)
+    K = np.where(t < 12.0, mean + rng.normal(0.0, 100.0, len(t)), 8e3)
+    rate = -W.a * (1.0 - W.rolling) * W.phi * K
+    y = 20.0 + 0.01 * np.cumsum(rate) + rng.normal(0.0, 0.01, len(t))
+    force = run(name, t, K, y)
+    assert np.isfinite(force).all()
+    assert np.median(force[-300:]) == pytest.approx(W.rolling * W.phi * 8e3, rel=0.05)
+
+
+@every
 @pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 0.1, 1.0])
 def test_finds_the_steady_force(name, h):
     t = np.arange(0.0, 17.0 + h / 2.0, h)
