@@ -83,7 +83,10 @@ def test_an_ed_brake_that_is_off_is_a_friction_brake(offset: float, tmp_path: Pa
 def test_an_axle_whose_ed_brake_is_off_has_no_share_of_it(tmp_path: Path) -> None:
     log = blended(ed_share=MOTOR_BOGIE)
     noise = np.random.default_rng(4).normal(0.0, 0.03, len(log.t))
-    columns = {"ED brake force bogie 1 [kN]": log.ed[1] * 2e-3, "ED brake force bogie 2 [kN]": noise}
+    columns = {
+        "ED brake force bogie 1 [kN]": log.ed[1] * 2e-3,
+        "ED brake force bogie 2 [kN]": noise,
+    }
     result = analyzed(log.write(tmp_path / "trailer.csv", columns))
     by_axle = brake_applications(result)
     assert all(a.ed_share is None for a in by_axle[4])
