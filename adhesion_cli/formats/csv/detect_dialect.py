@@ -79,7 +79,7 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     rows_above += rows[: header.top]
     pairs = [x if any(x[1:]) else [c.strip() for c in x[0].split(":", 1)] for _, x in rows_above]
     labels = {kind: x for x in pairs if len(x) > 1 and (kind := label(x[0]))}
-    if not header.names and "names" in labels:
+    if "names" in labels:
         header.names = [["", *labels["names"][1:]]]
     data = table.of_width(header.start)
     header.names = [_completed(x, data) for x in header.names]

@@ -162,6 +162,9 @@ def _first_data(table: FirstRows) -> int | None:
 
     row_count = len(table.rows)
     header = next((i for i, (_, cells) in enumerate(table.rows) if names_time(cells)), 0)
+    firsts = [cells[0] for _, cells in table.rows]
+    if "names" in map(label, firsts) and "" in firsts:  # each row above the samples has a label
+        header = firsts.index("")
     for first in filter(resembles_data, range(header, row_count)):
         flags = [resembles_data(row) for row in range(first, min(first + 6, row_count))]
         if sum(flags) >= 0.3 * len(flags):

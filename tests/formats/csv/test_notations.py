@@ -530,6 +530,13 @@ def test_unix_time_of_today_has_no_note_on_gps(tmp_path: Path) -> None:
         ("Zeit;p [bar]", "(24.11.2026 09:15:{k:02d});{k}", "utf-8", ["p [bar]"]),
         ("Heure;p [bar]", "10h15mn{k:02d}.000s;{k}", "utf-8", ["p [bar]"]),
         ("Zeit\tp\ns\tbar\nMessrate=50 Hz\tMX840B_0 CH 1", "{t:.2f}\t{k}", "utf-8", ["p"]),
+        (
+            "サンプリング周期,20ms\nV [km/h],圧力[bar]",
+            "{k},70.5",
+            "cp932",
+            ["V [km/h]", "圧力[bar]"],
+        ),
+        ("TraceName,p\nVUnit,bar\nBlockSize,60\nHResolution,0.02\nHUnit,s", ",{k}", "utf-8", ["p"]),
         ("Zeit 1 [s]\tp [bar]\nT0\tSG 4-Leiter", "{t:.2f}\t{k}", "utf-8", ["p [bar]"]),
     ],
 )
