@@ -37,14 +37,11 @@ _TABLE = {  # columns of a table of frames, by their names
     "size": r"dlc\b|len(?:gth)?\b|data ?len",
     "data": r"d(?:ata)? ?[01]\b|data ?bytes|data\b(?! ?len)|daten\b",
     "bus": r"bus|ch",
-    "extended": r"extended|ide\b",
-    "error": r"error",
 }
 _TABLE_HEAD = re.compile(
     "(?im)^"
     + "".join(rf'(?=[^\n]*(?:^|[,;\t])[ "]*(?:{_TABLE[x]}))' for x in ("t", "id", "size", "data"))
 )
-_TRUE = {"1", "true", "x"}
 _NO_FRAME = re.compile(r"\s*(?:Time\s+ID|Chn\s)")
 _WITHOUT_TIME = re.compile(rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s")
 _BUSMASTER = b"***BUSMASTER"
@@ -313,9 +310,7 @@ class TextLog:
                 self._unit = {"m": 1e3, "": 1.0}[unit[1]] if unit else 0.0
             return None
         cells.append("")
-        t, text, size, data, bus, extended, error = (
-            cells[min(k, len(cells) - 1)] for k in self._places.values()
-        )
+        t, text, size, data, bus = (cells[min(k, len(cells) - 1)] for k in self._places.values())
         time = self._time(t)
         if self._unit == 0.0 and self._decimals in (1, 2):
             hint = "write it behind the name of the column, as [ms]"
@@ -327,14 +322,11 @@ class TextLog:
         if len(tokens) > 1 and self._base == 16 and {*map(len, tokens)} != {2}:
             self._base = 10
         identifier, number = int(text, 16 if text[:2] == "0x" else self._base), int(bus or 0)
-        if error.lower() in _TRUE:
-            return Frame(time - self._first, number, 0, kind="error")
         if len(tokens) == 1 < int(size):
             octets = bytes.fromhex(data) if len(data) == 2 * int(size) else b64decode(data)
         else:
             octets = self._bytes(tokens, int(size))
-        is_extended = identifier > 0x7FF or extended.lower() in _TRUE
-        return Frame(time - self._first, number, identifier, is_extended, octets)
+        return Frame(time - self._first, number, identifier, identifier > 0x7FF, octets)
 
     def _busmaster(self, line: str) -> Frame | None:
         if line.startswith("***"):

@@ -72,18 +72,6 @@ class _Column(NamedTuple):
         cell_count = len(self.text) - self.text.null_count
         return bool((pc.sum(is_typed).as_py() or 0) >= max(2, cell_count / 2))
 
-    def placed(self, length: int, *title: str | None) -> "_Column":
-        """The column below a title, filled up to a length."""
-        begin = pa.array(title, pa.string())
-        end = pa.nulls(length - len(self.text) - len(title), pa.string())
-        is_time = [pa.array([False] * len(x), pa.bool_()) for x in (begin, end)]
-        number = [pa.nulls(len(x), pa.float64()) for x in (begin, end)]
-        return _Column(
-            pa.concat_arrays([begin, self.text, end]),
-            pa.concat_arrays([number[0], self.number, number[1]]),
-            pa.concat_arrays([is_time[0], self.is_time, is_time[1]]),
-        )
-
     def heads(self) -> list[str]:
         """The cells of its head, if it has numbers."""
         return self.text.slice(0, _HEAD_ROWS).drop_null().to_pylist() if self.is_of_numbers else []
@@ -217,20 +205,29 @@ def _joined(
     is_one_log = len({*names}) == len(names) and all(map(_COUNTS.search, map(str, heads)))
     is_one_time = max(t[0] for t in times) < min(t[-1] for t in times)
     if is_one_time and (are_places or is_one_log) and all(_shows_pair(times[0], t) for t in times):
-        length = are_places + max(len(x[0].text) for x in columns)
+        length = max(len(x[0].text) for x in columns)
         beside = [
-            c.placed(length, *[None if k else sheet.name] * are_places)
-            for sheet, own_columns in zip(sheets, columns, strict=True)
+            _stacked(_texts([None if k else name] * are_places), c, _texts([None] * missing))
+            for name, own_columns in zip((x.name for x in sheets), columns, strict=True)
+            for missing in [length - len(own_columns[0].text)]
             for k, c in enumerate(own_columns)
         ]
         return [x.name for x in sheets], beside
     order = sorted(range(len(sheets)), key=lambda k: float(times[k][0]))
     are_alike = len({*map(len, columns)}) == 1 and heads == [heads[0]] * len(heads)
     if are_alike and all(times[a][-1] < times[b][0] for a, b in pairwise(order)):
-        parts = zip(*(columns[k] for k in order), strict=True)
-        below = [_Column(*map(pa.concat_arrays, zip(*x, strict=True))) for x in parts]
+        below = [_stacked(*x) for x in zip(*(columns[k] for k in order), strict=True)]
         return [sheets[k].name for k in order], below
     return None
+
+
+def _texts(cells: list[str | None]) -> _Column:
+    none = pa.nulls(len(cells), pa.bool_())
+    return _Column(pa.array(cells, pa.string()), none.cast(pa.float64()), none.fill_null(False))
+
+
+def _stacked(*parts: _Column) -> _Column:
+    return _Column(*map(pa.concat_arrays, zip(*parts, strict=True)))
 
 
 def _shows_pair(first: NDArray[np.float64], other: NDArray[np.float64]) -> bool:

@@ -39,11 +39,6 @@ class ProtobufDecoder(Decoder):
             self._class = GetMessageClass(self._type)
         except RecursionError:  # the library goes into each type within a type
             raise UndecodableError(f"types in {name} nest too deep") from None
-        try:
-            options = pool.FindMessageTypeByName("google.protobuf.FieldOptions")
-            self._options = GetMessageClass(options)
-        except KeyError:
-            self._options = None
 
     def parse(self, message: bytes) -> Any:
         """See Decoder."""
@@ -84,17 +79,6 @@ class ProtobufDecoder(Decoder):
         for reason in filter(None, dict.fromkeys(reasons)):
             fault = DecodingFault("mcap-bad-message", reason=reason)
             yield fault, [other == reason for other in reasons]
-
-    def unit(self, steps: Steps) -> tuple[str, str]:
-        """The unit that a custom field option named `unit` states."""
-        field = self._field(steps)
-        if field is None or self._options is None:
-            return "", ""
-        options = self._options.FromString(field.GetOptions().SerializeToString())
-        for extension, value in options.ListFields():
-            if extension.name in ("unit", "units") and isinstance(value, str):
-                return value, f"field option {extension.full_name}"
-        return "", ""
 
     def names(self, steps: Steps) -> Mapping[int, str]:
         """See Decoder; without what all names of an enum begin with, as style guides ask for."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from google.protobuf import descriptor_pb2, timestamp_pb2
+from google.protobuf import timestamp_pb2
 from google.protobuf.descriptor_pb2 import (
     DescriptorProto,
     FileDescriptorProto,
@@ -268,25 +268,6 @@ def test_units_beside_and_above(tmp_path: Path) -> None:
     body = {"unit": "bar", "in": {"x": 1}, "many": {"v": [1, 2], "units": ["m", "s"]}}
     found = {f.path: f.unit for f in opened(tmp_path, json_log([(0, body)])).fields}
     assert found == {"in.x": "bar", "many.v[0]": "m", "many.v[1]": "s"}
-
-
-def test_a_unit_as_an_option_of_a_protobuf_field(tmp_path: Path) -> None:
-    file, of_options = proto_file([double_message()]), FileDescriptorProto()
-    descriptor_pb2.DESCRIPTOR.CopyToProto(of_options)
-    file.dependency.append(of_options.name)
-    file.extension.add(
-        name="unit",
-        number=50_001,
-        type=F.TYPE_STRING,
-        label=F.LABEL_OPTIONAL,
-        extendee=".google.protobuf.FieldOptions",
-    )
-    file.message_type[0].field[0].options.MergeFromString(b"\x8a\xb5\x18\x03kPa")
-    data = FileDescriptorSet(file=[of_options, file]).SerializeToString()
-    log = Log([Schema(1, data, "protobuf", "t.D")], [Channel(1, "/p", "protobuf", {}, 1)])
-    log.messages = [message(1, START, b"\x09" + struct.pack("<d", 350.0))]
-    (field,) = opened(tmp_path, log).fields
-    assert (field.unit, field.unit_from) == ("kPa", "field option t.unit")
 
 
 def test_long_arrays_are_not_offered_but_told(tmp_path: Path) -> None:
