@@ -82,6 +82,7 @@ class Meant:
 
 
 _WORDED_MEANINGS: tuple[Meaning | None, ...] = (*STATES, *OTHER_BRAKES)  # which words may state
+_SENSOR = re.compile(r"(?i)(?:sensor|channel|encoder|geber|kanal)[ _]?([12])(?!\d)")
 _MOST_NAMED = 20  # channels that one finding names
 
 
@@ -466,25 +467,31 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
             meant[i] = replace(m, meaning=None, reason=reason)
             if i in in_unit or not units.unit_for(holder.unit, m.meaning):
                 repeats.setdefault(key, []).append(m.field)
-    counts = {
-        meaning: [len(repeats.get((x, axle), ())) for x, axle in holders if x == meaning and axle]
-        for meaning, _ in repeats
-    }  # of each axle; equal ones are second sensors
-    has_pairs = {x for x, n in counts.items() if len(n) > 1 and len({*n}) == 1}
     return [
         Finding(
             "channel-ambiguous",
-            "info" if meaning == "train_speed" or (axle and meaning in has_pairs) else "warning",
-            channel=", ".join(map(title, repeated_fields[:_MOST_NAMED])),
-            count=len(repeated_fields),
+            "info"
+            if meaning == "train_speed"
+            or (axle and _are_sides([holders[meaning, axle].title, *map(title, fields)]))
+            else "warning",
+            channel=", ".join(map(title, fields[:_MOST_NAMED])),
+            count=len(fields),
             names={
                 "first": holders[meaning, axle].title,
                 "meaning": holders[meaning, axle].describe,
-                "option": _as_option(replace(holders[meaning, axle], field=repeated_fields[0])),
+                "option": _as_option(replace(holders[meaning, axle], field=fields[0])),
             },
         )
-        for (meaning, axle), repeated_fields in repeats.items()
+        for (meaning, axle), fields in repeats.items()
     ]
+
+
+def _are_sides(names: Sequence[str]) -> bool:
+    """Whether channels are sensors of one axle, as "v1 left" and "v1 right"."""
+    words = [name_words(_SENSOR.sub(lambda m: f" {'ab'[int(m[1]) - 1]} ", name)) for name in names]
+    differing = [x for column in zip(*words, strict=False) if len(x := {*column}) > 1]
+    is_same = len({*map(len, words)}) == len(differing) == 1
+    return is_same and all(word_of_kind("side", [word]) for word in differing[0])
 
 
 def entry_of(field: Field, **stated: str | int) -> dict[str, str | int]:

@@ -139,6 +139,9 @@ def open_source(path: Path | Signals, options: ReadOptions) -> Source:
         hint = "convert it to BLF, ASC, MF4 or the log of candump; or leave --dbc out"
         raise UserError(text + error.text.removeprefix(f"{path}: "), hint) from error
     if options.dbc and source.format != "can":
+        if any(f.channel.casefold() == "dlc" for f in source.fields):
+            text = f"{path}: a table of CAN frames without their identifiers, which cannot be read"
+            raise UserError(text, "export the frames as BLF, ASC, TRC or the log of candump")
         files = {"dbc": ", ".join(Path(name).name for name in options.dbc)}
         source.findings.append(Finding("dbc-not-used", "info", names=files))
     return source

@@ -526,12 +526,14 @@ def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:
 
 
 def test_second_sensors_of_all_axles_are_no_warning() -> None:
+    names = [f"v axle {k} {side} [km/h]" for k in (1, 2) for side in ("sensor 1", "sensor 2")]
+    assert {f.severity for f in understood([Field(x) for x in names], ())[1]} == {"info"}
     names = [f"v axle {k} {side} [km/h]" for k in (1, 2) for side in ("left", "right")]
     meant, findings = understood([Field(x) for x in names], ())
     assert [(m.meaning, m.axle) for m in meant][::2] == [(WHEEL, 1), (WHEEL, 2)]
     assert [(f.code, f.severity) for f in findings] == 2 * [("channel-ambiguous", "info")]
-    findings = understood([Field(x) for x in names[:3]], ())[1]
-    assert [f.severity for f in findings] == ["warning"]
+    cars = [Field(f"{car} v axle 1 [km/h]") for car in ("DMA", "DMB")]
+    assert [f.severity for f in understood(cars, ())[1]] == ["warning"]
 
 
 def test_a_lone_speed_beside_satellites_is_the_trains() -> None:

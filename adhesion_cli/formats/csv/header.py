@@ -219,11 +219,11 @@ def _below_names(table: FirstRows, start: int) -> int:
     They stand below names with units, or below the row of units.
     """
     for k in range(start - 2, max(start - 8, -1), -1):
-        cells, next_cells = table.rows[k][1], table.rows[k + 1][1]
-        if len(cells) == table.width and any(map(speaks_of_time, cells)):
-            if is_units_row(next_cells):
-                return k + 2
-            return k + 1 if sum(bool(in_name(c)[1]) for c in cells) > table.width / 2 else start
+        cells, has_units = table.rows[k][1], is_units_row(table.rows[k + 1][1])
+        if len({*cells}) == len(cells) == table.width and any(map(speaks_of_time, cells)):
+            is_complete = has_units or sum(bool(in_name(c)[1]) for c in cells) > table.width / 2
+            is_named = is_null(table.rows[k + 1 + has_units][1][0])  # the row below is a part
+            return k + 1 + has_units if is_complete and not is_named else start
     return start
 
 

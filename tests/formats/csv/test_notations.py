@@ -537,6 +537,7 @@ def test_unix_time_of_today_has_no_note_on_gps(tmp_path: Path) -> None:
             ["V [km/h]", "圧力[bar]"],
         ),
         ("TraceName,p\nVUnit,bar\nBlockSize,60\nHResolution,0.02\nHUnit,s", ",{k}", "utf-8", ["p"]),
+        ("Time;p\ns;bar\n;axle 1", "{t:.2f};{k}", "utf-8", ["p axle 1"]),
         ("Zeit 1 [s]\tp [bar]\nT0\tSG 4-Leiter", "{t:.2f}\t{k}", "utf-8", ["p [bar]"]),
     ],
 )
