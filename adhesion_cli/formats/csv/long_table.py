@@ -69,9 +69,9 @@ def find_keys(table: CsvTable) -> Keys:
 
 
 def _of_one_device(column: str, device: str) -> dict[str, str]:
-    """The line of TOML, and the option, that read one device only."""
-    line = f"channels.group = {toml.value({'channel': column, 'equals': device})}"
-    return {"line": line, "option": toml.option(line)}
+    """The option that reads one device only."""
+    table = toml.value({"channel": column, "equals": device})
+    return {"option": toml.option(f"channels.group = {table}")}
 
 
 def _stated_keys(table: CsvTable, i: int, named: list[int]) -> Keys:

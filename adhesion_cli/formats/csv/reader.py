@@ -315,25 +315,20 @@ def _is_measured(text: str) -> bool:
 def _headerless(dialect: Dialect, path: Path) -> UserError:
     """The refusal of a table without names of columns, with the mapping to write."""
     first_row = dialect.rows[0]
-    group, half = "", len(dialect.rows) / 2
+    half = len(dialect.rows) / 2
     columns = zip(*dialect.rows, strict=True)
     number_counts = [sum(map(is_number, cells)) for cells in columns]
     stamps = [k for k, cell in enumerate(first_row, 1) if is_stamp(cell) and not is_number(cell)]
     numeric = [k for k, n in enumerate(number_counts, 1) if n > half and k not in stamps]
     time, *channels = [*stamps[:1], *numeric] or [0]
-    key = interleaved(dialect, (time - 1,))
     place = f"(line {dialect.first_line}: {', '.join(first_row[:4])}{', …' * (len(first_row) > 4)})"
     if not channels:
         hint = "export the log as a table with a row of names"
         return UserError(f"{path}: has no header row and no columns of numbers {place}", hint)
     unit = "" if stamps else ", unit = 's'"
     lines = [f"channels.time = {{channel = {time}{unit}}}"]
-    if key:
-        group = f"; column {key.channel!r} seems to hold devices: {key.names['groups']}"
-        lines.append(key.names["line"])
-        channels = [k for k in channels if key.channel != f"column {k}"]
     keys = ("pressure", "bar"), ("speed", "km/h")
     for (name, unit), k in zip(keys, dict.fromkeys((channels[0], channels[-1])), strict=False):
         lines.append(f"channels.{name} = {{channel = {k}, unit = '{unit}'}}")
     hint = f"state its columns by number, as {toml.option(*lines)}"
-    return UserError(f"{path}: has no header row {place}{group}", hint)
+    return UserError(f"{path}: has no header row {place}", hint)
