@@ -119,12 +119,28 @@ def with_force_of_log(identified: IdentifiedVehicle, vehicle: Vehicle) -> Identi
 
     `vehicle` is as stated. The checks take the one before: such a band hides what is wrong.
     """
-    if identified.factor is None or identified.other_brake or not identified.mean_axle:
+    if identified.factor is None or identified.other_brake:
+        return identified
+    return with_friction_error(identified, vehicle, abs(identified.factor - 1.0) / Z95)
+
+
+def with_friction_error(
+    identified: IdentifiedVehicle, vehicle: Vehicle, share: float
+) -> IdentifiedVehicle:
+    """An identified vehicle with one more error of its friction, 1 sigma of it as a share.
+
+    `vehicle` is as stated. The error is independent of all others.
+    """
+    if not identified.mean_axle:
         return identified
     mean, used = identified.mean_axle
-    phi, share = used.friction, min(abs(identified.factor - 1.0) / Z95, _LARGEST_SHARE)
-    friction = phi._replace(tolerance=max(phi.tolerance, share * phi.value))
-    used = replace(used, friction=friction)
+    phi = used.friction
+    sigma = math.hypot(phi.tolerance, min(share, _LARGEST_SHARE) * phi.value)
+    kept_share = phi.tolerance / sigma if sigma else 1.0
+    correlation = tuple(
+        (a, b, r * kept_share if "friction" in (a, b) else r) for a, b, r in used.correlation
+    )
+    used = replace(used, friction=Parameter(phi.value, sigma), correlation=correlation)
     return replace(identified, vehicle=move_axles(vehicle, mean, used), mean_axle=(mean, used))
 
 

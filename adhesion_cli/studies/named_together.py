@@ -7,17 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.identify import brake_kinds, find_log_brake, identify
+from ..analysis.identify import brake_kinds, find_log_brake, identify, with_friction_error
 from ..analysis.prepare import AlignedLog, Window, align_log
 from ..analysis.request import load_vehicle, open_log, read_log
 from ..analysis.settings import Settings
-from ..core.model import IdentifiedVehicle
+from ..core.model import Z95, IdentifiedVehicle
 from ..core.physics import friction_change
 from ..formats.memory import Signals
 from ..results.friction_groups import FrictionGroup, GroupedRun, group_by_friction
 
 _FEWEST_OF_DRIFT = 6  # runs that show a drift
 _LEAST_DRIFT = 0.08  # of the brake force, from the first to the last third of the runs
+_UNLIKE = 0.1  # 1 sigma of ln of the brake force from log to log, by other pads
 _CLEAR = 4.0  # Student's t of the order of the runs
 
 
@@ -74,7 +75,24 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
         group_vehicle = identify([logs[place - 1] for place in group.places], settings)
         for place in group.places:
             vehicles[place - 1] = replace(group_vehicle, factor_of_logs=group.factor)
-    return vehicles
+    return [
+        _holding_own_brake(vehicle, log, settings)
+        for vehicle, log in zip(vehicles, logs, strict=True)
+    ]
+
+
+def _holding_own_brake(
+    identified: IdentifiedVehicle, log: AlignedLog, settings: Settings
+) -> IdentifiedVehicle:
+    """The vehicle of several logs, with a band that holds the brake that one of them shows alone.
+
+    Nobody knows whether a gradient or its brake makes a log differ from the others.
+    """
+    brake = find_log_brake(log, replace(settings, vehicle=identified.vehicle))
+    if identified.logs < 2 or not brake or not identified.known:
+        return identified
+    change = math.log(brake.ratio) * _UNLIKE**2 / (_UNLIKE**2 + brake.sigma**2)
+    return with_friction_error(identified, settings.vehicle, abs(change) / Z95)
 
 
 def _without_drift(group: FrictionGroup, runs: Sequence[GroupedRun]) -> list[FrictionGroup]:

@@ -18,7 +18,7 @@ from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.analysis.vehicle_findings import with_friction_findings, without_force_findings
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
-from adhesion_cli.core.model import Parameter, Result, Vehicle, quantities
+from adhesion_cli.core.model import IdentifiedVehicle, Parameter, Result, Vehicle, quantities
 from adhesion_cli.core.physics import (
     G,
     braked,
@@ -305,19 +305,26 @@ def _run_in(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
     return fixture
 
 
+def force_of(identified: IdentifiedVehicle | None) -> tuple[Parameter | None, float]:
+    assert identified
+    return identified.force_per_bar, identified.vehicle.friction.value
+
+
 def test_logs_that_are_named_together_are_one_trains(tmp_path: Path) -> None:
     stated = settings.load(folder=False)
     logs = [log(tmp_path / f"{i}.csv", METRO, i, 2) for i in range(3)]
     together, *others = identify_together(logs, stated)
     assert together
-    assert others == [together, together]
+    assert all(force_of(x) == force_of(together) for x in others)
     assert (together.stops, together.logs, together.differing) == (6, 3, ())
     alone = run(logs[0]).identified
     assert together.vehicle.friction.tolerance <= alone.vehicle.friction.tolerance
+    sigmas = [x.vehicle.friction.tolerance for x in (together, *others) if x]
+    assert len({*sigmas}) == 3  # each holds the brake of its own log
     weak = replace(METRO, friction=Parameter(0.12, 0.0))
     foreign = log(tmp_path / "foreign.csv", weak, 7, 2)
     *like, other = identify_together([*logs, foreign], stated)
-    assert like == [together] * 3
+    assert all(force_of(x) == force_of(together) for x in like)
     assert other
     assert other.factor_of_logs == pytest.approx(0.12 / METRO.friction.value, rel=0.15)
     results = [analyze(logs[0], stated, ["td"], identified=together)]

@@ -2,18 +2,22 @@
 
 Parameters of the vehicle that two runs state alike are one error in both. What it adds to a
 difference is its standard uncertainty times the difference of the sensitivities, so that most of it
-cancels. Noise is another one in each run.
+cancels. Noise is another one in each run. So is friction in another log: by heat and wear, and by
+what the decelerations of the two logs differ, which may be by a gradient or by other pads.
 """
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
 from ...core.finding import Finding
-from ...core.model import Vehicle
+from ...core.model import Z95, Vehicle
 from ...core.signals import coverage_factor
 from ...core.summary import BrakeApplication
+from ...reference.calibrated_vehicle import LOG_TO_LOG
+from ...train import longitudinal
 from ..carried_vehicle import correlation, is_of_vehicle, parameter
 from ..friction_groups import GroupedRun, find_friction_differs, group_by_friction
 from .run import ReportAxle, ReportRun
@@ -52,7 +56,9 @@ def compare(runs: Sequence[ReportRun]) -> list[RunDifference]:
         reference_axles = {axle.number: axle for axle in reference.axles}
         for axle in run.axles:
             if axle.number in reference_axles:
-                differences += _of_axle(place, reference_axles[axle.number], axle, run)
+                differences += _of_axle(
+                    place, reference_axles[axle.number], axle, run, _brake_change(reference, run)
+                )
     return [d for d in differences if d.quantity not in _BY_BRAKE or d.run not in other_brake]
 
 
@@ -84,14 +90,11 @@ def unpaired(runs: Sequence[ReportRun]) -> bool:
 
 
 def settings_apart(run_a: ReportRun, run_b: ReportRun) -> list[str]:
-    """The settings that two runs do not have in common, and the version if that differs.
-
-    Correlations of the vehicle's errors are left out: they follow from its parameters.
-    """
-    keys = sorted(run_a.settings.keys() | run_b.settings.keys())
-    changed = [k for k in keys if run_a.settings.get(k) != run_b.settings.get(k)]
-    differing = [k for k in changed if ".correlation." not in k]
-    names = [".".join(k.split(".")[:2]) for k in differing]
+    """The settings that two runs do not have in common, and the version if that differs."""
+    a, b = _statements(run_a), _statements(run_b)
+    names = [
+        ".".join(k.split(".")[:2]) for k in sorted(a.keys() | b.keys()) if a.get(k) != b.get(k)
+    ]
     if run_a.provenance.get("version") != run_b.provenance.get("version"):
         names.append("version of the program")
     return list(dict.fromkeys(names))
@@ -104,9 +107,18 @@ def same_log(run_a: ReportRun, run_b: ReportRun) -> bool:
 
 def same_vehicle(run_a: ReportRun, run_b: ReportRun) -> bool:
     """Whether two runs state the same vehicle."""
-    keys = run_a.settings.keys() | run_b.settings.keys()
-    vehicle = [key for key in keys if is_of_vehicle(key)]
-    return all(run_a.settings.get(key) == run_b.settings.get(key) for key in vehicle)
+    a, b = _statements(run_a), _statements(run_b)
+    return all(a.get(key) == b.get(key) for key in a.keys() | b.keys() if is_of_vehicle(key))
+
+
+def _statements(run: ReportRun) -> dict[str, str]:
+    """The settings, without what each log adds to the error of the friction that all state."""
+    added = (".friction.tolerance", ".correlation.")
+    values = {k: v for k, v in run.settings.items() if not any(x in k for x in added)}
+    return {
+        k: str([x["value"] for x in json.loads(v)]) if k.endswith(".friction") else v
+        for k, v in values.items()
+    }
 
 
 def same_statement(run_a: ReportRun, run_b: ReportRun) -> bool:
@@ -117,30 +129,44 @@ def same_statement(run_a: ReportRun, run_b: ReportRun) -> bool:
     return share_vehicle and a.force_per_bar_n != b.force_per_bar_n
 
 
+def _brake_change(run_a: ReportRun, run_b: ReportRun) -> float:
+    """By how much the brake force of two logs may differ beyond their vehicles, as a share (95 %).
+
+    0 for two runs of one log.
+    """
+    if same_log(run_a, run_b):
+        return 0.0
+    by_wear = Z95 * math.sqrt(2.0) * LOG_TO_LOG[longitudinal.SCALE]
+    a, b = run_a.summary.brake, run_b.summary.brake
+    return math.hypot(by_wear, math.log(b.ratio / a.ratio)) if a and b else by_wear
+
+
 def _of_axle(
-    place: int, axle_a: ReportAxle, axle_b: ReportAxle, run: ReportRun
+    place: int, axle_a: ReportAxle, axle_b: ReportAxle, run: ReportRun, brake_change: float
 ) -> Iterator[RunDifference]:
     pairs = zip(axle_a.applications, axle_b.applications, strict=False)
     for k, (a, b) in enumerate(pairs, 1):
         quantities: list[tuple[str, str, float, float, float]] = []
         if a.force_n and b.force_n and a.coefficient and b.coefficient:
             difference = b.force_n.mean - a.force_n.mean
-            quantities.append(("force", "N", difference, *_of_force(a, b, run, axle_b.number)))
+            by_brake = brake_change * max(abs(a.force_n.mean), abs(b.force_n.mean))
+            u95, u95_apart = _of_force(a, b, run, axle_b.number)
+            quantities.append(("force", "N", difference, math.hypot(u95, by_brake), u95_apart))
             change = b.coefficient.mean - a.coefficient.mean
             u95_apart = math.hypot(a.coefficient.mean_u95, b.coefficient.mean_u95)
             u95 = u95_apart
             if axle_a.weight == axle_b.weight:
                 u95 = _of_force(a, b, run, axle_b.number, by_weight=difference)[0]
-                u95 /= axle_b.weight
+                u95 = math.hypot(u95, by_brake) / axle_b.weight
             quantities.append(("coefficient", "-", change, u95, u95_apart))
         if a.utilisation is not None and b.utilisation is not None:
             intervals = (x.utilisation_ci or (0.0, 0.0) for x in (a, b))
             u95 = math.hypot(*(0.5 * (upper - lower) for lower, upper in intervals))
             quantities.append(("utilisation", "-", b.utilisation - a.utilisation, u95, u95))
         for quantity, unit, value, u95, u95_apart in quantities:
-            is_explained = abs(value) <= u95
+            is_explained, apart = abs(value) <= u95, max(u95, u95_apart)
             application = place, axle_b.number, k
-            yield RunDifference(*application, quantity, unit, value, u95, u95_apart, is_explained)
+            yield RunDifference(*application, quantity, unit, value, u95, apart, is_explained)
 
 
 def _of_force(
@@ -156,8 +182,8 @@ def _of_force(
     independent: list[dict[str, float]] = [{}, {}]
     for name in sorted((rows[0].keys() | rows[1].keys()) - {_NOISE}):
         row_a, row_b = (rows_by_name.get(name) for rows_by_name in rows)
-        if row_a and row_b and (row_a.value, row_a.u) == (row_b.value, row_b.u):
-            shared[name] = (row_b.sensitivity - row_a.sensitivity) * row_a.u
+        if row_a and row_b and row_a.value == row_b.value:
+            shared[name] = (row_b.sensitivity - row_a.sensitivity) * max(row_a.u, row_b.u)
         else:
             for sensitivities, row in zip(independent, (row_a, row_b), strict=True):
                 if row:

@@ -88,6 +88,24 @@ def test_the_uncertainty_is_that_of_drawn_errors(pair: list[ReportRun]) -> None:
         assert Z95 * np.std(difference / weight) == pytest.approx(d.u95, rel=0.02)
 
 
+@pytest.mark.parametrize(("ratio", "least"), [(1.0, 0.054), (1.1, 0.1)])
+def test_friction_of_another_log_may_be_another_one(
+    ratio: float, least: float, pair: list[ReportRun]
+) -> None:
+    """By 2 % (1 sigma) in each, and by what the logs' decelerations differ."""
+    brake = LogBrake(0.46, 0.95, 0.06, 2.9, 14.0)
+    first_run, same_log = (with_brake(run, brake) for run in pair)
+    other_log = with_brake(with_log(pair[1], sha256="f" * 64), brake._replace(ratio=0.95 * ratio))
+    differences_of_same = differences.compare([first_run, same_log])
+    for a, b in zip(differences_of_same, differences.compare([first_run, other_log]), strict=True):
+        if a.quantity != "utilisation":
+            runs = (run.axles[a.axle - 1].applications[0] for run in pair)
+            values = (getattr(x, "force_n" if a.unit == "N" else "coefficient").mean for x in runs)
+            added = np.sqrt(b.u95**2 - a.u95**2) / max(map(abs, values))
+            assert least < added < least + 0.02
+            assert b.u95_apart >= b.u95
+
+
 def test_what_runs_state_differently_does_not_cancel(pair: list[ReportRun], tmp_path: Path) -> None:
     other = replace(RELATED, friction=Parameter(0.31, 0.03))
     run = made(tmp_path / "x.mcap", other, axles=2, n=4500)
