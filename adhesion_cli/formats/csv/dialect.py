@@ -126,12 +126,17 @@ def stamps_in(lines: Sequence[str], delimiter: str) -> dict[str, str]:
     """
     stamps = {}
     for line in map(uncommented, lines):
-        head, *cells = split(line, delimiter) or [""]
-        if not any(cells):
-            head, *cells = (x.strip() for x in line.split(":", 1))
-        joined = " ".join(cells[:2])
-        if stamp := next((c for c in (joined, *cells) if is_stamp(c)), None):
-            stamps[head] = stamp
+        own_words = re.match(
+            r"([^\d:=]*[^\d:=\s])(?:\s*[:=]\s*|\s+)(.*)", line.rstrip(f" {delimiter}")
+        )
+        words, *cells = split(line, delimiter) or [""]
+        pairs = [(words, " ".join(cells[:2])), *((words, cell) for cell in cells)]
+        pairs[:0] = [(own_words[1], own_words[2])] if own_words else []
+        for words, text in pairs:
+            text = re.sub(r"(?<![:\d+-])[0-9]{1,2}:[0-9]{2}$", r"\g<0>:00", text)
+            if is_stamp(text):
+                stamps[words] = text
+                break
     return stamps
 
 

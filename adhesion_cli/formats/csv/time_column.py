@@ -16,7 +16,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import TAKEN_AS_UTC, ReadOptions
 from .clock import COUNTS, GPS, Clock, count_of
-from .dialect import Dialect, is_null
+from .dialect import Dialect, is_null, stamps_in
 from .header_words import NS_PER_UNIT, label, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail
 from .number_text import number_of, unit_behind
@@ -37,6 +37,8 @@ _DATES = ("iso", "ymd", "dmy", "mdy")  # stated units of columns of dates
 TIME_UNITS = (*COUNTS, *_DATES)
 
 _S = 1_000_000_000
+_DAY, _NEAR, _ZONE_STEP = 86_400 * _S, 60 * _S, 900 * _S
+_UNDATED = ", without a date"
 _EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
 _GPS_END_S = 1_893_456_000.0  # 2030: what would be later as GPS time counts from 1970
 _STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit is not stated
@@ -70,11 +72,10 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         i = column_index(dialect, options.time_channel, path)
         if clock is None or i not in clock.columns:
             clock = search.clock(i, "stated")
-        if clock:
-            return clock
-        raise search.unreadable(i)
+        if not clock:
+            raise search.unreadable(i)
     if clock:
-        return clock
+        return search.begun(clock)
     named = search.named()
     text_columns = [i for i in named if len(dialect.numbers(i)) < len(dialect.column(i)) / 2]
     clock = search.first_clock(named, "column named")
@@ -87,7 +88,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         text = f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})"
         raise UserError(text, search.proposal())
     search.refuse_another(clock)
-    clock = search.with_date(search.begun(search.counted_on(clock)))
+    clock = search.begun(search.with_date(search.counted_on(clock)))
     is_sparse = bool(clock.pattern) and all(map(search.stands_apart, clock.columns))
     return replace(clock, is_sparse=is_sparse)
 
@@ -238,14 +239,50 @@ class _ClockSearch:
         return None
 
     def begun(self, clock: Clock) -> Clock:
-        """The clock; with the start above the table, where times are of an LVM file or counted."""
-        date, time = (self.dialect.labels.get(kind, ["", ""])[1] for kind in ("date", "clock"))
-        forms = forms_of([f"{date} {time}"], STAMPS)
-        if clock.absolute or len(forms) != 1 or not (clock.step or self.dialect.segments):
+        """The clock; with the date or the start above the table, where these give it one.
+
+        A time of day takes the date, a time that counts from about 0 the start. With a note where
+        the start contradicts the first row, or its day and month may be exchanged.
+        """
+        text, patterns = self._stamp_above()
+        columns = [self.dialect.column(i) for i in clock.columns]
+        is_digits = clock.may_be_digits and forms_of(columns[0], DIGITS)
+        if not patterns or is_digits or not all(columns):
             return clock
-        start = int(read([f"{date} {time}"], STAMPS[forms[0]])[0])
-        reason = f"{clock.reason}; start {date} {time} above the table, {TAKEN_AS_UTC}"
-        return replace(clock, start=start, absolute=True, reason=reason)
+        first = int(clock.nanoseconds([pa.array(x[:1]) for x in columns])[0][0]) if columns else 0
+        starts = {int(read([text], x)[0]) for x in patterns}
+        start = begin = min(starts)
+        is_zoned, kind = False, "date"
+        if "<H>" in patterns[0]:
+            kind, match = "start", re.fullmatch(patterns[0], text)
+            is_zoned = bool(match and match["z"])
+            begin = _begin(clock, first, start, is_zoned)
+        elif clock.absolute or "<H>" not in clock.pattern or not _NEAR < first < _DAY:
+            return clock
+        if len(starts) > 1:
+            problem = "it may be day/month or month/day"
+        elif begin is None:
+            problem = f"the first row is at {' '.join(x[0] for x in columns)}"
+        else:
+            zone = "" if is_zoned else f", {TAKEN_AS_UTC}"
+            reason = clock.reason.removesuffix(_UNDATED)
+            reason += f"; {kind} {text} above the table{zone}"
+            return replace(clock, start=begin, absolute=True, reason=reason)
+        note = Finding("start-not-used", "info", names={"start": text, "problem": problem})
+        return replace(clock, findings=(*clock.findings, note))
+
+    def _stamp_above(self) -> tuple[str, list[str]]:
+        """Start or date that the lines above the table state, and the patterns that read it."""
+        stamps = stamps_in(self.dialect.preamble, self.dialect.delimiter)
+        stated = [(kind, x) for words, x in stamps.items() if (kind := label(words))]
+        halves = {kind.replace("day", "date"): x for kind, x in reversed(stated)}
+        date, clock = halves.get("date", ""), halves.get("clock", "")
+        known = [x for kind, x in stated if kind in ("date", "day", "clock")]
+        for forms, texts in (STAMPS, [*known, f"{date} {clock}"]), (DATES, [date]):
+            for text in texts:
+                if names := forms_of([text], forms, self.unit):
+                    return text, [forms[name] for name in names]
+        return "", []
 
     def counted_on(self, clock: Clock) -> Clock:
         """The clock; of stamps that rows share, a time in a known unit that counts on from them."""
@@ -289,7 +326,7 @@ class _ClockSearch:
             if forms and self._is_first_day(i, clock):
                 form, order, other_form = self._order((i,), forms, DATES)
                 begin = int(read(cells[:1], DATES[form])[0])
-                reason = clock.reason.removesuffix(", without a date")
+                reason = clock.reason.removesuffix(_UNDATED)
                 reason += f" on the date in {name!r} ({form}{order}; {TAKEN_AS_UTC})"
                 notes = self._dates(i, f"- {form}", f"- {other_form}") if other_form else ()
                 findings = (*clock.findings, *notes)
@@ -572,12 +609,13 @@ class _ClockSearch:
     ) -> Clock | None:
         """The clock of stamps in these columns, joined; None where they are none."""
         dialect = self.dialect
-        form_names = forms_of(self._joined(columns), forms, self.unit)
+        order = None if forms is CLOCKS else self.unit
+        form_names = forms_of(self._joined(columns), forms, order)
         if not form_names:
             return None
         form, order, other_form = self._order(columns, form_names, forms)
         names = " + ".join(repr(dialect.names[k]) for k in columns)
-        reason = f"{choice}; time of day in {names}, without a date"
+        reason = f"{choice}; time of day in {names}{_UNDATED}"
         pattern = with_counted_fraction(self._joined(columns), forms[form])
         is_dated = forms is not CLOCKS
         if is_dated:
@@ -662,6 +700,20 @@ class _ClockSearch:
         has_cell = [not is_null(row[i]) for row in self.dialect.rows]
         rare = _ROWS_PER_STAMP * sum(has_cell) <= len(has_cell) + _ROWS_PER_STAMP
         return rare and not any(a and b for a, b in pairwise(has_cell))
+
+
+def _begin(clock: Clock, first: int, start: int, is_zoned: bool) -> int | None:
+    """What dates the times of a clock by their start, None where the first row contradicts it.
+
+    Times [ns]; those of two zones differ by quarters of an hour.
+    """
+    turn = _ZONE_STEP if is_zoned or clock.absolute else _DAY
+    lag = (first - start + turn // 2) % turn - turn // 2
+    if clock.absolute:
+        return clock.start if abs(lag) <= _NEAR and abs(first - start) < _DAY else None
+    if abs(lag) <= _NEAR and ("<H>" in clock.pattern or abs(first) > _NEAR):
+        return start + lag - first
+    return start if abs(first) <= _NEAR else None
 
 
 def _step(values: Sequence[float]) -> float:

@@ -475,6 +475,68 @@ def test_a_date_that_is_written_once_is_the_start(tmp_path: Path) -> None:
         assert "date-not-read" not in {f.code for f in source.findings}
 
 
+_ELAPSED = [f"{k / 50:.2f}" for k in range(200)]
+_CLOCK = [f"09:12:{k // 50 + 3:02}.{k % 50 * 2:02}" for k in range(200)]
+_STAMPS = [f"2026-11-26 {x}" for x in _CLOCK]
+
+
+@pytest.mark.parametrize(
+    ("lines", "times", "start"),
+    [
+        (["Zkouška brzdy;vůz č. 9123", "Datum;26.11.2026"], _CLOCK, "2026-11-26T09:12:03"),
+        (["Date: 2026-11-26", "Rate;50"], _CLOCK, "2026-11-26T09:12:03"),
+        (["Fecha;26/11/2026"], _CLOCK, "2026-11-26T09:12:03"),
+        (["Data: 26.11.2026 09:12"], _CLOCK, "2026-11-26T09:12:03"),
+        (["Dátum;2026. 11. 26."], _CLOCK, "2026-11-26T09:12:03"),
+        (["Start: 2026-11-26T09:12:03+01:00"], _CLOCK, "2026-11-26T08:12:03"),
+        (["Start time: 27.11.2026 14:20:41.500"], _ELAPSED, "2026-11-27T14:20:41.500"),
+        (["Datum;27.11.2026", "Uhrzeit;14:20:41"], _ELAPSED, "2026-11-27T14:20:41"),
+        (["Start time: 11/27/2026 2:20:41 PM"], _ELAPSED, "2026-11-27T14:20:41"),
+        (["Início;27/11/2026 14:20"], _ELAPSED, "2026-11-27T14:20"),
+        (["Start: 26.11.2026 08:12:03"], _STAMPS, "2026-11-26T09:12:03"),  # of another zone
+        (["Datum;27.11.2026"], _ELAPSED, None),
+        (["Kalibrace;26.11.2026", "Exported: 2026-11-28 07:00:00"], _CLOCK, None),
+    ],
+)
+def test_a_date_or_start_above_the_table_dates_the_log(
+    tmp_path: Path, lines: list[str], times: list[str], start: str | None
+) -> None:
+    rows = "".join(f"{t};{k % 7}\n" for k, t in enumerate(times))
+    text = "\n".join(lines) + "\n\nTime;p [bar]\n" + rows
+    source, (p,) = numbers_of(tmp_path / "a.csv", text)
+    assert source.absolute is (start is not None)
+    if start:
+        assert p.t[0] == np.datetime64(start, "ns").astype(np.int64)
+        assert ("taken as UTC" in source.time_reason) is ("+01:00" not in lines[0])
+    assert np.ptp(p.t) == 3_980_000_000
+    assert not [f for f in source.findings if f.code == "start-not-used"]
+
+
+@pytest.mark.parametrize(
+    ("line", "times", "problem"),
+    [
+        ("Start: 26.11.2026 11:40:00", _CLOCK, "the first row is at 09:12:03.00"),
+        ("Start: 24.11.2026 09:12:03", _STAMPS, "the first row is at 2026-11-26 09:12:03.00"),
+        ("Start: 26.11.2026 11:40:00", [f"7{t}" for t in _CLOCK], "the first row is at 709:12"),
+        ("Date: 05/11/2026", _CLOCK, "it may be day/month or month/day"),
+        ("Start: 05/11/2026 09:12:03", _ELAPSED, "it may be day/month or month/day"),
+    ],
+)
+def test_a_start_that_is_contradicted_or_may_be_another_day_is_reported(
+    tmp_path: Path, line: str, times: list[str], problem: str
+) -> None:
+    rows = "".join(f"{t};{k % 7}\n" for k, t in enumerate(times))
+    text = f"{line}\n\nTime;p [bar]\n{rows}"
+    source, (p,) = numbers_of(tmp_path / "a.csv", text)
+    (note,) = [f for f in source.findings if f.code == "start-not-used"]
+    assert note.names["problem"].startswith(problem)
+    assert source.absolute is (times is _STAMPS)
+    if times is _CLOCK and "/" in line:  # the user knows
+        stated = settings.load(assignments=["channels.time.unit=dmy"], folder=False)
+        source, (p,) = numbers_of(tmp_path / "a.csv", text, stated.read)
+        assert p.t[0] == np.datetime64("2026-11-05T09:12:03", "ns").astype(np.int64)
+
+
 @pytest.mark.parametrize(("begin", "date"), [("10:00:0", "2026-03-14"), ("23:59:5", None)])
 def test_a_date_in_a_later_row_is_the_start_before_midnight(
     tmp_path: Path, begin: str, date: str | None
