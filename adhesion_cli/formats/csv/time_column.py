@@ -251,7 +251,8 @@ class _ClockSearch:
             return clock
         first = int(clock.nanoseconds([pa.array(x[:1]) for x in columns])[0][0]) if columns else 0
         starts = {int(read([text], x)[0]) for x in patterns}
-        start = begin = min(starts)
+        start = min(starts)
+        begin: int | None = start
         is_zoned, kind = False, "date"
         if "<H>" in patterns[0]:
             kind, match = "start", re.fullmatch(patterns[0], text)
