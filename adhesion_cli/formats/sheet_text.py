@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..core import toml, units
 from ..core.errors import UserError, unknown
 from .csv.header_words import speaks_of_time, time_name
-from .csv.number_text import is_number
+from .number_text import is_number
 from .source import ReadOptions
 
 _OLE = b"\xd0\xcf\x11\xe0"  # an .xls, or an encrypted workbook

@@ -17,8 +17,8 @@ from .as_text import HEAD, printable
 from .csv.clock import Clock
 from .csv.dialect import Dialect, fit
 from .csv.header_words import label, time_name, time_unit
-from .csv.number_text import number_of
 from .csv.time_column import find_clock
+from .number_text import number_of
 from .source import YEAR_1990, ReadOptions, distinct_words, numbered
 from .tables import (
     Contents,

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
+from ..number_text import is_number
 from ..source import ReadOptions
 from .cells import IS_BAD, floats, is_missing
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment, split, stamps_in
 from .header_words import is_statistic, quality_column
 from .lines import LineBlock, Rows
-from .number_text import is_number
 from .stamps import is_stamp
 
 _MOST_READ = 10_000  # lines of a block without a row that may be a header

@@ -13,8 +13,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats, Times
+from ..number_text import number_grammar
 from .dialect import INFINITE, NULLS
-from .number_text import number_grammar
 
 # States of a cell. Some are numbers by their column: with the other decimal mark, or such that this
 # mark may separate groups of digits; and texts of digits. The last one is bad by its quality.

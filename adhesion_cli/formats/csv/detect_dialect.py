@@ -7,6 +7,14 @@ from pathlib import Path
 
 from ...core.errors import UserError
 from ...core.units import in_name, unit
+from ..number_text import (
+    group_mark,
+    has_smaller_jumps,
+    is_number,
+    is_plain_number,
+    number_grammar,
+    unit_behind,
+)
 from ..source import ReadOptions
 from .dialect import (
     COMMENT,
@@ -31,14 +39,6 @@ from .header import (
     refuse_width,
 )
 from .header_words import label
-from .number_text import (
-    group_mark,
-    has_smaller_jumps,
-    is_number,
-    is_plain_number,
-    number_grammar,
-    unit_behind,
-)
 from .stamps import CLOCKS, DATES, STAMPS, forms_of, is_stamp
 
 _MAX_COLUMNS = 10_000

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ...core.units import in_name, unit
+from ..number_text import is_number, number_grammar
 from .header_words import UNITS, is_named, is_units_row, label, normal, time_name
-from .number_text import is_number, number_grammar
 from .stamps import is_stamp
 
 HEAD_BYTES = 1 << 20

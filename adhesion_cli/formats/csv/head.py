@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...core.errors import UserError
+from ..number_text import plain
 from .dialect import HEAD_BYTES
-from .number_text import plain
 
 _HEAD_LINES = 600
 _OPEN_QUOTE = re.compile(r'(?:^|[;,\t|])\s*"[^"]*$')  # of a cell that goes on in the next line

@@ -11,6 +11,7 @@ from ...core import toml
 from ...core.errors import UserError
 from ...core.text import distinct
 from ...core.units import in_name
+from ..number_text import is_number, number_grammar, number_of
 from .dialect import fit, is_comment, is_null, split, uncommented
 from .head import Line, first_numbers
 from .header_words import (
@@ -23,7 +24,6 @@ from .header_words import (
     speaks_of_time,
     time_name,
 )
-from .number_text import is_number, number_grammar, number_of
 from .stamps import is_stamp
 
 DELIMITERS = (";", "\t", ",", "|", " ")

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import UserError
+from ..number_text import plain
 from .dialect import HEAD_BYTES, Dialect, split
-from .number_text import plain
 
 _BLOCK = 1 << 18  # it stays in a processor's cache; smaller ones make threads wait for each other
 MAX_LINE = 16 << 20

@@ -10,11 +10,11 @@ import numpy as np
 from ...core.finding import Finding, Severity, Span
 from ...core.masks import spans_of
 from ...core.model import Bools, Floats, Times
+from ..number_text import largest_jump
 from .block_parser import ParsedBlock
 from .cells import DIGITS, IN_GROUPS, IS_BAD, IS_INFINITE, NO_NUMBER, NO_VALUE, OTHER_MARK
 from .dialect import Dialect, split
 from .lines import Rows
-from .number_text import largest_jump
 
 _MOST_SPANS = 20  # of one finding
 _FEW_UNREAD, _MOST_UNREAD = 2, 0.01  # cells, or share of a column, beside which others are used

@@ -17,6 +17,7 @@ from ...core.model import Column, Times
 from ...core.time_axis import earliest, from_digits
 from ...core.units import in_name
 from ...core.units import unit as known_unit
+from ..number_text import is_number
 from ..source import Field, ReadOptions, Source, distinct_words
 from .block_parser import CsvTable
 from .detect_dialect import detect_dialect
@@ -25,7 +26,6 @@ from .header_words import VALUE, is_named, label, time_name
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
 from .losses import quoted
-from .number_text import is_number
 from .rows import CsvRows, read_rows
 from .stamps import CLOCKS, STAMPS, forms_of, is_stamp, parse
 from .time_column import another_time, find_clock, find_pairs
