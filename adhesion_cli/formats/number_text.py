@@ -7,8 +7,8 @@ from itertools import pairwise, takewhile
 
 import numpy as np
 
-from ...core.model import Floats
-from ...core.units import unit
+from ..core.model import Floats
+from ..core.units import unit
 
 
 def number_grammar(decimal: str) -> re.Pattern[str]:
