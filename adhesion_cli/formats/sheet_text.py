@@ -138,6 +138,7 @@ def write_text(
         if joins and best.is_of_brake and best.is_log:
             logs = [x for x in sheets if x.is_of_brake and x.is_log]
             parts, columns = _joined(logs, options) or (parts, columns)
+        reason = "one log" if len(parts) > 1 else reason
     else:
         parts, reason, columns = [sheet_name], "stated", book.columns(sheet_name)[0]
     other_sheets = [x for x in book.names if x not in parts]

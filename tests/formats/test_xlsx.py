@@ -436,6 +436,7 @@ def test_sheets_of_one_log_are_read_together(tmp_path: Path) -> None:
     counts = {name: sum(x is not None for _, x in series) for name, series in samples.items()}
     channels = {f"Achse {k} {name} []": 20 + k for k in (1, 2) for name in ("p [bar]", "v [km/h]")}
     assert channels.items() <= counts.items()
+    assert places.reasons["sheet"] == "'Achse 2', 'Achse 1' (one log)"
     kinds = {
         "Drücke": log(head=["t [s]", "p1 [bar]", "p2 [bar]"]),
         "v": log(head=["t [s]", "v1", "v2"]),

@@ -382,5 +382,5 @@ def _why_header(table: FirstRows, header: Header, options: ReadOptions) -> str:
         lines = " + ".join(f"line {n}" for n, _ in named)
         return f"{lines} ({'stated' if options.header else 'text above numbers'})"
     if header.top < header.start:
-        return f"line {table.rows[header.top][0]} (a name beside each time)"
+        return "a row of names above the table"
     return "a comment line above the data (it names as many columns)"
