@@ -109,7 +109,8 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
                     protocol = brake_test.protocol(test, title, braked_weight)
                     place.write_bytes(page.protocol_page(protocol).encode())
                 else:
-                    sheets = {"stops": tables.stops_of_series(test.series.stops)}
+                    axles = ((log.path, log.axles) for log in test.logs)
+                    sheets = tables.sheets_of_series(test.series, axles)
                     tables.write(place, tables.kind(file), sheets)
     if shared.json:
         document = brake_test.document(test)

@@ -253,6 +253,10 @@ class StopSummary:
     distance_m: Annotated[Measured | None, Quantity("m", "distance from command to standstill")]
     duration_s: Annotated[Measured | None, Quantity("s", "time from command to standstill")]
     delay_s: Annotated[Measured | None, Quantity("s", "until the start share, mean of the axles")]
+    dead_time_s: Annotated[
+        Measured | None,
+        Quantity("s", "from a logged command to the first rise of a cylinder, part of the delay"),
+    ] = None
     response_time_s: Annotated[
         Measured | None,
         Quantity(

@@ -341,13 +341,13 @@ def _limit_rows(series: StopSeries) -> list[dict[str, str]]:
 
 def _wsp_table(x: WspSummary) -> TitledTable:
     """The axles of the wet stops below their extension, in one sentence."""
-    head = f"WSP, group {x.group}: "
-    if x.extension is None or x.extension_u95 is None or x.k_wet is None:
+    head = f"WSP, group {x.group} against {x.dry}: "
+    if x.extension is None or x.extension_u95 is None:
         head += "extension not known: dry or wet stops are missing, or their speeds differ."
     else:
         extension, u95 = by_uncertainty(100.0 * x.extension, 100.0 * x.extension_u95, 1)
         head += f"extension of the deceleration distance {extension} ± {u95} %, "
-        head += f"K_wet {x.k_wet:.3f} (SUBSET-040, 4.4.1.5)."
+        head += f"K_wet {with_u95((x.k_wet, x.k_wet_u95), 1.0, 3)} (SUBSET-040, 4.4.1.5)."
     if x.air_nl is not None:
         head += f" Air: {x.air_nl:.0f} Nl in a stop, by the reservoir."
     if x.sanding_s is not None:
@@ -396,8 +396,8 @@ def _braked_weight_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     rows = []
     for i, s in enumerate(stops, 1):
         level = s.measured("corrected_distance_m")
-        value = level and braked_weight_percentage(s.stop.nominal_speed_kmh, level.value)
-        rows.append({"stop": str(i), "group": s.group, "λ [%]": number(value, 0)})
+        value = level and braked_weight_percentage(s.stop.nominal_speed_kmh, level)
+        rows.append({"stop": str(i), "group": s.group, "λ [%]": with_u95(value, 1.0, 0)})
     return rows
 
 

@@ -7,7 +7,7 @@ null.
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -21,6 +21,8 @@ from ..core.errors import UserError
 from ..core.finding import is_lossy
 from ..core.model import Log, Quantity, Score
 from ..core.summary import (
+    AxleStop,
+    AxleSummary,
     BrakeApplication,
     FailedLog,
     FindingSummary,
@@ -33,7 +35,14 @@ from ..core.summary import (
 )
 from ..core.text import printable, utf8
 from ..reference.calibrated_vehicle import CalibratedParameter
-from ..stops.series import SeriesStop
+from ..stops.series import (
+    GroupDifference,
+    LimitVerdict,
+    SeriesStop,
+    Statistic,
+    StopSeries,
+    WspSummary,
+)
 from . import names
 from .workbook import Sheet, write_workbook
 
@@ -133,6 +142,37 @@ def stops_of_series(stops: Iterable[SeriesStop]) -> Any:
         for s in stops
     )
     return _table(rows, SERIES)
+
+
+def sheets_of_series(x: StopSeries, logs: Iterable[tuple[str, Iterable[AxleSummary]]]) -> Any:
+    """The tables of a series by their names, the stops first; without the others that are empty.
+
+    `logs` are paths and axles, whose slides are one of the tables.
+    """
+    groups = [
+        ({"group": g.name, "quantity": k}, y) for g in x.groups for k, y in g.statistics.items()
+    ]
+    wsp_axles = [({"group": wsp.group}, axle) for wsp in x.wsp for axle in wsp.axles]
+    slides = [
+        ({"log": utf8(path), "axle": a.axle}, slide)
+        for path, axles in logs
+        for a in axles
+        for application in a.applications
+        for slide in application.slide_list
+    ]
+    sheets: dict[str, tuple[Any, Sequence[tuple[Mapping[str, object], object]]]] = {
+        "groups": (_schema(Statistic, group=str, quantity=str), groups),
+        "differences": (_schema(GroupDifference), [({}, y) for y in x.differences]),
+        "limits": (_schema(LimitVerdict), [({}, y) for y in x.limits]),
+        "wsp": (_schema(WspSummary), [({}, y) for y in x.wsp]),
+        "wsp axles": (_schema(AxleStop, group=str), wsp_axles),
+        "slides": (SLIDES, slides),
+    }
+    return {"stops": stops_of_series(x.stops)} | {
+        name: _table([{**keys, **flat(y)} for keys, y in rows], schema)
+        for name, (schema, rows) in sheets.items()
+        if rows
+    }
 
 
 def findings_of(log: Log, rows: Iterable[FindingSummary]) -> Any:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from ..core.model import Floats
+from ..core.model import Floats, Parameter
 from ..core.signals import robust_sigma
 from ..core.summary import CommandSource
 from .find import Braking
@@ -32,6 +32,15 @@ def find_command(signals: StopSignals, braking: Braking) -> tuple[float, float, 
     interval = float(np.median(np.diff(signals.speed.t)))
     begin = _deceleration_begin(signals.speed, braking.start)
     return begin, max(interval, 0.25), "deceleration"
+
+
+def find_dead_time(signals: StopSignals, braking: Braking) -> Parameter | None:
+    """From a command that is logged to the first rise of a cylinder; None without either [s]."""
+    command, command_sigma, source = find_command(signals, braking)
+    rise, rise_sigma, cause = find_command(signals._replace(commands={}), braking)
+    if source == cause or cause != "pressure":
+        return None
+    return Parameter(rise - command, math.hypot(command_sigma, rise_sigma))
 
 
 def _first_change(series: TimeSeries, start: float) -> tuple[float, float] | None:

@@ -20,16 +20,16 @@ Uncertainty: JCGM 100, 5.1.2.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..core.model import Parameter
 from ..core.physics import BAR, SLOW, G
-from ..core.summary import Measured, StopContribution, StopSummary
+from ..core.summary import AxleStop, Measured, StopContribution, StopSummary
 from .axle_stops import all_axles_slide, axle_stops, on_time
-from .command import find_command
+from .command import find_command, find_dead_time
 from .find import Braking
 from .response import BrakeResponse, find_response
 from .settings import StopSettings
@@ -37,7 +37,6 @@ from .signals import StopSignals, TimeSeries
 from .speed import FIT, SmoothSpeed, largest_jerk, locked_time, over_slides, smoothed_speed
 
 K95 = 2.0  # coverage factor
-_CREEP = 0.08  # 1 sigma of a jerk by wheels, as a share: their creep builds up with the brake
 NOMINAL_SPEEDS = (30, 50, 60, 80, 100, 120, 140, 160, 200)  # [km/h]
 
 
@@ -84,17 +83,25 @@ def measure_stop(
     duration = braking.stop + locked.value - command
     response_times = response.delay.value, equivalent
     values = _Values(v0, distance, duration, *response_times, to_level.gradient.value)
-    dead_time = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
+    unknown = _dead_time_sigma(response, settings) if source == "pressure" else 0.0
+    clock = 0.0 if source == "deceleration" else signals.pressure_sigma
+    # a command that is logged may be on either clock, that of the pressure or of the speed
+    of_response = {} if source == "pressure" else {"delay": -clock, "response": -clock}
     errors = {
         **_speed_errors(values, smooth, settings.speed_scale or signals.scale, signals.delay_sigma),
         "sliding axles": {"distance": hidden},
         "command time": _early_command(v0, command_u),
-        "dead time": _early_command(v0, dead_time),
+        "dead time": _early_command(v0, unknown),
+        "pressure clock": {"distance": v0 * clock, "duration": clock, **of_response},
         "build-up": {"delay": response.delay.tolerance, "response": response.equivalent.tolerance},
         "standstill": {"duration": math.hypot(braking.stop_sigma, locked.tolerance)},
         "gradient": {"gradient": to_level.gradient.tolerance},
     }
     quantities, budget = _quantities(values, errors, nominal, to_level)
+    axles = tuple(axle_stops(signals, command, braking, settings))
+    has_shape = not hidden and _has_shape(signals, axles, command, braking.stop)
+    jerk = largest_jerk(smooth, command, _by_wheels(signals)) if has_shape else None
+    dead_time = find_dead_time(signals, braking)
     if braking.reason:
         quantities |= dict.fromkeys(quantities.keys() - _OF_ANY_BRAKING)
     return StopSummary(
@@ -106,8 +113,9 @@ def measure_stop(
         valid=not braking.reason,
         reason=braking.reason or None,
         pressure_bar=_bar(response.full_value) if signals.by_pressure else None,
-        jerk=None if hidden else _jerk(signals, smooth, command, braking.stop),
-        axles=tuple(axle_stops(signals, command, braking, settings)),
+        dead_time_s=_measured(dead_time),
+        jerk=_measured(jerk),
+        axles=axles,
         sanding_s=signals.sanding and on_time(signals.sanding.cut(command, braking.stop)),
         reservoir_drop_pa=_drop(signals.reservoir, command, braking.stop),
         budget=budget,
@@ -122,19 +130,25 @@ def _reading_interval(signals: StopSignals) -> float:
     return max(float(np.median(np.diff(signals.speed.t))), own_interval)
 
 
-def _jerk(
-    signals: StopSignals, smooth: SmoothSpeed, command: float, stop: float
-) -> Measured | None:
-    """The largest jerk; None where no sensor shows the shape of the train's speed."""
-    by_axles, is_coarse = signals.speed_from == "axles", signals.is_coarse
-    if by_axles and all_axles_slide(signals, command):
-        return None
-    if is_coarse is not None:
-        t, v = signals.speed
-        if is_coarse[(t >= command) & (t <= stop) & (v > SLOW)].any():
-            return None
-    jerk = largest_jerk(smooth, command, _CREEP * (by_axles or is_coarse is not None))
-    return jerk and Measured(jerk.value, K95 * jerk.tolerance)
+def _by_wheels(signals: StopSignals) -> bool:
+    """Whether the wheels give the shape of the speed."""
+    return signals.speed_from == "axles" or signals.is_coarse is not None
+
+
+def _has_shape(
+    signals: StopSignals, axles: Sequence[AxleStop], command: float, stop: float
+) -> bool:
+    """Whether a sensor shows the shape of the train's speed, as wheels do of which one rolls."""
+    if _by_wheels(signals) and axles and all(a.valve_actions > 1 for a in axles):
+        return False  # no wheel rolls all along
+    if signals.is_coarse is None:
+        return signals.speed_from == "train" or not all_axles_slide(signals, command)
+    t, v = signals.speed
+    return not signals.is_coarse[(t >= command) & (t <= stop) & (v > SLOW)].any()
+
+
+def _measured(x: Parameter | None) -> Measured | None:
+    return x and Measured(x.value, K95 * x.tolerance)
 
 
 def _drop(reservoir: TimeSeries | None, start: float, stop: float) -> float | None:
@@ -179,10 +193,10 @@ def _quantities(
 _OF_ANY_BRAKING = {"initial_speed_mps", "delay_s", "response_time_s"}  # also of no whole stop
 _LEAST_DEAD_TIME, _MOST_DEAD_TIME = 0.2, 1.5  # 1 sigma, assumed [s]
 _DEAD_TIME_SHARE = 0.2  # the same of the build-up, between them
-_DEAD_TIME_ERROR = 0.1  # 1 sigma of a stated dead time, as a share of it
+DEAD_TIME_ERROR = 0.1  # 1 sigma of a stated dead time, as a share of it
 _FORMULA = "formula"  # of the corrected distance: the true one lies between those of both
 # the same in every stop of a series
-_COMMON = ("speed scale", "speed delay", "dead time", "gradient", _FORMULA)
+_COMMON = ("speed scale", "speed delay", "dead time", "pressure clock", "gradient", _FORMULA)
 
 
 def _bar(pressure: float) -> float | None:
@@ -195,7 +209,7 @@ def _dead_time_sigma(response: BrakeResponse, settings: StopSettings) -> float:
     A slow brake is late, too: as a share of its build-up. A stated dead time is known better.
     """
     if settings.dead_time:
-        return _DEAD_TIME_ERROR * settings.dead_time
+        return DEAD_TIME_ERROR * settings.dead_time
     share = _DEAD_TIME_SHARE * response.build_up if math.isfinite(response.build_up) else 0.0
     return min(max(_LEAST_DEAD_TIME, share), _MOST_DEAD_TIME)
 

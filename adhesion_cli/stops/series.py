@@ -116,6 +116,7 @@ class GroupLimit(NamedTuple):
     highest: float | None
     lowest: float | None
     source: str = ""  # the published rule that states it; "": the user
+    group: str = ""  # whose it is; "": of every group
 
 
 class LimitVerdict(NamedTuple):
@@ -135,9 +136,11 @@ class WspSummary(NamedTuple):
     """Wet stops against dry ones."""
 
     group: Annotated[str, Quantity("", "the wet group")]
+    dry: Annotated[str, Quantity("", "the dry group")]
     extension: Annotated[Number, Quantity("-", "of the deceleration distance, wet over dry, − 1")]
     extension_u95: Annotated[Number, Quantity("-", "its expanded uncertainty")]
     k_wet: Annotated[Number, Quantity("-", "100 / (100 + extension in %)")]
+    k_wet_u95: Annotated[Number, Quantity("-", "its expanded uncertainty")]
     axles: Annotated[
         tuple[AxleStop, ...],
         Quantity("", "largest slip, locks and energy; all valve actions; else means of the stops"),
@@ -190,7 +193,7 @@ def _statistic(measured: Sequence[Measured | None], level: float = _LEVEL) -> St
         return None
     values = np.array([x.value for x in known_values])
     n, mean = len(values), float(np.mean(values))
-    common = max(x.common_u95 for x in known_values)
+    common = float(np.mean([x.common_u95 for x in known_values]))  # of one sign in all
     own_square = float(np.mean([x.u95**2 - x.common_u95**2 for x in known_values]))
     scatter = float(np.ptp(values)) / abs(mean) if mean else 0.0
     if n == 1:
@@ -279,6 +282,7 @@ def judge(groups: Iterable[Group], limits: Sequence[GroupLimit]) -> list[LimitVe
         verdict
         for group in groups
         for limit in limits
+        if limit.group in ("", group.name)
         for verdict in _verdicts(group.name, limit, group.statistics.get(limit.quantity))
     ]
 
@@ -313,12 +317,15 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
     responses = [s.response_time_s.value for s in of_dry if s.response_time_s]
     response = float(np.mean(responses)) if responses else 0.0
     lengths = [_statistic([_braked_length(s, response) for s in x]) for x in (of_dry, of_wet)]
-    extension = u95 = k_wet = None
+    extension = u95 = k_wet = k_wet_u95 = None
     if lengths[0] and lengths[1] and wet_speeds(stops, dry, wet) is None:
         ratio = lengths[1].mean / lengths[0].mean
         extension, k_wet = ratio - 1.0, 1.0 / ratio
-        own_sigma = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in lengths if x]
-        u95 = ratio * math.hypot(*own_sigma)
+        of_both = [x for x in lengths if x]
+        own = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in of_both]
+        common = [x.common_u95 / x.mean for x in of_both]  # of one sign in both
+        u95 = ratio * math.hypot(*own, common[1] - common[0])
+        k_wet_u95 = u95 / ratio**2
     axles = sorted({a.axle for s in of_wet for a in s.axles})
     rows = tuple(_wsp_axle(of_wet, x) for x in axles)
     drops = [s.reservoir_drop_pa for s in of_wet if s.reservoir_drop_pa is not None]
@@ -326,7 +333,8 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
     sanding = [s.sanding_s for s in of_wet if s.sanding_s is not None]
     sanded = float(np.mean(sanding)) if sanding else None
     in_doubt = any(s.vehicle_in_doubt for s in stops if s.group == wet and s.stop.valid)
-    return WspSummary(wet, extension, u95, k_wet, rows, air, sanded, in_doubt)
+    of_ratio = extension, u95, k_wet, k_wet_u95
+    return WspSummary(wet, dry, *of_ratio, rows, air, sanded, in_doubt)
 
 
 def wet_speeds(
@@ -352,23 +360,34 @@ def wet_speeds(
     return [round(dry_mean, 1)], [round(wet_mean, 1)]
 
 
-def braked_weight_percentage(nominal_speed: float, distance: float) -> float | None:
+def braked_weight_percentage(nominal_speed: float, distance: Measured) -> Measured | None:
     """λ [%] by a stopping distance [m] from a nominal speed [km/h]; None for another speed.
 
     Source: constants as quoted by secondary literature on UIC 544-1, which is not public.
     """
-    constants = BRAKED_WEIGHT.get(round(nominal_speed))
-    return constants[0] / distance - constants[1] if constants else None
+    if (constants := BRAKED_WEIGHT.get(round(nominal_speed))) is None:
+        return None
+    quotient = constants[0] / distance.value
+    u95, common_u95 = (quotient * x / distance.value for x in distance[1:])
+    return Measured(quotient - constants[1], u95, common_u95)
 
 
 def _braked_length(stop: StopSummary, response: float) -> Measured | None:
-    """Distance after the response time over that of the same speed squared [s²]."""
+    """Distance after the response time over that of the same speed squared [s²].
+
+    Where slides hide the response of the stop, that of others stands for it. Both begin at the same
+    command, so what the dead time before it may be does not count.
+    """
     if stop.distance_m is None or stop.initial_speed_mps is None:
         return None
-    v0, s = stop.initial_speed_mps.value, stop.distance_m
-    own_sigma = stop.response_time_s.value if stop.response_time_s else response
-    scale = 1.0 / v0**2
-    return Measured((s.value - v0 * own_sigma) * scale, s.u95 * scale, s.common_u95 * scale)
+    if a := stop.equivalent_deceleration:
+        scale = 0.5 / a.value**2
+        return Measured(0.5 / a.value, scale * a.u95, scale * a.common_u95)
+    s, v0 = stop.distance_m, stop.initial_speed_mps.value
+    dead_time = sum(2.0 * c.distance_m for c in stop.budget if c.source == "dead time")
+    u95, common = (math.sqrt(max(x**2 - dead_time**2, 0.0)) / v0**2 for x in s[1:])
+    own_response = stop.response_time_s.value if stop.response_time_s else response
+    return Measured((s.value - v0 * own_response) / v0**2, u95, common)
 
 
 def _wsp_axle(stops: Sequence[StopSummary], axle: int) -> AxleStop:

@@ -3,6 +3,7 @@
 Times are seconds after the start of the log.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -62,6 +63,7 @@ class StopSignals(NamedTuple):
     saturated: Floats = np.empty(0)  # when a pressure is at the end of its sensor's range [s]
     by_pressure: bool = True  # whether `brakes` are pressures
     other_brakes: Sequence[Finding] = ()  # when brakes act that the log does not show
+    pressure_sigma: float = 0.0  # 1 sigma of the pressures' delay, where the log shows one [s]
     others_later: bool = False  # whether other cars brake later than the axles of the log
     is_coarse: Bools | None = None  # where the speed is a slow one, interpolated, (n,)
     interval: float = 0.0  # between the train speed's own samples [s]
@@ -98,16 +100,21 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         radius = vehicle.radius(base.axle)
         train, scale = _fastest(rims, rims[base.axle].t), radius.tolerance / radius.value
     ends = [_seconds(r, start_ns)[r.saturated] for r in records if r.saturated is not None]
+    late = base.pressure_late
+    brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
+    if late.value > 0.0:  # no train slows before its brakes act
+        brakes = {axle: TimeSeries(x.t - late.value, x.value) for axle, x in brakes.items()}
     return StopSignals(
         train,
         "train" if measured else "axles",
         scale,
         sigma,
         rims,
-        {r.axle: _on_segments(r, _brake(r), start_ns) for r in records},
+        brakes,
         saturated=np.concatenate([np.empty(0), *ends]),
         by_pressure=not any(map(_by_force, records)),
-        others_later=any(r.pressure_late.value < -EARLY for r in records),
+        pressure_sigma=math.hypot(late.value / math.sqrt(3.0), late.tolerance),
+        others_later=late.value < -EARLY,
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
         knows_delay=not (measured and has_uncertain_delay(base)),

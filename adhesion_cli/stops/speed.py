@@ -20,6 +20,7 @@ _PLACES = 20  # of a reading within a step
 _NOISE_SHARE, _NOISE_SIGMAS = 0.8, 1.2816  # of normal errors are smaller than so many sigmas
 _CORNER = 2.0  # lines between readings hide this share of a corner's jerk, times (interval/FIT)²
 _EARLY = 1e-6  # a reading on time may be so early [s]
+_CREEP = 0.0045, 0.003  # of a braked wheel at 1 m/s², and its 1 sigma: µ is 10 to 60 times the slip
 _JERK_NOISE = 0.25  # in which the noise of a jerk has lost two thirds of its correlation [s]
 _LAST_TIME = 3.0  # whose deceleration goes on after that [s]
 _LOCKING = 0.8  # trains that slow harder in the last metre are slower before [m/s]
@@ -135,7 +136,7 @@ def over_slides(t: Floats, v: Floats) -> tuple[Floats, float]:
     return train, float(np.trapezoid(train - v, t)) / 2.0
 
 
-def largest_jerk(speed: SmoothSpeed, command: float, creep: float = 0.0) -> Parameter | None:
+def largest_jerk(speed: SmoothSpeed, command: float, by_wheels: bool = False) -> Parameter | None:
     """Largest |dv²/dt²| from the command to 5 km/h, with 1 sigma [m/s³].
 
     The highest of several values has the highest of their errors as well. How many there are is the
@@ -145,8 +146,9 @@ def largest_jerk(speed: SmoothSpeed, command: float, creep: float = 0.0) -> Para
     or behind the last reading, there is no jerk.
 
     Lines between readings smooth, too: most where a deceleration begins at once. The noise is that
-    of the readings, not of the samples on these lines. `creep` is 1 sigma by the creep of wheels
-    that show the speed, as a share. None for slow readings, and for brakings below a second.
+    of the readings, not of the samples on these lines. Wheels that show the speed creep more as the
+    brake builds up, the more the faster they are: that share is taken off. None for slow readings,
+    and for brakings below a second.
     """
     from scipy.special import ndtri  # slow to import
 
@@ -165,9 +167,9 @@ def largest_jerk(speed: SmoothSpeed, command: float, creep: float = 0.0) -> Para
     excess = sigma * float(ndtri((n - 0.375) / (n + 0.25)))  # of n normal errors, by Blom
     half_excess = 0.5 * max(excess, 0.0)
     lost = 0.5 * _CORNER * (interval / FIT) ** 2 * highest
-    return Parameter(
-        max(highest - half_excess, 0.0), math.hypot(sigma, half_excess, lost, creep * highest)
-    )
+    creep, creep_sigma = (by_wheels * x * v[judged][np.argmax(jerk)] / FIT for x in _CREEP)
+    train = max(highest - half_excess, 0.0) / (1.0 + creep)
+    return Parameter(train, math.hypot(sigma, half_excess, lost, creep_sigma * train))
 
 
 def _third_degree(v: Floats) -> Floats:

@@ -1,22 +1,25 @@
 """The brake test: the stops of all logs as one series, by a plan or by nominal speed."""
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from .. import __version__
 from ..analysis.evaluate import evaluate
 from ..analysis.prepare import Window
 from ..analysis.settings import Settings
+from ..channels.meaning import Mapping
 from ..core.annotated import Json, as_json
 from ..core.document import tagged
 from ..core.errors import UserError
 from ..core.finding import Finding, is_doubt
-from ..core.model import IdentifiedVehicle, LogBrake
+from ..core.model import Z95, IdentifiedVehicle, LogBrake, Parameter
 from ..core.summary import AxleSummary, FailedLog, VehicleSummary, summarise_finding
 from ..results.friction_groups import (
-    GroupedRun,
     find_friction_differs,
     group_by_friction,
     run_of_log,
@@ -24,7 +27,9 @@ from ..results.friction_groups import (
 from ..results.geojson import MapOfLog, map_of_log
 from ..results.names import flat
 from ..results.report.protocol import Protocol
+from ..results.text_tables import with_u95
 from ..results.vehicle_text import VehicleOfLog, describe_vehicles
+from ..stops.measure import DEAD_TIME_ERROR
 from ..stops.series import (
     Group,
     GroupDifference,
@@ -41,20 +46,46 @@ from .named_together import identify_together
 from .plan import Plan, PlannedGroup
 
 _ALGO = "td"  # the quickest estimator: stops need the reference only
+_DELAY_UNKNOWN = "train-speed-delay-unknown", "train-speed-slow", "train-speed-delay-or-offset"
+_DELAY_SPREAD = 0.05  # by which delays of one receiver may differ besides their errors [s]
+
+
+class _Request(NamedTuple):
+    """A log of a series, and how it is evaluated."""
+
+    path: Path
+    group: PlannedGroup | None
+    settings: Settings
+    axles: Sequence[int]
+    window: Window
+    identified: IdentifiedVehicle | None
 
 
 class TestedLog(NamedTuple):
     """What a series needs of a log besides its stops."""
 
-    path: str
-    group: str  # of the plan; "" without one
+    request: _Request
     findings: tuple[Finding, ...]
     vehicle: VehicleSummary
     axles: tuple[AxleSummary, ...]
     brake: LogBrake | None  # by the deceleration of this log alone
     map: MapOfLog
     sha256: str  # of its bytes
-    stated_settings: Mapping[str, str]  # that the user states, by name
+
+    @property
+    def path(self) -> str:
+        """Path of the log."""
+        return str(self.request.path)
+
+    @property
+    def group(self) -> str:
+        """Its group of the plan; "" without one."""
+        return self.request.group.name if self.request.group else ""
+
+    @property
+    def brake_mode(self) -> tuple[Path | None, str] | None:
+        """Vehicle and brake mode by the plan: logs with the same ones have one dead time."""
+        return self.request.group and (self.request.group.vehicle, self.request.group.mode)
 
     @property
     def is_doubtful(self) -> bool:
@@ -103,46 +134,49 @@ def run(
     Raises:
         UserError: a log is in no group, or every log fails.
     """
-    members = _members(logs, plan)
-    stops: list[SeriesStop] = []
-    findings: list[Finding] = []
     tested: list[TestedLog] = []
     failed: list[FailedLog] = []
-    for group, paths in members:
-        settings_of_group = _load_for(group, load)
+    for group, paths in _members(logs, plan):
+        settings = _load_for(group, load)
         if len(paths) > 1:
             progress(f"finding the vehicle of {len(paths)} logs")
-        vehicles = identify_together(paths, settings_of_group, axles, window)
-        runs: list[GroupedRun] = []
-        its_stops: list[SeriesStop] = []
+        vehicles = identify_together(paths, settings, axles, window)
         for path, identified in zip(paths, vehicles, strict=True):
             progress(f"{path.name}: stops")
             try:
-                log = _test_log(path, group, settings_of_group, axles, window, identified)
+                tested.append(_test_log(_Request(path, group, settings, axles, window, identified)))
             except UserError as error:
                 failed.append(FailedLog(str(path), error.text, error.hint))
                 if len(failed) == len(logs):
                     raise
-                continue
-            tested.append(log)
-            runs.append(run_of_log(log.path, log.brake, identified))
-            for stop in log.map.stops:
-                name = log.group or f"{stop.nominal_speed_kmh:g} km/h"
-                its_stops.append(SeriesStop(log.path, name, log.map.label, stop, log.is_doubtful))
+    tested = [_with_times_of(tested, log) for log in tested]
+    stops: list[SeriesStop] = []
+    findings: list[Finding] = []
+    for members in (
+        [x for x in tested if x.group == name] for name in dict.fromkeys(x.group for x in tested)
+    ):
+        its_stops = [
+            SeriesStop(
+                x.path, x.group or f"{y.nominal_speed_kmh:g} km/h", x.map.label, y, x.is_doubtful
+            )
+            for x in members
+            for y in x.map.stops
+        ]
         if all(s.stop.time for s in its_stops):  # in the order of time, in which they may drift
             its_stops.sort(key=lambda s: s.stop.time or "")
         stops += its_stops
+        runs = [run_of_log(x.path, x.brake, x.request.identified) for x in members]
         findings += find_friction_differs(runs, group_by_friction(runs), by_name=True)
     groups = group_stops(stops)
-    wsp: tuple[WspSummary, ...] = ()
-    if plan.dry:
-        wsp = (compare_wet(stops, plan.dry, plan.wet, plan.reservoir_volume),)
-        if speeds := wet_speeds(stops, plan.dry, plan.wet):
+    wsp: list[WspSummary] = []
+    for dry, wet in plan.wet_pairs:
+        wsp.append(compare_wet(stops, dry, wet, plan.reservoir_volume))
+        if speeds := wet_speeds(stops, dry, wet):
             dry_kmh, wet_kmh = (", ".join(f"{v:g}" for v in x) for x in speeds)
-            names = {"dry": plan.dry, "dry_kmh": dry_kmh, "wet": plan.wet, "wet_kmh": wet_kmh}
+            names = {"dry": dry, "dry_kmh": dry_kmh, "wet": wet, "wet_kmh": wet_kmh}
             findings.append(Finding("wet-speeds-differ", "warning", names=names))
     compared, limits = differences(groups, plan.pairs), judge(groups, plan.limits)
-    series = StopSeries(tuple(stops), tuple(groups), tuple(compared), tuple(limits), wsp)
+    series = StopSeries(tuple(stops), tuple(groups), tuple(compared), tuple(limits), tuple(wsp))
     return BrakeTest(series, tuple(findings), tuple(tested), tuple(failed), plan)
 
 
@@ -168,31 +202,53 @@ def _load_for(group: PlannedGroup | None, load: Callable[[Sequence[Path]], Setti
     return replace(settings, stops=stops) if group.nominal_speed else settings
 
 
-def _test_log(
-    path: Path,
-    group: PlannedGroup | None,
-    settings: Settings,
-    axles: Sequence[int],
-    window: Window,
-    identified: IdentifiedVehicle | None,
-) -> TestedLog:
+def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
+    """A log, evaluated again with what others of its brake show and it does not.
+
+    These are the dead time of a brake whose command is not logged, and the delay of a train speed
+    that slides hide. Nothing is taken of logs that contradict each other.
+    """
+    settings, texts = log.request.settings, list[str]()
+    others = [x for x in logs if x.brake_mode == log.brake_mode]
+    if any(s.command_from == "pressure" for s in log.map.stops) and not settings.stops.dead_time:
+        times = [s.dead_time_s.value for x in others for s in x.map.stops if s.dead_time_s]
+        if times and np.ptp(times) < 4.0 * DEAD_TIME_ERROR * np.mean(times):
+            stops = settings.stops._replace(dead_time=float(np.mean(times)))
+            settings = replace(settings, stops=stops)
+            texts.append(f"dead time of the brake {stops.dead_time:.2f} s")
+    if any(f.code in _DELAY_UNKNOWN for f in log.findings):
+        delays = [f.values for x in others for f in x.findings if f.code == "train-speed-delay"]
+        values = [x["delay_s"] for x in delays]
+        sigma = max((x["delay_u95_s"] for x in delays), default=0.0) / Z95
+        if delays and np.ptp(values) < 4.0 * sigma + _DELAY_SPREAD:
+            delay = Parameter(float(np.mean(values)), math.hypot(sigma, np.std(values)))
+            mapping = Mapping("train_speed", None, "", delay=delay)
+            settings = replace(settings, mappings=(*settings.mappings, mapping))
+            shown = with_u95((delay.value, Z95 * delay.tolerance), 1.0, 2)
+            texts.append(f"delay of the train speed {shown} s")
+    if not texts:
+        return log
+    finding = Finding("times-of-other-logs", "info", names={"times": " and ".join(texts)})
+    again = _test_log(log.request._replace(settings=settings))
+    return again._replace(findings=(*again.findings, finding))
+
+
+def _test_log(request: _Request) -> TestedLog:
     """A log with its stops and their places, by its axles or else by what it has."""
+    path, group, settings, axles, window, identified = request
     evaluated = evaluate(path, settings, [_ALGO], axles, window, identified=identified)
     log, summary, result = evaluated
     map_ = map_of_log(log, summary.stops, summary.axles)
     if group:
         map_ = map_._replace(group=group.name, label=group.label or None)
-    brake = result.brake if result else None
     return TestedLog(
-        str(path),
-        group.name if group else "",
+        request,
         evaluated.findings,
         summary.vehicle,
         summary.axles,
-        brake,
+        result.brake if result else None,
         map_,
         summary.log.sha256,
-        flat(dict(settings.tables)),
     )
 
 
@@ -220,7 +276,7 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
 
 def _stated_settings(logs: Sequence[TestedLog]) -> dict[str, str]:
     """What the user states of vehicle, line and evaluation, of each group where they differ."""
-    of_groups = {log.group: log.stated_settings for log in logs}
+    of_groups = {log.group: flat(dict(log.request.settings.tables)) for log in logs}
     settings = [*of_groups.values()]
     if all(x == settings[0] for x in settings):
         of_groups = {"": settings[0]}

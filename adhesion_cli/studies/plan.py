@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatch
 from glob import glob
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,9 +16,10 @@ _DIGITS = re.compile(r"([0-9]+)")
 _SECTIONS = ("group", "compare", "limits", "wsp", "protocol")
 _GROUP_KEYS = {
     "logs": list, "vehicle": str, "nominal_speed": float, "rail": str, "load": str, "mode": str,
-    "label": str,
+    "label": str, "limits": dict,
 }  # fmt: skip
 _RAILS = ("dry", "wet")
+_WSP_KEYS = {*_RAILS, "pairs", "reservoir_volume"}
 _TSI = "Regulation (EU) No 1302/2014"
 _STANDARDS = {  # published limits by name; the second for units from 250 km/h on
     name: (
@@ -42,6 +44,7 @@ class PlannedGroup(NamedTuple):
     load: str = ""
     mode: str = ""
     label: str = ""
+    limits: Mapping[str, Any] = {}  # of this group alone, as stated
 
 
 class Plan(NamedTuple):
@@ -50,8 +53,7 @@ class Plan(NamedTuple):
     groups: tuple[PlannedGroup, ...] = ()
     pairs: tuple[tuple[str, str], ...] = ()
     limits: tuple[GroupLimit, ...] = ()
-    dry: str = ""
-    wet: str = ""
+    wet_pairs: tuple[tuple[str, str], ...] = ()  # dry and wet group
     reservoir_volume: float = 0.0  # [l]; 0: not stated
     protocol: Mapping[str, str] = {}
     folder: Path = Path()  # of the plan: patterns with folders begin there
@@ -94,29 +96,28 @@ def read_plan(path: Path) -> Plan:
     comparison = _table(path, tables, "compare")
     if unused := comparison.keys() - {"pairs"}:
         raise unknown("key of [compare]", min(unused), ["pairs"])
-    compared = comparison.get("pairs", [])
-    pairs = []
-    for pair in compared if isinstance(compared, list) else [compared]:
-        if not isinstance(pair, list) or len(pair) != 2:
-            text = f"{path}: compare.pairs = {compared!r} is no list of pairs"
-            raise UserError(text, 'for example pairs = [["old", "new"]]', code=2)
-        pairs.append((_known(path, names, pair[0]), _known(path, names, pair[1])))
+    pairs = _pairs(path, names, "compare", comparison)
     wsp = _table(path, tables, "wsp")
-    dry, wet = (_known(path, names, wsp[k]) if k in wsp else "" for k in _RAILS)
-    if bool(dry) != bool(wet):
+    stated_rails = [_known(path, names, wsp[k]) for k in _RAILS if k in wsp]
+    if len(stated_rails) == 1:
         hint = 'state both, as [wsp] dry = "NAME" and wet = "NAME"'
         raise UserError(f"{path}: [wsp] needs dry and wet", hint, code=2)
+    wet_pairs = *pairwise(stated_rails), *_pairs(path, names, "wsp", wsp)
     volume = wsp.get("reservoir_volume", 0.0)
     if not isinstance(volume, int | float) or volume < 0.0:
         text = f"{path}: wsp.reservoir_volume = {volume!r} is no volume"
         raise UserError(text, "in litres, for example reservoir_volume = 150", code=2)
-    if unused := wsp.keys() - {*_RAILS, "reservoir_volume"}:
-        raise unknown("key of [wsp]", min(unused), [*_RAILS, "reservoir_volume"])
+    if unused := wsp.keys() - _WSP_KEYS:
+        raise unknown("key of [wsp]", min(unused), sorted(_WSP_KEYS))
+    stated_limits = {"": _table(path, tables, "limits")} | {g.name: g.limits for g in groups}
     limits = tuple(
-        x for pair in _table(path, tables, "limits").items() for x in _limits(path, *pair)
+        limit._replace(group=group)
+        for group, entries in stated_limits.items()
+        for entry in entries.items()
+        for limit in _limits(path, *entry)
     )
     protocol = {k: str(v) for k, v in _table(path, tables, "protocol").items()}
-    return Plan(groups, tuple(pairs), limits, dry, wet, float(volume), protocol, path.parent)
+    return Plan(groups, pairs, limits, wet_pairs, float(volume), protocol, path.parent)
 
 
 def planned_logs(plan: Plan) -> list[Path]:
@@ -168,7 +169,19 @@ def _group(path: Path, name: str, entry: Any) -> PlannedGroup:
     return PlannedGroup(name, **values)
 
 
-_KIND_NAMES = {list: "list", str: "text", float: "number"}
+_KIND_NAMES = {list: "list", str: "text", float: "number", dict: "table"}
+
+
+def _pairs(
+    path: Path, names: Sequence[str], section: str, entries: toml.Table
+) -> tuple[tuple[str, str], ...]:
+    """The pairs of groups that a section states."""
+    stated = entries.get("pairs", [])
+    pairs = stated if isinstance(stated, list) else [stated]
+    if any(not isinstance(pair, list) or len(pair) != 2 for pair in pairs):
+        text = f"{path}: {section}.pairs = {stated!r} is no list of pairs"
+        raise UserError(text, 'for example pairs = [["old", "new"]]', code=2)
+    return tuple((_known(path, names, a), _known(path, names, b)) for a, b in pairs)
 
 
 def _known(path: Path, names: Sequence[str], name: Any) -> str:

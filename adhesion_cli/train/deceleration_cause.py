@@ -31,6 +31,7 @@ from .grid import Grids
 from .longitudinal import (
     DELAY,
     DRAG,
+    EARLY,
     LARGEST_DELAY,
     OFFSET,
     SCALE,
@@ -180,7 +181,12 @@ def _explain_design(d: Design, vehicle: Vehicle) -> Explanation:
     )
     both = _best(d, counts, both_prior, [*both_starts, free_fit.mean], [stated, delayed, line])
     fits = _CauseFits(stated, delayed, line, both, counts)
-    return _judge(d, fits, vehicle, clear_gain)._replace(pieces=pieces)
+    explanation = _judge(d, fits, vehicle, clear_gain)._replace(pieces=pieces)
+    value, sigma = near_fit.posterior().delay
+    if not explanation.pressure_delay.value and abs(value) < EARLY:  # it may be that, or none
+        unknown = Parameter(0.0, math.hypot(value / math.sqrt(3.0), sigma))
+        explanation = explanation._replace(pressure_delay=unknown)
+    return explanation
 
 
 def _best(

@@ -58,7 +58,7 @@ class Design(NamedTuple):
 class Explanation(NamedTuple):
     """What differs from the stated vehicle, as far as the log shows."""
 
-    # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
+    # by which the pressure is late, with its 1 sigma [s]; 0 where that is not sure
     pressure_delay: Parameter
     line: OtherForceLine | None  # None where it is as stated
     delay_or_line: bool = False  # it is one of both, and nothing says which

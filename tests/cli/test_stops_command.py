@@ -11,6 +11,7 @@ import pytest
 from helpers.commands import Run
 from helpers.pages import figures
 from helpers.vehicle_logs import WHOLE
+from openpyxl import load_workbook
 
 from adhesion_cli.core import bundled
 from adhesion_cli.results.report.protocol import FIELDS
@@ -57,7 +58,7 @@ def test_a_series_by_its_plan(run: Run, plan: Path) -> None:
     assert {"log", "group", "label", "start_s", "position_m", "valid", "reason"} <= set(first)
     assert (first["group"], first["label"], second["label"]) == ("first", "as delivered", None)
     assert set(first["distance_m"]) == {"value", "u95", "common_u95"}
-    assert first["distance_m"] == second["distance_m"]
+    assert first["distance_m"] == pytest.approx(second["distance_m"], rel=1e-3)
     assert first["command_from"] == "pressure"
     assert second["nominal_speed_kmh"] == 70.0
     assert first["coefficient"]["value"] != second["coefficient"]["value"]  # its own vehicle
@@ -153,6 +154,43 @@ def test_analyze_has_the_same_stops(run: Run, plan: Path) -> None:
     (own,) = result["stops"]
     assert {k: stop[k] for k in own} == own
     assert stop["group"] == f"{own['nominal_speed_kmh']:g} km/h"
+
+
+def test_a_log_without_a_command_has_the_dead_time_of_the_other_logs(
+    run: Run, tmp_path: Path
+) -> None:
+    """It is in the plan's group of another brake mode, or of the same one."""
+    for name, head in (("a", ",brake command [0/1]"), ("b", "")):
+        lines = [f"time [s],train speed [km/h],bc pressure axle 1 [bar]{head}"]
+        for k in range(900):
+            t = k / 20.0
+            v, p = (min(max(x, 0.0), 1.0) for x in (1.0 - (t - 11.5) / 22.0, (t - 10.6) / 2.0))
+            lines.append(f"{t},{80.0 * v:.2f},{3.0 * p:.2f}" + f",{int(t >= 10.0)}" * bool(head))
+        (tmp_path / f"{name}.csv").write_text("\n".join([*lines, ""]))
+    _, (alone,) = (
+        json.loads(run("stops", x, "--json").stdout)["stops"] for x in ("a.csv", "b.csv")
+    )
+    plan = "[group.a]\nlogs = ['a.csv']\n[group.b]\nlogs = ['b.csv']\nmode = '{mode}'\n"
+    for mode, begin in (("", 10.0), ("G", alone["start_s"])):
+        (tmp_path / "plan.toml").write_text(plan.format(mode=mode))
+        document = json.loads(run("stops", "--plan", "plan.toml", "--json").stdout)
+        _, stop = document["stops"]
+        codes = [f["code"] for f in document["findings"]]
+        assert stop["start_s"] == pytest.approx(begin, abs=0.05)
+        assert ("times-of-other-logs" in codes) == (begin == 10.0)
+        assert (stop["distance_m"]["u95"] < 0.6 * alone["distance_m"]["u95"]) == (begin == 10.0)
+
+
+def test_a_workbook_has_a_sheet_for_each_table_of_the_series(run: Run, plan: Path) -> None:
+    run("stops", "--plan", str(plan), "--table", "series.xlsx")
+    book = load_workbook(plan.with_name("series.xlsx"))
+    assert book.sheetnames == [
+        "stops", "groups", "differences", "limits", "wsp", "wsp axles",
+    ]  # fmt: skip
+    head, first, *_ = book["groups"].values
+    row = dict(zip(head, first, strict=True))
+    assert (row["group"], row["quantity"], row["n"]) == ("first", "initial_speed_mps", 1)
+    assert isinstance(row["mean"], float)
 
 
 def test_a_log_that_has_no_wheel_speeds_has_stops(run: Run, tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_initial_adhesion_and_utilisation_have_their_intervals() -> None:
         AxleStop(2, 0.2, 0.0, 0.0, 3, None, 0.1, 0.5),
         AxleStop(3, 0.0, 0.0, 0.0, 0),
     ]
-    wsp = WspSummary("wet", None, None, None, tuple(axles))
+    wsp = WspSummary("wet", "dry", None, None, None, None, tuple(axles))
     (table,) = series_tables(StopSeries((), (), (), (), (wsp,)), False, False)
     assert [row["initial µ"] for row in table.rows] == ["0.049±0.012", "not known", "-"]
     assert [row["used [%]"] for row in table.rows] == ["95 (93–97)", "-", "-"]
@@ -139,7 +139,7 @@ def test_initial_adhesion_and_utilisation_have_their_intervals() -> None:
 
 def test_slip_by_a_train_speed_that_may_be_late_is_a_lower_bound() -> None:
     axles = [AxleStop(i, 0.2, 0.0, 0.0, 3, energy_j=9e4, at_least=i == 1) for i in (1, 2)]
-    wsp = WspSummary("wet", None, None, None, tuple(axles))
+    wsp = WspSummary("wet", "dry", None, None, None, None, tuple(axles))
     (table,) = series_tables(StopSeries((), (), (), (), (wsp,)), False, False)
     shown = [(row["max slip [%]"], row["energy [kJ]"]) for row in table.rows]
     assert shown == [("≥ 20.0", "≥ 90"), ("20.0", "90")]

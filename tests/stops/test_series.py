@@ -162,6 +162,8 @@ def test_the_extension_is_that_of_the_distance_after_the_response() -> None:
     # 20 m/s for 1 s of response: 300 m dry, 400 m wet
     assert x.extension == pytest.approx(1.0 / 3.0)
     assert x.k_wet == pytest.approx(0.75)
+    assert x.extension_u95 is not None
+    assert x.k_wet_u95 == pytest.approx(0.75**2 * x.extension_u95)
     (axle_row,) = x.axles
     assert axle_row[:7] == (1, 0.3, 0.5, 0.5, 14, None, 0.08)
     assert axle_row.utilisation == 0.9
@@ -209,5 +211,9 @@ def test_air_is_the_fall_of_the_reservoir_and_its_volume() -> None:
 
 
 def test_braked_weight_percentage_of_known_speeds_only() -> None:
-    assert braked_weight_percentage(100.0, 481.0) == pytest.approx(61300.0 / 481.0 - 8.9)
-    assert braked_weight_percentage(80.0, 300.0) is None
+    """Its interval holds that of a distance at the end of its own."""
+    x = braked_weight_percentage(100.0, Measured(481.0, 10.0, 8.0))
+    assert x is not None
+    assert x.value == pytest.approx(61300.0 / 481.0 - 8.9)
+    assert x.u95 == pytest.approx(61300.0 / 481.0 - 61300.0 / 491.0, rel=0.03)
+    assert braked_weight_percentage(80.0, Measured(300.0, 10.0)) is None

@@ -39,7 +39,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
     assert (new.rail, new.label) == ("wet", "sinter")
     assert plan.pairs == (("old", "new"),)
     assert plan.limits == (GroupLimit("distance_m", 300, None), GroupLimit("jerk", 4, 0.1))
-    assert (plan.dry, plan.wet, plan.protocol) == ("old", "new", {"line": "depot"})
+    assert (plan.wet_pairs, plan.protocol) == ((("old", "new"),), {"line": "depot"})
     assert plan.group_of(Path("runs/old_7.csv")) == old
     with pytest.raises(UserError, match="in no group"):
         plan.group_of(Path("other.csv"))
@@ -70,6 +70,8 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
         ("[group.a]\nlogs = ['a']\n[limits]\nstandard = ['TSI']", "standard in"),
         ("[group.a]\nlogs = ['a']\n[limits]\njerk = {most = 3}", "is no limit"),
         ("[group.a]\nlogs = ['a']\n[wsp]\ndry = 'a'", "needs dry and wet"),
+        ("[group.a]\nlogs = ['a']\n[wsp]\npairs = ['a']", "wsp.pairs = ['a'] is no list of pairs"),
+        ("[group.a]\nlogs = ['a']\nlimits = 3", "limits = 3 is no table"),
     ],
 )
 def test_a_wrong_plan_says_what_and_where(tmp_path: Path, text: str, said: str) -> None:
@@ -79,6 +81,30 @@ def test_a_wrong_plan_says_what_and_where(tmp_path: Path, text: str, said: str) 
         read_plan(path)
     assert said in error.value.text
     assert error.value.hint
+
+
+def test_a_group_may_have_limits_and_a_plan_several_wet_groups(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(
+        """
+[group.dry]
+logs = ["dry.csv"]
+[group.soap]
+logs = ["soap.csv"]
+limits = {distance_m = {max = 400}}
+[group.oil]
+logs = ["oil.csv"]
+[limits]
+jerk = {max = 4}
+[wsp]
+pairs = [["dry", "soap"], ["dry", "oil"]]
+"""
+    )
+    plan = read_plan(path)
+    assert plan.wet_pairs == (("dry", "soap"), ("dry", "oil"))
+    every_group, soap_alone = plan.limits
+    assert every_group == GroupLimit("jerk", 4, None)
+    assert soap_alone == GroupLimit("distance_m", 400, None, group="soap")
 
 
 def test_a_group_without_a_log_is_an_error(tmp_path: Path) -> None:
