@@ -321,8 +321,9 @@ class TextLog:
         tokens = data.split() if " " in data else in_columns
         if len(tokens) > 1 and self._base == 16 and {*map(len, tokens)} != {2}:
             self._base = 10
-        identifier, number = int(text, 16 if text[:2] == "0x" else self._base), int(bus or 0)
-        if len(tokens) == 1 < int(size):
+        identifier = int(text, 16 if text[:2] == "0x" else self._base)
+        number = int(re.sub(r"\D", "", bus) or 0)  # as in "CAN 1"
+        if len(tokens) == 1 and len(data) > 3:
             octets = bytes.fromhex(data) if len(data) == 2 * int(size) else b64decode(data)
         else:
             octets = self._bytes(tokens, int(size))
