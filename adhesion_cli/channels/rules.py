@@ -31,7 +31,7 @@ class Rule(NamedTuple):
 
     Attributes:
         quantity: by its unit, or by a word where it states no unit; see `_Name.quantities`. A
-            state has no unit, a switch none, or "-" and no word for a quantity. "|" as below.
+            state has no unit, a switch none or "-", and no word for a quantity. "|" as below.
         pattern: kinds of words of the vocabulary; all conditions must hold. "own" asks only the
             words of the field itself, not of its topic. "|" separates alternatives. "!" asks that
             there are no such words. "?" finds words for the reason, and asks nothing.
@@ -172,7 +172,9 @@ _PLACE_CODE = re.compile(r"(?<![^\W_])(?:C(\d)_?)?B(\d)_?A(\d)(?![^\W_])")  # as
 _MEASURED = {"speed", "pressure"}
 _PLACES = {"wheel", "bogie", "car"}
 _TRACK_BRAKE = re.compile(r"\btrack ?brake\b(?! test\b)")
-_NUMBERED = {"wheel", "cylinder", "valve"}  # kinds of words before an axle's number
+_VALVES = {"valve", "vent valve", "hold valve"}
+_OF_AXLE = {"wheel"} | _VALVES
+_NUMBERED = {"wheel", "cylinder"} | _VALVES  # kinds of words before an axle's number
 
 
 VOCABULARY = tomllib.loads(Path(__file__).with_name("vocabulary.toml").read_text("utf-8"))
@@ -288,8 +290,8 @@ class _Name:
             may_be = _QUANTITY[rare.dimension]
         unit_of = {"any": self.unit} | dict.fromkeys(may_be, self.rare_unit)
         if not measured and not may_be:
-            unit_of["state"] = unit_of["switch"] = self.unit
-        elif self.rare_unit == "-" and "no switch" not in self.own_kinds:
+            unit_of["state"] = self.unit
+        if ("state" in unit_of or self.rare_unit == "-") and "no switch" not in self.own_kinds:
             unit_of["switch"] = self.unit
         if not measured and "temperature" not in may_be:
             if "force" in self.own_kinds:
@@ -402,7 +404,7 @@ def guess(field: Field) -> Guess:
         numbered = field.group or "wheel" in name.kinds
         if rule.quantity == "acceleration" or (rule.meaning == "train_speed" and not numbered):
             axle = None
-        if rule.reason in (_NAMED, _SHOWN, _ON) and not {"wheel", "valve"} & name.kinds.keys():
+        if rule.reason in (_NAMED, _SHOWN, _ON) and not _OF_AXLE & name.kinds.keys():
             axle = None
         names = " and ".join(repr(word) for word in dict.fromkeys(matched))
         reasons = (

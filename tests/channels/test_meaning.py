@@ -11,7 +11,7 @@ from adhesion_cli.channels import rules
 from adhesion_cli.channels.meaning import Mapping, understood
 from adhesion_cli.core import units
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import Parameter
+from adhesion_cli.core.model import Meaning, Parameter
 from adhesion_cli.formats.source import Field
 
 
@@ -748,3 +748,38 @@ def test_names_in_further_languages() -> None:
         assert seen(f"{pressure} [бар]", f"{speed} 2 [км/ч]", f"{pipe} [bar]") == [
             (PRESSURE, None, "бар"), (WHEEL, 2, "км/ч"), ("brake_pipe", None, "bar"),
         ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("meaning", "names"),
+    [
+        (
+            "brake_command",
+            "Povel brzdy|Polecenie hamowania|Fékparancs|Comando freno|Mando de freno",
+        ),
+        ("brake_command", "Bromskommando|Comando de freio|Comandă frână|Príkaz brzdy|Rem commando"),
+        ("magnetic_brake", "Kolejnicová brzda|Koľajnicová brzda|Hamulec szynowy|Sínfék|Railrem"),
+        ("magnetic_brake", "Pattini|Freno de patín|Magnetskenbroms|Freio de patim|Frână cu patină"),
+        (
+            "sanding",
+            "Pískování|Pieskovanie|Piaskowanie|Homokolás|Sandning|Areia|Nisipare|Sabbiatura",
+        ),
+        ("vent_valve", "Odpouštěcí ventil|Odvětrávací ventil|Odpúšťací ventil|Zawór upustowy"),
+        ("vent_valve", "Ürítőszelep|Ontluchtingsventiel|Avluftningsventil|Válvula de alívio"),
+        ("hold_valve", "Přídržný ventil|Zawór podtrzymujący|Tartószelep|Houdventiel|Hållventil"),
+        (
+            "emergency",
+            "Rychlobrzda|Nouzové brzdění|Hamowanie nagłe|Vészfék|Nödbroms|Frână de urgență",
+        ),
+        ("wsp_active", "Protismyk|Protišmyk|Układ przeciwpoślizgowy|Csúszásgátló|Glidskydd"),
+        ("reservoir_pressure", "Tlak vzduchojemu [bar]|Druk hoofdreservoir [bar]"),
+        (None, "Porucha pískování|Sanding fault|Fel sandning|Požadovaný tlak válce [bar]"),
+    ],
+)
+def test_states_are_known_in_many_languages(meaning: Meaning | None, names: str) -> None:
+    for name in names.split("|"):
+        for channel in (name, f"{name} 2"):  # a valve's number is an axle's
+            guess = rules.guess(Field(channel))
+            assert guess.meaning == meaning, channel
+            is_valve = channel != name and meaning in ("vent_valve", "hold_valve")
+            assert guess.axle == (2 if is_valve else None) or not meaning, channel

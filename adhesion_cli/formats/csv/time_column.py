@@ -260,6 +260,8 @@ class _ClockSearch:
             begin = _begin(clock, first, start, is_zoned)
         elif clock.absolute or "<H>" not in clock.pattern or not _NEAR < first < _DAY:
             return clock
+        if clock.absolute and (begin is not None or len(starts) > 1):
+            return clock
         if len(starts) > 1:
             problem = "it may be day/month or month/day"
         elif begin is None:
@@ -711,7 +713,7 @@ def _begin(clock: Clock, first: int, start: int, is_zoned: bool) -> int | None:
     turn = _ZONE_STEP if is_zoned or clock.absolute else _DAY
     lag = (first - start + turn // 2) % turn - turn // 2
     if clock.absolute:
-        return clock.start if abs(lag) <= _NEAR and abs(first - start) < _DAY else None
+        return 0 if abs(lag) <= _NEAR and abs(first - start) < _DAY else None
     if abs(lag) <= _NEAR and ("<H>" in clock.pattern or abs(first) > _NEAR):
         return start + lag - first
     return start if abs(first) <= _NEAR else None

@@ -508,6 +508,7 @@ def test_a_date_or_start_above_the_table_dates_the_log(
     if start:
         assert p.t[0] == np.datetime64(start, "ns").astype(np.int64)
         assert ("taken as UTC" in source.time_reason) is ("+01:00" not in lines[0])
+        assert ("above the table" in source.time_reason) is (times is not _STAMPS)
     assert np.ptp(p.t) == 3_980_000_000
     assert not [f for f in source.findings if f.code == "start-not-used"]
 
