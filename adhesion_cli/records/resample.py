@@ -31,6 +31,7 @@ from .faults import Fault, View
 from .screen import Screened
 
 _COMPARED: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
+_LEAST_USABLE = 0.5  # of the time of an axle's speed
 _EARLIER = 1_000_000_000  # a brake applied for so long without a wheel speed is lost [ns]
 
 
@@ -45,15 +46,39 @@ class _Sampled(NamedTuple):
 def resample(
     choice: Choice, screened: Screened, view: View
 ) -> tuple[list[AxleChannels], list[Finding]]:
-    """The axles of which something is left, and what was left out of them."""
-    axles, findings = [], []
+    """The axles of which something is left, and what was left out of them.
+
+    An axle that is left for less than half of its time would shorten what all axles show together.
+    """
+    axles: list[AxleChannels] = []
+    findings: list[Finding] = []
     for chosen in choice.axles:
         if chosen.speed in screened.channels and chosen.brake in screened.channels:
             axle, faults = _axle(chosen, screened, view)
             axles += [axle] if axle else []
             if chosen.axle in choice.requested:
                 findings += [f for channel, fault in faults for f in view.report(fault, channel)]
-    return axles, findings
+    usable = {a.record.axle: _usable_time(a, choice, view) for a in axles}
+    short = [axle for axle, (used, logged) in usable.items() if used < _LEAST_USABLE * logged]
+    if set(short) >= {*choice.requested}.intersection(usable):
+        return axles, findings
+    for a in axles:
+        if a.record.axle in short:
+            used, logged = usable[a.record.axle]
+            values = {"axle": a.record.axle, "used_s": used, "logged_s": logged}
+            findings.append(Finding("axle-left-out", "warning", a.speed.title, values=values))
+    return [a for a in axles if a.record.axle not in short], findings
+
+
+def _usable_time(axle: AxleChannels, choice: Choice, view: View) -> tuple[float, float]:
+    """The time of an axle's record, and that of its speed in the log [s]."""
+    key = next(chosen.speed for chosen in choice.axles if chosen.axle == axle.record.axle)
+    t = choice.channels[key].data.t
+    t = t[view.contains(t)]
+    used = sum(
+        float(axle.record.t[s.stop - 1] - axle.record.t[s.start]) for s in axle.record.segments
+    )
+    return used * 1e-9, float(t[-1] - t[0]) * 1e-9
 
 
 def _axle(

@@ -326,3 +326,21 @@ def test_wheel_speeds_at_the_end_of_their_range_are_left_out(
         log, "wheel_speed", lambda r: replace(r, value=np.minimum(r.value, share * r.value.max()))
     )
     assert ("speed-stuck", "warning") in [(f.code, f.severity) for f in found(cut, tmp_path)]
+
+
+def test_an_axle_whose_speed_is_lost_early_does_not_cut_what_the_others_show(
+    tmp_path: Path,
+) -> None:
+    """Its record would end the time that all axles share."""
+    whole = simulated.late(simulated.recordings("low-adhesion"), "train_speed", 0.4)
+    begin = min(r.t[0] for r in whole) * 1e-9
+    path = simulated.write(
+        tmp_path / "stuck.csv", simulated.stuck(whole, "wheel_speed", 2, begin + 6.0, 1e3)
+    )
+    result = analyze.analyze(path, QUICK, ["td"])
+    codes = {f.code: f for f in result.findings}
+    assert codes["axle-left-out"].values["axle"] == 2
+    assert 2 not in [axle.record.axle for axle in result.axles]
+    assert "train-speed-delay" in codes
+    (alone,) = analyze.analyze(path, QUICK, ["td"], [2]).axles
+    assert alone.record.axle == 2
