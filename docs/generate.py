@@ -155,6 +155,8 @@ def settings_page() -> str:
         "| line | states |\n|---|---|",
         "| `gradient = 5.0` | one gradient; 1 sigma is 0.5 per mille |",
         "| `gradient = {value = 5.0, tolerance = 2.0}` | the same with its 1 sigma |",
+        '| `gradient = {logs = {"*_out*.csv" = 8.0, "*_back*.csv" = -8.0}}` | one of each log: the '
+        "first pattern that fits its file name. Nothing is stated for other logs |",
         '| `gradient = {profile = "line.csv", position = "km"}` | a CSV of two columns: the km '
         "from which a gradient holds (metres where its head says `[m]`), and the gradient along "
         "rising km. `position` names the "

@@ -19,6 +19,7 @@ from ..reference import force
 from . import loads
 from . import settings as settings_module
 from .settings import VEHICLE_USES, Settings
+from .stated_track import track_of_log
 
 
 def choose_estimators(algos: Sequence[str]) -> list[Estimator]:
@@ -74,6 +75,7 @@ def open_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Source
     source = open_source(path, settings.read)
     if carried := _carried(path, source):
         settings = settings.over(settings_module.nested(carried))
+    settings = replace(settings, track=track_of_log(settings.track, source.path.name))
     return check_settings(settings), source
 
 

@@ -4,6 +4,7 @@ import csv
 import math
 import re
 from collections.abc import Iterable, Iterator
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +25,35 @@ def stated_track(table: Table) -> Track:
     Raises:
         UserError: an unknown key, a gradient that is no number, a profile that cannot be read.
     """
-    entry, usual = table_of("track", table, ["gradient"]).get("gradient"), Track().gradient
+    entry = table_of("track", table, ["gradient"]).get("gradient")
     if entry is None:
         return Track()
     if isinstance(entry, dict) and "profile" in entry:
         return _profile_track(entry)
-    stated_gradient = parameter("track.gradient", entry)
-    GRADIENT.check("track.gradient", stated_gradient.value)
-    has_tolerance = isinstance(entry, dict) and "tolerance" in entry
-    tolerance = _PER_MILLE * stated_gradient.tolerance if has_tolerance else usual.tolerance
-    return Track(Parameter(_PER_MILLE * stated_gradient.value, tolerance), stated=True)
+    if isinstance(entry, dict) and "logs" in entry:
+        by_log = table_of(
+            "track.gradient.logs", table_of("track.gradient", entry, ["logs"])["logs"]
+        )
+        names = [(pattern, f"track.gradient.logs.{pattern}") for pattern in by_log]
+        return Track(gradients_of_logs=tuple((x, _gradient(y, by_log[x])) for x, y in names))
+    return Track(_gradient("track.gradient", entry), stated=True)
+
+
+def track_of_log(track: Track, name: str) -> Track:
+    """The line of a log of this file name: the first pattern that fits it; else nothing stated."""
+    for pattern, gradient in track.gradients_of_logs:
+        if fnmatch(name, pattern):
+            return Track(gradient, stated=True)
+    return Track() if track.gradients_of_logs else track
+
+
+def _gradient(name: str, entry: Any) -> Parameter:
+    """A stated number with its error [-]."""
+    stated = parameter(name, entry)
+    GRADIENT.check(name, stated.value)
+    if isinstance(entry, dict) and "tolerance" in entry:
+        return Parameter(_PER_MILLE * stated.value, _PER_MILLE * stated.tolerance)
+    return Parameter(_PER_MILLE * stated.value, Track().gradient.tolerance)
 
 
 def as_stated(track: Track) -> Table:

@@ -528,6 +528,8 @@ class Track(NamedTuple):
     # place [m] from which each gradient [-] holds, along rising places
     profile: tuple[tuple[float, float], ...] = ()
     position: str = ""  # the channel of the place, "" by its meaning
+    # by a pattern of the log's name, where logs were made on several lines
+    gradients_of_logs: tuple[tuple[str, Parameter], ...] = ()
 
 
 class DifferingStop(NamedTuple):

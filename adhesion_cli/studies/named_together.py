@@ -43,7 +43,7 @@ def identify_together(
                 log = read_log(source, settings_of_log)
                 loaded, _ = load_vehicle(settings, log)
                 aligned = align_log(
-                    log, loaded.vehicle, axles, window, settings.checks, settings.track
+                    log, loaded.vehicle, axles, window, settings.checks, settings_of_log.track
                 )
                 logs[place] = aligned
         except Exception:  # its own analysis says what is wrong with a log

@@ -38,6 +38,17 @@ def test_what_a_result_carries_loads_back() -> None:
     assert not settings.load(folder=False).over(along).track.profile  # the log had the position
 
 
+def test_each_log_has_the_gradient_of_the_first_pattern_that_fits_its_name(tmp_path: Path) -> None:
+    stated = track({"logs": {"*_out*": {"value": 8.0, "tolerance": 1.0}, "*_back*": -8.0}})
+    paths = [log(tmp_path / f"{name}.csv", true(), 1, 2) for name in ("1_out", "2_back", "3")]
+    results = [analyze(path, stated, ["td"]) for path in paths]
+    out, back = Parameter(0.008, 0.001), Parameter(-0.008, 0.0005)
+    assert [x.track.gradient for x in results[:2]] == [out, back]
+    assert [x.track.stated for x in results] == [True, True, False]
+    uphill, downhill, unknown = (x.identified.vehicle.friction.value for x in results)
+    assert uphill < unknown < downhill  # the same log: a slope is not taken for brake force
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -58,6 +69,9 @@ def test_a_profile_is_a_table_of_km_and_per_mille(text: str, tmp_path: Path) -> 
     ("gradient", "says"),
     [
         ("steep", "track.gradient"),
+        ({"logs": {"*_out*": "steep"}}, r"track.gradient.logs.\*_out\*"),
+        ({"logs": 5.0}, "track.gradient.logs"),
+        ({"logs": {"*": 1.0}, "value": 2.0}, "value"),
         (500.0, "out of range"),
         ({"profile": "missing.csv"}, "missing.csv cannot be read"),
         ({"profile": "falls.csv"}, "line 3: km 0.5 does not rise"),
@@ -71,7 +85,7 @@ def test_a_profile_is_a_table_of_km_and_per_mille(text: str, tmp_path: Path) -> 
 def test_bad_input_names_the_place(gradient: Any, says: str, tmp_path: Path) -> None:
     for name, rows in (("falls", "0,1\n1,2\n0.5,3\n"), ("words", "a,b\nx,y\n"), ("empty", "")):
         (tmp_path / f"{name}.csv").write_text(rows, encoding="utf-8")
-    if isinstance(gradient, dict) and isinstance(gradient["profile"], str):
+    if isinstance(gradient, dict) and isinstance(gradient.get("profile"), str):
         gradient = {**gradient, "profile": str(tmp_path / gradient["profile"])}
     with pytest.raises(UserError, match=says) as error:
         track(gradient)
