@@ -55,6 +55,7 @@ class SheetText(NamedTuple):
     other_sheets: list[str]
     reason: str  # why these
     has_channels: bool  # a column of numbers is a time, or one of a brake
+    is_part: bool  # other sheets are those of other axles, bogies or cars
 
 
 class _Column(NamedTuple):
@@ -91,6 +92,14 @@ class _Sheet(NamedTuple):
         """The texts above the numbers of each column that is no time."""
         heads = [[x for x in c.heads() if not is_number(x)] for c in self.columns]
         return [tuple(x) for x in heads if x and not any(map(time_name, x))]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it has a pressure and a speed."""
+        texts = [x for head in self.heads for x in head]
+        known = [units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts]
+        dimensions = {unit.dimension for unit in known if unit}
+        return "pressure" in dimensions and bool(dimensions & {"speed", "angular speed"})
 
     @property
     def times(self) -> NDArray[np.float64]:
@@ -135,12 +144,14 @@ def write_text(
         reason = _OF_BRAKE if best.is_of_brake else _OF_NUMBERS
         reason = _OF_STATED if best.stated_count else reason
         parts, columns = [best.name], best.columns
-        if joins and best.is_of_brake and best.is_log:
-            logs = [x for x in sheets if x.is_of_brake and x.is_log]
-            parts, columns = _joined(logs, options) or (parts, columns)
+        logs = [x for x in sheets if x.is_of_brake and x.is_log]
+        are_places = len(logs) > 1 and all(_is_place(x.name, options) for x in logs)
+        if joins and any(x is best for x in logs):
+            parts, columns = _joined(logs, are_places) or (parts, columns)
         reason = "one log" if len(parts) > 1 else reason
     else:
         parts, reason, columns = [sheet_name], "stated", book.columns(sheet_name)[0]
+        are_places = False
     other_sheets = [x for x in book.names if x not in parts]
     if not columns:
         hint = "give a workbook with a log"
@@ -154,7 +165,8 @@ def write_text(
             rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)  # of blank cells
             file.write(("\n".join(rows.to_pylist()) + "\n").encode())
     has_channels = reason != _OF_NUMBERS or any(any(map(time_name, x.heads())) for x in columns)
-    return SheetText(parts, other_sheets, reason, has_channels)
+    is_part = are_places and len(parts) == 1
+    return SheetText(parts, other_sheets, reason, has_channels, is_part)
 
 
 def _without_notes(columns: Sequence[_Column]) -> list[_Column]:
@@ -187,9 +199,11 @@ def _sheets(book: "_Book", names: Sequence[str], options: ReadOptions) -> list[_
     return sheets
 
 
-def _joined(
-    sheets: Sequence[_Sheet], options: ReadOptions
-) -> tuple[list[str], list[_Column]] | None:
+def _is_place(sheet: str, options: ReadOptions) -> bool:
+    return options.names_place is not None and options.names_place(sheet)
+
+
+def _joined(sheets: Sequence[_Sheet], are_places: bool) -> tuple[list[str], list[_Column]] | None:
     """The names of sheets that are one log, and its columns; None where they are not.
 
     Sheets of other numbered channels stand beside the first, under their names where these say
@@ -200,18 +214,16 @@ def _joined(
     if len(sheets) < 2 or not all(map(len, times)):
         return None
     columns = [_without_notes(x.columns) for x in sheets]
-    says_place = options.names_place or (lambda _: False)
-    are_places = all(says_place(x.name) for x in sheets)
     names = [x for own_heads in heads for x in own_heads]
     is_one_log = len({*names}) == len(names) and all(map(_COUNTS.search, map(str, heads)))
+    is_one_log &= not all(x.is_complete for x in sheets)
     is_one_time = max(t[0] for t in times) < min(t[-1] for t in times)
     if is_one_time and (are_places or is_one_log) and all(_shows_pair(times[0], t) for t in times):
         length = max(len(x[0].text) for x in columns)
         beside = [
-            _stacked(_texts([None if k else name] * are_places), c, _texts([None] * missing))
+            _stacked(c, _texts([None] * (length - len(c.text))))
             for name, own_columns in zip((x.name for x in sheets), columns, strict=True)
-            for missing in [length - len(own_columns[0].text)]
-            for k, c in enumerate(own_columns)
+            for c in (_titled(name, own_columns) if are_places else own_columns)
         ]
         return [x.name for x in sheets], beside
     order = sorted(range(len(sheets)), key=lambda k: float(times[k][0]))
@@ -220,6 +232,18 @@ def _joined(
         below = [_stacked(*x) for x in zip(*(columns[k] for k in order), strict=True)]
         return [sheets[k].name for k in order], below
     return None
+
+
+def _titled(title: str, columns: Sequence[_Column]) -> list[_Column]:
+    """The columns with a title before the name of each that is no time, in the row of its name."""
+    heads = [[x or "" for x in c.text.slice(0, _HEAD_ROWS).to_pylist()] for c in columns]
+    row = next(k for k, x in enumerate(zip(*heads, strict=True)) if any(map(time_name, x)))
+    return [
+        c
+        if time_name(cells[row])
+        else c._replace(text=_with(c.text, {row: f"{title} {cells[row]}"}))
+        for c, cells in zip(columns, heads, strict=True)
+    ]
 
 
 def _texts(cells: list[str | None]) -> _Column:

@@ -61,5 +61,7 @@ def open_workbook(path: Path, options: ReadOptions) -> CsvSource:
             reason += f" ({sheet_refusal.text.removeprefix(f'{path}: ')})"
         values = {"sheet": names, "reason": reason, "others": listed(others)}
         values["option"] = option(others[0])
-        source.findings.append(Finding("one-sheet-read", "info", names=values))
+        source.findings.append(
+            Finding("one-sheet-read", "warning" if sheet.is_part else "info", names=values)
+        )
     return source

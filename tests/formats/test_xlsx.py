@@ -450,10 +450,13 @@ def test_sheets_of_one_log_are_read_together(tmp_path: Path) -> None:
 
 
 def test_sheets_of_several_runs_are_several_logs(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.xlsx", {"Run 1": log(20), "Run 2": log(30)})
-    source = opened(path, names_brake=names_brake, names_place=names_place)
-    assert len(read(source)["p [bar] []"]) == 20
-    assert [f.code for f in source.findings] == ["one-sheet-read"]
+    head = ["Time [s]", "p filtered [bar]", "v filtered [km/h]"]
+    for name, severity in (("Run", "info"), ("Axle", "warning")):
+        later = [[t + 20.0 if isinstance(t, float) else t, *x] for t, *x in log(30, head)]
+        path = write(tmp_path / f"{name}.xlsx", {f"{name} 1": log(20), f"{name} 2": later})
+        source = opened(path, names_brake=names_brake, names_place=names_place)
+        assert len(read(source)["p [bar] []"]) == 20
+        assert [(f.code, f.severity) for f in source.findings] == [("one-sheet-read", severity)]
 
 
 def test_a_table_of_results_before_the_samples_is_no_log(tmp_path: Path) -> None:
