@@ -27,7 +27,7 @@ from ..core.model import (
 )
 from ..core.text import listed
 from ..formats.source import TAKEN_AS_UTC, Source
-from .meaning import Mapping, Meant, entry_of, name, understood
+from .meaning import Mapping, Meant, channel_fields, entry_of, name, understood
 from .places import UNCLEAR, bogie_axles
 from .pressures import judge
 from .rules import ED_WITHOUT_UNIT, NO_NAME, UNCLEAR_VALVE
@@ -391,11 +391,19 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
         # What was made of the axles will be again; an input is in the file of each axle.
         repeated = trains[1:] if train_speed_source == AS_INPUT else trains
         fields = [f for f in fields if f not in repeated]
+    stated = () if "adhesion.settings" in source.metadata else mappings
+    by_channel, notes = [m for m in stated if m.channel], list[Finding]()
+    is_several = source.options.several_loggers and bool(by_channel)
+    if is_several and not any(channel_fields(fields, m) for m in by_channel):
+        stated = [m for m in stated if not m.channel]
+        names = {"channels": listed(dict.fromkeys(m.channel for m in by_channel))}
+        notes = [Finding("channels-of-another-log", "warning", names=names)]
     try:
-        stated = () if "adhesion.settings" in source.metadata else mappings
         meant, findings = understood(fields, stated)
     except UserError as e:
-        raise UserError(f"{source.path}: {e.text}", e.hint, e.code) from None
+        other = "; or run the logs of each logger by themselves, each with its own -c" * is_several
+        raise UserError(f"{source.path}: {e.text}", e.hint + other, e.code) from None
+    findings = notes + findings
     if train_speed_source == AS_INPUT:
         meant = [replace(m, axle=None) if m.meaning == "train_speed" else m for m in meant]
     for i, m in enumerate(meant):

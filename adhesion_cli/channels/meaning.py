@@ -514,8 +514,8 @@ def title(field: Field) -> str:
     return f"{name(field)} {field.path}".strip()
 
 
-def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
-    """The field that a mapping names; of a list without an index each element, with its axle."""
+def channel_fields(fields: Sequence[Field], m: Mapping) -> list[Field]:
+    """The fields of the channel that a mapping names, none where the log has no such channel."""
     wanted = m.channel.strip()
     folded = wanted.casefold()
     spellings: tuple[Callable[[Field], bool], ...] = (
@@ -525,8 +525,13 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
         lambda f: folded in (f"column {f.column}", str(f.column)) and f.column > 0,
     )
     fields = [f for f in fields if not f.words or m.meaning in _WORDED_MEANINGS]
-    named = ([f for f in fields if spelling(f)] for spelling in spellings)
-    matching = next((fields for fields in named if fields), [])
+    matching = ([f for f in fields if spelling(f)] for spelling in spellings)
+    return next((fields for fields in matching if fields), [])
+
+
+def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
+    """The field that a mapping names; of a list without an index each element, with its axle."""
+    matching = channel_fields(fields, m)
     if not matching:
         raise unknown("channel", m.channel, sorted({f.channel for f in fields}))
     in_group = [f for f in matching if not m.group or f.group == m.group]

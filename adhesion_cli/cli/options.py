@@ -176,11 +176,12 @@ def _report(quiet: bool, text: str) -> None:
     message(text, quiet)
 
 
-def load_settings(shared: Shared) -> "Settings":
-    """The settings that these options state."""
+def load_settings(shared: Shared, several_loggers: bool = False) -> "Settings":
+    """The settings that these options state, for logs of one logger or several."""
     from ..analysis.settings import load
 
-    return load(shared.config, assignments(shared), strict=shared.strict)
+    flags = {"strict": shared.strict, "several_loggers": several_loggers}
+    return load(shared.config, assignments(shared), **flags)
 
 
 def assignments(shared: Shared) -> list[str]:

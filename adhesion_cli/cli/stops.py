@@ -92,7 +92,9 @@ def command(  # noqa: PLR0912, PLR0913 (one parameter per option, and one file e
     progress = terminal.progress(shared.quiet)
     test = brake_test.run(
         logs,
-        lambda files: load_settings(replace(shared, config=[*shared.config, *files])),
+        lambda files: load_settings(
+            replace(shared, config=[*shared.config, *files]), several_loggers=len(logs) > 1
+        ),
         stated_plan,
         shared.axle,
         (shared.from_, shared.to),

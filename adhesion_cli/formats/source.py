@@ -63,6 +63,8 @@ class ReadOptions:
     # whether a column of this name is one of a brake: of several sheets, one that has it is read
     names_brake: Callable[[str], bool] | None = field(default=None, compare=False)
     names_place: Callable[[str], bool] | None = field(default=None, compare=False)  # of a sheet
+    # whether a log that has none of the channels in [channels] is read by its names
+    several_loggers: bool = False
     named_channels: tuple[str, ...] = ()  # in [channels]; the sheet with most of them is read
     dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding

@@ -128,3 +128,25 @@ def test_wrong_arguments_write_nothing(
     assert made.stderr.startswith("error: ")
     assert "\nhint: " in made.stderr
     assert not (tmp_path / "results").exists()
+
+
+def test_channels_of_one_logger_do_not_fail_the_logs_of_another(run: Run, tmp_path: Path) -> None:
+    own, other = logs_of_fleet.write(tmp_path, 2)
+    own.write_text(own.read_text().replace("wheel_speed [km/h]", "Kanal A"))
+    (tmp_path / "own.toml").write_text(
+        "[channels]\nwheel_speed = {channel = 'Kanal A', unit = 'km/h'}\n"
+    )
+    fleet = "fleet", own.name, other.name, "-c", "own.toml", "-a", "td", "--workers", "1"
+    made = run(*fleet, "--json")
+    assert (json.loads(made.stdout)["done"], made.returncode) == (2, 3)
+    shown = run("fleet", "--summary", "fleet-results", "--json").stdout
+    (finding,) = json.loads(shown)["findings"]
+    assert (finding["code"], finding["logs"]) == ("channels-of-another-log", 1)
+    assert other.name in finding["example"]
+    (tmp_path / "own.toml").write_text(
+        "[channels]\nwheel_speed = {channel = 'Kanal A', unit = 'km/h'}\npressure = {channel = 'BC 1'}\n"
+    )
+    made = run(*fleet)  # of a log that has one of them, the other is wrong
+    assert made.returncode == 3
+    assert "unknown channel 'BC 1'" in made.stderr
+    assert "run the logs of each logger by themselves, each with its own -c" in made.stderr
