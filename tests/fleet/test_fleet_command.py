@@ -144,7 +144,8 @@ def test_channels_of_one_logger_do_not_fail_the_logs_of_another(run: Run, tmp_pa
     assert (finding["code"], finding["logs"]) == ("channels-of-another-log", 1)
     assert other.name in finding["example"]
     (tmp_path / "own.toml").write_text(
-        "[channels]\nwheel_speed = {channel = 'Kanal A', unit = 'km/h'}\npressure = {channel = 'BC 1'}\n"
+        "[channels]\nwheel_speed = {channel = 'Kanal A', unit = 'km/h'}\n"
+        "pressure = {channel = 'BC 1'}\n"
     )
     made = run(*fleet)  # of a log that has one of them, the other is wrong
     assert made.returncode == 3
