@@ -180,8 +180,8 @@ def load_settings(shared: Shared, several_loggers: bool = False) -> "Settings":
     """The settings that these options state, for logs of one logger or several."""
     from ..analysis.settings import load
 
-    flags = {"strict": shared.strict, "several_loggers": several_loggers}
-    return load(shared.config, assignments(shared), **flags)
+    stated = shared.config, assignments(shared)
+    return load(*stated, strict=shared.strict, several_loggers=several_loggers)
 
 
 def assignments(shared: Shared) -> list[str]:

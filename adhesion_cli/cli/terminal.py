@@ -90,11 +90,13 @@ def findings(findings_shown: Sequence[Finding], width: int | None = None) -> str
     rows: dict[Severity, list[_Row]] = {}
     for group, text in _grouped(findings_shown):
         location = ", ".join(filter(None, (_channels(group), describe_times(group))))
-        rows.setdefault(group[0].severity, []).append((group[0].code, location, text))
+        rows.setdefault(group[0].severity, []).append(
+            (_options(group), group[0].code, location, text)
+        )
     return _listing(rows, width)
 
 
-_Row = tuple[str, ...]  # code, places and text of a line
+_Row = tuple[str, ...]  # options that its remedy states; code, places and text of a line
 
 
 def _listing(rows: Mapping[Severity, Sequence[_Row]], width: int | None = None) -> str:
@@ -103,11 +105,11 @@ def _listing(rows: Mapping[Severity, Sequence[_Row]], width: int | None = None) 
     lines: list[str] = []
     for severity in (x for x in _HEADINGS if x in rows):
         lines.append(f"{_HEADINGS[severity]}:")
-        codes = max(len(code) for code, *_ in rows[severity])
-        for code, *places, text in rows[severity]:
+        codes = max(len(code) for _, code, *_ in rows[severity])
+        for options, code, *places, text in rows[severity]:
             cells = filter(None, (code.ljust(codes), *places, printable(text)))
             line = _shorten("  " + "  ".join(cells), 2 * _WIDEST)
-            lines.append(folded(line, " " * 6, columns))
+            lines += [folded(line, " " * 6, columns), *options.splitlines()]
     return "\n".join([*lines, _EXPLAINS] if lines else lines)
 
 
@@ -142,7 +144,7 @@ def show_of_logs(
         names = ", ".join(map(printable, by_log))
         place = names if len(by_log) <= _FEW_LOGS else f"{len(by_log)} logs"
         place = f"all {len(logs)} logs" if len(by_log) == len(logs) else place
-        rows.setdefault(severity, []).append((code, place, _channels(group), text))
+        rows.setdefault(severity, []).append((_options(group), code, place, _channels(group), text))
     message(_listing(rows), quiet=not rows)
 
 
@@ -165,6 +167,12 @@ def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str
             all_of_code = [f for group in by_message.values() for f in group]
             groups.append((all_of_code, catalogue()[code].title))
     return groups
+
+
+def _options(group: Sequence[Finding]) -> str:
+    """What the remedy of warnings would have pasted: an option a line, never cut."""
+    options = dict.fromkeys(f.option for f in group if f.option and f.severity != "info")
+    return "\n".join(f"      {printable(x)}" for x in [*options][:_LISTED_ALIKE])
 
 
 def _channels(group: Sequence[Finding]) -> str:

@@ -4,6 +4,7 @@ A finding is data: a code, where it is, and the numbers that belong to it. Its w
 the catalogue `findings.toml`; terminal, JSON, `adhesion explain` and the docs all read them there.
 """
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +13,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
+# In a remedy: what it would have pasted, with fields of the finding; and on which condition.
+_OPTION = re.compile(r"`[^`]*--set[^`]*(?<!\{)\{\w[^`]*`|\{option\}")
+_CONDITION = re.compile(r"(?:If|Only|For)[^,]*,")
 Severity = Literal["info", "warning", "error"]
 Span = tuple[float, float]
 
@@ -103,6 +107,17 @@ class Finding:
     def hint(self) -> str | None:
         """What to do, None where nothing need be done."""
         return catalogue()[self.code].remedy.format_map(self._fields()) or None
+
+    @property
+    def option(self) -> str:
+        """What the remedy would have pasted, with its condition; "" where that is not all known."""
+        for sentence in re.split(r"(?<=\.) (?=[A-Z])", catalogue()[self.code].remedy):
+            if template := _OPTION.search(sentence):
+                text = template[0].format_map(self._fields())
+                condition = _CONDITION.match(sentence)
+                if "…" not in text and "=NAME" not in text:
+                    return f"{condition[0]} {text}" if condition else text.strip("`")
+        return ""
 
     def _fields(self) -> "_Fields":
         speeds = {k: v for k, v in self.values.items() if k.endswith("_mps")}

@@ -123,8 +123,8 @@ def recordings(log: LogLocation, job: Job) -> list[Path]:
 
 
 def _tables(path: Path, log: LogLocation, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
-    flags = {"strict": job.strict, "several_loggers": True}
-    name, settings_of_job = log.name, settings.load(job.stated, folder=False, **flags)
+    name, flags = log.name, {"strict": job.strict, "several_loggers": True}
+    settings_of_job = settings.load(job.stated, (), False, **flags)
     evaluated = evaluate(path, settings_of_job, job.algos, job.axles, job.window, train_speed=True)
     if evaluated.log.sha256 != log.sha256:
         hint = "run again when the logger has closed it"

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.cli.terminal import findings, scores, show, show_of_logs, table
+from adhesion_cli.core import toml
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Score
 from adhesion_cli.core.summary import ChannelSummary
@@ -159,3 +160,23 @@ def test_a_long_name_of_a_channel_keeps_its_axle_and_several_names_keep_the_firs
     assert "o asse 2 [bar]" in shown
     assert "Velocità asse 1, Velocità" in shown
     assert "GPS" not in shown
+
+
+def test_the_option_of_a_remedy_is_whole_below_its_warning(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    channel = "Rychlost nápravy 3 podle otáček nápravového čidla [km/h]"
+    names = {"option": toml.option(f'channels.speed.axle3.channel = "{channel}"'), "units": "m/s"}
+    values = {"scale": 0.278, "factor": 3.6}
+    suspect = Finding("speed-unit-suspect", "warning", channel, values=values, names=names)
+    absolute = Finding("pressure-absolute", "warning", "p1", names={"unit": "bar"})
+    unknown = Finding("speed-unit-suspect", "warning", "v4", values=values)  # says no option
+    note = Finding("date-order-guessed", "info", names={"option": "`--set a=1`"})
+    lines = findings([suspect, absolute, unknown, note], 60).splitlines()
+    assert f'      --set "channels.speed.axle3.channel={channel}"' in lines
+    condition = "If the pressure is absolute, "
+    assert f'      {condition}`--set "channels.pressure.unit=bar abs"`' in lines
+    assert sum("--set" in line for line in lines) == 2
+    by_log = [("a.csv", [suspect]), ("b.csv", [suspect])]
+    show_of_logs(by_log, quiet=False)
+    assert capsys.readouterr().err.count(names["option"].strip("`")) == 1
