@@ -171,7 +171,7 @@ def _grouped(findings_shown: Sequence[Finding]) -> list[tuple[list[Finding], str
 
 def _options(group: Sequence[Finding]) -> str:
     """What the remedy of warnings would have pasted: an option a line, never cut."""
-    options = dict.fromkeys(f.option for f in group if f.option and f.severity != "info")
+    options = dict.fromkeys(x for f in group if f.severity != "info" and (x := f.option))
     return "\n".join(f"      {printable(x)}" for x in [*options][:_LISTED_ALIKE])
 
 

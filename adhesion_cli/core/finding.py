@@ -112,10 +112,11 @@ class Finding:
     def option(self) -> str:
         """What the remedy would have pasted, with its condition; "" where that is not all known."""
         for sentence in re.split(r"(?<=\.) (?=[A-Z])", catalogue()[self.code].remedy):
-            if template := _OPTION.search(sentence):
-                text = template[0].format_map(self._fields())
-                condition = _CONDITION.match(sentence)
-                if "…" not in text and "=NAME" not in text:
+            template, condition = _OPTION.search(sentence), _CONDITION.match(sentence)
+            fields = self._fields()
+            if template and {*re.findall(r"(?<!\{)\{(\w+)", template[0])} <= fields.keys():
+                text = template[0].format_map(fields)
+                if "=NAME" not in text:
                     return f"{condition[0]} {text}" if condition else text.strip("`")
         return ""
 

@@ -166,12 +166,19 @@ def test_the_option_of_a_remedy_is_whole_below_its_warning(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     channel = "Rychlost nápravy 3 podle otáček nápravového čidla [km/h]"
-    names = {"option": toml.option(f'channels.speed.axle3.channel = "{channel}"'), "units": "m/s"}
+    names = {"option": toml.option(f'channels.speed.axle3.channel = "{channel}"')}
+    speed = {"reference": "the train speed"}
     values = {"scale": 0.278, "factor": 3.6}
-    suspect = Finding("speed-unit-suspect", "warning", channel, values=values, names=names)
-    absolute = Finding("pressure-absolute", "warning", "p1", names={"unit": "bar"})
-    unknown = Finding("speed-unit-suspect", "warning", "v4", values=values)  # says no option
-    note = Finding("date-order-guessed", "info", names={"option": "`--set a=1`"})
+    suspect = Finding("speed-unit-suspect", "warning", channel, values=values, names=speed | names)
+    absolute = Finding("pressure-absolute", "warning", "p1", names={"unit": "bar", "use": "-"})
+    unknown = Finding(
+        "speed-unit-suspect", "warning", "v4", values=values, names=speed
+    )  # says no option
+    note = Finding(
+        "date-order-guessed",
+        "info",
+        names={"example": "-", "taken": "-", "other": "-", "option": "`--set a=1`"},
+    )
     lines = findings([suspect, absolute, unknown, note], 60).splitlines()
     assert f'      --set "channels.speed.axle3.channel={channel}"' in lines
     condition = "If the pressure is absolute, "
