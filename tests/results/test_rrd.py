@@ -26,7 +26,7 @@ from adhesion_cli.rail import sliding
 from adhesion_cli.rail.creep_law import Contact, condition, creep_force
 from adhesion_cli.rail.fit import Interval, RailFit
 from adhesion_cli.results import palette, rrd, thinning
-from adhesion_cli.results.rrd import overview, parts, results, rows
+from adhesion_cli.results.rrd import overview, parts, results
 
 PATCH = Contact().patch(Vehicle().axle_mass.value * G)
 ALGORITHMS = ("gradient", "kalman", "leso", "neso", "td")
@@ -262,36 +262,6 @@ def test_sparse_result(tmp_path: Path) -> None:
     rrd.write_results(path, [replace(analysed, axles=(empty,))])
 
 
-def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
-    monkeypatch.setattr(rows, "OVERVIEW", 100)
-    path = tmp_path / "a.rrd"
-    rrd.write_results(path, [result(1, 2000)])
-    t, full = column(path, "/axle/1/force/estimates", "scalars")
-    few_t, few = column(path, "/overview/axle/1/force/estimates", "scalars")
-    assert len(full) == 2002
-    assert 90 <= len(few) <= 106  # the two breaks of the gap add to it
-    np.testing.assert_array_equal(np.nanmin(few, axis=0), np.nanmin(full, axis=0))
-    np.testing.assert_array_equal(np.nanmax(few, axis=0), np.nanmax(full, axis=0))
-    assert np.isnan(few).any()  # the gap shows
-    drawn_rows = rows.of_axle(result(1, 2000).axles[0])
-    first = rows.spans(drawn_rows.row, -(-2 * len(t) // 100))
-    k = 0
-    for begin, end in zip(first, [*first[1:], len(t)], strict=True):
-        count = min(2, end - begin)
-        assert few_t[k] == t[begin]
-        if np.isfinite(full[begin:end]).any():
-            drawn = np.sort(few[k : k + count], axis=0)  # they come in the order of the line
-            np.testing.assert_array_equal(drawn[0], np.nanmin(full[begin:end], axis=0))
-            np.testing.assert_array_equal(drawn[-1], np.nanmax(full[begin:end], axis=0))
-            rises = full[end - 1] >= full[begin]
-            np.testing.assert_array_equal(few[k] == drawn[0], rises | (drawn[0] == drawn[-1]))
-        k += count
-    assert k == len(few)
-    _, band = column(path, "/overview/axle/1/force/band", "values")
-    assert len(band) == len(few)
-
-
 def test_comparison_lays_logs_over_one_another(tmp_path: Path) -> None:
     logs = [result(1, 60, name="a.csv"), result(1, 60, start=0, name="b odd/name.mcap")]
     rrd.write_results(tmp_path / "c.rrd", logs)
@@ -316,7 +286,8 @@ def test_a_comparison_opens_on_all_logs_in_one_chart(tmp_path: Path) -> None:
     ):  # fmt: skip
         for i, values in enumerate(drawn, 1):
             _, line = column(path, f"{root}/axle/1/{chart}/{i}", "scalars")
-            assert np.nanmax(line) == pytest.approx(np.nanmax(values))
+            # A force is rounded to a small share of its uncertainty.
+            assert np.nanmax(line) == pytest.approx(np.nanmax(values), abs=1e-3)
             colours = static(path, f"{root}/axle/1/{chart}/{i}", "colors")
             assert colours == [palette.rgba(palette.nth(i - 1))]
     assert static(path, f"{root}/axle/1/speed/2", "names") == ["b"]

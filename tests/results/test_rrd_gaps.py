@@ -14,7 +14,6 @@ from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.core import bundled
 from adhesion_cli.core.model import Result
 from adhesion_cli.results import rrd, thinning
-from adhesion_cli.results.rrd import results, rows
 
 SAMPLE = (bundled.folder("sample_logs") / bundled.SAMPLE).read_text().splitlines(keepends=True)
 SECOND = 10**9
@@ -53,16 +52,10 @@ FORCES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("most", "tab"), [(10_000, ""), (200, "/overview"), (40, "/overview")])
-def test_no_line_of_an_axle_crosses_a_gap(
-    gapped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int, tab: str
-) -> None:
-    monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
-    monkeypatch.setattr(rows, "OVERVIEW", most)
+def test_no_line_of_an_axle_crosses_a_gap(gapped: Result, tmp_path: Path) -> None:
     rrd.write_results(tmp_path / "a.rrd", [gapped])
-    for root in {"", tab}:
-        for entity, component in {**FORCES, "speed": "scalars", "braking": "scalars"}.items():
-            assert_breaks(tmp_path / "a.rrd", f"{root}/axle/1/{entity}", component)
+    for entity, component in {**FORCES, "speed": "scalars", "braking": "scalars"}.items():
+        assert_breaks(tmp_path / "a.rrd", f"/axle/1/{entity}", component)
 
 
 def test_no_line_crosses_a_gap_that_is_thinned(
@@ -78,10 +71,7 @@ def test_no_line_crosses_a_gap_that_is_thinned(
         assert_breaks(tmp_path / "a.rrd", f"/axle/1/{entity}", component)
 
 
-def test_no_line_of_several_logs_crosses_a_gap(
-    gapped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(rows, "OVERVIEW", 100)
+def test_no_line_of_several_logs_crosses_a_gap(gapped: Result, tmp_path: Path) -> None:
     rrd.write_results(tmp_path / "c.rrd", [gapped, result(1, 60, name="b.csv")])
     for chart in ("speed", "force", "coefficient"):
         assert_breaks(tmp_path / "c.rrd", f"/runs/axle/1/{chart}/1")

@@ -1,13 +1,13 @@
 """The first tab of several axles, or of several logs: all of them on common charts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...core import physics
+from ...core import physics, rounding
 from ...core.model import AxleResult, Floats, Result
 from ...core.text import distinct
 from ...rail.events import Slide
@@ -22,6 +22,7 @@ _LISTED_SLIDES = 20  # slides that are listed
 
 
 Slides = Mapping[int, Sequence[Slide]]  # of each axle, by its number
+DrawnAxle = tuple[AxleResult, rows.DrawnRows]
 
 
 def worst(slides: Sequence[Slide]) -> float:
@@ -40,20 +41,27 @@ def listed(slides: Slides, start_ns: int, route: Route) -> str:
     return table
 
 
-def send(rec: rr.RecordingStream, root: str, times: parts.Clock, result: Result) -> None:
-    """Sends a line per axle and chart, each span of samples by its lowest and highest value."""
+def send(
+    rec: rr.RecordingStream,
+    root: str,
+    times: parts.Clock,
+    result: Result,
+    axles: Iterable[DrawnAxle],
+) -> None:
+    """Sends a line per axle and chart."""
     names: dict[str, int] = {}
     groups = _groups(result)
-    for i, axle in enumerate(result.axles):
+    for i, (axle, drawn_rows) in enumerate(axles):
         N, speed = axle.record.axle, axle.record.train_speed
         place, name = next((k, g) for k, (g, axles) in enumerate(groups) if N in axles)
         if speed is not None and i == 0:
             names["train"] = parts.TRAIN
             train = {"speed": speed * 3.6}
-            _send(rec, f"{root}/all", times, axle, ("train", "train", parts.TRAIN), train)
+            line = "train", "train", parts.TRAIN
+            _send(rec, f"{root}/all", times, drawn_rows, line, train)
         names[name] = palette.rgba(palette.nth(place))
         line = str(N), name, names[name]
-        _send(rec, f"{root}/all", times, axle, line, _values(result, axle))
+        _send(rec, f"{root}/all", times, drawn_rows, line, _values(result, axle))
     parts.send_names(rec, f"{root}/lines/all", times, result.log.start_ns(), [*names.items()])
 
 
@@ -70,29 +78,33 @@ def _send(
     rec: rr.RecordingStream,
     path: str,
     times: parts.Clock,
-    axle: AxleResult,
+    drawn_rows: rows.DrawnRows,
     line: tuple[str, str, int],
     values_by_chart: Mapping[str, Floats],
 ) -> None:
     """Sends a line of an axle into each chart; `line` is part of its entity, name and colour."""
-    (key, name, colour), (t, index, inside) = line, rows.of_axle(axle)
-    bucket_starts = rows.spans(index, -(-2 * len(t) // rows.OVERVIEW))
+    (key, name, colour), (t, index, inside) = line, drawn_rows
     for chart, values in values_by_chart.items():
         is_valid = (index >= 0) & (inside | (chart == "speed"))
         plot = parts.lines(key, [(name, colour, np.where(is_valid, values[index], np.nan))])
-        envelope = rows.envelope(t, plot, bucket_starts)
-        parts.send_plot(rec, f"{path}/{chart}/{key}", times, *envelope)
+        parts.send_plot(rec, f"{path}/{chart}/{key}", times, t, plot)
 
 
 def _values(result: Result, axle: AxleResult) -> dict[str, Floats]:
     """The values of an axle, (n,), by chart."""
-    record, F = axle.record, axle.reference.force
+    record, reference = axle.record, axle.reference
+    mu, mu_sigma = (
+        physics.coefficient(x, result.vehicle, record.axle)
+        for x in (reference.force, reference.sigma)
+    )
     columns = {
         "speed": record.wheel_speed * result.vehicle.radius(record.axle).value * 3.6,
-        "force": F / 1e3,
-        "coefficient": physics.coefficient(F, result.vehicle, record.axle),
+        "force": rounding.rounded(reference.force / 1e3, reference.sigma / 1e3),
+        "coefficient": rounding.rounded(mu, mu_sigma),
     }
-    return columns if axle.slip is None else {**columns, "slip": 100.0 * axle.slip}
+    if axle.slip is not None:
+        columns["slip"] = rounding.rounded(100.0 * axle.slip, 100.0 * rounding.SLIP)
+    return columns
 
 
 def titles(chart: str) -> dict[str, str]:
@@ -141,6 +153,7 @@ class ComparedRun(NamedTuple):
     result: Result
     times: parts.Clock  # of its time stamps
     slides: Slides
+    axles: Sequence[DrawnAxle]
 
 
 class ComparedRuns:
@@ -158,10 +171,10 @@ class ComparedRuns:
     def send(self, rec: rr.RecordingStream) -> None:
         """Sends a line per log, axle and chart."""
         for i, run in enumerate(self.runs):
-            for axle in run.result.axles:
+            for axle, drawn_rows in run.axles:
                 path = f"{self.root}/axle/{axle.record.axle}"
                 line = str(i + 1), run.name, palette.rgba(palette.nth(i))
-                _send(rec, path, run.times, axle, line, _values(run.result, axle))
+                _send(rec, path, run.times, drawn_rows, line, _values(run.result, axle))
         names = [(run.name, palette.rgba(palette.nth(i))) for i, run in enumerate(self.runs)]
         times, start = self.runs[0].times, self.runs[0].result.log.start_ns()
         parts.send_names(rec, f"{self.root}/lines", times, start, names)

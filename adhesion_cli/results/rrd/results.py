@@ -46,7 +46,6 @@ from . import line_chart, line_map, overview, parts, rows
 from .curve import curve_view, send_curve
 from .glyphs import drawable, drawable_names
 
-OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ON = 0.5  # a state is 0 or 1
@@ -104,15 +103,12 @@ class _Page:
         self.zeros = {"time": result.log.start_ns()}
         if name:  # the logs of a comparison, by their own brakes
             self.zeros["brake"] = result.brake_ns()
-        self.drawn_rows = [self._drawn_rows(a) for a in self.result.axles]
+        self.axles = [(a, self._drawn_rows(a)) for a in self.result.axles]
         self.slides = {a.record.axle: sliding.slides(a) for a in self.result.axles}
         self.route = find_route(result.log)
         bars = line_chart.find_bars(self.result, self.route, self.slides)
         self.bars = bars if len(bars.position) else None
-        self.run = overview.ComparedRun(name, self.result, self.times, self.slides)
-        pairs = [*zip(self.result.axles, self.drawn_rows, strict=True)]
-        points = sum(len(x.t) * (2 * len(a.estimates) + 9) for a, x in pairs)
-        self.large = points > OVERVIEW_FROM
+        self.run = overview.ComparedRun(name, self.result, self.times, self.slides, self.axles)
         self.thinned = not full and any(map(thinning.needs_thinning, self.result.axles))
         self.lists: dict[str, list[Event]] = {}  # by the list's entity
         for x in log_events.of_result(result):
@@ -126,9 +122,9 @@ class _Page:
 
     def send(self, rec: rr.RecordingStream) -> None:
         """Send everything."""
-        for n, axle in enumerate(self.result.axles):
+        for n, (axle, drawn_rows) in enumerate(self.axles):
             path = f"axle/{axle.record.axle}"
-            lines = self._send_lines(rec, path, axle, self.drawn_rows[n])
+            lines = self._send_lines(rec, path, axle, drawn_rows)
             entity, start = f"{self.root}/lines/{path}", self.zeros["time"]
             parts.send_names(rec, entity, self.times, start, [*lines.items()])
             parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
@@ -138,14 +134,14 @@ class _Page:
                 parts.send_text(rec, f"{self.root}/{path}/note", note)
             self._send_states(rec, f"{self.root}/{path}", axle)
         if len(self.result.axles) > 1:
-            overview.send(rec, self.root, self.times, self.result)
+            overview.send(rec, self.root, self.times, self.result, self.axles)
         slides = [x for of_axle in self.slides.values() for x in of_axle]
         if self.bars is not None:
             line_chart.send_chart(rec, f"{self.root}/line", self.bars)
         line_map.send_map(rec, f"{self.root}/map", self.times, self.route, slides)
         self._send_lists(rec)
         parts.send_text(rec, f"{self.root}/summary", self._summary_text())
-        about = _about(self.result, self.large, self.thinned)
+        about = _about(self.result, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
 
     def _send_lines(
@@ -153,20 +149,14 @@ class _Page:
     ) -> dict[str, int]:
         """The charts of an axle, by parts of a long log; returns names and colours of forces."""
         t, index, inside = drawn_rows
-        span = -(-2 * len(t) // rows.OVERVIEW)
-        step = max(_ROWS // span, 1) * span
         lines: dict[str, int] = {}
-        for offset in range(0, len(t), step):
-            piece = slice(offset, offset + step)
+        for offset in range(0, len(t), _ROWS):
+            piece = slice(offset, offset + _ROWS)
             for plot in self._plots(axle, index[piece], inside[piece]):
                 full_path = f"{self.root}/{path}/{plot.name}"
                 parts.send_plot(rec, full_path, self.times, t[piece], plot, offset == 0)
                 if plot.name.startswith("force/"):
                     lines |= zip(plot.series, plot.colours, strict=True)
-                if self.large:
-                    overview_path = f"{self.root}/overview/{path}/{plot.name}"
-                    envelope = rows.envelope(t[piece], plot, rows.spans(index[piece], span))
-                    parts.send_plot(rec, overview_path, self.times, *envelope, offset == 0)
             rec.flush()  # or the SDK queues the whole log
         return lines
 
@@ -271,9 +261,7 @@ class _Page:
         fitted = (rail, vehicle) if rail else None
         send_curve(rec, f"{path}/slip", times, t, slip, mu, bands, fitted=fitted)
         if axle.slope is not None and bands:
-            for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
-                entity = f"{root}/axle/{axle.record.axle}/slope"
-                parts.send_band(rec, entity, times, t, bands.slope_low, bands.slope_high)
+            parts.send_band(rec, f"{path}/slope", times, t, bands.slope_low, bands.slope_high)
 
     def _send_states(self, rec: rr.RecordingStream, path: str, axle: AxleResult) -> None:
         """The brake and the logged states; of an axle with slip its region and its wheel, too."""
@@ -350,18 +338,14 @@ class _Page:
     # -- layout
 
     def layout(self) -> rrb.Container:
-        """Tabs: all axles, one per axle, the brakes of a long log in full, summary, settings.
+        """Tabs: all axles, one per axle, summary, settings.
 
         The axle with the worst slide comes first.
         """
         axles = sorted(self.result.axles, key=lambda a: -overview.worst(self.slides[a.record.axle]))
-        prefix = "overview/" if self.large else ""
-        tabs: list[rrb.Container | rrb.View] = [self._axle_tab(a, prefix) for a in axles]
+        tabs: list[rrb.Container | rrb.View] = [self._axle_tab(a) for a in axles]
         if len(axles) > 1:
             tabs.insert(0, overview.tab(self.root, self.result, self.slides))
-        if self.large:
-            name = "Brake applications" if self.thinned else "Full data"
-            tabs.append(rrb.Tabs(*(self._axle_tab(a, "") for a in axles), name=name))
         places: list[rrb.View] = []
         if self.bars is not None:
             places.append(line_chart.chart_view(f"{self.root}/line", self.route))
@@ -374,9 +358,9 @@ class _Page:
         tab = int(bool(self.notes) and len(axles) > 1)  # the slip of an axle, where asked for
         return rrb.Tabs(*tabs, name=self.title, active_tab=tab)
 
-    def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
+    def _axle_tab(self, axle: AxleResult) -> rrb.Container:
         N = axle.record.axle
-        path, exact = f"{self.root}/{prefix}axle/{N}", f"{self.root}/axle/{N}"
+        path = f"{self.root}/axle/{N}"
         reference, estimates = axle.reference, axle.estimates
         force = parts.span_of([], list(estimates.values()), [reference.lower, reference.upper])
         chart = parts.chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force)
@@ -396,26 +380,25 @@ class _Page:
             names_of_states = ["brake", *logged]
             contents = [f"$origin/{name}/**" for name in names_of_states]
             states = f"Axle {N}: {', '.join(names_of_states)}"
-            rows.append(parts.states_view(f"{exact}/state", states, contents))
+            rows.append(parts.states_view(f"{path}/state", states, contents))
             shares.append(2.1 + 0.9 * len(logged))
-        title = f"Axle {N} (overview)" if prefix else f"Axle {N}"
         forces = rrb.Horizontal(
             rrb.Vertical(*rows, row_shares=shares),
             rrb.Vertical(
-                rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"),
+                rrb.TextDocumentView(origin=f"{path}/scores", name=f"Axle {N}: scores"),
                 parts.names_view(f"{self.root}/lines/axle/{N}"),
                 *self._lists(N),
                 row_shares=[2.9, 2.9, 2.1, 2.1],
             ),
             column_shares=[2, 1],
-            name=title if axle.slip is None else "Force",
+            name=f"Axle {N}" if axle.slip is None else "Force",
         )
         if axle.slip is None:
             return forces
-        slip = self._slip_tab(axle, path, exact)
-        return rrb.Tabs(forces, slip, active_tab=1 if self.notes else 0, name=title)
+        slip = self._slip_tab(axle, path)
+        return rrb.Tabs(forces, slip, active_tab=1 if self.notes else 0, name=f"Axle {N}")
 
-    def _slip_tab(self, axle: AxleResult, path: str, exact: str) -> rrb.Container:
+    def _slip_tab(self, axle: AxleResult, path: str) -> rrb.Container:
         N = axle.record.axle
         rows, shares = self._inputs(path, axle), [2.7, 4.0]
         if axle.slope is not None:
@@ -424,12 +407,12 @@ class _Page:
         heights = [4.5, 4.5, 1.5, 1.5] if self.notes else [4.5, 1.0, 2.8, 2.8]
         logged = self._logged_names(axle)
         states = f"Axle {N}: {', '.join(['brake', 'region on the curve', 'wheel', *logged])}"
-        rows.append(parts.states_view(f"{exact}/state", states))
+        rows.append(parts.states_view(f"{path}/state", states))
         return rrb.Horizontal(
             rrb.Vertical(*rows, row_shares=[*shares, 3.0 + len(logged)]),
             rrb.Vertical(
-                curve_view(f"{exact}/slip", f"Axle {N}"),
-                rrb.TextDocumentView(origin=f"{exact}/note", name=f"Axle {N}: rail and slides"),
+                curve_view(f"{path}/slip", f"Axle {N}"),
+                rrb.TextDocumentView(origin=f"{path}/note", name=f"Axle {N}: rail and slides"),
                 *self._lists(N),
                 row_shares=heights,
             ),
@@ -518,10 +501,6 @@ back: the line goes on where its times are new.
 Time counts from the start of the log, as on the screen and in the findings. The timeline `clock` is
 the log's own. In a comparison, `brake` counts from the first brake application of each log.
 """
-_OVERVIEW = f"""
-The log is long. The overviews show the lowest and the highest value of each of
-{rows.OVERVIEW // 2} spans of time.
-"""
 _THINNED = f"""
 Every sample is drawn in brake applications and slides and {thinning.AROUND / 1e9:g} s around them.
 Between them one sample of each {thinning.SAMPLE_INTERVAL / 1e9:g} s is drawn. `--full` draws every
@@ -529,12 +508,11 @@ sample.
 """
 
 
-def _about(result: Result, large: bool, thinned: bool) -> str:
+def _about(result: Result, thinned: bool) -> str:
     methods = sorted({a.reference.method for a in result.axles})
     lines = [
         f"Reference: {', '.join(map(parts.escape_markdown, methods))}.",
         _LINES,
-        _OVERVIEW * large,
         _THINNED * thinned,
         parts.settings_table(result.settings),
         "\n## Sources\n",
