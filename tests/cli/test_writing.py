@@ -45,7 +45,6 @@ COMMANDS = {
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 LONG = ("antiskid", "reproduce")
 ALL = sorted(COMMANDS)
-EACH = [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in ALL]
 QUICK = set(ALL) - set(LONG)
 SOME = {"analyze", "convert"}  # a set of files, a single file
 
@@ -261,7 +260,9 @@ def test_what_cannot_be_written_is_found_before_the_work(
         assert {log: log.read_bytes() for log in contents} == contents
 
 
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize(
+    "name", [n if n in SOME else pytest.param(n, marks=pytest.mark.slow) for n in ALL]
+)
 def test_a_reader_that_went_away_and_outputs_that_are_links(
     logs: Path, tmp_path: Path, old: Callable[[str], Files], name: str
 ) -> None:

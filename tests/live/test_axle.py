@@ -32,9 +32,9 @@ def faulty(folder: Path, column: int, value: str | None, to: float) -> Path:
     ("column", "value", "to", "code", "sees"),
     [
         (1, "", 14.0, "no-pressure", 0.2),
-        (1, "NaN", 99.0, "no-pressure", 0.2),
+        pytest.param(1, "NaN", 99.0, "no-pressure", 0.2, marks=pytest.mark.slow),
         (1, None, 14.0, "pressure-stuck", 0.5),
-        (2, "54321", 10.1, "speed-outlier", 0.0),
+        pytest.param(2, "54321", 10.1, "speed-outlier", 0.0, marks=pytest.mark.slow),
         (2, "0", 10.5, "speed-outlier", 0.0),
         (2, None, 13.0, "speed-stuck", 1.0),
     ],

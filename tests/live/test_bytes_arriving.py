@@ -52,7 +52,7 @@ def test_a_file_that_grows_and_begins_anew_is_followed(tmp_path: Path) -> None:
     assert len(again.axles[0].record.t) == 160
 
 
-@pytest.mark.parametrize("as_json", [False, True])
+@pytest.mark.parametrize("as_json", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_rows_of_a_long_file_are_taken_once(tmp_path: Path, as_json: bool) -> None:
     rows = [line.split(",") for line in SERVICE.read_text().splitlines()]
     text = [",".join(row) for row in rows]
