@@ -44,7 +44,9 @@ def report(calibration: "CalibrationRun") -> str:
     limit = (
         f"The logs show the force over the mass within "
         f"{100.0 * ratio.posterior_u / ratio.posterior:.1f} %. The mass is known within "
-        f"{100.0 * mass.posterior_u / mass.posterior:.1f} %, and the force no better (1 sigma)."
+        f"{100.0 * mass.posterior_u / mass.posterior:.1f} %, and the force no better. The other "
+        f"axles may brake otherwise by {100.0 * calibration.settings.train.alike:.1f} %: that is in the friction, "
+        "too (`train.alike`; 1 sigma each)."
     )
     counts = f"{calibration.applications}, logs: {len(calibration.logs)}"
     head = f"Brake applications: {counts}; ± is 1 sigma:"
