@@ -144,7 +144,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     document = replay_document(str(log), replayed, used_parameters, dry, laws, findings)
     on_dry = f"{dry:.1f} m on dry rail" if dry else "on dry rail not known"
     logged = replayed.logged_m
-    in_log = f"{logged:.1f} m in the log" if logged else "not stopped in the log"
+    since = f" from {replayed.start_s:.1f} s, the first brake force, on"
+    in_log = f"{logged:.1f} m in the log{since}" if logged else "not stopped in the log"
     caption = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
     compared = {law: x.compared for law, x in laws.items()}
     verdict = _verdicts({law: x.values for law, x in laws.items()}, compared)

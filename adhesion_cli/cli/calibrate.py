@@ -41,12 +41,12 @@ def report(calibration: "CalibrationRun") -> str:
     result = calibration.result
     prior, posterior = (100.0 * u / x for u, x in zip(result.band, result.force, strict=True))
     ratio, mass = result.rows["force_over_mass"], result.rows["axle_mass"]
+    force_u, mass_u = (100.0 * x.posterior_u / x.posterior for x in (ratio, mass))
     limit = (
-        f"The logs show the force over the mass within "
-        f"{100.0 * ratio.posterior_u / ratio.posterior:.1f} %. The mass is known within "
-        f"{100.0 * mass.posterior_u / mass.posterior:.1f} %, and the force no better. The other "
-        f"axles may brake otherwise by {100.0 * calibration.settings.train.alike:.1f} %: that is in the friction, "
-        "too (`train.alike`; 1 sigma each)."
+        f"The logs show the force over the mass within {force_u:.1f} %. The mass is known within "
+        f"{mass_u:.1f} %, and the force no better. The other axles may brake otherwise by "
+        f"{100.0 * calibration.settings.train.alike:.1f} %: that is in the friction, too "
+        "(`train.alike`; 1 sigma each)."
     )
     counts = f"{calibration.applications}, logs: {len(calibration.logs)}"
     head = f"Brake applications: {counts}; ± is 1 sigma:"
