@@ -388,7 +388,7 @@ def _assign_axles(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if axles:
             meant[i] = replace(m, axle=axles[0])
         if m.meaning in MOTOR_FORCES and len(axles) > 1:
-            findings.append(_spread_finding(m, axles))
+            findings.append(_spread_finding(m, axles, axles))
         elif len(axles) > 1:
             key = f"channels.{m.meaning}.bogie{(axles[0] + 1) // 2}"
             lines = f"{key} = {toml.table(entry_of(m.field))}", f"{key}.axles = {[*axles]}"
@@ -436,7 +436,7 @@ def _spread_forces(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         meant[i] = rows[0]
         if not mapping:
             guesses += range(len(meant), len(meant) + len(rows) - 1)
-            findings.append(_spread_finding(m, axles))
+            findings.append(_spread_finding(m, axles, [None]))
         meant += rows[1:]
     return findings
 
@@ -446,8 +446,8 @@ def _is_of_each(m: Meant) -> bool:
     return bool(word_of_kind("wheel", name_words(m.title)))
 
 
-def _spread_finding(m: Meant, axles: Sequence[int]) -> Finding:
-    option = _as_option(replace(m, axle=None))
+def _spread_finding(m: Meant, axles: Sequence[int], of_each: Sequence[int | None]) -> Finding:
+    option = " ".join(_as_option(replace(m, axle=axle)) for axle in of_each)
     names = {"axles": ", ".join(map(str, axles)), "option": option, "force": m.describe}
     return Finding("force-spread", "info", channel=m.title, names=names)
 
