@@ -57,7 +57,7 @@ def _text(
 
 
 def _channels(channels: "Sequence[InspectedChannel]") -> list[str]:
-    """A row each, with a column for each fault that occurs; then the reason for each meaning."""
+    """A row each, with its axles and each fault that occurs; then the reason for each meaning."""
     from ..results.result_rows import channel_row
     from . import terminal
 
@@ -65,10 +65,12 @@ def _channels(channels: "Sequence[InspectedChannel]") -> list[str]:
     for name in ("gaps", "duplicates", "backward"):
         faults[name] = [getattr(c, name) for c in channels]
     present = [name for name, counts in faults.items() if any(counts)]
-    rows = []
+    axles_of_row: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for i, c in enumerate(channels):
         counts = {"Hz": terminal.number(c.rate_hz, 2), "rows": str(c.rows)}
-        rows.append(channel_row(c) | counts | {name: str(faults[name][i]) for name in present})
+        row = channel_row(c) | counts | {name: str(faults[name][i]) for name in present}
+        axles_of_row.setdefault(tuple((row | {"axle": ""}).items()), []).append(row["axle"])
+    rows = [dict(row) | {"axle": ", ".join(axles)} for row, axles in axles_of_row.items()]
     lines = [terminal.records(rows, text_columns=2)] if rows else []
     if absent := [name for name in faults if name not in present]:
         lines.append(f"{', '.join(absent)}: none")

@@ -13,7 +13,7 @@ from ..core.summary import AxleSummary, FailedLog, ResultSummary
 from ..core.text import printable
 from ..results.result_rows import OF_BUDGETS, budget_row, combined, newtons, score_row
 from ..results.text_tables import NARROW as NARROW
-from ..results.text_tables import describe_times
+from ..results.text_tables import describe_times, shortened
 from ..results.text_tables import folded as folded
 from ..results.text_tables import non_empty as non_empty
 from ..results.text_tables import number as number
@@ -108,7 +108,7 @@ def _listing(rows: Mapping[Severity, Sequence[_Row]], width: int | None = None) 
         codes = max(len(code) for _, code, *_ in rows[severity])
         for options, code, *places, text in rows[severity]:
             cells = filter(None, (code.ljust(codes), *places, printable(text)))
-            line = _shorten("  " + "  ".join(cells), 2 * _WIDEST)
+            line = shortened("  " + "  ".join(cells), 2 * _WIDEST)
             lines += [folded(line, " " * 6, columns), *options.splitlines()]
     return "\n".join([*lines, _EXPLAINS] if lines else lines)
 
@@ -187,14 +187,7 @@ def _channels(group: Sequence[Finding]) -> str:
 
 def _channel(text: str) -> str:
     """A channel with the end of its name, where the axle's number stands; or several channels."""
-    return _shorten(text, _CHANNEL, 0 if ", " in text else _CHANNEL // 2)
-
-
-def _shorten(text: str, width: int, last: int = 0) -> str:
-    """The text in this width, with so many of its last characters."""
-    if len(text) <= width:
-        return text
-    return f"{text[: width - last - 1].rstrip()}…{text[len(text) - last :].lstrip()}"
+    return shortened(text, _CHANNEL, 0 if ", " in text else _CHANNEL // 2)
 
 
 def lossy(findings_seen: Sequence[Finding]) -> bool:
@@ -250,12 +243,14 @@ def wrote(*paths: str | Path) -> str:
 
 
 def wrote_sets(sets: Sequence[Sequence[str]]) -> str:
-    """Which files were written of several logs, a line for each log."""
-    lines = []
+    """Which files were written of several logs, a line for each log, and for all of them."""
+    lines, apart = [], list[str]()
     for record, *other_files in sets:
-        suffixes = [Path(other).suffix for other in (*other_files, "x.sha256")]
+        own = [x for x in other_files if Path(x).with_suffix("") == Path(record).with_suffix("")]
+        apart += [x for x in other_files if x not in own]  # a table of all logs
+        suffixes = [Path(other).suffix for other in (*own, "x.sha256")]
         lines.append(f"wrote {printable(record)}, {', '.join(suffixes)}")
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"wrote {printable(x)}" for x in apart)])
 
 
 def progress(quiet: bool) -> Callable[[str], None]:

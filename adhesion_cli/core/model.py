@@ -403,7 +403,7 @@ class Vehicle:
     ] = Parameter(0.3, 0.03)
     discs: Annotated[
         Parameter,
-        Quantity("-", "number n of clamping forces per axle: brake discs", 0.05, 64.0, "n"),
+        Quantity("-", "number n of clamping forces per axle: discs times pads", 0.05, 64.0, "n"),
     ] = Parameter(2.0, 0.0)
     efficiency: Annotated[
         Parameter, Quantity("-", "efficiency η of the caliper", 0.1, 1.0, "eta")

@@ -19,6 +19,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, is_lossy
 from ..core.model import Floats
 from ..core.text import printable
+from ..results.carried_vehicle import parameter_title
 from ..results.tables import LogRow
 from .dataset import SETTINGS, TABLES, is_whole, read_logs
 
@@ -367,5 +368,5 @@ def _stated_vehicle(folder: Path, settings: str) -> str:
     for name, entry in entries:
         value = entry.get("value") if isinstance(entry, dict) else entry
         if isinstance(value, int | float):
-            values.append(f"{name} {value:g}")
+            values.append(f"{parameter_title(name)} {value:g}")
     return ", ".join(values) or "not stated"

@@ -1,6 +1,7 @@
 """The vehicle that a result file carries, from its dotted settings."""
 
 import json
+import re
 from collections.abc import Mapping
 
 from ..core.model import Parameter
@@ -24,6 +25,11 @@ def correlation(settings: Mapping[str, str], axle: int) -> tuple[tuple[str, str,
     head = f"{_place(settings, axle)[0]}.correlation."
     pairs = {k.removeprefix(head): v for k, v in settings.items() if k.startswith(head)}
     return tuple((*pair.split("."), float(v)) for pair, v in pairs.items())  # type: ignore[misc]
+
+
+def parameter_title(name: str) -> str:
+    """A parameter's name for people: `discs` counts clamping forces, of discs times their pads."""
+    return re.sub(r"\bdiscs\b", "clamping forces", name).replace("_", " ")
 
 
 def is_of_vehicle(key: str) -> bool:

@@ -52,7 +52,8 @@ def table(
 ) -> str:
     """Columns under their header: texts to the left, numbers to the right.
 
-    The first `text_columns` columns are texts. They are folded to `width`, or to the terminal.
+    The first `text_columns` columns are texts. They are folded to `width`, or to the terminal; but
+    names of logs lose their middle where they still differ.
     Names of columns and numbers are never folded: the table is wider where they have no room.
     """
     from rich.cells import cell_len
@@ -66,6 +67,7 @@ def table(
         min_widths.append(max(min(longest, _TEXT), cell_len(name)) if i < text_columns else longest)
     columns = width or shutil.get_terminal_size((NARROW, 24)).columns
     gap = 2 if sum(min_widths) + 2 * (len(min_widths) - 1) <= columns else 1
+    rows = _with_short_logs(header, rows, min_widths, columns - gap * (len(header) - 1))
     rich_table = Table(box=None, padding=(0, gap, 0, 0))
     for i, name in enumerate(header):
         alignment: Literal["left", "right"] = "left" if i < text_columns else "right"
@@ -79,6 +81,29 @@ def table(
     Console(file=buffer, width=columns + gap, color_system=None).print(rich_table)
     lines = [line.rstrip() for line in buffer.getvalue().splitlines()]
     return "\n".join([lines[0], "-" * max(map(cell_len, lines)), *lines[1:]])
+
+
+def _with_short_logs(
+    header: Sequence[str], rows: Sequence[Sequence[str]], min_widths: Sequence[int], width: int
+) -> Sequence[Sequence[str]]:
+    """The rows; names of logs that have no room beside the other columns lose their middle."""
+    if "log" not in header:
+        return rows
+    i, longest = (
+        header.index("log"),
+        [max(map(len, cells)) for cells in zip(header, *rows, strict=True)],
+    )
+    room = max(width - sum(longest) + longest[i], min_widths[i])
+    short = {row[i]: shortened(printable(row[i]), room, room // 2) for row in rows}
+    differ = len({*short.values()}) == len(short)
+    return [[*row[:i], short[row[i]], *row[i + 1 :]] for row in rows] if differ else rows
+
+
+def shortened(text: str, width: int, last: int = 0) -> str:
+    """The text in this width, with so many of its last characters."""
+    if len(text) <= width:
+        return text
+    return f"{text[: width - last - 1].rstrip()}…{text[len(text) - last :].lstrip()}"
 
 
 def records(

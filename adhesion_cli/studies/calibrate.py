@@ -27,6 +27,7 @@ from ..core.text import by_uncertainty
 from ..formats.memory import Signals
 from ..records import brake_applications
 from ..reference import calibrated_vehicle as reference
+from ..results.carried_vehicle import parameter_title
 from ..train import longitudinal as model
 from ..train import pieces, solve
 from ..train.explanation import Design
@@ -296,6 +297,7 @@ def _check_plausible(
 def as_toml(calibration: CalibrationRun) -> str:
     """The vehicle, and how its logs were read, as `-c` takes it; comments say what it is from."""
     lines = ["# Vehicle by `adhesion calibrate`; tolerances are 1 sigma."]
+    lines += ["# `discs` counts clamping forces of an axle: discs times pads."]
     lines += ["# Only products of friction, discs, efficiency and ratios are known: friction has"]
     lines += ["# the tolerance of all. Do not change one of them, or friction, alone.", "# Logs:"]
     lines += [f"# - {Path(u.log.path).name!r}, sha256 {u.log.sha256}" for u in calibration.logs]
@@ -346,7 +348,7 @@ def as_rows(calibration: CalibrationRun) -> list[dict[str, str]]:
     """Each parameter before and after with 1 sigma, as text."""
     return [
         {
-            "parameter": name.replace("_", " "),
+            "parameter": parameter_title(name),
             "stated by": r.source,
             "unit": r.unit,
             "stated": " ± ".join(by_uncertainty(r.prior, r.prior_u)),

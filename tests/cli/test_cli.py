@@ -635,3 +635,13 @@ def test_inspect_fits_a_screen(run: Run) -> None:
     assert len(lines) < 40
     assert "unused, gaps, duplicates, backward: none" in lines
     assert [x for x in lines if x.startswith("pressure 1, 2, 3, 4: name has")]
+
+
+def test_inspect_shows_a_force_of_two_axles_in_one_row(run: Run, tmp_path: Path) -> None:
+    head = "time [s],wheel speed 1 [km/h],wheel speed 2 [km/h],BCP 1 [bar],BCP 2 [bar]"
+    head += ",ED force bogie 1 [kN]"
+    rows = (f"{k / 50},60,60,0.{k % 2},0.{k % 3},0.{k % 5}" for k in range(400))
+    (tmp_path / "a.csv").write_text("\n".join([head, *rows, ""]))
+    lines = run("inspect", "a.csv").stdout.splitlines()
+    (row,) = [line for line in lines if line.startswith("ED force bogie 1 [kN]  ")]
+    assert row.split()[6:9] == ["1,", "2", "kN"]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from adhesion_cli.analysis.summarise import summarise
-from adhesion_cli.cli.terminal import findings, scores, show, show_of_logs, table
+from adhesion_cli.cli.terminal import findings, scores, show, show_of_logs, table, wrote_sets
 from adhesion_cli.core import toml
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Score
@@ -187,3 +187,31 @@ def test_the_option_of_a_remedy_is_whole_below_its_warning(
     by_log = [("a.csv", [suspect]), ("b.csv", [suspect])]
     show_of_logs(by_log, quiet=False)
     assert capsys.readouterr().err.count(names["option"].strip("`")) == 1
+
+
+def test_names_of_logs_without_room_lose_their_middle_where_they_still_differ() -> None:
+    names = ["26_03_provoz_suche_tam.csv", "26_04_provoz_suche_zpet.csv"]
+    rows = [(str(k), name, "60 km/h", *["61.0±0.6"] * 7) for k, name in enumerate(names)]
+    header = ["stop", "log", "group", *"abcdefg"]
+    _, _, *lines = table(header, rows, text_columns=3, width=90).splitlines()
+    assert len(lines) == 2
+    for line, name in zip(lines, names, strict=True):
+        start, _, end = line.split()[1].partition("…")
+        assert len(start) >= 6
+        assert name.startswith(start)
+        assert name.endswith(end)
+    alike = [(*row[:1], f"same_begin_{row[0]}_of_a_long_end.csv", *row[2:]) for row in rows]
+    shown = table(header, alike, text_columns=3, width=90)
+    assert "…" not in shown
+    assert "".join(line.split()[1] for line in table(header, rows, 3, 200).splitlines()[2:]) == (
+        "".join(names)
+    )
+
+
+def test_a_table_of_all_logs_is_written_where_it_says() -> None:
+    sets = [["r/a.adhesion.mcap", "r/a.adhesion.rrd", "all.xlsx"], ["r/b.adhesion.mcap"]]
+    assert wrote_sets(sets).splitlines() == [
+        "wrote r/a.adhesion.mcap, .rrd, .sha256",
+        "wrote r/b.adhesion.mcap, .sha256",
+        "wrote all.xlsx",
+    ]

@@ -31,7 +31,7 @@ from adhesion_cli.fleet.work import Job, _of_run, row
 from adhesion_cli.results import tables
 from adhesion_cli.results.report.page import campaign_page
 
-JOB = Job({"vehicle": {"friction": 0.25}}, False, (), (), (None, None), "1.2", "abcd")
+JOB = Job({"vehicle": {"friction": 0.25, "discs": 2}}, False, (), (), (None, None), "1.2", "abcd")
 
 
 def application(mu: float | None, from_mps: float, **slide: Any) -> BrakeApplication:
@@ -184,7 +184,7 @@ def test_days_and_vehicles_are_apart(folder: Path) -> None:
         ("2026-03-01", 3), ("2026-03-02", 1), ("unknown", 1)
     ]  # fmt: skip
     assert [(*r.group.values(), r.applications) for r in found.by_settings] == [
-        ("abcd", "friction 0.25", 4), ("ef01", "not stated", 1)
+        ("abcd", "clamping forces 2, friction 0.25", 4), ("ef01", "not stated", 1)
     ]  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from adhesion_cli.core.summary import (
     MeanAndHighest,
     SlideSummary,
 )
+from adhesion_cli.results.carried_vehicle import parameter_title
 from adhesion_cli.results.result_rows import combined, row, slid_row
 from adhesion_cli.results.text_tables import describe_cells
 
@@ -80,3 +81,10 @@ def test_slides_stand_at_the_begin_of_the_first_one() -> None:
     shown = application(slide_list=(slide,), time="2026-03-05T06:00:02Z")
     cells = slid_row("1", shown)
     assert (cells["at [s]"], cells["clock"]) == ("7.5", "06:00:07")
+
+
+def test_discs_are_shown_as_what_they_count() -> None:
+    names = ("discs", "M1 discs", "discs, axle 2", "wheel_radius")
+    assert [parameter_title(x) for x in names] == [
+        "clamping forces", "M1 clamping forces", "clamping forces, axle 2", "wheel radius"
+    ]  # fmt: skip

@@ -221,7 +221,9 @@ def test_the_names_of_all_axles_and_the_train_have_room(axles: int) -> None:
     assert 55 + 19 * (axles + 1) <= 805 * names / (names + summary)
 
 
-def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
+def test_the_axles_are_in_order_and_the_worst_slide_is_open_where_slip_is_asked_for(
+    tmp_path: Path,
+) -> None:
     analysed = result(2, 400)
     rolls, slides = np.zeros(400), np.where(np.arange(400) // 60 == 2, 0.3, 0.001)
     axles = tuple(
@@ -241,7 +243,13 @@ def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
     assert np.nanmax(drawn) == pytest.approx(30.0)
     tabs = results._Page("", made, (), False, ()).layout().contents
     names = [tab.name for tab in tabs if isinstance(tab, rrb.Container | rrb.View)]
-    assert names[:3] == ["All axles", "Axle 2", "Axle 1"]
+    assert names[:3] == ["All axles", "Axle 1", "Axle 2"]
+    turned = replace(made, axles=axles[::-1])
+    page = results._Page("", turned, (), False, ())
+    page.notes = (None,)  # the slip was asked for
+    noted = page.layout()
+    assert noted.active_tab == 2  # the worst slide
+    assert [tab.name for tab in noted.contents][:3] == names[:3]
     assert names[-1] == "How this was made, settings"
 
 

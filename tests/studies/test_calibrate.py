@@ -80,6 +80,9 @@ def test_analyze_takes_the_toml_and_has_that_band(
 ) -> None:
     path = tmp_path / "train.toml"
     path.write_text(calibrate.as_toml(calibrated))
+    assert "`discs` counts clamping forces" in path.read_text()
+    shown = {row["parameter"] for row in calibrate.as_rows(calibrated)}
+    assert "discs" not in shown
     again = settings.load(path, folder=False)
     for name, row in calibrated.result.rows.items():
         if hasattr(again.vehicle, name):

@@ -19,7 +19,7 @@ from ... import __version__
 from ...core.model import Vehicle, quantities
 from ...core.text import enumerated, printable, utf8
 from .. import application_tables, result_rows, stop_rows
-from ..carried_vehicle import is_of_vehicle
+from ..carried_vehicle import is_of_vehicle, parameter_title
 from ..result_rows import channel_row
 from ..text_tables import DASH
 from ..train_stops import MANY_AXLES
@@ -195,7 +195,7 @@ def _vehicle(settings: Mapping[str, str]) -> list[dict[str, str]]:
     units = {name: quantity.unit for name, quantity in quantities(Vehicle).items()}
     return [
         {
-            "Parameter": name.replace("_", " "),
+            "Parameter": parameter_title(name),
             "Value": components.get("value", DASH),
             "Standard uncertainty": components.get("tolerance", DASH),
             "Unit": units.get(name.partition(",")[0].rpartition(".")[2], DASH),

@@ -163,7 +163,7 @@ class ComparedRuns:
         self.runs = runs
         self.root = rr.new_entity_path([distinct([*(run.name for run in runs), "runs"])[-1]])
         axle_numbers = {a.record.axle for run in runs for a in run.result.axles}
-        self.axles = sorted(axle_numbers, key=lambda N: (-worst(self._slides(N)), N))
+        self.axles = sorted(axle_numbers)
 
     def _slides(self, axle: int) -> list[Slide]:
         return [x for run in self.runs for x in run.slides.get(axle, ())]
@@ -180,10 +180,11 @@ class ComparedRuns:
         parts.send_names(rec, f"{self.root}/lines", times, start, names)
 
     def layout(self) -> rrb.Container:
-        """A tab per axle, the one with the worst slide first."""
+        """A tab per axle; that of the worst slide is open."""
         tabs = []
         for N in self.axles:
             pairs = [(r.result, a) for r in self.runs for a in r.result.axles if a.record.axle == N]
             charts = _charts(f"{self.root}/axle/{N}", f"Axle {N}", pairs, self._slides(N))
             tabs.append(parts.named_charts(f"Axle {N}", charts, f"{self.root}/lines"))
-        return rrb.Tabs(*tabs, name="All logs")
+        slides = [worst(self._slides(N)) for N in self.axles]
+        return rrb.Tabs(*tabs, name="All logs", active_tab=slides.index(max(slides)))

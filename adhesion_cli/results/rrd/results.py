@@ -338,11 +338,9 @@ class _Page:
     # -- layout
 
     def layout(self) -> rrb.Container:
-        """Tabs: all axles, one per axle, summary, settings.
-
-        The axle with the worst slide comes first.
-        """
-        axles = sorted(self.result.axles, key=lambda a: -overview.worst(self.slides[a.record.axle]))
+        """Tabs: all axles, one per axle, summary, settings."""
+        axles = sorted(self.result.axles, key=lambda a: a.record.axle)
+        slides = [overview.worst(self.slides[a.record.axle]) for a in axles]
         tabs: list[rrb.Container | rrb.View] = [self._axle_tab(a) for a in axles]
         if len(axles) > 1:
             tabs.insert(0, overview.tab(self.root, self.result, self.slides))
@@ -355,7 +353,8 @@ class _Page:
             tabs.append(rrb.Vertical(*places, row_shares=[1, 2][: len(places)], name="On the line"))
         for entity, name in (("summary", "Summary"), ("about", "How this was made, settings")):
             tabs.append(rrb.TextDocumentView(origin=f"{self.root}/{entity}", name=name))
-        tab = int(bool(self.notes) and len(axles) > 1)  # the slip of an axle, where asked for
+        # the worst slip of an axle, where asked for
+        tab = 1 + slides.index(max(slides)) if self.notes and len(axles) > 1 else 0
         return rrb.Tabs(*tabs, name=self.title, active_tab=tab)
 
     def _axle_tab(self, axle: AxleResult) -> rrb.Container:
