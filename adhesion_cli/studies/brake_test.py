@@ -270,7 +270,9 @@ def protocol(test: BrakeTest, title: str, braked_weight: bool = False) -> Protoc
         for log, finding in test.findings_by_log
     ]
     vehicle = test.vehicle_lines
-    texts = {**_stated_of_groups(test.plan.groups), **test.plan.protocol}
+    days = sorted({(s.stop.time or "")[:10] for s in test.series.stops})
+    dates = {"date": " to ".join(dict.fromkeys((days[0], days[-1])))} if all(days) and days else {}
+    texts = {**dates, **_stated_of_groups(test.plan.groups), **test.plan.protocol}
     return Protocol(title, texts, test.series, findings, about, braked_weight, vehicle)
 
 
@@ -281,7 +283,7 @@ def _stated_settings(logs: Sequence[TestedLog]) -> dict[str, str]:
     if all(x == settings[0] for x in settings):
         of_groups = {"": settings[0]}
     return {
-        f"{name}{f', group {group}' * bool(group)}": text
+        name.replace(".discs", ".discs (clamping forces)") + f", group {group}" * bool(group): text
         for group, setting in of_groups.items()
         for name, text in setting.items()
     }

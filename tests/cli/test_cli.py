@@ -359,7 +359,6 @@ def test_a_log_of_three_trains(run: Run, tmp_path: Path) -> None:
     assert "'3', '4', '5'" in interleaved["message"]
     unmapped = json.loads(run("inspect", "trains.csv", "--json").stdout)["logs"][0]
     assert unmapped["status"] == "error"
-    assert "'3', '4', '5'" in unmapped["error"]
     done = run("analyze", "trains.csv", "-c", mapping, "--json")
     assert done.returncode == 3
     axles = json.loads(done.stdout)["results"][0]["axles"]

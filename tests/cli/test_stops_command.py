@@ -233,6 +233,24 @@ def test_the_protocol_shows_what_the_plan_states_of_groups(run: Run, plan: Path)
     assert "first: empty" not in page  # the same load in both
 
 
+def test_the_protocol_has_the_days_of_its_stops(run: Run, plan: Path) -> None:
+    for day, name in ((26, "one.csv"), (27, "two.csv")):
+        log = plan.parent / name
+        start = f"Start time: {day}.11.2026 09:12:03\n\n"
+        log.write_text(start + log.read_text("utf-8"), "utf-8")
+    options = "--set", "vehicle.discs=2", "-o", "out", "--report", "-q", "--force"
+    fields = sum(map(len, FIELDS.values()))
+    for stated, day, blanks in (("", "2026-11-26 to 2026-11-27", 1), ("27. November", "27. N", 1)):
+        if stated:
+            with plan.open("a") as file:
+                file.write(f'[protocol]\ndate = "{stated}"\n')
+        assert run("stops", "--plan", str(plan), *options).returncode == 0
+        page = Path(plan.parent, "out", "stops.html").read_text(encoding="utf-8")
+        assert page.count('class="blank"') == fields - blanks
+        assert day in page
+        assert "discs (clamping forces)" in page
+
+
 def test_the_protocol_has_its_tables_figures_and_empty_lines(run: Run, plan: Path) -> None:
     with plan.open("a") as file:
         file.write('[protocol]\nvehicle = "<b>4711"\nobserver = "N. N."\n')
