@@ -133,15 +133,17 @@ def with_friction_error(
     """
     if not identified.mean_axle:
         return identified
-    mean, used = identified.mean_axle
-    phi = used.friction
+    mean, used_axle = identified.mean_axle
+    phi = used_axle.friction
     sigma = math.hypot(phi.tolerance, min(share, _LARGEST_SHARE) * phi.value)
     kept_share = phi.tolerance / sigma if sigma else 1.0
     correlation = tuple(
-        (a, b, r * kept_share if "friction" in (a, b) else r) for a, b, r in used.correlation
+        (a, b, r * kept_share if "friction" in (a, b) else r) for a, b, r in used_axle.correlation
     )
-    used = replace(used, friction=Parameter(phi.value, sigma), correlation=correlation)
-    return replace(identified, vehicle=move_axles(vehicle, mean, used), mean_axle=(mean, used))
+    used_axle = replace(used_axle, friction=Parameter(phi.value, sigma), correlation=correlation)
+    return replace(
+        identified, vehicle=move_axles(vehicle, mean, used_axle), mean_axle=(mean, used_axle)
+    )
 
 
 def _identify(logs: Sequence[AlignedLog], settings: Settings) -> IdentifiedVehicle:

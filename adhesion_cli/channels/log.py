@@ -391,18 +391,18 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
         # What was made of the axles will be again; an input is in the file of each axle.
         repeated = trains[1:] if train_speed_source == AS_INPUT else trains
         fields = [f for f in fields if f not in repeated]
-    stated = () if "adhesion.settings" in source.metadata else mappings
-    by_channel, notes = [m for m in stated if m.channel], list[Finding]()
+    used_mappings = () if "adhesion.settings" in source.metadata else mappings
+    by_channel, notes = [m for m in used_mappings if m.channel], list[Finding]()
     is_several = source.options.several_loggers and bool(by_channel)
     if is_several and not any(channel_fields(fields, m) for m in by_channel):
-        stated = [m for m in stated if not m.channel]
+        used_mappings = [m for m in used_mappings if not m.channel]
         names = {"channels": listed(dict.fromkeys(m.channel for m in by_channel))}
         notes = [Finding("channels-of-another-log", "warning", names=names)]
     try:
-        meant, findings = understood(fields, stated)
+        meant, findings = understood(fields, used_mappings)
     except UserError as e:
-        other = "; or run the logs of each logger by themselves, each with its own -c" * is_several
-        raise UserError(f"{source.path}: {e.text}", e.hint + other, e.code) from None
+        remedy = "; or run the logs of each logger by themselves, each with its own -c" * is_several
+        raise UserError(f"{source.path}: {e.text}", e.hint + remedy, e.code) from None
     findings = notes + findings
     if train_speed_source == AS_INPUT:
         meant = [replace(m, axle=None) if m.meaning == "train_speed" else m for m in meant]

@@ -446,8 +446,10 @@ def _is_of_each(m: Meant) -> bool:
     return bool(word_of_kind("wheel", name_words(m.title)))
 
 
-def _spread_finding(m: Meant, axles: Sequence[int], of_each: Sequence[int | None]) -> Finding:
-    option = " ".join(_as_option(replace(m, axle=axle)) for axle in of_each)
+def _spread_finding(
+    m: Meant, axles: Sequence[int], axles_of_options: Sequence[int | None]
+) -> Finding:
+    option = " ".join(_as_option(replace(m, axle=axle)) for axle in axles_of_options)
     names = {"axles": ", ".join(map(str, axles)), "option": option, "force": m.describe}
     return Finding("force-spread", "info", channel=m.title, names=names)
 
@@ -488,10 +490,12 @@ def _refuse_repeated(meant: list[Meant], guesses: list[int]) -> list[Finding]:
 
 def _are_sides(names: Sequence[str]) -> bool:
     """Whether channels are sensors of one axle, as "v1 left" and "v1 right"."""
-    words = [name_words(_SENSOR.sub(lambda m: f" {'ab'[int(m[1]) - 1]} ", name)) for name in names]
-    differing = [x for column in zip(*words, strict=False) if len(x := {*column}) > 1]
-    is_same = len({*map(len, words)}) == len(differing) == 1
-    return is_same and all(word_of_kind("side", [word]) for word in differing[0])
+    words_of_names = [
+        name_words(_SENSOR.sub(lambda m: f" {'ab'[int(m[1]) - 1]} ", name)) for name in names
+    ]
+    differing = [x for column in zip(*words_of_names, strict=False) if len(x := {*column}) > 1]
+    has_one_difference = len({*map(len, words_of_names)}) == len(differing) == 1
+    return has_one_difference and all(word_of_kind("side", [word]) for word in differing[0])
 
 
 def entry_of(field: Field, **stated: str | int) -> dict[str, str | int]:

@@ -244,13 +244,15 @@ def wrote(*paths: str | Path) -> str:
 
 def wrote_sets(sets: Sequence[Sequence[str]]) -> str:
     """Which files were written of several logs, a line for each log, and for all of them."""
-    lines, apart = [], list[str]()
+    lines, common_files = [], list[str]()
     for record, *other_files in sets:
-        own = [x for x in other_files if Path(x).with_suffix("") == Path(record).with_suffix("")]
-        apart += [x for x in other_files if x not in own]  # a table of all logs
-        suffixes = [Path(other).suffix for other in (*own, "x.sha256")]
+        own_files = [
+            x for x in other_files if Path(x).with_suffix("") == Path(record).with_suffix("")
+        ]
+        common_files += [x for x in other_files if x not in own_files]  # a table of all logs
+        suffixes = [Path(other).suffix for other in (*own_files, "x.sha256")]
         lines.append(f"wrote {printable(record)}, {', '.join(suffixes)}")
-    return "\n".join([*lines, *(f"wrote {printable(x)}" for x in apart)])
+    return "\n".join([*lines, *(f"wrote {printable(x)}" for x in common_files)])
 
 
 def progress(quiet: bool) -> Callable[[str], None]:

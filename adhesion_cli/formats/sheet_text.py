@@ -97,8 +97,8 @@ class _Sheet(NamedTuple):
     def is_complete(self) -> bool:
         """Whether it has a pressure and a speed."""
         texts = [x for head in self.heads for x in head]
-        known = [units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts]
-        dimensions = {unit.dimension for unit in known if unit}
+        units_of_texts = [units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts]
+        dimensions = {unit.dimension for unit in units_of_texts if unit}
         return "pressure" in dimensions and bool(dimensions & {"speed", "angular speed"})
 
     @property
@@ -143,16 +143,16 @@ def write_text(
         )
         reason = _OF_BRAKE if best.is_of_brake else _OF_NUMBERS
         reason = _OF_STATED if best.stated_count else reason
-        parts, columns = [best.name], best.columns
+        part_names, columns = [best.name], best.columns
         logs = [x for x in sheets if x.is_of_brake and x.is_log]
         are_places = len(logs) > 1 and all(_is_place(x.name, options) for x in logs)
         if joins and any(x is best for x in logs):
-            parts, columns = _joined(logs, are_places) or (parts, columns)
-        reason = "one log" if len(parts) > 1 else reason
+            part_names, columns = _joined(logs, are_places) or (part_names, columns)
+        reason = "one log" if len(part_names) > 1 else reason
     else:
-        parts, reason, columns = [sheet_name], "stated", book.columns(sheet_name)[0]
+        part_names, reason, columns = [sheet_name], "stated", book.columns(sheet_name)[0]
         are_places = False
-    other_sheets = [x for x in book.names if x not in parts]
+    other_sheets = [x for x in book.names if x not in part_names]
     if not columns:
         hint = "give a workbook with a log"
         if other_sheets:
@@ -165,8 +165,8 @@ def write_text(
             rows = pc.if_else(pc.match_substring_regex(rows, r"^\t*$"), "", rows)  # of blank cells
             file.write(("\n".join(rows.to_pylist()) + "\n").encode())
     has_channels = reason != _OF_NUMBERS or any(any(map(time_name, x.heads())) for x in columns)
-    is_part = are_places and len(parts) == 1
-    return SheetText(parts, other_sheets, reason, has_channels, is_part)
+    is_part = are_places and len(part_names) == 1
+    return SheetText(part_names, other_sheets, reason, has_channels, is_part)
 
 
 def _without_notes(columns: Sequence[_Column]) -> list[_Column]:
@@ -220,17 +220,17 @@ def _joined(sheets: Sequence[_Sheet], are_places: bool) -> tuple[list[str], list
     is_one_time = max(t[0] for t in times) < min(t[-1] for t in times)
     if is_one_time and (are_places or is_one_log) and all(_shows_pair(times[0], t) for t in times):
         length = max(len(x[0].text) for x in columns)
-        beside = [
+        side_columns = [
             _stacked(c, _texts([None] * (length - len(c.text))))
             for name, own_columns in zip((x.name for x in sheets), columns, strict=True)
             for c in (_titled(name, own_columns) if are_places else own_columns)
         ]
-        return [x.name for x in sheets], beside
+        return [x.name for x in sheets], side_columns
     order = sorted(range(len(sheets)), key=lambda k: float(times[k][0]))
-    are_alike = len({*map(len, columns)}) == 1 and heads == [heads[0]] * len(heads)
-    if are_alike and all(times[a][-1] < times[b][0] for a, b in pairwise(order)):
-        below = [_stacked(*x) for x in zip(*(columns[k] for k in order), strict=True)]
-        return [sheets[k].name for k in order], below
+    have_equal_heads = len({*map(len, columns)}) == 1 and heads == [heads[0]] * len(heads)
+    if have_equal_heads and all(times[a][-1] < times[b][0] for a, b in pairwise(order)):
+        lower_columns = [_stacked(*x) for x in zip(*(columns[k] for k in order), strict=True)]
+        return [sheets[k].name for k in order], lower_columns
     return None
 
 
@@ -247,18 +247,22 @@ def _titled(title: str, columns: Sequence[_Column]) -> list[_Column]:
 
 
 def _texts(cells: list[str | None]) -> _Column:
-    none = pa.nulls(len(cells), pa.bool_())
-    return _Column(pa.array(cells, pa.string()), none.cast(pa.float64()), none.fill_null(False))
+    no_values = pa.nulls(len(cells), pa.bool_())
+    return _Column(
+        pa.array(cells, pa.string()), no_values.cast(pa.float64()), no_values.fill_null(False)
+    )
 
 
 def _stacked(*parts: _Column) -> _Column:
     return _Column(*map(pa.concat_arrays, zip(*parts, strict=True)))
 
 
-def _shows_pair(first: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def _shows_pair(first: NDArray[np.float64], other_times: NDArray[np.float64]) -> bool:
     """Whether the head of two times shows that they differ, if they do."""
-    n = min(len(first), len(other), _HEAD_ROWS)
-    return not np.array_equal(first[:n], other[:n]) or np.array_equal(first[: len(other)], other)
+    n = min(len(first), len(other_times), _HEAD_ROWS)
+    return not np.array_equal(first[:n], other_times[:n]) or np.array_equal(
+        first[: len(other_times)], other_times
+    )
 
 
 def _is_named(channel: str, number: int, heads: Sequence[str]) -> bool:

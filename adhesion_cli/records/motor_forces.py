@@ -36,12 +36,12 @@ def _without_idle(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[
         return channels, []
     titles = ", ".join(dict.fromkeys(forces[key].title for key in idle))
     values = {"highest_kn": max(highest[key] for key in idle) / 1e3}
-    used = {key: c for key, c in channels.items() if key not in idle}
+    acting = {key: c for key, c in channels.items() if key not in idle}
     if len(idle) < len(forces):
         for key in idle:
             data = replace(forces[key].data, value=np.zeros_like(forces[key].data.value))
-            used[key] = replace(forces[key], data=data)
-    return used, [Finding("motor-force-idle", "info", channel=titles, values=values)]
+            acting[key] = replace(forces[key], data=data)
+    return acting, [Finding("motor-force-idle", "info", channel=titles, values=values)]
 
 
 def _highest_mean(force: Channel) -> float:

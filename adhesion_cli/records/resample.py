@@ -59,15 +59,15 @@ def resample(
             if chosen.axle in choice.requested:
                 findings += [f for channel, fault in faults for f in view.report(fault, channel)]
     usable = {a.record.axle: _usable_time(a, choice, view) for a in axles}
-    short = [axle for axle, (used, logged) in usable.items() if used < _LEAST_USABLE * logged]
-    if set(short) >= {*choice.requested}.intersection(usable):
+    short_axles = [axle for axle, (used, logged) in usable.items() if used < _LEAST_USABLE * logged]
+    if set(short_axles) >= {*choice.requested}.intersection(usable):
         return axles, findings
     for a in axles:
-        if a.record.axle in short:
+        if a.record.axle in short_axles:
             used, logged = usable[a.record.axle]
             values = {"axle": a.record.axle, "used_s": used, "logged_s": logged}
             findings.append(Finding("axle-left-out", "warning", a.speed.title, values=values))
-    return [a for a in axles if a.record.axle not in short], findings
+    return [a for a in axles if a.record.axle not in short_axles], findings
 
 
 def _usable_time(axle: AxleChannels, choice: Choice, view: View) -> tuple[float, float]:
@@ -75,10 +75,10 @@ def _usable_time(axle: AxleChannels, choice: Choice, view: View) -> tuple[float,
     key = next(chosen.speed for chosen in choice.axles if chosen.axle == axle.record.axle)
     t = choice.channels[key].data.t
     t = t[view.contains(t)]
-    used = sum(
+    used_time = sum(
         float(axle.record.t[s.stop - 1] - axle.record.t[s.start]) for s in axle.record.segments
     )
-    return used * 1e-9, float(t[-1] - t[0]) * 1e-9
+    return used_time * 1e-9, float(t[-1] - t[0]) * 1e-9
 
 
 def _axle(

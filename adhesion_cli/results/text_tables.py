@@ -94,9 +94,9 @@ def _with_short_logs(
         [max(map(len, cells)) for cells in zip(header, *rows, strict=True)],
     )
     room = max(width - sum(longest) + longest[i], min_widths[i])
-    short = {row[i]: shortened(printable(row[i]), room, room // 2) for row in rows}
-    differ = len({*short.values()}) == len(short)
-    return [[*row[:i], short[row[i]], *row[i + 1 :]] for row in rows] if differ else rows
+    short_names = {row[i]: shortened(printable(row[i]), room, room // 2) for row in rows}
+    differ = len({*short_names.values()}) == len(short_names)
+    return [[*row[:i], short_names[row[i]], *row[i + 1 :]] for row in rows] if differ else rows
 
 
 def shortened(text: str, width: int, last: int = 0) -> str:

@@ -321,10 +321,10 @@ def compare_wet(stops: Sequence[SeriesStop], dry: str, wet: str, volume: float =
     if lengths[0] and lengths[1] and wet_speeds(stops, dry, wet) is None:
         ratio = lengths[1].mean / lengths[0].mean
         extension, k_wet = ratio - 1.0, 1.0 / ratio
-        of_both = [x for x in lengths if x]
-        own = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in of_both]
-        common = [x.common_u95 / x.mean for x in of_both]  # of one sign in both
-        u95 = ratio * math.hypot(*own, common[1] - common[0])
+        statistics = [x for x in lengths if x]
+        own_shares = [math.sqrt(max(x.u95**2 - x.common_u95**2, 0.0)) / x.mean for x in statistics]
+        common = [x.common_u95 / x.mean for x in statistics]  # of one sign in both
+        u95 = ratio * math.hypot(*own_shares, common[1] - common[0])
         k_wet_u95 = u95 / ratio**2
     axles = sorted({a.axle for s in of_wet for a in s.axles})
     rows = tuple(_wsp_axle(of_wet, x) for x in axles)

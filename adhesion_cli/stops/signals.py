@@ -100,10 +100,12 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         radius = vehicle.radius(base.axle)
         train, scale = _fastest(rims, rims[base.axle].t), radius.tolerance / radius.value
     ends = [_seconds(r, start_ns)[r.saturated] for r in records if r.saturated is not None]
-    late = base.pressure_late
+    pressure_delay = base.pressure_late
     brakes = {r.axle: _on_segments(r, _brake(r), start_ns) for r in records}
-    if late.value > 0.0:  # no train slows before its brakes act
-        brakes = {axle: TimeSeries(x.t - late.value, x.value) for axle, x in brakes.items()}
+    if pressure_delay.value > 0.0:  # no train slows before its brakes act
+        brakes = {
+            axle: TimeSeries(x.t - pressure_delay.value, x.value) for axle, x in brakes.items()
+        }
     return StopSignals(
         train,
         "train" if measured else "axles",
@@ -113,8 +115,8 @@ def of_records(records: Sequence[AxleRecord], log: Log, vehicle: Vehicle) -> Sto
         brakes,
         saturated=np.concatenate([np.empty(0), *ends]),
         by_pressure=not any(map(_by_force, records)),
-        pressure_sigma=math.hypot(late.value / math.sqrt(3.0), late.tolerance),
-        others_later=late.value < -EARLY,
+        pressure_sigma=math.hypot(pressure_delay.value / math.sqrt(3.0), pressure_delay.tolerance),
+        others_later=pressure_delay.value < -EARLY,
         is_coarse=is_coarse,
         interval=base.train_speed_interval,
         knows_delay=not (measured and has_uncertain_delay(base)),

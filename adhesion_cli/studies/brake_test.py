@@ -209,23 +209,25 @@ def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
     that slides hide. Nothing is taken of logs that contradict each other.
     """
     settings, texts = log.request.settings, list[str]()
-    others = [x for x in logs if x.brake_mode == log.brake_mode]
+    sister_logs = [x for x in logs if x.brake_mode == log.brake_mode]
     if any(s.command_from == "pressure" for s in log.map.stops) and not settings.stops.dead_time:
-        times = [s.dead_time_s.value for x in others for s in x.map.stops if s.dead_time_s]
+        times = [s.dead_time_s.value for x in sister_logs for s in x.map.stops if s.dead_time_s]
         if times and np.ptp(times) < 4.0 * DEAD_TIME_ERROR * np.mean(times):
             stops = settings.stops._replace(dead_time=float(np.mean(times)))
             settings = replace(settings, stops=stops)
             texts.append(f"dead time of the brake {stops.dead_time:.2f} s")
     if any(f.code in _DELAY_UNKNOWN for f in log.findings):
-        delays = [f.values for x in others for f in x.findings if f.code == "train-speed-delay"]
+        delays = [
+            f.values for x in sister_logs for f in x.findings if f.code == "train-speed-delay"
+        ]
         values = [x["delay_s"] for x in delays]
         sigma = max((x["delay_u95_s"] for x in delays), default=0.0) / Z95
         if delays and np.ptp(values) < 4.0 * sigma + _DELAY_SPREAD:
             delay = Parameter(float(np.mean(values)), math.hypot(sigma, np.std(values)))
             mapping = Mapping("train_speed", None, "", delay=delay)
             settings = replace(settings, mappings=(*settings.mappings, mapping))
-            shown = with_u95((delay.value, Z95 * delay.tolerance), 1.0, 2)
-            texts.append(f"delay of the train speed {shown} s")
+            delay_text = with_u95((delay.value, Z95 * delay.tolerance), 1.0, 2)
+            texts.append(f"delay of the train speed {delay_text} s")
     if not texts:
         return log
     finding = Finding("times-of-other-logs", "info", names={"times": " and ".join(texts)})

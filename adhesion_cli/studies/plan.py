@@ -44,7 +44,7 @@ class PlannedGroup(NamedTuple):
     load: str = ""
     mode: str = ""
     label: str = ""
-    limits: Mapping[str, Any] = {}  # of this group alone, as stated
+    limits: Mapping[str, object] = {}  # of this group alone, as stated
 
 
 class Plan(NamedTuple):
@@ -176,10 +176,10 @@ def _pairs(
     path: Path, names: Sequence[str], section: str, entries: toml.Table
 ) -> tuple[tuple[str, str], ...]:
     """The pairs of groups that a section states."""
-    stated = entries.get("pairs", [])
-    pairs = stated if isinstance(stated, list) else [stated]
+    stated_pairs = entries.get("pairs", [])
+    pairs = stated_pairs if isinstance(stated_pairs, list) else [stated_pairs]
     if any(not isinstance(pair, list) or len(pair) != 2 for pair in pairs):
-        text = f"{path}: {section}.pairs = {stated!r} is no list of pairs"
+        text = f"{path}: {section}.pairs = {stated_pairs!r} is no list of pairs"
         raise UserError(text, 'for example pairs = [["old", "new"]]', code=2)
     return tuple((_known(path, names, a), _known(path, names, b)) for a, b in pairs)
 

@@ -126,16 +126,16 @@ def stamps_in(lines: Sequence[str], delimiter: str) -> dict[str, str]:
     """
     stamps = {}
     for line in map(uncommented, lines):
-        own_words = re.match(
+        label_match = re.match(
             r"([^\d:=]*[^\d:=\s])(?:\s*[:=]\s*|\s+)(.*)", line.rstrip(f" {delimiter}")
         )
-        words, *cells = split(line, delimiter) or [""]
-        pairs = [(words, " ".join(cells[:2])), *((words, cell) for cell in cells)]
-        pairs[:0] = [(own_words[1], own_words[2])] if own_words else []
-        for words, text in pairs:
+        label, *cells = split(line, delimiter) or [""]
+        pairs = [(label, " ".join(cells[:2])), *((label, cell) for cell in cells)]
+        pairs[:0] = [(label_match[1], label_match[2])] if label_match else []
+        for label, text in pairs:
             text = re.sub(r"(?<![:\d+-])[0-9]{1,2}:[0-9]{2}$", r"\g<0>:00", text)
             if is_stamp(text):
-                stamps[words] = text
+                stamps[label] = text
                 break
     return stamps
 

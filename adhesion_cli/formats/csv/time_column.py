@@ -37,7 +37,7 @@ _DATES = ("iso", "ymd", "dmy", "mdy")  # stated units of columns of dates
 TIME_UNITS = (*COUNTS, *_DATES)
 
 _S = 1_000_000_000
-_DAY, _NEAR, _ZONE_STEP = 86_400 * _S, 60 * _S, 900 * _S
+_DAY, _MINUTE, _ZONE_STEP = 86_400 * _S, 60 * _S, 900 * _S
 _UNDATED = ", without a date"
 _EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
 _GPS_END_S = 1_893_456_000.0  # 2030: what would be later as GPS time counts from 1970
@@ -249,7 +249,9 @@ class _ClockSearch:
         is_digits = clock.may_be_digits and forms_of(columns[0], DIGITS)
         if not patterns or is_digits or not all(columns):
             return clock
-        first = int(clock.nanoseconds([pa.array(x[:1]) for x in columns])[0][0]) if columns else 0
+        first_time = (
+            int(clock.nanoseconds([pa.array(x[:1]) for x in columns])[0][0]) if columns else 0
+        )
         starts = {int(read([text], x)[0]) for x in patterns}
         start = min(starts)
         begin: int | None = start
@@ -257,8 +259,8 @@ class _ClockSearch:
         if "<H>" in patterns[0]:
             kind, match = "start", re.fullmatch(patterns[0], text)
             is_zoned = bool(match and match["z"])
-            begin = _begin(clock, first, start, is_zoned)
-        elif clock.absolute or "<H>" not in clock.pattern or not _NEAR < first < _DAY:
+            begin = _begin(clock, first_time, start, is_zoned)
+        elif clock.absolute or "<H>" not in clock.pattern or not _MINUTE < first_time < _DAY:
             return clock
         if clock.absolute and (begin is not None or len(starts) > 1):
             return clock
@@ -277,11 +279,13 @@ class _ClockSearch:
     def _stamp_above(self) -> tuple[str, list[str]]:
         """Start or date that the lines above the table state, and the patterns that read it."""
         stamps = stamps_in(self.dialect.preamble, self.dialect.delimiter)
-        stated = [(kind, x) for words, x in stamps.items() if (kind := label(words))]
-        halves = {kind.replace("day", "date"): x for kind, x in reversed(stated)}
+        labelled_stamps = [
+            (kind, x) for line_label, x in stamps.items() if (kind := label(line_label))
+        ]
+        halves = {kind.replace("day", "date"): x for kind, x in reversed(labelled_stamps)}
         date, clock = halves.get("date", ""), halves.get("clock", "")
-        known = [x for kind, x in stated if kind in ("date", "day", "clock")]
-        for forms, texts in (STAMPS, [*known, f"{date} {clock}"]), (DATES, [date]):
+        whole_stamps = [x for kind, x in labelled_stamps if kind in ("date", "day", "clock")]
+        for forms, texts in (STAMPS, [*whole_stamps, f"{date} {clock}"]), (DATES, [date]):
             for text in texts:
                 if names := forms_of([text], forms, self.unit):
                     return text, [forms[name] for name in names]
@@ -705,18 +709,18 @@ class _ClockSearch:
         return rare and not any(a and b for a, b in pairwise(has_cell))
 
 
-def _begin(clock: Clock, first: int, start: int, is_zoned: bool) -> int | None:
+def _begin(clock: Clock, first_time: int, start: int, is_zoned: bool) -> int | None:
     """What dates the times of a clock by their start, None where the first row contradicts it.
 
     Times [ns]; those of two zones differ by quarters of an hour.
     """
-    turn = _ZONE_STEP if is_zoned or clock.absolute else _DAY
-    lag = (first - start + turn // 2) % turn - turn // 2
+    period = _ZONE_STEP if is_zoned or clock.absolute else _DAY
+    lag = (first_time - start + period // 2) % period - period // 2
     if clock.absolute:
-        return 0 if abs(lag) <= _NEAR and abs(first - start) < _DAY else None
-    if abs(lag) <= _NEAR and ("<H>" in clock.pattern or abs(first) > _NEAR):
-        return start + lag - first
-    return start if abs(first) <= _NEAR else None
+        return 0 if abs(lag) <= _MINUTE and abs(first_time - start) < _DAY else None
+    if abs(lag) <= _MINUTE and ("<H>" in clock.pattern or abs(first_time) > _MINUTE):
+        return start + lag - first_time
+    return start if abs(first_time) <= _MINUTE else None
 
 
 def _step(values: Sequence[float]) -> float:

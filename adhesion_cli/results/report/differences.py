@@ -164,9 +164,9 @@ def _of_axle(
             u95 = math.hypot(*(0.5 * (upper - lower) for lower, upper in intervals))
             quantities.append(("utilisation", "-", b.utilisation - a.utilisation, u95, u95))
         for quantity, unit, value, u95, u95_apart in quantities:
-            is_explained, apart = abs(value) <= u95, max(u95, u95_apart)
+            is_explained, widest = abs(value) <= u95, max(u95, u95_apart)
             application = place, axle_b.number, k
-            yield RunDifference(*application, quantity, unit, value, u95, apart, is_explained)
+            yield RunDifference(*application, quantity, unit, value, u95, widest, is_explained)
 
 
 def _of_force(
