@@ -44,7 +44,7 @@ _OF_SLIDES = (
 _OF_DOUBT = f" {DOUBT}: the log contradicts its vehicle. µ and F may be wrong with it."
 _OF_ROWS = "`adhesion analyze --rows` shows every brake application of every axle."
 _TITLE, _SLIDES = "Brake applications", "Slides"
-_BOUND = "≥: the true value is at least this, less its uncertainty."
+_BOUND = "≥: the true value is at least this, less its uncertainty; ≤: at most this."
 _SHOWN_STOPS = 20  # of more, the worst ones
 
 

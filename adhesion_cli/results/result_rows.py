@@ -59,13 +59,16 @@ def mean_coefficient(a: BrakeApplication) -> str:
 
 
 def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
-    """The slides of a brake application, together; their time is the begin of the first."""
+    """The slides of a brake application, together; their time is the begin of the first.
+
+    Where they are lower bounds, the first may begin earlier.
+    """
     bound = a.at_least
     km = a.slide_position_km if a.position_from == "position" else None
     first: SlideSummary | BrakeApplication = a.slide_list[0] if a.slide_list else a
     return {
         "axle": axle,
-        "at [s]": number(first.start_s, 1),
+        "at [s]": "≤ " * bound + number(first.start_s, 1),
         **when_and_where(first.time, km),
         "slides": str(a.slides),
         "for [s]": bounded_number(a.slide_s, 1, bound),

@@ -127,7 +127,7 @@ def _of_slides(
         yield f"The wheel stood still for {number(worst.locked_s, 1)} s while the train moved;"
         yield f"{subject} slid for {bound_text}{total} s."
     else:
-        slip = f", with slip up to {percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
+        slip = f", with slip up to {bound_text}{percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
         slip *= worst.max_slip is not None
         yield f"{subject.capitalize()} slid for {bound_text}{total} s{slip}."
     if worst.utilisation is not None:
