@@ -269,8 +269,8 @@ def _speed_itself(meant: list[Meant], guesses: list[int]) -> None:
     """
     speeds = [i for i in guesses if meant[i].meaning in ("wheel_speed", "train_speed")]
     by_satellite = any(word_of_kind("satellites", name_words(m.title)) for m in meant)
-    if len(speeds) == 1 and by_satellite and meant[speeds[0]].axle is None:
-        lone_speed = meant[speeds[0]]
+    lone_speed = meant[speeds[0]] if len(speeds) == 1 and by_satellite else None
+    if lone_speed and lone_speed.axle is None and not _is_of_each(lone_speed):
         unit = units.unit(lone_speed.unit)
         if unit is None or unit.dimension == "speed":
             reason = f"{lone_speed.reason}; its log counts satellites"

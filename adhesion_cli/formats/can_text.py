@@ -33,7 +33,7 @@ _FORMS = (
 )  # by what the files begin with
 _TABLE = {  # columns of a table of frames, by their names
     "t": r"time|zeit",
-    "id": r"(?:can[ -]?)?(?:id|identifier|arbitration_id)\b",
+    "id": r"(?:can[ _-]?)?(?:id|identifier|arbitration_id)\b",
     "size": r"dlc\b|len(?:gth)?\b|data ?len",
     "data": r"d(?:ata)? ?[01]\b|data ?bytes|data\b(?! ?len)|daten\b",
     "bus": r"bus|ch",
@@ -42,6 +42,7 @@ _TABLE_HEAD = re.compile(
     "(?im)^"
     + "".join(rf'(?=[^\n]*(?:^|[,;\t])[ "]*(?:{_TABLE[x]}))' for x in ("t", "id", "size", "data"))
 )
+_DATED = re.compile(r"\d{4}-\d\d-\d\d[ T]")
 _NO_FRAME = re.compile(r"\s*(?:Time\s+ID|Chn\s)")
 _WITHOUT_TIME = re.compile(rb"\s*\w+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]\s")
 _BUSMASTER = b"***BUSMASTER"
@@ -306,8 +307,8 @@ class TextLog:
                 for kind, pattern in _TABLE.items():
                     places = (k for k, x in enumerate(cells) if re.match(f"(?i){pattern}", x))
                     self._places[kind] = next(places, len(cells))
-                unit = re.search(r"\W(m?)s\b", cells[self._places["t"]])
-                self._unit = {"m": 1e3, "": 1.0}[unit[1]] if unit else 0.0
+                unit = re.search(r"[\W_](m|u|µ|Âµ|)s\b", cells[self._places["t"]])
+                self._unit = {"m": 1e3, "": 1.0}.get(unit[1], 1e6) if unit else 0.0
             return None
         cells.append("")
         t, text, size, data, bus = (cells[min(k, len(cells) - 1)] for k in self._places.values())
@@ -315,7 +316,8 @@ class TextLog:
         if self._unit == 0.0 and self._decimals in (1, 2):
             hint = "write it behind the name of the column, as [ms]"
             raise UserError(f"{self._path}: the unit of the times is not stated", hint)
-        time /= self._unit or (1.0 if self._decimals else 1e6)
+        if not _DATED.match(t):
+            time /= self._unit or (1.0 if self._decimals else 1e6)
         self._first = self.start = time if self._first is None else self._first
         in_columns = [x for x in cells[self._places["data"] :][: int(size)] if x]
         tokens = data.split() if " " in data else in_columns
@@ -360,7 +362,7 @@ class TextLog:
 
     def _time(self, text: str) -> float:
         """A stamp: seconds, or a date [s]."""
-        if " " in text:
+        if _DATED.match(text):
             return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
         text = text.replace(",", ".")
         self._decimals = len(text.partition(".")[2])

@@ -542,6 +542,8 @@ def test_a_lone_speed_beside_satellites_is_the_trains() -> None:
         None, "train_speed", PRESSURE
     ]  # fmt: skip
     assert understood([Field(x) for x in names[1:]], ())[0][0].meaning == WHEEL
+    names[1] = "wheel speed [km/h]"
+    assert understood([Field(x) for x in names], ())[0][1].meaning == WHEEL
 
 
 def test_many_channels_for_the_same_thing_are_one_finding() -> None:

@@ -375,6 +375,8 @@ ROWS: dict[str, tuple[str, str]] = {  # head, and a line at t
     ),
     "kvaser.csv": ("Time,Channel,ID,DLC,D0,D1,D2,D3,D4,Flags\n", "{t:.6f},1,291,5,{decimals},"),
     "pcan.csv": ("PCAN\nTime (ms);Type;ID (hex);Length;Data (hex)\n", "{ms:.1f};Rx;123;5;{data}"),
+    "under.csv": ("Time_ms;can_id;dlc;data\n", "{ms:.0f};0x123;5;{data}"),
+    "dated.csv": ("timestamp;ID;DLC;data\n", "{date};123;5;{data}"),
     "canedge.csv": ("TimestampEpoch;ID;IDE;DLC;DataBytes\n", "{epoch:.6f};123;0;5;{packed}"),
     "busmaster.log": (
         "***BUSMASTER Ver 3.2.2***\n***START DATE AND TIME 21:11:2026 13:05:07:250***\n***HEX***\n"
@@ -429,7 +431,7 @@ def test_a_start_of_busmaster_with_numbers_of_one_digit(tmp_path: Path) -> None:
     assert not findings
 
 
-DATED = ("screen.txt", "direction.txt", "dated.txt", "python_can.csv", "canedge.csv")
+DATED = ("screen.txt", "direction.txt", "dated.txt", "dated.csv", "python_can.csv", "canedge.csv")
 
 
 def test_a_table_of_frames_needs_a_dbc_and_a_unit_of_its_times(tmp_path: Path) -> None:
