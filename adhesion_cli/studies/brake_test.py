@@ -71,6 +71,7 @@ class TestedLog(NamedTuple):
     brake: LogBrake | None  # by the deceleration of this log alone
     map: MapOfLog
     sha256: str  # of its bytes
+    speedometers: frozenset[str]  # names of the channels of the train speed
 
     @property
     def path(self) -> str:
@@ -206,7 +207,8 @@ def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
     """A log, evaluated again with what others of its brake show and it does not.
 
     These are the dead time of a brake whose command is not logged, and the delay of a train speed
-    that slides hide. Nothing is taken of logs that contradict each other.
+    that slides hide: of a channel of the same name, as another sensor has another delay. Nothing is
+    taken of logs that contradict each other.
     """
     settings, texts = log.request.settings, list[str]()
     sister_logs = [x for x in logs if x.brake_mode == log.brake_mode]
@@ -217,8 +219,9 @@ def _with_times_of(logs: Sequence[TestedLog], log: TestedLog) -> TestedLog:
             settings = replace(settings, stops=stops)
             texts.append(f"dead time of the brake {stops.dead_time:.2f} s")
     if any(f.code in _DELAY_UNKNOWN for f in log.findings):
+        same_sensor = [x for x in sister_logs if x.speedometers & log.speedometers]
         delays = [
-            f.values for x in sister_logs for f in x.findings if f.code == "train-speed-delay"
+            f.values for x in same_sensor for f in x.findings if f.code == "train-speed-delay"
         ]
         values = [x["delay_s"] for x in delays]
         sigma = max((x["delay_u95_s"] for x in delays), default=0.0) / Z95
@@ -251,6 +254,7 @@ def _test_log(request: _Request) -> TestedLog:
         result.brake if result else None,
         map_,
         summary.log.sha256,
+        frozenset(c.title for c in log.channels if c.meaning == "train_speed"),
     )
 
 

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import math
 import re
 import shutil
 from pathlib import Path
@@ -309,3 +310,26 @@ def test_the_fall_of_a_brake_pipe_is_the_command(run: Run, tmp_path: Path) -> No
     (stop,) = json.loads(run("stops", "pipe.csv", "--json").stdout)["stops"]
     assert stop["command_from"] == "brake_pipe"
     assert stop["start_s"] == pytest.approx(10.25, abs=0.1)
+
+
+def test_a_log_with_slides_takes_no_delay_of_another_sensor(run: Run, tmp_path: Path) -> None:
+    for name, sensor, delay, slip in (("dry", "GPS", 0.8, 0.0), ("wet", "radar", 0.0, 0.2)):
+        lines = [f"time [s],bc pressure axle 1 [bar],axle speed 1 [km/h],{sensor} speed [km/h]"]
+        for k in range(1800):
+            t = k / 50.0
+
+            def speed(t: float) -> float:
+                braked = max(t - 11.0, 0.0)
+                return max(80.0 - 3.0 * (braked - 0.7 * (1.0 - math.exp(-braked / 0.7))), 0.0)
+
+            p = 3.0 * min(max((t - 10.6) / 2.0, 0.0), 1.0)
+            wheel = speed(t) * (1.0 - slip * abs(math.sin(1.7 * t)) * (p > 2.0))
+            lines.append(f"{t},{p:.2f},{wheel:.2f},{speed(t - delay):.2f}")
+        (tmp_path / f"{name}.csv").write_text("\n".join([*lines, ""]))
+    wet = tmp_path / "wet.csv"
+    for sensor in ("radar", "GPS"):
+        wet.write_text(wet.read_text().replace("radar", sensor))
+        findings = json.loads(run("stops", "dry.csv", "wet.csv", "--json").stdout)["findings"]
+        codes = [f["code"] for f in findings]
+        assert "train-speed-delay" in codes
+        assert ("times-of-other-logs" in codes) == (sensor == "GPS")
