@@ -145,7 +145,9 @@ def write_text(
         reason = _OF_STATED if best.stated_count else reason
         part_names, columns = [best.name], best.columns
         logs = [x for x in sheets if x.is_of_brake and x.is_log]
-        are_places = len(logs) > 1 and all(_is_place(x.name, options) for x in logs)
+        places = [x for x in logs if _is_place(x.name, options)]
+        are_places = len(places) > 1 and any(x is best for x in places)
+        logs = places if are_places else logs  # without a summary beside them
         if joins and any(x is best for x in logs):
             part_names, columns = _joined(logs, are_places) or (part_names, columns)
         reason = "one log" if len(part_names) > 1 else reason
