@@ -4,7 +4,7 @@ import csv
 import math
 import re
 from collections.abc import Iterable, Iterator
-from fnmatch import fnmatch
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ def stated_track(table: Table) -> Track:
 def track_of_log(track: Track, name: str) -> Track:
     """The line of a log of this file name: the first pattern that fits it; else nothing stated."""
     for pattern, gradient in track.gradients_of_logs:
-        if fnmatch(name, pattern):
+        if fnmatchcase(name, pattern):
             return Track(gradient, stated=True)
     return Track() if track.gradients_of_logs else track
 

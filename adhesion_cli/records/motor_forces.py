@@ -46,8 +46,10 @@ def _without_idle(channels: Channels, vehicle: Vehicle) -> tuple[Channels, list[
 
 def _highest_mean(force: Channel) -> float:
     """The highest force, in the mean of a second [N]."""
-    _, second, counts = np.unique(force.data.t // 10**9, return_inverse=True, return_counts=True)
-    sums = np.bincount(second, weights=np.nan_to_num(force.data.value))
+    finite = np.isfinite(force.data.value)
+    t, value = force.data.t[finite], force.data.value[finite]
+    _, second, counts = np.unique(t // 10**9, return_inverse=True, return_counts=True)
+    sums = np.bincount(second, weights=value)
     return float(np.max(np.abs(sums / counts), initial=0.0))
 
 

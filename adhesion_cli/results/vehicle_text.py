@@ -30,7 +30,12 @@ def describe_motors(summaries: Iterable[ResultSummary]) -> str:
     """That known force and µ have the forces of the motors, too; empty where none acts."""
     meanings = set()
     for summary in summaries:
-        idle = " ".join(f.channel for f in summary.findings if f.code == "motor-force-idle")
+        idle = [
+            title
+            for f in summary.findings
+            if f.code == "motor-force-idle"
+            for title in f.channel.split(", ")
+        ]
         acting = (c for c in summary.channels if f"{c.name} {c.field}".strip() not in idle)
         meanings |= {c.meaning for c in acting if summary.vehicle.known}
     names = [name for meaning, name in _MOTORS.items() if meaning in meanings]

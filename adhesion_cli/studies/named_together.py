@@ -88,11 +88,13 @@ def _holding_own_brake(
 
     Nobody knows whether a gradient or its brake makes a log differ from the others.
     """
+    if identified.logs < 2 or not identified.known:
+        return identified
     brake = find_log_brake(log, replace(settings, vehicle=identified.vehicle))
-    if identified.logs < 2 or not brake or not identified.known:
+    if not brake:
         return identified
     change = math.log(brake.ratio) * _UNLIKE**2 / (_UNLIKE**2 + brake.sigma**2)
-    return with_friction_error(identified, settings.vehicle, abs(change) / Z95)
+    return with_friction_error(identified, settings.vehicle, math.expm1(abs(change)) / Z95)
 
 
 def _without_drift(group: FrictionGroup, runs: Sequence[GroupedRun]) -> list[FrictionGroup]:

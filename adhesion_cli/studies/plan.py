@@ -181,6 +181,9 @@ def _pairs(
     if any(not isinstance(pair, list) or len(pair) != 2 for pair in pairs):
         text = f"{path}: {section}.pairs = {stated_pairs!r} is no list of pairs"
         raise UserError(text, 'for example pairs = [["old", "new"]]', code=2)
+    if one_group := [pair[0] for pair in pairs if pair[0] == pair[1]]:
+        text = f"{path}: {section}.pairs compares group {one_group[0]!r} with itself"
+        raise UserError(text, "name two groups", code=2)
     return tuple((_known(path, names, a), _known(path, names, b)) for a, b in pairs)
 
 

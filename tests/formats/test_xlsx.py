@@ -425,13 +425,13 @@ def test_the_first_visible_sheet_with_columns_of_numbers_is_read(tmp_path: Path)
     assert (stated.rows, stated.findings) == (30, [])
 
 
-def test_sheets_of_one_log_are_read_together(tmp_path: Path) -> None:
+@pytest.mark.parametrize("summary", [{}, {"Summary": ["Time [s]", "p mean [bar]", "v mean"]}])
+def test_sheets_of_one_log_are_read_together(summary: dict[str, list[str]], tmp_path: Path) -> None:
     """Beside each other, of axles or of other channels; below each other, where time goes on."""
-    places = opened(
-        write(tmp_path / "a.xlsx", {f"Achse {k}": log(20 + k) for k in (1, 2)}),
-        names_brake=names_brake,
-        names_place=names_place,
-    )
+    sheets = {f"Achse {k}": log(20 + k) for k in (1, 2)}
+    sheets |= {name: log(20, head) for name, head in summary.items()}
+    path = write(tmp_path / "a.xlsx", sheets)
+    places = opened(path, names_brake=names_brake, names_place=names_place)
     samples = read(places)
     counts = {name: sum(x is not None for _, x in series) for name, series in samples.items()}
     channels = {f"Achse {k} {name} []": 20 + k for k in (1, 2) for name in ("p [bar]", "v [km/h]")}

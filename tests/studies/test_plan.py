@@ -63,6 +63,10 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
         ("[group.a]\nlogs = ['a']\nrail = 'icy'", "icy"),
         ("[group.a]\nlogs = ['a']\n[compare]\npairs = [['a', 'b']]", "'b'"),
         ("[group.a]\nlogs = ['a']\n[compare]\npairs = [['a']]", "no list of pairs"),
+        (
+            "[group.a]\nlogs = ['a']\n[compare]\npairs = [['a', 'a']]",
+            "compares group 'a' with itself",
+        ),
         ("[group.a]\nlogs = ['a']\n[compare]\na = 'a'", "key of [compare] 'a'"),
         ("[group.a]\nlogs = ['a']\n[limits]\nlength = {max = 3}", "length"),
         ("[group.a]\nlogs = ['a']\n[limits]\njerk = 3", "jerk = 3 is no limit"),
