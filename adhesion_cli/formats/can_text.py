@@ -88,6 +88,8 @@ class TextLog:
         self._begin, self._is_closed = "", False
         self._latest = 0.0  # what the last head states [s]
         self._base, self._columns = 16, [*_TRC_COLUMNS["1.0"]]
+        self._is_hexadecimal = False  # whether bytes of a table were read as such
+        self._is_base64 = False
         self._buses: list[str] = []
         self._places: dict[str, int] = {}  # of the columns of a table
         self._unit = 1.0  # of its times in a second, 0 where none is stated
@@ -296,10 +298,7 @@ class TextLog:
         return Frame(t, number, identifier, is_extended, octets)
 
     def _table(self, line: str) -> Frame | None:
-        """The frame in a row of a table; with bytes of one or three digits all are decimal.
-
-        A time without unit and decimals is in microseconds, as SavvyCAN writes it.
-        """
+        """The frame in a row of a table; with bytes of one or three digits all are decimal."""
         mark = next((x for x in ";\t" if x in line), ",")
         cells = [cell.strip(' "ï»¿') for cell in line.split(mark)]
         if not self._places:
@@ -307,26 +306,33 @@ class TextLog:
                 for kind, pattern in _TABLE.items():
                     places = (k for k, x in enumerate(cells) if re.match(f"(?i){pattern}", x))
                     self._places[kind] = next(places, len(cells))
-                unit = re.search(r"[\W_](m|u|µ|Âµ|)s\b", cells[self._places["t"]])
+                unit = re.search(r"[\W_](m|u|µ|Âµ|)s\b", name := cells[self._places["t"]])
                 self._unit = {"m": 1e3, "": 1.0}.get(unit[1], 1e6) if unit else 0.0
+                self._unit = 1e6 if name == "Time Stamp" else self._unit  # by SavvyCAN
+                self._is_base64 = "arbitration_id" in cells  # by python-can, in seconds
+                self._unit = 1.0 if self._is_base64 else self._unit
             return None
         cells.append("")
         t, text, size, data, bus = (cells[min(k, len(cells) - 1)] for k in self._places.values())
         time = self._time(t)
-        if self._unit == 0.0 and self._decimals in (1, 2):
+        if self._unit == 0.0 and self._decimals < 3 and not _DATED.match(t):
             hint = "write it behind the name of the column, as [ms]"
             raise UserError(f"{self._path}: the unit of the times is not stated", hint)
         if not _DATED.match(t):
-            time /= self._unit or (1.0 if self._decimals else 1e6)
+            time /= self._unit or 1.0
         self._first = self.start = time if self._first is None else self._first
         in_columns = [x for x in cells[self._places["data"] :][: int(size)] if x]
         tokens = data.split() if " " in data else in_columns
         if len(tokens) > 1 and self._base == 16 and {*map(len, tokens)} != {2}:
+            if self._is_hexadecimal:
+                hint = "export them as hexadecimal numbers of two digits"
+                raise UserError(f"{self._path}: bytes may be decimal or hexadecimal", hint)
             self._base = 10
+        self._is_hexadecimal |= len(tokens) > 1 and self._base == 16
         identifier = int(text, 16 if text[:2] == "0x" else self._base)
         number = int(re.sub(r"\D", "", bus) or 0)  # as in "CAN 1"
         if len(tokens) == 1 and len(data) > 3:
-            octets = bytes.fromhex(data) if len(data) == 2 * int(size) else b64decode(data)
+            octets = b64decode(data) if self._is_base64 else bytes.fromhex(data)
         else:
             octets = self._bytes(tokens, int(size))
         return Frame(time - self._first, number, identifier, identifier > 0x7FF, octets)

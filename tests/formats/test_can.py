@@ -386,6 +386,36 @@ ROWS: dict[str, tuple[str, str]] = {  # head, and a line at t
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("Time [s],ID,DLC,D0,D1\n0.001,100,2,12,34\n0.01,100,2,99,100\n", "decimal or hexadecimal"),
+        ("Time,ID,DLC,Data\n1000,123,2,05 06\n2000,123,2,15 16\n", "unit of the times"),
+    ],
+)
+def test_a_table_of_frames_that_has_two_meanings_is_refused(
+    text: str, reason: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "frames.csv"
+    path.write_text(text)
+    with pytest.raises(UserError, match=reason):
+        columns(path, stated(tmp_path))
+
+
+def test_base64_as_long_as_hexadecimal_bytes_is_no_hexadecimal(tmp_path: Path) -> None:
+    path = tmp_path / "frames.csv"
+    head = "timestamp,arbitration_id,extended,remote,error,dlc,data"
+    rows = [
+        f"{k / 10},0x123,0,0,0,5,{b64encode(bytes([k, 0, 16, 104, 0])).decode()}" for k in range(9)
+    ]
+    rows += ["1.0,0x124,0,0,0,4,ASNF/w=="]
+    path.write_text("\n".join([head, *rows, ""]))
+    found, findings, _ = columns(path, stated(tmp_path))
+    assert np.allclose(found["speed"].value, np.arange(9) / 100)
+    assert np.allclose(np.diff(found["speed"].t), 1e8)
+    assert {*findings} == {"can-unknown-frames"}  # and none was left out
+
+
 @pytest.mark.parametrize("name", ROWS)
 def test_text_logs_of_every_form(tmp_path: Path, name: str) -> None:
     head, row = ROWS[name]
