@@ -112,6 +112,8 @@ def align_log(
     axle_names = ", ".join(str(a.record.axle) for a in aligned)
     if track.profile and gradient is None:
         findings.append(Finding("no-position", "warning"))
+    if track.gradients_of_logs:
+        findings.append(Finding("gradient-not-stated", "info"))
     aligned_log = AlignedLog(
         log.path,
         aligned,

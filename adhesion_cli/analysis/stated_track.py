@@ -40,11 +40,11 @@ def stated_track(table: Table) -> Track:
 
 
 def track_of_log(track: Track, name: str) -> Track:
-    """The line of a log of this file name: the first pattern that fits it; else nothing stated."""
+    """The line of a log of this file name: the first pattern that fits it, else as it is."""
     for pattern, gradient in track.gradients_of_logs:
         if fnmatchcase(name, pattern):
             return Track(gradient, stated=True)
-    return Track() if track.gradients_of_logs else track
+    return track
 
 
 def _gradient(name: str, entry: Any) -> Parameter:

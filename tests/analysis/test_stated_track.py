@@ -45,6 +45,8 @@ def test_each_log_has_the_gradient_of_the_first_pattern_that_fits_its_name(tmp_p
     out, back = Parameter(0.008, 0.001), Parameter(-0.008, 0.0005)
     assert [x.track.gradient for x in results[:2]] == [out, back]
     assert [x.track.stated for x in results] == [True, True, False]
+    noted = ["gradient-not-stated" in {f.code for f in x.findings} for x in results]
+    assert noted == [False, False, True]
 
 
 @pytest.mark.parametrize(
