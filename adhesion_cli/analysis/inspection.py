@@ -27,6 +27,7 @@ from .identify import identify
 from .prepare import align_log
 from .request import further_meanings, load_vehicle
 from .settings import Settings
+from .stated_track import track_of_log
 from .summarise import summarise_channel
 from .vehicle_findings import diagnose_with
 
@@ -124,9 +125,8 @@ def _judge_records(
         whole_log = without_empty(replace(log, channels=meant))
         severity = "info"
         settings, load_findings = load_vehicle(settings, whole_log)
-        aligned = align_log(
-            whole_log, settings.vehicle, checks=settings.checks, track=settings.track
-        )
+        track = track_of_log(settings.track, source.path.name)
+        aligned = align_log(whole_log, settings.vehicle, checks=settings.checks, track=track)
         identified = identify([aligned], settings)
         vehicle_findings, checked = diagnose_with(aligned, identified, settings)
         said = [f for f in vehicle_findings if f.code != "vehicle-default"]

@@ -8,6 +8,7 @@ from helpers.vehicle_logs import blended_log, log, true
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.analysis.inspection import inspect
 from adhesion_cli.analysis.prepare import Window
 from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core.errors import UserError
@@ -47,6 +48,8 @@ def test_each_log_has_the_gradient_of_the_first_pattern_that_fits_its_name(tmp_p
     assert [x.track.stated for x in results] == [True, True, False]
     noted = ["gradient-not-stated" in {f.code for f in x.findings} for x in results]
     assert noted == [False, False, True]
+    inspected = [inspect(path, stated) for path in paths]
+    assert ["gradient-not-stated" in {f.code for f in x.findings} for x in inspected] == noted
 
 
 @pytest.mark.parametrize(
