@@ -390,6 +390,11 @@ class ChannelSummary:
         tuple[str, ...], Quantity("", "of a state in words: the word of 0, of 1 and so on")
     ] = dataclasses.field(default=(), kw_only=True)
 
+    @property
+    def title(self) -> str:
+        """Name and field, for people."""
+        return f"{self.name} {self.field}".strip()
+
 
 @dataclass(frozen=True, slots=True)
 class FindingSummary:

@@ -315,10 +315,10 @@ class TextLog:
         cells.append("")
         t, text, size, data, bus = (cells[min(k, len(cells) - 1)] for k in self._places.values())
         time = self._time(t)
-        if self._unit == 0.0 and self._decimals < 3 and not _DATED.match(t):
-            hint = "write it behind the name of the column, as [ms]"
-            raise UserError(f"{self._path}: the unit of the times is not stated", hint)
         if not _DATED.match(t):
+            if self._unit == 0.0 and self._decimals < 3:
+                hint = "write it behind the name of the column, as [ms]"
+                raise UserError(f"{self._path}: the unit of the times is not stated", hint)
             time /= self._unit or 1.0
         self._first = self.start = time if self._first is None else self._first
         in_columns = [x for x in cells[self._places["data"] :][: int(size)] if x]

@@ -97,7 +97,7 @@ class _Sheet(NamedTuple):
     def is_complete(self) -> bool:
         """Whether it has a pressure and a speed."""
         texts = [x for head in self.heads for x in head]
-        units_of_texts = [units.unit(x) or units.unit(units.in_name(x)[1]) for x in texts]
+        units_of_texts = map(_unit_of, texts)
         dimensions = {unit.dimension for unit in units_of_texts if unit}
         return "pressure" in dimensions and bool(dimensions & {"speed", "angular speed"})
 
@@ -183,7 +183,7 @@ def _sheets(book: "_Book", names: Sequence[str], options: ReadOptions) -> list[_
     """The visible sheets of these names that have two columns of numbers."""
 
     def says_brake(head: str) -> bool:
-        unit = units.unit(head) or units.unit(units.in_name(head)[1])
+        unit = _unit_of(head)
         is_measured = unit is not None and unit.dimension in _MEASURED
         return is_measured or (options.names_brake is not None and options.names_brake(head))
 
@@ -199,6 +199,11 @@ def _sheets(book: "_Book", names: Sequence[str], options: ReadOptions) -> list[_
         is_log = len(columns[0].text) > _RESULTS or any(any(map(speaks_of_time, x)) for x in heads)
         sheets.append(_Sheet(name, columns, stated_count, is_of_brake, is_log))
     return sheets
+
+
+def _unit_of(head: str) -> units.Unit | None:
+    """The unit that a cell of a head is, or has in its name."""
+    return units.unit(head) or units.unit(units.in_name(head)[1])
 
 
 def _is_place(sheet: str, options: ReadOptions) -> bool:

@@ -51,29 +51,30 @@ def resample(
     An axle that is left for less than half of its time would shorten what all axles show together.
     """
     axles: list[AxleChannels] = []
+    usable_times: dict[int, tuple[float, float]] = {}
     findings: list[Finding] = []
     for chosen in choice.axles:
         if chosen.speed in screened.channels and chosen.brake in screened.channels:
             axle, faults = _axle(chosen, screened, view)
-            axles += [axle] if axle else []
+            if axle:
+                axles.append(axle)
+                usable_times[chosen.axle] = _usable_time(axle, choice.channels[chosen.speed], view)
             if chosen.axle in choice.requested:
                 findings += [f for channel, fault in faults for f in view.report(fault, channel)]
-    usable = {a.record.axle: _usable_time(a, choice, view) for a in axles}
-    short_axles = [axle for axle, (used, logged) in usable.items() if used < _LEAST_USABLE * logged]
-    if set(short_axles) >= {*choice.requested}.intersection(usable):
+    short_axles = {x for x, (used, logged) in usable_times.items() if used < _LEAST_USABLE * logged}
+    if short_axles >= {*choice.requested}.intersection(usable_times):
         return axles, findings
     for a in axles:
         if a.record.axle in short_axles:
-            used, logged = usable[a.record.axle]
+            used, logged = usable_times[a.record.axle]
             values = {"axle": a.record.axle, "used_s": used, "logged_s": logged}
             findings.append(Finding("axle-left-out", "warning", a.speed.title, values=values))
     return [a for a in axles if a.record.axle not in short_axles], findings
 
 
-def _usable_time(axle: AxleChannels, choice: Choice, view: View) -> tuple[float, float]:
+def _usable_time(axle: AxleChannels, speed: Channel, view: View) -> tuple[float, float]:
     """The time of an axle's record, and that of its speed in the log [s]."""
-    key = next(chosen.speed for chosen in choice.axles if chosen.axle == axle.record.axle)
-    t = choice.channels[key].data.t
+    t = speed.data.t
     t = t[view.contains(t)]
     used_time = sum(
         float(axle.record.t[s.stop - 1] - axle.record.t[s.start]) for s in axle.record.segments

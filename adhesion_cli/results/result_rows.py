@@ -110,7 +110,7 @@ def score_rows(scores: Sequence[Score]) -> list[dict[str, str]]:
 def channel_row(c: ChannelSummary) -> dict[str, str]:
     """A channel of a log, and what it was taken for."""
     return {
-        "channel": f"{c.name} {c.field}".strip(),
+        "channel": c.title,
         "meaning": c.meaning or DASH,
         "axle": number(c.axle),
         "unit": c.unit or ("not stated" if c.meaning else DASH),

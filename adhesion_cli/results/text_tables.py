@@ -89,10 +89,8 @@ def _with_short_logs(
     """The rows; names of logs that have no room beside the other columns lose their middle."""
     if "log" not in header:
         return rows
-    i, longest = (
-        header.index("log"),
-        [max(map(len, cells)) for cells in zip(header, *rows, strict=True)],
-    )
+    i = header.index("log")
+    longest = [max(map(len, cells)) for cells in zip(header, *rows, strict=True)]
     room = max(width - sum(longest) + longest[i], min_widths[i])
     short_names = {row[i]: shortened(printable(row[i]), room, room // 2) for row in rows}
     differ = len({*short_names.values()}) == len(short_names)

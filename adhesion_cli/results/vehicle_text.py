@@ -36,7 +36,7 @@ def describe_motors(summaries: Iterable[ResultSummary]) -> str:
             if f.code == "motor-force-idle"
             for title in f.channel.split(", ")
         ]
-        acting = (c for c in summary.channels if f"{c.name} {c.field}".strip() not in idle)
+        acting = (c for c in summary.channels if c.title not in idle)
         meanings |= {c.meaning for c in acting if summary.vehicle.known}
     names = [name for meaning, name in _MOTORS.items() if meaning in meanings]
     return f"Force and µ include the {' and the '.join(names)} of the log." if names else ""

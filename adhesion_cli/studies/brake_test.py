@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -153,9 +154,8 @@ def run(
     tested = [_with_times_of(tested, log) for log in tested]
     stops: list[SeriesStop] = []
     findings: list[Finding] = []
-    for members in (
-        [x for x in tested if x.group == name] for name in dict.fromkeys(x.group for x in tested)
-    ):
+    for _, logs_of_group in groupby(tested, lambda x: x.group):
+        members = [*logs_of_group]
         its_stops = [
             SeriesStop(
                 x.path, x.group or f"{y.nominal_speed_kmh:g} km/h", x.map.label, y, x.is_doubtful

@@ -11,7 +11,7 @@ from ..analysis.identify import brake_kinds, find_log_brake, identify, with_fric
 from ..analysis.prepare import AlignedLog, Window, align_log
 from ..analysis.request import load_vehicle, open_log, read_log
 from ..analysis.settings import Settings
-from ..core.model import Z95, IdentifiedVehicle
+from ..core.model import Z95, IdentifiedVehicle, LogBrake, Vehicle
 from ..core.physics import friction_change
 from ..formats.memory import Signals
 from ..results.friction_groups import FrictionGroup, GroupedRun, group_by_friction
@@ -71,30 +71,32 @@ def _identify_each(logs: Sequence[AlignedLog], settings: Settings) -> Sequence[I
     if any(friction_change(x, settings.vehicle) for x in effects):
         single_logs = [(i, run.brake.ratio) for i, run in enumerate(runs, 1) if run.brake]
         groups = [FrictionGroup((i,), ratio, 0.0) for i, ratio in single_logs]
+    brakes = [run.brake for run in runs]
     for group in groups if len(groups) > 1 else ():
         group_vehicle = identify([logs[place - 1] for place in group.places], settings)
+        group_settings = replace(settings, vehicle=group_vehicle.vehicle)
         for place in group.places:
             vehicles[place - 1] = replace(group_vehicle, factor_of_logs=group.factor)
+            if len(group.places) > 1:
+                brakes[place - 1] = find_log_brake(logs[place - 1], group_settings)
     return [
-        _holding_own_brake(vehicle, log, settings)
-        for vehicle, log in zip(vehicles, logs, strict=True)
+        _holding_own_brake(vehicle, brake, settings.vehicle)
+        for vehicle, brake in zip(vehicles, brakes, strict=True)
     ]
 
 
 def _holding_own_brake(
-    identified: IdentifiedVehicle, log: AlignedLog, settings: Settings
+    identified: IdentifiedVehicle, brake: LogBrake | None, vehicle: Vehicle
 ) -> IdentifiedVehicle:
     """The vehicle of several logs, with a band that holds the brake that one of them shows alone.
 
-    Nobody knows whether a gradient or its brake makes a log differ from the others.
+    Nobody knows whether a gradient or its brake makes a log differ from the others. `brake` is by
+    that vehicle, and `vehicle` as stated.
     """
-    if identified.logs < 2 or not identified.known:
-        return identified
-    brake = find_log_brake(log, replace(settings, vehicle=identified.vehicle))
-    if not brake:
+    if identified.logs < 2 or not identified.known or not brake:
         return identified
     change = math.log(brake.ratio) * _UNLIKE**2 / (_UNLIKE**2 + brake.sigma**2)
-    return with_friction_error(identified, settings.vehicle, math.expm1(abs(change)) / Z95)
+    return with_friction_error(identified, vehicle, math.expm1(abs(change)) / Z95)
 
 
 def _without_drift(group: FrictionGroup, runs: Sequence[GroupedRun]) -> list[FrictionGroup]:
