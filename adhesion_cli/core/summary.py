@@ -257,6 +257,9 @@ class StopSummary:
         Measured | None,
         Quantity("s", "from a logged command to the first rise of a cylinder, part of the delay"),
     ] = None
+    build_up_s: Annotated[
+        Measured | None, Quantity("s", "from the start share to 95 %; null as the response time")
+    ] = None
     response_time_s: Annotated[
         Measured | None,
         Quantity(

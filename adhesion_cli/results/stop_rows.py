@@ -56,6 +56,15 @@ _OF_WIDE_INTERVALS = (
     " Of two or three stops the intervals are wide: more stops of the group narrow them."
 )
 _EQUIVALENT = "equivalent_deceleration"
+_OF_RESPONSE = (
+    "Means of the axles. dead time: from the command to the first rise of a cylinder. delay: from "
+    "the command to the start share of the full brake (10 %, or `stops.start_share`). build-up: "
+    "from there to 95 %. response: delay and half of the build-up."
+)
+_OF_NO_RESPONSE = (
+    " No response: a slide, its protection or another brake acts in the build-up, so that the "
+    "pressure does not show it."
+)
 _OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
 _NO_VALUE = "no value"
 _OF_NO_VALUE = f"{_NO_VALUE}: no valid stop of the group has the quantity."
@@ -184,6 +193,7 @@ def series_tables(x: StopSeries, braked_weight: bool, budget: bool) -> list[Titl
     of_groups += _OF_WIDE_INTERVALS * any(1 < g.n < _FEW_STOPS for g in x.groups)
     tables = [
         TitledTable("Stops", rows, [*rows[0]].index("at [s]") if rows else 2, note),
+        _response_table(stops),
         TitledTable("Statistics", _group_rows(x.groups), 2, of_groups),
         TitledTable("Differences", _difference_rows(x.differences), 3),
         TitledTable("Limits", _limit_rows(x), 3, _limits_note(x)),
@@ -211,6 +221,25 @@ def _series_rows(stops: Sequence[SeriesStop]) -> list[dict[str, str]]:
     for row, s in zip(rows, stops, strict=True):
         row["µ"] = doubted(row["µ"], s.vehicle_in_doubt)
     return non_empty(rows)
+
+
+def _response_table(stops: Sequence[SeriesStop]) -> TitledTable:
+    """Delay and build-up of each stop that has them."""
+    rows = [
+        {
+            "stop": str(i),
+            "group": s.group,
+            "dead time [s]": with_u95(s.stop.dead_time_s, 1.0, 2),
+            "delay [s]": with_u95(s.stop.delay_s, 1.0, 2),
+            "build-up [s]": with_u95(s.stop.build_up_s, 1.0, 2),
+            "response [s]": with_u95(s.stop.response_time_s, 1.0, 2),
+        }
+        for i, s in enumerate(stops, 1)
+        if s.stop.delay_s
+    ]
+    is_undefined = any(row["response [s]"] == DASH for row in rows)
+    note = _OF_RESPONSE + _OF_NO_RESPONSE * is_undefined
+    return TitledTable("Response of the brakes", non_empty(rows), 2, note)
 
 
 def _remarks(stops: Sequence[SeriesStop]) -> list[str]:

@@ -80,6 +80,9 @@ def measure_stop(
         min(NOMINAL_SPEEDS, key=lambda speed: abs(speed - 3.6 * v0))
     )
     equivalent = math.nan if hidden else response.equivalent.value
+    build_up = Parameter(
+        2.0 * (equivalent - response.delay.value), 2.0 * response.equivalent.tolerance
+    )
     duration = braking.stop + locked.value - command
     response_times = response.delay.value, equivalent
     values = _Values(v0, distance, duration, *response_times, to_level.gradient.value)
@@ -114,6 +117,7 @@ def measure_stop(
         reason=braking.reason or None,
         pressure_bar=_bar(response.full_value) if signals.by_pressure else None,
         dead_time_s=_measured(dead_time),
+        build_up_s=None if math.isnan(equivalent) else _measured(build_up),
         jerk=_measured(jerk),
         axles=axles,
         sanding_s=signals.sanding and on_time(signals.sanding.cut(command, braking.stop)),

@@ -95,6 +95,7 @@ class Group(NamedTuple):
     name: str
     n: int  # valid stops
     statistics: Mapping[str, Statistic]  # by quantity, those that a stop has
+    nominal_speed_kmh: float | None = None  # of its valid stops; None: they have several
 
 
 class GroupDifference(NamedTuple):
@@ -117,6 +118,11 @@ class GroupLimit(NamedTuple):
     lowest: float | None
     source: str = ""  # the published rule that states it; "": the user
     group: str = ""  # whose it is; "": of every group
+    speed: float = 0.0  # nominal speed [km/h] of the stops that it is for; 0: any
+
+    def is_for(self, group: Group) -> bool:
+        """Whether the stops of a group must keep it."""
+        return self.group in ("", group.name) and self.speed in (0.0, group.nominal_speed_kmh)
 
 
 class LimitVerdict(NamedTuple):
@@ -178,7 +184,10 @@ def group_stops(stops: Sequence[SeriesStop]) -> list[Group]:
             for quantity, measured in columns.items()
             if (statistic := _statistic(measured, level))
         }
-        groups.append(Group(name, len(members), statistics))
+        speeds = {s.stop.nominal_speed_kmh for s in members}
+        groups.append(
+            Group(name, len(members), statistics, min(speeds) if len(speeds) == 1 else None)
+        )
     return groups
 
 
@@ -282,7 +291,7 @@ def judge(groups: Iterable[Group], limits: Sequence[GroupLimit]) -> list[LimitVe
         verdict
         for group in groups
         for limit in limits
-        if limit.group in ("", group.name)
+        if limit.is_for(group)
         for verdict in _verdicts(group.name, limit, group.statistics.get(limit.quantity))
     ]
 

@@ -1,7 +1,7 @@
 """The brake test: the stops of all logs as one series, by a plan or by nominal speed."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -20,6 +20,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, is_doubt
 from ..core.model import Z95, IdentifiedVehicle, LogBrake, Parameter
 from ..core.summary import AxleSummary, FailedLog, VehicleSummary, summarise_finding
+from ..core.text import enumerated
 from ..results.friction_groups import (
     find_friction_differs,
     group_by_friction,
@@ -177,8 +178,19 @@ def run(
             names = {"dry": dry, "dry_kmh": dry_kmh, "wet": wet, "wet_kmh": wet_kmh}
             findings.append(Finding("wet-speeds-differ", "warning", names=names))
     compared, limits = differences(groups, plan.pairs), judge(groups, plan.limits)
+    findings += _find_unused_rules(groups, plan)
     series = StopSeries(tuple(stops), tuple(groups), tuple(compared), tuple(limits), tuple(wsp))
     return BrakeTest(series, tuple(findings), tuple(tested), tuple(failed), plan)
+
+
+def _find_unused_rules(groups: Sequence[Group], plan: Plan) -> Iterator[Finding]:
+    """Groups whose nominal speed a published rule, which is named for them, does not have."""
+    for group in groups:
+        limits = [x for x in plan.limits if x.speed and x.group in ("", group.name)]
+        if group.n and limits and not any(limit.is_for(group) for limit in limits):
+            speeds = enumerated([f"{limit.speed:g}" for limit in limits])
+            names = {"group": group.name, "rule": limits[0].source, "speeds_kmh": speeds}
+            yield Finding("limit-not-applied", "warning", names=names)
 
 
 def _members(logs: Sequence[Path], plan: Plan) -> list[tuple[PlannedGroup | None, list[Path]]]:

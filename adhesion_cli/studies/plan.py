@@ -21,7 +21,8 @@ _GROUP_KEYS = {
 _RAILS = ("dry", "wet")
 _WSP_KEYS = {*_RAILS, "pairs", "reservoir_volume"}
 _TSI = "Regulation (EU) No 1302/2014"
-_STANDARDS = {  # published limits by name; the second for units from 250 km/h on
+_STRABVO = {30: 2.04, 40: 2.29, 50: 2.47, 60: 2.57, 70: 2.73}  # m/s² by the speed [km/h]
+_STANDARDS = {  # published limits by name; those of the TSI with 250 for units from 250 km/h on
     name: (
         GroupLimit("response_time_s", longest_response, None, _TSI),
         GroupLimit("delay_s", 2.0, None, _TSI),
@@ -29,6 +30,11 @@ _STANDARDS = {  # published limits by name; the second for units from 250 km/h o
         GroupLimit("mean_deceleration", 2.5, None, _TSI),
     )
     for name, longest_response in (("TSI LOC&PAS", 5.0), ("TSI LOC&PAS 250", 3.0))
+} | {
+    "StrabVO": tuple(  # emergency brakings of trams
+        GroupLimit("mean_deceleration", None, least, "StrabVO (Austria), annex 1", speed=speed)
+        for speed, least in _STRABVO.items()
+    )
 }
 _HINT = 'a plan is TOML: [group.NAME] logs = ["FILE.csv"]; `adhesion stops --help` shows more'
 

@@ -56,6 +56,18 @@ def test_clock_and_place_stand_at_the_begin_where_the_first_log_has_none() -> No
     assert [*rows[0]] == [*rows[1]]
 
 
+def test_the_response_table_has_delay_and_build_up_of_stops_that_have_them() -> None:
+    rolling = replace(
+        STOP, delay_s=Measured(0.27, 0.01), build_up_s=Measured(0.94, 0.06),
+        response_time_s=Measured(0.74, 0.03),
+    )  # fmt: skip
+    slid = replace(STOP, delay_s=Measured(0.28, 0.01))
+    rows = tables(STOP, rolling, slid)["Response of the brakes"]
+    assert [row["stop"] for row in rows] == ["2", "3"]
+    assert [*rows[0].values()][2:] == ["0.27±0.01", "0.94±0.06", "0.74±0.03"]
+    assert [*rows[1].values()][2:] == ["0.28±0.01", "-", "-"]
+
+
 def test_a_group_of_different_pressures_and_a_missing_jerk_are_said() -> None:
     service, full = (replace(STOP, pressure_bar=x, jerk=Measured(1.0, 0.1)) for x in (2.0, 3.6))
     assert "Group 80 km/h mixes stops of 2.00 to 3.60 bar" in note(service, full)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.stops.series import GroupLimit
+from adhesion_cli.stops.series import Group, GroupLimit, Statistic, judge
 from adhesion_cli.studies.plan import Plan, PlannedGroup, planned_logs, read_plan
 
 PLAN = """
@@ -130,6 +130,21 @@ def test_the_limits_of_a_published_rule_are_known_by_its_name(
     }  # fmt: skip
     assert {x.source for x in published} == {"Regulation (EU) No 1302/2014"}
     assert own == GroupLimit("jerk", 3, None)
+
+
+def test_tram_limits_go_by_the_nominal_speed(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text('[group.a]\nlogs = ["a"]\n[limits]\nstandard = "StrabVO"')
+    slow, fast, odd = (
+        Group(
+            name, 1, {"mean_deceleration": Statistic(1, 2.5, None, 0.01, 0.0, 0, (), None, None)}, v
+        )
+        for name, v in (("slow", 40.0), ("fast", 60.0), ("odd", 80.0))
+    )
+    verdicts = judge([slow, fast, odd], read_plan(path).limits)
+    assert [(x.group, x.limit, x.verdict) for x in verdicts] == [
+        ("slow", 2.29, "pass"), ("fast", 2.57, "fail"),
+    ]  # fmt: skip
 
 
 def test_logs_of_a_plan_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
