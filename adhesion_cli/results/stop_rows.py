@@ -11,6 +11,7 @@ from ..stops.series import (
     QUANTITIES,
     Group,
     GroupDifference,
+    LimitVerdict,
     SeriesStop,
     StopSeries,
     WspSummary,
@@ -65,7 +66,10 @@ _OF_NO_RESPONSE = (
     " No response: a slide, its protection or another brake acts in the build-up, so that the "
     "pressure does not show it."
 )
-_OF_LIMITS = "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106)."
+_OF_LIMITS = (
+    "pass, fail: the whole interval keeps or breaks the limit; else undecided (JCGM 106). stops: "
+    "the same of each stop by its own interval."
+)
 _NO_VALUE = "no value"
 _OF_NO_VALUE = f"{_NO_VALUE}: no valid stop of the group has the quantity."
 _OF_LAMBDA = (
@@ -257,6 +261,8 @@ def _remarks(stops: Sequence[SeriesStop]) -> list[str]:
             sentences.append(f"Stop {i}: {text} m on level track without its response time.")
     if any(s.stop.valid and s.stop.jerk is None for s in stops):
         sentences.append(_NO_JERK)
+    labels = dict.fromkeys((s.group, s.label) for s in stops if s.label)
+    sentences += [f"Group {group}: {label}." for group, label in labels]
     for group in dict.fromkeys(s.group for s in stops):
         sentences += _describe_mixture(group, [s.stop for s in stops if s.group == group])
     if any(s.vehicle_in_doubt and s.stop.coefficient for s in stops):
@@ -363,9 +369,15 @@ def _limit_rows(series: StopSeries) -> list[dict[str, str]]:
         row["mean"] = _NO_VALUE if x.value is None else with_u95((x.value, x.u95))
         if x.quantity == _EQUIVALENT and (mean := means.get(x.group)):
             row["a [m/s²]"] = with_u95((mean.mean, mean.u95))
-        row["verdict"] = x.verdict
+        row |= {"verdict": x.verdict, "stops": _describe_stops(x)}
         rows.append(row | ({"limit of": x.source} if x.source else {}))
     return non_empty(rows)
+
+
+def _describe_stops(x: LimitVerdict) -> str:
+    """How many stops keep a limit, and how many do not."""
+    counts = {"pass": x.stops_pass, "fail": x.stops_fail, "undecided": x.stops_undecided}
+    return ", ".join(f"{n} {verdict}" for verdict, n in counts.items() if n) or DASH
 
 
 def _wsp_table(x: WspSummary) -> TitledTable:

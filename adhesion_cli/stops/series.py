@@ -12,7 +12,8 @@ is always read half a cycle late: √(U² − t² s²) is then in U_common, too.
 groups, only the difference of the common parts counts: the errors have the same sign in both.
 
 A limit is kept, or broken, where the interval mean ± U lies wholly on one side of it; else it is
-not decided. Nor is one of a quantity that no valid stop of the group has.
+not decided. Nor is one of a quantity that no valid stop of the group has. Each stop is judged, too,
+by its own interval.
 
 Sources: JCGM 100, 4.2, 5.2. JCGM 106, 8.3 (guarded acceptance, guard band U). Outliers: F. E.
 Grubbs, Technometrics 11 (1969), two-sided, 5 % for all quantities of a group together (Bonferroni):
@@ -20,9 +21,9 @@ of twenty groups of sound stops, one has an outlier. Extension and K_wet: SUBSET
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -53,7 +54,8 @@ _LEVEL = 0.05  # of the tests for outliers of a group, all together
 _SAME_SPEED = 0.1  # mean speeds of dry and wet stops that differ by less can be compared
 Verdict = Literal["pass", "fail", "undecided"]
 _UNDECIDED: Verdict = "undecided"
-_KINDS: tuple[Literal["max", "min"], ...] = ("max", "min")
+LimitKind = Literal["max", "min"]
+_KINDS: tuple[LimitKind, ...] = ("max", "min")
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,11 +133,14 @@ class LimitVerdict(NamedTuple):
     group: Annotated[str, Quantity("", "group")]
     quantity: Annotated[str, Quantity("", "quantity")]
     limit: Annotated[float, Quantity("", "the limit")]
-    kind: Annotated[Literal["max", "min"], Quantity("", "whether it is the highest or the lowest")]
+    kind: Annotated[LimitKind, Quantity("", "whether it is the highest or the lowest")]
     value: Annotated[Number, Quantity("", "mean of the group; null where no valid stop has it")]
     u95: Annotated[Number, Quantity("", "its expanded uncertainty")]
     verdict: Annotated[Verdict, Quantity("", "by the interval, guard band U")]
     source: Annotated[str, Quantity("", "rule that states the limit; empty: the plan")] = ""
+    stops_pass: Annotated[int, Quantity("", "valid stops that keep it, each by its interval")] = 0
+    stops_fail: Annotated[int, Quantity("", "those that do not")] = 0
+    stops_undecided: Annotated[int, Quantity("", "those whose interval holds the limit")] = 0
 
 
 class WspSummary(NamedTuple):
@@ -285,31 +290,36 @@ def _difference(
     return GroupDifference(from_group, to_group, quantity, value, u95, abs(value) > u95, share)
 
 
-def judge(groups: Iterable[Group], limits: Sequence[GroupLimit]) -> list[LimitVerdict]:
-    """Each limit against each group."""
+def judge(
+    stops: Sequence[SeriesStop], groups: Iterable[Group], limits: Sequence[GroupLimit]
+) -> list[LimitVerdict]:
+    """Each limit against each group, and against each of its stops."""
     return [
-        verdict
+        _verdict(stops, group, limit, kind, bound)
         for group in groups
         for limit in limits
         if limit.is_for(group)
-        for verdict in _verdicts(group.name, limit, group.statistics.get(limit.quantity))
+        for kind, bound in zip(_KINDS, (limit.highest, limit.lowest), strict=True)
+        if bound is not None
     ]
 
 
-def _verdicts(group: str, limit: GroupLimit, x: Statistic | None) -> Iterator[LimitVerdict]:
-    """The highest and the lowest value of a limit, those that are stated."""
-    for kind, bound in zip(_KINDS, (limit.highest, limit.lowest), strict=True):
-        if bound is None:
-            continue
-        mean, u95, verdict = None, None, _UNDECIDED
-        if x:
-            excess = x.mean - bound if kind == "max" else bound - x.mean
-            mean, u95, verdict = x.mean, x.u95, _decide(excess, x.u95)
-        yield LimitVerdict(group, limit.quantity, bound, kind, mean, u95, verdict, limit.source)
+def _verdict(
+    stops: Sequence[SeriesStop], group: Group, limit: GroupLimit, kind: LimitKind, bound: float
+) -> LimitVerdict:
+    members = (s.measured(limit.quantity) for s in stops if s.group == group.name)
+    of_stops = [_decide(x.value, x.u95, kind, bound) for x in members if x]
+    mean, u95, verdict = None, None, _UNDECIDED
+    if x := group.statistics.get(limit.quantity):
+        mean, u95, verdict = x.mean, x.u95, _decide(x.mean, x.u95, kind, bound)
+    counts = (of_stops.count(possible) for possible in get_args(Verdict))
+    of_limit = limit.quantity, bound, kind
+    return LimitVerdict(group.name, *of_limit, mean, u95, verdict, limit.source, *counts)
 
 
-def _decide(excess: float, u95: float) -> Verdict:
-    """Whether a value is beyond its limit by that much. Source: JCGM 106, 8.3."""
+def _decide(value: float, u95: float, kind: LimitKind, bound: float) -> Verdict:
+    """Whether the interval of a value keeps or breaks a limit. Source: JCGM 106, 8.3."""
+    excess = value - bound if kind == "max" else bound - value
     if excess + u95 <= 0.0:
         return "pass"
     return "fail" if excess - u95 > 0.0 else _UNDECIDED

@@ -177,7 +177,7 @@ def run(
             dry_kmh, wet_kmh = (", ".join(f"{v:g}" for v in x) for x in speeds)
             names = {"dry": dry, "dry_kmh": dry_kmh, "wet": wet, "wet_kmh": wet_kmh}
             findings.append(Finding("wet-speeds-differ", "warning", names=names))
-    compared, limits = differences(groups, plan.pairs), judge(groups, plan.limits)
+    compared, limits = differences(groups, plan.pairs), judge(stops, groups, plan.limits)
     findings += _find_unused_rules(groups, plan)
     series = StopSeries(tuple(stops), tuple(groups), tuple(compared), tuple(limits), tuple(wsp))
     return BrakeTest(series, tuple(findings), tuple(tested), tuple(failed), plan)

@@ -68,6 +68,12 @@ def test_the_response_table_has_delay_and_build_up_of_stops_that_have_them() -> 
     assert [*rows[1].values()][2:] == ["0.28±0.01", "-", "-"]
 
 
+def test_the_label_of_a_group_stands_below_the_stops() -> None:
+    stops = tuple(SeriesStop("a.csv", "wet", "soap", STOP) for _ in range(2))
+    table, *_ = series_tables(StopSeries(stops, (), (), (), ()), False, False)
+    assert table.note.count("Group wet: soap.") == 1
+
+
 def test_a_group_of_different_pressures_and_a_missing_jerk_are_said() -> None:
     service, full = (replace(STOP, pressure_bar=x, jerk=Measured(1.0, 0.1)) for x in (2.0, 3.6))
     assert "Group 80 km/h mixes stops of 2.00 to 3.60 bar" in note(service, full)
@@ -169,12 +175,13 @@ def test_a_limit_of_the_equivalent_deceleration_has_the_mean_one_beside_it() -> 
     stops = [SeriesStop("a", "a", None, replace(STOP, mean_deceleration=Measured(0.8, 0.02)))]
     groups = tuple(group_stops(stops))
     limits = [
-        LimitVerdict("a", name, 1.0, "min", 1.1, 0.02, "pass")
+        LimitVerdict("a", name, 1.0, "min", 1.1, 0.02, "pass", stops_pass=2, stops_undecided=1)
         for name in ("equivalent_deceleration", "distance_m")
     ]
     tables = series_tables(StopSeries((), groups, (), tuple(limits), ()), False, False)
     (table,) = (x for x in tables if x.title == "Limits")
     assert [row["a [m/s²]"] for row in table.rows] == ["0.800±0.020", "-"]
+    assert [row["stops"] for row in table.rows] == ["2 pass, 1 undecided"] * 2
     assert "never decelerates so hard" in table.note
 
 

@@ -134,18 +134,30 @@ def test_a_difference_has_no_error_that_both_groups_share() -> None:
     [(330.0, "pass"), (303.0, "undecided"), (299.0, "undecided"), (290.0, "fail")],
 )
 def test_a_limit_is_kept_or_broken_by_the_whole_interval(limit: float, verdict: str) -> None:
-    groups = group_stops(series({"a": [300.0, 301.0, 299.0, 300.0]}))
+    stops = series({"a": [300.0, 301.0, 299.0, 300.0]})
+    groups = group_stops(stops)
     assert groups[0].statistics["distance_m"].u95 == pytest.approx(3.27, abs=0.05)
-    (row,) = judge(groups, [GroupLimit("distance_m", limit, None)])
+    (row,) = judge(stops, groups, [GroupLimit("distance_m", limit, None)])
     assert (row.kind, row.verdict) == ("max", verdict)
     mirrored = {"pass": "fail", "fail": "pass", "undecided": "undecided"}
-    (row,) = judge(groups, [GroupLimit("distance_m", None, limit)])
+    (row,) = judge(stops, groups, [GroupLimit("distance_m", None, limit)])
     assert (row.kind, row.verdict) == ("min", mirrored[verdict])
 
 
+def test_each_stop_is_judged_by_its_own_interval() -> None:
+    stops = series({"a": [280.0, 295.0, 300.0, 320.0], "b": [400.0]})
+    (row,) = judge(stops, group_stops(stops)[:1], [GroupLimit("distance_m", 302.0, None)])
+    assert (row.verdict, row.stops_pass, row.stops_fail, row.stops_undecided) == (
+        "undecided", 2, 1, 1,
+    )  # fmt: skip
+
+
 def test_a_limit_of_a_quantity_that_no_stop_has_is_undecided() -> None:
-    groups = group_stops(series({"a": [300.0, 302.0]}))
-    rows = judge(groups, [GroupLimit("jerk", 4.0, 0.1), GroupLimit("distance_m", 400.0, None)])
+    stops = series({"a": [300.0, 302.0]})
+    groups = group_stops(stops)
+    rows = judge(
+        stops, groups, [GroupLimit("jerk", 4.0, 0.1), GroupLimit("distance_m", 400.0, None)]
+    )
     assert [(x.kind, x.limit, x.value, x.u95, x.verdict) for x in rows[:2]] == [
         ("max", 4.0, None, None, "undecided"), ("min", 0.1, None, None, "undecided"),
     ]  # fmt: skip

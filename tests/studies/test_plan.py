@@ -141,7 +141,7 @@ def test_tram_limits_go_by_the_nominal_speed(tmp_path: Path) -> None:
         )
         for name, v in (("slow", 40.0), ("fast", 60.0), ("odd", 80.0))
     )
-    verdicts = judge([slow, fast, odd], read_plan(path).limits)
+    verdicts = judge([], [slow, fast, odd], read_plan(path).limits)
     assert [(x.group, x.limit, x.verdict) for x in verdicts] == [
         ("slow", 2.29, "pass"), ("fast", 2.57, "fail"),
     ]  # fmt: skip

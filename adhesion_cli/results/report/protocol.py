@@ -13,7 +13,7 @@ FIELDS: Mapping[str, Sequence[str]] = {
     ),
     "Track": ("line", "track", "gradient", "rail condition", "weather"),
     "Instruments": ("speed sensor", "pressure sensors", "recorder", "uncertainty"),
-    "Test": ("date", "place", "tester", "approved by"),
+    "Test": ("date", "place", "tester", "approved by", "signature"),
 }  # fmt: skip
 
 
