@@ -18,14 +18,12 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
 from ..core.text import NO_VALUE
-from .can_blf import blf_frames
-from .can_frames import Frame, Problems
+from .can_blf import Frame, Problems, blf_frames
 from .can_text import TextLog
 from .source import YEAR_1990, Field, ReadOptions, distinct_words
 from .tables import Contents, NamedColumn, TableSamples, fields
 
 _FLOAT_BITS = 16, 32, 64  # lengths of floats; one of another length has no value
-_LISTED_NAMES = 6  # names of one finding
 _DATABASES = {".sym": "sym", ".kcd": "kcd", ".arxml": "arxml", ".cdd": "cdd"}
 
 _J1939_LENGTHS = 8, 16, 32  # of numbers that say by their highest byte that they are no value
@@ -39,7 +37,19 @@ class _Key(NamedTuple):
 
 class _Database:
     def __init__(self, names: Sequence[str]) -> None:
-        self._by_id = _messages(names)
+        origins: dict[tuple[int, bool], tuple[Any, str]] = {}
+        for name in names:
+            for message in _load(name).messages:
+                key = message.frame_id, bool(message.is_extended_frame)
+                first_message, origin = origins.setdefault(key, (message, name))
+                if _layout(first_message) != _layout(message):
+                    raise UserError(
+                        f"{name}: message 0x{key[0]:X} ({message.name}) is another one in "
+                        f"{origin} ({first_message.name})",
+                        "state only the DBC files of the buses in this log",
+                        code=2,
+                    )
+        self._by_id = {key: message for key, (message, _) in origins.items()}
         self._by_name = {m.name: key for key, m in self._by_id.items()}
         self._by_group = {
             _parameter_group(number): m
@@ -85,6 +95,17 @@ class _Frames:
         octets = np.frombuffer(self.data, np.uint8).reshape(-1, self.length)
         return np.unpackbits(octets, axis=1, bitorder="little")
 
+    def samples(
+        self, bits: NDArray[np.uint8], message: Any, signal: Any
+    ) -> tuple[Bools, Floats, dict[str, Bools]]:
+        """Which frames have a signal, (n,); its values in these and masks over them, (m,)."""
+        selected = _selected(bits, message, signal)
+        value, no_value = _decoded(bits[selected], message, signal)
+        sizes = np.frombuffer(self.sizes, np.uint8)[selected].astype(np.int64)
+        too_short = 8 * sizes <= max(_positions(signal))
+        masks = {"value-missing": too_short, "value-is-text": no_value & ~too_short}
+        return selected, value, masks
+
 
 class _CanSignal(NamedTuple):
     key: _Key
@@ -117,7 +138,6 @@ class Reader:
             for message in [database.message(key.identifier, key.extended)]
             for signal in message.signals
         ]
-        self._with_words = [x for x in self._signals if distinct_words(_words(x.signal))]
         rows = sum(len(self._frames[key].t) for key in keys)
         reasons = {
             "dbc": ", ".join(Path(name).name for name in options.dbc),
@@ -130,28 +150,20 @@ class Reader:
         time_reason = f"{clock} each frame, to the microsecond; {begin}"
         findings = list(self._findings(problems, rows))
         events = []
-        for code, times in (
-            ("can-error-frames", problems.errors),
-            ("can-frames-lost", problems.losses),
-        ):
+        codes = {"can-error-frames": problems.errors, "can-frames-lost": problems.losses}
+        for code, times in codes.items():
             if times:
                 finding = Finding(code, "warning", count=len(times))
                 events.append((finding, _ticks(np.array(times), self._start)))
         numbers = self._fields()
-        by_signal = dict(zip(self._signals, numbers, strict=True))
-        texts = [
-            replace(by_signal[signal], words=distinct_words(_words(signal.signal)))
-            for signal in self._with_words
-        ]
+        texts = {
+            x: replace(number, words=words)
+            for x, number in zip(self._signals, numbers, strict=True)
+            if (words := distinct_words(_words(x.signal)))
+        }
+        self._all_signals = [*self._signals, *texts]
         self.contents = Contents(
-            numbers,
-            self._start,
-            time_reason,
-            rows,
-            reasons,
-            findings=findings,
-            events=events,
-            texts=texts,
+            numbers, self._start, time_reason, rows, reasons, findings, [*texts.values()], events
         )
 
     def _read(self, database: _Database, problems: Problems) -> None:
@@ -179,8 +191,7 @@ class Reader:
                 f"{self._path}: no frame of the log is in the DBC (frames: {self._unknown_ids})",
                 f"state the DBC of this vehicle with --dbc; this one has {len(database)} messages",
             )
-        damage = problems.damage or (f"line {problems.lines[0]}" if problems.lines else "")
-        if damage:
+        if damage := problems.damage or "".join(f"line {n}" for n in problems.lines[:1]):
             raise ValueError(damage)
         return UserError(
             f"{self._path}: the log has no frames", "check that the logger recorded anything"
@@ -188,20 +199,17 @@ class Reader:
 
     @property
     def _unknown_ids(self) -> str:
-        return ", ".join(name for name, _ in self._unknown.most_common(_LISTED_NAMES))
+        return ", ".join(name for name, _ in self._unknown.most_common(6))
 
     def _findings(self, problems: Problems, rows: int) -> Iterator[Finding]:
         if problems.damage:
             values = {"kept_rows": rows}
             yield Finding("log-damaged", "error", "", 1, (), values, {"damage": problems.damage})
-        if problems.lines:
-            values = {"line": problems.lines[0]}
-            count = len(problems.lines)
-            names = {"example": problems.example}
-            yield Finding("can-lines-skipped", "warning", "", count, (), values, names)
-        if self._unknown:
+        if lines := problems.lines:
+            values, names = {"line": lines[0]}, {"example": problems.example}
+            yield Finding("can-lines-skipped", "warning", "", len(lines), (), values, names)
+        if count := self._unknown.total():
             values, names = {"messages": len(self._unknown)}, {"ids": self._unknown_ids}
-            count = self._unknown.total()
             yield Finding("can-unknown-frames", "info", "", count, (), values, names)
 
     def _fields(self) -> list[Field]:
@@ -220,27 +228,22 @@ class Reader:
         times: dict[Any, Times] = {}
         bits: dict[_Key, NDArray[np.uint8]] = {}
         series = []
-        all_signals = [*self._signals, *self._with_words]
         for k in wanted:
-            key, message, signal = all_signals[k]
+            key, message, signal = self._all_signals[k]
             frames = self._frames[key]
             if key not in bits:
                 bits[key] = frames.bits()
-            selected = _selected(bits[key], message, signal)
-            place = key, None if selected is None else selected.tobytes()
-            rows = slice(None) if selected is None else selected
+            selected, value, masks = frames.samples(bits[key], message, signal)
+            place = key, selected.tobytes()
             if place not in times:
-                times[place] = _ticks(np.frombuffer(frames.t, np.float64)[rows], self._start)
-            sizes = np.frombuffer(frames.sizes, np.uint8)[rows]
-            value, no_value = _decoded(bits[key][rows], message, signal)
-            too_short = 8 * sizes.astype(np.int64) <= max(_positions(signal))
-            masks = {"value-missing": too_short, "value-is-text": no_value & ~too_short}
+                times[place] = _ticks(np.frombuffer(frames.t, np.float64)[selected], self._start)
             words: tuple[str, ...] = ()
             if k >= len(self._signals):
-                number_of = dict(zip(signal.choices, range(len(signal.choices)), strict=True))
-                raw = _raw(bits[key][rows], signal).tolist()
+                number_of = {number: word for word, number in enumerate(signal.choices)}
+                raw = _raw(bits[key][selected], signal).tolist()
                 numbers = np.array([number_of.get(number, np.nan) for number in raw])
-                if np.isfinite(numbers[~(too_short | no_value)]).all():  # else it is a number
+                is_none = np.logical_or(*masks.values())
+                if np.isfinite(numbers[~is_none]).all():  # else it is a number
                     value, words = numbers, _words(signal)
             series.append(TableSamples(times[place], value, masks, words))
         return series, []
@@ -304,30 +307,10 @@ class FrameDecoder:
         frames.add(0.0, data)
         bits, by_signal = frames.bits(), {}
         for signal, field_ in self._fields[id(message)]:
-            selected = _selected(bits, message, signal)
-            too_short = 8 * len(data) <= max(_positions(signal))
-            if too_short or (selected is not None and not selected[0]):
-                continue
-            value, no_value = _decoded(bits, message, signal)
-            if not no_value[0]:
+            _, value, masks = frames.samples(bits, message, signal)
+            if len(value) and not any(mask[0] for mask in masks.values()):
                 by_signal[field_] = float(value[0])
         return by_signal
-
-
-def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
-    by_key: dict[tuple[int, bool], tuple[Any, str]] = {}
-    for name in names:
-        for message in _load(name).messages:
-            key = message.frame_id, bool(message.is_extended_frame)
-            first_message, origin = by_key.setdefault(key, (message, name))
-            if _layout(first_message) != _layout(message):
-                raise UserError(
-                    f"{name}: message 0x{key[0]:X} ({message.name}) is another one in "
-                    f"{origin} ({first_message.name})",
-                    "state only the DBC files of the buses in this log",
-                    code=2,
-                )
-    return {key: message for key, (message, _) in by_key.items()}
 
 
 def _load(name: str) -> Any:
@@ -439,11 +422,10 @@ def _words(signal: Any) -> tuple[str, ...]:
     return tuple(str(word).strip() for word in (signal.choices or {}).values())
 
 
-def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools | None:
-    """The frames in which the multiplexers select a signal; None for all frames."""
+def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools:
+    """The frames in which the multiplexers select a signal, shape (n,)."""
     if not signal.multiplexer_ids:
-        return None
+        return np.ones(len(bits), np.bool_)
     selector = message.get_signal_by_name(signal.multiplexer_signal)
     is_selected = np.isin(_raw(bits, selector), np.array(signal.multiplexer_ids))
-    outer = _selected(bits, message, selector)
-    return is_selected if outer is None else is_selected & outer
+    return is_selected & _selected(bits, message, selector)

@@ -1,15 +1,15 @@
-"""BLF logs of CAN frames.
+"""CAN frames, what is wrong with a log of them, and BLF logs.
 
-The objects are walked here, so that each is counted. What is no frame, as a marker of the user, is
-passed over by its length. A damaged container ends the log. A damaged object costs itself.
+The objects of BLF are walked here, so that each is counted. What is no frame, as a marker of the
+user, is passed over by its length. A damaged container ends the log; a damaged object costs itself.
 """
 
 import struct
 import zlib
 from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-
-from .can_frames import Frame, Problems
+from typing import NamedTuple
 
 _MOST_UNPACKED = 1 << 27  # bytes of one container
 _CONTAINER = 10  # type of an object that holds others
@@ -17,6 +17,34 @@ _ERRORS = (2, 3, 73)  # types of objects: error frames and overload frames
 _LOSS = 125  # type of an object: the logger lost frames
 _CLASSIC, _FD, _FD_64 = (1, 86), 100, 101  # types of frames
 _PADDING = 8  # bytes at most between two objects; how many, depends on their types
+
+
+class Frame(NamedTuple):
+    """One frame of a log."""
+
+    t: float  # after the start of the log [s]
+    bus: int  # from 0
+    identifier: int  # -1 where the log names the message
+    extended: bool = False
+    data: bytes = b""
+    kind: str = "data"  # or "remote", "error"; "event" of a line with a time and no frame
+    name: str = ""  # of the message, where the log has no number
+
+
+@dataclass(slots=True)
+class Problems:
+    """What is wrong with a log."""
+
+    damage: str = ""
+    lines: list[int] = field(default_factory=list)  # that hold a frame which cannot be read
+    example: str = ""  # the first of them
+    errors: list[float] = field(default_factory=list)  # times of error frames, after the start [s]
+    has_steps: bool = False  # whether times count from the line before
+    losses: list[float] = field(default_factory=list)  # times at which the logger notes a loss [s]
+
+    def note(self, damage: str) -> None:
+        """Notes damage; the first is the one that people are shown."""
+        self.damage = self.damage or damage
 
 
 def blf_frames(path: Path, problems: Problems) -> Iterator[Frame]:

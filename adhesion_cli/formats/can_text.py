@@ -14,7 +14,7 @@ from itertools import chain, islice, pairwise
 from pathlib import Path
 
 from ..core.errors import UserError
-from .can_frames import Frame, Problems
+from .can_blf import Frame, Problems
 
 # Lines of logs that have a frame in each: time, bus, identifier, flags, size and bytes.
 _CANDUMP = re.compile(
