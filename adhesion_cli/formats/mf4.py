@@ -12,7 +12,7 @@ from ..core import toml
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Times
-from .csv.clock import count_of
+from .csv.cells import count_of
 from .csv.header_words import time_unit
 from .source import YEAR_1990, ReadOptions, distinct_words, numbered
 from .tables import Contents, NamedColumn, TableSamples, fields, nanoseconds, state_fields

@@ -14,7 +14,7 @@ from ..core.finding import Finding, Severity
 from ..core.model import Bools, Times
 from ..core.time_axis import from_digits
 from .as_text import HEAD, printable
-from .csv.clock import Clock
+from .csv.cells import Clock
 from .csv.dialect import Dialect, fit
 from .csv.header_words import label, time_name, time_unit
 from .csv.time_column import find_clock

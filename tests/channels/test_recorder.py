@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from helpers.commands import Run
 
-from adhesion_cli.channels.recorder import codes_of_no_value, with_held
+from adhesion_cli.channels.to_si import codes_of_no_value, with_held
 from adhesion_cli.core.model import Bools, Column, Floats, Times
 from adhesion_cli.core.time_axis import clean
 

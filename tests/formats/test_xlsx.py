@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from adhesion_cli.analysis.settings import load as settings_of
 from adhesion_cli.channels.rules import names_brake, names_place
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.formats import sheet_text
+from adhesion_cli.formats import xlsx
 from adhesion_cli.formats.open import kind, open_source
 from adhesion_cli.formats.source import ReadOptions, Source
 
@@ -612,9 +612,9 @@ def test_an_archive_that_is_no_workbook(tmp_path: Path) -> None:
 
 def test_a_workbook_that_unpacks_to_too_much(tmp_path: Path, monkeypatch: Any) -> None:
     path = write(tmp_path / "a.xlsx", {"s": log(500)})
-    monkeypatch.setattr(sheet_text, "_MOST_BYTES", 1 << 12)
+    monkeypatch.setattr(xlsx, "_MOST_BYTES", 1 << 12)
     with pytest.raises(UserError, match="unpacks to"):
-        sheet_text.write_text(path, tmp_path / "a.txt", ReadOptions())
+        xlsx.write_text(path, tmp_path / "a.txt", ReadOptions())
 
 
 def test_a_part_that_unpacks_to_more_than_it_states(tmp_path: Path) -> None:

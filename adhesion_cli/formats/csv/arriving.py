@@ -12,9 +12,8 @@ from ..source import Field
 from .block_parser import Parser
 from .cells import NO_NUMBER, OTHER_MARK
 from .lines import LineBlock, Splitter
-from .losses import Losses
 from .reader import CsvSource
-from .rows import UsedRows
+from .rows import Losses, UsedRows
 
 _RECENT = 100  # rows that show the usual interval
 _NEW_FILE = "let the logger begin a new file where its columns change; start `live` on that file"

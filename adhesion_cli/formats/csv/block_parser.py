@@ -16,8 +16,7 @@ from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from ..number_text import is_number
 from ..source import ReadOptions
-from .cells import IS_BAD, floats, is_missing
-from .clock import Clock
+from .cells import IS_BAD, Clock, floats, is_missing
 from .dialect import NULLS, Dialect, is_comment, split, stamps_in
 from .header_words import is_statistic, quality_column
 from .lines import LineBlock, Rows

@@ -26,7 +26,6 @@ from .dialect import (
     split,
     without_brackets,
 )
-from .head import Line, encoding_of, first_lines, first_numbers, line_too_long
 from .header import (
     DELIMITERS,
     REMARKS,
@@ -39,6 +38,7 @@ from .header import (
     refuse_width,
 )
 from .header_words import label
+from .lines import Line, encoding_of, first_lines, first_numbers, line_too_long
 from .stamps import CLOCKS, DATES, STAMPS, forms_of, is_stamp
 
 _MAX_COLUMNS = 10_000

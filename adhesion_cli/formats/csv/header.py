@@ -13,7 +13,6 @@ from ...core.text import distinct
 from ...core.units import in_name
 from ..number_text import is_number, number_grammar, number_of
 from .dialect import fit, is_comment, is_null, split, uncommented
-from .head import Line, first_numbers
 from .header_words import (
     TYPES,
     is_named,
@@ -24,6 +23,7 @@ from .header_words import (
     speaks_of_time,
     time_name,
 )
+from .lines import Line, first_numbers
 from .stamps import is_stamp
 
 DELIMITERS = (";", "\t", ",", "|", " ")

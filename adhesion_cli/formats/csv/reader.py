@@ -25,8 +25,7 @@ from .dialect import Dialect, stamps_in
 from .header_words import VALUE, is_named, label, time_name
 from .lines import read_head
 from .long_table import LongSeries, find_keys, interleaved
-from .losses import quoted
-from .rows import CsvRows, read_rows
+from .rows import CsvRows, quoted, read_rows
 from .stamps import CLOCKS, STAMPS, forms_of, is_stamp, parse
 from .time_column import another_time, find_clock, find_pairs
 

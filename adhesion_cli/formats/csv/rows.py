@@ -1,7 +1,9 @@
 """One pass over the rows of a text log for some of its columns, every line accounted for."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +13,192 @@ from numpy.typing import NDArray
 
 from ...core import threads
 from ...core.errors import UserError
+from ...core.finding import Finding, Severity, Span
+from ...core.masks import spans_of
 from ...core.model import Bools, Floats, Times
+from ..number_text import largest_jump
 from ..source import numbered
 from .block_parser import CsvTable, ParsedBlock, Parser
-from .cells import NO_NUMBER, NUMBER
-from .dialect import is_null, stamps_in
-from .lines import Lines
-from .losses import SKIPPED, Losses
+from .cells import DIGITS, IN_GROUPS, IS_BAD, IS_INFINITE, NO_NUMBER, NO_VALUE, NUMBER, OTHER_MARK
+from .dialect import Dialect, is_null, split, stamps_in
+from .lines import Lines, Rows
 from .time_column import another_time
+
+_MOST_SPANS = 20  # of one finding
+_FEW_UNREAD, _MOST_UNREAD = 2, 0.01  # cells, or share of a column, beside which others are used
+_RESULT = re.compile(r'"?[^\W\d_].*\d')  # a row as "Maximum; 4.1"
+_EXAMPLE_CHARACTERS = 40  # characters of a cell or row in a message
+
+SKIPPED = {  # classes of rows that are data and are left out
+    "too few cells": "too few cells",
+    "too many cells": "too many cells",
+    "time missing": "no time stamp",
+    "time unreadable": "time stamp not readable",
+    "group missing": "no device or axle",
+    "NUL bytes": "NUL bytes, from space that was never written",
+}
+_CELLS: dict[int, tuple[str, Severity]] = {
+    NO_VALUE: ("csv-missing-cells", "info"),
+    NO_NUMBER: ("csv-bad-cells", "warning"),
+    IS_INFINITE: ("not-a-number", "warning"),
+    IS_BAD: ("value-of-bad-quality", "warning"),
+}
+
+
+@dataclass(slots=True)
+class _Loss:
+    """Rows, or cells of one column, that are left out for one reason."""
+
+    line: int  # of the first
+    text: str
+    count: int = 0
+    places: list[Rows] = field(default_factory=list)  # rows used before each
+
+    def add(self, places: Rows) -> None:
+        """Counts rows or cells, each with the number of rows used before it."""
+        self.count += len(places)
+        self.places.append(np.unique(places))
+
+
+class Losses:
+    """Counts lines by class, and cells that hold no number."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        self.lines: Counter[str] = Counter(dialect.leading_lines)
+        self.rows: dict[str, _Loss] = {}
+        self.cells: dict[tuple[int, int], _Loss] = {}  # by column and state
+        self.unread: dict[int, _Loss] = {}  # by column: all of it is left out
+        self._dialect = dialect
+
+    def add(self, parsed: ParsedBlock, timed: Bools, row_count: int) -> None:
+        """Counts what is left out of a block.
+
+        `timed` are the rows of its arrays that are used, `row_count` counts those of earlier
+        blocks.
+        """
+        row_lines = parsed.lines[timed]
+        for kind, lines in parsed.dropped.items():
+            self.lines[kind] += len(lines)
+            if kind in SKIPPED:
+                line, text = parsed.block.first_line + int(lines[0]), parsed.block.text(lines[0])
+                loss = self.rows.setdefault(kind, _Loss(line, text))
+                loss.add(row_count + np.searchsorted(row_lines, lines))
+        for i, state in parsed.states.items():
+            for k in (*_CELLS, OTHER_MARK, IN_GROUPS, DIGITS):
+                rows = np.flatnonzero(state[timed] == k)
+                if not len(rows):
+                    continue
+                if (i, k) not in self.cells:
+                    first_line = int(row_lines[rows[0]])
+                    cells = split(parsed.block.text(first_line), self._dialect.delimiter)
+                    cell = cells[i] if i < len(cells) else ""
+                    self.cells[i, k] = _Loss(parsed.block.first_line + first_line, cell)
+                self.cells[i, k].add(row_count + rows)
+
+    def settle(self, i: int, value: Floats) -> None:
+        """Decides by all cells of a column what its cells in another notation are.
+
+        Their mark is the column's own decimal mark, or it separates groups of digits. Where it may
+        be both, or more than a hundredth of the cells cannot be read, all values become NaN.
+
+        `value` is changed in place.
+        """
+        losses = {k: self.cells.pop((i, k), None) for k in (OTHER_MARK, IN_GROUPS, DIGITS)}
+        if not any(losses.values()):
+            if all(map(str.isdecimal, self._dialect.column(i))) and (row := _first_group(value)):
+                self.unread[i] = _Loss(0, f"{value[row]:.3f}")
+                value[:] = np.nan
+            return
+        rows = {k: np.concatenate(loss.places) for k, loss in losses.items() if loss}
+        marked = np.concatenate([*rows.values(), np.empty(0, np.int64)]).astype(np.int64)
+        plain_values = np.delete(value, marked)
+        plain_values = plain_values[np.isfinite(plain_values)]
+        has_own_mark = bool((plain_values % 1.0 != 0.0).any())
+        is_sound = len(rows.get(DIGITS, ())) <= max(_FEW_UNREAD, _MOST_UNREAD * len(value))
+        if OTHER_MARK in rows:
+            is_sound &= not has_own_mark
+        elif IN_GROUPS in rows:
+            is_sound &= bool(len(plain_values)) and bool((np.abs(plain_values) < 1_000.0).all())
+            value[rows[IN_GROUPS]] = np.rint(value[rows[IN_GROUPS]] * 1_000.0)
+        if (unread := losses[DIGITS]) and is_sound:
+            loss = self.cells.get((i, NO_NUMBER)) or replace(unread, count=0, places=[])
+            first_loss = min(loss, unread, key=lambda x: x.line)  # the example of both
+            places = [*loss.places, *unread.places]
+            joined = _Loss(first_loss.line, first_loss.text, loss.count + unread.count, places)
+            self.cells[i, NO_NUMBER] = joined
+        elif not is_sound:
+            self.unread[i] = next(loss for loss in losses.values() if loss)
+            value[:] = np.nan
+
+    def findings(self, t: Times, start: int) -> Iterator[Finding]:
+        """What was left out, as findings.
+
+        `t` are the times of the rows that are used [ns], `start` is that of the log.
+        """
+        for kind, loss in sorted(self.rows.items(), key=lambda item: [*SKIPPED].index(item[0])):
+            is_below = kind == "time unreadable" and min(map(np.min, loss.places)) == len(t)
+            if is_below and _RESULT.match(loss.text):  # below the samples
+                self.lines["statistics"] += loss.count
+                continue
+            spans, values = _spans(loss, t, start, between_rows=True), {"line": loss.line}
+            names = {"reason": SKIPPED[kind], "example": quoted(loss.text)}
+            yield Finding("csv-rows-skipped", "warning", "", loss.count, spans, values, names)
+        if count := self.lines["statistics"]:
+            yield Finding("statistics-rows", "info", "", count)
+        for (i, k), loss in sorted(self.cells.items()):
+            code, severity = _CELLS[k]
+            empty = self.cells.get((i, NO_VALUE))
+            said = len(t) - (empty.count if empty else 0)
+            if k == NO_NUMBER and not self._dialect.column(i) and loss.count == said:
+                severity = "info"  # a column of words that begin late is not a channel
+            spans, name = _spans(loss, t, start, between_rows=False), self._dialect.names[i]
+            values, names = {"line": loss.line}, {"example": quoted(loss.text)}
+            yield Finding(code, severity, name, loss.count, spans, values, names)
+        for i, loss in self.unread.items():
+            names = {"example": quoted(loss.text)}
+            yield Finding("csv-no-numbers", "warning", self._dialect.names[i], len(t), names=names)
+
+
+def _first_group(value: Floats) -> int:
+    """The first row with a number that seems to be thousands, as 1.020 after 990; 0 for none.
+
+    In its head the column has whole numbers only. As groups of digits it has smaller jumps.
+    """
+    numbers = np.nan_to_num(value)
+    has_fraction = numbers % 1.0 != 0.0
+    if not has_fraction.any():
+        return 0
+    thousands = np.where(has_fraction, 1e3 * numbers, numbers)
+    whole_numbers, parts = np.abs(numbers[~has_fraction]), np.abs(thousands[has_fraction])
+    if (
+        not 100.0 <= whole_numbers.max(initial=0.0) < 1e3
+        or not 1e3 < parts.min() <= parts.max() < 1e6
+    ):
+        return 0
+    has_jump = largest_jump(numbers) > largest_jump(thousands)
+    is_whole = bool((np.abs(parts - np.rint(parts)) < 1e-6).all())
+    return int(np.argmax(has_fraction)) if is_whole and has_jump else 0
+
+
+def _spans(loss: _Loss, t: Times, start: int, *, between_rows: bool) -> tuple[Span, ...]:
+    """When cells were lost; of whole rows from the time of the row before to that of the next."""
+    places = np.unique(np.concatenate(loss.places))
+    cuts = np.flatnonzero(np.diff(places) != 1)
+    first_place, last_place = places[np.append(0, cuts + 1)], places[np.append(cuts, -1)]
+    begins = t[np.maximum(first_place - between_rows, 0)]
+    stops = t[np.minimum(last_place, len(t) - 1)]
+    apart = begins[1:] - stops[:-1]
+    if len(apart) >= _MOST_SPANS:  # what is regular is one stretch, whose ends are said
+        cuts = np.flatnonzero(apart > np.sort(apart)[-_MOST_SPANS])
+        begins, stops = begins[np.append(0, cuts + 1)], stops[np.append(cuts, -1)]
+    bounds = np.sort([begins, stops], axis=0)  # a clock may have gone back
+    return spans_of(bounds[0], bounds[1], start)
+
+
+def quoted(text: str) -> str:
+    """Text of a log as it may stand in a message."""
+    return repr(text if len(text) <= _EXAMPLE_CHARACTERS else text[: _EXAMPLE_CHARACTERS - 1] + "…")
+
 
 Key = tuple[str, ...]  # cells of the key columns
 

@@ -16,7 +16,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ..number_text import number_of, unit_behind
 from ..source import TAKEN_AS_UTC, ReadOptions
-from .clock import COUNTS, GPS, Clock, count_of
+from .cells import COUNTS, GPS, Clock, count_of
 from .dialect import Dialect, is_null, stamps_in
 from .header_words import NS_PER_UNIT, label, speaks_of_time, time_name, time_part, time_unit
 from .lines import read_tail

@@ -11,9 +11,19 @@ import numpy as np
 
 from ...core.model import Bools, Floats
 from ..source import number_words
-from .blocks import Offsets
-from .fields import MAX_NUMBERS, Leaf, Steps, Tree, UndecodableError, empty, node_at, path
-from .stamps import Stamp, microseconds
+from .fields import (
+    MAX_NUMBERS,
+    Leaf,
+    Stamp,
+    Steps,
+    Tree,
+    UndecodableError,
+    empty,
+    microseconds,
+    node_at,
+    path,
+)
+from .records import Offsets
 
 _NUMBERS = {int, float, bool}
 _TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken

@@ -1,4 +1,4 @@
-"""The bytes of an MCAP file: records, their fields, and damage in them.
+"""The bytes of an MCAP file: records, chunks and runs of them, and damage in them.
 
 Every declared length is checked against the bytes that are left and the limits of ReadOptions.
 Specification: https://mcap.dev/spec
@@ -7,15 +7,22 @@ Specification: https://mcap.dev/spec
 import os
 import struct
 import zlib
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
+import numpy as np
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import McapRecord
+from numpy.typing import NDArray
 
 from ...core.errors import UserError
+from ...core.model import Times
+from ..source import ReadOptions
 
 MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
 HEADER = struct.Struct("<BQ")  # opcode and length of every record
@@ -142,3 +149,177 @@ class LogFile:
         for piece in range(start, stop, PIECE):
             crc = zlib.crc32(self.read(piece, min(PIECE, stop - piece)), crc)
         return crc
+
+
+Offsets = NDArray[np.int64]
+
+BEFORE_DATA = 22  # bytes of a Message record before its data: channel, sequence, two times
+# Times a file's size that its chunks may inflate to, besides max_inflated. Each record counts as
+# so many bytes, too: a few bytes can inflate to millions of records.
+_UNUSUAL = 1000
+
+
+@dataclass(slots=True)
+class RecordBlock:
+    """A chunk, or a run of records outside chunks."""
+
+    offset: int
+    stop: int
+    chunk: bool
+
+
+class Records(NamedTuple):
+    """The records of one block, inflated and checked; of its n messages arrays of shape (n,)."""
+
+    data: bytes
+    definitions: list[tuple[int, bytes]]  # kind and content of the Schema and Channel records
+    channel: NDArray[np.uint16]  # ids
+    log_time: Times  # [ns]; beyond the year 2262 negative
+    publish_time: Times
+    start: Offsets  # of the messages themselves in the data
+    stop: Offsets
+
+    def select(self, rows: Offsets) -> "Records":
+        """Some of the messages, by their numbers, which rise."""
+        if len(rows) == len(self.start):
+            return self  # without a copy, which takes memory
+        arrays: tuple[Any, ...] = self[2:]
+        return Records(self.data, self.definitions, *(array[rows] for array in arrays))
+
+
+class BlockReader:
+    """Reads the records of blocks."""
+
+    def __init__(self, file: LogFile, options: ReadOptions) -> None:
+        self._file, self._limit = file, options.max_inflated
+        self._allowed = options.max_inflated + _UNUSUAL * file.size
+        self._spent = 0  # of this
+        self.compressions: set[str] = set()
+
+    def records(self, block: RecordBlock) -> Records:
+        """The records of a block, inflated, checked, and its messages found.
+
+        Raises:
+            DamageError: where the block is not whole.
+        """
+        if not block.chunk:
+            return self.run(block.offset, block.stop - block.offset)[1]
+        data = self._inflate(block)
+        records, stop = self._find(data, block.offset)
+        if stop < len(data):
+            damage = f"chunk, at its inflated byte {stop}: no whole record that may stand there"
+            raise DamageError(block.offset, damage)
+        return records
+
+    def run(self, offset: int, size: int) -> tuple[RecordBlock, Records]:
+        """The records outside chunks from an offset on, in as many bytes or less.
+
+        Raises:
+            DamageError: where the first record may not stand there.
+        """
+        records, stop = self._find(self._file.read(offset, size), offset, outside=True)
+        return RecordBlock(offset, offset + stop, False), records
+
+    def _find(self, data: bytes, offset: int, outside: bool = False) -> tuple[Records, int]:
+        """Walks over records, one by one; returns them, and where the walk ends.
+
+        That is the end of the bytes, or the first record that is not whole, or that may not stand
+        among messages, or one too many. `offset` is that of the records or their chunk in the file.
+        """
+        unpack, size = HEADER.unpack_from, len(data)
+        message, definition = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
+        places, definitions, unknown = array("q"), list[tuple[int, bytes]](), 0
+        p = 0
+        for _ in range((self._allowed - self._spent) // _UNUSUAL + 1):
+            if p > size - HEADER.size:
+                break
+            opcode, length = unpack(data, p)
+            next_record = p + 9 + length
+            if next_record > size:
+                break
+            if opcode == message:
+                if length < BEFORE_DATA:
+                    break
+                places.append(p)
+            elif opcode in definition:
+                definitions.append((opcode, data[p + HEADER.size : next_record]))
+            elif opcode <= Opcode.DATA_END:
+                break
+            else:
+                unknown += 1
+            p = next_record
+        if outside and not p:
+            raise DamageError(offset, "no whole message, schema or channel")
+        count = len(places) + len(definitions) + unknown
+        damage, room = "more records than a file of this size holds", size // HEADER.size
+        self._spend(offset, damage, _UNUSUAL * count, _UNUSUAL * (room - count))
+        begin = np.frombuffer(places, np.int64) + HEADER.size
+        channel = load(data, begin, "<u2")
+        log_time, publish_time = (load(data, begin + offset, "<i8") for offset in (6, 14))
+        stop = begin + load(data, begin - 8, "<i8")
+        start = begin + BEFORE_DATA
+        return Records(data, definitions, channel, log_time, publish_time, start, stop), p
+
+    def _spend(self, offset: int, damage: str, cost: int, extra: int = 0) -> None:
+        """Refuses a block that costs more than is left; `extra` is what may come besides."""
+        self._spent += cost
+        if self._spent > self._allowed:
+            limit = self._limit + self._spent + extra - self._allowed
+            raise DamageError(offset, damage, RAISE_LIMIT.format("max_inflated", limit))
+
+    def _inflate(self, block: RecordBlock) -> bytes:
+        content = self._file.content(block.offset, block.stop - block.offset - HEADER.size)
+        content.read(16)  # the time range, which nothing here relies on
+        size, crc = content.read8(), content.read4()
+        compression = content.read_prefixed_string()
+        packed = content.read(content.read8())
+        if size > self._limit:
+            hint = RAISE_LIMIT.format("max_inflated", size)
+            raise DamageError(
+                block.offset, f"a chunk of {size} inflated bytes, limit {self._limit}", hint
+            )
+        self._spend(
+            block.offset, "too many inflated bytes in all for such a file", len(packed) + size
+        )
+        try:
+            data = _INFLATE[compression](packed, size + 1)
+        except KeyError:
+            raise DamageError(block.offset, f"unknown compression {compression[:20]!r}") from None
+        except Exception as e:  # lz4 and zstandard raise several kinds, all of them mean this
+            raise DamageError(block.offset, f"chunk does not inflate: {e}") from None
+        if len(data) != size:
+            excess = "more" if len(data) > size else f"{len(data)}"
+            raise DamageError(block.offset, f"chunk says {size} inflated bytes and has {excess}")
+        if crc and zlib.crc32(data) != crc:
+            raise DamageError(block.offset, "chunk has another CRC than it says")
+        self.compressions.add(compression or "none")
+        return data
+
+
+def load(data: bytes, offsets: Offsets, kind: str) -> NDArray[Any]:
+    """Values of a numpy type at any offsets; shape (n,)."""
+    count = len(data) - np.dtype(kind).itemsize + 1
+    if not len(offsets):
+        return np.empty(0, kind)
+    return np.ndarray((count,), kind, data, 0, (1,))[offsets]
+
+
+def _inflate_zstd(packed: bytes, limit: int) -> bytes:
+    import zstandard
+
+    with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
+        return stream.read(limit)
+
+
+def _inflate_lz4(packed: bytes, limit: int) -> bytes:
+    import lz4.frame
+
+    data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=limit)
+    return data
+
+
+_INFLATE: dict[str, Callable[[bytes, int], bytes]] = {
+    "": lambda packed, limit: packed[:limit],
+    "zstd": _inflate_zstd,
+    "lz4": _inflate_lz4,
+}

@@ -14,6 +14,7 @@ from .columns import Decoder
 from .fields import (
     MAX_NUMBERS,
     Leaf,
+    Stamp,
     Steps,
     Tree,
     UndecodableError,
@@ -25,10 +26,10 @@ from .fields import (
     owner_of,
     path,
     quoted_numbers,
+    stamp,
     states_unit,
     typical,
 )
-from .stamps import Stamp, stamp
 from .walk import Walk
 
 _NEED_SCHEMA = ("protobuf", "cdr")  # encodings
